@@ -1,8 +1,9 @@
 """Constants of the package with their values, units and sources: `python -m tools.constants
 [--without]`.
 
-A source is what the text under a constant names, best as its last sentence, `Source: physics (what).`
-Without that, a page or a benchmark that chose it, a reference with its year, or rounding count.
+A source is what the text under a constant names, best as its last sentence, such as
+`Source: physics (what).` Without that, a page or a benchmark that chose it, a reference with its
+year, or rounding count.
 `judgement` says that a number was chosen by hand. `--without` prints those that name none.
 """
 

@@ -1,4 +1,4 @@
-"""Arrays as signatures name them; their shape is said beside each."""
+"""Names for NumPy arrays in signatures; each docstring says the shape of its arrays."""
 
 from __future__ import annotations
 

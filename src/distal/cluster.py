@@ -1,6 +1,4 @@
-"""A Dask cluster as a position to run: the same function on the same tasks, whose results come as
-they end.
-"""
+"""Run one function on many tasks by the workers of a Dask cluster; results come as tasks end."""
 
 from __future__ import annotations
 
@@ -12,10 +10,10 @@ from distal.errors import DistalError
 from distal.version import __version__
 
 RETRIES = 5
-"""A task whose worker goes away is tried so often again."""
+"""Number of times that a task is tried again after its worker was lost. Source: judgement."""
 
 PATIENCE = 10.0
-"""A scheduler answers within this time [s]."""
+"""Longest wait for an answer of the scheduler [s]. Source: judgement."""
 
 Key = TypeVar("Key")
 Result = TypeVar("Result")
@@ -28,14 +26,15 @@ def on_cluster(
     error: type[DistalError],
     lost: str = "the same command goes on",
 ) -> Iterator[tuple[Key, Result]]:
-    """Yield key and result of each task as it ends: function(*arguments) by the workers of a
-    scheduler.
+    """Yield the key and the result of each task as it ends; the workers of a Dask scheduler run
+    function(*arguments).
 
     Args:
+        tasks: key → arguments.
         address: of the scheduler, ``tcp://host:8786``.
-        error: what is raised where the cluster is not as it should be; errors of that kind in a
-            task pass through.
-        lost: what to do where a task fails, in words.
+        error: class of what is raised where the cluster is not as it should be, or a task fails; an
+            error of this class in a task is raised as it is.
+        lost: what the message tells a user to do where a task fails.
     """
     try:
         from distributed import Client, as_completed
@@ -79,7 +78,7 @@ def _far(
     error: type[DistalError],
     version: str,
 ) -> Result:
-    """Run a task on another computer, if it has the same version."""
+    """Run a task on a worker, or raise `error` where the worker has another version of distal."""
     if version != __version__:
         raise error(
             f"a worker has distal {__version__}, this is {version}; install the same on all"

@@ -1,13 +1,43 @@
-"""How much a band is to hold: its share of the errors, and the half-width in standard deviations
-that goes with it.
+"""The band of an estimate: the share of errors that it is to hold, and its half-width in standard
+deviations.
 """
 
 from __future__ import annotations
 
 from statistics import NormalDist
 
+from distal.errors import EstimationError
+
 COVERED = 0.95
-"""Share of the errors that a band is to hold."""
+"""Share of the errors that a band is to hold [1]. Source: definition (95 % band)."""
 
 BAND = NormalDist().inv_cdf((1 + COVERED) / 2)
-"""Half-width of that band in standard deviations of a normal distribution: its 97.5 % quantile."""
+"""Half-width of that band in standard deviations of a normal distribution, its 97.5 % quantile [1].
+Source: definition (quantile).
+"""
+
+LOWEST_LEVEL = 0.5
+"""Least level of a band that can be asked for [1]. Source: judgement."""
+
+HIGHEST_LEVEL = 0.999
+"""Largest such level [1]: beyond it, tails of errors are not normal. Source: judgement."""
+
+
+def half_width(level: float) -> float:
+    """Return the half-width of a band that is to hold a share of the errors [standard deviations of
+    a normal distribution].
+
+    Raises:
+        EstimationError: `level` is not from 0.5 to 0.999.
+    """
+    if not LOWEST_LEVEL <= level <= HIGHEST_LEVEL:
+        raise EstimationError(
+            f"a level is the share of errors that a band is to hold, {LOWEST_LEVEL:g} to "
+            f"{HIGHEST_LEVEL:g}; {level:g} came"
+        )
+    return NormalDist().inv_cdf((1 + level) / 2)
+
+
+def in_percent(level: float) -> str:
+    """Return a level as it stands beside a band: 0.95 is `95 %`."""
+    return f"{100 * level:.4g} %"

@@ -32,7 +32,7 @@ class ControlError(DistalError):
 
 
 class CommandError(DistalError):
-    """Wanted angles are wrong, or a rig has no inverse."""
+    """Desired angles are wrong, or no commands can be computed for a rig."""
 
 
 class LogError(DistalError):
@@ -78,11 +78,13 @@ class DistalWarning(UserWarning):
 
 
 class KernelWarning(DistalWarning):
-    """Compiled kernels are not in use, and why."""
+    """Kernels are not compiled; the message says why."""
 
 
 LONGEST_LINE = 400
-"""Characters of a message on one line; what is longer is cut in the middle."""
+"""Largest length of a message on one line [characters]; a longer one is cut in the middle. Source:
+layout.
+"""
 
 
 def one_line(text: str, longest: int = LONGEST_LINE) -> str:

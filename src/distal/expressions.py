@@ -1,9 +1,9 @@
-"""What CasADi's expressions stand for in signatures: a number, a column or a matrix.
+"""Names for the types of CasADi's expressions in signatures: a number, a column or a matrix.
 
 CasADi has two kinds of expressions. In an `SX` every entry is an expression of its own: the model
 is written in them. In an `MX` a whole matrix is one node of the graph: the filters join their
-functions with them. The two kinds do not mix, so that each has names of its own here. They are
-CasADi's own types, so that its type stubs, where its version has them, apply.
+functions with them. The two kinds do not mix, so that each has names of its own here. The names
+stand for CasADi's own types, so that a type checker uses CasADi's stubs where its version has them.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""A Gymnasium environment: a tendon-driven rig whose joint an agent positions without its encoder
+"""A Gymnasium environment in which an agent positions a tendon-driven joint without its encoder
 (extra ``gym``).
 
-Once this module is imported, ``gymnasium.make("distal/Tendon-v0", rig=..., scenario=...)`` makes
-it; without an import ``gymnasium.make("distal.gym:distal/Tendon-v0")``.
+After an import of this module ``gymnasium.make("distal/Tendon-v0", rig=..., scenario=...)`` makes
+the environment; without an import ``gymnasium.make("distal.gym:distal/Tendon-v0")`` does.
 """
 
 from __future__ import annotations
@@ -29,24 +29,25 @@ from distal.study.plants import built_values, draws_of, scores
 Observation = NDArray[np.float32]
 
 LARGEST = 20.0
-"""Force of a drive without a limit [N, N m] at an action of 1."""
+"""Effort at an action of 1 of a drive whose rig gives no limit [N, N m]. Source: judgement."""
 
 
 class TendonEnv(gymnasium.Env[Observation, Observation]):
-    """An agent that commands the drives of a rig drawn anew from its stds at each reset:
-    ``distal/Tendon-v0``.
+    """The environment ``distal/Tendon-v0``: an agent commands the drives of a rig as built, which
+    is drawn anew from the rig's stds at each reset.
 
     An observation holds the readings of all sensors but those of joints [SI], then estimated angles
-    and their stds, then the angles that are desired [rad]; `observed` has their names. An action is
-    a share of each drive's `limit`, from 0 of a slider, from −1 of a capstan, in the order of
-    `acted`; one outside of the action space is clipped to it. The reward is minus the mean distance
-    of the true angles from what is desired [rad].
+    and their stds, then the desired angles [rad]; `observed` has their names. An action is a share
+    of each drive's `limit`, from 0 (slider) or −1 (capstan) to 1, in the order of `acted`; an
+    action outside of the action space is clipped to it. The reward is minus the mean distance of
+    the true angles from the desired angles [rad].
 
     Args:
-        scenario: with a ``[control]`` table, whose references are what is desired; a name, a path,
-            or itself.
+        scenario: with a ``[control]`` table, whose references are the desired angles; a name, a
+            path, or a `Scenario`.
+        estimator: name of the estimator whose angles the agent observes.
         drawn: whether each reset draws a plant from the rig's stds; else the plant is the rig with
-            its ``[plant]``.
+            the scenario's ``[plant]``.
         rig: the description, a shipped rig's name, or a path; default the scenario's.
 
     Raises:
@@ -100,7 +101,7 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
             *map(std_name, angles),
             *(f"wanted_{name}" for name in scenario.control.joints),
         )
-        """Names of the numbers of an observation."""
+        """Names of the numbers in an observation."""
         self.acted = tuple(described.drive_names)
         """Names of the drives, in the order of an action."""
         self._largest = np.array([drive.limit or LARGEST for drive in described.drives])
@@ -119,8 +120,8 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, object] | None = None
     ) -> tuple[Observation, dict[str, object]]:
-        """Begin anew with another plant and other errors of the sensors, and return the first
-        observation and the names.
+        """Begin again with other errors of the sensors and, with `drawn`, another plant; return the
+        first observation and a dictionary with `observed` and `acted`.
         """
         super().reset(seed=seed)
         errors = int(self.np_random.integers(2**31))
@@ -134,8 +135,8 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
         return observation, {"observed": self.observed, "acted": self.acted}
 
     def step(self, action: Observation) -> tuple[Observation, float, bool, bool, dict[str, object]]:
-        """Go on by one period of the scenario's ``[control]``; an action is the share of each
-        drive's limit.
+        """Simulate one period of the scenario's ``[control]`` and return observation, reward,
+        terminated, truncated and details; an `action` is a share of each drive's limit.
 
         Raises:
             ResetNeeded: `reset` was not called yet.

@@ -16,10 +16,12 @@ from distal.kernels import Layout
 from distal.rig import Rig, Sensor, gain_of, step_of
 
 HARMONICS = 3
+"""Number of sine waves in a linearity curve [1]. Source: judgement."""
 
 SENSOR = Layout(gain=1, bias=1, noise=1, step=1, low=1, high=1, weights=HARMONICS, phases=HARMONICS)
-"""The numbers of a sensor's errors in a run; where `high` is not above `low` there is no curve, and
-`weights` are 0.
+"""Layout of the numbers that describe one sensor's errors in a run: gain [1], bias, noise std and
+quantisation step [SI], the ends of its travel [SI], and weights [SI] and phases [rad] of its
+linearity curve. Source: definition (a layout).
 """
 
 
@@ -27,7 +29,9 @@ def reading(true: Expression, sensor: Mapping[str, Expression], draw: Expression
     """Return what a sensor reads of a `true` value [SI]: gain · true + bias + curve + noise · draw,
     rounded to its step.
 
-    Its numbers are those of `SENSOR`, `draw` is a standard normal number.
+    Args:
+        sensor: its numbers by the names in `SENSOR`.
+        draw: a standard normal random number.
     """
     noisy = (
         sensor["gain"] * true
@@ -39,11 +43,12 @@ def reading(true: Expression, sensor: Mapping[str, Expression], draw: Expression
 
 
 def linearity_curve(true: Expression, sensor: Mapping[str, Expression]) -> Expression:
-    """Return a smooth systematic deviation over a sensor's range, the same wherever the `true`
-    value is the same.
+    """Return the linearity error at a `true` value x [SI], a smooth systematic deviation that
+    depends on x alone.
 
-    Σ_j a_j sin(π j ξ + φ_j)/j over ξ = (x − low)/(high − low), j = 1..3, with `weights` a_j/j and
-    `phases` φ_j; beyond the ends a curve keeps the value that it has there.
+    It is Σ_j a_j sin(π j ξ + φ_j)/j over ξ = (x − low)/(high − low), j = 1..3; the numbers of the
+    `sensor` are `weights` a_j/j and `phases` φ_j. Beyond an end of the travel the curve keeps its
+    value at that end.
     """
     share = ca.fmin(ca.fmax((true - sensor["low"]) / (sensor["high"] - sensor["low"]), 0), 1)
     waves = (
@@ -54,8 +59,8 @@ def linearity_curve(true: Expression, sensor: Mapping[str, Expression]) -> Expre
 
 
 def quantised(value: Expression, step: Expression) -> Expression:
-    """Return a `value` as a multiple of a `step` [the same unit], ties up; as it is where the step
-    is 0.
+    """Return a `value` rounded to the nearest multiple of a `step` [the same unit], ties upwards;
+    unchanged where the step is 0.
     """
     size = ca.if_else(step > 0, step, 1)
     return ca.if_else(step > 0, ca.floor(value / size + 0.5) * size, value)
@@ -82,8 +87,8 @@ def _function(of: Callable[..., ca.SX]) -> ca.Function:
 def drawn_curve(
     ends: tuple[float, float], largest: float, rng: np.random.Generator
 ) -> tuple[Floats, Floats]:
-    """Return weights and phases of a random linearity curve over a range with these `ends`,
-    `largest` at its peak.
+    """Return weights [SI] and phases [rad] of a random linearity curve over a travel with these
+    `ends`; its largest magnitude is `largest` [SI], 0 where the travel is empty.
     """
     weights = rng.normal(size=HARMONICS) / np.arange(1, HARMONICS + 1)
     phases = rng.uniform(0.0, 2.0 * np.pi, HARMONICS)
@@ -95,14 +100,15 @@ def drawn_curve(
 
 
 AHEAD = 256
-"""So many samples' noise is drawn at a time."""
+"""Number of samples whose noise is drawn at once [1]. Source: judgement."""
 
 
 class SensorErrors:
-    """The errors of n sensors in one run, however few of their samples come at a time.
+    """The errors of n sensors in one run, whose samples may come in groups of any size.
 
-    Linearities are defined over `travels`; one of `rngs` for each draws curve and noise, the same
-    whatever is switched off.
+    Each sensor has its entry in `travels`, over which its linearity curve is defined [SI], and its
+    own generator in `rngs`, which draws curve and noise. These draws do not depend on which errors
+    are zero.
     """
 
     def __init__(
@@ -134,8 +140,8 @@ class SensorErrors:
         return self._drawn[:count]
 
     def read(self, true: Floats) -> Floats:
-        """Return what the sensors read of the next true values in time [SI], (k, n); see
-        `reading`.
+        """Return what the sensors read at the next samples, in the order of time, of `true` values
+        [SI], (k, n); see `reading`.
         """
         draws = self.draws(len(true))
         function = _function(reading)
@@ -153,40 +159,40 @@ class SensorErrors:
 def measure(
     sensor: Sensor, true: Floats, travel: tuple[float, float], rng: np.random.Generator
 ) -> Floats:
-    """Return what a sensor reads of a whole run, (n,), of `true` values [SI] over a `travel`; see
-    `SensorErrors`.
+    """Return what a sensor reads over a whole run, (n,), of `true` values [SI] over a `travel`
+    [SI]; see `SensorErrors`.
     """
     return SensorErrors([sensor], [travel], [rng]).read(true[:, None])[:, 0]
 
 
 def quantisation_variance(step: float) -> float:
-    """Return the variance of what rounding to a step Δ adds, Δ²/12 (Widrow and Kollár, Quantization
-    Noise, 2008).
+    """Return the variance of the error of rounding to a `step` Δ: Δ²/12 (Widrow and Kollár,
+    Quantization Noise, 2008).
     """
     return float(step**2 / 12.0)
 
 
 def variance(sensor: Sensor) -> float:
-    """Return the variance of the random error: σ² + Δ²/12 with noise σ and resolution Δ."""
+    """Return the variance of a sensor's random error: σ² + Δ²/12 with noise σ and resolution Δ."""
     return float(sensor.noise**2 + quantisation_variance(step_of(sensor)))
 
 
 LINEARITY_STD = 0.6
-"""Std of a linearity curve over positions and curves, as a share of its largest magnitude
-(tests/test_sensor_errors.py).
+"""Std of linearity curves over positions and draws, as a share of the largest magnitude [1].
+Source: definition (std of `drawn_curve`, tests/test_sensor_errors.py).
 """
 
 
 def systematic_variance(sensor: Sensor) -> float:
-    """Return the variance of the linearity error at a random position, (0.6 · largest
-    deviation)².
+    """Return the variance of the linearity error at a random position, (0.6 L)² with the largest
+    deviation L.
     """
     return float((LINEARITY_STD * sensor.linearity) ** 2)
 
 
 def position_offsets(rig: Rig, names: Sequence[str]) -> Floats:
-    """Return the known offsets that are taken off the readings of drives' positions, 0 for other
-    sensors [SI], (n,).
+    """Return the known offset (bias) of each named sensor that measures the position of a drive, 0
+    for other sensors [SI], (n,); it is subtracted from readings.
     """
     sensors = {sensor.name: sensor for sensor in rig.sensors}
     return np.array(

@@ -22,19 +22,19 @@ _limits: threadpool_limits | None = None
 
 @lru_cache(maxsize=1)
 def _libraries(modules: int) -> ThreadpoolController:
-    """Return the libraries that threadpoolctl finds, in a millisecond; `modules` are loaded, and
-    more may bring others.
+    """Return the libraries that threadpoolctl finds, which takes a millisecond. They are cached by
+    the number of loaded `modules`, since another module may load further libraries.
     """
     return ThreadpoolController()
 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Limit BLAS to one thread, in a ``with`` or as a decorator; its limits come back when the last
-    user has left.
+    """Limit BLAS to one thread, in a ``with`` or as a decorator; the earlier limits are restored
+    when the last user has left.
 
-    Some BLAS take limits from the main thread only: they come back when that leaves, too. A BLAS
-    that threadpoolctl does not know stays as it is.
+    Some BLAS libraries take limits from the main thread only, so the limits are also restored when
+    the main thread leaves. A BLAS that threadpoolctl does not know stays as it is.
     """
     global _within, _limits
     with _changing:

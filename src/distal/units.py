@@ -1,5 +1,5 @@
-"""Units at the edges: text such as ``"4.239e-4 kg m^2"`` becomes a float in SI, and nothing else
-does.
+"""Conversion of text with a unit, such as ``"4.239e-4 kg m^2"``, to a float in SI; it happens where
+data enter, and everything else is in SI.
 """
 
 from __future__ import annotations
@@ -47,7 +47,9 @@ USUAL = {
     "kg/s": {"kg/s": 1.0},
     "m/s^2": {"m/s^2": 1.0},
 }
-"""SI unit → factors of usual units, as pint gives them: it takes 0.3 s to load."""
+"""SI unit → usual units → factors to SI, as pint gives them; they stand here because pint takes 0.3
+s to load.
+"""
 
 
 @lru_cache(maxsize=1)
@@ -65,8 +67,8 @@ def _registry() -> pint.UnitRegistry[float]:
 
 @lru_cache(maxsize=4096)
 def unit_factor(unit: str, si: str) -> float:
-    """Return the factor from a `unit` to the SI unit `si` of the desired dimension, e.g. ``"m"``;
-    ``""`` for a plain number.
+    """Return the factor from a `unit` to the SI unit `si`, e.g. ``"m"``; ``""`` stands for a plain
+    number.
 
     Raises:
         UnitError: the unit is unknown, has an offset, or its dimension is not that of `si`.
@@ -131,8 +133,8 @@ def to_si(value: object, si: str) -> float:
     number and a unit.
 
     Raises:
-        UnitError: it is neither, is not finite, has a decimal comma or ±, or its unit is none like
-            `si`.
+        UnitError: the value is neither, is not finite, has a decimal comma or ±, or its unit does
+            not have the dimension of `si`.
     """
     example = f"a number in SI ({si}) or text like '0.1 {si}'" if si else "a plain number"
     if isinstance(value, (bool, complex)) or not isinstance(value, (Real, str)):

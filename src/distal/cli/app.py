@@ -1,4 +1,4 @@
-"""The command line: commands, and one line instead of a traceback."""
+"""The command line: its commands, and errors as one line instead of a traceback."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ from distal.cli import (
 from distal.cli.console import show_warnings
 from distal.errors import LONGEST_LINE, DistalError, OutputError, one_line
 
-# typer raises the errors of the click that it uses, its own or the package; BadParameter leads to
-# both
+# typer raises errors of the click that it uses, which is its own copy or the package; in both cases
+# ClickException is a base of BadParameter
 _ClickError: Any = next(
     kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException"
 )
@@ -86,11 +86,13 @@ def _options(
 
 
 def main() -> None:
-    """Run the command line; whatever goes wrong is one line on stderr, and its exit code says whose
-    fault it is.
+    """Run the command line.
+
+    Any error is printed as one line on stderr, and the exit code says what kind of error it was;
+    see `ended_by`.
     """
     show_warnings()
-    if sys.stderr is None:  # closed: messages must not go into what is written to standard output
+    if sys.stderr is None:  # it is closed: messages must not go to standard output instead
         sys.stderr = open(os.devnull, "w")  # noqa: SIM115
     for output in (sys.stdout, sys.stderr):
         if isinstance(output, io.TextIOWrapper):
@@ -99,7 +101,7 @@ def main() -> None:
         code = app(standalone_mode=False)
         if sys.stdout is not None:
             sys.stdout.flush()
-        if code == STOPPED:  # typer made it of a KeyboardInterrupt
+        if code == STOPPED:  # typer turns a KeyboardInterrupt into this code
             raise KeyboardInterrupt
     except BaseException as problem:
         code = ended_by(problem)
@@ -107,20 +109,27 @@ def main() -> None:
 
 
 TRACEBACK = "DISTAL_TRACEBACK"
-"""Environment variable that has Python print where a fault of distal came from."""
+"""Environment variable that lets Python print the traceback of a fault of distal."""
 
 WRONG = 2
-BUG = 70
-STOPPED = 130
-NO_READER = 141
-"""Exit codes: a user can mend it, a fault of distal, stopped by the user, nobody reads the output.
+"""Exit code of an error that the user can mend. Source: definition (exit code of wrong usage in
+Unix shells).
 """
+
+BUG = 70
+"""Exit code of a fault of distal. Source: definition (EX_SOFTWARE of sysexits.h)."""
+
+STOPPED = 130
+"""Exit code where the user stopped the command. Source: definition (128 + number of SIGINT)."""
+
+NO_READER = 141
+"""Exit code where the reader of a pipe went away. Source: definition (128 + number of SIGPIPE)."""
 
 
 def ended_by(problem: BaseException) -> object:
-    """Say in one line on stderr what ended a command, and return its exit code."""
+    """Print one line on stderr that says what ended a command, and return the exit code."""
     exit_code = problem.code if isinstance(problem, SystemExit) else None
-    # typer ends with 1 where the reader of a pipe went away, and with nothing else
+    # typer ends with 1 only where the reader of a pipe went away
     if isinstance(problem, BrokenPipeError) or exit_code == 1:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return NO_READER
@@ -160,11 +169,15 @@ def ended_by(problem: BaseException) -> object:
 
 
 WEIGHT_KEEPING = 1.0
-"""What took longer than this is kept elsewhere when it cannot be written [s of processor time]."""
+"""Processor time of a command from which on results that cannot be written are kept elsewhere [s].
+Source: judgement.
+"""
 
 
 def _kept(problem: DistalError) -> str:
-    """Keep what could not be written, and say where."""
+    """Write results that could not be written to another folder, and return a text that says
+    where.
+    """
     if not isinstance(problem, OutputError) or not problem.unsaved:
         return ""
     if time.process_time() < WEIGHT_KEEPING:
@@ -179,6 +192,6 @@ def _kept(problem: DistalError) -> str:
 
 
 def _say(text: str) -> None:
-    """Print a line on stderr; where that cannot be written, the exit code has to say it."""
+    """Print a line on stderr; where that is not possible, only the exit code tells of the error."""
     with suppress(OSError):
         print(text, file=sys.stderr, flush=True)

@@ -1,4 +1,4 @@
-"""`distal calibrate`: a hand's numbers from the log of its power-on routine."""
+"""`distal calibrate`: the parameters of a hand from the log of its power-on routine."""
 
 from __future__ import annotations
 
@@ -58,8 +58,8 @@ def calibrate_command(
 
 
 def _show(rig: Rig, faulty: set[str]) -> None:
-    """Print what the routine found of each motor; nothing of one with a fault, whose numbers are
-    those of before.
+    """Print what the routine found at each motor; a motor with a fault has no results, since its
+    parameters stay as they were.
     """
     rows = []
     for drive in rig.drives:

@@ -1,4 +1,4 @@
-"""`distal command`: from desired angles to what is sent to the drives."""
+"""`distal command`: from desired joint angles to the setpoints of the drives."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from distal.cli.shared_options import RigOption, SetOption, newtons
 from distal.rounded import rounded
 
 NOTHING = 0.01
-"""An angle that is missed by less is reached [°]."""
+"""Distance between reached and desired angle below which the angle counts as reached [°]. Source:
+judgement.
+"""
 
 
 def command_command(
@@ -67,7 +69,7 @@ def command_command(
     time, angles = read_angles(desired, list(columns.values()))
     with working("finding the commands"):
         commands = inverse(time, {joint: angles[name] for joint, name in columns.items()})
-    # as the desired angles came
+    # in the unit of the desired angles
     commands.write(out, unit_of_angles(desired, list(columns.values())))
     for j, joint in enumerate(joints):
         away = degrees(

@@ -17,28 +17,28 @@ from distal.errors import one_line, printable
 
 
 def out() -> Console:
-    """Return the console for results."""
+    """Return the console on which results are printed."""
     # a file or a pipe has no edge: numbers are not cut there
     width = None if sys.stdout is not None and sys.stdout.isatty() else WIDTH
     return Console(highlight=False, soft_wrap=True, width=width)
 
 
 WIDTH = 120
-"""Columns where the output is no terminal."""
+"""Width of the output where it is no terminal [characters]. Source: layout."""
 
 
 def err() -> Console:
-    """Return the console for warnings, errors and progress."""
+    """Return the console on which warnings, errors and progress are printed."""
     return Console(stderr=True, highlight=False, soft_wrap=True)
 
 
 def say(text: str) -> None:
-    """Print a line as it is, without markup."""
+    """Print a line on stdout; nothing in it is taken as markup."""
     out().print(printable(text), markup=False)
 
 
 def show_warnings() -> None:
-    """Print each warning as one line on stderr, not with the place in the code."""
+    """Let Python print each warning as one line on stderr, without its position in the code."""
 
     def show(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
         warn(str(message))
@@ -52,17 +52,21 @@ def warn(text: str) -> None:
 
 
 def failure(text: str) -> None:
-    """Print an error after which the command goes on as one line on stderr."""
+    """Print an error as one line on stderr; the command goes on after it."""
     print(f"error: {one_line(text)}", file=sys.stderr)
 
 
 LONGEST = 60
-"""A first column of so many characters stays on one line."""
+"""Length up to which a table's first column stays on one line [characters]. Source: layout."""
 
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], text: int = 1) -> None:
-    """Print a table; the first `text` columns are text, the others numbers. None is cut: a first
-    column longer than `LONGEST` goes on in the next line.
+    """Print a table; nothing in it is cut off.
+
+    A first column that is longer than `LONGEST` goes on in the next line.
+
+    Args:
+        text: how many columns, from the first one, are text; the others are numbers.
     """
     grid = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
     for i, name in enumerate(columns):
@@ -79,15 +83,18 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], tex
 
 
 QUIET = 2.0
-LATER = 10.0
-"""A command that is silent for longer says what it does, where the output is no terminal once more
-after so long [s].
+"""Time of silence after which a command says what it does, where stderr is no terminal [s]. Source:
+judgement.
 """
+
+LATER = 10.0
+"""Time of silence after which it says this again [s]. Source: judgement."""
 
 
 class _Activity(logging.Handler):
-    """What a command is doing, told to `show`; off a terminal, where it takes longer than `QUIET`,
-    as a line on stderr.
+    """What a command is doing, which is passed to `show`.
+
+    Where stderr is no terminal, it is also printed as a line after `QUIET` seconds.
     """
 
     def __init__(self, show: Callable[[str], None], *, silent: bool) -> None:
@@ -104,7 +111,7 @@ class _Activity(logging.Handler):
         self._tell(doing)
 
     def emit(self, record: logging.LogRecord) -> None:
-        detail = record.getMessage()  # of a kernel; empty for nothing any more
+        detail = record.getMessage()  # what happens to a kernel; empty once it is done
         self._tell(f"{self._doing}: {detail}" if detail else self._doing)
 
     def _tell(self, text: str) -> None:
@@ -122,8 +129,10 @@ class _Activity(logging.Handler):
 
 @contextmanager
 def working(doing: str) -> Iterator[Callable[[str], None]]:
-    """Show what a command is doing and for how long on a terminal, elsewhere a line; what is
-    yielded says what is next.
+    """Show what a command is doing and for how long, on a terminal; elsewhere print a line after a
+    while.
+
+    The context gives a function that takes a text on what the command does next.
     """
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
@@ -153,8 +162,11 @@ def working(doing: str) -> Iterator[Callable[[str], None]]:
 
 @contextmanager
 def progress_bar(label: str, total: int | None = None) -> Iterator[Callable[..., None]]:
-    """Show how many steps are done and how long the others take, on a terminal; elsewhere a line
-    now and then.
+    """Show on a terminal how many steps are done and how long the others will take; elsewhere print
+    a line now and then.
+
+    The context gives a function that takes the number of steps done, and their total where it was
+    not known.
     """
     from rich.progress import (
         BarColumn,

@@ -1,5 +1,5 @@
-"""`distal control`: a controller in the loop, fed back by an encoder, by an estimate and by
-displacements alone.
+"""`distal control`: a controller in the loop, with an encoder, an estimate and displacements alone
+as feedback.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`distal doctor`: what is in use and why."""
+"""`distal doctor`: which versions and kernels are in use, and why."""
 
 from __future__ import annotations
 
@@ -32,6 +32,7 @@ RigChoice = Annotated[
     str | None,
     typer.Argument(help="A rig: also say what its kernels depend on.", show_default=False),
 ]
+"""Argument that names a rig, or none."""
 
 
 def doctor_command(rig: RigChoice = None, set_: SetOption = None) -> None:
@@ -70,7 +71,9 @@ def doctor_command(rig: RigChoice = None, set_: SetOption = None) -> None:
 
 
 def _say_structure(name: str, changes: list[str] | None) -> None:
-    """Say what a rig's kernels depend on; all else are inputs."""
+    """Print what a rig's kernels depend on; all other properties of a rig are inputs of the
+    kernels.
+    """
     from distal.estimators import AdaptiveFilter
     from distal.estimators.adaptive.friction_doubt import doubted_frictions
     from distal.rig import in_words, load_rig

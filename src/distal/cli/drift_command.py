@@ -1,5 +1,5 @@
-"""`distal drift`: hours of a scenario whose plant changes, with and without a known angle from time
-to time.
+"""`distal drift`: hours of a scenario whose plant changes, once without any known angle and once
+with an angle known from time to time.
 """
 
 from __future__ import annotations

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -34,7 +35,9 @@ if TYPE_CHECKING:
 
 
 MOST_FULL = 6
-"""With more joints the filters on the full state are compared only where they are asked for."""
+"""Number of joints up to which the filters on the full state are compared unasked; with more, a
+compiler takes minutes. Source: judgement.
+"""
 
 
 def estimate_command(
@@ -112,6 +115,9 @@ def estimate_command(
     every: Annotated[
         bool, Option("--all", help="Write all states to --out, not only time, angles and torques.")
     ] = False,
+    level: Annotated[
+        float, Option(help="Share of the errors that bands hold, as they are printed and drawn.")
+    ] = 0.95,
     repeated: RepeatedOption = None,
     scheduler: Annotated[
         str | None,
@@ -126,6 +132,7 @@ def estimate_command(
     """Estimate the joint angle over a log, or many; where the truth of one is known, compare all
     estimators with it.
     """
+    from distal.confidence import half_width
     from distal.estimators import DEFAULT, AdaptiveFilter
     from distal.logs import episodes_of, file_of, is_dataset, read_log, true_angles, write_together
     from distal.results import PANELS, check_panels, plot_kind
@@ -136,6 +143,7 @@ def estimate_command(
         raise EstimationError(
             f"{'--all' if every else '--unit'} is about the file of --out, which is not given"
         )
+    half_width(level)  # raises where it is no level
     home = homing_time(homing)
     if smooth and home is not None:
         raise EstimationError(
@@ -177,6 +185,7 @@ def estimate_command(
             out,
             unit=unit,
             every=every,
+            level=level,
             scheduler=scheduler,
         )
         return
@@ -198,7 +207,7 @@ def estimate_command(
     if homing_angle:
         log, description = _at_home(log, description, homing_angle, home)
     if what_if and home is None and DEFAULT in names:
-        # what a diagnosis runs is compiled beside what the estimate does, which says what is wrong
+        # the diagnosis's kernel is compiled while the estimate runs; errors come from the estimate
         with suppress(DistalError):
             AdaptiveFilter(description, "lanes").kernel.begin_lanes()
     results, failed = _estimates(
@@ -207,6 +216,7 @@ def estimate_command(
     if smooth:
         with working("smoothing"):
             results.insert(0, smoothed(log, description))
+    results = [replace(result, level=level) for result in results]
     files: dict[Path, bytes | str] = {}
     if out is not None:
         files[out] = file_of(results[0].columns(unit, every=every), out)
@@ -240,26 +250,26 @@ def estimate_command(
 
 
 def _check_for_many(count: int, asked: Mapping[str, bool]) -> None:
-    """Refuse options that are for one log."""
+    """Raise where an option that is for one log is given with several."""
     wrong = [option for option, is_asked in asked.items() if is_asked]
     if wrong:
         raise EstimationError(f"{', '.join(wrong)} is for one log, {count} came; give one log")
 
 
 def _names(asked: list[str] | None, rig: Rig, is_known: bool) -> list[str]:
-    """Return the estimators to run: those asked for; else the default, beside all others where the
-    truth is known.
+    """Return the names of the estimators to run: those asked for, else the default, and all others
+    where the truth is known.
     """
     from distal.estimators import DEFAULT, ESTIMATORS, make_estimator
 
     for name in asked or ():
         if name not in ESTIMATORS:
-            make_estimator(name, rig)  # says what is allowed
+            make_estimator(name, rig)  # raises an error that lists the names
     names = list(dict.fromkeys(asked or ([DEFAULT, *ESTIMATORS] if is_known else [DEFAULT])))
     left = [name for name in names if name.startswith("ekf")]
     if asked or len(rig.joints) <= MOST_FULL or not left:
         return names
-    # their joints are filtered together, where those of adaptive are finger by finger
+    # these filters treat all joints together; adaptive treats each finger by itself
     say(
         f"{' and '.join(left)} left out: a compiler takes minutes over {len(rig.joints)} joints; "
         "ask with -e"
@@ -268,7 +278,7 @@ def _names(asked: list[str] | None, rig: Rig, is_known: bool) -> list[str]:
 
 
 def _at_home(log: Log, rig: Rig, positions: list[str], home: float | None) -> tuple[Log, Rig]:
-    """Return log and rig in which joints stand at known angles while homing."""
+    """Return the log and the rig with the joints' known angles while homing."""
     from distal.homing import at_known_angle
 
     if home is None:
@@ -295,13 +305,14 @@ def _estimates(
     comparing: bool,
     is_known: bool,
 ) -> tuple[list[Estimate], dict[str, str]]:
-    """Return the estimates, and of those that cannot run why; where it is the first, the others are
-    shown all the same.
+    """Return the estimates, and name → reason for the estimators that failed.
+
+    Where the first estimator fails, the others are still shown before its error is raised.
     """
     from distal.estimators.affine_estimator import NEEDS
     from distal.run import estimate
 
-    # in a comparison that nobody chose, what cannot run is a row that says what it needs
+    # in a comparison by default, an estimator that cannot run is a row with what it needs
     missing = comparing and rig.affine is None and home is None and "affine" in names
     results = list["Estimate"]()
     failed = {"affine": f"affine {NEEDS}"} if missing else {}
@@ -313,7 +324,7 @@ def _estimates(
                 results.append(estimate(log, rig, name, passes, homing=home))
             except DistalError as problem:
                 failed[name] = (
-                    f"{name}: {str(problem).removeprefix(f'{name}: ')}"  # most name themselves
+                    f"{name}: {str(problem).removeprefix(f'{name}: ')}"  # some errors have it
                 )
                 lost = lost or (problem if name == names[0] else None)
     if lost is not None:
@@ -324,8 +335,8 @@ def _estimates(
 
 
 def _explained(problem: DivergedError, log: Log, rig: Rig, home: float | None) -> DivergedError:
-    """Return the error that an estimate left all bounds, with what would explain it, if anything
-    does.
+    """Return the error of an estimate that left all bounds, with what would explain it in front, if
+    anything would.
     """
     from distal.diagnosis import why_diverged
 
@@ -337,7 +348,7 @@ def _explained(problem: DivergedError, log: Log, rig: Rig, home: float | None) -
 def _picture(
     log: Log, rig: Rig, drawn: list[Estimate], panels: tuple[str, ...], path: Path
 ) -> bytes:
-    """Return the figure of some estimates in the format that the path's ending names."""
+    """Return the figure of estimates as a file, in the format of the path's ending."""
     from distal.results import figure_bytes, plot_estimates
     from distal.run import log_health
 
@@ -355,7 +366,7 @@ def _say(
     findings: bool,
     written: tuple[Path | None, ...],
 ) -> None:
-    """Print the angle in words, notes, what the log says of the rig, and what was written."""
+    """Print the angle in words, notes, the diagnosis, and which files were written."""
     from distal.diagnosis import diagnose
 
     final = results[0]
@@ -377,7 +388,7 @@ def _say(
 
 
 def _describe(log: Log, rig: Rig) -> None:
-    """Print what was read: samples, time, rate, missing values, gaps."""
+    """Print what was read: samples, time, rate, missing readings and gaps."""
     import numpy as np
 
     span = f"{log.time[0]:g} to {log.time[-1]:g} s, {log.rate:.4g} Hz"
@@ -411,10 +422,10 @@ def _describe(log: Log, rig: Rig) -> None:
 
 
 def _compare(results: list[Estimate], failed: dict[str, str]) -> None:
-    """Print a row for each estimator, and of those that could not run why."""
+    """Print the errors of each estimator as a table, and the reasons of those that failed."""
     import numpy as np
 
-    from distal.confidence import BAND
+    from distal.confidence import in_percent
 
     rows = [
         (
@@ -422,14 +433,15 @@ def _compare(results: list[Estimate], failed: dict[str, str]) -> None:
             f"{degrees(result.rms_error()):.3f}",
             f"{degrees(result.max_error()):.3f}",
             f"{100 * result.inside_band():.0f} %",
-            f"±{degrees(BAND * np.median(result.angle_stds)):.3f}",
+            f"±{degrees(result.stds_of_band * np.median(result.angle_stds)):.3f}",
         )
         for result in results
     ]
     rows += [(name, "–", "–", "–", "–") for name in failed]
+    level = in_percent(results[0].level)
     table(
         "error against truth",
-        ["estimator", "RMS [°]", "maximum [°]", "inside 95 % band", "median band [°]"],
+        ["estimator", "RMS [°]", "maximum [°]", f"inside {level} band", "median band [°]"],
         rows,
     )
     for reason in failed.values():

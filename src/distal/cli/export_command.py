@@ -17,10 +17,13 @@ from distal.cli.shared_options import RigArgument, SetOption
 ExportedOption = Annotated[
     str, Option("--estimator", "-e", help="adaptive, ekf, ekf-2008, inextensible or elastic.")
 ]
+"""Option that names an estimator that can be exported."""
+
 NameOption = Annotated[
     str | None,
     Option("--name", help="What all names begin with; default from the rig and the estimator."),
 ]
+"""Option for the prefix of all C names."""
 
 
 def export_command(

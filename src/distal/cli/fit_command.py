@@ -33,21 +33,27 @@ if TYPE_CHECKING:
 
 
 EVERY = 3.0
-"""Where progress goes to a file or a pipe, a line is written so often [s]."""
+"""Time between lines on the progress where stderr is no terminal [s]. Source: judgement."""
 
 NOISY = 0.3
-"""A reference whose noise is above this share of the error is told apart from it."""
+"""Ratio of the reference sensor's noise to the error above which the error without this noise is
+shown, too. Source: judgement.
+"""
 
 PROVISIONAL = (
     "the fit that writes this file has not ended: it has the affine map of the logs, all other "
     "parameters are as they came"
 )
-"""What a file says of itself until the fit replaces it."""
+"""Note in a file that is written before the fit ends, and which the fit replaces."""
 
 MOST_ROWS = 14
+"""Number of fitted parameters printed at most; the page shows all. Source: layout."""
+
 MOST_NAMES = 4
+"""Number of undetermined parameters named at most; the page shows all. Source: layout."""
+
 MOST_DOUBTS = 4
-"""So many numbers, names and doubts are printed; all are on the page."""
+"""Number of lines of advice printed at most; the page shows all. Source: layout."""
 
 
 def fit_command(
@@ -184,7 +190,7 @@ def fit_command(
 
 @contextmanager
 def _progress() -> Iterator[Callable[[Doing], None]]:
-    """Show one bar for the whole fit on a terminal; a file or a pipe gets a line now and then."""
+    """Show one bar for the whole fit on a terminal; elsewhere print a line now and then."""
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     printed = began = time.monotonic()
@@ -218,16 +224,19 @@ def _progress() -> Iterator[Callable[[Doing], None]]:
 
 
 def time_left(passed: float, share: float) -> str:
-    """Return in words how long a task with a share done takes yet if it goes on as in the time that
-    has passed [s].
+    """Return in words how long a task will still take at its present pace.
+
+    Args:
+        passed: time that has passed [s].
+        share: share of the task that is done.
     """
     seconds = passed * (1.0 - share) / max(share, 0.01)
     return f"{seconds:.0f} s" if seconds < 100.0 else f"{seconds / 60.0:.0f} min"
 
 
 def _say(result: Fit) -> None:
-    """Print what a fit found, within a screen: the numbers that the logs tell, how it does on logs
-    left out, doubts.
+    """Print the result of a fit on one screen: parameters that the logs determine, scores on
+    held-out logs, advice.
     """
     determined = [number for number in result.fitted if number.identified and not number.noise]
     undetermined = [number.name for number in result.fitted if not number.identified]
@@ -251,7 +260,7 @@ def _say(result: Fit) -> None:
 
 
 def _say_scores(result: Fit) -> None:
-    """Print the one table by which what is written can be compared with all else."""
+    """Print a table that compares what is written with all other candidates."""
     scores = result.scores()
     if not scores:
         return

@@ -1,4 +1,4 @@
-"""`distal estimate` of several logs, `distal simulate --runs`: all cores, a progress bar, a
+"""`distal estimate` with several logs and `distal simulate --runs`: all cores, a progress bar and a
 table.
 """
 
@@ -17,6 +17,7 @@ import typer
 
 from distal.cli.console import failure, progress_bar, say, table, warn
 from distal.cli.paths import to_folder
+from distal.confidence import COVERED
 from distal.errors import DistalError, DistalWarning, EstimationError, OutputError
 from distal.suggestions import did_you_mean
 
@@ -27,12 +28,12 @@ if TYPE_CHECKING:
 
 
 FEW = 4
-"""Warnings that are printed of many logs; of the others, how many there were."""
+"""Number of warnings printed for many logs; the others are counted. Source: layout."""
 
 
 @contextmanager
 def _few_warnings() -> Iterator[None]:
-    """Print the first warnings, and how many more came: a thousand logs may all have the same."""
+    """Print the first warnings and the number of the others, since many logs may have the same."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DistalWarning)
         yield
@@ -56,22 +57,29 @@ def estimate_many(
     *,
     unit: str = "rad",
     every: bool = False,
+    level: float = COVERED,
     scheduler: str | None = None,
 ) -> None:
     """Estimate over many logs, write each estimate to a folder, and print a line for each.
 
-    A log that cannot be estimated is reported and skipped; the others go on, and the command ends
-    with code 2.
+    A log that cannot be estimated is reported and skipped, and the command then ends with exit code
+    2.
 
     Args:
-        homing: for how long the truth is used [s].
-        unit: of the angles that are written: rad or deg.
+        estimator: name of the estimator.
+        truth: the true angle: a column of the logs, or a file; or None.
+        homing: time for which the truth is used [s], or None.
+        out: the folder; with None nothing is written.
+        unit: unit of the angles that are written, rad or deg.
         every: whether all states are written.
-        scheduler: of a Dask cluster that estimates instead.
+        level: share of the errors that bands are to hold.
+        scheduler: address of a Dask scheduler whose workers estimate instead.
+
+    Raises:
+        EstimationError: the estimator is unknown.
     """
     import numpy as np
 
-    from distal.confidence import BAND
     from distal.diagnosis import diagnose_estimate
     from distal.estimators import ESTIMATORS
     from distal.logs import write_columns
@@ -109,7 +117,8 @@ def estimate_many(
                 except OutputError as problem:
                     failed[str(path)] = str(problem)
                     continue
-            half = np.rad2deg(BAND * float(np.median(result.angle_stds)))
+            result = replace(result, level=level)
+            half = np.rad2deg(result.stds_of_band * float(np.median(result.angle_stds)))
             error = "–"
             inside = "–"
             if result.truths is not None:
@@ -129,7 +138,11 @@ def estimate_many(
 
 
 def estimates_of(logs: Sequence[Path | Episode], out: Path | None) -> list[Output]:
-    """Return the estimate's file of each log."""
+    """Return the file of each log's estimate.
+
+    Raises:
+        OutputError: a log came twice, two logs have the same name, or `out` is a file.
+    """
     if len(
         {
             (os.path.realpath(path if isinstance(path, Path) else path.path), str(path.stem))
@@ -155,13 +168,17 @@ def estimates_of(logs: Sequence[Path | Episode], out: Path | None) -> list[Outpu
 
 
 def runs_of(seed: int, runs: int) -> dict[int, str]:
-    """Return seed → name of the log's file."""
+    """Return seed → name of the log's file, for as many seeds as `runs` from `seed` on."""
     digits = len(str(seed + runs - 1))
     return {number: f"run_{number:0{digits}d}.csv" for number in range(seed, seed + runs)}
 
 
 def logs_of(seed: int, runs: int, out: Path) -> list[Output]:
-    """Return the file of each run of a simulation."""
+    """Return the files of as many simulated logs as `runs`, with seeds from `seed` on.
+
+    Raises:
+        OutputError: `out` is a file.
+    """
     _check_folder(out, "with --runs")
     return to_folder("--out", out, runs_of(seed, runs).values())
 
@@ -183,8 +200,13 @@ def simulate_many(
     *,
     truth: bool = True,
 ) -> None:
-    """Simulate a scenario with seeds from `seed` on, and write each log to a folder; `settings` are
-    for the hint.
+    """Simulate a scenario with several seeds, and write each log to a folder.
+
+    Args:
+        seed: the first seed.
+        runs: number of seeds.
+        settings: ``--set`` options, for the command that is printed as a hint.
+        truth: whether the truth is written.
     """
     from distal.logs import write_log
     from distal.results import make_folder

@@ -1,4 +1,6 @@
-"""What a command reads and writes, compared before it begins: see `distal.logs.check_outputs`."""
+"""Inputs and outputs of a command, which are checked before it begins; see
+`distal.logs.check_outputs`.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +17,13 @@ if TYPE_CHECKING:
     from distal.logs import Output
 
 BAG = (".db3", ".mcap", ".bag", ".zstd", ".yaml")
-"""Endings of the files that a ROS bag is made of."""
+"""Endings of the files of a ROS bag."""
 
 
 def write_each(*writes: Callable[[], object]) -> None:
-    """Do each write, also after one that failed, and then raise the first failure, which has all
-    that is unsaved.
+    """Call each function, also after one that failed, and then raise the first failure.
+
+    This failure lists all that is unsaved.
     """
     failures = []
     for write in writes:
@@ -35,21 +38,27 @@ def write_each(*writes: Callable[[], object]) -> None:
 
 
 def to_file(option: str, path: Path | None) -> list[Output]:
-    """Return the file that an option asks for, if it was given."""
+    """Return the file that an option asks for; none where the option was not given."""
     from distal.logs import Output
 
     return [] if path is None else [Output(path, option)]
 
 
 def to_page(option: str, path: Path | None) -> list[Output]:
-    """Return the page that an option asks for, if it was given."""
+    """Return the page that an option asks for; none where the option was not given.
+
+    Raises:
+        OutputError: the path does not end in .html or .htm.
+    """
     if path is not None and path.suffix.lower() not in (".html", ".htm"):
         raise OutputError(f"{path}: the page is HTML; give a name that ends in .html")
     return to_file(option, path)
 
 
 def to_folder(option: str, folder: Path | None, names: Iterable[str]) -> list[Output]:
-    """Return the files in a folder that an option asks for, if it was given."""
+    """Return the files in the folder that an option asks for; none where the option was not
+    given.
+    """
     from distal.logs import outputs_in
 
     return [] if folder is None else outputs_in(folder, names, option)
@@ -64,14 +73,17 @@ def check_command_outputs(
     truth: str | None = None,
     stdin: bool = False,
 ) -> None:
-    """Refuse outputs that would replace an input or each other, or that cannot be written, before
-    the work begins.
+    """Raise where an output would replace an input or another output, or cannot be written.
 
     Args:
-        rig: a shipped rig's name or a path.
-        scenario: a shipped scenario's name or a path.
-        truth: a column's name or a path.
+        logs: paths of the logs that are read.
+        rig: name of a shipped rig, or a path.
+        scenario: name of a shipped scenario, or a path.
+        truth: name of a column, or a path.
         stdin: whether standard input is read.
+
+    Raises:
+        OutputError: see `distal.logs.check_outputs` and `distal.logs.check_format`.
     """
     from distal import logs as files
     from distal.rig import shipped_rigs
@@ -98,8 +110,8 @@ def check_command_outputs(
 
 
 def _description(name: str, shipped: Sequence[str], package: str) -> Path:
-    """Return the file of a rig or a scenario; a shipped one's name comes first, as when it is
-    loaded.
+    """Return the file of a rig or a scenario; a shipped one comes before a path of the same
+    name.
     """
     return (
         Path(str(resources.files(package) / "library" / f"{name}.toml"))
@@ -109,9 +121,7 @@ def _description(name: str, shipped: Sequence[str], package: str) -> Path:
 
 
 def _files_of(log: Path) -> Iterator[Path]:
-    """Return the files that a log is read from: of a ROS bag, those beside each other in its
-    folder.
-    """
+    """Yield the files from which a log is read; a ROS bag has several in its folder."""
     from distal.logs import is_recording
 
     yield log
@@ -125,17 +135,19 @@ ENDINGS = {
     "a recording": (".mcap",),
     "a table": (".csv", ".txt", ".parquet", ".pq", ""),
 }
-"""Endings of what commands write; a table may go to a pipe, which has none."""
+"""Kind of output → endings of its path; a table may go to a pipe, whose path has none."""
 
 
 def check_ending(path: Path | None, kind: str) -> None:
-    """Raise an `OutputError` where a path ends as another kind of file does, see `ENDINGS`."""
+    """Raise an `OutputError` where a path does not end as its kind of output does; see
+    `ENDINGS`.
+    """
     if path is not None and path.suffix.lower() not in ENDINGS[kind]:
         allowed = " or ".join(ending for ending in ENDINGS[kind] if ending)
         raise OutputError(f"{path}: {kind} ends in {allowed}")
 
 
 def check_new(path: Path) -> None:
-    """Raise an `OutputError` where a file exists already: somebody may have worked on it."""
+    """Raise an `OutputError` where a file exists already, since a user may have edited it."""
     if path.exists():
         raise OutputError(f"{path}: exists already; give another name or remove it")

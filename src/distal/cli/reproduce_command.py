@@ -1,4 +1,4 @@
-"""`distal reproduce`: the 2008 paper from one command."""
+"""`distal reproduce`: the reproduction of the 2008 paper with one command."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def reproduce_command(
 
 
 def _reproduce(out: Path, progress: Progress, lab: Path | None) -> None:
-    """Run the reproduction and say what came of it."""
+    """Run the reproduction and print its results."""
     from distal.paper.claims import GROUPS
     from distal.paper.paper_page import DRAWN, reproduce, rms_of
     from distal.paper.positioned import FEEDBACKS
@@ -102,7 +102,7 @@ def _reproduce(out: Path, progress: Progress, lab: Path | None) -> None:
 
 
 def _search(out: Path, progress: Progress) -> None:
-    """Search for the rig that the authors may have had, and say what holds on it."""
+    """Search for the rig that the authors may have had, and print which statements hold on it."""
     from distal.paper.map import SEARCH_FILES, search_in_words, write_search
     from distal.paper.rig_search import DRAWN, search_rigs
 

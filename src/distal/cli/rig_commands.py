@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 GEOMETRY = re.compile(
     r"\.(offset|link\.centre|link\.inertia)\.\d$|\.friction\.reference$|\.terms\.\d+\.coefficient$"
 )
-"""Numbers that are drawn, or follow from others: nobody doubts them one by one."""
+"""Pattern of parameters that are drawn or follow from others; they are not listed as exact."""
 
 app = typer.Typer(help="Look at rig files and make new ones.", no_args_is_help=True)
 
@@ -73,7 +73,7 @@ def check_command(rig: RigArgument, set_: SetOption = None) -> None:
     say("  " + ", ".join(f"{number} {name}{'s' if number != 1 else ''}" for number, name in counts))
     for kind, parts in zip(("joints", "drives", "tendons", "sensors"), lists):
         for at, part in ((f"{kind}.{i}", part) for i, part in enumerate(parts)):
-            # the start and what a sensor errs by are not in the equations of motion
+            # initial angles and errors of sensors are no parameters of the equations of motion
             stds = {path: number.filter_std for path, number in parameters_below(part, at)}
             stds[f"{at}.linearity"] = getattr(part, "linearity", 0.0)
             uncertain += [path for path, std in stds.items() if std > 0.0 and path not in uncertain]

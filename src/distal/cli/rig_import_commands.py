@@ -1,5 +1,5 @@
-"""`distal rig from-table`, `from-orca`, `from-aero` and `from-mjcf`: a rig file from other
-files.
+"""`distal rig from-table`, `from-orca`, `from-aero` and `from-mjcf`: a rig file from a table or
+from a maker's or a simulator's files.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ if TYPE_CHECKING:
     from distal.rig import Imported, Rig
 
 OutOption = Annotated[Path, Option(help="Where to write the rig file (.toml).")]
+"""Option for the path of the new rig file."""
 
 
 def _write(imported: Imported, out: Path, source: str) -> None:
-    """Write an imported rig, and say what was guessed."""
+    """Write an imported rig, and print which of its parameters are guesses."""
     from distal.logs import write_whole
 
     write_whole(out, imported.text)
@@ -84,6 +85,7 @@ def from_aero_command(
 
 
 LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+"""Unit of length of a model → its size [m]."""
 
 
 @app.command("from-mjcf")

@@ -12,19 +12,21 @@ from typing import Annotated
 from typer import Argument, Option
 
 ESTIMATOR_NAMES = ("adaptive", "affine", "ekf", "ekf-2008", "elastic", "inextensible")
-"""Keys of `distal.ESTIMATORS`, here so that a shell completes them without waiting for the packages
-of estimators.
+"""Names of all estimators, the keys of `distal.ESTIMATORS`; they stand here, too, so that a shell
+completes them without importing the estimators.
 """
 
 
 def estimators(incomplete: str) -> list[str]:
-    """Return the estimators that a shell may complete a word to."""
+    """Return the names of estimators that begin with an incomplete word, for a shell's
+    completion.
+    """
     return [name for name in ESTIMATOR_NAMES if name.startswith(incomplete)]
 
 
 def _completing(package: str) -> Callable[[str], list[str]]:
-    """Return what completes a word to the names of a package's files, without importing it, and to
-    TOML files.
+    """Return a function that completes a word to the names of a package's shipped files and to TOML
+    files, without importing the package.
     """
     folder = Path(__file__).parents[1] / package / "library"
 
@@ -38,8 +40,13 @@ def _completing(package: str) -> Callable[[str], list[str]]:
 
 
 rigs = _completing("rig")
+"""Completion of rigs."""
+
 scenarios = _completing("simulation")
+"""Completion of scenarios."""
+
 studies = _completing("study")
+"""Completion of studies."""
 
 RIG = "A shipped rig's name (see `distal rigs`) or a TOML file."
 RigOption = Annotated[str, Option("--rig", help=RIG, autocompletion=rigs)]
@@ -68,7 +75,7 @@ RepeatedOption = Annotated[
 
 
 def settings(set_: list[str] | None, repeated: str | None) -> list[str]:
-    """Return what is set in the rig, by --set and by options that stand for it."""
+    """Return the settings of the rig by --set, and by options that are short for a setting."""
     return [*(set_ or ())] + ([] if repeated is None else [f'log.time.repeated="{repeated}"'])
 
 
@@ -76,7 +83,7 @@ SeedOption = Annotated[int, Option("--seed", min=0, help="Seed of the sensors' e
 
 
 def _allow_memory(size: str | None) -> str | None:
-    """Set the limit for this process and those that it starts."""
+    """Set the memory limit for this process and those that it starts."""
     from distal.logs import MEMORY_VARIABLE, size_of
 
     if size is not None:
@@ -113,7 +120,9 @@ PlotOption = Annotated[
 
 
 def _angle_unit(unit: str) -> str:
-    """Refuse what no angle is written in, without waiting for the packages of results."""
+    """Raise where a unit is not one of angles; the packages of results are not imported for
+    this.
+    """
     from distal.errors import EstimationError
 
     if unit not in ("rad", "deg"):
@@ -127,7 +136,7 @@ UnitOption = Annotated[
 
 
 def _in_si(text: str, unit: str) -> float:
-    """Return a quantity in SI; a bare number is in SI already."""
+    """Return a quantity in SI; a number without a unit is in SI already."""
     from distal.units import to_si
 
     try:
@@ -137,8 +146,13 @@ def _in_si(text: str, unit: str) -> float:
 
 
 def angle(text: str) -> tuple[float, float]:
-    """Return an angle and its std, given as ``-40 deg``, ``0 deg ± 1 deg`` or ``0 deg +- 1 deg``
-    [rad].
+    """Return an angle and its standard deviation [rad], from a text.
+
+    The text is ``-40 deg``, ``0 deg ± 1 deg`` or ``0 deg +- 1 deg``; without a standard deviation
+    it is 0.
+
+    Raises:
+        UnitError: the text is no angle.
     """
     from distal.errors import UnitError
 
@@ -150,18 +164,20 @@ def angle(text: str) -> tuple[float, float]:
 
 
 def joint_angle(text: str) -> tuple[str | None, tuple[float, float]]:
-    """Return the joint, None if none is named, and its `angle` with std: ``pip: 0 deg ± 1 deg`` or
-    ``0 deg``.
+    """Return the name of a joint, or None, and its `angle` with standard deviation [rad], from a
+    text.
+
+    The text is ``pip: 0 deg ± 1 deg``, or ``0 deg`` where no joint is named.
     """
     name, colon, position = text.partition(":")
     return (name.strip(), angle(position)) if colon else (None, angle(text))
 
 
 def homing_time(text: str | None) -> float | None:
-    """Return a time given as ``3s``, ``200 ms`` or a bare number [s], None where none is given.
+    """Return a time from a text such as ``3s``, ``200 ms`` or a bare number [s]; None stays None.
 
     Raises:
-        UnitError: it is no time, or not above 0.
+        UnitError: the text is no time, or one that is not above 0.
     """
     from distal.errors import UnitError
 
@@ -174,5 +190,5 @@ def homing_time(text: str | None) -> float | None:
 
 
 def newtons(text: str) -> float:
-    """Return a force given as ``2 N``, ``500 mN`` or a bare number [N]."""
+    """Return a force from a text such as ``2 N``, ``500 mN`` or a bare number [N]."""
     return _in_si(text, "N")

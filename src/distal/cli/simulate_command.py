@@ -87,7 +87,7 @@ def simulate_command(
 
 
 def _toml(value: object) -> str:
-    """Return a value as TOML, on one line."""
+    """Return a value as TOML on one line."""
     import tomlkit
 
     if isinstance(value, dict):
@@ -115,7 +115,7 @@ def show_scenario_command(name: ScenarioArgument) -> None:
 
 
 def _ranges(log: Log, rig: Rig) -> str:
-    """Return from where to where each joint's angle goes, as text."""
+    """Return a text on the range of each joint's true angle."""
     from distal.rig import angle_names
 
     joints = rig.joint_names

@@ -1,4 +1,4 @@
-"""`distal stream`: estimates while the samples come."""
+"""`distal stream`: estimates while the samples arrive."""
 
 from __future__ import annotations
 
@@ -32,7 +32,9 @@ if TYPE_CHECKING:
     from distal.run import Monitor, Reading
 
 LONGEST_LINE = 1 << 20
-"""A line is no longer than this [bytes]: a stream without line ends must not fill the memory."""
+"""Longest line that is read [bytes], so that a stream without line ends cannot fill the memory.
+Source: judgement.
+"""
 
 
 def stream_command(
@@ -104,7 +106,7 @@ def stream_command(
                 session.take(line)
         finally:
             for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-                signal.signal(number, signal.SIG_IGN)  # what is recorded is closed in peace
+                signal.signal(number, signal.SIG_IGN)  # no signal interrupts closing the recording
             session.end(record)
     if session.csv is None and session.no_header is not None:
         raise session.no_header
@@ -113,7 +115,7 @@ def stream_command(
 
 
 class Session:
-    """One stream from its first line to its last."""
+    """One stream, from its first line to its last."""
 
     def __init__(
         self,
@@ -151,14 +153,19 @@ class Session:
         self._stopped = False
 
     def stop(self, *_: object) -> None:
-        """End, but not in the middle of a sample: what is recorded stays whole."""
+        """End the stream after the present sample, so that a recording stays complete; a second
+        call ends it at once.
+        """
         first = not self._stopped
         self._stopped = True
-        if not first or not self._busy:  # who asks twice does not wait
+        if not first or not self._busy:  # a second signal does not wait for the sample
             raise KeyboardInterrupt
 
     def take(self, line: bytes) -> None:
-        """Answer a line; the header of a CSV stream has no answer but the output's own header."""
+        """Read a line and write the answer to it.
+
+        Where the header of a CSV stream is read, the answer is the header of the output.
+        """
         self._busy = True
         self._take(line)
         self._busy = False
@@ -236,13 +243,15 @@ class Session:
             )
         if self._target is not None:
             sent = json.dumps({"timestamp": message["t"], **message}).encode()
-            with suppress(OSError):  # nobody listens there: that is none of the stream's business
+            with suppress(OSError):  # it is no error where no program listens
                 self._target.sendto(sent, ("127.0.0.1", self._port))
 
     def _record(
         self, reading: Reading, sample: Floats | None, message: Mapping[str, object]
     ) -> None:
-        """Record a sample; if that cannot go on, the estimates do."""
+        """Record a sample and its estimate; where recording fails, a warning is printed and the
+        estimates go on.
+        """
         from distal.logs import ESTIMATE_TOPIC, SAMPLE_TOPIC
 
         if self._recorder is None or not isfinite(reading.time) or self.lost:
@@ -262,8 +271,8 @@ class Session:
         sys.stdout.flush()
 
     def end(self, path: Path | None) -> None:
-        """Close the recording, and say on stderr how many samples came, how fast, and their
-        health.
+        """Close the recording, and print on stderr how many samples came in which time, with their
+        health words.
         """
         total = sum(self._counts.values())
         seconds = max(monotonic() - self._started, 1e-9)
@@ -278,7 +287,9 @@ def _finite(value: float) -> float | None:
 
 
 def _lines() -> Iterator[bytes]:
-    """Return stdin's lines as they come; a line that is too long is cut, and is then no sample."""
+    """Yield the lines of stdin as they arrive; a line that is too long is cut, so that it is
+    refused.
+    """
     source = sys.stdin.buffer
     while line := source.readline(LONGEST_LINE):
         yield line
@@ -300,6 +311,6 @@ def _bound(port: int) -> socket.socket:
 
 
 def _datagrams(source: socket.socket, idle: float | None) -> Iterator[bytes]:
-    """Return datagrams as they come, until none came for `idle` seconds."""
+    """Yield the lines of datagrams as they arrive, until none arrived for `idle` seconds."""
     while select.select([source], [], [], idle)[0]:
         yield from source.recv(65536).splitlines() or [b""]

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from distal.study import Folder, Plan, Space
 
 STUDY = "A shipped study's name (see `distal studies`) or a TOML file."
+"""Help of the argument that names a study."""
 
 
 def study_command(

@@ -1,5 +1,5 @@
-"""C of calls: a function's results go straight to an output where they are nothing else, else to
-scratch.
+"""C of calls: a result that is nothing but an output of the caller is written straight into that
+output, every other one into scratch.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from distal.codegen.workspace import Step, Workspace
 
 
 def call(work: Workspace, step: Step) -> list[str]:
-    """Write a call of another function."""
+    """Write the call of another function."""
     called = step.node.which_function()
     written = work.written(called, False)
     work.cost.add(written.cost)

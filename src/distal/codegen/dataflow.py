@@ -1,8 +1,9 @@
-"""Which instruction of a function reads and makes which values, and until when each is needed.
+"""For each instruction of a function the values that it reads and makes, and for each value the
+last instruction that needs it.
 
-CasADi's instructions share slots of a work vector. Here each result has a number of its own that is
-never given twice (static single assignment), so that what is done with it does not depend on the
-order in which slots are used again.
+CasADi's instructions use the slots of a work vector again and again. Here each result has a number
+of its own that is never used again (static single assignment), so that what is done with a result
+does not depend on its slot.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ import casadi as ca
 class Dataflow:
     """The values of one function of matrices (MX), by number.
 
-    In place, the first output goes where the first input is: what is put out there must last
-    until the end.
+    With `in_place` the first output is written where the first input stands, so that values that
+    belong to this output must last until the end.
     """
 
     def __init__(self, function: ca.Function, in_place: bool) -> None:
@@ -41,7 +42,7 @@ class Dataflow:
         self._parts: dict[int, tuple[int, int] | None] = {}
 
     def _number(self) -> None:
-        """Number the values, and note for each instruction what it reads and makes."""
+        """Number the values, and note the numbers that each instruction reads and makes."""
         slots: dict[int, int] = {}
         number = 0
         for k, operation in enumerate(self.operations):
@@ -55,12 +56,12 @@ class Dataflow:
                 number += 1
 
     def last(self, number: int, otherwise: int) -> int:
-        """Return the last instruction that reads a value, or `otherwise`."""
+        """Return the last instruction that reads a value, or `otherwise` if none does."""
         return self._last.get(number, otherwise)
 
     def part_read(self, reader: int) -> tuple[int, int] | None:
-        """Return from where to where a slice reads its input, None where an instruction (or `end`)
-        reads all of it.
+        """Return the begin and end of the part of its input that a slice reads, and None for an
+        instruction (or `end`) that reads all of it.
         """
         if reader not in self._parts:
             part = None
@@ -71,8 +72,8 @@ class Dataflow:
         return self._parts[reader]
 
     def _direct(self) -> dict[int, tuple[int, int]]:
-        """Follow each result of a call through changes of shape: does it end as an output, and
-        nowhere else?
+        """Return the results of calls that are used as one output, perhaps in another shape, and
+        nowhere else.
         """
         positions = {}
         for k, results in enumerate(self.makes):

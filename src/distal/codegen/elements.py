@@ -1,4 +1,6 @@
-"""C of what is done element by element; a single number goes with each of many."""
+"""C of operations that are done element by element; an operand of one number is used for all
+elements.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,7 @@ from distal.codegen.workspace import Step, Workspace
 
 
 def elementwise(work: Workspace, step: Step) -> list[str]:
-    """Write an operation of scalars for each element."""
+    """Write an operation of scalars for each element of its operands."""
     n = int(step.node.nnz())
     work.cost.operations += n
     to = work.placement.over_an_input(step.k, n)

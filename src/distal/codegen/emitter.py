@@ -1,4 +1,4 @@
-"""Functions as C, each written once, after those that it calls."""
+"""Functions as C, each written once and after those that it calls."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ from distal.codegen.scalars import write_scalars
 from distal.codegen.workspace import Written
 
 LARGEST_COPIED = 60
-"""A called function with more operations than this stays one: a compiler takes minutes over many
-copies of it (the equations of three sheaths in lanes: 12 s with 400, 1.7 s with 60, which costs a
-tenth of their speed, and a filter nothing).
+"""Largest number of operations of a called function that the compiler is asked to inline. Compilers
+take minutes over many copies of a longer one: the equations of three sheaths in lanes take 12 s
+with 400 and 1.7 s with 60, which costs a tenth of their speed, and a filter nothing. Source:
+judgement.
 """
 
 
 class Emitter:
-    """Writes CasADi functions as static C functions, each once, and those with the same text once
-    too.
+    """Writes CasADi functions as static C functions. Each function is written once, and functions
+    with the same text share one.
     """
 
     def __init__(self, dialect: Dialect) -> None:
@@ -37,7 +38,7 @@ class Emitter:
 
     @property
     def text(self) -> str:
-        """All functions so far, each after those that it calls."""
+        """All functions written so far, each after those that it calls."""
         inline = f"static {self.dialect.inline}void "
         return "\n".join(
             written.text.replace("static void ", inline, 1)
@@ -50,11 +51,12 @@ class Emitter:
         """Write a function, of scalars (SX) or of matrices (MX), and those that it calls; return
         its name in C.
 
-        In place, the first input and the first output are one array, ``state``, that is changed.
+        With `in_place` the first input and the first output are one array, ``state``, which the
+        function changes.
 
         Raises:
-            CodeError: it has an operation that has no C here, or its state cannot be changed in
-                place.
+            CodeError: the function has an operation that has no C here, or its state cannot be
+                changed in place.
         """
         return self._written(function, in_place).name
 
@@ -72,7 +74,8 @@ class Emitter:
         else:
             written = write_matrices(function, name, in_place, self.dialect, self._written)
         self._alive.append(function)
-        # parts of a rig that are built alike are one function, called with the numbers of each
+        # components of a rig that are built alike share one function, called with the parameters
+        # of each
         alike = self._alike.setdefault(written.text.replace(f" {name}(", " (", 1), name)
         self._names[key] = alike
         if alike != name:
@@ -82,8 +85,8 @@ class Emitter:
         return written
 
     def _called(self, function: ca.Function, in_place: bool) -> Written:
-        """Return a function that one of scalars calls; a small one, where code may be long, is put
-        in its place.
+        """Return a function that a function of scalars calls. The compiler is asked to inline a
+        small one, if the dialect allows long code.
         """
         written = self._written(function, in_place)
         if written.cost.operations <= LARGEST_COPIED:

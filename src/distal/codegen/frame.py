@@ -1,5 +1,5 @@
-"""What stands around the lines of a function: its signature, arrays, loop variables, arguments that
-are not used.
+"""The definition of a function around its lines: signature, arrays, loop variables, and arguments
+that are not used.
 """
 
 from __future__ import annotations
@@ -21,11 +21,10 @@ def framed(
     arrays: list[str],
     lines: list[str],
 ) -> str:
-    """Return the definition of a function in C, with the declarations of the arrays that its lines
-    need.
+    """Return the definition of a function in C: signature, arrays, loop variables and its `lines`.
 
-    Inputs become ``a0`` …, outputs ``r0`` …; in place, the first input and the first output are one
-    array, ``state``.
+    The `arrays` are the declarations of those that the lines need. Inputs become ``a0`` …, outputs
+    ``r0`` …. With `in_place` the first input and the first output are one array, ``state``.
     """
     kind = dialect.type
     skip = 1 if in_place else 0

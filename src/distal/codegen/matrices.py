@@ -1,5 +1,5 @@
-"""C of a function of matrices (MX): each instruction by its writer, then the outputs, with scratch
-laid out at the end.
+"""C of a function of matrices (MX): its instructions, each by its writer, then its outputs. Scratch
+is laid out at the end.
 """
 
 from __future__ import annotations
@@ -34,13 +34,17 @@ WRITERS: dict[int, Writer] = {
     ca.OP_RANK1: rank_one,
     ca.OP_DOT: dot,
 }
-"""Operations on matrices; every other one is done element by element, or has no C."""
+"""Writers of CasADi's operations on matrices. Every other operation is done element by element, or
+has no C.
+"""
 
 
 def write_matrices(
     function: ca.Function, name: str, in_place: bool, dialect: Dialect, written: WriteFunction
 ) -> Written:
-    """Return a function of matrices (MX) as C, where `written` writes those that it calls."""
+    """Return a function of matrices (MX) as C. The functions that it calls are written by
+    `written`.
+    """
     flow = Dataflow(function, in_place)
     memory = Memory(dialect)
     work = Workspace(flow, memory, Placement(flow, memory), written, in_place)
@@ -67,8 +71,8 @@ def write_matrices(
 
 
 def _new_state(work: Workspace, state: list[tuple[Value, int]]) -> list[str]:
-    """Write the new state: what is in its place stays, what lies elsewhere in the state goes by way
-    of scratch.
+    """Write the new state: values that are in their position stay, values that lie elsewhere in the
+    state go by way of scratch.
     """
     memory = work.memory
     end = work.flow.end

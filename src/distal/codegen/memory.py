@@ -1,8 +1,8 @@
 """Where the numbers of a generated function lie, and the C that reaches them.
 
-A `Value` is a run of numbers side by side: in an argument, in the state, in scratch, or a constant.
-`Scratch` is one array that all intermediates share. How large it is and what lies where is known
-only after the last instruction, so positions in it are first written as marks («…»), which
+A `Value` is a run of neighbouring numbers: in an argument, in the state, in scratch, or a constant.
+`Scratch` is one array that all intermediates share. Its size and what lies where are known only
+after the last instruction. Positions in it are therefore written as marks («…») at first, which
 `Scratch.settled` replaces.
 """
 
@@ -17,11 +17,15 @@ from distal.codegen.number_types import Dialect
 from distal.codegen.operations import CodeError
 
 UNROLLED = 3
-"""Copies and element-wise operations of at most so many numbers are written one by one."""
+"""Largest number of elements for which a copy or an element-wise operation is written element by
+element instead of as a loop. Source: judgement.
+"""
 
 INDEX = "unsigned short"
+"""Type of the numbers in tables of indices."""
+
 LARGEST_INDEX = 65_535
-"""Type of tables of indices, and the largest index that it holds."""
+"""Largest index that `INDEX` holds. Source: definition (an unsigned short of 16 bits)."""
 
 _MARK = re.compile(r"«([AEI])(\d+):(\d+):([^»]*)»")
 """A position in scratch before it is laid out: an address, a number, a number by an index; block,
@@ -31,14 +35,15 @@ offset, index.
 
 @dataclass(frozen=True)
 class Value:
-    """Numbers that lie side by side.
+    """A run of neighbouring numbers.
 
     Args:
-        home: ``a0``, ``r1`` … for arguments, ``state``, ``w`` for scratch; None for constants.
+        home: the array that holds them: ``a0``, ``r1`` … for arguments, ``state``, ``w`` for
+            scratch; None for constants.
         offset: of the first number in its home; for scratch, within its own block.
-        size: how many.
-        block: which block of scratch it is in, else -1.
-        ids: of a constant.
+        size: how many numbers.
+        block: index of the block of scratch that holds them, -1 outside scratch.
+        ids: the numbers themselves, if they are constants.
     """
 
     home: str | None
@@ -48,26 +53,26 @@ class Value:
     ids: tuple[float, ...] = ()
 
     def part(self, offset: int, size: int) -> Value:
-        """Return some of the numbers, as a view."""
+        """Return `size` of the numbers from `offset` on, as a view."""
         if self.home is None:
             return replace(self, size=size, ids=self.ids[offset : offset + size])
         return Value(self.home, self.offset + offset, size, self.block)
 
     @property
     def is_zero(self) -> bool:
-        """Whether all numbers are constants and zero."""
+        """Whether all numbers are constants that are zero."""
         return self.home is None and not any(self.ids)
 
     @cached_property
     def is_uniform(self) -> bool:
-        """Whether all numbers are constants and the same, zeros with their sign."""
+        """Whether all numbers are constants that are the same; 0.0 and -0.0 differ."""
         return self.home is None and len({str(number) for number in self.ids}) == 1
 
 
 @dataclass
 class Block:
-    """A piece of scratch: its size, the instructions between which it is in use, and where it is
-    once that is known.
+    """A piece of scratch: its size, the first and the last instruction that use it, and its
+    position, which is -1 until it is known.
     """
 
     size: int
@@ -77,7 +82,7 @@ class Block:
 
 
 class Scratch:
-    """One array for all intermediates: blocks whose times in use do not overlap share their
+    """One array for all intermediates. Blocks that are not in use at the same time may share a
     position.
     """
 
@@ -91,15 +96,17 @@ class Scratch:
         return Value("w", 0, size, len(self.blocks) - 1)
 
     def keep(self, value: Value, until: int) -> None:
-        """Let a value's block be in use at least until an instruction; what is not in scratch stays
-        anyway.
+        """Let a value's block be in use at least until an instruction. Values outside scratch need
+        nothing.
         """
         if value.block >= 0:
             block = self.blocks[value.block]
             block.last = max(block.last, until)
 
     def settled(self, lines: list[str]) -> list[str]:
-        """Return lines with their marks replaced; nothing can be added to scratch afterwards."""
+        """Lay out the blocks, and return lines with their marks replaced; nothing can be added to
+        scratch afterwards.
+        """
         self._lay_out()
         return [_MARK.sub(self._settled, line) for line in lines]
 
@@ -133,7 +140,7 @@ class Scratch:
 
 
 class Tables:
-    """Constants and indices of one function, each list of them once."""
+    """Tables of the constants and indices of one function; equal tables are written once."""
 
     def __init__(self, dialect: Dialect) -> None:
         self._dialect = dialect
@@ -145,7 +152,11 @@ class Tables:
         return self._table("c", self._dialect.type, [self._dialect.entry(number) for number in ids])
 
     def indices(self, ids: list[int]) -> str:
-        """Return the name of a table of indices, where their type holds them."""
+        """Return the name of a table of indices.
+
+        Raises:
+            CodeError: an index is larger than `LARGEST_INDEX`.
+        """
         if ids and max(ids) > LARGEST_INDEX:
             raise CodeError(
                 f"an index of {max(ids)} does not fit into '{INDEX}'; matrices that large have no C"
@@ -162,7 +173,7 @@ class Tables:
 
 
 class Memory:
-    """The C that reaches a value, wherever it lies."""
+    """The C that reaches a value wherever it lies."""
 
     def __init__(self, dialect: Dialect) -> None:
         self.dialect = dialect
@@ -180,7 +191,7 @@ class Memory:
         return f"{value.home} + {value.offset}" if value.offset else value.home
 
     def at(self, value: Value, index: str | int) -> str:
-        """Return the C of the number of a value at an index, which is an integer or C."""
+        """Return the C of one number of a value; its index is an integer or C."""
         if value.home is None:
             if value.is_uniform:
                 return self.dialect.constant(value.ids[0])
@@ -198,13 +209,13 @@ class Memory:
         )
 
     def copy(self, to: Value, value: Value) -> list[str]:
-        """Return the C that copies a value."""
+        """Return the C that copies a value to another position."""
         return for_each(value.size, lambda i: f"{self.at(to, i)} = {self.at(value, i)};")
 
 
 def for_each(size: int, line: Callable[[str | int], str]) -> list[str]:
-    """Return a line of C for each index below `size`: a loop, or written one by one if they are
-    few.
+    """Return the C that does a line for each index below `size`: as a loop, or line by line if
+    there are at most `UNROLLED`.
     """
     if size <= UNROLLED:
         return [f"  {line(i)}" for i in range(size)]

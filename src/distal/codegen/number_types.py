@@ -16,7 +16,7 @@ import casadi as ca
 from distal.codegen.operations import BINARY, CALLED, FORMS, no_such_operation
 
 ALWAYS_INLINE = "inline __attribute__((always_inline)) "
-"""Before a function whose code a compiler shall put wherever it is called."""
+"""Stands before a function that the compiler shall inline wherever it is called."""
 
 _PLAIN = FORMS | {
     ca.OP_FMAX: "larger({a}, {b})",
@@ -36,27 +36,27 @@ _LANES = FORMS | {
 
 @dataclass(frozen=True)
 class Plain:
-    """C of plain ids: float with float functions only if `single`, else double; long but fast
-    code if `quick`.
+    """C of numbers one by one: float with float functions if `single`, else double. With `quick`,
+    small functions are inlined, which makes code longer and faster.
     """
 
     single: bool = False
     quick: bool = False
-    pairs_sines = False  # by one call of v_sincos: the compiler of plain C pairs them itself
+    pairs_sines = False  # compilers of plain C join a sine and a cosine of one angle themselves
 
     @property
     def inline(self) -> str:
-        """What stands before a function that functions of scalars call."""
+        """The C that stands before a function that functions of scalars call."""
         return ALWAYS_INLINE if self.quick else ""
 
     @property
     def type(self) -> str:
-        """Name of the type of a number."""
+        """Name of the type of a number in C."""
         return "float" if self.single else "double"
 
     def prelude(self, text: str) -> str:
-        """Return functions for the larger and the smaller number, if `text` calls them: compilers
-        warn of unused ones.
+        """Return the functions for the larger and the smaller of two numbers, each if `text` calls
+        it: compilers warn of unused ones.
         """
         kind = self.type
         return "".join(
@@ -83,7 +83,10 @@ class Plain:
 
 
 LARGEST_FLOAT = 3.40282346e38
+"""Largest finite number of C's float. Source: definition (IEEE 754 single precision)."""
+
 SMALLEST_FLOAT = 1.17549435e-38
+"""Smallest positive normal number of C's float. Source: definition (IEEE 754 single precision)."""
 
 
 @lru_cache(maxsize=4096)
@@ -135,8 +138,8 @@ _LANEWISE = {
 }
 
 VECTORED = {"fabs", "fmin", "fmax"}
-"""Functions with a vector form; any other is called once for each lane, so that the numbers are the
-same.
+"""Functions with a vector form. Any other function is called for one lane after the other, so that
+its results are those of one run.
 """
 
 
@@ -144,16 +147,16 @@ same.
 class Lanes:
     """C of `count` runs side by side, a power of two, with GCC's and Clang's vector types.
 
-    Each operation is the same as for one number, so the results are too, to the last bit.
+    Each operation is the same as for one number, so that results are the same to the last bit.
     """
 
     count: int
     type = "V"
     inline = ALWAYS_INLINE
-    pairs_sines = True  # within a lane the library has one function for both
+    pairs_sines = True  # in v_sincos the compiler joins sine and cosine of each lane
 
     def prelude(self, text: str) -> str:
-        """Return the vector types and what the operations need."""
+        """Return the vector types and the functions that the operations need."""
         lanewise = [
             _LANEWISE[2 if operation in BINARY else 1].format(f=name, lanes=self.count)
             for operation, name in CALLED.items()
@@ -164,12 +167,12 @@ class Lanes:
         )
 
     def constant(self, value: float) -> str:
-        """Return a number, the same for all runs, as C."""
+        """Return a number as C, the same in all lanes."""
         return f"all({Plain().constant(value)})"
 
     def entry(self, value: float) -> str:
-        """Return a number of a table of constants, the same for all runs, as C: an initializer, not
-        a call.
+        """Return a number of a table of constants as C, the same in all lanes: an initializer,
+        which may not be a call.
         """
         text = f"{value:.17g}" if isfinite(value) else Plain().constant(value)
         return "{" + ", ".join([text] * self.count) + "}"

@@ -22,8 +22,8 @@ FORMS = {
     ca.OP_INV: "1.0{f} / {a}",
     ca.OP_ASSIGN: "{a}",
 }
-"""Operations that C writes alike for numbers and for vectors: {truth} makes a number of a
-condition, {f} ends a literal.
+"""Operations that C writes alike for numbers and for vectors, with templates: {truth} turns a
+condition into a number, {f} ends a literal.
 """
 
 _LIBRARY = (
@@ -35,8 +35,8 @@ CALLED[ca.OP_CONSTPOW] = "pow"
 """Operations that are functions of C's library."""
 
 INLINE = frozenset([ca.OP_FABS, ca.OP_FMIN, ca.OP_FMAX, ca.OP_SQRT, ca.OP_COPYSIGN])
-"""Those of them that processors with a floating-point unit have as instructions, or that take a
-few.
+"""Those operations of `CALLED` that processors with a floating-point unit have as one instruction,
+or do in a few.
 """
 
 _FUNCTIONS = (

@@ -1,5 +1,5 @@
-"""Where each result goes: a view of what is there, over an input that nothing needs any more, or
-new scratch.
+"""Where each result goes: it is a view of another value, or lies over an input that is no longer
+needed, or in new scratch.
 """
 
 from __future__ import annotations
@@ -21,27 +21,27 @@ class Placement:
         return self._values[number]
 
     def put(self, number: int, value: Value) -> Value:
-        """Let a value be at a position, and return it."""
+        """Note the position of a value under its number, and return the value."""
         self._values[number] = value
         self._beside.setdefault((value.home, value.block), []).append(number)
         return value
 
     def view(self, k: int, number: int, value: Value) -> None:
-        """Let a result be a view of another value, whose position is then needed as long as the
-        view is.
+        """Let a result of instruction `k` be a view of another value, whose position is then in use
+        as long as the view is.
         """
         self.put(number, value)
         self._memory.scratch.keep(value, self._flow.last(number, k))
 
     def new(self, k: int, number: int, size: int) -> Value:
-        """Return new scratch for a result."""
+        """Return new scratch for a result of instruction `k`."""
         return self.put(number, self._memory.scratch.new(size, k, self._flow.last(number, k)))
 
     def over_an_input(self, k: int, size: int) -> Value:
-        """Return where an element-wise result goes: over the first input of the same size that may
-        be overwritten.
+        """Return the position of an element-wise result of instruction `k`: over its first input of
+        the same size that may be overwritten, else in new scratch.
 
-        Instruction `k` reads each element before it writes the same one.
+        This is allowed because the instruction reads each element before it writes the same one.
         """
         number = self._flow.makes[k][0]
         for over in self._flow.reads[k]:
@@ -50,10 +50,11 @@ class Placement:
         return self.new(k, number, size)
 
     def over_the_first(self, k: int) -> tuple[Value, list[str]]:
-        """Return where a result goes that is its first input with changes, and the lines that let
-        it begin as that.
+        """Return the position of a result that changes the first input of instruction `k`, and the
+        lines of C that copy this input there first.
 
-        Instruction `k` may read any other input while it writes.
+        If the first input may be overwritten, the result lies over it and there is no copy. The
+        instruction may read any other input while it writes.
         """
         number = self._flow.makes[k][0]
         (over, *factors) = self._flow.reads[k]
@@ -69,8 +70,8 @@ class Placement:
         return self.put(number, value)
 
     def _is_free(self, number: int, k: int) -> bool:
-        """Return whether a value's position may be written by instruction k: nothing reads it
-        afterwards, or beside it.
+        """Return whether instruction `k` may write over a value: no later instruction reads it, and
+        neither `k` nor a later one reads another value that overlaps it.
         """
         value = self._values[number]
         flow = self._flow

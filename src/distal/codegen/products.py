@@ -1,4 +1,4 @@
-"""C of products: dense, with one sparse factor, of rank one, and of two vectors."""
+"""C of products of matrices: dense, with one sparse factor, of rank one, and of two vectors."""
 
 from __future__ import annotations
 
@@ -11,24 +11,31 @@ from distal.codegen.operations import CodeError
 from distal.codegen.workspace import Step, Workspace
 
 COLUMNS_TOGETHER = 4
-"""So many columns of a dense product are summed together: each number of the left factor is then
-read once for all.
+"""Number of columns of a dense product that are summed together, so that each number of the left
+factor is read once for all of them. Source: judgement.
 """
 
 LARGEST_INLINE = 200
-"""A product with more multiplications than this is a function of its own."""
+"""Largest number of multiplications of a product that is written where it stands; a larger one is a
+function of its own. Source: judgement.
+"""
 
 PRODUCT = "product"
+"""Name of the functions of large products."""
 
 UNROLLED_PRODUCT = 12
-"""A sparse factor of at most so many numbers is written number by number."""
+"""Largest number of nonzeros of a sparse right factor for which a product is written number by
+number instead of as a loop. Source: judgement.
+"""
 
 UNROLLED_SUM = 9
-"""A sum of at most so many terms is written term by term."""
+"""Largest number of terms for which a sum is written term by term instead of as a loop. Source:
+judgement.
+"""
 
 
 def product(work: Workspace, step: Step) -> list[str]:
-    """Write z + x y, dense or with one sparse factor."""
+    """Write z + x y, with both factors dense or one of them sparse."""
     z, x, y = (step.node.dep(i) for i in range(3))
     if not z.is_dense():
         raise CodeError("a sparse product has no C here")
@@ -68,8 +75,8 @@ def _product(left: tuple[int, ...], right: tuple[int, ...]) -> ca.Function:
 
 
 def _called(work: Workspace, step: Step, function: ca.Function) -> list[str]:
-    """z + x y by a function of its own: of its arguments, unlike of parts of scratch, C knows that
-    they do not overlap.
+    """Write z + x y as a call of a function of its own. C knows that arguments do not overlap,
+    which it does not know of parts of scratch.
     """
     written = work.written(function, True)
     work.cost.operations += written.cost.operations
@@ -92,7 +99,7 @@ def rank_one(work: Workspace, step: Step) -> list[str]:
 
 
 def dot(work: Workspace, step: Step) -> list[str]:
-    """Write the sum of products of two values' numbers."""
+    """Write the dot product of two values."""
     x, y = step.inputs
     at = work.memory.at
     dialect = work.memory.dialect
@@ -104,7 +111,7 @@ def dot(work: Workspace, step: Step) -> list[str]:
 
 
 def _dense(work: Workspace, step: Step, rows: int, inner: int, columns: int) -> list[str]:
-    """z + x y, both dense: each number of the result is one sum, those of a few columns are taken
+    """Write z + x y, both dense. Each number of the result is one sum; a few columns are summed
     together.
     """
     (_, x, y), memory = step.inputs, work.memory
@@ -142,8 +149,8 @@ def _ranges(columns: int) -> list[tuple[int, int]]:
 def _sparse_left(
     work: Workspace, step: Step, sizes: tuple[int, int, int], row: list[int], column: list[int]
 ) -> list[str]:
-    """z + x y with a sparse x, (rows, inner) times (inner, columns): each of its numbers goes with
-    a row of y.
+    """Write z + x y with a sparse x, (rows, inner) times (inner, columns): each nonzero of x is
+    multiplied by a row of y.
     """
     (rows, inner, columns), (_, x, y) = sizes, step.inputs
     at = work.memory.at
@@ -159,7 +166,7 @@ def _sparse_left(
 def _sparse_right(
     work: Workspace, step: Step, rows: int, columns: int, row: list[int], column: list[int]
 ) -> list[str]:
-    """z + x y with a sparse y: each of its numbers goes with a column of x."""
+    """Write z + x y with a sparse y: each nonzero of y is multiplied by a column of x."""
     _, x, y = step.inputs
     at = work.memory.at
     tables = work.memory.tables
@@ -173,7 +180,9 @@ def _sparse_right(
 def _sparse_right_unrolled(
     work: Workspace, step: Step, rows: int, columns: int, entries: list[tuple[int, int]]
 ) -> list[str]:
-    """z + x y with few numbers in y: each column of the result as one sum of columns of x."""
+    """Write z + x y with few nonzeros in y: each column of the result is one sum of columns of
+    x.
+    """
     _, x, y = step.inputs
     at = work.memory.at
     to, lines, zero = _begun(work, step)
@@ -193,8 +202,8 @@ def _sparse_right_unrolled(
 
 
 def _begun(work: Workspace, step: Step) -> tuple[Value, list[str], bool]:
-    """Return where a sum goes, the lines that let it begin as z, and whether z is zero and needs
-    none.
+    """Return the position of a sum, the lines of C that let it begin as z, and whether z is zero,
+    so that there are no such lines.
     """
     base = step.inputs[0]
     if base.is_zero:

@@ -1,5 +1,5 @@
-"""C of a function of scalars (SX): straight lines, one constant of C for each result; the compiler
-does the rest.
+"""C of a function of scalars (SX): straight lines with one constant of C for each result, which the
+compiler optimises.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from distal.codegen.workspace import Cost, WriteFunction, Written
 def write_scalars(
     function: ca.Function, name: str, in_place: bool, dialect: Dialect, written: WriteFunction
 ) -> Written:
-    """Return a function of scalars (SX) as C, where `written` writes those that it calls.
+    """Return a function of scalars (SX) as C. The functions that it calls are written by `written`.
 
-    In place, the first input and the first output are one array: it is read at once and written
-    last.
+    With `in_place` the first input and the first output are one array, ``state``: it is read into
+    constants first and written at the end.
     """
     arrays: dict[tuple[str, ...], str] = {}
     lines = list[str]()
@@ -70,8 +70,8 @@ def write_scalars(
 
 
 def _called(function: ca.Function, n_in: int, n_out: int) -> ca.Function:
-    """Return the function that an instruction calls: CasADi does not say which, so its shape
-    must.
+    """Return the function that an instruction calls. CasADi does not say which one it is, so it is
+    found by its numbers of inputs and outputs.
     """
     fitting = [
         called
@@ -93,8 +93,8 @@ def _call(
     arrays: dict[tuple[str, ...], str],
     kind: str,
 ) -> list[str]:
-    """Write a call; operands are gathered in arrays, which stay for later calls with the same
-    ones.
+    """Write a call. Its operands are gathered in arrays, which later calls with the same operands
+    use again.
     """
     lines = list[str]()
     addresses = list[str]()
@@ -115,7 +115,7 @@ def _call(
 
 
 def _sines_and_cosines(function: ca.Function) -> dict[int, tuple[int, int]]:
-    """Return for each sine and cosine of the same angle the instructions of both: C has one
+    """Return instruction → (sine, cosine) for each angle of which both are needed: C has one
     function for the pair.
     """
     slots: dict[int, tuple[int, int]] = {}

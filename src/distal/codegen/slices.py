@@ -1,7 +1,7 @@
-"""C of what moves numbers without changing them: inputs, constants, shapes, slices, pieces put
-together.
+"""C of instructions that move numbers without changing them: inputs, constants, changes of shape,
+slices, and joined pieces.
 
-Whatever is a run of neighbours is a view and needs no C at all; only scattered numbers are copied.
+A run of neighbouring numbers is a view and needs no C at all; only scattered numbers are copied.
 """
 
 from __future__ import annotations
@@ -17,25 +17,25 @@ from distal.codegen.workspace import Step, Workspace
 
 
 def argument(work: Workspace, step: Step) -> list[str]:
-    """See an argument, or a part of it, where the caller has it."""
+    """Let an argument, or a part of it, be a view of where the caller has it."""
     part = step.node.info()
     home = "state" if work.in_place and part["ind"] == 0 else f"a{part['ind']}"
     return _seen(work, step, Value(home, int(part["offset"]), int(step.node.nnz())))
 
 
 def constant(work: Workspace, step: Step) -> list[str]:
-    """Keep constants until they are used: then they are literals, or in a table."""
+    """Keep constants until they are used: they are then written as literals, or in a table."""
     ids = tuple(float(x) for x in step.node.to_DM().nonzeros())
     return _seen(work, step, Value(None, 0, len(ids), ids=ids))
 
 
 def shape(work: Workspace, step: Step) -> list[str]:
-    """See the same numbers in another shape."""
+    """Let a value in another shape be a view of the same numbers."""
     return _seen(work, step, step.inputs[0])
 
 
 def transpose(work: Workspace, step: Step) -> list[str]:
-    """Write the transpose of a dense matrix; a row is a column."""
+    """Write the transpose of a dense matrix; that of a row or a column is a view."""
     (value,), node = step.inputs, step.node
     rows = node.size1()
     columns = node.size2()
@@ -52,7 +52,7 @@ def transpose(work: Workspace, step: Step) -> list[str]:
 
 
 def get(work: Workspace, step: Step) -> list[str]:
-    """Write a slice: neighbours are a view, others are gathered."""
+    """Write a slice: neighbouring numbers are a view, scattered ones are gathered."""
     value = step.inputs[0]
     at = _mapping(step)
     memory = work.memory
@@ -64,7 +64,7 @@ def get(work: Workspace, step: Step) -> list[str]:
 
 
 def put(work: Workspace, step: Step) -> list[str]:
-    """Write numbers, or add them, into a slice of a value."""
+    """Write the numbers of one value into a slice of another, or add them to it."""
     values = step.inputs[1]
     at = _mapping(step)
     memory = work.memory
@@ -79,7 +79,7 @@ def put(work: Workspace, step: Step) -> list[str]:
 
 
 def join(work: Workspace, step: Step) -> list[str]:
-    """Put values side by side, or columns on top of each other."""
+    """Write values one after the other: matrices side by side, or columns on top of each other."""
     if step.node.size2() > 1 and step.operation == ca.OP_VERTCAT:
         raise CodeError("matrices on top of each other have no C here")
     to = work.placement.new(step.k, step.makes[0], int(step.node.nnz()))
@@ -92,7 +92,7 @@ def join(work: Workspace, step: Step) -> list[str]:
 
 
 def split(work: Workspace, step: Step) -> list[str]:
-    """See pieces of a value, one after the other."""
+    """Let pieces of a value, one after the other, be views of it."""
     if step.operation == ca.OP_VERTSPLIT and step.node.dep(0).size2() > 1:
         raise CodeError("matrices on top of each other have no C here")
     offset = 0
@@ -105,7 +105,7 @@ def split(work: Workspace, step: Step) -> list[str]:
 
 
 def _seen(work: Workspace, step: Step, value: Value) -> list[str]:
-    """Let the result be a view, which takes no lines."""
+    """Let the result be a view, which takes no lines of C."""
     work.placement.view(step.k, step.makes[0], value)
     return []
 

@@ -1,4 +1,4 @@
-"""What the writers of one function of matrices share, and what they leave behind."""
+"""What the writers of one function of matrices share, and what they return."""
 
 from __future__ import annotations
 
@@ -16,23 +16,28 @@ from distal.expressions import MatrixNode
 
 @dataclass
 class Cost:
-    """Arithmetic operations of a function, those of called ones included, and calls of the
-    mathematics library by name.
+    """The arithmetic operations of a function, those of the functions that it calls included, and
+    its calls of the mathematics library by name.
     """
 
     operations: int = 0
     library: Counter[str] = field(default_factory=Counter)
 
     def add(self, cost: Cost) -> None:
-        """Add the cost of a called function."""
+        """Add the cost of a called function to this one."""
         self.operations += cost.operations
         self.library.update(cost.library)
 
 
 @dataclass(frozen=True)
 class Written:
-    """A function as C: its definition as text, and what a call takes, with `scratch` numbers for
-    intermediates.
+    """A function as C.
+
+    Args:
+        name: in C.
+        text: its definition.
+        cost: of one call.
+        scratch: how many numbers its array for intermediates has.
     """
 
     name: str
@@ -42,18 +47,21 @@ class Written:
 
 
 WriteFunction = Callable[[ca.Function, bool], Written]
-"""Writes a function, in place if its first input is changed, unless it is there already."""
+"""Writes a function that has not been written yet and returns it as C; the second argument says
+whether its first input is changed in place.
+"""
 
 
 @dataclass(frozen=True)
 class Step:
-    """One instruction: what a writer turns into lines.
+    """One instruction, which a writer turns into lines of C.
 
     Args:
         k: its number.
-        operation: CasADi's number of what it does.
+        operation: CasADi's number of its operation.
         node: CasADi's expression of it.
-        makes: numbers of its results.
+        inputs: the values that it reads.
+        makes: the numbers of its results.
     """
 
     k: int
@@ -65,8 +73,8 @@ class Step:
 
 @dataclass(frozen=True)
 class Workspace:
-    """One function of matrices on its way to C; `written` writes those that it calls, `in_place` is
-    as for `Dataflow`.
+    """One function of matrices while it is written as C. The functions that it calls are written by
+    `written`; `in_place` is as for `Dataflow`.
     """
 
     flow: Dataflow
@@ -77,11 +85,13 @@ class Workspace:
     cost: Cost = field(default_factory=Cost)
 
     def step(self, k: int) -> Step:
-        """Return one instruction."""
+        """Return instruction `k`."""
         flow = self.flow
         inputs = [self.placement[number] for number in flow.reads[k]]
         return Step(k, flow.operations[k], flow.function.instruction_MX(k), inputs, flow.makes[k])
 
 
 Writer = Callable[[Workspace, Step], list[str]]
-"""Turns one instruction into lines of C; none where its result is only a view of what is there."""
+"""Turns one instruction into lines of C; there are none if its result is only a view of another
+value.
+"""

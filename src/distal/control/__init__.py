@@ -1,4 +1,4 @@
-"""A controller in the loop with a simulated rig and an estimator, and how well it keeps to its
+"""A controller in the loop with a simulated rig and an estimator, and how well a joint keeps to its
 reference.
 """
 

@@ -1,6 +1,4 @@
-"""A controller in the loop: plant, sensors, estimator and controller, one period after the
-other.
-"""
+"""A controller in the loop, period after period: plant, sensors, estimator, controller."""
 
 from __future__ import annotations
 
@@ -28,21 +26,26 @@ from distal.suggestions import did_you_mean
 from distal.units import to_si
 
 Controller: TypeAlias = Callable[[float, Mapping[str, float], Reading], Mapping[str, float]]
-"""(time [s], readings by sensor [SI], estimate) → commands by drive [N or N m]."""
+"""Function (time [s], readings by sensor [SI], estimate) → commands by drive [N or N m]."""
 
 Teller: TypeAlias = Callable[[float, Floats], Reading]
-"""(stamp [s], sample of all sensors) → what is told of the angles."""
+"""Function (stamp [s], sample of all sensors) → the estimate of the angles that the controller is
+given.
+"""
 
 ENCODER = "encoder"
+"""Name of the feedback by an encoder in the joint."""
+
 RATIO = "ratio"
-"""Feedback by an encoder in the joint, and by the displacements alone over the radii."""
+"""Name of the feedback by the displacements alone, divided by the radii."""
 
 COMMAND = "command"
-"""Feedback by `adaptive`, with the forces that the rig's inverse says for the reference beside
-those of the gains.
+"""Name of the feedback by `adaptive` with a controller that adds two forces: those that the rig's
+inverse gives for the reference, and those of the gains.
 """
 
 ENCODER_STEP = np.pi / 180.0
+"""Step of the encoder where the scenario gives none [rad]: 1°. Source: judgement."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -52,15 +55,15 @@ class ClosedLoop:
     Args:
         rig: as filters know it.
         log: what the sensors read, with the truth beside it.
-        feedback: what told the angles.
+        feedback: name of what told the controller the angles.
         time: of the calls [s], (k,).
         angles: true ones [rad], (k, n_joints).
-        estimates: what the controller was told [rad], (k, n_joints).
+        estimates: angles that the controller was told [rad], (k, n_joints).
         stds: standard deviations of their errors, as told [rad], (k, n_joints).
         commands: by drive [N or N m], (k,) each.
-        references: desired angles by joint [rad], (k,) each; empty where the controller has
-            its own.
-        held: when the shipped controller held its last commands.
+        references: desired angles by joint [rad], (k,) each; empty where the controller has its
+            own.
+        held: times in which the shipped controller held its last commands.
     """
 
     rig: Rig
@@ -90,9 +93,9 @@ def simulate(
     """Simulate a scenario on a rig and return what its sensors read, with the truth beside it.
 
     The plant is `rig` with the scenario's ``[plant]`` values. It starts at rest, its drives in
-    equilibrium. All sensors of the rig are sampled at their own rates; where one has no value at a
-    stamp of another, it is NaN. A controller is called every period with what has been read and
-    estimated by then; its commands act one period later.
+    equilibrium. All sensors of the rig are sampled at their own rates; a sensor without a value at
+    the stamp of another one is NaN there. A controller is called every period with what has been
+    read and estimated by then; its commands act one period later.
 
     Args:
         rig: as filters know it; or a shipped rig's name, or a path.
@@ -100,9 +103,9 @@ def simulate(
             used where there is no `controller`.
         seed: of the sensors' errors; the same seed gives the same log.
         controller: (time, measured, estimate) → commands by drive.
-        period: between its calls, seconds or a text with a unit.
-        estimator: whose reading it gets: a name, "encoder" or "ratio"; default that of
-            ``[control]``, else adaptive.
+        period: time between two calls of the controller, seconds or a text with a unit.
+        estimator: what tells the controller the angles: an estimator's name, "encoder" or "ratio";
+            default that of ``[control]``, else adaptive.
 
     Returns:
         log: channels by sensor name; truth holds ``theta`` [rad], ``external_torque`` [N m] and, by
@@ -130,11 +133,11 @@ def closed_loop(
     period: float | str | None = None,
     feedback: str | None = None,
 ) -> ClosedLoop:
-    """Run a controller on a simulated rig; see `simulate`. What is not given is that of the
-    scenario's ``[control]``.
+    """Run a controller on a simulated rig and return what the rig did; see `simulate`.
 
-    A feedback is "encoder", "ratio", "command" or an estimator's name, a period seconds or a text
-    with a unit.
+    Controller, period and feedback are by default those of the scenario's ``[control]``. A feedback
+    is "encoder", "ratio", "command" or an estimator's name; a `period` is seconds or a text with a
+    unit.
 
     Raises:
         ScenarioError: the scenario does not fit the rig, or the motion left all bounds.
@@ -175,8 +178,8 @@ def _by_calls(plant: ControlledPlant, feedback: str, seed: int) -> ClosedLoop:
 
 
 def _by_scan(plant: ControlledPlant, feedback: str, seed: int) -> ClosedLoop | None:
-    """Return the same from one scan; None where sensors are not all read once a period, or an angle
-    was not known.
+    """Return the loop of the shipped controller from one scan; None where the sensors are not all
+    read once a period, or an angle was not always known.
     """
     rig = plant.rig
     period = plant.period
@@ -204,8 +207,8 @@ def _by_scan(plant: ControlledPlant, feedback: str, seed: int) -> ClosedLoop | N
 
 
 def _is_plain(estimator: KernelEstimator, period: float) -> bool:
-    """Return whether an estimator's angles are those of its filter, and a period is one of its
-    intervals.
+    """Return whether an estimator's angles are states of its filter, and its interval is one
+    period.
     """
     return (
         estimator.has_kernel
@@ -222,11 +225,11 @@ def run_controller(
     *,
     encoder_step: float = ENCODER_STEP,
 ) -> ClosedLoop:
-    """Run a controller on a plant that steps, this package's or another simulator's, until that has
-    finished.
+    """Run a controller on a plant that steps, of this package or of another simulator, until the
+    plant has finished; return what the rig did.
 
-    Feedback "encoder" is by an encoder in the joint with `encoder_step` [rad]; others are as for
-    `closed_loop`.
+    The feedback "encoder" is an encoder in the joint with steps of `encoder_step` [rad]; "ratio"
+    and estimators' names are as for `closed_loop`.
 
     Raises:
         ControlError: the controller failed, or asked for what is not possible.
@@ -238,7 +241,7 @@ def run_controller(
 def _run(
     plant: SteppedPlant, controller: Controller, tell: Teller, feedback: str, seed: int
 ) -> ClosedLoop:
-    """Return the loop of a controller with what tells it the angles."""
+    """Return the loop of a controller that is told the angles by `tell`."""
     rows = list[tuple[float, Floats, Reading, Mapping[str, float]]]()
     measured = dict[str, float]()
     reading = None
@@ -303,7 +306,9 @@ def _check_joints(rig: Rig, controlled: Mapping[str, object]) -> None:
 
 
 def _encoder(plant: SteppedPlant, step: float) -> Teller:
-    """Return (stamp, sample) → what encoders of the true angles say, with a step [rad]."""
+    """Return the function (stamp, sample) → the reading of encoders of the true angles, with a step
+    [rad].
+    """
 
     def tell(stamp: float, values: Floats) -> Reading:
         angles = quantised_values(plant.angles, step)
@@ -318,7 +323,7 @@ def _encoder(plant: SteppedPlant, step: float) -> Teller:
 
 
 def _estimator(rig: Rig, name: str) -> Teller:
-    """Return (stamp, sample) → what an estimator makes of the sensors' values."""
+    """Return the function (stamp, sample) → an estimator's reading of the angles."""
     monitor = Monitor(LiveEstimator(rig, _estimator_name(name)))
     at = [rig.sensor_names.index(channel) for channel in monitor.channels]
     return lambda stamp, values: monitor.take(stamp, values[at])

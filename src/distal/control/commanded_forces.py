@@ -1,5 +1,5 @@
-"""The rig's inverse as a controller: forces for the reference's own motion, and those of the gains
-for what is left.
+"""The rig's inverse as a controller: it adds the forces that the reference's own motion needs and
+those of the gains for the remaining error.
 """
 
 from __future__ import annotations
@@ -15,17 +15,19 @@ from distal.run import Reading
 from distal.simulation import JointControl
 
 KEPT = 0.75
-"""Share of the co-contraction below which no tension falls: a torque may take the rest of it."""
+"""Share of the co-contraction below which no tension falls; a torque may use the rest. Source:
+judgement.
+"""
 
 
 class CommandedForces:
-    """`LiveInverse` for drives that follow forces: its own filter tells the angles, so that it runs
-    once.
+    """A controller by `LiveInverse` for drives that follow forces. The inverse has a filter of its
+    own, which also tells the angles, so that no second one runs.
 
     Args:
-        joints: reference and gains by joint; others stay where they are.
-        co_contraction: tension of all tendons without a torque [N]; a share of it, `KEPT`, stays in
-            each.
+        joints: reference and gains by joint; other joints stay where they are.
+        co_contraction: tension of all tendons without a torque [N]; each tendon keeps at least the
+            share `KEPT` of it.
     """
 
     def __init__(self, rig: Rig, joints: Mapping[str, JointControl], co_contraction: float) -> None:
@@ -50,8 +52,8 @@ class CommandedForces:
         self._forces: Floats = np.zeros(len(self._drives))
 
     def tell(self, stamp: float, values: Floats) -> Reading:
-        """Return what the filter makes of the `values` of all sensors at a `stamp` [s], and find
-        the commands for it.
+        """Return the filter's estimate from the `values` of all sensors [SI] at a `stamp` [s], and
+        compute the forces to be commanded.
         """
         desired = {
             name: float(one.reference.at(np.array([stamp]))[0])
@@ -64,5 +66,8 @@ class CommandedForces:
     def __call__(
         self, time: float, measured: Mapping[str, float], estimate: Reading
     ) -> dict[str, float]:
-        """Return the drives' forces at a time [s], by drive."""
+        """Return the forces by drive that `tell` has computed last [N or N m]. The arguments are
+        those of every controller: the `time` [s], what is `measured`, and the estimate; they are
+        not used.
+        """
         return dict(zip(self._drives, self._forces.tolist()))

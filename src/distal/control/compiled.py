@@ -1,8 +1,8 @@
-"""The loop of plant, sensors, filter and PID as one kernel: a closed loop is then one call of a
+"""The loop of plant, sensors, filter and PID as one kernel, so that a closed loop is one call of a
 scan.
 
-The same equations as `ControlledPlant`, `SensorErrors` and `PID`, for rigs whose sensors are all
-read once a period.
+It has the equations of `ControlledPlant`, `SensorErrors` and `PID`, and is for rigs whose sensors
+are all read once a period.
 """
 
 from __future__ import annotations
@@ -34,14 +34,16 @@ from distal.simulation.readings import Readings, reading_function
 
 @dataclass(frozen=True)
 class LoopShape:
-    """What decides the loop's kernel beside its functions.
+    """All that decides the kernel of a closed loop.
 
     Args:
+        plant: equations of the plant.
         rig: as filters and the controller know it.
-        count: the plant's sub-steps in an interval, of which a period has so many `intervals`.
+        count: number of sub-steps in an interval of the plant.
+        intervals: number of the plant's intervals in a period.
         controlled: indices of the joints that are controlled.
-        filter: (kernel_state, x, p) → (kernel_state⁺, y) with so many `states`; None for an
-            encoder.
+        filter: (kernel_state, x, p) → (kernel_state⁺, y); None for an encoder.
+        states: number of the filter's states.
         read: indices of the sensors that the filter reads.
     """
 
@@ -56,7 +58,7 @@ class LoopShape:
 
     @property
     def kernel_state(self) -> Layout:
-        """Layout of the kernel state."""
+        """Layout of the loop's kernel state."""
         nj = len(self.rig.joints)
         nd = len(self.rig.drives)
         pid = memory_layout(self.rig).size
@@ -69,7 +71,7 @@ class LoopShape:
 
     @property
     def x(self) -> Layout:
-        """Layout of a sample: what the scenario does in each interval, the draws of the noise, the
+        """Layout of a sample: the plant's inputs in each interval, the draws of the noise, the
         references.
         """
         ns = len(self.plant.rig.sensors)
@@ -81,7 +83,7 @@ class LoopShape:
 
     @property
     def p(self) -> Layout:
-        """Layout of the numbers."""
+        """Layout of the loop's parameters."""
         nd = len(self.rig.drives)
         ns = len(self.plant.rig.sensors)
         return Layout(
@@ -96,8 +98,8 @@ class LoopShape:
 
     @property
     def y(self) -> Layout:
-        """Layout of the output: the plant's, the readings, the commands that were asked for, the
-        angles told after.
+        """Layout of an output: the plant's output, the readings, the commands that were asked for,
+        and the angles that are told afterwards, with their stds.
         """
         n = self.plant.n_bodies
         nj = len(self.rig.joints)
@@ -110,7 +112,7 @@ class LoopShape:
 
 @lru_cache(maxsize=8)
 def loop_kernel(shape: LoopShape) -> Kernel:
-    """Return the kernel of a loop, one sample for each period."""
+    """Return the kernel of a closed loop, with one sample for each period."""
     kernel_state_of = shape.kernel_state
     x_of = shape.x
     p_of = shape.p
@@ -169,10 +171,14 @@ def loop_kernel(shape: LoopShape) -> Kernel:
 
 @dataclass(frozen=True)
 class Scanned:
-    """A closed loop from one scan; rows are periods.
+    """A closed loop from one scan, with a row for each period.
 
-    There are the plant's motion at their beginnings, and all sensors' readings then [SI]. Estimates
-    and their stds are what the controller was told [rad], commands what it asked for [N or N m].
+    Args:
+        motion: of the plant, at the periods' beginnings.
+        readings: of all sensors, at the periods' beginnings [SI].
+        estimates: angles that the controller was told [rad].
+        stds: standard deviations of their errors, as told [rad].
+        commands: that the controller asked for [N or N m].
     """
 
     motion: PlantMotion
@@ -185,11 +191,11 @@ class Scanned:
 def scan_loop(
     controlled: ControlledPlant, errors: SensorErrors, estimator: KernelEstimator | None
 ) -> Scanned | None:
-    """Return the closed loop of a scenario's ``[control]`` by one scan; None where the angle was
-    not always known.
+    """Return the closed loop of a scenario's ``[control]`` by one scan, or None if an angle was not
+    always known.
 
-    All sensors are read once a period, with `errors`; the filter is `estimator`, None for encoders
-    in the joints.
+    All sensors are read once a period, with `errors`. The filter is that of `estimator`; None
+    stands for encoders in the joints.
 
     Raises:
         ScenarioError: the motion left all bounds.

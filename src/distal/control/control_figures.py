@@ -1,4 +1,4 @@
-"""One figure of a joint that is controlled by several feedbacks."""
+"""A figure that compares several feedbacks in the control of one joint."""
 
 from __future__ import annotations
 
@@ -25,18 +25,19 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_LIMIT = 3.0
-"""The axis of deviations ends at this many times those of the best run: one that is lost leaves it.
+"""End of the axis of deviations, as a multiple of the best run's; a run that is lost leaves the
+axis. Source: layout.
 """
 
 
 def plot_control(
     runs: Sequence[ClosedLoop], path: str | Path | None = None, joint: str | None = None
 ) -> Figure:
-    """Draw reference and true angle for each feedback, what the first estimate told and its band,
-    and the commands.
+    """Draw the reference and, for each feedback, the true angle, its deviation and a command; also
+    the error of the first estimator with its 95 % band.
 
-    The `runs` are of one scenario with different feedbacks; `joint` is by default the first that is
-    controlled.
+    The `runs` are of one scenario with different feedbacks; the `joint` is by default the first one
+    that is controlled.
     """
     first = runs[0]
     name = joint or next(iter(first.references))

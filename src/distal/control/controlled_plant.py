@@ -1,4 +1,4 @@
-"""A simulated plant that a controller drives: it goes on by one period at a time and says what its
+"""A simulated plant that a controller drives: it goes on by one period at a time and gives what its
 sensors read.
 """
 
@@ -35,11 +35,11 @@ from distal.simulation.simulate import SIMULATED, prepare, stamps_of, true_motio
 from distal.suggestions import did_you_mean
 
 SHORTEST_PERIOD = 1e-4
-"""No controller of a tendon is called more often [s]."""
+"""Shortest period between two commands of a controller [s]. Source: judgement."""
 
 
 class SteppedPlant(Protocol):
-    """What a controller may drive: period after period, with what the rig's sensors read."""
+    """What a plant must offer to be driven by a controller, period after period."""
 
     @property
     def rig(self) -> Rig:
@@ -51,7 +51,7 @@ class SteppedPlant(Protocol):
 
     @property
     def finished(self) -> bool:
-        """Whether there is no further period."""
+        """Whether the plant has no further period."""
 
     @property
     def angles(self) -> Floats:
@@ -61,8 +61,8 @@ class SteppedPlant(Protocol):
         """Go back to the start and return the samples at time zero."""
 
     def step(self, commands: Mapping[str, float]) -> list[tuple[float, Floats]]:
-        """Go on by one period and return the samples in it: stamps [s], values in the order of the
-        rig's sensors [SI].
+        """Go on by one period with the `commands` by drive [N or N m]. Return the samples in it:
+        stamps [s], and values in the order of the rig's sensors [SI].
         """
 
     def log(self) -> Log:
@@ -70,12 +70,12 @@ class SteppedPlant(Protocol):
 
 
 class ControlledPlant:
-    """A scenario on a rig whose drives a controller commands: `reset`, then `step` period after
-    period [s].
+    """A scenario on a rig whose drives a controller commands: call `reset`, then `step` for each
+    `period` [s].
 
     A command is a force of a slider [N] or a torque of a capstan [N m]; it is added to what the
-    scenario does. It is cut at the drive's `limit`, follows with its `lag`, and no slider pushes
-    its tendons.
+    scenario does. The drive's `limit` cuts it and the drive follows it with its `lag`. A negative
+    command of a slider counts as zero, since it cannot push its tendons.
 
     Raises:
         ControlError: the period is too short, or longer than the scenario.
@@ -113,13 +113,12 @@ class ControlledPlant:
         self.reset()
 
     def of_plant(self, values: Mapping[str, object]) -> ControlledPlant:
-        """Return the same scenario with another plant that differs in its numbers alone: kernel and
-        interval are shared.
-
-        It begins with its `reset`.
+        """Return the same scenario with another plant, which differs in its numbers alone; both
+        share kernel and interval. Call its `reset` before its first `step`.
 
         Args:
-            values: path → value [SI or text]; those of ``[plant]`` go before them.
+            values: path → value [SI or text] of the plant; the scenario's ``[plant]`` wins over
+                them.
 
         Raises:
             ScenarioError: a value does not exist or is wrong, or a drive has no equilibrium.
@@ -139,8 +138,8 @@ class ControlledPlant:
         return other
 
     def errors(self, seed: int) -> SensorErrors | None:
-        """Return the errors of all sensors in a run; None where they are not all read once a
-        period, at once.
+        """Return the errors of all sensors in the run of a seed; None where the sensors are not all
+        read once a period, without delay and lag.
         """
         fits = len(self._all_rows) % self._per_period == 0
         groups = errors_by_rate(self.plant.rig, seed)
@@ -179,10 +178,10 @@ class ControlledPlant:
 
     def step(self, commands: Mapping[str, float]) -> list[tuple[float, Floats]]:
         """Go on by one period and return the samples in it: their stamps [s] and the sensors'
-        values [SI], NaN where none.
+        values [SI], NaN for a sensor without one.
 
         Args:
-            commands: by drive; one that is missing stays without a command.
+            commands: by drive [N or N m]; a drive that is missing gets none.
 
         Raises:
             ControlError: there is no such drive, a command is no number, or the scenario is over.
@@ -269,21 +268,23 @@ class _Rate:
         self._delays = np.array([sensor.delay for sensor in sensors])
 
     def true(self, y: Floats, stamp: float, dt: float) -> Floats:
-        """Return what there is to measure at a stamp; between two intervals it is a line."""
+        """Return what the sensors measure at a stamp, each after its delay; between two intervals
+        the motion is a straight line.
+        """
         position = np.maximum(stamp - self._delays, 0.0) / dt
         before = np.minimum((position + 1e-6).astype(np.intp), len(y) - 1)
         after = np.minimum(before + 1, len(y) - 1)
         share = position - before
         share[share < 1e-6] = 0.0
-        # each sensor has a row of its own, by its delay
+        # each sensor reads in its own row, since each has its own delay
         early, late = (np.diagonal(self._readings.at(y[rows])) for rows in (before, after))
         readings: Floats = early + share * (late - early)
         return readings
 
 
 def drive_parameters(rig: Rig, dt: float) -> Floats:
-    """Return of each drive the share of a command that an interval `dt` [s] brings, and its bounds,
-    (3, n_drives).
+    """Return three numbers of each drive, (3, n_drives): the share of a change of its command that
+    it follows within an interval `dt` [s], and the lowest and highest command.
     """
     shares = [1.0 - exp(-dt / drive.lag) if drive.lag > 0.0 else 1.0 for drive in rig.drives]
     high = [min(inf if drive.limit is None else drive.limit, UNBOUNDED) for drive in rig.drives]

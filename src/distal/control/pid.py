@@ -1,5 +1,5 @@
-"""A PID controller of joints' angles, whose torques become commands of the drives by the moment
-arms.
+"""A PID controller of joints' angles. The moment arms turn its torques into commands of the
+drives.
 """
 
 from __future__ import annotations
@@ -19,27 +19,31 @@ from distal.run import LOST, Reading
 from distal.simulation import JointControl
 
 SMOOTHED = 0.3
-"""Share of a new difference in the speed that damps: an encoder's steps are spread over about three
-periods.
+"""Share with which a new difference of the angle enters the smoothed speed of k_d: an encoder's
+steps are spread over about three periods. Source: judgement.
 """
 
 LEAVES = 2.0
-"""A joint that rests within its dead band rests until its error is so many times as large."""
+"""Error at which a joint that rests in its dead band moves again, as a multiple of the band.
+Source: judgement.
+"""
 
 RIDGE = 1e-12
-"""Added to A Aᵀ, as a share of its trace, so that it can be inverted."""
+"""Number that is added to the diagonal of A Aᵀ, as a share of its trace, so that A Aᵀ can be
+inverted. Source: rounding (a singular matrix).
+"""
 
 GAINS = ("proportional", "integral", "derivative", "deadband", "torque_limit")
-"""Numbers of a joint's controller, in their order."""
+"""Names of the numbers of a joint's controller, in their order."""
 
 UNBOUNDED = 1e300
-"""Stands for no limit."""
+"""Number that stands for no limit. Source: definition (larger than every limit)."""
 
 
 @dataclass(frozen=True)
 class Held:
-    """A time [s] in which the last commands were held since the angle was not known, and what the
-    estimate said of it.
+    """A time from `begin` to `end` [s] in which the last commands were held because the angle was
+    not known; `why` is the reason that the estimate gave.
     """
 
     begin: float
@@ -52,12 +56,13 @@ class Held:
 
 
 def allocated(mechanism: Mechanism, angles: Vector, torques: Vector, tension: Vector) -> Vector:
-    """Return drives' commands for torques on joints: T = c + (Aᵀ)⁺ τ with the joints' moment arms
-    A, U = (∂ℓ/∂s)ᵀ T.
+    """Return the drives' commands U = (∂ℓ/∂s)ᵀ T for torques on the joints, with the tensions T = c
+    + (Aᵀ)⁺ τ by the joints' moment arms A.
 
-    c is a constant tension without any torque, raised together where a slider's tendon would
-    otherwise have to push: that of all tendons is `tension` [N] as far as it makes none. Joints are
-    at `angles` [rad], (n_joints,), with `torques` τ [N m].
+    The constant tensions c make no torque: they are `tension` [N] in all tendons, less the part
+    that would make one. They are raised by a common factor where otherwise a slider's tendon would
+    have to push. The joints are at `angles` [rad], (n_joints,), and need the `torques` τ [N m],
+    (n_joints,).
     """
     rig = mechanism.rig
     nj = mechanism.n_joints
@@ -81,19 +86,19 @@ def allocated(mechanism: Mechanism, angles: Vector, torques: Vector, tension: Ve
 
 
 def memory_layout(rig: Rig) -> Layout:
-    """Return the layout of what a PID remembers."""
+    """Return the layout of the vector that a PID remembers."""
     n = len(rig.joints)
     return Layout(integral=n, speed=n, last=n, rests=n, begun=1, commands=len(rig.drives))
 
 
 def pid_function(rig: Rig, controlled: tuple[int, ...]) -> ca.Function:
-    """Return (angles, stds, memory, reference, gains, period, tension, p) → memory⁺ of a PID, its
-    commands among it.
+    """Return the function (angles, stds, memory, reference, gains, period, tension, p) → memory⁺ of
+    a PID, whose commands are a part of its memory.
 
-    τ = k_p e + k_i ∫ e dt − k_d ω with e = 0 in the dead band, which ends stick–slip
-    (Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30, 1994), cut at the joint's
-    `torque_limit`; the integral stands while it is cut. Nothing changes while an angle is not
-    known.
+    The torques are τ = k_p e + k_i ∫ e dt − k_d ω, cut at each joint's `torque_limit`; the integral
+    stands still while they are cut. In the dead band e = 0, which ends stick–slip
+    (Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30, 1994). Nothing changes while an
+    angle is not known. `controlled` are the indices of the joints that have a reference.
     """
     mechanism = Mechanism(rig)
     nj = len(rig.joints)
@@ -130,7 +135,7 @@ def pid_function(rig: Rig, controlled: tuple[int, ...]) -> ca.Function:
 
 
 def pid_gains_of(joints: Mapping[str, JointControl]) -> Floats:
-    """Return the gains of some joints, (5, n), in the order of `GAINS`."""
+    """Return the gains of some joints, (5, n), in the order of `GAINS`; no limit is `UNBOUNDED`."""
     columns = [[getattr(joint, name) for name in GAINS] for joint in joints.values()]
     return np.array(
         [[UNBOUNDED if gain is None else gain for gain in column] for column in columns]
@@ -138,12 +143,15 @@ def pid_gains_of(joints: Mapping[str, JointControl]) -> Floats:
 
 
 class PID:
-    """A PID controller of the angles of some joints (`pid_function`); a callable for `simulate` and
+    """A PID controller of the angles of some joints (`pid_function`), a callable for `simulate` and
     `closed_loop`.
 
-    It has reference and gains of joints by their names, is called every `period` [s], and adds
-    `co_contraction` [N], see `allocated`. Without an angle, or with one that is not known, it holds
-    its last commands and says so in `held`.
+    While an angle is missing or not known it holds its last commands and notes that in `held`.
+
+    Args:
+        joints: reference and gains by joint.
+        period: time between two calls [s].
+        co_contraction: tension of all tendons without a torque [N]; see `allocated`.
     """
 
     def __init__(
@@ -161,15 +169,17 @@ class PID:
         self.held: tuple[Held, ...] = ()
 
     def part(self, name: str) -> Floats:
-        """Return a part of what it remembers: "integral" [N m], "speed" [rad/s], "rests",
-        "commands".
+        """Return a part of what the controller remembers, such as "integral" [N m], "speed"
+        [rad/s], "rests" or "commands".
         """
         return self._layout.view(self.memory, name)
 
     def __call__(
         self, time: float, measured: Mapping[str, float], estimate: Reading
     ) -> dict[str, float]:
-        """Return the drives' commands at a time [s]; what is measured is not used."""
+        """Return the commands by drive at a `time` [s] from the `estimate`. What is `measured` is
+        not used.
+        """
         if estimate.unusable:
             self._hold(time, estimate.unusable)
         else:

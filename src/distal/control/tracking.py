@@ -12,22 +12,30 @@ from distal.arrays import Floats
 from distal.control.closed_loop import ClosedLoop
 
 SETTLED = float(np.deg2rad(2.0))
-"""A joint has settled where it stays within this of its reference: 5 % of a step of 40° [rad]."""
+"""Largest deviation of a joint that has settled from its reference [rad]: 5 % of a step of 40°.
+Source: judgement.
+"""
 
 HUNTS = float(np.deg2rad(0.3))
+"""Motion above which a joint hunts although all references are constant [rad]. Source:
+judgement.
+"""
+
 FOR = 2.0
-"""A joint that moves by more than this [rad] in the last seconds of a reference that is constant
-for so long [s] hunts.
+"""Time over which this motion is measured, at the end of a part in which references are constant
+[s]. Source: judgement.
 """
 
 LONG_ENOUGH = 1.0
-"""A reference that is constant for less than this says nothing of settling [s]."""
+"""Shortest time for which a reference must be constant to say how a joint settles [s]. In the
+search for hunting, the same time at the begin of a constant part is left out. Source: judgement.
+"""
 
 
 @dataclass(frozen=True)
 class Hunting:
-    """A limit cycle: a joint that moves so far [rad] between two times [s] although its reference
-    is constant.
+    """A limit cycle: a joint whose angle varies by `motion` [rad] between two times [s] although
+    the references are constant.
     """
 
     joint: str
@@ -41,13 +49,13 @@ class Tracking:
     """How one joint keeps to its reference.
 
     Args:
-        rms: of the true angle's distance from the reference [rad].
+        rms: of the true angle's deviation from the reference [rad].
         overshoot: largest motion beyond a reference that has become constant, in the direction in
-            which it came [rad]; NaN where none has.
+            which the reference came [rad]; NaN where no reference has.
         settling: longest time until the angle stays within 2° of a constant reference [s]; infinite
-            where one is never reached, NaN where none is constant.
+            where it does not, NaN where no reference is constant.
         effort: RMS of all commands [N or N m].
-        estimate_rms: of the error of the angle that the controller was told [rad].
+        estimate_rms: RMS error of the angle that the controller was told [rad].
         hunting: limit cycles.
     """
 
@@ -64,7 +72,8 @@ def trackings_of(run: ClosedLoop) -> tuple[Tracking, ...]:
     """Return how each controlled joint that has a reference keeps to it."""
     names = run.rig.joint_names
     effort = float(np.sqrt(np.mean([np.mean(commands**2) for commands in run.commands.values()])))
-    # a joint that another one shakes does not hunt
+    # hunting is looked for where all references are constant: a joint that another one shakes does
+    # not hunt
     still = constant_parts(run.time, *run.references.values())
     trackings = []
     for name, reference in run.references.items():
@@ -89,8 +98,8 @@ def trackings_of(run: ClosedLoop) -> tuple[Tracking, ...]:
 
 
 def constant_parts(time: Floats, *references: Floats) -> list[tuple[int, int]]:
-    """Return begins and ends (indices, the end excluded) of the parts of `time` in which references
-    rest for a second.
+    """Return (begin, end), indices with the end excluded, of the parts of `time` in which all
+    `references` are constant for at least `LONG_ENOUGH`.
     """
     moves = [np.abs(np.diff(reference)) > 1e-9 for reference in references]
     changes = np.flatnonzero(np.any(moves, axis=0)) + 1
@@ -101,8 +110,8 @@ def constant_parts(time: Floats, *references: Floats) -> list[tuple[int, int]]:
 def _step(
     time: Floats, reference: Floats, angle: Floats, begin: int, end: int
 ) -> tuple[float, float]:
-    """Return overshoot [rad] and settling time [s] at a constant reference; infinite where it is
-    not reached.
+    """Return overshoot [rad] and settling time [s] at a constant reference; the time is infinite
+    where the joint does not settle.
     """
     error = angle[begin:end] - reference[begin]
     way = np.sign(reference[begin] - (reference[begin - 1] if begin else angle[0]))

@@ -1,4 +1,6 @@
-"""Self-diagnosis: what was tested, what disagrees, and what no sensor there can test."""
+"""Diagnosis of an estimate: what was tested, what disagrees, and what no sensor in the log can
+test.
+"""
 
 from distal.diagnosis.channel_statistics import LARGE_RATIO
 from distal.diagnosis.diagnose import diagnose, why_diverged

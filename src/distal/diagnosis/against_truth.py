@@ -1,5 +1,5 @@
-"""What a known truth says of an estimate, and the likeliest causes where its band does not hold the
-truth.
+"""Findings by a reference angle: whether the band of an estimate contains it, and the likeliest
+causes if not. The reference angle of a log counts as the truth here.
 """
 
 from __future__ import annotations
@@ -21,41 +21,54 @@ from distal.results import Estimate
 from distal.rig import Rig
 
 LEAST_INSIDE = 0.85
-"""Share of the samples of all joints with a truth that a band has to hold; below it the truth
-contradicts.
+"""Share of the samples of all joints inside the band, below which the truth contradicts the
+estimate [1]. Source: judgement.
 """
 
 LEAST_OF_JOINT = 0.7
-"""The same of one joint: its errors last, so one of three rigs drawn from their stds had a joint at
-0.73 to 0.84.
+"""Share of the samples of one joint inside the band, below which the truth contradicts the estimate
+[1]. Errors of a joint last: one of three rigs that were drawn from their stds had a joint at 0.73
+to 0.84. Source: judgement.
 """
 
 SHARE = 0.25
-"""A cause explains something if it moves the angle by this share of the error."""
+"""Motion of the angle by a cause, as a share of the error, from which on the cause explains
+something [1]. Source: judgement.
+"""
 
 NOISE = 0.3
-"""An RMS error above this share of the band's half-width, which is 0.51 if all of the band is used,
-has a cause.
+"""RMS error, as a share of the band's half-width, from which on a cause is looked for [1]; a
+correct band has 0.51.
 
-Right numbers in the rig file gave up to 0.29, numbers wrong by a factor of 0.5 to 2 inside of the
-band 0.28 to 0.75.
+Rigs with right parameters had up to 0.29. Rigs with parameters wrong by a factor of 0.5 to 2, whose
+errors were inside the band, had 0.28 to 0.75. Source: judgement.
 """
 
 MUCH = 0.5
-"""A cause inside of the band is sure where the filter errs by less than this share without it."""
+"""RMS error without a cause, as a share of that with it, below which the cause is named inside the
+band [1]. Source: judgement.
+"""
 
 LOST = float(np.deg2rad(10.0))
-"""A filter that errs by more [rad] is lost: what led it there may be smaller than its error."""
+"""Error from which on a filter is lost [rad]: what led it there may be smaller than its error.
+Source: judgement.
+"""
 
 
 def against_truth(
     result: Estimate, log: Log, rig: Rig, rerun: Callable[[], Rerun] | None = None
 ) -> list[Finding]:
-    """Return what speaks against an estimate's band, or for an error inside of it, after or before
-    its likeliest causes.
+    """Return what the reference angles say against an estimate: that its band does not contain
+    them, or that its error inside the band has a cause.
 
-    Inside of the band a cause is named where the filter, run again without it by `rerun`, errs by
-    half as much.
+    The likeliest causes come before the first, and after the second. Inside the band a cause is
+    named only if the filter, run again without it, has less than `MUCH` of the error.
+
+    Args:
+        result: the estimate, with reference angles; without them nothing is found.
+        log: of the estimate.
+        rig: of the estimate.
+        rerun: gives the filter over the log again; None where causes are not tried.
     """
     if result.truths is None:
         return []
@@ -89,17 +102,21 @@ def against_truth(
 
 
 def causes(log: Log, rig: Rig, error: float, *, beyond: bool = False) -> list[Finding]:
-    """Return what would explain an `error` of the angle [rad], the likeliest first; nothing where
-    no truth is known.
+    """Return what would explain an error of the angle, the likeliest first; nothing where no
+    reference angle is known.
 
-    Of all causes, or only of those `beyond` what the rig's own stds allow.
+    Args:
+        log: with reference angles.
+        rig: of the log.
+        error: of the angle [rad].
+        beyond: only causes that go beyond what the rig's own stds allow.
     """
     return _named([cause for cause in _likeliest(log, rig, error) if cause.beyond or not beyond])
 
 
 def _named(found: Sequence[Cause]) -> list[Finding]:
-    """Return the first causes in words; several drives with one cause, such as a gear written for
-    all, are one line.
+    """Return the first causes in words; drives with the same cause, such as a wrong gear, share one
+    finding.
     """
     named: dict[str, list[str]] = {}
     for cause in found:
@@ -117,8 +134,8 @@ def _likeliest(log: Log, rig: Rig, error: float) -> list[Cause]:
 
 
 def _of_drives(log: Log, rig: Rig, of_drive: Callable[[DriveResidual], list[Cause]]) -> list[Cause]:
-    """Return the causes of what the position of each drive leaves beside the truth, and columns
-    that may be exchanged; nothing where no truth is known.
+    """Return the causes of what remains of the position of each drive beside the reference angles,
+    and columns that may be exchanged; nothing where no reference angle is known.
     """
     angles = true_angles(log, rig.joint_names)
     if angles is None:

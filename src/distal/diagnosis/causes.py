@@ -1,11 +1,12 @@
-"""Causes of an error at one drive, beside a known truth, and which of them explains most.
+"""Causes of an error at one drive, found with reference angles, and which of them explains most.
 
-With the joints' true angles a drive's position needs no filter: s = σ (Σ_j c_j g_j(θ_j) + c_F F/K −
-F_0/K) + a + f d − τ ds/dt, with g_j the position that joint j alone asks of the drive, F its
-measured pull, F_0 that of pre-tension, K its tendons' stiffness, d the direction of motion. A rig
-that is right has σ = c = 1, a = τ = 0. All of these are estimated together with the rig's own stds
-as priors (ridge regression). A cause is a change that frees one of them from its prior; the
-likeliest is that of the largest gain in ln p.
+With the joints' true angles the position of a drive needs no filter:  s = σ (Σ_j c_j g_j(θ_j) + c_F
+F/K − F_0/K) + a + f d − τ ds/dt.  Here g_j is the position that joint j alone asks of the drive, F
+its measured pull, F_0 the pull of pre-tension, K its tendons' stiffness, and d the direction of
+motion. A right rig has the scale σ = 1, the factors c = 1, the zero a = 0 and the delay τ = 0; f is
+friction. All of these are estimated together, with the rig's own stds as priors (ridge regression).
+A cause is one of these changes, freed from its prior; the likeliest cause has the largest gain in
+ln p.
 """
 
 from __future__ import annotations
@@ -23,42 +24,50 @@ from distal.diagnosis.rerun import ModelChange
 from distal.rig import Sensor
 
 BEYOND = 3.0
-"""A change of so many of the rig's own stds contradicts the rig, even where a wide band holds the
-truth.
+"""Change, in the rig's own stds, from which on it contradicts the rig, even where a wide band
+contains the truth [1]. Source: judgement.
 """
 
 LEAST_GAIN = 2.0
-"""A cause gains so much in −2 ln p where the truth contradicts, so that something is wrong (Kass
-and Raftery, J. American Statistical Association 90, 1995: above 2 is positive evidence).
+"""Least gain in −2 ln p of a cause, where the truth contradicts, so that something is wrong [1].
+Source: reference (Kass and Raftery, J. American Statistical Association 90, 1995: above 2 is
+positive evidence).
 """
 
 SIGN_OF_FORCE = 10.0
-"""A pull that rises with the angle goes with it as a gear does: its sign has to gain so many times
-as much.
+"""Factor by which the gain of a wrong sign of a force has to be larger [1]: a pull that rises with
+the angle looks like a gear. Source: judgement.
 """
 
 ALIKE = 0.15
-"""A factor as near to that of a unit, as logarithms, is that unit."""
+"""Difference of the logarithms of a factor and that of a unit, below which the factor is that unit
+[1]. Source: judgement.
+"""
 
 MOST = 2
-"""So many causes are named."""
+"""Number of causes that are named. Source: layout."""
 
 
 ROUNDS = 8
-"""So often priors and what is left are weighed anew."""
+"""Number of rounds in which the variance of the residual, and with it the weight of the priors, is
+found. Source: judgement.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Cause:
-    """What would explain an error: a `change` of a `subject`, whose column has some `values`, and
-    what it does.
+    """A change of a sensor, a drive or a parameter that would explain an error.
 
     Args:
+        subject: what is changed, by name.
+        kind: "scale", "arm", "force", "stiffness", "delay", "zero", "friction" or "swap".
+        values: column of the regression: effect of a change of 1 on the residual, (k,).
         std: how well the rig knows it, in the unit of its change.
+        change: that was found; of a factor, the factor minus 1.
         size: by how much it moves the angle [rad].
-        gain: in −2 ln p, its own prior being Cauchy's.
-        paths: of the rig's numbers that stand for it, where there are any.
-        sensor: of the drive's position, where it is of one drive.
+        gain: in −2 ln p, with Cauchy's prior of the change.
+        paths: parameters of the rig that stand for it, if any.
+        sensor: of the drive's position, if the cause is of one drive.
     """
 
     subject: str
@@ -73,19 +82,19 @@ class Cause:
 
     @property
     def words(self) -> str:
-        """What the subject looks like."""
+        """What the subject looks like, for a finding."""
         return _words(self)
 
     @property
     def units(self) -> list[float]:
-        """Factors of units that readings of a force may be in, and of a wrong sign."""
+        """Factors of the units in which a force may be read, and −1 for a wrong sign."""
         assert self.sensor is not None
         unit = _unit_of_force(self.sensor)
         return [factor for factor, words in UNIT_FACTORS.items() if unit in words or "" in words]
 
     @property
     def unlikely(self) -> float:
-        """How far it is from what the rig says, in stds: of a factor, as logarithms."""
+        """Distance of the change from what the rig says, in stds; of a factor, in logarithms."""
         if self.kind == "swap":
             return BEYOND
         if self.kind in ("zero", "delay"):
@@ -96,7 +105,7 @@ class Cause:
 
     @property
     def undone(self) -> list[ModelChange]:
-        """The changes of readings, or of the rig's numbers, of which each takes it off."""
+        """Changes of readings or of parameters, each of which removes the cause."""
         factor = 1.0 + self.change
         if self.kind == "zero":
             return [ModelChange(added={self.subject: -self.change})]
@@ -117,11 +126,11 @@ class Cause:
 
     @property
     def beyond(self) -> bool:
-        """Whether a scale or an arm is farther from what the rig says than its `std`, as a share,
-        allows.
+        """Whether the change contradicts the rig: columns are exchanged, or a scale or an arm is
+        more than `BEYOND` stds away.
 
-        Forces have friction in them, and zeros are what forces and stiffness leave: of these a
-        right rig's differ too.
+        A force has friction in it, and a zero takes up errors of force and stiffness: these differ
+        in a right rig too.
         """
         if self.kind == "swap":
             return True
@@ -131,7 +140,7 @@ class Cause:
 
 
 class _Fit(NamedTuple):
-    """Changes by ridge regression with priors, what they leave, and −2 ln p with the priors."""
+    """Changes by ridge regression, the residual that they leave, and −2 ln p with the priors."""
 
     changes: Mapping[Cause, float]
     left: Floats
@@ -140,14 +149,17 @@ class _Fit(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DriveResidual:
-    """What the position of a drive leaves beside the truth, and what may explain it.
+    """Residual of the position of a drive beside the reference angles, and the causes that may
+    explain it.
 
     Args:
-        residual: of its position at the samples that are known, (k,) [m, rad].
+        sensor: of the position.
+        residual: measured minus expected position, at the samples where all is known, (k,) [m,
+            rad].
         causes_tried: each with its column and its prior std.
-        nuisances: columns of what is always unknown, with their prior stds.
-        count: of independent samples.
-        lever: position for an angle of the joint that it turns most [m/rad, 1].
+        nuisances: columns of what is never known, with their prior stds.
+        count: number of independent samples.
+        lever: position per angle of the joint that turns the drive most [m/rad, 1].
     """
 
     sensor: Sensor
@@ -158,9 +170,10 @@ class DriveResidual:
     lever: float
 
     def fit(self, free: Sequence[Cause] = ()) -> _Fit:
-        """Return what all changes become with their priors, some of them free of theirs.
+        """Return the estimated changes of all causes; those in `free` have Cauchy's prior instead
+        of their own.
 
-        A delay is no error of the rig that is always there: it is in where it is free.
+        A delay takes part only if it is in `free`.
         """
         tried = [each for each in self.causes_tried if each.kind != "delay" or each in free]
         columns = [each.values for each in tried] + [values for values, _ in self.nuisances]
@@ -183,13 +196,13 @@ class DriveResidual:
         cost = self.count * np.log(variance) + float(precision @ changes**2)
         found = dict(zip(tried, (changes / scales).tolist()))
         for each in free:
-            # a freed one has Cauchy's prior: of two that explain the same the one nearer to what
-            # the rig says is likelier
+            # Cauchy's prior of a free cause: of two that explain the same, the one nearer to the
+            # rig is likelier
             cost += 2.0 * float(np.log1p((found[each] / max(each.std, 1e-12)) ** 2))
         return _Fit(found, left, cost)
 
     def causes(self) -> list[Cause]:
-        """Return the cause that gains most, and one more where it gains beside it."""
+        """Return the cause that gains most, and a second one if it gains enough beside it."""
         free = list[Cause]()
         found = list[Cause]()
         before = self.fit()
@@ -205,12 +218,12 @@ class DriveResidual:
         return [self._named(*pair) for pair in zip(found, self._sizes(free))]
 
     def alone(self) -> list[Cause]:
-        """Return every cause as if it were the only one."""
+        """Return every cause with the change that it has as the only one."""
         return [self._named(each, self._sizes([each])[0]) for each in self.causes_tried]
 
     def _sizes(self, free: Sequence[Cause]) -> Floats:
-        """Return the changes of causes by least squares, with a zero that is free and nothing else:
-        priors would make them smaller.
+        """Return the changes of causes by least squares with a free zero: priors would make them
+        smaller.
         """
         if not free:
             return np.zeros(0)
@@ -225,8 +238,9 @@ class DriveResidual:
     def _gain(self, cause: Cause, before: _Fit, after: _Fit) -> float:
         """Return the gain in −2 ln p where a cause is free.
 
-        A delay often goes with the motion itself, and has to gain twice as much; a force of the
-        wrong sign `SIGN_OF_FORCE` times, since friction in it goes against the stretch.
+        The gain of a delay counts half, since a delay is often alike to the motion itself. The gain
+        of a wrong sign of a force is divided by `SIGN_OF_FORCE`, since friction in a force acts
+        against the stretch.
         """
         gain = before.cost - after.cost
         if cause.kind == "delay":
@@ -266,8 +280,8 @@ def _words(cause: Cause) -> str:
 
 
 def _unit_words(scale: float, sensor: Sensor, is_position: bool) -> str | None:
-    """Return what a drive's position or force looks like that a unit's factor mends; None where no
-    unit does.
+    """Return what a drive's position or force looks like if its `scale` is that of a unit; None
+    where it is of none.
     """
     si = sensor.si if is_position else _unit_of_force(sensor)
     for unit, words in UNIT_FACTORS.items():

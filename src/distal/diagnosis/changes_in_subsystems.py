@@ -1,4 +1,6 @@
-"""Changes in parts of a rig that move without one another: a run of the filter has one in each."""
+"""Changes in independent subsystems of a rig: one run of the filter tries one change in each of
+them.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +16,11 @@ from distal.estimators.adaptive.independent_subsystems import Apart
 
 
 def each_apart(rerun: Rerun, changes: Sequence[ModelChange]) -> Iterator[tuple[int, Outcome]]:
-    """Yield the index of each change with what the filter gives as if it were the only one, in any
-    order.
+    """Yield the index of each change with the outcome that it would have alone, in any order.
+
+    Args:
+        rerun: runs the filter.
+        changes: to be tried.
     """
     parts = [_part_of(rerun, change) for change in changes]
     queues = dict[tuple[int, bool], list[int]]()
@@ -47,7 +52,9 @@ def each_apart(rerun: Rerun, changes: Sequence[ModelChange]) -> Iterator[tuple[i
 
 
 def _part_of(rerun: Rerun, change: ModelChange) -> int | None:
-    """Return the part that a change concerns alone; None where there is no such part."""
+    """Return the index of the independent subsystem that a change concerns alone; None where there
+    is none.
+    """
     estimator = rerun.estimator
     states = [estimator.state_names.index(name) for name in change.shifts]
     parameters = [estimator.parameter_names.index(path) for path in change.parameters]
@@ -60,7 +67,7 @@ def _part_of(rerun: Rerun, change: ModelChange) -> int | None:
 
 
 def _alone(base: Outcome, outcome: Outcome, part: Apart) -> Outcome:
-    """Return a run as it would be had nothing changed but one part."""
+    """Return the outcome of a run as if only one subsystem had been changed."""
     columns = {
         "means": part.at,
         "variances": part.at,

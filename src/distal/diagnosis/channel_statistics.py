@@ -1,5 +1,5 @@
-"""What the innovations of each channel are like: how large, how correlated, from when on, and how
-often compared.
+"""Statistics of the innovations of each channel: how large and how correlated they are, since when
+they are too large, and how often the channel is compared.
 """
 
 from __future__ import annotations
@@ -16,47 +16,59 @@ from distal.results.estimate import Estimate
 from distal.results.thresholds import SMALL
 
 LARGE_RATIO = 1.7
-"""Mean of ν²/S of a channel from which on it is larger than expected."""
+"""Mean of ν²/S of a channel from which on its innovations are larger than expected [1]. Source:
+judgement.
+"""
 
 CHANNEL_WINDOW = 1.0
-"""Length of the windows in which a channel is looked at [s]."""
+"""Length of the windows in which a channel is judged [s]. Source: judgement."""
 
 SELDOM = 0.5
-"""Share of a channel's samples that are compared, below which that is said."""
+"""Share of a channel's samples that are compared, below which a finding says so [1]. Source:
+judgement.
+"""
 
 NEVER_COMPARED = 0.1
-"""Share of a channel's samples that are compared, below which it tests nothing."""
+"""Share of a channel's samples that are compared, below which the channel tests nothing [1].
+Source: judgement.
+"""
 
 MOST_WINDOWS = 0.5
-"""Share of the windows since then in which a channel that disagrees is larger than expected."""
+"""Least share of windows with too large innovations, from some time to the end, where a channel
+disagrees since that time [1]. Source: judgement.
+"""
 
 WHITE = 0.5
-"""Correlation of neighbouring innovations of all channels from which on something acts that the rig
-does not have.
+"""Correlation of neighbouring innovations, if all channels have it, from which on something acts
+that is not in the rig [1]. Source: judgement.
 """
 
 COLOURED = 0.3
-"""Correlation of a channel's neighbouring innovations from which on its rig or its sensor is
-doubted.
+"""Correlation of a channel's neighbouring innovations from which on the rig or the sensor is
+doubted [1].
 
-On right rigs it is below 0.13 where ν²/S is above `WHOLE`; a moment arm 20 % wrong on one side of
-two gives 0.3 to 0.7.
+On right rigs it is below 0.13 where ν²/S is above `WHOLE`; a moment arm that is 20 % wrong on one
+side of two gives 0.3 to 0.7. Source: judgement.
 """
 
 WHOLE = 0.5
-"""Mean of ν²/S above which a channel's innovations are mostly noise.
+"""Mean of ν²/S above which a channel's innovations are mostly noise [1].
 
-Below it S is mostly what is not known of the rig's numbers, whose errors last: correlation is then
-expected.
+Below it, S is mostly the uncertainty of the rig's parameters. Their errors last, so that
+correlation is expected. Source: judgement.
 """
 
 
 @dataclass(frozen=True)
 class ChannelStatistics:
-    """What the innovations of each channel are like, and what share of its samples was compared.
+    """Statistics of the innovations of each channel, all in the order of `names`.
 
-    Ratios are means of ν²/S, NaN where nothing was compared, correlations of neighbouring
-    normalised innovations; `since` is the time from which on it disagrees to the end [s], or NaN.
+    Args:
+        names: of the channels.
+        ratios: means of ν²/S, NaN where nothing was compared.
+        correlations: of neighbouring normalised innovations.
+        since: time from which on a channel disagrees to the end [s], or NaN.
+        shares: of the samples that were compared.
     """
 
     names: tuple[str, ...]
@@ -74,7 +86,7 @@ class ChannelStatistics:
         )
 
     def findings(self) -> list[Finding]:
-        """Return what the innovations say."""
+        """Return the findings on channels that disagree, and on channels that test nothing."""
         return self._disagreeing() + self._untested()
 
     def _disagreeing(self) -> list[Finding]:
@@ -119,11 +131,11 @@ class ChannelStatistics:
 
 
 def channel_statistics_of(estimate: Estimate) -> ChannelStatistics:
-    """Return what the innovations of an estimate are like."""
-    # beside what is usual of this rig in free motion, where logs said it
+    """Return the statistics of the innovations of an estimate."""
+    # relative to what a fit found usual of this rig in free motion
     usual = np.array(estimate.usual or [(1.0, 0.0)] * len(estimate.measured)).reshape(-1, 2)
     scaled = estimate.innovations / np.sqrt(estimate.innovation_variances * usual[:, 0])
-    # the first moments still settle what the prior left open
+    # in the first moments the filter still finds the parameters
     settled = estimate.time >= estimate.time[0] + min(0.5, 0.1 * float(np.ptp(estimate.time)))
     columns = scaled[settled].T
     return ChannelStatistics(
@@ -148,8 +160,8 @@ def _neighbours(values: Floats) -> float:
 
 
 def _since(time: Floats, scaled: Floats) -> float:
-    """Return from when on a channel is large to the end: in the last window, and in most of all
-    since then.
+    """Return the time from which on a channel is too large to the end: in the last window, and in
+    most windows since then.
     """
     edges = np.arange(time[0], time[-1] + CHANNEL_WINDOW, CHANNEL_WINDOW)
     starts = []

@@ -1,4 +1,6 @@
-"""Where the estimate and the kinematic ones, which know no dynamics, exclude each other."""
+"""Comparison of an estimate with kinematic estimates, which use no dynamics: whether their bands
+exclude each other.
+"""
 
 from __future__ import annotations
 
@@ -15,21 +17,28 @@ from distal.rig import Rig
 from distal.run.offline import estimate
 
 OFTEN = 0.25
-"""Share of a log in which both bands exclude each other, from which on that is said.
+"""Share of a log in which both bands exclude each other, from which on a finding says so [1].
 
-On 35 right rigs whose truth is inside, `elastic` reached 8 %, `inextensible` without forces 4 %.
+On 35 right rigs with the truth inside the band, `elastic` reached 8 %, `inextensible` without
+forces 4 %. Source: judgement.
 """
 
 
 def disagreement(
     result: Estimate, log: Log, rig: Rig, homing: float | None = None
 ) -> list[Finding]:
-    """Return where `elastic` (without forces `inextensible`) lies outside both bands for a good
-    share of the time.
+    """Return a finding where `elastic`, or without forces `inextensible`, lies outside both bands
+    for more than `OFTEN` of the log.
 
-    The kinematic band knows sensors and start only; what friction and an unknown stiffness may
-    stretch is added, at the first sample and now: δθ = (2 f + |F − F_0| σ_k/k)/(k r), with friction
-    f up to the limits that the rig declares. The truth is used for `homing` [s].
+    The kinematic band knows only sensors and the start. It is widened by what friction and an
+    unknown stiffness may stretch, δθ = (2 f + |F − F_0| σ_k/k)/(k r), with friction f up to the
+    limits in the rig, which may act at the first sample and now.
+
+    Args:
+        result: the estimate.
+        log: of the estimate.
+        rig: of the estimate.
+        homing: time for which the reference angle is used [s], or None.
     """
     forces = any(sensor.name in log.channels for sensor in rig.sensors_of("force"))
     name = "elastic" if forces else "inextensible"
@@ -49,8 +58,14 @@ def disagreement(
 def disagreement_with_map(
     result: Estimate, log: Log, rig: Rig, homing: float | None = None
 ) -> list[Finding]:
-    """Return where `affine`, whose map the rig file has, lies outside both bands for long; `homing`
-    as above [s].
+    """Return a finding where `affine`, by the affine map in the rig file, lies outside both bands
+    for more than `OFTEN` of the log.
+
+    Args:
+        result: the estimate.
+        log: of the estimate.
+        rig: of the estimate.
+        homing: time for which the reference angle is used [s], or None.
     """
     affine = None if rig.affine is None else _estimate(log, rig, "affine", homing)
     if affine is None:
@@ -68,8 +83,8 @@ def _estimate(log: Log, rig: Rig, name: str, homing: float | None) -> Estimate |
 
 
 def stretch(log: Log, rig: Rig, joint: str) -> Floats:
-    """Return by how much friction and an unknown stiffness may turn a joint for a kinematic
-    estimate [rad], (k,).
+    """Return the largest error of a kinematic estimate by friction and an unknown stiffness, at a
+    joint, (k,) [rad].
     """
     parts = []
     drives = {drive.name: drive for drive in rig.drives}

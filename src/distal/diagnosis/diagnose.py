@@ -1,5 +1,5 @@
-"""The whole diagnosis of an estimate: what it says itself, and what its log and its rig say when
-they are asked again.
+"""The whole diagnosis of an estimate: by the estimate itself, and by its log and its rig, for which
+the filter is run again with changes.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ from distal.run.drive_range import position_range
 from distal.run.offline import estimator_for
 
 OUTSIDE_SHARE = 0.05
-"""Share of a log outside of where it can be, or of what a fit has seen, from which on that is said.
+"""Share of a log's samples outside a drive's range, or outside the range of a fit, from which on a
+finding says so [1]. Source: judgement.
 """
 
 
@@ -44,20 +45,23 @@ def diagnose(
     ranges: Mapping[str, tuple[float, float]] | None = None,
     what_if: bool = True,
 ) -> Diagnosis:
-    """Return what was tested, what disagrees, and what no sensor there can test.
+    """Return what was tested, what disagrees, and what no sensor in the log can test.
 
-    From the result alone: its innovations, and states that left their priors. With log and rig
-    also: a truth outside of the band with its likeliest cause, displacements where no drive can be,
-    a kinematic estimate that excludes this one, a band that hangs on the start, and, by running
-    `adaptive` again with one thing changed, what would explain a disagreement, or else what cannot
-    be tested.
+    The result alone gives its innovations, and states that left their priors. With log and rig
+    there are also: a reference angle outside the band with its likeliest cause; displacements
+    beyond the range of their drive; a kinematic estimate that excludes this one; a band that
+    depends on the start of the filter. By running `adaptive` again with one thing changed, it is
+    found what would explain a disagreement, or, where there is none, what cannot be tested.
 
     Args:
-        homing: for how long the truth was used [s], or None.
-        ranges: channel → lowest and highest value that a fit has seen, SI; default those of the
+        result: the estimate.
+        log: of the estimate.
+        rig: of the estimate.
+        homing: time for which the reference angle was used [s], or None.
+        ranges: channel → lowest and highest value that a fit has seen, SI; by default those of the
             rig's `[affine]`, if any.
-        what_if: run the filter again with one thing changed; it costs 20 to 150 runs of the log's
-            first 2000 samples.
+        what_if: whether the filter is run again with changes; that costs 20 to 150 runs of the
+            log's first 2000 samples.
 
     Raises:
         EstimationError: only one of log and rig is given.
@@ -94,7 +98,7 @@ def diagnose(
     first = diagnose_estimate(result, further, channels)
     if not what_if:
         return first
-    # of a rig that is wrong the band says nothing anyway
+    # the band of a wrong rig says nothing, so it is not tested
     if not any(finding.contradicts for finding in first.findings):
         further += overconfidence(rerun())
         first = diagnose_estimate(result, further, channels)
@@ -111,14 +115,17 @@ def diagnose(
 def why_diverged(
     log: Log, rig: Rig, homing: float | None = None, *, compiled: bool = True
 ) -> list[Finding]:
-    """Return what would explain that `adaptive` left all bounds on a log: by its truth, else by
-    running it with changes.
+    """Return what would explain that `adaptive` left all bounds on a log: by its reference angle,
+    or else by runs with changes.
 
-    The truth is used for `homing` [s], or not at all.
+    Args:
+        log: on which the filter diverged.
+        rig: of the log.
+        homing: time for which the reference angle is used [s], or None.
     """
     found = causes(log, rig, LOST)
     if not found:
-        # a torque from outside would take what is wrong with the rig upon itself
+        # an estimated external torque would hide what is wrong with the rig
         untouched = rig.with_values({"joints.*.touch": "never"})
         estimator = estimator_for(log, untouched, "adaptive", compiled, homing)
         assert isinstance(estimator, AdaptiveFilter)
@@ -127,8 +134,8 @@ def why_diverged(
 
 
 def _learned_range(rig: Rig) -> dict[str, tuple[float, float]]:
-    """Return what the logs that taught a rig's map have seen, each channel by a tenth of its range
-    more.
+    """Return channel → range of the logs from which the rig's affine map was learned, wider by a
+    tenth at each end.
     """
     learned = rig.affine
     if learned is None:
@@ -138,7 +145,7 @@ def _learned_range(rig: Rig) -> dict[str, tuple[float, float]]:
 
 
 def elsewhere(log: Log, rig: Rig) -> list[Finding]:
-    """Return the displacements that are where their drives cannot be."""
+    """Return the displacements that are beyond the range of their drives."""
     findings = []
     for sensor in rig.sensors_of("position"):
         readings = log.channels.get(sensor.name)
@@ -151,8 +158,11 @@ def elsewhere(log: Log, rig: Rig) -> list[Finding]:
 
 
 def out_of_range(log: Log, ranges: Mapping[str, tuple[float, float]]) -> list[Finding]:
-    """Return the channels that left `ranges`: the lowest and highest value of each that a fit has
-    seen, SI.
+    """Return the channels that left the range of a fit.
+
+    Args:
+        log: to be checked.
+        ranges: channel → lowest and highest value that the fit has seen, SI.
     """
     findings = []
     for name, (low, high) in ranges.items():

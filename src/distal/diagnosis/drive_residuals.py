@@ -1,5 +1,5 @@
-"""What the positions of drives leave beside a known truth: the residual, the columns of what may
-explain it, and how well the rig knows each; see `causes`.
+"""Residuals of the drives' positions beside reference angles, with the columns of their possible
+causes and the rig's stds of these; see `causes`.
 """
 
 from __future__ import annotations
@@ -18,32 +18,42 @@ from distal.model import Mechanism
 from distal.rig import Rig, Sensor, Tendon
 
 SURE_GAIN = 20.0
-"""Two columns are exchanged where that gains more in −2 ln p (Kass and Raftery, 1995: above 10 is
-very strong evidence).
+"""Gain in −2 ln p from which on two columns count as exchanged [1]; above 10 is very strong
+evidence (Kass and Raftery, 1995). Source: judgement.
 """
 
 INDEPENDENT = 0.25
-"""Residuals are correlated over so long [s]: friction lasts as long as a motion does."""
+"""Time over which residuals are correlated [s]: friction lasts as long as a motion does. Source:
+judgement.
+"""
 
 FRICTION = 0.3
-"""Prior std of friction in a drive, as a share of its pull."""
+"""Prior std of the friction in a drive, as a share of its pull [1]. Source: judgement."""
 
 COMPLIANCE = 0.1
-"""No stiffness or force scale is taken as known better than this share."""
+"""Least prior std of a stiffness or of the scale of a force, as a share [1]. Source: judgement."""
 
 STAYS = 0.02
-"""A drive turns back where it has moved by this share of its range the other way."""
+"""Way back after which a drive has turned back, as a share of its range [1]. Source: judgement."""
 
 LEAST = 0.03
-"""No moment arm, gear or unit is taken as known better than this share."""
+"""Least prior std of a moment arm, a gear or a unit, as a share [1]. Source: judgement."""
 
 MOVES = float(np.deg2rad(1.0))
-"""A joint that turns by less [rad] says nothing of its arms."""
+"""Std of the angle of a joint below which its log says nothing of its moment arms [rad]. Source:
+judgement.
+"""
 
 
 def residual_of(log: Log, rig: Rig, angles: Floats, sensor: Sensor) -> DriveResidual | None:
-    """Return what the position of one drive leaves beside the true `angles`, (k, n_joints) [rad];
-    None where nothing can be told of it.
+    """Return the residual of the position of one drive with its possible causes; None where nothing
+    can be found of it.
+
+    Args:
+        log: with the drive's position.
+        rig: of the log.
+        angles: reference angles, (k, n_joints) [rad].
+        sensor: of the drive's position.
     """
     if sensor.name not in log.channels:
         return None
@@ -51,7 +61,7 @@ def residual_of(log: Log, rig: Rig, angles: Floats, sensor: Sensor) -> DriveResi
     readings = log.channels[sensor.name]
     drive = rig.drive_names.index(sensor.of)
     asked, slopes, compliance, standing = _asked(mechanism, drive, angles)
-    asked = np.where(slopes != 0.0, asked, 0.0)  # of another joint the truth may be missing
+    asked = np.where(slopes != 0.0, asked, 0.0)  # another joint may have no reference angle
     turned = [
         int(j)
         for j in np.flatnonzero(slopes)
@@ -115,7 +125,9 @@ def residual_of(log: Log, rig: Rig, angles: Floats, sensor: Sensor) -> DriveResi
 
 
 def _direction(readings: Floats, half: float) -> Floats:
-    """Return which way a drive last moved, −1 to 1, by a play of some half-width."""
+    """Return the direction in which a drive last moved, −1 to 1, by a play operator of some
+    half-width.
+    """
     passed = np.empty_like(readings)
     held = readings[0]
     for k, reading in enumerate(readings.tolist()):
@@ -126,7 +138,7 @@ def _direction(readings: Floats, half: float) -> Floats:
 
 
 def _stiffness_std(pulled: Sequence[Tendon]) -> float:
-    """Return how well the stiffness of a drive's tendons is known, as a share."""
+    """Return the std of the stiffness of a drive's tendons, as a share."""
     return max(
         (t.stiffness.total_std / t.stiffness.value for t in pulled if t.stiffness.value > 0.0),
         default=0.0,
@@ -134,8 +146,8 @@ def _stiffness_std(pulled: Sequence[Tendon]) -> float:
 
 
 def _zero_std(sensor: Sensor, pulled: Sequence[Tendon], compliance: float, soft: float) -> float:
-    """Return how well the zero of a drive's position is known [m, rad]: its sensor's, what
-    pre-tension stretches, and what is `soft` of that.
+    """Return the std of the zero of a drive's position [m, rad]: of its sensor, of the stretch by
+    pre-tension, and of that stretch by an uncertain stiffness, `soft`.
     """
     bias = getattr(sensor, "bias", None)
     own = 0.0 if bias is None else bias.total_std
@@ -145,12 +157,17 @@ def _zero_std(sensor: Sensor, pulled: Sequence[Tendon], compliance: float, soft:
 
 
 LEAST_ZERO = {"m": 1e-4, "rad": float(np.deg2rad(1.0))}
-"""No zero of a slider or a motor is taken as known better than this [m, rad]."""
+"""Least prior std of the zero of a slider [m] and of a motor [rad]. Source: judgement."""
 
 
 def swaps(log: Log, rig: Rig, angles: Floats, drives: Sequence[DriveResidual]) -> list[Cause]:
-    """Return the columns of a kind that explain more when they are exchanged, beside the true
-    `angles`, (k, n_joints) [rad].
+    """Return the pairs of columns of one kind that explain more if they are exchanged.
+
+    Args:
+        log: with the columns.
+        rig: of the log.
+        angles: reference angles, (k, n_joints) [rad].
+        drives: residuals as the columns stand.
     """
     before = {drive.sensor.name: drive.fit() for drive in drives}
     by_drive = {drive.sensor.of: drive.sensor for drive in drives}
@@ -182,7 +199,7 @@ def _exchanged(log: Log, first: Sensor, second: Sensor) -> dict[str, Floats]:
 
 
 def _arm_std(pulled: Sequence[Tendon], joint: str) -> float:
-    """Return how well the moment arm of a drive's tendons at a joint is known, as a share."""
+    """Return the std of the moment arm of a drive's tendons at a joint, as a share."""
     stds = [LEAST]
     for meeting in (
         meeting for tendon in pulled for meeting in tendon.meetings if joint in meeting.joints
@@ -204,7 +221,7 @@ def _radii(tendon: Tendon, joint: str) -> list[str]:
 
 def _asked(mechanism: Mechanism, drive: int, angles: Floats) -> tuple[Floats, Floats, float, float]:
     """Return the position that each joint alone asks of a drive, (k, n_joints), its slopes at zero,
-    1/K and F_0.
+    the compliance 1/K and the pull F_0 of pre-tension.
     """
     nj = mechanism.n_joints
     n = mechanism.n_bodies

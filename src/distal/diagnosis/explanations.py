@@ -1,5 +1,5 @@
-"""Signs, units and gears that would explain what is seen: tried one at a time on a log that
-disagrees with its rig.
+"""Signs, units and gears that would explain a disagreement of a log with its rig, tried one at a
+time.
 """
 
 from __future__ import annotations
@@ -28,41 +28,44 @@ UNIT_FACTORS: dict[float, dict[str, str]] = {
     4.4482216: {"N": "like pounds"},
     1 / 4.4482216: {"N": "4.45 times too large (pounds converted twice?)"},
 }
-"""Factor on a channel → in words by the sensor's unit, what the channel looks like if the factor
-mends it.
+"""Factor on a channel → SI unit of the sensor, or "" for any → what the channel looks like if that
+factor makes it agree. Source: definition (conversion of units).
 """
 
 GEARS = tuple(float(n) for n in np.geomspace(2.0, 200.0, 14))
-"""Ratios of a gear that are tried, and their inverses."""
+"""Ratios of a gear that are tried, as are their inverses [1]. Source: judgement."""
 
 GAIN = 0.5
-"""Gain in ln p per compared value that a change must bring to explain something."""
+"""Least gain in ln p per compared value of a change that explains something [1]. Source: judgement.
+"""
 
 LARGE = 2.5
-"""A sign that brings so much explains what it leaves less of, even where something else is wrong as
-well.
+"""Gain in ln p per compared value from which on a sign explains something even if some
+contradictions remain [1]. Source: judgement.
 """
 
 LOSS = -1.0
-"""A sign that contradicts nothing may lose so much: where drives stick, what is compared is worth
-less.
+"""Least gain in ln p per compared value of a sign that leaves no contradiction [1]; it may be a
+loss, since less is compared where drives stick. Source: judgement.
 """
 
 LEAST_TURN = float(np.deg2rad(3.0))
-"""A change after which the joints turn by less explains nothing [rad]: what stands still agrees
-with most forces.
+"""Least turn of a joint after a change that explains something [rad]: a joint that stands still
+agrees with most forces. Source: judgement.
 """
 
 ALIKE = 0.05
-"""Gains that differ by less are alike: nothing tells which of two signs is wrong."""
+"""Difference of gains below which two changes are equally likely, such as two signs [1]. Source:
+judgement.
+"""
 
 
 def explanations(rerun: Rerun) -> list[Finding]:
     """Return the change of a sign, a unit or a gear that makes the log agree with the rig, if there
     is one.
 
-    Where a change of another sensor does so as well, both are named. A sign comes first that
-    contradicts nothing: a reading that a unit makes small agrees with much.
+    If a change of another sensor does so as well, both are named. A sign that leaves no
+    contradiction comes before a unit: readings that a unit makes small agree with much.
     """
     base = _likelihood(rerun.base)
     before = len(contradictions(rerun, rerun.base))
@@ -132,8 +135,8 @@ def _geared(powers: dict[str, int], ratio: float) -> ModelChange:
 
 
 def _best_ratio(rerun: Rerun, powers: dict[str, int]) -> float:
-    """Return the ratio with the largest likelihood: of `GEARS` and their inverses, then between the
-    neighbours of that.
+    """Return the ratio with the largest likelihood among `GEARS` and their inverses, refined
+    between its neighbours.
     """
 
     def best_of(ratios: Iterable[float]) -> float:
@@ -157,9 +160,7 @@ def _likelihood(outcome: Outcome) -> float:
 
 
 def _moves(rerun: Rerun, outcome: Outcome) -> bool:
-    """Return whether a joint turns at all: a change after which none does agrees with
-    everything.
-    """
+    """Return whether any joint turns: a change after which none does agrees with everything."""
     return (
         float(np.ptp(outcome.means[:, : len(rerun.estimator.rig.joints)], axis=0).max())
         > LEAST_TURN

@@ -1,4 +1,4 @@
-"""One thing that a diagnosis has to say."""
+"""A finding: one statement of the diagnosis."""
 
 from __future__ import annotations
 
@@ -23,20 +23,24 @@ Kind = Literal[
     "errs inside",
     "would explain",
 ]
-"""What is found. The last five are no contradiction: what the log does not tell, and an error that
-the band allows.
+"""Kinds of findings. The last five are no contradictions: what the log does not test, and an error
+that the band allows.
 """
 
 SILENT: frozenset[Kind] = frozenset(
     {"hardly compared", "not tested", "cannot test", "errs inside", "would explain"}
 )
-"""Kinds that do not speak against the rig; they say that nothing speaks for it either."""
+"""Kinds of findings that speak neither against the rig nor for it."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A sentence on what a log contradicts, or leaves untested, about a sensor, a state, or a
-    number of the rig.
+    """One statement of the diagnosis: what a log contradicts, or leaves untested.
+
+    Args:
+        kind: of the finding.
+        subject: sensor, state, drive or parameter that it is about.
+        text: the statement in words.
     """
 
     kind: Kind
@@ -45,5 +49,5 @@ class Finding:
 
     @property
     def contradicts(self) -> bool:
-        """Whether it speaks against the rig, the sensors or the band."""
+        """Whether the finding speaks against the rig, the sensors or the band."""
         return self.kind not in SILENT

@@ -27,7 +27,7 @@ def some_drift(channels: Sequence[str], correlation: float) -> Finding:
 
 
 def disagrees_since(channel: str, since: float) -> Finding:
-    """Return the finding that a sensor disagrees `since` some time [s] to the end."""
+    """Return the finding that a sensor disagrees from the time `since` [s] to the end."""
     text = (
         f"sensor {channel} disagrees from {since:.1f} s on: its innovations are too large to "
         "the end"
@@ -36,14 +36,16 @@ def disagrees_since(channel: str, since: float) -> Finding:
 
 
 def one_too_large(channel: str, ratio: float) -> Finding:
-    """Return that the innovations of one channel are too large, by `ratio`, the mean of ν²/S."""
+    """Return the finding that the innovations of one channel are too large, by `ratio`, the mean of
+    ν²/S.
+    """
     text = f"sensor {channel} disagrees: innovations {np.sqrt(ratio):.1f}× larger than expected"
     return Finding("too large", channel, text)
 
 
 def several_too_large(channels: Sequence[str], ratio: float) -> Finding:
-    """Return that the innovations of several channels are too large, by `ratio`, the mean of
-    ν²/S.
+    """Return the finding that the innovations of several channels are too large, by `ratio`, the
+    mean of ν²/S.
     """
     text = (
         f"innovations {np.sqrt(ratio):.1f}× larger than expected: the rig's stiffness, "
@@ -81,8 +83,8 @@ def left_its_prior(state: str, value: float, std: float, prior: float, prior_std
 
 
 def does_not_settle(state: str, change: float) -> Finding:
-    """Return that a state still moves at the end of the log, by its `change` since the middle,
-    SI.
+    """Return the finding that a state still moves at the end of the log, by its `change` since the
+    middle, SI.
     """
     return Finding(
         "left its prior", state, f"{state} does not settle: it moves by {change:.2g} late"
@@ -90,7 +92,7 @@ def does_not_settle(state: str, change: float) -> Finding:
 
 
 def turns_too_far(joint: str, covered: float) -> Finding:
-    """Return the finding that an angle has `covered` more than a joint can [rad]."""
+    """Return the finding that a joint has `covered` a larger angle than a joint can [rad]."""
     degrees = np.rad2deg(covered)
     text = (
         f"the angle of {joint} covers {degrees:.0f}°, which no joint does: is a gear, a unit "
@@ -100,13 +102,13 @@ def turns_too_far(joint: str, covered: float) -> Finding:
 
 
 def friction_undeclared(drive: str, friction: float) -> Finding:
-    """Return that a drive has `friction` that the rig does not declare [N, N m]."""
+    """Return the finding that a drive has `friction` that the rig does not declare [N, N m]."""
     size = f"friction that the rig does not have: {friction:.2g} at '{drive}' [SI]"
     return Finding("friction", drive, f"{size} (set drives.{drive}.friction, or a hand acts)")
 
 
 def drive_elsewhere(sensor: str) -> Finding:
-    """Return the finding that a displacement is where its drive cannot be."""
+    """Return the finding that a displacement is beyond the range of its drive."""
     return Finding(
         "cannot be there",
         sensor,
@@ -126,7 +128,9 @@ def outside_the_fit(channel: str, share: float, low: float, high: float) -> Find
 
 
 def kinematics_disagree(estimator: str, share: float) -> Finding:
-    """Return that a kinematic estimate lies outside both bands for some `share` of the log."""
+    """Return the finding that a kinematic estimate lies outside both bands for a `share` of the
+    log.
+    """
     text = (
         f"{estimator} lies outside both bands {100 * share:.0f} % of the time: stiffness, "
         "friction or a zero is off"
@@ -135,14 +139,14 @@ def kinematics_disagree(estimator: str, share: float) -> Finding:
 
 
 def map_disagrees(share: float) -> Finding:
-    """Return that `affine` lies outside both bands for some share of the log."""
+    """Return the finding that `affine` lies outside both bands for a `share` of the log."""
     text = f"affine, learned from logs, lies outside both bands {100 * share:.0f} % of the time"
     return Finding("other estimate", "affine", text)
 
 
 def looks(subject: str, like: str) -> Finding:
-    """Return a possible explanation why a log disagrees with its rig: what a sensor, drive or
-    number of it looks like.
+    """Return the finding that a sensor, a drive or a parameter looks `like` something that would
+    explain the disagreement.
     """
     return Finding(
         "looks like", subject, f"{subject} {'look' if ' and ' in subject else 'looks'} {like}"
@@ -150,13 +154,13 @@ def looks(subject: str, like: str) -> Finding:
 
 
 SMALLEST_GEAR = 1.7
-"""A ratio below this may be friction or stretch, 1.1 on right rigs: a motor that turns back moves
-its joint later.
+"""Least ratio that is called a gear [1]: a smaller one may be friction or stretch, up to 1.1 on
+right rigs, since a motor that turns back moves its joint later. Source: judgement.
 """
 
 
 def like_a_gear(ratio: float, gear: float = 1.0) -> str:
-    """Return what an angle looks like that turns `ratio` times as far as the rig, with its `gear`,
+    """Return what a motor looks like that turns `ratio` times as far as the rig, with its `gear`,
     expects.
     """
     if gear != 1.0:
@@ -167,28 +171,42 @@ def like_a_gear(ratio: float, gear: float = 1.0) -> str:
 
 
 def looks_geared_at_least(subject: str, ratio: float) -> Finding:
-    """Return that a motor would turn its joint further than that can turn, by some `ratio`."""
+    """Return the finding that a motor would turn its joint `ratio` times as far as the joint can
+    turn.
+    """
     return looks(
         subject, f"like a gear of {ratio:.2g} or more, or a unit, that the rig file does not have"
     )
 
 
 SCALE = "gear, spool, moment arm, unit or sign"
+"""Group of parameters that scale the position of a drive alike; nothing proximal tells them apart.
+"""
+
 COMPLIANCE = "stiffness or the force's scale"
+"""Group of parameters that scale the stretch of tendons alike; nothing proximal tells them apart.
+"""
+
 ZERO = "zero or pre-tension"
-"""What nothing proximal tells apart."""
+"""Group of parameters that shift the position of a drive alike; nothing proximal tells them apart.
+"""
 
 
 def cannot_be_tested(subject: str) -> Finding:
-    """Return the finding that no sensor tests this sensor, drive or number of the rig."""
+    """Return the finding that no sensor tests a sensor, a drive or a parameter."""
     return Finding(
         "cannot test", subject, f"{subject}: an error there changes the angle but no innovation"
     )
 
 
 def hangs_on_the_start(state: str, spread: float, *, is_angle: bool) -> Finding:
-    """Return that the angle depends on the filter's start by more than its band: by `spread`
-    standard deviations.
+    """Return the finding that the angle depends on the start of a state by more than the band
+    allows.
+
+    Args:
+        state: whose start matters.
+        spread: of the angle over starts, in its standard deviations.
+        is_angle: whether the state is an angle.
     """
     position = f"{'where' if is_angle else 'what'} {state} is"
     text = (
@@ -199,8 +217,8 @@ def hangs_on_the_start(state: str, spread: float, *, is_angle: bool) -> Finding:
 
 
 def outside_the_truth(joint: str, rms: float, share: float) -> Finding:
-    """Return that a joint's true angle is inside the band for a small share of the samples, with
-    its error `rms` [rad].
+    """Return the finding that the band of a joint contains the reference angle for only a `share`
+    of the samples, with the error `rms` [rad].
     """
     text = (
         f"the truth contradicts: {joint} errs by {rounded(np.rad2deg(rms))}° RMS, "
@@ -211,8 +229,8 @@ def outside_the_truth(joint: str, rms: float, share: float) -> Finding:
 
 
 def errs_inside(joint: str, rms: float, share: float) -> Finding:
-    """Return that the band holds the truth for a `share` of the samples, but a joint errs by `rms`
-    [rad].
+    """Return the finding that a joint errs by `rms` [rad] though the band contains the reference
+    angle for a `share` of the samples.
     """
     text = (
         f"the band holds the truth ({100 * share:.0f} %), but {joint} errs by "
@@ -222,8 +240,8 @@ def errs_inside(joint: str, rms: float, share: float) -> Finding:
 
 
 def like_a_scale(factor: float, gear: float, *, is_capstan: bool) -> str:
-    """Return what a drive's readings look like that are `factor` times as large as joints and
-    `gear` ask for.
+    """Return what a drive's readings look like that are `factor` times as large as the joints and
+    the `gear` ask for.
     """
     if factor < 0:
         size = "" if abs(np.log(-factor)) < 0.1 else f" (and {-factor:.3g} times too large)"
@@ -239,7 +257,7 @@ def like_a_scale(factor: float, gear: float, *, is_capstan: bool) -> str:
 
 
 def like_an_arm(factor: float) -> str:
-    """Return what a moment arm looks like whose joint asks for a `factor` of it."""
+    """Return what a moment arm looks like that is `factor` times the one of the rig."""
     return f"as if its moment arm were {factor:.3g} times the rig's" + (
         " (wrong side)" if factor < 0 else ""
     )
@@ -256,7 +274,7 @@ def like_a_compliance(factor: float, drive: str) -> str:
 
 
 def like_friction(factor: float) -> str:
-    """Return what a friction looks like that is a `factor` of the rig's."""
+    """Return what friction looks like that is `factor` times the one of the rig."""
     return f"about {factor:.2g} times the rig's"
 
 
@@ -266,6 +284,6 @@ def like_a_delay(delay: float) -> str:
 
 
 def like_a_zero(off: float, unit: str) -> str:
-    """Return what readings look like that are `off` from where they should be, in their SI unit."""
+    """Return what readings look like that have an offset `off`, in their SI unit."""
     size = f"{rounded(np.rad2deg(off))}°" if unit == "rad" else f"{1e3 * off:.2g} mm"
     return f"{size} off: its zero, or the pre-tension"

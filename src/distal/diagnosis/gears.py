@@ -1,5 +1,5 @@
-"""Gears between motor and capstan that the rig file lacks: without a truth, how far the joint would
-turn says so.
+"""Gears between motor and capstan that the rig file lacks, found without a reference angle by how
+far a joint would turn.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ def out_of_reach(log: Log, rig: Rig) -> list[Finding]:
 
 
 def _expected(log: Log, rig: Rig) -> Iterator[tuple[Sensor, int, Floats]]:
-    """Yield for each capstan of one joint the sensor of its angle, the joint, and how that turns
-    without stretch [rad].
+    """Yield for each capstan that pulls one joint the sensor of its angle, the index of the joint,
+    and the angle of the joint without stretch [rad].
     """
     joints = rig.joint_names
     drives = {drive.name: drive for drive in rig.drives}

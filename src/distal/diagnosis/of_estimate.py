@@ -1,4 +1,4 @@
-"""Self-diagnosis in one line: what disagrees, else what was tested, and what could not be."""
+"""Diagnosis of an estimate in one line: what disagrees, else what was tested and what was not."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from distal.diagnosis.states import left_their_priors, turning_too_far, undeclar
 from distal.results.estimate import Estimate
 
 LONGEST = 200
-"""Characters of the line, about."""
+"""Largest number of characters of the line, roughly. Source: layout."""
 
 NOTHING = (
     "not checked: no sensor is compared (this estimator has no innovations, or the rig no "
@@ -21,14 +21,15 @@ NOTHING = (
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What a log says of the rig, the sensors and the band, in one plain line (`text`).
+    """What a log says of the rig, the sensors and the band.
 
     Args:
         channels: names of the channels with an innovation.
         ratios: mean of ν²/S per channel; 1 is expected, less where a force tells little.
         correlations: of neighbouring normalised innovations, per channel.
-        since: per channel, the time from which on it disagrees to the end [s], or NaN.
-        findings: the weightiest first.
+        since: time from which on a channel disagrees to the end [s], or NaN, per channel.
+        text: the diagnosis in one line.
+        findings: contradictions first, then what is untested.
         tested: names of the channels that could have disagreed.
     """
 
@@ -41,33 +42,36 @@ class Diagnosis:
     tested: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        """Return the text."""
+        """Return the line."""
         return self.text
 
     @property
     def headline(self) -> str:
-        """The line up to its first colon: what there is to say without the reasons."""
+        """The line up to its first colon: the result without the reasons."""
         return self.text.split(":")[0]
 
     @property
     def untested(self) -> bool:
-        """Whether nothing contradicts because nothing was tested."""
+        """Whether nothing was tested and nothing contradicts."""
         return not self.tested and not any(finding.contradicts for finding in self.findings)
 
     @property
     def consistent(self) -> bool:
-        """Whether something was tested, and nothing was found that contradicts."""
+        """Whether something was tested and nothing contradicts."""
         return bool(self.tested) and not any(finding.contradicts for finding in self.findings)
 
 
 def diagnose_estimate(
     estimate: Estimate, further: Sequence[Finding] = (), channels: ChannelStatistics | None = None
 ) -> Diagnosis:
-    """Return what an estimate's innovations and states say, and what was found by other means, see
-    `distal.diagnose`.
+    """Return what the innovations and states of an estimate say, together with findings by other
+    means; see `distal.diagnose`.
 
-    The `channels` are those of the estimate itself, or of one that began better
-    (`with_learned_numbers`).
+    Args:
+        estimate: to be diagnosed.
+        further: findings by other means.
+        channels: statistics of the innovations; by default those of the estimate, else those of a
+            filter that began with what it learned (`with_learned_parameters`).
     """
     channels = channel_statistics_of(estimate) if channels is None else channels
     states = [
@@ -135,8 +139,8 @@ def _text(
 
 
 def _joined(parts: Sequence[str], beyond: Sequence[str] = ()) -> str:
-    """Return the parts as one line, and what cannot be tested; what does not fit is left out and
-    counted, a list is cut.
+    """Return the parts and what cannot be tested as one line; parts that do not fit are counted,
+    and the list of what cannot be tested is cut.
     """
     line = parts[0]
     cannot = f"cannot test: {'; '.join(beyond)}"

@@ -1,5 +1,5 @@
-"""The filter over the same log again, with one thing changed: a channel, a number of the rig, or
-where a state begins.
+"""The filter, run over the same log again with one thing changed: a channel, a parameter of the
+rig, or the start of a state.
 """
 
 from __future__ import annotations
@@ -18,20 +18,25 @@ from distal.logs import Log
 from distal.run.offline import out_of_bounds, prepared
 
 MOST_RERUN = 2000
-"""So many samples of a log are run again, the first ones: 60 compiled runs of them take about a
-second.
+"""Largest number of samples of a log that are run again, the first ones: 60 compiled runs of them
+take about a second. Source: judgement.
 """
 
 OUTLIER = Robustness().wild_force
-"""ν²/S beyond which an innovation is an outlier."""
+"""Value of ν²/S above which an innovation is an outlier [1], as in the filter."""
 
 
 @dataclass(frozen=True)
 class ModelChange:
-    """What is changed in a run: factors on channels, and on numbers of the rig, by their paths.
+    """What is changed in a run of the filter.
 
-    To channels `added` is added, in their SI units, and to where states begin `shifts`; channels
-    are read by so much `later` [s], and two that are `exchanged` are read in each other's place.
+    Args:
+        channels: channel → factor on its readings.
+        added: channel → what is added to its readings, SI.
+        parameters: path of a parameter → factor on it.
+        shifts: state → what is added to its start, SI.
+        later: channel → time by which its readings are taken later [s].
+        exchanged: two channels whose readings are exchanged, or none.
     """
 
     channels: Mapping[str, float] = field(default_factory=dict)
@@ -43,11 +48,11 @@ class ModelChange:
 
     @property
     def reads_otherwise(self) -> bool:
-        """Whether what is read is changed, and with it the first sample."""
+        """Whether readings are changed, and with them the first sample."""
         return bool(self.channels or self.added or self.later or self.exchanged)
 
     def __and__(self, other: ModelChange) -> ModelChange:
-        """Return both changes as one; two columns are exchanged by one of them."""
+        """Return both changes as one; only one of them may exchange channels."""
         return ModelChange(
             channels=_combined(self.channels, other.channels, operator.mul),
             added=_combined(self.added, other.added, operator.add),
@@ -60,8 +65,14 @@ class ModelChange:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Means and variances of all states, (k, n), and innovations and their variances, (k, m), NaN
-    where not compared.
+    """What a run of the filter gives.
+
+    Args:
+        means: of all states, (k, n).
+        variances: of all states, (k, n).
+        innovations: (k, m), NaN where not compared.
+        innovation_variances: (k, m), NaN where not compared.
+        bounded: whether the filter stayed within all bounds.
     """
 
     means: Floats
@@ -72,13 +83,13 @@ class Outcome:
 
     @property
     def squares(self) -> Floats:
-        """ν²/S, (k, m)."""
+        """ν²/S of each innovation, (k, m)."""
         squares: Floats = self.innovations**2 / self.innovation_variances
         return squares
 
     @property
     def log_likelihood(self) -> float:
-        """ln p of all that was compared, less a constant; beyond ν² = 9 S an outlier counts as in
+        """ln p of all compared values, without a constant; beyond `OUTLIER` an outlier counts as in
         the filter.
         """
         compared = np.isfinite(self.innovations)
@@ -100,8 +111,10 @@ def _combined(
 class Rerun:
     """Runs the adaptive filter over a log, as it is and with changes; its kernel is built once.
 
-    The log is as it was estimated, and of a long one the first `MOST_RERUN` samples are used, the
-    filter from `estimator_for`; the truth is used for `homing` [s], or None.
+    Args:
+        log: as it was estimated; of a long one the first `MOST_RERUN` samples are used.
+        estimator: the filter, from `estimator_for`.
+        homing: time for which the reference angle is used [s], or None.
     """
 
     def __init__(self, log: Log, estimator: AdaptiveFilter, homing: float | None = None) -> None:
@@ -116,18 +129,18 @@ class Rerun:
         self.base = self(ModelChange())
 
     def covered(self, channel: str) -> float:
-        """Return the range of a channel's samples, in its SI unit."""
+        """Return the range that a channel's samples cover, in its SI unit."""
         readings = self._run.samples[:, self.estimator.channels.index(channel)]
         return (
             float(np.nanmax(readings) - np.nanmin(readings)) if np.isfinite(readings).any() else 0.0
         )
 
     def __call__(self, change: ModelChange) -> Outcome:
-        """Return what the filter gives with a change."""
+        """Return the outcome of the filter with a change."""
         return next(self.each([change]))
 
     def each(self, changes: Iterable[ModelChange]) -> Iterator[Outcome]:
-        """Yield what the filter gives with each of several changes, side by side in vector
+        """Yield the outcome of the filter with each of several changes, run side by side in vector
         lanes.
         """
         changes = list(changes)
@@ -136,7 +149,7 @@ class Rerun:
         return (outcome for _, outcome in runs)
 
     def _outcomes(self, inputs: list[tuple[Belief, Floats, Floats]]) -> list[Outcome]:
-        """Return what the filter gives in some runs, each of a belief, samples and parameters."""
+        """Return the outcomes of some runs, each of a belief, samples and parameters."""
         estimator = self.estimator
         (beliefs, samples, parameters) = zip(*inputs)
         found = estimator.scan_all(beliefs, len(inputs) * [self.log.time], samples, parameters)
@@ -147,7 +160,7 @@ class Rerun:
         return outcomes
 
     def _starts(self, path: str) -> list[tuple[int, float]]:
-        """Return the states that begin with a number of the rig, and where each of them does."""
+        """Return the states whose start depends on a parameter of the rig, each with its start."""
         if path not in self._begun:
             estimator = self.estimator
             number = float(estimator.parameters[estimator.parameter_names.index(path)])
@@ -158,7 +171,7 @@ class Rerun:
         return self._begun[path]
 
     def _changed(self, change: ModelChange) -> tuple[Belief, Floats, Floats]:
-        """Return belief, samples and parameters of a run with a change."""
+        """Return the belief, the samples and the parameters of a run with a change."""
         estimator = self.estimator
         run = self._run
         samples = run.samples

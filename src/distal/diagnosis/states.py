@@ -1,5 +1,5 @@
-"""What the states say: friction that the rig does not have, and numbers that left what the rig says
-of them.
+"""Findings by the states of an estimate: friction that the rig does not declare, and states that
+left their priors.
 """
 
 from __future__ import annotations
@@ -13,25 +13,26 @@ from distal.results.estimate import Estimate
 from distal.results.thresholds import LARGE_PRIOR
 
 WALKS = 8.0
-"""Change over the second half of a log, in standard deviations that the filter allows it, that is
-no settling.
+"""Change of a state over the second half of a log, in standard deviations that the filter allows,
+above which the state does not settle [1].
 
-On right rigs the 95th percentile is 3 to 6 (friction is not normal, and a start is not linear); on
-wrong ones 10 to 30.
+On right rigs the 95th percentile is 3 to 6, since friction is not normal and a start is not linear;
+on wrong rigs it is 10 to 30. Source: judgement.
 """
 
 LARGEST_TRAVEL = float(np.deg2rad(270.0))
-"""An angle that covers more than this is of no joint that tendons pull [rad]; fingers and wrists
-turn by 180° at most.
+"""Range of an angle above which it is of no joint that tendons pull [rad]; fingers and wrists turn
+by 180° at most. Source: judgement.
 """
 
 BEGUN = 1.0
-"""Share of its prior std that a state's change must exceed to count as walking."""
+"""Least change of a state that does not settle, as a share of its prior std [1]. Source: judgement.
+"""
 
 
 def left_their_priors(estimate: Estimate) -> list[Finding]:
-    """Return the states that end, or go on walking, where their priors, if the estimate has any,
-    say that they are not.
+    """Return the states that end far outside their priors, or that do not settle; none where the
+    estimate has no priors.
     """
     means = estimate.prior_means
     stds = estimate.prior_stds
@@ -67,7 +68,7 @@ def left_their_priors(estimate: Estimate) -> list[Finding]:
 
 
 def turning_too_far(estimate: Estimate) -> list[Finding]:
-    """Return the joints whose angle covers more than any joint that tendons pull turns by."""
+    """Return the joints whose angle covers more than `LARGEST_TRAVEL`."""
     covered = [
         (joint, float(np.ptp(angles)))
         for joint, angles in zip(estimate.joint_names, estimate.angles.T)

@@ -1,5 +1,5 @@
-"""Causes beside a truth, tried: the filter runs again without each, and the one after which it errs
-least, for what the rig's stds allow, comes first.
+"""Causes of an error, tried with reference angles: the filter runs again without each cause. The
+one after which it errs least, weighed with the rig's stds, comes first.
 """
 
 from __future__ import annotations
@@ -18,49 +18,60 @@ from distal.logs import true_angles
 from distal.rig import Parameter
 
 FRICTION_KEYS = ("coefficient", "constant", "load")
+"""Keys of friction that are tried."""
 
 LEAST_STD = 0.1
-"""No friction is taken as known better than this share."""
+"""Least std of a friction, as a share [1]. Source: judgement."""
 
 FRICTIONS = (0.4, 2.5)
-"""Friction is tried at so many times the rig's."""
+"""Factors on the rig's friction that are tried [1]. Source: judgement."""
 
 FACTORS = (0.5, 0.67, 0.87, 1.15, 1.5, 2.0)
-"""A stiffness, or the scale of a position, is tried at so many times the rig's too: their columns
-go with each other.
+"""Factors on the rig's stiffness, or on the scale of a position, that are tried [1]: the columns of
+the two are alike. Source: judgement.
 """
 
 SPACING = 1.3
-"""Of two neighbours among these, as a factor."""
+"""Ratio of two neighbouring `FACTORS`, roughly [1]. Source: judgement."""
 
 NEARER = (0.4, 0.2, 0.1)
-"""The likeliest changes are tried again, each time at sizes so much smaller and larger, as shares:
-three halvings of what lies between two `FACTORS`.
+"""Steps by which the likeliest changes are tried smaller and larger, as shares [1]: three halvings
+of the interval between two `FACTORS`. Source: judgement.
 """
 
 LIKELIEST = 6
-"""So many are tried again."""
+"""Number of the likeliest trials that are refined by `NEARER`. Source: judgement."""
 
 COMPLIANCE = {"force": "compliance", "stiffness": "compliance"}
-"""What stretches a tendon is one cause."""
+"""Kind of a cause → kind under which it is compared: what stretches a tendon is one cause."""
 
 SURE = 6.0
-"""A cause gains so much in −2 ln p (Kass and Raftery, J. American Statistical Association 90,
-1995: above 6 is strong evidence).
+"""Least gain in −2 ln p of a cause [1]. Source: reference (Kass and Raftery, J. American
+Statistical Association 90, 1995: above 6 is strong evidence).
 """
 
 ALIKE = 10.0
-"""Of two causes whose gains differ by less neither is sure (above 10 is very strong evidence)."""
+"""Difference of gains in −2 ln p below which the second cause is named too [1]. Source: reference
+(Kass and Raftery 1995: above 10 is very strong evidence).
+"""
 
 HALF = 0.5
-"""A second cause, beside the first, leaves so much of the error, or less."""
+"""Largest share of the error that a second cause, beside the first, may leave [1]. Source:
+judgement.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A cause and the change that takes it off, what that gains in −2 ln p of the truth, and the
-    RMS errors of the joints afterwards and `before`, NaN where no truth is known, (n_joints,)
-    [rad].
+    """A cause, tried by the change that removes it.
+
+    Args:
+        cause: that is tried.
+        change: that removes it.
+        gain: in −2 ln p of the truth.
+        errors: RMS errors of the joints with the change, NaN without a reference angle, (n_joints,)
+            [rad].
+        before: the same without the change.
     """
 
     cause: Cause
@@ -71,12 +82,17 @@ class Trial:
 
 
 def tried(rerun: Rerun, causes: Sequence[Cause]) -> list[Trial]:
-    """Return the likeliest causes of an error beside a known truth, at most two.
+    """Return the likeliest causes of an error, at most two, by runs of the filter without each.
 
-    −2 ln p = k Σ_j ln(e_j² + σ_j²) + 2 ln(1 + δ²), with e_j the RMS error of joint j, σ_j its mean
-    std, k the number of independent samples, and δ how far the rig is changed in its own stds
-    (Cauchy's prior: a thing that is wrong may be so by any size). What sensors then agree less
-    with each other is taken off.
+    −2 ln p = k Σ_j ln(e_j² + σ_j²) + 2 ln(1 + δ²), with the RMS error e_j of joint j, its mean
+    variance σ_j², the number k of independent samples, and the distance δ of the change from the
+    rig, in stds of the rig. The last term is Cauchy's prior: a wrong parameter may be wrong by any
+    size. If the sensors agree less with each other after the change, that is subtracted from the
+    gain.
+
+    Args:
+        rerun: runs the filter.
+        causes: to be tried.
     """
     if not causes:
         return []
@@ -101,7 +117,7 @@ def _halves(trial: Trial, before: Trial) -> bool:
 
 
 class _Score:
-    """What a run is worth beside the truth."""
+    """Gain of a run by the reference angles."""
 
     def __init__(self, rerun: Rerun) -> None:
         joints = rerun.estimator.rig.joint_names
@@ -114,8 +130,8 @@ class _Score:
         self._base = self._cost(rerun.base)
 
     def of(self, trials: Sequence[Trial]) -> list[Trial]:
-        """Return trials with what each gains; those of numbers that the filter's kernel has as
-        constants are left out.
+        """Return trials with their gains; a trial is left out if its parameter is a constant of the
+        filter's kernel.
         """
         known = set(self._rerun.estimator.parameter_names)
         possible = [trial for trial in trials if trial.change.parameters.keys() <= known]
@@ -132,7 +148,7 @@ class _Score:
         return scored
 
     def _disagrees(self, outcome: Outcome) -> float:
-        """Return by how much less sensors agree with each other, in −2 ln p: a reading that is
+        """Return by how much less the sensors agree with each other, in −2 ln p: a reading that is
         made so wrong that the filter leaves it out explains nothing.
         """
         lost = _likelihood(self._rerun.base) - _likelihood(outcome)
@@ -160,13 +176,15 @@ def _ways(cause: Cause) -> list[Trial]:
 
 
 def _scaled(cause: Cause, factors: Sequence[float]) -> list[Trial]:
-    """Return a cause with other factors."""
+    """Return trials of a cause with other factors."""
     others = (replace(cause, change=factor - 1.0) for factor in factors)
     return [trial for other in others for trial in _ways(other)]
 
 
 def _of_causes(causes: Sequence[Cause]) -> Iterator[Trial]:
-    """Yield what positions of drives beside the truth look like, each way to take it off."""
+    """Yield a trial for each way to remove each cause, stiffness, scales and forces with other
+    factors too.
+    """
     for cause in causes:
         yield from _ways(cause)
         if cause.kind in ("stiffness", "scale"):
@@ -176,7 +194,7 @@ def _of_causes(causes: Sequence[Cause]) -> Iterator[Trial]:
 
 
 def _of_frictions(estimator: AdaptiveFilter) -> Iterator[Trial]:
-    """Yield friction of joints and drives that is less, and more."""
+    """Yield trials of friction in joints and drives that is less, or more, than in the rig."""
     for kind in ("joints", "drives"):
         for i, part in enumerate(getattr(estimator.rig, kind)):
             paths = {
@@ -209,8 +227,8 @@ def _best_of_each(trials: Sequence[Trial]) -> list[Trial]:
 
 
 def _nearer(trial: Trial, share: float) -> list[Trial]:
-    """Return the same cause, taken off in the same way, with a change that is smaller and one that
-    is larger by a `share`; factors by that of the distance of two `FACTORS`.
+    """Return the same cause, removed in the same way, with a smaller and a larger change: by a
+    `share` of the change, or of the interval between two `FACTORS`.
     """
     cause = trial.cause
     change = trial.cause.change

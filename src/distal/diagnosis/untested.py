@@ -1,10 +1,11 @@
-"""What the sensors of a log cannot test, in at most three groups: scales of positions, of forces,
-and zeros.
+"""What the sensors of a log cannot test, in at most three groups: scales of positions, scales of
+forces, and zeros.
 
-Gear, spool, unit and moment arm of a drive are one scale between its position and its joint;
-stiffness and the force's scale are one between its pull and its stretch; zero and pre-tension shift
-both. Nothing proximal tells them apart, so each is one group. A group is named where a change of it
-contradicts nothing and moves an angle by more than half of its band in a tenth of the samples.
+Gear, spool, unit and moment arm of a drive are one scale between its position and its joint.
+Stiffness and the scale of the force are one scale between its pull and its stretch. Zero and
+pre-tension both shift the position. Nothing proximal tells the members of a group apart. A group is
+named if a change of it contradicts nothing and moves an angle by more than half of its band in a
+tenth of the samples.
 """
 
 from __future__ import annotations
@@ -26,30 +27,38 @@ from distal.rig import Rig
 from distal.run.offline import estimator_for
 
 FACTORS = (0.5, 0.67, 0.9, 1.1, 1.5, 2.0)
-"""What scales are multiplied by: a log of a rig whose scale is wrong by one of them is right with
-its inverse.
+"""Factors on scales that are tried [1]; a scale in the rig that is wrong by one of them is right
+with its inverse. Source: judgement.
 """
 
 GROSS = (-1.0, 57.3, 1 / 57.3)
-"""What channels are multiplied by as well: a sign, and degrees for radians; larger factors are seen
-where these are.
+"""Further factors on channels that are tried [1]: a wrong sign, and degrees for radians; where
+these are noticed, larger ones are too. Source: definition (degrees per radian).
 """
 
 ZERO = 0.1
-"""A position is shifted by this share of what it covers in the log."""
+"""Shift of a position that is tried, as a share of its range in the log [1]. Source: judgement."""
 
 SHARE = 0.5
-"""A change counts that moves an angle by more than this share of its band …"""
+"""Motion of an angle by a change, as a share of its band, above which a sample counts as moved [1].
+Source: judgement.
+"""
 
 OFTEN = 0.1
-"""… in so many of the samples."""
+"""Share of samples in which a change has to move an angle so that it counts [1]. Source: judgement.
+"""
 
 
 def cannot_test(
     log: Log, rig: Rig, homing: float | None = None, compiled: bool = True
 ) -> tuple[Finding, ...]:
-    """Return the groups of numbers that the sensors of a log cannot test; the truth is used for
-    `homing` [s].
+    """Return the groups of parameters that the sensors of a log cannot test.
+
+    Args:
+        log: with the sensors.
+        rig: of the log.
+        homing: time for which the reference angle is used [s], or None.
+        compiled: whether kernels are compiled.
 
     Raises:
         EstimationError: the filter cannot run on this rig or log.
@@ -60,7 +69,9 @@ def cannot_test(
 
 
 def untestable(rerun: Rerun) -> list[Finding]:
-    """Return the groups of numbers that cannot be tested, each with the drives where that is so."""
+    """Return the groups of parameters that cannot be tested, each with the drives of which that is
+    so.
+    """
     of_base = contradictions(rerun, rerun.base)
     drives = rerun.estimator.rig.drive_names
     found: dict[str, list[str]] = {}
@@ -68,7 +79,7 @@ def untestable(rerun: Rerun) -> list[Finding]:
     for group, concerned, change in _changes(rerun):
         kinds.setdefault((group, concerned), []).append(change)
         found.setdefault(group, [])
-    # the first change of each kind, then the second: of what is named by then no more is run
+    # the first change of each kind is run, then the second, unless its group is named by then
     for changes in zip_longest(*kinds.values()):
         tried = [
             (group, concerned, change)
@@ -93,7 +104,7 @@ def _listed(named: Sequence[str], drives: Sequence[str]) -> str:
 
 
 def _changes(rerun: Rerun) -> Iterator[tuple[str, tuple[str, ...], ModelChange]]:
-    """Yield a group, the drives that a change concerns, one or all of them, and the change."""
+    """Yield a group, the drives that a change concerns (one or all), and the change."""
     estimator = rerun.estimator
     rig = estimator.rig
     channels = estimator.channels
@@ -141,8 +152,8 @@ def _changes(rerun: Rerun) -> Iterator[tuple[str, tuple[str, ...], ModelChange]]
 
 
 def _unseen(rerun: Rerun, outcome: Outcome, base_contradictions: set[tuple[Kind, str]]) -> bool:
-    """Return whether a change moved an angle by more than a share of its band, and contradicts
-    nothing.
+    """Return whether a change moved an angle by a good share of its band, and contradicts nothing
+    new.
     """
     base = rerun.base
     joints = len(rerun.estimator.rig.joints)

@@ -1,5 +1,5 @@
-"""The filter begun elsewhere: a band that hangs on where it began, and what still contradicts if it
-begins with what it learned.
+"""The filter with another start: whether the band depends on the start, and what still contradicts
+if the filter begins with what it learned.
 """
 
 from __future__ import annotations
@@ -18,30 +18,34 @@ from distal.estimators import StateKind, state_units
 from distal.results import Estimate
 
 START_FORGOTTEN = 0.5
-"""The first moments of a log, in which a start is forgotten, do not count [s]."""
+"""First part of a log, which does not count since a start is forgotten there [s]. Source:
+judgement.
+"""
 
 HANGS = 1.1
-"""Spread of the angle over starts drawn from the prior, in its standard deviations, that is too
-much.
+"""Spread of the angle over starts that are drawn from the prior, in its standard deviations, above
+which the band is too narrow [1].
 
-Of a filter that is right it is at most 1: the posterior covariance is what the prior leaves plus
-what noise adds. On random rigs with more than 90 % inside it is mostly 0.3 to 1.1, on those with
-less than half inside 1.2 to 6.
+A right filter has at most 1: the posterior covariance is what remains of the prior plus what noise
+adds. Random rigs with more than 90 % inside have mostly 0.3 to 1.1, those with less than half
+inside 1.2 to 6. Source: judgement.
 """
 
 
 WITHIN = 3.0
-"""A number that a log teaches may be so many standard deviations from what the rig says."""
+"""Largest distance of a learned parameter from the rig's, in standard deviations, that contradicts
+nothing [1]. Source: judgement.
+"""
 
 
 def overconfidence(rerun: Rerun) -> list[Finding]:
-    """Return whether the angle hangs on where the filter began by more than its band says, and on
-    which numbers.
+    """Return a finding if the angle depends on the start of the filter by more than its band
+    allows, and on which state.
 
-    Each state that has a prior begins one of its standard deviations above, then below. By
-    linearity the root of the sum of squares of what that moves the angle by is the spread of
-    estimates over starts drawn from the prior, which is part of the posterior's standard deviation.
-    A start that the log itself rejects counts by its likelihood, min(1, p/p_0).
+    Each state with a prior begins one standard deviation above, then below its prior. To first
+    order, the root of the sum of squares of the motions of the angle is the spread of estimates
+    over starts drawn from the prior, which is a part of the posterior's standard deviation. A start
+    that the log itself rejects is weighted by its likelihood, min(1, p/p_0).
     """
     moved = moved_by_starts(rerun)
     if not moved:
@@ -56,8 +60,8 @@ def overconfidence(rerun: Rerun) -> list[Finding]:
 
 
 def moved_by_starts(rerun: Rerun) -> dict[str, Floats]:
-    """Return state → by how much another start of it moves the joints' angles, the mean square over
-    that of the band, (n_joints,).
+    """Return state → mean square by which another start of it moves the joints' angles, relative to
+    the mean variance of these angles, (n_joints,).
     """
     estimator = rerun.estimator
     base = rerun.base
@@ -89,12 +93,12 @@ def _angles(rerun: Rerun) -> set[str]:
 
 
 def with_learned_parameters(result: Estimate, rerun: Rerun) -> Estimate:
-    """Return a result with the innovations of the filter that begins with the numbers that it had
-    learned at the end.
+    """Return a result with the innovations of the filter that begins with the parameters that it
+    had learned at the end.
 
-    A number that is wrong by no more than its std allows makes the first innovations large and
-    alike, until it is learned. So far as it is within `WITHIN` standard deviations of what the rig
-    says, that contradicts nothing.
+    A parameter that is wrong by no more than its std allows makes the first innovations large and
+    alike, until it is learned. If it is within `WITHIN` standard deviations of the rig's, that
+    contradicts nothing.
     """
     states = rerun.estimator.states
     names = rerun.estimator.state_names
@@ -119,13 +123,13 @@ def with_learned_parameters(result: Estimate, rerun: Rerun) -> Estimate:
 
 
 def contradictions(rerun: Rerun, outcome: Outcome) -> set[tuple[Kind, str]]:
-    """Return kind and subject of what contradicts in a run."""
+    """Return kind and subject of all contradictions in a run."""
     findings = diagnose_estimate(as_estimate(rerun, outcome)).findings
     return {(finding.kind, finding.subject) for finding in findings if finding.contradicts}
 
 
 def as_estimate(rerun: Rerun, outcome: Outcome) -> Estimate:
-    """Return what a run gave as an estimate without a truth."""
+    """Return the outcome of a run as an estimate without reference angles."""
     estimator = rerun.estimator
     lasting = estimator.states.lasting
     return Estimate(

@@ -1,4 +1,4 @@
-"""Estimators behind one contract: belief and sample in, belief and innovation out."""
+"""The estimators and their common interface: belief and sample in, belief and innovation out."""
 
 from distal.estimators.adaptive import AdaptiveFilter, Robustness
 from distal.estimators.affine_estimator import AffineEstimator, affine_of, affine_samples

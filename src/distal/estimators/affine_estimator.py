@@ -1,5 +1,5 @@
-"""`affine`, the baseline estimator: the angle by least squares from the readings, learned from logs
-or a homing move.
+"""`affine`, the baseline estimator: the angle as a sum of terms of the readings, whose coefficients
+are learned by least squares from logs or from a homing move.
 """
 
 from __future__ import annotations
@@ -39,31 +39,39 @@ from distal.threads import one_blas_thread
 NAME = "affine"
 
 OUTSIDE = "outside_range"
-"""The state that gives how far readings are outside the learned range, in half ranges; 0 inside."""
+"""Name of the state that gives how far readings are outside the learned range, in half ranges; 0
+inside.
+"""
 
 NOTICED = 0.1
-"""Readings this far outside the learned range (in half ranges) are reported; the band grows from
-the range's end on.
+"""Readings that are further outside the learned range than this, in half ranges, are reported [1];
+the band grows from the end of the range on. Source: judgement.
 """
 
 NEEDS = (
     "needs [affine] in the rig file (distal fit with logs whose angle is known), or a homing "
     "move (--homing 3s)"
 )
-"""What to do where there is no map."""
+"""The words of a message on what to do where there is no map."""
 
 NOWHERE = 1e6
-"""Variance of an angle at the start where the map does not give it [rad²]."""
+"""Variance of an angle at the start where the map does not give it [rad²]. Source: judgement."""
 
 START_GROWTH = 10.0
+"""Relative growth of the standard deviation at the start, per half range outside the learned range
+[1]. Source: judgement.
+"""
+
 START_REACH = 1.0
-"""At the start: growth of the std outside the learned range, and where the map ends, in half
-ranges.
+"""Distance from the learned range, in half ranges, from which on the map does not give the start
+[1]. Source: judgement.
 """
 
 
 def affine_of(rig: Rig) -> Kind:
-    """Return the kind of map that gives the joints' angles from a rig's readings."""
+    """Return the kind of map, its terms and its noise, that gives a rig's joint angles from its
+    readings.
+    """
     channels = channels_of(rig, NAME)
     noise = np.sqrt([variance(sensor) for sensor in channels.proximal])
     joints = rig.joint_names
@@ -73,8 +81,11 @@ def affine_of(rig: Rig) -> Kind:
 
 
 def affine_samples(log: Log, rig: Rig) -> Samples:
-    """Return the samples of a log in which every sensor has had a value, missing ones held, with
-    the joints' true angles.
+    """Return the samples of a log from the first at which every sensor has had a value, with the
+    true angles of the joints.
+
+    A missing value is replaced by the last one before it; a true angle is NaN where it is not
+    known.
 
     Raises:
         EstimationError: a sensor is not in the log or has no value.
@@ -107,13 +118,13 @@ def _held(values: Floats) -> Floats:
 
 
 class AffineEstimator(KernelEstimator):
-    """θ = Σ b_i φ_i of what the sensors read, from `[affine]` of the rig or a homing move; see
-    `map_function`.
+    """The estimator θ = Σ b_i φ_i of functions φ_i of the readings; see `map_function`.
 
-    Where a homing move will follow (`after_homing`), no stored map is needed.
+    The coefficients b_i are those of `[affine]` of the rig, or are learned in a homing move. With
+    `homing` the rig needs none, since `after_homing` will give them.
 
     Raises:
-        EstimationError: there is no map, or it is one of other sensors.
+        EstimationError: there is no map, or it was learned from other sensors.
     """
 
     def __init__(self, rig: Rig, compiled: bool = True, homing: bool = False) -> None:
@@ -147,10 +158,9 @@ class AffineEstimator(KernelEstimator):
 
     @one_blas_thread()
     def after_homing(self, log: Log, homing: float) -> AffineEstimator:
-        """Return the estimator with the map that a log's homing move teaches: alone, or as a
-        correction of the rig's.
+        """Return the estimator with a map that the first `homing` s of a log teach.
 
-        The move is the first `homing` s of the log.
+        The rig's own map is corrected by them; a rig without one gets a map from them alone.
 
         Raises:
             EstimationError: the window has too few samples.
@@ -184,7 +194,8 @@ class AffineEstimator(KernelEstimator):
         return taught
 
     def prior_function(self) -> ca.Function:
-        """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first sample.
+        """Return the function (values, mask, p) → (mean, covariance's diagonal, memory) before the
+        first sample.
 
         Raises:
             EstimationError: there is no map yet.
@@ -205,8 +216,8 @@ class AffineEstimator(KernelEstimator):
         )
 
     def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
-        """Return what a user should know of an estimate: how much of it was outside the learned
-        range, and of what.
+        """Return sentences on the homing move and on the share of the samples outside the learned
+        range, with the sensors that were outside.
         """
         far = means[:, self.state_names.index(OUTSIDE)]
         if self.affine is None or not np.any(far > NOTICED):
@@ -231,8 +242,10 @@ class AffineEstimator(KernelEstimator):
 
 
 def affine_function(affine: Affine, width: int) -> ca.Function:
-    """Return (kernel_state, x, p) → (kernel_state⁺, y) of the estimator: its angle is the map's
-    value, see `map_function`.
+    """Return the estimator's function (kernel_state, x, p) → (kernel_state⁺, y); `width` is the
+    number of channels.
+
+    The angle is the value of the map, see `map_function`.
     """
     nj = len(affine.joints)
     layout = kernel_state_layout(nj + 1, map=memory_size(affine))
@@ -256,10 +269,11 @@ def affine_function(affine: Affine, width: int) -> ca.Function:
 
 
 def learned_alone(window: Samples, kind: Kind) -> LearnedMap:
-    """Return the map of a homing move alone: least squares over its window, without directions.
+    """Return the map that a homing move alone teaches: least squares over its window, without terms
+    of directions.
 
-    The window's residuals are correlated: N samples count as one, so k samples tell as much as k/N,
-    and the band is that of Student's distribution with the k/N − n degrees of freedom that n
+    The window's residuals are correlated: N samples count as one, so that k samples tell as much as
+    k/N. The band is that of Student's distribution with the k/N − n degrees of freedom that n
     coefficients leave.
 
     Raises:
@@ -285,12 +299,15 @@ def learned_alone(window: Samples, kind: Kind) -> LearnedMap:
 def start_of(
     affine: Affine, joint: int, readings: Mapping[str, tuple[Scalar, Scalar]]
 ) -> tuple[Scalar, Scalar]:
-    """Return angle and variance of a joint at the first readings, where the state of plays is
-    unknown.
+    """Return angle and variance of a joint at the first readings, at which the states of the plays
+    are unknown.
 
-    Outside the learned range its std grows; far outside, or with a missing reading, the map gives
-    no information. Of each channel `readings` have the first one and 1 where there is one,
-    symbolic.
+    Outside the learned range the standard deviation grows; from `START_REACH` on, or with a missing
+    reading, the variance is `NOWHERE`.
+
+    Args:
+        joint: index of the joint.
+        readings: channel → its first reading, and 1 where there is one, symbolic.
     """
     learned = affine.joints[joint]
     phi = dict[str, Scalar]()
@@ -302,7 +319,7 @@ def start_of(
         half = max((affine.high[i] - affine.low[i]) / 2, 1e-12)
         far = ca.fmax(far, ca.fmax(affine.low[i] - reading, reading - affine.high[i]) / half)
         complete = ca.logic_and(complete, is_read(mask))
-    # a play is where its reading is, give or take its half-width; a direction is either
+    # the state of a play is within its half-width of its reading; a direction is +1 or −1
     plays = {f"play({name})": (name, width) for name, width in zip(affine.channels, affine.width)}
     plain = [
         i

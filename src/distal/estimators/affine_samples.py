@@ -1,4 +1,4 @@
-"""What a sample is: one rule for whoever takes one in."""
+"""The checks of a sample, the same for all that take one in."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from distal.arrays import Floats
 from distal.logs import LARGEST_READING
 
 WILD = f"beyond {LARGEST_READING:g} in SI; NaN stands for a missing value"
-"""The message on such a value."""
+"""The words of a message on a wild value."""
 
 
 def sample_problem(sample: object, channels: Sequence[str]) -> str | None:
-    """Return why something is no sample of some channels, None where it is an array of one number
-    for each.
+    """Return why `sample` is no sample of `channels`, or None where it is an array with one number
+    for each of them.
     """
     if not isinstance(sample, np.ndarray) or sample.dtype.kind not in "fiu":
         return (
@@ -31,7 +31,7 @@ def sample_problem(sample: object, channels: Sequence[str]) -> str | None:
 
 
 def wild_problem(sample: Floats) -> str | None:
-    """Return that a value of a sample is wild, (n_channels,) [SI]; None where none is."""
+    """Return a message if a value of a sample, (n_channels,) [SI], is wild, None where none is."""
     for value in sample.tolist():  # of a few numbers this is faster than arrays
         if value > LARGEST_READING or value < -LARGEST_READING:
             return f"the sample {sample} is wild ({WILD})"

@@ -1,4 +1,4 @@
-"""What an estimator believes at a time, and what a sample told it."""
+"""The belief of an estimator at a time, and the innovation of a sample."""
 
 from __future__ import annotations
 
@@ -13,16 +13,18 @@ from distal.kernels import covariance_of, mean_of
 
 @dataclass(frozen=True)
 class Belief:
-    """What an estimator believes at a time; immutable.
+    """The mean and covariance that an estimator believes at a time; immutable.
 
     Args:
-        time: of the last sample [s].
-        kernel_state: mean (n,), covariance (n, n) row by row, and what the estimator remembers
-            of its inputs.
+        time: stamp of the last sample [s].
+        kernel_state: mean (n,), covariance (n, n) row by row, and what the estimator remembers of
+            its inputs.
         size: number of states n.
-        samples: how many samples it has taken in; the first one may have the belief's own stamp.
-        output: of the last step's kernel, by which some states may be reported otherwise.
-        report: which, and how.
+        samples: number of samples taken in; the first one may have the belief's own stamp.
+        output: output y of the kernel at the last step, from which `report` takes values of some
+            states; None before the first.
+        report: the states that a learned map corrects or replaces, and where in y their values
+            stand.
     """
 
     time: float
@@ -34,13 +36,13 @@ class Belief:
 
     @property
     def mean(self) -> Floats:
-        """State estimate as it is reported, (n,)."""
+        """The reported estimate of the states, (n,)."""
         mean: Floats = mean_of(self.kernel_state, self.size)
         return mean if self.output is None else self.report.means(mean[None], self.output[None])[0]
 
     @property
     def covariance(self) -> Floats:
-        """Covariance of its error, (n, n)."""
+        """The reported covariance of the estimate's error, (n, n)."""
         covariance: Floats = covariance_of(self.kernel_state, self.size)
         return (
             covariance
@@ -51,11 +53,11 @@ class Belief:
 
 @dataclass(frozen=True)
 class Innovation:
-    """What a sample told beyond the prediction: ln p(sample | past), and one value per measured
-    channel, NaN where missing.
+    """The innovations of one sample: one value and one variance per compared channel, (m,), NaN
+    where the value is missing, and ln p(sample | past).
 
-    It is measured minus predicted after the ones before it have been taken into account, so that
-    they are independent, and has a predicted variance.
+    Each value is measured minus predicted, the prediction having already used the channels before
+    it: so the values are independent.
     """
 
     values: Floats
@@ -64,15 +66,15 @@ class Innovation:
 
     @property
     def nis(self) -> float:
-        """Normalised innovation squared, Σ ν²/S; χ² distributed with one degree per value that is
-        there.
+        """Normalised innovation squared, Σ ν²/S; χ² distributed, with one degree of freedom for
+        each value that is present.
         """
         return float(np.nansum(self.values**2 / self.variances))
 
 
 def innovation(values: Floats, variances: Floats) -> Innovation:
-    """Return the innovation with its log-likelihood, −½ Σ (ν²/S + ln 2πS) over `values` ν that are
-    there, `variances` S.
+    """Return the innovation with its log-likelihood, −½ Σ (ν²/S + ln 2πS), summed over the finite
+    ones of the `values` ν, (m,); their `variances` are S, (m,).
     """
     read = np.isfinite(values)
     terms = values[read] ** 2 / variances[read] + np.log(2 * np.pi * variances[read])

@@ -1,5 +1,5 @@
-"""Which directions of joint space the sensors see at all, and which only springs or nothing
-hold.
+"""Directions of joint space: those that the sensors see, and those that only springs hold or
+nothing does.
 """
 
 from __future__ import annotations
@@ -14,17 +14,21 @@ from distal.model import Mechanism
 from distal.rig import Rig
 
 SMALLEST = 1e-3
-"""A direction along which no tendon moves by this share of what the strongest one does is not seen.
+"""A direction along which tendons move by less than this share of the strongest one's motion counts
+as missed [1]. Source: judgement.
 """
 
 
 @dataclass(frozen=True)
 class Directions:
-    """Directions of joint space at a posture, with the names of its n joints.
+    """Directions of joint space at a posture: those that the sensors see, and those that they miss.
 
-    Those `seen` are sums of the angles that the sensors tell, (r, n) [m]: the moment arms of
-    tendons, or combinations. Those `missed` are orthonormal, (m, n): no measured tendon moves along
-    them. They are `sprung` if springs hold all of them.
+    Args:
+        joints: names of the n joints.
+        seen: sums of the angles that the sensors tell, (r, n) [m]: one row of moment arms for each
+            of r independent tendons.
+        missed: orthonormal directions, (m, n), along which no measured tendon moves.
+        sprung: whether springs hold all missed directions.
     """
 
     joints: tuple[str, ...]
@@ -34,8 +38,8 @@ class Directions:
 
     @property
     def text(self) -> str:
-        """What is seen and what is not, in a sentence: ``seen is 9·mcp + 7·pip + 5·dip; two
-        directions are not``.
+        """A sentence on what is seen and what is not, such as ``seen is 9·mcp + 7·pip + 5·dip; two
+        directions are not: …``.
         """
         if len(self.missed) == 0:
             return f"all directions of {', '.join(self.joints)} are seen"
@@ -64,9 +68,9 @@ def directions(rig: Rig) -> Directions:
     """Return which directions of joint space the sensors of a rig see at the joints' `initial`
     angles.
 
-    A tendon whose drive has a position sensor, or which is measured itself, tells ∂ℓ/∂θ · δθ. What
-    lies across all of these rows is not seen (singular values below `SMALLEST` of the largest).
-    Coupled joints move with theirs.
+    A tendon tells ∂ℓ/∂θ · δθ if its drive has a position sensor or its own tension is measured.
+    Directions orthogonal to all these rows are missed (singular values below `SMALLEST` of the
+    largest). A coupled joint moves with the joint that it is coupled to.
     """
     mechanism = Mechanism(rig)
     q = ca.SX.sym("q", mechanism.n_bodies)

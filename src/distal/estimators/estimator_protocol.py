@@ -1,4 +1,4 @@
-"""The contract of all estimators: belief and sample in, belief and innovation out, no hidden
+"""The interface of all estimators: belief and sample in, belief and innovation out, no hidden
 state.
 """
 
@@ -38,20 +38,21 @@ from distal.logs import LARGEST_READING, frozen
 from distal.rig import Rig, Role, measurand_of
 
 LARGEST_ANGLE = 50.0
-"""A joint angle beyond this [rad] means that the filter diverged."""
+"""A joint angle beyond this means that the filter diverged [rad]. Source: judgement."""
 
 SHORTEST = 1e-9
-"""Two stamps closer to each other than this count as the same [s]."""
+"""Two stamps closer to each other than this count as the same [s]. Source: rounding (of stamps)."""
 
 _BUILDING = threading.Lock()
 
 
 @runtime_checkable
 class Estimator(Protocol):
-    """An estimator of joint angles from proximal sensors; one driver runs any of them offline.
+    """An estimator of joint angles from proximal sensors; `distal.estimate` runs any of them over a
+    log.
 
-    The first states are the angles of the rig's joints [rad], in their order. ``measured`` names
-    the channels that have an innovation.
+    The first states are the angles of the rig's joints [rad], in their order. ``channels`` names
+    the sensors of a sample, ``measured`` those of them that have an innovation.
     """
 
     name: str
@@ -61,7 +62,9 @@ class Estimator(Protocol):
     state_names: tuple[str, ...]
 
     def initial(self, time: float, sample: Floats) -> Belief:
-        """Return the belief before the first sample: its `time` [s] and values, see `step`."""
+        """Return the belief before the first sample, which comes at a `time` [s]; `sample` are its
+        values as for `step`.
+        """
 
     def step(self, belief: Belief, time: float, sample: Floats) -> tuple[Belief, Innovation]:
         """Return belief and innovation after a `sample`, (n_channels,), SI, NaN where missing, at a
@@ -71,22 +74,23 @@ class Estimator(Protocol):
     def scan(
         self, belief: Belief, times: Floats, samples: Floats
     ) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return means, covariances, innovations and their variances of a whole log, the same
-        numbers as `step`.
+        """Return means, covariances, innovations and their variances over a whole log: the same
+        values as by `step`.
 
-        The belief is that before the first sample; `times` rise [s], (k,), `samples` are (k,
-        n_channels).
+        Args:
+            belief: before the first sample.
+            times: stamps [s], rising, (k,).
+            samples: values of the channels, (k, n_channels).
         """
 
 
 class KernelEstimator:
-    """The common base of estimators that are a kernel (kernel_state, x, p) → (kernel_state⁺, y),
-    None where it comes later.
+    """The base of all estimators that are one kernel (kernel_state, x, p) → (kernel_state⁺, y).
 
     x = (dt, values of the channels, mask of the channels); y = (innovations, variances) of the
-    measured channels. A missing value (NaN) becomes a zero in the mask; long intervals are bridged,
-    see `distal.estimators.gaps`. The joints' angles are the first states; p are the kernel's
-    parameters.
+    measured channels; p are the kernel's parameters. The first states are the joints' angles. A
+    missing value (NaN) becomes a zero in the mask; long intervals are bridged, see
+    `distal.estimators.gaps`. The `kernel` is None for an estimator that gets one later.
     """
 
     def __init__(
@@ -113,12 +117,14 @@ class KernelEstimator:
 
     @property
     def has_kernel(self) -> bool:
-        """Whether it has its kernel; `affine` without a map has none before its homing move."""
+        """Whether the estimator has its kernel; `affine` without a learned map has none before its
+        homing move.
+        """
         return self._kernel is not None
 
     @property
     def kernel(self) -> Kernel:
-        """The function (kernel_state, x, p) → (kernel_state⁺, y).
+        """The estimator's function (kernel_state, x, p) → (kernel_state⁺, y).
 
         Raises:
             EstimationError: there is none yet; see `has_kernel`.
@@ -128,7 +134,12 @@ class KernelEstimator:
         return self._kernel
 
     def initial(self, time: float, sample: Floats) -> Belief:
-        """Return the belief before the first sample: its `time` [s] and values, as for `step`."""
+        """Return the belief before the first sample, which comes at a `time` [s]; `sample` are its
+        values as for `step`.
+
+        Raises:
+            EstimationError: the stamp is not finite, or the sample has the wrong shape or is wild.
+        """
         if not np.isfinite(_number(self.name, time)):
             raise EstimationError(f"{self.name}: the stamp {time} is not a finite time")
         mean, covariance, memory = self.prior(self._checked(sample), self._p)
@@ -136,10 +147,12 @@ class KernelEstimator:
         return Belief(float(time), frozen(kernel_state), len(mean))
 
     def prior(self, sample: Floats, p: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return mean, covariance and remembered inputs before the first sample, at the kernel's
-        parameters p, (n_p,).
+        """Return mean, (n,), covariance, (n, n), and remembered inputs before the first sample.
 
-        The first values, `sample`, (n_channels,), NaN where missing, fill what has no prior.
+        Args:
+            sample: values of the first sample, (n_channels,), NaN where missing; they give the
+                states and the memory that the rig has no prior for.
+            p: the kernel's parameters, (n_p,).
         """
         if self._begin is None:
             with (
@@ -153,26 +166,27 @@ class KernelEstimator:
         return mean, np.diag(spread) if len(spread) == n > 1 else spread.reshape(n, n), memory
 
     def prior_function(self) -> ca.Function:
-        """Return (values, mask, p) → (mean, covariance or its diagonal, memory) before the first
-        sample.
+        """Return the function (values, mask, p) → (mean, covariance or its diagonal, memory) before
+        the first sample.
 
         Raises:
-            EstimationError: this estimator has no such function, and cannot be exported.
+            EstimationError: this estimator has no such function and cannot be exported.
         """
         raise EstimationError(
             f"{self.name} cannot be exported; adaptive, ekf, ekf-2008, inextensible and elastic can"
         )
 
     def step(self, belief: Belief, time: float, sample: Floats) -> tuple[Belief, Innovation]:
-        """Return the belief after a `sample`, (n_channels,), SI, NaN where missing, at a `time`
-        [s], and its innovation.
+        """Return the belief after a sample, and the sample's innovation.
 
-        The belief before is from `initial` (at the same time as the first sample) or the last
-        `step`.
+        Args:
+            belief: from `initial` (at the same time as the first sample) or from the last `step`.
+            time: stamp of the sample [s].
+            sample: values of the channels, (n_channels,), SI, NaN where missing.
 
         Raises:
-            EstimationError: the stamp is not after the belief's, or the sample has the wrong shape
-                or is wild.
+            EstimationError: the stamp is not after the belief's, the sample has the wrong shape or
+                is wild, or the filter diverged.
         """
         sample, time = self._accepted(belief, time, sample)
         rows, _ = self.rows(np.array([time - belief.time]), sample[None, :])
@@ -196,9 +210,9 @@ class KernelEstimator:
         self, belief: Belief, times: Floats, samples: Floats
     ) -> tuple[Floats, Floats, Floats, Floats]:
         """Return means (k, n), covariances (k, n, n), innovations (k, m) and their variances (k, m)
-        of a whole log.
+        over a whole log.
 
-        Arguments are as for `checked_rows`: `belief`, `times` and `samples`.
+        The `belief`, `times` and `samples` are as for `checked_rows`.
 
         Raises:
             EstimationError: stamps do not rise, or a value is wild: beyond `LARGEST_READING`.
@@ -216,12 +230,11 @@ class KernelEstimator:
         samples: Sequence[Floats],
         parameters: Sequence[Floats],
     ) -> list[tuple[Floats, Floats, Floats]]:
-        """Return the filter's own means and variances of the states, (k, n), and outputs, (k, n_y),
-        of several runs.
+        """Return means (k, n), variances of the states (k, n) and outputs (k, n_y) of several runs.
 
-        They are without what maps say (`report`), and go side by side where there are lanes for
-        that. Of each run come belief, `times` and `samples` as for `checked_rows`, and its
-        parameters, `parameters`, (n_p,).
+        They are the filter's own, before learned maps correct them (`report`). The runs are
+        computed side by side where the processor has vector lanes for that. For each run there are
+        a belief, `times` and `samples` as for `checked_rows`, and its kernel's parameters, (n_p,).
 
         Raises:
             EstimationError: as `checked_rows`.
@@ -243,9 +256,9 @@ class KernelEstimator:
         return [(kept[:, :n], kept[:, n:], ys) for kept, ys in driven]
 
     def advanced(self, belief: Belief, times: Floats, samples: Floats) -> Advanced:
-        """Return the kernel's carries and outputs at each sample of a log.
+        """Return the kernel states and outputs at each sample of a log.
 
-        Arguments are as for `checked_rows`: `belief`, `times` and `samples`.
+        The `belief`, `times` and `samples` are as for `checked_rows`.
 
         Raises:
             EstimationError: as `checked_rows`.
@@ -256,10 +269,13 @@ class KernelEstimator:
     def checked_rows(
         self, belief: Belief, times: Floats, samples: Floats
     ) -> tuple[Floats, NDArray[np.intp]]:
-        """Return the kernel's rows of a whole log and the index of each sample's own row.
+        """Return the kernel's input rows for a whole log, and the index of each sample's own row
+        among them.
 
-        The belief is that before the first sample; `times` are stamps [s], rising, (k,), `samples`
-        values of the channels, (k, n_channels).
+        Args:
+            belief: before the first sample.
+            times: stamps [s], rising, (k,).
+            samples: values of the channels, (k, n_channels).
 
         Raises:
             EstimationError: stamps do not rise, or a value is wild: beyond `LARGEST_READING`.
@@ -283,7 +299,7 @@ class KernelEstimator:
 
     @cached_property
     def state_units(self) -> tuple[str, ...]:
-        """SI units of its states, (n,), looked up once: a batch asks for each log."""
+        """SI units of the estimator's states, (n,)."""
         return state_units(self)
 
     @property
@@ -292,10 +308,12 @@ class KernelEstimator:
         return slice(0, len(self.rig.joints))
 
     def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
-        """Return what a user should know of an estimate, a sentence each: by default which sensors
-        it does not read.
+        """Return sentences that a user should know of an estimate; by default, which sensors the
+        estimator does not read.
 
-        It had the states `means`, (k, n), of the `samples`, (k, n_channels).
+        Args:
+            means: estimated states, (k, n).
+            samples: values of the channels, (k, n_channels).
         """
         compared = (
             sensor.name for sensor in self.rig.sensors if measurand_of(sensor).role is Role.COMPARED
@@ -305,15 +323,15 @@ class KernelEstimator:
 
     @property
     def touched(self) -> tuple[int, ...]:
-        """Where in the kernel state the share stands that a touch has of each joint that may be
-        touched; none where no touch is looked for.
+        """Indices in the kernel state of the share, 0 (free) to 1, that a touch has of each joint
+        that may be touched; empty where the estimator looks for no touch.
         """
         return ()
 
     @property
     def contacts(self) -> dict[str, list[int]]:
-        """Joint → where in the kernel state stand the probability of a touch, and since when it is
-        [s].
+        """Joint → indices in the kernel state of the probability of a touch, and of the time for
+        which it has lasted [s].
         """
         return {}
 
@@ -328,10 +346,11 @@ class KernelEstimator:
         return self._p
 
     def innovations_of(self, ys: Floats, samples: Floats) -> tuple[Floats, Floats]:
-        """Return innovations, NaN where the value was missing, and their variances, (k, m) each,
-        from the kernel's output.
+        """Return innovations, NaN where the value was missing, and their variances, (k, m) each.
 
-        It is `ys`, (k, n_y), at the `samples`, (k, n_channels).
+        Args:
+            ys: the kernel's outputs, (k, n_y).
+            samples: values of the channels, (k, n_channels).
         """
         m = len(self.measured)
         columns = [self.channels.index(name) for name in self.measured]
@@ -354,7 +373,7 @@ class KernelEstimator:
 
     @property
     def initial_size(self) -> int | None:
-        """Size of a belief's carry, or None where only the estimator itself knows."""
+        """Length of the kernel state of a belief, or None where there is no kernel yet."""
         return self.kernel.n_kernel_state if self.has_kernel else None
 
     def _checked(self, sample: Floats) -> Floats:
@@ -366,11 +385,12 @@ class KernelEstimator:
         return sample
 
     def rows(self, steps: Floats, samples: Floats) -> tuple[Floats, NDArray[np.intp]]:
-        """Return the kernel's rows (dt, values, mask), bridges included, and the index of each
-        sample's own row.
+        """Return the kernel's input rows (dt, values, mask) with those that bridge gaps, and the
+        index of each sample's own row among them.
 
-        The `steps` are intervals before the samples [s], (k,), the `samples` NaN where missing, (k,
-        n_channels).
+        Args:
+            steps: intervals before the samples [s], (k,).
+            samples: values of the channels, NaN where missing, (k, n_channels).
 
         Raises:
             EstimationError: a gap is too long.
@@ -386,12 +406,12 @@ def _number(name: str, time: object) -> float:
 
 
 def check_time(name: str, before: float, now: float, first: bool) -> None:
-    """Refuse a stamp `now` [s] that does not rise from the one `before` [s].
+    """Raise an error unless the stamp `now` [s] is later than the stamp `before` [s].
 
-    The first sample may have the belief's own stamp.
+    Where `first`, both may be the same: the first sample may have the belief's own stamp.
 
     Raises:
-        EstimationError: see above.
+        EstimationError: the stamp is not finite, is late or repeats.
     """
     if not np.isfinite(now):
         raise EstimationError(f"{name}: the stamp {now} is not a finite time")

@@ -1,5 +1,5 @@
-"""Extended Kalman filters on the full state: forces are inputs, displacements are measured (the
-paper's way).
+"""Extended Kalman filters on the full state, as in the 2008 paper: forces are inputs, displacements
+are measured.
 """
 
 from __future__ import annotations
@@ -27,9 +27,11 @@ from distal.sensor_errors import systematic_variance, variance
 class Noise:
     """Variances of a full-state filter, SI.
 
-    They are of the pull on each drive (`inputs`), of each state per second (`process`), of
-    positions, then tensions (`measurements`), and of the states before the first sample
-    (`initial`).
+    Args:
+        inputs: of the pull on each drive, (n_drives,).
+        process: of each state, per second, (n,).
+        measurements: of measured positions, then of measured tensions, (m,).
+        initial: of the states before the first sample, (n,).
     """
 
     inputs: Floats
@@ -39,12 +41,12 @@ class Noise:
 
 
 def full_state_function(mechanism: Mechanism, channels: Channels, count: int) -> ca.Function:
-    """Return (kernel_state, x, p) → (kernel_state⁺, y) of an extended Kalman filter with state (q,
-    v).
+    """Return the function (kernel_state, x, p) → (kernel_state⁺, y) of an extended Kalman filter
+    with state (q, v).
 
-    carry = (mean, covariance, last pulls); p = (parameters, nominal pulls, input, process and
-    measurement variances). The pull over an interval is the straight line between its values at
-    both ends; a missing one holds the last.
+    The kernel state is (mean, covariance, last pulls); p = (parameters, nominal pulls, input,
+    process and measurement variances). Over an interval, of `count` sub-steps, a pull goes in a
+    straight line from its last value to the new one; a missing one keeps its last value.
     """
     nb = mechanism.n_bodies
     nd = mechanism.n_drives
@@ -118,8 +120,8 @@ def _update_function(mechanism: Mechanism, measured: Sequence[Sensor]) -> ca.Fun
 def expected_measurements(
     mechanism: Mechanism, measured: Sequence[Sensor], q: Vector, v: Vector
 ) -> Vector:
-    """Return h(x), what position and tension sensors should read at q and v: s + bias, and T +
-    bias.
+    """Return h(x), what position and tension sensors should read at q and v: s + bias, and gain · T
+    + bias.
     """
     rig = mechanism.rig
     expected = []
@@ -136,11 +138,11 @@ def expected_measurements(
 
 
 class FullStateFilter(KernelEstimator):
-    """An extended Kalman filter whose state is the whole mechanism's (q, v); see
+    """An extended Kalman filter whose state is (q, v) of the whole mechanism; see
     `full_state_function`.
 
     Raises:
-        EstimationError: the sensors do not suffice.
+        EstimationError: the sensors do not suffice, or a joint is coupled.
         RigError: the rig is too stiff for its interval.
     """
 
@@ -166,8 +168,8 @@ class FullStateFilter(KernelEstimator):
         )
 
     def prior_function(self) -> ca.Function:
-        """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first
-        sample.
+        """Return the function (values, mask, p) → (mean, covariance's diagonal, memory) before the
+        first sample.
         """
         values, mask = (ca.SX.sym(name, len(self._channels.names)) for name in ("values", "mask"))
         positions, pulls = first_drives(self.rig, self._channels, values, mask)
@@ -180,7 +182,9 @@ class FullStateFilter(KernelEstimator):
 
 
 def state_names(rig: Rig) -> tuple[str, ...]:
-    """Return the names of (q, v): angles, positions, their speeds, velocities."""
+    """Return the names of the states (q, v): angles, drives' positions, angular speeds, drives'
+    velocities.
+    """
     drives = rig.drive_names
     joints = rig.joint_names
     positions, velocities = (
@@ -190,10 +194,11 @@ def state_names(rig: Rig) -> tuple[str, ...]:
 
 
 def rig_noise(rig: Rig) -> Noise:
-    """Return the variances of `ekf`: everything from the rig's sensors.
+    """Return the variances of `ekf`, all of them from the rig.
 
-    Measured forces are inputs with their noise; a nominal one has its std. Positions have their
-    random error and their linearity, taken as if it were random from sample to sample.
+    A measured force is an input with its sensor's noise; a nominal one has its std. The error of a
+    position is its random error and its linearity, as if both were random from sample to sample.
+    The process noise is zero.
     """
     channels = channels_of(rig, "ekf")
     mechanism = Mechanism(rig)
@@ -227,11 +232,14 @@ def _initial_variances(rig: Rig, channels: Channels, mechanism: Mechanism) -> Fl
 
 
 START_SPEED = {True: 0.5, False: 0.005}
-"""Standard deviation of a velocity at the first sample: of an angle [rad/s], of a slider [m/s]."""
+"""Whether a body turns → standard deviation of its velocity at the first sample: of an angle
+[rad/s], of a slider [m/s]. Source: judgement.
+"""
 
 
 def paper_noise(rig: Rig, q: float = 1e-3, r: float = 1e-9, p0: float = 1.0) -> Noise:
-    """Return the variances of `ekf-2008`: Q = q·I per sample, R = r·I, P0 = p0·I, all in SI.
+    """Return the variances of `ekf-2008`: Q = q·I per nominal interval, R = r·I, P0 = p0·I, all in
+    SI.
 
     The paper prints 0.001 for Q and R without units. R = 0.001 m² would be a sensor that errs by 32
     mm, three times its travel, so R is read in mm², 1e-9 m²; docs/results/reproduction.md compares

@@ -1,9 +1,8 @@
-"""Gaps between samples: a long interval is bridged by several predictions, so that sub-steps stay
-short.
+"""Gaps between samples: several predictions bridge a long interval, so that sub-steps stay short.
 
-A row of a kernel is x = (dt, values, mask), see `distal.kernels.mask`. In a row without a sample of
-its own nothing is read, and displacements cross the gap in a straight line to the reading that ends
-it.
+A row of a kernel's input is x = (dt, values, mask), see `distal.kernels.mask`. A row that bridges a
+gap has no sample of its own: nothing is read in it, and displacements are interpolated along a
+straight line to the reading that ends the gap.
 """
 
 from __future__ import annotations
@@ -18,25 +17,32 @@ from distal.errors import EstimationError
 from distal.kernels.mask import MISSING, bridge
 
 MOST_BRIDGES = 100_000
-"""So many predictions may bridge one gap."""
+"""Largest number of predictions that bridge one gap [1]. Source: judgement."""
 
 SPLIT = 1.25
-"""An interval longer than this times the nominal one is bridged by several predictions."""
+"""An interval longer than this times the nominal one is bridged by several predictions [1]. Source:
+judgement.
+"""
 
 ROUNDING = 1e-9
-"""Share of an interval by which a stamp may be off without another prediction."""
+"""Share of an interval by which a stamp may be off without another prediction [1]. Source: rounding
+(of stamps).
+"""
 
 
 def first_values(samples: Floats) -> Floats:
-    """Return the first value of each channel that is not missing, (n_channels,)."""
+    """Return the first finite value of each channel, (n_channels,), NaN for a channel that has
+    none.
+    """
     firsts: Floats = samples[np.isfinite(samples).argmax(axis=0), np.arange(samples.shape[1])]
     return firsts
 
 
 def predictions(dt: float, interval: float) -> int:
-    """Return how many predictions a time `dt` [s] needs, with samples an `interval` [s] apart.
+    """Return the number of predictions for an interval `dt` [s] where samples are nominally an
+    `interval` [s] apart.
 
-    Twice `MOST_BRIDGES` stands for any number that is as large.
+    It is at most twice `MOST_BRIDGES`, also for an infinite `dt`.
     """
     parts = dt / (SPLIT * interval) - ROUNDING
     return (
@@ -52,12 +58,16 @@ def fill(
     rows_after: int = 0,
     bridged: int = 0,
 ) -> None:
-    """Write `values` and `mask` of one row, (n_channels,) each, from the `sample` that ends the
-    interval.
+    """Write `values` and `mask` of one input row, (n_channels,) each, from the `sample` that ends
+    the interval.
 
-    The sample has a value where `is_finite`, else 0. So many rows follow in the same interval, 0
-    after the sample's own; so many of the first channels, `bridged`, cross a gap in a straight
-    line.
+    Args:
+        values: of the row, changed in place.
+        mask: of the row, changed in place.
+        sample: value where `is_finite`, else 0.
+        is_finite: where the sample has a value.
+        rows_after: number of rows that follow in the same interval; 0 for the sample's own row.
+        bridged: number of leading channels that are interpolated along a straight line.
     """
     if rows_after == 0:
         values[:] = sample
@@ -72,10 +82,15 @@ def fill(
 def rows_with_gaps(
     name: str, steps: Floats, samples: Floats, interval: float, bridged: int
 ) -> tuple[Floats, NDArray[np.intp]]:
-    """Return a kernel's rows (dt, values, mask) for a log, and the index of each sample's own row.
+    """Return a kernel's input rows (dt, values, mask) for a log, and the index of each sample's own
+    row among them.
 
-    Between the `samples` are `steps` [s], (k,), nominally an `interval` [s]. So many of the first
-    channels, `bridged`, cross a gap in a straight line; the name is the estimator's, for messages.
+    Args:
+        name: of the estimator, for messages.
+        steps: intervals before the samples [s], (k,).
+        samples: values of the channels, NaN where missing, (k, n_channels).
+        interval: nominal interval [s].
+        bridged: number of leading channels that are interpolated along a straight line over a gap.
 
     Raises:
         EstimationError: too many predictions would be needed.

@@ -12,19 +12,19 @@ from distal.expressions import Expression, Matrix, MatrixNode, ScalarNode, Vecto
 
 
 def symmetric(entries: Expression) -> Expression:
-    """Return the symmetric matrix with the lower triangle of `entries`: symmetry is exact, not
-    approximate.
+    """Return the symmetric matrix that has the lower triangle of `entries`, so that symmetry is
+    exact.
     """
     return ca.tril2symm(ca.tril(entries))
 
 
 class Downdate:
-    """A covariance less what scalar updates have taken, P − Σ g gᵀ + Σ k kᵀ, written out once after
-    the last of them.
+    """A covariance P that several scalar updates reduce: P − Σ g gᵀ + Σ k kᵀ.
 
-    With g = P hᵀ/√S an update with the optimal gain K = P hᵀ/S takes g gᵀ. A state that takes only
-    a share κ of its gain keeps k kᵀ of that, k = (1 − κ) g. Until `matrix` is asked for, P is only
-    multiplied by the slopes of later updates: it is read and written once, not once for each.
+    With g = P hᵀ/√S an update with the optimal gain K = P hᵀ/S subtracts g gᵀ. Where a state takes
+    only a share κ of its gain, k kᵀ of that is added again, k = (1 − κ) g. The updates are
+    collected, and `matrix` computes the sum after the last of them, so that P is read and written
+    once and not once per update.
     """
 
     def __init__(self, covariance: MatrixNode) -> None:
@@ -33,7 +33,7 @@ class Downdate:
         self._remainders: list[tuple[list[int], VectorNode]] = []
 
     def times(self, slope: VectorNode) -> VectorNode:
-        """Return the covariance, as it is now, times a slope hᵀ, (n,), sparse."""
+        """Return the covariance after the updates so far, times a slope hᵀ, (n,), sparse."""
         ahead = ca.mtimes(self._before, slope)
         if not slope.nnz():
             return ahead
@@ -44,16 +44,18 @@ class Downdate:
         return ahead
 
     def take(self, gain: VectorNode, at: Sequence[int], shares: VectorNode) -> None:
-        """Take what one update tells, its `gain` g, (n,), zero for one that does not count.
+        """Add one update with its `gain` g, (n,), which is zero where the update does not count.
 
-        The states `at` some indices take only `shares` of it.
+        The states with the indices `at` take only the shares κ in `shares` of their gain.
         """
         self._gains.append(gain)
         self._remainders.append((list(at), gain[list(at)] * (1 - shares)))
 
     def matrix(self) -> MatrixNode:
-        """Return the covariance, symmetric: products of the same two numbers are added in the same
-        order on both sides.
+        """Return the covariance after all updates.
+
+        It is exactly symmetric: products of the same two numbers are added in the same order on
+        both sides.
         """
         if not self._gains:
             return self._before
@@ -68,7 +70,7 @@ class Downdate:
 
 
 def along(slope: VectorNode, values: VectorNode) -> ScalarNode:
-    """Return a slope, (n,), sparse, times a vector, (n,)."""
+    """Return the scalar product of a slope, (n,), sparse, and a vector, (n,)."""
     return ca.mtimes(slope.T, values) if slope.nnz() else ca.MX(0)
 
 
@@ -79,11 +81,14 @@ def predict_covariance(
     input_variances: Vector,
     process: Vector,
 ) -> Matrix:
-    """Return the `covariance` P⁻ = Φ P Φᵀ + G diag(q_u) Gᵀ + diag(q), with the `process` variances
-    q.
+    """Return the predicted covariance P⁻ = Φ P Φᵀ + G diag(q_u) Gᵀ + diag(q).
 
-    The `transition` Φ = ∂x⁺/∂x, (n, n), `input_map` G = ∂x⁺/∂u, (n, k), and `input_variances` q_u,
-    (k,).
+    Args:
+        covariance: P, (n, n).
+        transition: Φ = ∂x⁺/∂x, (n, n).
+        input_map: G = ∂x⁺/∂u, (n, k).
+        input_variances: q_u, (k,).
+        process: variances q that are added to the states, (n,).
     """
     mapped = input_map * ca.repmat(input_variances.T, input_map.size1(), 1)
     added = ca.mtimes(mapped, input_map.T) + ca.diag(process)
@@ -92,11 +97,10 @@ def predict_covariance(
 
 
 def with_least(covariance: Matrix, least: Vector) -> Matrix:
-    """Return the `covariance` with no variance below what it is at `least`, (n,): rounding alone
-    brings it there.
+    """Return the `covariance` with each variance raised to `least`, (n,), where it is below.
 
-    Where one number is known 1e16 times as well as another, terms cancel to less than their
-    rounding.
+    Only rounding brings a variance there: where one state is known 1e16 times as well as another,
+    terms cancel to less than their rounding.
     """
     diagonal = ca.diag(covariance)
     return covariance + ca.diag(ca.fmax(diagonal, least) - diagonal)
@@ -114,13 +118,18 @@ def update(
     time.
 
     For each value: ν = z − h(x⁻) − H (x − x⁻), S = H P Hᵀ + R, K = P Hᵀ/S, x ← x + K ν, P ← (I − K
-    H) P (I − K H)ᵀ + K R Kᵀ (Joseph), multiplied out: P − K aᵀ − a Kᵀ + K S Kᵀ with a = P Hᵀ. With
-    the linearisation kept at x⁻ this equals the update with all values at once (their errors are
-    independent).
+    H) P (I − K H)ᵀ + K R Kᵀ (Joseph), multiplied out: P − K aᵀ − a Kᵀ + K S Kᵀ with a = P Hᵀ. The
+    linearisation stays that at x⁻ and the errors of the values are independent, so that this equals
+    the update with all values at once.
 
-    There are `residuals` z − h(x⁻), (m,), a `jacobian` H, (m, n), and `variances` R, (m,). The
-    `mask` is READ or MISSING, see `distal.kernels.mask`, (m,); a value that is MISSING changes
-    nothing.
+    Args:
+        mean: x⁻, (n,).
+        covariance: P, (n, n).
+        residuals: z − h(x⁻), (m,).
+        jacobian: H, (m, n).
+        variances: R, (m,).
+        mask: READ or MISSING, see `distal.kernels.mask`, (m,); a value that is MISSING changes
+            nothing.
     """
     prior = mean
     innovations = []

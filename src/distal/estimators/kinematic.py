@@ -1,4 +1,6 @@
-"""Estimates without dynamics: tendons taken as inextensible, or stretched by the measured force."""
+"""Estimators of one joint without dynamics: tendons are inextensible, or the measured force
+stretches them.
+"""
 
 from __future__ import annotations
 
@@ -22,13 +24,19 @@ from distal.sensor_errors import systematic_variance, variance
 def kinematic_function(
     mechanism: Mechanism, channels: Channels, tendons: tuple[int, ...], elastic: bool
 ) -> ca.Function:
-    """Return (kernel_state, x, p) → (kernel_state⁺, y) of a kinematic estimator.
+    """Return the function (kernel_state, x, p) → (kernel_state⁺, y) of a kinematic estimator of one
+    joint (several: `kinematic_chain`).
 
-    Each of the tendons, whose drives have position sensors, gives the angle at which its length, ℓ
-    − l = e_0 + (F − F_0)/k, fits the drive's displacement; the joint's angle is the mean over them
-    (several joints: `kinematic_chain`). `inextensible` leaves the stretch (F − F_0)/k out. e_0 is
-    the length at the first sample, with the joints at their `initial` angles; F is a tendon's share
-    of its drive's pull, low-passed, and F_0 that at the first sample.
+    A tendon whose drive has a position sensor gives the angle at which its length fits the drive's
+    displacement: ℓ − l = e_0 + (F − F_0)/k. The joint's angle is the mean over these tendons. e_0
+    is ℓ − l at the first sample, with the joint at its `initial` angle. F is the tendon's share of
+    its drive's low-passed pull, and F_0 that at the first sample.
+
+    Args:
+        mechanism: the rig's equations.
+        channels: the sensors that are read.
+        tendons: indices of the tendons.
+        elastic: whether the stretch (F − F_0)/k counts; `inextensible` leaves it out.
     """
     k = len(tendons)
     nd = mechanism.n_drives
@@ -75,10 +83,11 @@ def kinematic_function(
 
 
 class KinematicEstimator(KernelEstimator):
-    """Angle from the drives' displacements and the tendons' lengths; see `kinematic_function`.
+    """The angle of one joint from the drives' displacements and the tendons' lengths; see
+    `kinematic_function`.
 
-    Its std knows the sensors and the initial angle only: not stretch (or, if `elastic`, not
-    friction).
+    Its standard deviation takes the errors of the sensors and of the initial angle into account,
+    but not the stretch of the tendons (or, if `elastic`, not their friction).
 
     Raises:
         EstimationError: the sensors do not suffice.
@@ -97,7 +106,9 @@ class KinematicEstimator(KernelEstimator):
         super().__init__(name, rig, kernel, p, channels=self._channels, state_names=names)
 
     def prior_function(self) -> ca.Function:
-        """Return (values, mask, p) → (mean, covariance, memory) before the first sample."""
+        """Return the function (values, mask, p) → (mean, covariance, memory) before the first
+        sample.
+        """
         rig = self.rig
         channels = self._channels
         mechanism = self._mechanism
@@ -109,8 +120,8 @@ class KinematicEstimator(KernelEstimator):
         p = mechanism.parameters.symbols
         lengths = mechanism.elongations(q)
         jacobian = mechanism.length_jacobian(q)
-        # one zero for all tendons: its error is shared; the sensors' errors count twice, then and
-        # now
+        # all tendons have the same zero, whose error they share; a sensor errs twice, at the first
+        # sample and at the current one
         variances = []
         for i in self._tendons:
             sensor = sensor_for(channels.positions, rig.tendons[i].drive)

@@ -1,5 +1,5 @@
-"""Estimates of several joints without dynamics: least squares over all tendons, inextensible or
-stretched by the force.
+"""Estimators of several joints without dynamics: least squares over all tendons, which are
+inextensible or stretched by the force.
 """
 
 from __future__ import annotations
@@ -25,30 +25,32 @@ from distal.rig import Rig, angle_names
 from distal.sensor_errors import systematic_variance, variance
 
 ITERATIONS = 3
-"""Gauss–Newton steps per sample: lengths are nearly straight lines in the angles."""
+"""Number of Gauss–Newton steps per sample [1]: lengths are nearly linear in the angles, so that few
+suffice. Source: judgement.
+"""
 
 RIDGE = 1e-9
-"""Directions that no tendon sees stay where they were: this share of the tendons' weight holds
-them.
+"""Share of the mean weight that holds directions that no tendon sees where they were [1]. Source:
+rounding (the matrix stays invertible).
 """
 
 UNSEEN = np.deg2rad(3.0)
-"""Standard deviation along a direction that no tendon sees, at least [rad]: only springs and
-friction say where it is.
+"""Least standard deviation along a direction that no tendon sees, where only springs and friction
+hold the joints [rad]. Source: judgement.
 """
 
 CONSTRAINT = 1e3
-"""Where springs decide with fewer tendons than joints, tendons weigh so many times their stiffness:
-lengths come first.
+"""Factor on the tendons' stiffness where there are fewer tendons than joints, so that lengths
+decide before springs do [1]. Source: judgement.
 """
 
 
 def stretches(mechanism: Mechanism, pulls: Vector, elastic: bool) -> list[Scalar]:
-    """Return by how much each tendon is longer than at its pre-tension, (T − T_pre)/k [m]; 0 if not
+    """Return the stretch of each tendon beyond that at its pre-tension, (T − T_pre)/k [m]; 0 if not
     `elastic`.
 
-    A drive's pull F is shared so that it is balanced with the smallest changes: T = T_pre + h (F −
-    Σ h T_pre)/Σ h². All `pulls` are (n_drives,) [N, N m].
+    The tensions balance the pull F of their drive with the smallest changes: T = T_pre + h (F − Σ h
+    T_pre)/Σ h². The `pulls` are (n_drives,) [N, N m].
     """
     p = mechanism.parameters
     levers = levers_of(mechanism)
@@ -65,8 +67,10 @@ def stretches(mechanism: Mechanism, pulls: Vector, elastic: bool) -> list[Scalar
 
 
 def unseen_covariance(rig: Rig) -> Floats:
-    """Return what is not known of the joints where no tendon sees them, (n_joints, n_joints): as at
-    the start.
+    """Return the covariance of the angles along the directions that no tendon sees, (n_joints,
+    n_joints) [rad²].
+
+    It is the mean of the joints' initial stds, each at least `UNSEEN`, squared.
     """
     missed = directions(rig).missed
     stds = np.array(
@@ -79,12 +83,19 @@ def unseen_covariance(rig: Rig) -> Floats:
 def chain_function(
     mechanism: Mechanism, channels: Channels, tendons: tuple[int, ...], elastic: bool
 ) -> ca.Function:
-    """Return (kernel_state, x, p) → (kernel_state⁺, y): the angles that fit the lengths of all
-    tendons best, by least squares.
+    """Return the function (kernel_state, x, p) → (kernel_state⁺, y) whose angles fit the lengths of
+    all tendons best, by least squares.
 
-    min_θ Σ k_i (ℓ_i(θ, s) − l_i − (T_i − T_pre,i)/k_i)², and with fewer tendons than joints + the
-    springs' energy, which then says which of the postures that fit it is. Zero is the rig's own: θ
-    = 0 and s = 0 at pre-tension. The tendons are those whose drives have position sensors.
+    It minimises Σ k_i (ℓ_i(θ, s) − l_i − (T_i − T_pre,i)/k_i)² over θ. With fewer tendons than
+    joints many postures fit; the energy of the springs is then added, with the tendons' weight
+    times `CONSTRAINT`, and selects one of them. The zero is the rig's own: θ = 0 and s = 0 at
+    pre-tension.
+
+    Args:
+        mechanism: the rig's equations.
+        channels: the sensors that are read.
+        tendons: indices of the tendons whose drives have position sensors.
+        elastic: whether tendons stretch.
     """
     nd = mechanism.n_drives
     nj = mechanism.n_joints
@@ -153,10 +164,11 @@ def chain_function(
 
 
 class ChainKinematics(KernelEstimator):
-    """Angles of several joints from the drives' displacements and the tendons' lengths; see
+    """The angles of several joints from the drives' displacements and the tendons' lengths; see
     `chain_function`.
 
-    Its std knows the position sensors only: not stretch (or, if `elastic`, not friction).
+    Its standard deviation takes the errors of the position sensors into account, but not the
+    stretch of the tendons (or, if `elastic`, not their friction).
 
     Raises:
         EstimationError: the sensors do not suffice.
@@ -172,7 +184,9 @@ class ChainKinematics(KernelEstimator):
         super().__init__(name, rig, kernel, p, channels=self._channels, state_names=names)
 
     def prior_function(self) -> ca.Function:
-        """Return (values, mask, p) → (mean, variances, memory) before the first sample."""
+        """Return the function (values, mask, p) → (mean, variances, memory) before the first
+        sample.
+        """
         rig = self.rig
         channels = self._channels
         values, mask = (ca.SX.sym(name, len(channels.names)) for name in ("values", "mask"))

@@ -1,5 +1,5 @@
-"""What the kinematic estimators read of the drives: positions, held while they are missing, and
-pulls behind a low-pass.
+"""The readings of the kinematic estimators: positions of the drives, held while they are missing,
+and low-passed pulls.
 """
 
 from __future__ import annotations
@@ -15,16 +15,21 @@ from distal.model import Mechanism
 from distal.rig import Rig, gain_of
 
 CUT_OFF = 5.0
-"""Cut-off of the low-pass on measured forces in `elastic` [Hz]."""
+"""Cut-off frequency of the low-pass on measured forces in `elastic` [Hz]. Source: judgement."""
 
 
 def read_drives(
     rig: Rig, channels: Channels, positions: Vector, pulls: Vector, x: Vector
 ) -> tuple[Vector, Vector]:
-    """Return positions and pulls of the drives after a sample, (n_drives,) each: F⁺ = U + e^{−2π f
-    dt} (F − U), f = `CUT_OFF`.
+    """Return positions and low-passed pulls of the drives after a sample, (n_drives,) each.
 
-    Those before are `positions` [m, rad] and `pulls` F [N, N m], the sample x = (dt, values, mask).
+    The low-pass is F⁺ = U + e^{−2π f dt} (F − U), f = `CUT_OFF`, of the measured pull U.
+
+    Args:
+        channels: the sensors that are read.
+        positions: before the sample [m, rad], (n_drives,).
+        pulls: F before the sample [N, N m], (n_drives,).
+        x: the sample (dt, values, mask).
     """
     names = rig.drive_names
     width = len(channels.names)
@@ -49,8 +54,10 @@ def read_drives(
 def first_drives(
     rig: Rig, channels: Channels, values: Vector, mask: Vector
 ) -> tuple[Vector, Vector]:
-    """Return positions and pulls of the drives at the first `values`, (n_drives,) each; 0 and
-    nominal where `mask` is 0.
+    """Return positions and pulls of the drives at the first sample, (n_drives,) each.
+
+    Where nothing is read, a position is 0 and a pull is the nominal one. The sample's `values` and
+    `mask` are (n_channels,).
     """
     positions = [ca.SX(0) for _ in rig.drives]
     pulls = [ca.SX(drive.nominal_force.value) for drive in rig.drives]
@@ -74,8 +81,8 @@ def measured_tendons(rig: Rig, channels: Channels) -> tuple[int, ...]:
 
 
 def levers_of(mechanism: Mechanism) -> list[Scalar]:
-    """Return h, each tendon's displacement per displacement of its drive: 1 for a slider, side · R
-    for a capstan.
+    """Return h for each tendon, its displacement per displacement of its drive: 1 for a slider,
+    side · R for a capstan.
     """
     q = ca.SX.sym("q", mechanism.n_bodies)
     return [
@@ -85,8 +92,9 @@ def levers_of(mechanism: Mechanism) -> list[Scalar]:
 
 
 def tension_share(mechanism: Mechanism, levers: Sequence[Scalar], tendon: int) -> Scalar:
-    """Return the tension of a tendon per unit of its drive's pull, the smallest that balances it:
-    h_i/Σ h², `levers` h.
+    """Return h_i/Σ h², the tension of a tendon per unit of its drive's pull.
+
+    Of all tensions that balance the pull these are the smallest; `levers` are the h of `levers_of`.
     """
     drive = mechanism.drive_of[tendon]
     squares = (

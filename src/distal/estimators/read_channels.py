@@ -1,4 +1,4 @@
-"""Which sensors an estimator reads, and in which role."""
+"""The sensors that an estimator reads, by their role."""
 
 from __future__ import annotations
 
@@ -13,11 +13,14 @@ from distal.sensor_errors import variance
 
 @dataclass(frozen=True)
 class Channels:
-    """The sensors of a rig by role: of drives' positions, of their forces or torques, and of
-    tendons' tensions.
+    """The sensors of a rig by role.
 
-    Those of joints' angles are there only while a reference is known (homing, fitting). Others,
-    such as the numbers of an IMU, only `adaptive` compares.
+    Args:
+        positions: sensors of drives' positions.
+        forces: sensors of drives' forces or torques.
+        tensions: sensors of tendons' tensions.
+        angles: sensors of joints' angles, only while a reference is known (homing, fitting).
+        others: any other, such as the numbers of an IMU; only `adaptive` compares them.
     """
 
     positions: tuple[Sensor, ...]
@@ -28,36 +31,38 @@ class Channels:
 
     @property
     def proximal(self) -> tuple[Sensor, ...]:
-        """What is read at the proximal end, which maps learn from: positions, tensions, forces."""
+        """The sensors at the proximal end, from which maps learn: positions, tensions, forces."""
         return (*self.positions, *self.tensions, *self.forces)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names in the order in which estimators read them: positions, tensions, forces, others,
-        angles.
+        """Names of the sensors in the order in which estimators read them: positions, tensions,
+        forces, others, angles.
         """
         return tuple(sensor.name for sensor in (*self.proximal, *self.others, *self.angles))
 
     @property
     def compared(self) -> tuple[Sensor, ...]:
-        """The sensors whose values a displacement-driven filter compares: forces, tensions, angles,
+        """The sensors whose values `adaptive` compares with predictions: forces, tensions, angles,
         others.
         """
         return (*self.forces, *self.tensions, *self.angles, *self.others)
 
     @property
     def interval(self) -> float:
-        """Interval of the fastest sensor [s]."""
+        """Interval of the fastest sensor [s], angles left out."""
         return 1.0 / max(sensor.rate for sensor in (*self.proximal, *self.others))
 
 
 def channels_of(
     rig: Rig, name: str, references: Sequence[Sensor] = (), others: bool = False
 ) -> Channels:
-    """Return the sensors that estimators read; the name is the estimator's, for messages.
+    """Return the sensors of a rig that an estimator reads.
 
-    References are sensors of joints' angles that are read too, while they are known; `others` are
-    of any kind.
+    Args:
+        name: of the estimator, for messages.
+        references: sensors of joints' angles that are read too, while they are known.
+        others: whether sensors of any other kind are read too.
 
     Raises:
         EstimationError: no drive's position is measured, two sensors measure the same, or a sensor
@@ -107,5 +112,6 @@ def sensor_for(sensors: tuple[Sensor, ...], part: str) -> Sensor | None:
 
 
 UNKNOWN_POSITION = {"slider": 0.01, "capstan": 1.0}
-"""Standard deviation of a drive's place where nothing measures it and no stop bounds it [m, rad].
+"""Kind of drive → standard deviation of its position where nothing measures it and no stop bounds
+it [m, rad]. Source: judgement.
 """

@@ -1,4 +1,4 @@
-"""The estimators by name."""
+"""The estimators by their names."""
 
 from __future__ import annotations
 
@@ -28,9 +28,10 @@ ESTIMATORS: dict[str, Callable[[Rig, bool], KernelEstimator]] = {
     "ekf-2008": lambda rig, compiled: FullStateFilter("ekf-2008", rig, paper_noise(rig), compiled),
     "ekf": lambda rig, compiled: FullStateFilter("ekf", rig, rig_noise(rig), compiled),
 }
-"""Name → maker (rig, compiled)."""
+"""Name of an estimator → function (rig, compiled) that makes it."""
 
 DEFAULT = "adaptive"
+"""Name of the estimator that is used where none is named."""
 
 
 def make_estimator(name: str, rig: Rig, compiled: bool = True) -> KernelEstimator:

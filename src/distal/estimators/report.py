@@ -1,5 +1,5 @@
-"""Reported states where a learned map corrects or replaces some: values and errors at the end of
-the kernel's y.
+"""Reported states: a learned map may correct or replace some; their values and errors stand at the
+end of the kernel's output y.
 """
 
 from __future__ import annotations
@@ -14,12 +14,18 @@ from distal.arrays import Floats
 
 @dataclass(frozen=True)
 class Report:
-    """Where in a kernel's output y the reported values, gains and variances of some states stand.
+    """Indices in a kernel's output y of the reported values, gains and variances of some states.
 
-    A state x_i with error e_i is reported as a value v_i with the error g_i e_i + n_i, n_i of
-    variance u_i and independent of everything else. With G the diagonal of the gains, 1 where
-    nothing is reported, the covariance P becomes G P Gᵀ + diag(u), which is positive semidefinite
-    as P is. There are the indices i of the states, and those of v, g and u in y.
+    A state x_i with error e_i is reported as a value v_i with the error g_i e_i + n_i, where n_i
+    has the variance u_i and is independent of everything else. With G the diagonal of the gains, 1
+    where nothing is reported, the covariance P becomes G P Gᵀ + diag(u), which is positive
+    semidefinite as P is.
+
+    Args:
+        states: indices i of the states.
+        values: indices of v in y.
+        gains: indices of g in y.
+        variances: indices of u in y.
     """
 
     states: tuple[int, ...] = ()
@@ -29,9 +35,10 @@ class Report:
 
     @classmethod
     def behind(cls, start: int, groups: Sequence[Sequence[int]]) -> Report:
-        """Return the report of several maps, each of a group of states.
+        """Return the report of several maps, each of which corrects one of the `groups` of states.
 
-        Values, gains and variances of one map after the other stand in y from `start` on.
+        For one map after the other, its values, gains and variances stand in y from the index
+        `start` on.
         """
         states = list[int]()
         parts = (list[int](), list[int](), list[int]())
@@ -43,14 +50,14 @@ class Report:
         return cls(tuple(states), *map(tuple, parts))
 
     def only(self, states: Sequence[int]) -> Report:
-        """Return the report of some of the states."""
+        """Return the report of those of its states that are in `states`."""
         chosen = [k for k, state in enumerate(self.states) if state in states]
         parts = (self.states, self.values, self.gains, self.variances)
         return Report(*(tuple(part[k] for k in chosen) for part in parts))
 
     def means(self, means: Floats, ys: Floats) -> Floats:
-        """Return states as they are reported, (k, n), from the filter's own, `means`, and the
-        kernel's `ys`, (k, n_y).
+        """Return the states as they are reported, (k, n), from the filter's own `means`, (k, n),
+        and the kernel's outputs `ys`, (k, n_y).
         """
         if not self.states:
             return means
@@ -59,7 +66,9 @@ class Report:
         return reported
 
     def variances_of(self, variances: Floats, ys: Floats) -> Floats:
-        """Return `variances` as they are reported, (k, n); see `means` for `ys`."""
+        """Return the filter's own `variances` as they are reported, (k, n); see `means`
+        for `ys`.
+        """
         if not self.states:
             return variances
         reported = np.array(variances)
@@ -68,7 +77,9 @@ class Report:
         return reported
 
     def covariances(self, covariances: Floats, ys: Floats) -> Floats:
-        """Return `covariances` as they are reported, (k, n, n); see `means` for `ys`."""
+        """Return the filter's own `covariances` as they are reported, (k, n, n); see `means` for
+        `ys`.
+        """
         if not self.states:
             return covariances
         gains = np.ones(covariances.shape[:2])

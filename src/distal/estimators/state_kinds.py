@@ -1,4 +1,4 @@
-"""What each state of an estimator is: its kind, and the part of the rig that it is of."""
+"""The kind of each state of an estimator, and the component of the rig that it belongs to."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from distal.rig import (
 
 
 class StateKind(Enum):
-    """What a state is; a program goes by this, and its name is for people."""
+    """The kind of a state. Programs use this; the name of a state is for people."""
 
     ANGLE = "angle of a joint"
     SPEED = "speed of a joint"
@@ -39,7 +39,7 @@ class StateKind(Enum):
 
 
 class NamesStates(Protocol):
-    """An estimator, as far as its states are asked for."""
+    """Anything with a rig and names of states, as estimators have them."""
 
     rig: Rig
     state_names: tuple[str, ...]
@@ -48,8 +48,11 @@ class NamesStates(Protocol):
 def kinds_by_joint(
     names: Sequence[str], joints: Sequence[str]
 ) -> tuple[tuple[StateKind, ...], tuple[str, ...]]:
-    """Return kinds and parts of states that an estimator does not say them of: the joints' are
-    known by their names.
+    """Return kind and component of each state by its name alone, for an estimator that does not
+    give them.
+
+    States of the joints are known by their names; all others are `StateKind.OTHER`, and their
+    component is their name.
     """
     every = (
         (StateKind.ANGLE, angle_names),
@@ -64,7 +67,9 @@ def kinds_by_joint(
 
 
 def kinds_of(estimator: NamesStates) -> tuple[tuple[StateKind, ...], tuple[str, ...]]:
-    """Return what an estimator's states are, and the parts that they are of, (n,) each."""
+    """Return the kind of each state of an estimator, (n,), and the component of the rig that it
+    belongs to, (n,).
+    """
     if hasattr(estimator, "state_kinds") and hasattr(estimator, "state_parts"):
         return estimator.state_kinds, estimator.state_parts
     return kinds_by_joint(estimator.state_names, estimator.rig.joint_names)
@@ -75,7 +80,7 @@ UNITS_OF_JOINTS = {
     StateKind.SPEED: "rad/s",
     StateKind.EXTERNAL_TORQUE: "N m",
 }
-"""Units of the joints' states."""
+"""Kind of a joint's state → its unit."""
 
 _OF_DRIVE = {
     StateKind.POSITION: position_unit,
@@ -87,8 +92,8 @@ _OF_DRIVE = {
 
 
 def state_units(estimator: NamesStates) -> tuple[str, ...]:
-    """Return the SI units of an estimator's states, (n,): 1 of a plain number, nothing where it is
-    not known.
+    """Return the SI units of an estimator's states, (n,): ``1`` for a plain number, empty where the
+    unit is not known.
     """
     rig: Rig = estimator.rig
     by_name = dict.fromkeys((tendon_angle_name(tendon.name) for tendon in rig.tendons), "rad")
@@ -126,8 +131,13 @@ def states_of(
     state_kinds: Sequence[StateKind],
     state_parts: Sequence[str],
 ) -> dict[str, int]:
-    """Return part → index of its state of a kind, in the order of the parts; one that has none is
-    left out.
+    """Return component → index of its state of one kind, in the order of `parts`; components
+    without such a state are left out.
+
+    Args:
+        parts: names of the components.
+        state_kinds: kind of each state, (n,).
+        state_parts: component of each state, (n,).
     """
     indices = {
         part: i
@@ -138,7 +148,7 @@ def states_of(
 
 
 def external_torques_of(estimator: NamesStates) -> dict[str, int]:
-    """Return joint → index of the state that is the torque on it from outside, in the order of the
+    """Return joint → index of the state that is the external torque on it, in the order of the
     joints.
     """
     return states_of(

@@ -1,4 +1,4 @@
-"""Export: the same filter as C for microcontrollers, as a library for Arduino, and as an FMU."""
+"""Export a filter as C for microcontrollers, as a library for Arduino, or as an FMU."""
 
 from distal.export.arduino import export_arduino
 from distal.export.fmu import Fmu, export_fmu

@@ -18,10 +18,10 @@ from distal.rig import Rig, Sensor, log_factor, log_unit
 from distal.version import __version__
 
 SKETCH = "joint_angle"
-"""Name of the example; its folder must be called the same."""
+"""Name of the example sketch and of its folder, which must be the same."""
 
 EDITED = ("library.properties", "library.json", f"examples/{SKETCH}/{SKETCH}.ino")
-"""Files that a user edits; they stay when the library is exported again."""
+"""Files that a user edits; they stay as they are when the library is exported again."""
 
 
 def export_arduino(
@@ -35,16 +35,18 @@ def export_arduino(
     """Write an estimator of a rig as a library for Arduino and PlatformIO.
 
     Args:
-        out: the library's folder; made if it is not there. An earlier export's files are replaced,
-            but for those that are there to be `EDITED`.
-        single: float and float functions only, else double.
-        name: of the library, and prefix of its C names; default from the rig's title and the
-            estimator.
+        out: the library's folder, which is made where it does not exist. Files of an earlier export
+            are replaced, except those in `EDITED`.
+        estimator: name of the estimator.
+        single: whether numbers are float and only float functions are called; otherwise they are
+            double.
+        name: name of the library and prefix of its C names; by default it is made from the rig's
+            title and the estimator.
 
     Raises:
-        ExportError: the name is no C identifier, or the estimator has no C.
+        ExportError: the name is no C identifier, or the estimator cannot be written in C.
         EstimationError: the estimator cannot run on this rig.
-        OutputError: the folder cannot be written, has files that no export wrote, or is of another
+        OutputError: the folder cannot be written, has files that no export wrote, or holds another
             library.
     """
     name = name if name is not None else c_name(f"{rig.name}_{estimator}")
@@ -64,8 +66,8 @@ def export_arduino(
 
 
 def arduino_files(rig: Rig, exported: Exported) -> dict[str, str]:
-    """Return the files of a library, name → text, as the Arduino library specification (1.5) lays
-    them out.
+    """Return the files of a library, path → text, in the layout of the Arduino library
+    specification 1.5.
     """
     values = {
         "name": exported.name,
@@ -80,7 +82,7 @@ def arduino_files(rig: Rig, exported: Exported) -> dict[str, str]:
         "health": ", ".join(f'"{word}"' for word in spoken()),
         "micros": f"{1e6 * exported.interval:.0f}",
     }
-    # the readme's part on a replay is for the folder that export-c writes without this layout
+    # the README's part on the replay is left out, since the library has no replay program
     text = readme(exported).split("## Replay")[0]
     return {
         "library.properties": filled(_PROPERTIES, values),
@@ -95,8 +97,8 @@ def arduino_files(rig: Rig, exported: Exported) -> dict[str, str]:
 
 
 def _sensors(rig: Rig, exported: Exported) -> str:
-    """Return the lines of the sketch that read each sensor: a position by an encoder's counts, a
-    force by an analog pin.
+    """Return the lines of the sketch that read the sensors: positions and angles by the counts of
+    encoders, others by analog pins.
     """
     sensors = {sensor.name: sensor for sensor in rig.sensors}
     lines = list[str]()
@@ -144,8 +146,8 @@ def _sensors(rig: Rig, exported: Exported) -> str:
 
 
 def _factor(sensor: Sensor, unit: str, example: str, otherwise: float) -> tuple[str, str]:
-    """Return the factor from a reading to SI, and where it is from: the rig, or an example that is
-    to be replaced.
+    """Return the factor from a reading to SI, and a comment that says whether it is the rig's or an
+    example that the user must replace.
     """
     if log_unit(sensor) == unit:
         return f"{sensor.sign * log_factor(sensor):.9g}", f"as the rig has it, a {unit}"
@@ -182,7 +184,7 @@ _JSON = """\
 {
   "name": "$short$",
   "version": "$version$",
-  "description": "Joint angles of '$json_rig$' without a joint sensor. Written by `distal export-c`.",
+  "description": "Joint angles of '$json_rig$', no joint sensor. Written by `distal export-c`.",
   "keywords": ["robotics", "sensors", "estimation", "tendon"],
   "license": "BSD-3-Clause",
   "authors": {"name": "distal export-c"},
@@ -239,8 +241,8 @@ _README = """\
 ## Use it
 
 Copy this folder into the `libraries` folder of your sketchbook, or into `lib` of a PlatformIO
-project, and open the example `joint_angle`. It reads each position by an encoder and each force by an
-analog pin; set the factors and pins of your board. Before you publish the library, put your own
+project, and open the example `joint_angle`. It reads each position by an encoder and each force by
+an analog pin; set the factors and pins of your board. Before you publish the library, put your own
 name and page into `library.properties`.
 """
 

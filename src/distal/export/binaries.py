@@ -1,5 +1,5 @@
-"""Shared libraries of C sources: for this platform by its own compiler, for others by ziglang where
-it is installed.
+"""Shared libraries from C sources: for this platform by its own compiler, for others by ziglang
+where it is installed.
 """
 
 from __future__ import annotations
@@ -23,10 +23,12 @@ ZIG_TARGETS = {
     "x86_64-darwin": "x86_64-macos",
     "aarch64-darwin": "aarch64-macos",
 }
-"""What zig calls each platform of FMI; the oldest C library that it knows is on every Linux in use.
+"""Platform by FMI's name → target by zig's name. On Linux it is for an old C library, 2.17, so that
+the binary runs on every Linux in use.
 """
 
 SUFFIX = {"linux": ".so", "darwin": ".dylib", "windows": ".dll"}
+"""Operating system → ending of a shared library's name."""
 
 _FLAGS = (
     "-std=c99",
@@ -40,7 +42,7 @@ _FLAGS = (
 
 
 def this_platform() -> str:
-    """Return this platform as FMI names it."""
+    """Return FMI's name of the platform on which this program runs."""
     machine = platform.machine().lower()
     architecture = {"amd64": "x86_64", "arm64": "aarch64", "i386": "x86", "i686": "x86"}.get(
         machine, machine
@@ -49,12 +51,14 @@ def this_platform() -> str:
 
 
 def binaries_of(sources: Mapping[str, str], everywhere: bool) -> tuple[dict[str, bytes], str]:
-    """Return the shared libraries of some sources by platform, and why there are no others; empty
-    where there are all.
+    """Return platform → shared library compiled from C sources, and a text that says why platforms
+    are missing.
+
+    The text is empty where none is missing.
 
     Args:
-        sources: texts by file.
-        everywhere: for the platforms of `ZIG_TARGETS` too.
+        sources: name of a file → its text.
+        everywhere: whether the platforms of `ZIG_TARGETS` are wanted, too.
     """
     compiler = find_compiler()
     here = this_platform()
@@ -90,7 +94,7 @@ def binaries_of(sources: Mapping[str, str], everywhere: bool) -> tuple[dict[str,
 
 
 def _made(folder: str, command: Sequence[str], files: Sequence[str], where: str) -> bytes | str:
-    """Return the shared library that a compiler makes in a folder, or why it does not."""
+    """Return the shared library that a compiler makes in a folder, or the reason why it fails."""
     command = [*command, *files, "-lm", "-o", f"made-{where}"]
     try:
         done = subprocess.run(

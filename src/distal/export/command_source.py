@@ -1,5 +1,5 @@
-"""The live inverse as C99, beside an exported filter: what the drives do next, from its state and
-the desired angles.
+"""The live inverse as C99, beside an exported filter: it computes the next commands of the drives
+from the filter's state and the desired angles.
 """
 
 from __future__ import annotations
@@ -26,10 +26,12 @@ from distal.run import LOST
 
 @dataclass(frozen=True)
 class ExportedCommand:
-    """The commands of a rig as C; `operations` in a step, `kernel_state` numbers that are
-    remembered.
+    """The live inverse of a rig as C.
 
-    The indices of the joints whose angles are desired are `joints`.
+    Args:
+        kernel_state: how many numbers it keeps from sample to sample.
+        operations: arithmetic operations of a step.
+        joints: indices of the joints that have desired angles.
     """
 
     name: str
@@ -41,14 +43,15 @@ class ExportedCommand:
 
 
 def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCommand:
-    """Return the live inverse of a rig as C99, with the numbers of `LiveInverse`, for the filter
-    exported as `filter_name`.
+    """Return the live inverse of a rig as C99; its results are those of `LiveInverse`.
 
     Args:
-        real: double, or float as that filter is.
+        name: prefix of its C names.
+        filter_name: name under which the filter `adaptive` of the same rig is exported.
+        real: number type, double or float, which must be that of the filter.
 
     Raises:
-        ExportError: the name is no C identifier, or the inverse has no C.
+        ExportError: the name is no C identifier, or the inverse cannot be written in C.
         EstimationError: the filter cannot run on this rig.
     """
     checked_name(name)
@@ -130,7 +133,7 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
 
 
 MOVING = ("rate", "speed", "acceleration")
-"""What is remembered of a joint that moves."""
+"""Blocks of the kernel state that are set to zero for a joint that must rest."""
 
 
 def _matrix(values: Bools) -> str:

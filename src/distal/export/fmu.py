@@ -1,5 +1,5 @@
-"""The filter as an FMU: FMI 3.0 for co-simulation, with its sources and binaries of the platforms
-that compilers know.
+"""The filter as an FMU for co-simulation (FMI 3.0), with its C sources and with binaries for the
+platforms that can be compiled for.
 """
 
 from __future__ import annotations
@@ -31,11 +31,12 @@ class Fmu:
     """An FMU that was written.
 
     Args:
-        inputs: names of the sensors, in order.
-        outputs: names of what it puts out, in order.
-        platforms: those that it has a binary for, as FMI names them; for any other a tool builds it
-            from its sources.
-        without: why it has no binary for others; empty where none is lacking.
+        exported: the filter in C that it holds.
+        inputs: names of its inputs, the sensors, in order.
+        outputs: names of its outputs, in order.
+        platforms: FMI's names of the platforms for which it has a binary; on others, a tool builds
+            one from its sources.
+        without: why it has no binaries for other platforms; empty where none is missing.
     """
 
     exported: Exported
@@ -54,20 +55,22 @@ def export_fmu(
 ) -> Fmu:
     """Write an estimator of a rig as an FMU for co-simulation, FMI 3.0.
 
-    Inputs are the sensors [SI], NaN where a value is missing; outputs are angles, torques from
-    outside, their standard deviations, and the health of the stream: before the first sample the
-    prior and ``not_yet``, after a step what is predicted of its end.
+    Inputs are the sensor readings [SI], NaN where one is missing. Outputs are joint angles,
+    external torques, their standard deviations, and the health of the stream. Before the first
+    sample the outputs are the prior, with the health ``not_yet``; after a step they are predictions
+    for its end.
 
     Args:
         out: the file, which ends in .fmu.
-        name: prefix of the names in C, and the model's identifier; default from the rig's title and
-            the estimator.
-        everywhere: with binaries for Linux, Windows and macOS, where ziglang is installed; else for
-            this platform alone.
+        estimator: name of the estimator.
+        name: prefix of the C names, and the model's identifier; by default it is made from the
+            rig's title and the estimator.
+        everywhere: whether binaries for Linux, Windows and macOS are made, where ziglang is
+            installed; otherwise there is one for this platform only.
 
     Raises:
         ExportError: the file's name does not end in .fmu, the name is no C identifier, or the
-            estimator has no C.
+            estimator cannot be written in C.
         EstimationError: the estimator cannot run on this rig.
         OutputError: the file cannot be written.
     """
@@ -115,7 +118,9 @@ def export_fmu(
 
 @dataclass(frozen=True)
 class _Variable:
-    """A variable of the model: an input, or an output with its field in C."""
+    """A variable of the model: an input, or an output with the field of the C output that holds
+    it.
+    """
 
     name: str
     causality: str
@@ -144,7 +149,7 @@ def _variables(chosen: KernelEstimator, exported: Exported) -> Iterator[_Variabl
 
 
 def _free(name: str, taken: Container[str]) -> str:
-    """Return a name that no sensor has; a sensor may be called as an output is."""
+    """Return a name that no sensor has, since a sensor may have the name of an output."""
     return name if name not in taken else _free(f"{name}_estimate", taken)
 
 

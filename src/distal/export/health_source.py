@@ -1,5 +1,5 @@
-"""The health of a stream in C: the function of `distal.run.health`, behind a pair of functions of
-the exported filter.
+"""The health of a stream in C: the function of `distal.run.health`, called by two functions of the
+exported filter.
 """
 
 from __future__ import annotations
@@ -12,26 +12,31 @@ from distal.run.health import HEALTH, Health, begun, watch_of
 
 
 def spoken() -> list[Health]:
-    """Return the words that a board can say, in the order of their codes; those for stamps are what
-    a step returns.
+    """Return the health words that the exported code can give, in the order of their codes.
+
+    Words on stamps are missing, since the filter's step returns codes for these.
     """
     words = list(HEALTH)
     return words[: words.index("restarted") + 1]
 
 
 def health_codes(name: str) -> str:
-    """Return the enumeration of `spoken`."""
+    """Return the members of the C enumeration of the words of `spoken`."""
     return ",\n".join(
         f"  {name.upper()}_HEALTH_{word.upper()} = {i}" for i, word in enumerate(spoken())
     )
 
 
 def health_source(estimator: KernelEstimator, name: str, emitter: Emitter) -> dict[str, str]:
-    """Return the C of an estimator's health, and how many numbers it remembers, as the templates
-    are filled with them.
+    """Return the C code of an estimator's health and the size of its memory, as blanks of the
+    header's and source's templates.
+
+    Args:
+        name: prefix of the C names.
+        emitter: writer of C functions, to which the health's function is added.
 
     Raises:
-        ExportError: the function has no C.
+        ExportError: the function cannot be written in C.
     """
     watch = watch_of(estimator)
     dialect = emitter.dialect

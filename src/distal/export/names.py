@@ -1,4 +1,4 @@
-"""Names of exported filters: what C functions, files and targets of CMake may be called, on every
+"""Names of exported filters: those that C functions, files and CMake targets may have on every
 system.
 """
 
@@ -14,7 +14,7 @@ assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp 
 stdarg stdatomic stdbool stdckdint stddef stdint stdio stdlib stdnoreturn string tgmath threads time
 uchar wchar wctype
 """
-"""Headers of C, which a folder with a file of the same name would hide."""
+"""Headers of C: a file of the same name would hide them."""
 
 INCLUDED = """
 alloca availability availabilitymacros concurrencysal corecrt corecrt_io corecrt_malloc corecrt_math
@@ -23,23 +23,24 @@ corecrt_wio corecrt_wprocess corecrt_wstdio corecrt_wstdlib corecrt_wstring core
 endian fcntl features malloc memory newlib picolibc pthread reent sal sched strings swab unistd
 vadefs vcruntime vcruntime_new vcruntime_new_debug vcruntime_string yvals yvals_core
 """
-"""What those include on Linux, macOS, Windows and with newlib."""
+"""Headers that those of C include on Linux, macOS, Windows and with newlib."""
 
 TARGETS = """
 all all_build clean cmake_check_build_system cmake_force default_target depend edit_cache help
 install list_install_components m package package_source preinstall rebuild_cache replay run_tests
 test zero_check
 """
-"""Targets of CMake, the mathematics library, and the replay program beside the filter."""
+"""Names that CMake or the export uses for targets, and ``m``, the mathematics library."""
 
 TAKEN = frozenset((HEADERS + INCLUDED + TARGETS).split())
+"""All names that a filter cannot have."""
 
 DEVICES = re.compile(r"con|prn|aux|nul|com[0-9]|lpt[0-9]")
 """Names of devices, which no file can have on Windows."""
 
 
 def c_name(text: str) -> str:
-    """Return a text as the beginning of C names."""
+    """Return a C identifier made from a text, which C names may begin with."""
     plain = re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_")[:100].rstrip("_")
     if not plain or not plain[0].isalpha() or _taken(plain):
         plain = f"rig_{plain}"[:100].rstrip("_")
@@ -47,11 +48,11 @@ def c_name(text: str) -> str:
 
 
 def checked_name(name: str) -> str:
-    """Return a name that C names and files may begin with, as it is.
+    """Return the name unchanged, if C names and files may begin with it.
 
     Raises:
-        ExportError: it is no C identifier, begins with an underscore as those of compilers do, or
-            is taken.
+        ExportError: the name is no C identifier of lower-case letters, digits and _, does not begin
+            with a letter, or is taken.
     """
     if not re.fullmatch(r"[a-z][a-z0-9_]{0,99}", name):
         raise ExportError(

@@ -1,6 +1,4 @@
-"""What an exported filter puts out: angles of the joints and torques on them from outside, by the
-names that C allows.
-"""
+"""Outputs of an exported filter: joint angles and external torques, under names that C allows."""
 
 from __future__ import annotations
 
@@ -11,12 +9,15 @@ from distal.rig import Rig, angle_names, std_name
 
 
 def filled(template: str, values: dict[str, str]) -> str:
-    """Return a template with ``$name$`` replaced; what is put in is not looked at again."""
+    """Return a template in which each ``$name$`` is replaced by the value of that name.
+
+    Blanks in the values themselves are not replaced.
+    """
     return re.sub(r"\$(\w+)\$", lambda m: values[m[1]], template)
 
 
 def comment(text: str) -> str:
-    """Return a text that may stand in a comment of C."""
+    """Return a text without what would end a C comment, cut to 200 characters."""
     plain = "".join(c if c.isprintable() else " " for c in text)[:200]
     for ends, harmless in (("\\", "/"), ("??", "? ?"), ("*/", "* /"), ("/*", "/ *"), ("*/", "* /")):
         plain = plain.replace(ends, harmless)
@@ -24,11 +25,11 @@ def comment(text: str) -> str:
 
 
 def angle_fields(rig: Rig) -> list[tuple[str, str]]:
-    """Return the names of angle and standard deviation of each joint in an exported filter's
-    output.
+    """Return for each joint the C names of its angle and of the angle's standard deviation in the
+    filter's output.
 
-    ``angle`` and ``angle_std`` for one joint, else those of `angle_names`, with _ for what C does
-    not allow in a name.
+    They are ``angle`` and ``angle_std`` for one joint. Otherwise they are those of `angle_names`,
+    with _ for characters that C does not allow.
     """
     joints = rig.joint_names
     if len(joints) == 1:
@@ -43,7 +44,7 @@ def angle_fields(rig: Rig) -> list[tuple[str, str]]:
 
 
 def torque_fields(estimator: KernelEstimator) -> list[tuple[str, str]]:
-    """Return the states that are torques from outside, and their names in an exported filter's
+    """Return for each external torque the name of its state and its C name in the filter's
     output.
     """
     states = [estimator.state_names[i] for i in external_torques_of(estimator).values()]
@@ -51,8 +52,8 @@ def torque_fields(estimator: KernelEstimator) -> list[tuple[str, str]]:
 
 
 def members(estimator: KernelEstimator, name: str) -> str:
-    """Return the members of the output that are angles and torques from outside, with their
-    standard deviations.
+    """Return the C members of the output's struct: angles and external torques with their standard
+    deviations.
     """
     lines = []
     rig = estimator.rig
@@ -67,8 +68,11 @@ def members(estimator: KernelEstimator, name: str) -> str:
 
 
 def outputs(estimator: KernelEstimator, n: int, stepped: bool = True) -> str:
-    """Return the lines that fill these members from the `n` states; before the first sample no
-    learned map has spoken.
+    """Return the C lines that fill the `members` from the kernel state.
+
+    Args:
+        n: number of states.
+        stepped: whether a sample was taken in; before the first one, learned maps change nothing.
     """
     fields = [(j, *pair) for j, pair in enumerate(angle_fields(estimator.rig))]
     fields += [

@@ -1,5 +1,5 @@
-"""The simulated plant as C99: the motion between two samples, and what the sensors read, with
-errors from a seed.
+"""The simulated plant as C99: its motion between two samples, and its sensors' readings with errors
+from a seed.
 """
 
 from __future__ import annotations
@@ -24,14 +24,18 @@ from distal.simulation.simulate import intervals_of
 
 @dataclass(frozen=True)
 class ExportedPlant:
-    """A plant as C.
+    """A simulated plant as C.
 
     Args:
+        plant: the model of the plant.
+        sensors: names of the sensors, in the order of their readings.
+        parameters: names of the parameters that may be changed, in order.
         start: coordinates at rest at the start, joints first, (n_bodies,).
-        first: what its kernel puts out there: coordinates, velocities, tensions, pulls, (n_y,).
+        first: outputs of the kernel at the start: coordinates, velocities, tensions and pulls,
+            (n_y,).
         interval: time between samples [s].
-        parts: intervals of the motion in it.
-        count: sub-steps of each.
+        parts: how many calls of the kernel one interval takes.
+        count: sub-steps of one call.
     """
 
     name: str
@@ -48,8 +52,8 @@ class ExportedPlant:
 
 
 def resting_pull(plant: Mechanism) -> Floats:
-    """Return the pull on each body that holds a plant at rest: the drives' nominal ones,
-    (n_bodies,).
+    """Return the pull on each body that holds a plant at rest, (n_bodies,): zero for joints, the
+    nominal forces for drives [N, N m].
     """
     return np.array(
         [0.0] * plant.n_joints + [drive.nominal_force.value for drive in plant.rig.drives]
@@ -59,8 +63,12 @@ def resting_pull(plant: Mechanism) -> Floats:
 def c_plant(rig: Rig, name: str) -> ExportedPlant:
     """Return the simulated plant of a rig as C99, in double precision.
 
+    Args:
+        name: prefix of its C names.
+
     Raises:
-        ExportError: the name is no C identifier, a sensor has a delay, or the plant has no C.
+        ExportError: the name is no C identifier, the rig has no sensor or a delayed one, or the
+            plant cannot be written in C.
         ScenarioError: a drive has no equilibrium.
     """
     checked_name(name)
@@ -140,7 +148,9 @@ def c_plant(rig: Rig, name: str) -> ExportedPlant:
 
 
 def _errors(plant: Mechanism) -> list[list[float]]:
-    """Return gain, bias, noise, step, ends of the travel and largest linearity of each sensor."""
+    """Return for each sensor its gain, bias, noise, step, ends of the travel and largest deviation
+    from linearity.
+    """
     return [
         [gain_of(s).value, s.bias.value, s.noise, step_of(s), *travel_of(s, plant.rig), s.linearity]
         for s in plant.rig.sensors

@@ -1,5 +1,5 @@
-"""A folder with an exported filter: source, header, build file, replay program and README, all or
-none.
+"""A folder with an exported filter: source, header, build file, replay program and README are
+written together or not at all.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from distal.logs import check_outputs, outputs_in, write_together
 from distal.rig import Rig
 
 MARK = "distal export-c"
-"""What is in every file of an export."""
+"""Text that every exported file contains; a file with it may be replaced."""
 
 
 def export_c(
@@ -35,19 +35,23 @@ def export_c(
     """Write an estimator of a rig as C99 to a folder.
 
     Args:
-        out: the folder; made if it is not there. An earlier export's files are replaced, others
-            left.
-        single: float and float functions only, else double.
-        name: prefix of all names; default from the rig's title and the estimator.
-        home: how well an angle is known where a joint homes, std [rad]; default it does not home
-            while it runs.
-        plant: write the simulated rig with its sensors too, as NAME_plant.
-        command: write the live inverse beside `adaptive` too, as NAME_command; see `LiveInverse`.
+        out: the folder, which is made where it does not exist. Files of an earlier export are
+            replaced, other files stay.
+        estimator: name of the estimator.
+        single: whether numbers are float and only float functions are called; otherwise they are
+            double.
+        name: prefix of all C names; by default it is made from the rig's title and the estimator.
+        home: standard deviation of a joint's angle while it homes [rad]; by default the filter does
+            not home while it runs.
+        plant: whether the simulated rig with its sensors is written, too, as NAME_plant.
+        command: whether the live inverse is written beside `adaptive`, as NAME_command; see
+            `LiveInverse`.
 
     Raises:
-        ExportError: the name is no C identifier, or the estimator or the plant has no C.
+        ExportError: the name is no C identifier, the estimator or the plant cannot be written in C,
+            or commands are asked for beside another estimator than `adaptive`.
         EstimationError: the estimator cannot run on this rig.
-        OutputError: the folder cannot be written.
+        OutputError: the folder cannot be written, or has files that no export wrote.
     """
     folder = Path(out)
     name = name if name is not None else c_name(f"{rig.name}_{estimator}")
@@ -74,7 +78,10 @@ def export_c(
 
 
 def write_files(folder: Path, files: Mapping[str, str]) -> None:
-    """Write files, name → text, to a folder, all or none; folders are made where they are needed.
+    """Write files to a folder, all or none; missing folders are made.
+
+    Args:
+        files: path below the folder → text.
 
     Raises:
         OutputError: the folder cannot be written.
@@ -88,7 +95,12 @@ def write_files(folder: Path, files: Mapping[str, str]) -> None:
 
 
 def export_files(name: str, plant: bool = False, command: bool = False) -> tuple[str, ...]:
-    """Return the names of an export's files.
+    """Return the names of the files that `export_c` writes.
+
+    Args:
+        name: prefix of all C names.
+        plant: whether the simulated rig is among them.
+        command: whether the live inverse is among them.
 
     Raises:
         ExportError: the name is no C identifier.
@@ -101,10 +113,13 @@ def export_files(name: str, plant: bool = False, command: bool = False) -> tuple
 
 
 def check_ours(folder: Path, names: Iterable[str]) -> None:
-    """Refuse to replace what is not an export of ours.
+    """Raise where a file that would be replaced was not written by an export.
+
+    Args:
+        names: paths below the folder.
 
     Raises:
-        OutputError: a file is there and was not written by an export, or cannot be read.
+        OutputError: a file that exists was not written by an export, or cannot be read.
     """
     for path in (folder / name for name in names):
         try:
@@ -121,14 +136,16 @@ def check_ours(folder: Path, names: Iterable[str]) -> None:
 
 
 def project_files(exported: Exported) -> dict[str, str]:
-    """Return the files of a project, name → text."""
+    """Return the files of an exported filter: name → text."""
     build_file = _CMAKE.replace("$name$", exported.name)
     texts = exported.header, exported.source, exported.replay, build_file, readme(exported)
     return dict(zip(export_files(exported.name), texts, strict=True))
 
 
 def readme(exported: Exported) -> str:
-    """Return what a user of the filter should know."""
+    """Return the README of an exported filter: how to call it, and what it takes of memory and
+    time.
+    """
     kind, size, suffix = ("float", 4, "f") if exported.single else ("double", 8, "")
     calls = ", ".join(f"{count} {name}{suffix}" for name, count in exported.library.items())
     float_warning = (

@@ -1,4 +1,6 @@
-"""The program beside an exported filter: it runs over the same CSV files as `distal estimate`."""
+"""The program beside an exported filter, which runs it over the CSV files that `distal estimate`
+reads.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +12,11 @@ from distal.units import unit_factor
 
 
 def replay_program(estimator: KernelEstimator, name: str) -> str:
-    """Return a C program that reads a log and writes t, then angles and torques from outside with
-    their stds.
+    """Return the text of a C program that reads a log and writes stamps, angles and external
+    torques with their standard deviations.
+
+    Args:
+        name: prefix of the filter's C names.
     """
     sensors = {sensor.name: sensor for sensor in estimator.rig.sensors}
     time = estimator.rig.log.time
@@ -37,7 +42,7 @@ def replay_program(estimator: KernelEstimator, name: str) -> str:
         "NAME": name.upper(),
         "columns": ", ".join(c_string(column) for column in columns),
         "headers": ", ".join(c_string(header(*pair)) for pair in zip(columns, log_units)),
-        # a log need not say where a joint homes
+        # a log may lack the angle at which a joint homes
         "needed": ", ".join(["1", *(str(int(sensor.measures != "angle")) for sensor in read)]),
         "factors": ", ".join(f"{factor:.17g}" for factor in factors),
     }
@@ -45,7 +50,7 @@ def replay_program(estimator: KernelEstimator, name: str) -> str:
 
 
 def c_string(text: str) -> str:
-    """Return a text as a string of C, byte by byte where it is not plain."""
+    """Return a text as a C string literal; bytes other than plain characters are escaped."""
     plain = (
         chr(b) if 32 <= b < 127 and chr(b) not in '"\\?' else f"\\{b:03o}" for b in text.encode()
     )

@@ -1,5 +1,5 @@
-"""One estimator of one rig as C99: a header and a source, no malloc, no globals, the caller owns
-the state.
+"""One estimator of one rig as C99: a header and a source, without malloc or global variables; the
+caller owns the state.
 """
 
 from __future__ import annotations
@@ -34,16 +34,21 @@ class Exported:
     """A filter as C.
 
     Args:
+        name: prefix of its C names.
+        estimator: name of the estimator.
+        rig: title of the rig.
         single: whether numbers are float.
-        measured: channels with an innovation.
-        kernel_state: numbers in the state.
-        scratch: numbers on the stack in a step.
+        channels: names of the sensors, in the order of a sample's values.
+        states: names of the states, in order.
+        measured: names of the channels that have an innovation.
+        kernel_state: how many numbers it keeps from sample to sample.
+        scratch: how many numbers a step has on the stack.
         operations: arithmetic operations of a step.
-        library: calls of the mathematics library in a step, by name.
+        library: name of a mathematical function → its calls in a step.
         interval: nominal time between samples [s].
         replay: text of a program that runs the filter over a CSV file.
-        jumps: whether it jumps where a body goes from sticking to slipping, which float and double
-            may do at other samples.
+        jumps: whether the estimate jumps where a body goes from sticking to slipping; float and
+            double may do so at different samples.
     """
 
     name: str
@@ -66,13 +71,13 @@ class Exported:
 
     @property
     def state_bytes(self) -> int:
-        """Size of the state, in bytes."""
+        """Size of the filter's state in C [bytes]."""
         return (4 * self.kernel_state + 4) if self.single else 8 * (self.kernel_state + 1)
 
     @property
     def scratch_bytes(self) -> int:
-        """Size of the arrays that a step has on the stack, in bytes, without what the compiler
-        spills.
+        """Size of the arrays that a step has on the stack [bytes], without what the compiler
+        adds.
         """
         return (4 if self.single else 8) * self.scratch
 
@@ -87,13 +92,16 @@ def c_filter(
     """Return an estimator of a rig as C99.
 
     Args:
-        single: float and float functions only, else double.
-        name: prefix of all names; default from the rig's title and the estimator.
-        home: how well an angle is known where a joint homes, std [rad]; then samples have one for
-            each joint, see `distal.homing_filter`.
+        estimator: name of the estimator.
+        single: whether numbers are float and only float functions are called; otherwise they are
+            double.
+        name: prefix of all C names; by default it is made from the rig's title and the estimator.
+        home: standard deviation of a joint's angle while it homes [rad]. Where it is given, samples
+            have such an angle for each joint; see `distal.homing_filter`.
 
     Raises:
-        ExportError: the name is no C identifier, or the estimator has no C.
+        ExportError: the name is no C identifier, the estimator cannot be written in C, or it cannot
+            home.
         EstimationError: the estimator cannot run on this rig, or cannot be exported.
     """
     if home is not None and estimator != "adaptive":
@@ -142,7 +150,7 @@ def c_filter(
 def _values(
     chosen: KernelEstimator, name: str, emitter: Emitter, begin: str, advance: str
 ) -> dict[str, str]:
-    """Return what the templates are filled with."""
+    """Return the blanks of the templates with their contents."""
     dialect = emitter.dialect
     n = len(chosen.state_names)
     m = len(chosen.measured)
@@ -205,11 +213,11 @@ def _values(
 
 
 def _beginning(n: int, spread: int) -> dict[str, str]:
-    """Return what the template's beginning is filled with, from the sizes of the state and of its
-    prior's spread.
+    """Return the blanks of the function that begins a filter.
 
     Args:
-        spread: n² of a covariance, n of its diagonal alone.
+        n: number of states.
+        spread: size of the prior's spread: n² for a covariance, n for its diagonal only.
     """
     if spread > n:
         return {"spread": f", *spread = state->kernel_state + {n}", "place": ""}

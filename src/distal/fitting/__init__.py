@@ -1,4 +1,6 @@
-"""A rig's parameters and noise from its own logs, and what the logs can tell."""
+"""Learning from logs: a rig's parameters, the sensors' noise and correction maps, and what the logs
+can identify.
+"""
 
 from distal.fitting.angle_observability import Observability, observability
 from distal.fitting.fit import fit

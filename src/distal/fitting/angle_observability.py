@@ -1,4 +1,6 @@
-"""Where along a log the joint's angle can be seen at all, from the filter's own linearisation."""
+"""Observability of a joint's angle along a log: where the sensors show it, by the filter's own
+linearisation.
+"""
 
 from __future__ import annotations
 
@@ -34,30 +36,35 @@ if TYPE_CHECKING:
 
 
 LOST = np.deg2rad(10.0)
-"""The angle is lost by this (1σ) at the start of each window [rad]."""
-
-SEEN = 0.2
-HARDLY = 0.7
-"""It is seen where a window's forces find it again to within this share of `LOST`, hardly seen to
-within that one.
+"""Standard deviation of the angle that is assumed at the start of each window [rad]. Source:
+judgement.
 """
 
+SEEN = 0.2
+"""Ratio of the std at a window's end to `LOST`, below which the angle is seen. Source:
+judgement.
+"""
+
+HARDLY = 0.7
+"""The same ratio, below which the angle is hardly seen. Source: judgement."""
+
 OBSERVED_WINDOW = 0.5
-"""Length of the windows [s]."""
+"""Default length of the windows [s]. Source: judgement."""
 
 
 @dataclass(frozen=True)
 class Observability:
-    """How well the sensors find a joint's angle that was lost, along a log, and the `estimate` that
-    it was computed along.
+    """How well the sensors find a joint's angle again that is assumed as lost, along a log.
 
     Args:
         time: stamps [s], (k,).
-        found: std of the angle, `LOST` at the start of its window, as the window's sensors find it
-            again [rad], (k,).
+        found: std of the angle that was `LOST` at the start of a window, as the window's sensors
+            find it again [rad], (k,).
         std: std of the angle along the whole log [rad], (k,).
         window: length of the windows [s].
-        directions: of joint space that the sensors see, and those that they miss.
+        estimate: the estimate along the log.
+        joint: index of the joint.
+        directions: directions of joint space that the sensors see, and those that they miss.
     """
 
     time: Floats
@@ -69,11 +76,11 @@ class Observability:
     directions: Directions | None = None
 
     def table(self, rows: int = 10) -> list[tuple[float, float, float, float, str]]:
-        """Return (from [s], to [s], std [rad], std found from lost [rad], word) of equal parts of
-        the log.
+        """Return (from [s], to [s], std [rad], std found again [rad], word) for equal parts of the
+        log, as many as `rows`.
         """
         edges = np.linspace(self.time[0], self.time[-1], rows + 1)
-        # what a window found stands at its end
+        # the std at a window's end is what the whole window found
         number = np.floor((self.time - self.time[0]) / self.window).astype(int)
         ends = np.flatnonzero(np.diff(number, append=number[-1] + 1) > 0)
         lines = []
@@ -89,8 +96,8 @@ class Observability:
         return lines
 
     def plot(self, path: str | Path | None = None) -> Figure:
-        """Draw the angle with its band, and how soon it is found again where it is lost; save it to
-        a path, if any.
+        """Draw the angle with its band, and how well it is found again where it was lost; save the
+        figure if a path is given.
         """
         with figure(2, 1, (6.5, 4.8), sharex=True) as (drawing, (angle, spread)):
             since = from_start(self.time)
@@ -130,17 +137,21 @@ def observability(
     homing: float | None = None,
     joint: str | None = None,
 ) -> Observability:
-    """Return how well the angle of a joint, by default the first, is seen along a log.
+    """Return how well the sensors show the angle of a joint along a log.
 
-    At the start of each window of so many s its variance is set to `LOST`², uncorrelated with
-    everything else, and the filter's own covariance recursion goes on: 1/P − 1/LOST² at the
-    window's end is the angle's entry in the window's observability Gramian, with process noise and
-    what else is unknown taken into account (Krener and Ide, CDC 2009). Where nothing is found
-    again, friction, slack or stops hide the joint, and only the model's memory holds the angle. For
-    `homing` see `estimate`.
+    At the start of each window the angle's variance is set to `LOST`², uncorrelated with everything
+    else, and the filter's own covariance recursion goes on. At the window's end, 1/P − 1/LOST² is
+    the angle's entry in the window's observability Gramian, with process noise and the other
+    unknowns taken into account (Krener and Ide, CDC 2009). Where the angle is not found again,
+    friction, slack or stops hide the joint, and only the model's memory holds the angle.
+
+    Args:
+        window: length of the windows [s].
+        homing: for how long the reference is read [s], see `estimate`.
+        joint: name of the joint; default the first.
 
     Raises:
-        FitError: the window does not fit the log, or it is not clear which joint is meant.
+        FitError: the window does not fit the log, or the rig has no such joint.
         EstimationError: as `estimate`.
     """
     if not isinstance(log, Log):

@@ -1,4 +1,4 @@
-"""Candidates: each way of describing what logs have, judged by the same logs left out."""
+"""Candidates: the ways to describe what logs show, each judged on the same held-out logs."""
 
 from __future__ import annotations
 
@@ -39,23 +39,35 @@ from distal.regression import (
 from distal.rig import LearnedMap, Rig
 
 AS_GIVEN = "the rig as given"
-AFFINE_MAP = "affine map"
-BY_EQUATIONS = "parameters by its equations"
-BY_FILTER = "parameters by its filter"
-"""Names of the candidates. Each but the affine map has a correction map (`discrepancy`) of what its
-angle lacks.
+"""Name of the candidate that is the original rig.
+
+Each candidate but the affine map has a correction map (`discrepancy`) for the errors of its angle.
 """
 
+AFFINE_MAP = "affine map"
+"""Name of the candidate that reports the angle of the map `affine`."""
+
+BY_EQUATIONS = "parameters by its equations"
+"""Name of the candidate whose parameters are estimated by the rig's equations."""
+
+BY_FILTER = "parameters by its filter"
+"""Name of the candidate whose parameters are estimated by the rig's filter."""
+
 SURER = 0.85
-"""Filters take the numbers as they are (`hold`) if that brings the angle's error below this share.
+"""Ratio of the angle's errors with parameters taken as exactly known (`hold`) and without, below
+which filters take them so. Source: judgement.
 """
 
 FAR = 1.5
-"""A filter whose angle errs by so many times that of another is no base for a map."""
+"""Ratio of a filter's angle error to the least of the filters before it, above which it gets no
+map. Source: judgement.
+"""
 
 
 def groups_among(logs: Sequence[Log], options: Options) -> tuple[str, ...]:
-    """Return which logs are left out together: those of one unit, else each alone."""
+    """Return the group of each log, whose logs are held out together: its unit with the option
+    `units`, else a group of its own.
+    """
     names = [log.source for log in logs]
     if options.units is None or not names:
         return tuple(str(i) for i in range(len(names)))
@@ -64,10 +76,15 @@ def groups_among(logs: Sequence[Log], options: Options) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Training:
-    """What candidates learn from: logs with a truth, and the description as it came.
+    """What candidates learn from.
 
-    Of the logs `groups` says which are left out together; the angles of joints that are `unknown`
-    are known in none. The description may have a `part` more than as it came.
+    Args:
+        logs: the logs of known angle.
+        groups: the group of each log, whose logs are held out together.
+        rig: the original description, or with a `part` more.
+        options: options of the fit.
+        unknown: names of the joints whose angle is known in no log.
+        part: the term of the physics that was added to the original description, if any.
     """
 
     logs: tuple[Log, ...]
@@ -79,7 +96,7 @@ class Training:
 
     @classmethod
     def of(cls, logs: Sequence[Log], rig: Rig, options: Options) -> Training:
-        """Return what candidates learn from, with the rig as it came."""
+        """Return what candidates learn from some logs with the original rig."""
         joints = rig.joint_names
         with_truth = tuple(log for log in logs if true_angles(log, joints) is not None)
         unknown = tuple(unknown_joints(with_truth, rig)) if with_truth else ()
@@ -98,18 +115,21 @@ class Training:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One way of describing what logs have: a rig with numbers, None as they came, and maps by the
-    names of their tables.
+    """One way to describe what logs show.
 
     Args:
-        hold: whether filters take the numbers as they are.
-        error: RMS error of the angle on logs left out [rad]; infinite where it cannot run.
-        beyond: the same in the outer part of these logs, with a map of the inner part of the others
-            [rad].
-        data: what its filter makes of the logs with numbers that have not seen them, by the index
-            of the log.
+        name: name in words.
+        rig: the description, with parameters and maps.
+        parameters: the parameter estimates in it; None where it has the original values.
+        hold: whether filters take the parameters as exactly known.
+        maps: the learned maps by the names of their tables.
+        error: RMS error of the angle on held-out logs [rad]; infinite where it cannot run.
+        beyond: the same in the outer part of these logs, with a map learned from the inner part of
+            the others [rad].
+        data: the filter's estimates along the logs, with parameters that have not seen them, by the
+            index of the log.
         refused: sentences on logs that its filter could not follow.
-        part: that the description has more than as it came.
+        part: the term of the physics that was added to the original description, if any.
     """
 
     name: str
@@ -126,8 +146,8 @@ class Candidate:
 
 @dataclass(frozen=True)
 class _Run:
-    """What a filter makes of the logs with numbers that have not seen them, by the index of the
-    log.
+    """The filter's estimates along the logs, with parameters that have not seen them, by the index
+    of the log.
     """
 
     rig: Rig
@@ -143,10 +163,10 @@ def filter_candidate(
     parameters: ParameterEstimates | None,
     previous: Sequence[Candidate] = (),
 ) -> Candidate:
-    """Return the candidate of a filter with some numbers, None for the rig's own, and the map of
-    what its angle then lacks.
+    """Return the candidate of a rig's filter and the map of the errors of its angle.
 
-    Where the filter of a candidate before it errs far less, it gets no map.
+    Its parameters are the given estimates; None stands for the original values. Where a filter of
+    the `previous` candidates errs far less, it gets no map.
     """
     run = _run(training, parameters, False)
     plain = Candidate(
@@ -195,8 +215,8 @@ def filter_candidate(
 
 
 def _surest(run: _Run, training: Training, parameters: ParameterEstimates | None) -> _Run:
-    """Return what a filter makes of the logs that takes the numbers as they are, where it errs far
-    less.
+    """Return the run of the filter that takes the parameters as exactly known, where it errs far
+    less than the given run.
     """
     if parameters is None or training.options.homing is not None:
         return run
@@ -211,8 +231,8 @@ def _surest(run: _Run, training: Training, parameters: ParameterEstimates | None
 def _rms(
     samples: Sequence[Samples], errors: Sequence[Sequence[Errors]], unknown: float = np.inf
 ) -> float:
-    """Return the RMS error on logs left out beyond the reference's own noise [rad], `unknown` where
-    none is left out.
+    """Return the RMS error on held-out logs beyond the reference's noise [rad]; `unknown` where no
+    log is held out.
     """
     error = rms_beyond_noise(errors, max(log_samples.reference_std for log_samples in samples))
     return error if np.isfinite(error) else unknown
@@ -238,9 +258,7 @@ def _run(training: Training, parameters: ParameterEstimates | None, hold: bool) 
 
 
 def line_map(training: Training) -> MapFit:
-    """Return the map of the estimator `affine`: angles as a straight line of what the sensors
-    read.
-    """
+    """Return the map of the estimator `affine`: the angles as a weighted sum of the readings."""
     data = [affine_samples(log, training.rig) for log in training.logs]
     data = [samples.part(np.asarray(np.isfinite(samples.targets).any(axis=1))) for samples in data]
     kind = affine_of(training.rig)
@@ -251,11 +269,11 @@ def line_map(training: Training) -> MapFit:
 
 
 def line_candidate(training: Training, line: MapFit, base: Candidate) -> Candidate:
-    """Return the candidate that reports the angle of a line, see `line_map`, within the range of
-    the logs.
+    """Return the candidate that reports the angle of the affine map `line` within the range of the
+    logs.
 
-    Beyond it the line goes on, or the angle moves with a filter: what errs less in the outer part
-    of logs left out.
+    Beyond this range either the affine map goes on, or the angle moves as the filter of the
+    candidate `base` does, whichever errs less in the outer part of held-out logs.
     """
     frame = base.maps["discrepancy"]
     among = [
@@ -293,19 +311,19 @@ def line_candidate(training: Training, line: MapFit, base: Candidate) -> Candida
 
 
 def best_of(candidates: Sequence[Candidate]) -> Candidate:
-    """Return the candidate with the least geometric mean of its errors on logs left out, √(error ·
-    beyond).
+    """Return the candidate with the least geometric mean of its two errors on held-out logs,
+    √(error · beyond).
 
-    Twice the error within the range of the logs so weighs as much as twice that beyond it. Of
-    equals the first is taken.
+    Twice the error within the range of the logs thus weighs as much as twice the error beyond it.
+    Of equals the first is taken.
     """
 
     return min(candidates, key=lambda candidate: np.sqrt(candidate.error * candidate.beyond))
 
 
 def _at_times_of(samples: Samples, straight: Samples) -> Samples:
-    """Return samples of readings, their target known at those times only at which that of others
-    is.
+    """Return the samples `straight`, with their target known only at times at which that of
+    `samples` is.
     """
     has_target = np.isin(straight.time, samples.time[np.isfinite(samples.targets).any(axis=1)])
     targets = np.where(has_target[:, None], straight.targets, np.nan)

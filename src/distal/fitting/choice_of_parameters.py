@@ -1,4 +1,4 @@
-"""Which numbers of a rig a fit varies: what has a std, what is asked for, and the noise."""
+"""Which parameters of a rig a fit varies: those with a std or those asked for, and the noise."""
 
 from __future__ import annotations
 
@@ -15,19 +15,22 @@ from distal.model import Mechanism
 from distal.rig import REFERENCES, Number, Rig, Sensor, in_words, named, number, part_at
 
 NOISE_RANGE = 25.0
-"""A noise stays within this factor of where it starts: a model that is trusted wholly has standard
-errors of nothing.
+"""Largest factor by which the size of a noise changes in a fit, either way: a model without noise
+would have standard errors of zero. Source: judgement.
 """
 
 NOISE_PRIOR = 1.0
-"""Standard deviation of a noise's prior, as a share of where it starts: a factor of two either way.
+"""Standard deviation of the prior of a noise's size, as a share of its start: a factor of two
+either way. Source: judgement.
 """
 
 EXACT = np.deg2rad(0.02)
-"""No truth is taken as better than this [rad]: the model's own steps are not."""
+"""Least std of the random error of a reference angle [rad], since the model's own time steps err as
+much. Source: judgement.
+"""
 
 SMALLEST_NUMBER = 1e-3
-"""A positive parameter stays above this share of where it starts."""
+"""Lower bound of a positive parameter, as a share of its start. Source: judgement."""
 
 
 def choose(
@@ -40,22 +43,25 @@ def choose(
     homing: bool,
     several: bool = False,
 ) -> tuple[Free, ...]:
-    """Return what a fit varies, of a rig with `references`, sensors of joints' angles.
+    """Return what a fit varies.
 
-    Without a wish it is every parameter with a std that has an effect on the joint, tendons that
-    err together by one factor (as the filter has them), and the noise of the sensors that are
-    compared, of the unmodelled torque and of the hysteresis.
+    By default these are the parameters with a std that have an effect on the joint, and the noise
+    of the sensors that are compared, of the unmodelled torque and of the hysteresis. Tendons that
+    err together are varied by one factor, as in the filter.
 
     Args:
-        asked: paths, ``*`` for all parts of a kind; empty for every parameter with a std.
-        per_log: paths of which each log has its own.
-        homing: whether the fit is to what is predicted after homing: then sensors' own noise is
-            left as it is.
-        several: whether there are several logs: each has sensors' offsets of its own then, and what
-            they scatter by is their std.
+        rig: the rig with its `references`.
+        references: sensors of joints' angles that give the reference.
+        asked: paths of the parameters to vary, ``*`` for all components of a kind; empty for every
+            parameter with a std.
+        per_log: paths of parameters of which each log has its own.
+        noise: whether noise is varied.
+        homing: whether the errors after homing are fitted; the sensors' noise then stays as it is.
+        several: whether there are several logs; each then has its own offsets of the sensors, whose
+            std is their scatter.
 
     Raises:
-        FitError: nothing is free, or a path cannot be.
+        FitError: nothing is free, or a path cannot be varied.
     """
     own_of_each = [_asked(rig, path, True) for path in per_log]
     free = [_asked(rig, path, False) for path in asked] or _uncertain(
@@ -85,8 +91,8 @@ def choose(
 
 
 def _coarse(rig: Rig, part: Free) -> Free:
-    """Return what is varied with the share of it that the model leaves uncertain, where that is
-    more than elsewhere.
+    """Return what is varied, with a larger `coarse` where the model leaves more of it uncertain
+    than elsewhere.
     """
     for path in part.paths:
         kind, index, *fields = path.split(".")
@@ -113,10 +119,10 @@ def _uncertain(
         if per_log_paths.intersection(paths) or (
             len(paths) == 1 and any(paths[0] in part.paths for part in free)
         ):
-            continue  # what shares its error with nothing, and errs alone too, is varied once
+            continue  # a parameter that shares no error with others is varied once
         parameters = [number(rig, path) for path in paths]
         if state.acts == "factor" and len(paths) > 1:
-            # what also errs alone is varied alone, with the spread of both
+            # a parameter that also errs alone is varied alone, with the std of both errors
             parameters = [parameter for parameter in parameters if parameter.independent_std == 0.0]
         if parameters:
             free.append(_free(rig, parameters, False))
@@ -132,8 +138,8 @@ def _uncertain(
 
 
 def _biases(rig: Rig, several: bool) -> list[Free]:
-    """Return the offsets and gains of the sensors that estimators read, where they have a std;
-    gains are no log's own.
+    """Return the offsets and gains of the sensors that estimators read, where they have a std; with
+    `several` logs each has its own offsets.
     """
     read = [
         (i, sensor) for i, sensor in enumerate(rig.sensors) if sensor.measures not in REFERENCES
@@ -149,23 +155,23 @@ def _biases(rig: Rig, several: bool) -> list[Free]:
 
 
 def _held(rig: Rig) -> list[str]:
-    """Return the paths of what estimators take as it is, but a fit may vary: held parameters and
-    hysteresis.
+    """Return the paths of what estimators take as exactly known but a fit may vary: held parameters
+    and hysteresis.
     """
     held = []
     for path in Mechanism(rig, ()).parameters.all_names:
         try:
             parameter = number(rig, path)
         except RigError:
-            continue  # stops and what follows from other numbers
+            continue  # stops, and parameters that follow from others
         if parameter.std > 0.0 and (parameter.hold or ".hysteresis." in path):
             held.append(path)
     return held
 
 
 def paths_of(rig: Rig, desired: str) -> list[str]:
-    """Return the paths, by indices, that a wish names, its parts by name or index; ``*`` stands for
-    all parts of a kind.
+    """Return the paths, by indices, that a path by names or indices stands for; ``*`` stands for
+    all components of a kind.
 
     Raises:
         FitError: ``*`` stands for nothing.
@@ -244,14 +250,15 @@ def _noise(rig: Rig, parameters: Sequence[Number], prior: bool = True) -> Free:
 
 
 def _noises(rig: Rig, references: Sequence[Sensor], homing: bool) -> list[Free]:
-    """Return the noises: of sensors alike by one factor, of the reference, of what no model knows.
+    """Return the noises that are varied: of alike sensors by one factor, of the reference, of
+    hysteresis and of the unmodelled torques.
 
-    Displacements are inputs: their noise shows only in what it shakes, and comes out too small; the
-    file keeps what it had, as it keeps what the model does not know. An effort that moves a play is
-    smoothed and nothing that is compared: its noise stays.
+    The noise of position sensors is left out. Their readings are inputs, so that their noise shows
+    only in the forces that it shakes, and would come out too small. The noise of a force that moves
+    a play operator is left out too, because that force is smoothed and not compared.
     """
     if homing:
-        return []  # what is predicted after homing tells nothing of a sensor's own noise
+        return []  # the errors after homing tell nothing of a sensor's own noise
     angles = {reference.name for reference in references}
     playing = {drive.name for drive in rig.drives if drive.hysteresis is not None}
     groups: dict[tuple[str, str, float], list[int]] = {}

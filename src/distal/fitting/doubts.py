@@ -15,31 +15,42 @@ from distal.fitting.likelihood_search import Optimum, search
 from distal.fitting.problem import Problem
 
 LARGEST_NIS = 5.0
-"""Mean ν²/S from which on a log does not look like its rig."""
+"""Mean ν²/S of a channel of the filter, above which the logs do not look like the rig. Source:
+judgement.
+"""
 
 LARGEST_LACK = 100.0
-"""The same where equations are asked: smoothed motion alone leaves several times a sensor's noise.
+"""Mean ν²/S of a row of the equations, above which the logs do not look like the rig: smoothing the
+motion alone leaves several times a sensor's noise. Source: judgement.
 """
 
 LARGEST_NOISE_GROWTH = 4.0
-"""If a sensor's noise has to grow by this factor, the sensor is not the cause."""
+"""Factor by which the fit enlarges a sensor's noise, above which the sensor is not the cause.
+Source: judgement.
+"""
 
 LARGEST_UNMODELLED_GROWTH = 6.0
-"""If unmodelled motion has to grow by this factor, it explains most of the motion."""
+"""Factor by which the fit enlarges the unmodelled torque of a joint, above which that explains most
+of the motion. Source: judgement.
+"""
 
 FAR_FROM_PRIOR = 4.0
-"""A value this many prior standard deviations away from its prior is reported."""
+"""Distance of a value from its prior, in the prior's standard deviations, above which it is
+reported. Source: judgement.
+"""
 
 FAR_FROM_FACTOR = 2.0
-"""The same for a number known within a factor: a change by the square of that factor is improbable.
+"""The same distance for a parameter that is known within a factor, where a change by the square of
+that factor is improbable. Source: judgement.
 """
 
 CONTRADICTORY = 2.0
-"""Logs contradict each other if the innovations of one are this much larger than with numbers of
-its own.
+"""Ratio of a log's RMS innovation with the parameters of all logs to that with parameters of its
+own, above which the logs contradict each other. Source: judgement.
 """
 
 FEW_ITERATIONS = 4
+"""Number of iterations of the fit to a log alone. Source: judgement."""
 
 ADVICE = (
     "the rig lacks physics that these logs have, or a column, unit or sign of a sensor is wrong "
@@ -64,8 +75,9 @@ def nis_of(problem: Problem, z: Floats) -> tuple[float, ...]:
 
 
 def doubts_of(problem: Problem, z: Floats, nis: Sequence[float]) -> list[str]:
-    """Return sentences on where logs still do not agree with the rig at the end z of a fit, with
-    such mean ν²/S (`nis`).
+    """Return sentences on where logs still do not agree with the rig at the end z of a fit, (n,).
+
+    `nis` is the mean ν²/S there, see `nis_of`.
     """
     references = {sensor.name for sensor in problem.filter.references}
     limit = LARGEST_LACK if problem.asks_equations else LARGEST_NIS
@@ -96,7 +108,7 @@ def doubts_of(problem: Problem, z: Floats, nis: Sequence[float]) -> list[str]:
 
 
 def far_from_priors(parameters: Sequence[FittedParameter], problem: Problem) -> list[str]:
-    """Return warnings on values far from their priors, or at a bound."""
+    """Return warnings on fitted parameters that are far from their priors, or at a bound."""
     free_by_name = {part.name: part for part in problem.free}
     lines = []
     for part in parameters:
@@ -120,10 +132,10 @@ def far_from_priors(parameters: Sequence[FittedParameter], problem: Problem) -> 
 
 
 def parameter_contradictions(problem: Problem, optimum: Optimum) -> list[str]:
-    """Return a doubt about logs that can be explained only with their own parameters: one sentence,
-    or none.
+    """Return a sentence on the log that contradicts the others most, or nothing.
 
-    A log is fitted alone, begun at the optimum of all, its noise as it is.
+    Each log is fitted alone, from the optimum of all logs, with its noise as it is there. A log
+    contradicts the others where that makes its innovations much smaller.
     """
     worst = CONTRADICTORY
     sentences = list[str]()
@@ -134,7 +146,7 @@ def parameter_contradictions(problem: Problem, optimum: Optimum) -> list[str]:
         noise = np.array([part.noise for part, _ in alone.parts])
         alone_optimum = search(alone.assessed(start), start, most=FEW_ITERATIONS, fixed=noise)
         if alone_optimum.interrupted:
-            raise KeyboardInterrupt  # the caller has the numbers of all logs
+            raise KeyboardInterrupt  # the caller has the parameters of all logs
         with np.errstate(invalid="ignore", divide="ignore"):
             ratio = float(
                 np.nanmax(
@@ -158,6 +170,6 @@ def parameter_contradictions(problem: Problem, optimum: Optimum) -> list[str]:
 
 
 def _sizes(run: Innovations) -> Floats:
-    """Return the RMS innovation per channel, outliers limited."""
+    """Return the RMS innovation per channel, (m,), with outliers limited."""
     limited = np.minimum(run.values**2, Robustness().wild_force * run.variances)
     return np.array([np.sqrt(np.nanmean(c)) if np.isfinite(c).any() else np.nan for c in limited.T])

@@ -1,4 +1,4 @@
-"""`fit`: learn a rig's numbers from logs, and test them on logs that were left out."""
+"""`fit`: learn a rig's parameters from logs, and test the result on held-out logs."""
 
 from __future__ import annotations
 
@@ -33,11 +33,13 @@ from distal.rig import Rig, as_rig, load_rig
 from distal.threads import one_blas_thread
 
 FOR_LEAVING_OUT = 3
-"""With this many logs of known angle, or more, each is left out once."""
+"""Number of logs with a known angle (or of groups of them), from which on each is held out once.
+Source: judgement.
+"""
 
 TRUSTED = 0.8
-"""What is normal in free motion is recorded where the 95 % band holds at least this share of logs
-left out [1].
+"""Share of the samples of held-out logs that the 95 % band must hold, so that the normal forces of
+free motion are recorded [1]. Source: judgement.
 """
 
 
@@ -60,41 +62,46 @@ def fit(
     start: Rig | str | Path | None = None,
     early: Callable[[MapFit], None] | None = None,
 ) -> Fit:
-    """Fit a rig's parameters and noise to logs, learn the remaining error of the angle, and test
-    both on logs left out.
+    """Fit a rig's parameters and noise to logs, learn a map of the angle error that remains, and
+    test both on held-out logs.
 
-    −ln p = ½ Σ (ν²/S + ln 2πS) − ln prior, over all logs and channels (prediction-error method;
-    Ljung, 1999, ch. 7). The truth of a log that has one is no sensor: it is compared with what the
-    filter makes of the others. With `homing` it is a sensor for that long, and only the predictions
-    afterwards count, as in use. With three logs with truth or more, each is left out once: `learn`
-    runs on the others, starting from the original rig. Logs that do not agree with the rig, or
-    contradict each other, are fitted as well as possible, and the result says so.
+    The parameters are the most likely ones: they minimise −ln p = ½ Σ w (ν²/(c S) + ln c S) − ln
+    prior over all logs and channels, see `Problem` (prediction-error method; Ljung, 1999, ch. 7).
+    The filter's angle is compared with the reference angle of a log; where the model explains the
+    logs, the filter may read the reference too. With `homing` the filter reads the reference for
+    that long, and only the errors afterwards count, as in use. With three logs of known angle or
+    more, each is held out once: `learn` runs on the others, starting from the original rig. Logs
+    that do not agree with the rig or with each other are fitted as well as possible, and the result
+    says so.
 
     Args:
         logs: each a `Log`, a path or a frame (see `read_log`).
         rig: the description where the fit starts; its values and stds are the priors.
-        free: paths of the parameters to fit, ``*`` for all parts of a kind; default every parameter
-            with a std.
-        per_log: paths of parameters with one value for each log (pre-tension, zero offsets).
-        homing: for how long the reference is used [s]; None: wherever it has values.
-        noise: whether noise is fitted too.
-        curves: whether the position sensors' systematic curves are learned from logs with truth;
-            only where the same sensors, mounted the same way, will be read again.
-        truth: where logs are read: the true angle's column.
-        workers: threads; the numbers do not depend on them.
-        units: fit a *kind* of rig: a regular expression whose first parenthesis names the unit (an
-            instrument, a pose, a day) in a log's name; units are left out as a whole, so that the
-            band is that of a unit not seen.
-        start: a fitted rig, whose values the search begins with; the priors are those of `rig`.
-        early: called with the straight line (`affine`) within seconds, when nothing speaks against
-            a fit.
+        free: paths of the parameters to fit, ``*`` for all components of a kind; default every
+            parameter with a std.
+        per_log: paths of the parameters that have one value for each log (pre-tension, zero
+            offsets).
+        homing: for how long the reference will be read in use [s]; None: it will not be read.
+        noise: whether the sensors' noise is fitted too.
+        curves: whether the position sensors' systematic curves are learned from logs of known
+            angle; only where the same sensors, mounted the same way, will be read again.
+        truth: column of the true angle, where logs are read from files.
+        seed: seed of the random points where the search may start.
+        workers: number of threads; the result does not depend on it.
+        compiled: whether the filter is compiled; else it is interpreted.
+        progress: called with what the fit is doing.
+        units: fit a *kind* of rig: a regular expression whose first parenthesis finds the unit (an
+            instrument, a pose, a day) in a log's name. The logs of a unit are held out together, so
+            that the band is right for a new unit.
+        start: a fitted rig whose values the search begins with; the priors are those of `rig`.
+        early: called with the affine map within seconds, once the logs have passed all checks.
 
     Raises:
         FitError: the logs cannot be fitted; says which and why.
         LogError: a log cannot be read.
         RigError: the rig is unknown or wrong.
     """
-    rig = (as_rig(rig)).bare()  # what logs taught of it is learned anew
+    rig = (as_rig(rig)).bare()  # maps of an earlier fit are learned anew
     if not isinstance(seed, (int, np.integer)) or seed < 0:
         raise FitError(f"seed must be a whole number from 0, {seed!r} came")
     options = Options(
@@ -120,7 +127,7 @@ def fit(
     parts = len(set(folds)) + 1 if enough else 1
     judged = judge(read, rig, options, of_part(progress, 0, parts), early=early)
     learned = learned_by(judged, judged.chosen)
-    # whether the term is used is chosen anew in each fold; which one it is costs too much
+    # each fold chooses anew whether the term is used; the search for other terms costs too much
     tried = [] if learned.part is None else [learned.part]
 
     def of_fold(remaining: Sequence[Log], fold: int) -> Learned:
@@ -145,7 +152,7 @@ def fit(
 
 
 def _touched(aside: Sequence[Log]) -> list[str]:
-    """Return a sentence on logs that are not like free motion."""
+    """Return a sentence that names the logs in which something touches a joint."""
     if not aside:
         return []
     names = ", ".join(shown(log.source) for log in aside)
@@ -159,8 +166,8 @@ def _touched(aside: Sequence[Log]) -> list[str]:
 def _with_free_motion(
     learned: Learned, done: Sequence[Fold], logs: Sequence[Log], folds: Sequence[int]
 ) -> Learned:
-    """Return what was learned with what is normal of forces in free motion, by the logs left out;
-    nothing where the band fails on these.
+    """Return what was learned, with the normal forces of free motion (`FreeMotion`) from the
+    held-out logs; unchanged where the band holds too few of their samples.
     """
     written = [score.scores[WRITTEN] for fold in done for score in fold.compared]
     scores = [score for score in written if score is not None]
@@ -177,7 +184,7 @@ def _with_free_motion(
         # the rig that is written may be another candidate than that of a fold
         in_sample = free_motion_of([(learned.rig, logs[i]) for i in kept], rms, inside)
     except EstimationError:
-        return learned  # a filter that a log throws off has no normal
+        return learned  # a filter that fails on a log shows no normal forces
     if free is None or in_sample is None:
         return learned
     free = widest(free, in_sample)
@@ -185,8 +192,8 @@ def _with_free_motion(
 
 
 def _folds(logs: Sequence[Log], rig: Rig, units: str | None) -> tuple[list[int], bool]:
-    """Return the fold of each log, and whether logs of known angle are enough to leave each out
-    once.
+    """Return the fold of each log, and whether enough logs have a known angle for each to be held
+    out once.
     """
     groups = (
         [str(i) for i in range(len(logs))]

@@ -1,5 +1,5 @@
-"""The filter of a fit: what is free is an input of its kernel, and several runs go through it side
-by side.
+"""The filter of a fit: the free parameters are inputs of its kernel, and several runs go through it
+side by side.
 """
 
 from __future__ import annotations
@@ -21,17 +21,19 @@ from distal.run import samples_of
 from distal.sensor_errors import variance
 
 FINE = 0.2
-"""Largest product of sub-step and a joint's own frequency in a fit: its errors must not look like
-parameters.
+"""Largest product of a sub-step and a joint's own angular frequency in a fit, so that the errors of
+the sub-steps do not look like parameters. Source: judgement.
 """
 
 
 @dataclass(frozen=True)
 class Data:
-    """A log, ready for the filter: values of its channels, (k, n_channels), references last, and
-    the rows of its kernel.
+    """A log, ready for the filter.
 
-    The index of each sample's own row is in `last`.
+    Args:
+        samples: values of its channels, those of the references last, (k, n_channels).
+        rows: rows of the filter's kernel.
+        last: index of each sample's own row, (k,).
     """
 
     log: Log
@@ -40,7 +42,7 @@ class Data:
     last: NDArray[np.intp]
 
     def beginning(self, count: int) -> Data:
-        """Return the first samples of the log."""
+        """Return the first `count` samples of the log."""
         count = min(count, len(self.last))
         log = Log(self.log.time[:count], {}, {}, self.log.source)
         return Data(
@@ -49,11 +51,15 @@ class Data:
 
 
 class FitFilter:
-    """The filter of a fit: what is free is an input of its kernel, and several runs go through it
-    side by side.
+    """The filter of a fit: the free parameters are inputs of its kernel, and several runs go
+    through it side by side.
 
-    The rig is described with its references, the sensors of joints' angles. There are `steps` rows
-    per sample, see `resampling`; more of them need fewer sub-steps each.
+    Args:
+        rig: the rig, with its references.
+        references: sensors of joints' angles that give the reference.
+        free: the free parameters.
+        steps: rows per sample, see `resampling`; with more of them each needs fewer sub-steps.
+        compiled: whether the kernel is compiled; else it is interpreted.
     """
 
     def __init__(
@@ -78,10 +84,10 @@ class FitFilter:
         )
 
     def data_of(self, log: Log) -> Data:
-        """Return a log, ready for the filter; displacements between samples follow a cubic where
-        chords would err.
+        """Return a log, ready for the filter, with its displacements between samples on cubics, see
+        `refined`.
 
-        Its truth is the reference, NaN or absent where it is not known.
+        The known angles are the readings of the references, NaN where they are not known.
         """
         estimator = self.estimator
         joints = self.rig.joint_names
@@ -94,8 +100,8 @@ class FitFilter:
         angles = true_angles(log, joints)
         truth = np.full((len(log), len(joints)), np.nan) if angles is None else angles
         read = [joints.index(sensor.of) for sensor in self.references]
-        # how a joint rests in a stop is the stop's own affair: what is read there teaches nothing
-        # of the rest
+        # in a stop the angle depends on the stop alone: readings there teach nothing of the other
+        # parameters
         stopped = in_stops(log.time, truth, self.rig)
         samples = np.column_stack([proximal, np.where(stopped, np.nan, truth)[:, read]])
         samples[stopped.all(axis=1), estimator.bridged :] = np.nan
@@ -105,11 +111,10 @@ class FitFilter:
 
 
 def steps_of(rig: Rig, logs: Sequence[Log]) -> int:
-    """Return how many rows per sample all of some logs need, so that displacements between samples
-    are right.
+    """Return how many rows per sample the filter of some logs needs, so that displacements between
+    samples are right.
 
-    Joints that settle within an interval need one: where a drive went between two slow samples no
-    curve tells.
+    Joints that settle within an interval need one row, since they do not depend on the way there.
     """
     if AdaptiveFilter(rig, False).states.context.joints_settle:
         return 1

@@ -1,4 +1,4 @@
-"""The options of a fit, as one frozen object: all inputs of `learn` beside logs and rig."""
+"""The options of a fit as one frozen object: all inputs of `learn` beside the logs and the rig."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from distal.rig import Rig
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """The options of a fit; see `fit`, where a `start` is given by its path too."""
+    """The options of a fit, the arguments of the same names of `fit`; `start` is a rig."""
 
     free: tuple[str, ...] = ()
     per_log: tuple[str, ...] = ()

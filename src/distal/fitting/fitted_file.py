@@ -1,5 +1,5 @@
-"""The fitted rig as a file: values in place, comments kept, and an account of the fit at its
-head.
+"""The fitted rig as a file: values in their old positions, comments kept, and at the head an
+account of the fit.
 """
 
 from __future__ import annotations
@@ -12,11 +12,13 @@ from distal.errors import DistalWarning, OutputError, RigError
 from distal.rig import Rig, build_rig, parse_toml, set_value
 
 MARK = "# Fitted by `distal "
-"""How the head of a fitted file begins, by which that of an earlier fit is found and replaced."""
+"""The first words of a fitted file; by them the head of an earlier fit is found and replaced."""
 
 
 LEARNED = ("affine", "discrepancy", "contact", "free_motion", "provisional")
-"""Tables and keys that a fit writes; one that it did not learn belongs to an earlier fit."""
+"""Tables and keys that a fit writes; one that this fit did not learn is removed, since it belongs
+to an earlier fit.
+"""
 
 
 def fitted_text(
@@ -24,14 +26,19 @@ def fitted_text(
 ) -> str:
     """Return the TOML of a fitted rig, which reads as exactly this rig.
 
-    The `values` by path that changed from the `start` as it came are put into a `text`, so that
-    its comments stay; None writes the description anew. First stands a comment `head`, which begins
-    with `MARK`. Where the text with the values in it reads as another rig, the description is
-    written anew with a warning: no result is lost for a comment.
+    If values in the old text would not read as this rig, the file is written anew, with a warning
+    and without comments, so that no result is lost.
+
+    Args:
+        rig: the fitted rig.
+        start: the original rig.
+        values: path → value of what changed.
+        head: comment at the head of the file, which begins with `MARK`.
+        text: TOML of the original rig, whose comments stay; None writes the file anew.
 
     Raises:
-        RigError: the text is not that of the rig that was fitted.
-        OutputError: the rig cannot be written.
+        RigError: the text is not that of the original rig.
+        OutputError: the rig cannot be written so that it reads as the same.
     """
     if text is None:
         return head + _anew(rig)
@@ -66,7 +73,7 @@ def _put_into(text: str, rig: Rig, values: Mapping[str, object]) -> str:
 
 
 def _anew(rig: Rig) -> str:
-    """Return the TOML of a rig as it is.
+    """Return the TOML of a rig, written anew.
 
     Raises:
         OutputError: it does not read as this rig.
@@ -87,8 +94,8 @@ def _read(text: str) -> Rig:
 
 
 def plain_value(raw: Mapping[str, object]) -> dict[str, object]:
-    """Return a description as TOML can hold it: no empty values, no SI tags that are found again on
-    reading.
+    """Return a description as TOML can hold it: without empty values, and without the SI tags that
+    reading finds again.
     """
     return {key: _plain(value) for key, value in raw.items() if value is not None and key != "si"}
 

@@ -1,4 +1,4 @@
-"""One number after a fit, and what of it goes into the description."""
+"""One parameter after a fit, and what is written of it into the description."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from distal.rig import Number, Rig, named, number, part_at
 from distal.rig.quantities import SMALLEST
 
 DIGITS = 7
-"""Significant digits of a value in a file: far more than any log tells."""
+"""Number of significant digits of a value in a file: far more than any log tells. Source:
+judgement.
+"""
 
 COMMON = {
     "rad": ("deg", float(np.rad2deg(1.0))),
@@ -21,34 +23,38 @@ COMMON = {
     "N m": ("mN m", 1e3),
     "N m s": ("mN m s", 1e3),
 }
-"""Unit → the one that people use for sizes of fingers and instruments, and how many of it there
-are.
+"""SI unit → the unit in which people give sizes of fingers and instruments, and the factor to it.
+Source: definition (unit conversions).
 """
 
 SMALLEST_RELATIVE_STD = 0.002
-"""A std in a fitted file is at least this share of its value: no two days are more alike."""
+"""Least std in a fitted file, as a share of the value, since a rig differs that much from day to
+day. Source: judgement.
+"""
 
 
 @dataclass(frozen=True)
 class FittedParameter:
-    """One free number after a fit, as it is in the description, with the `values` of all its
-    `paths`.
+    """One free parameter after a fit, with its value in the description.
 
     Args:
-        name: in words.
-        si: unit.
-        start: where it started, which is the mean of its prior.
-        prior_std: NaN where there was no prior.
-        error: standard error, the other numbers not being known; NaN where the search did not
+        name: name in words.
+        paths: paths of all values in the description that vary together with it.
+        si: SI unit.
+        start: value where it started, which is the mean of its prior.
+        prior_std: std of its prior, NaN where there was none.
+        value: fitted value of the first path, or the mean over the logs.
+        error: standard error, the other parameters not being known; NaN where the search did not
             converge.
-        identified: whether the logs tell it; else it stays at its prior.
-        noise: whether it is a noise.
-        held_error: standard error with the numbers that are `held` taken as known; what a file's
-            std is made of.
-        held: whether the logs tell it only together with others: the file holds it, and the others
-            carry what is not known.
-        per_log: value by log, where each log has its own.
-        kept: whether the file keeps the start where the fit found less.
+        identified: whether the logs identify it; else it stays at its prior.
+        noise: whether it is the size of a noise.
+        values: the values at all `paths`.
+        held_error: standard error if the parameters that are `held` are taken as known; the std in
+            the file comes from it.
+        held: whether the logs identify it only together with others: the file then holds it, and
+            the others' stds carry what is unknown.
+        per_log: name of a log → value, where each log has its own.
+        kept: whether the file keeps the start where the fitted value is smaller.
     """
 
     name: str
@@ -68,7 +74,7 @@ class FittedParameter:
 
     @property
     def as_it_came(self) -> FittedParameter:
-        """The same where the description's own value is kept."""
+        """The same parameter with its original value."""
         starts = tuple(
             self.start * value / self.value if self.value else self.start for value in self.values
         )
@@ -76,8 +82,8 @@ class FittedParameter:
 
     @property
     def sizes(self) -> tuple[str, str, str]:
-        """What it was, what it is with its standard error, and its unit, in a unit that people
-        use.
+        """The original value, the fitted value with its standard error, and their unit, as text in
+        a common unit.
         """
         unit, factor = COMMON.get(self.si, (self.si, 1.0))
         prior = "" if np.isnan(self.prior_std) else f" ± {factor * self.prior_std:.2g}"
@@ -89,7 +95,7 @@ class FittedParameter:
 
     @property
     def origin(self) -> str:
-        """Where the value comes from, in a word or two."""
+        """The origin of the value, in a word or two."""
         if self.held:
             return "prior (told only together with others)"
         if not self.identified:
@@ -102,10 +108,12 @@ class FittedParameter:
 def assignments(
     parameters: Sequence[FittedParameter], start: Rig, hold: bool = False
 ) -> dict[str, object]:
-    """Return path by names → value, with its std where it had one, of what the logs tell beside the
-    `start` as it came.
+    """Return path by names → value, with its std where it had one, of all that the logs identify.
 
-    With `hold` estimators are to take the values as they are.
+    Args:
+        parameters: the parameters after the fit.
+        start: the original rig.
+        hold: whether estimators are to take the values as exactly known.
     """
     changed: dict[str, object] = {}
     for part in parameters:
@@ -119,8 +127,8 @@ def assignments(
             before = number(start, path)
             rounded = 0.0 if abs(value) < SMALLEST else float(f"{value:.{DIGITS}g}")
             if only_grows(path, start):
-                # what these logs did not need, the next may: a filter that trusts its model wholly
-                # is not honest
+                # these logs did not need so much noise, others may: without it the filter's band
+                # would be too narrow
                 rounded = max(rounded, before.value)
             if not before.is_parameter or before.std == 0.0:
                 changed[path] = rounded
@@ -136,8 +144,8 @@ def assignments(
 def _spread(
     part: FittedParameter, before: Number, std: float, value: float, start: Rig
 ) -> dict[str, object]:
-    """Return what a file says of how far a value may be off: together with others where all of them
-    were varied as one.
+    """Return the std of a value as a file holds it: shared with others where all of them were
+    varied by one factor.
     """
     name = before.shared[0] if before.shared is not None else None
     if (
@@ -150,8 +158,8 @@ def _spread(
 
 
 def only_grows(path: str, rig: Rig) -> bool:
-    """Return whether a noise is never written smaller than it was: what the model does not know,
-    and displacements'.
+    """Return whether a noise is never written smaller than it was: an unmodelled torque, or the
+    noise of a position sensor.
     """
     positions = [
         f"sensors.{i}.noise"
@@ -162,8 +170,8 @@ def only_grows(path: str, rig: Rig) -> bool:
 
 
 def described(rig: Rig, values: Mapping[str, object]) -> Rig:
-    """Return a rig, as it came, with its fitted numbers; a reference sensor that only the fit used
-    is left out.
+    """Return a rig with fitted values by their paths, those of reference sensors that only the fit
+    has left out.
     """
     fitted = {
         path: new

@@ -1,19 +1,19 @@
-"""A rig's equations along a log whose angles are known: no filter is needed there, each sample says
-what it lacks.
+"""The residuals of a rig's equations along a log of known angles, for which no filter is needed.
 
 With q = (angles, positions) known, and v and a from it, the equations of `Mechanism` hold at every
-sample alone:
+sample alone. Their residuals are
 
     forces      U_i − (pull_i(q, v) + l_i d_i + α_i |d_i|)
     tensions    T_measured − T(q, v)
     joints      −(M a + Coriolis + gravity + pulls − passive forces + l d)_j
 
-each over its effective standard deviation, √(σ² + Σ (∂row/∂q_k)² σ_k²), with what is left of the
-noise of angles and positions: a stiffness that multiplies their noise would come out too small
-(Clutton-Brock, Technometrics 9, 1967). Friction has limits of mean l and asymmetry α; d is the
-direction of motion with a memory of a hundredth of the range. What moves inside (plays, points of
-sheaths, creep) is stepped along the known motion. This is identification by the inverse dynamic
-model (Gautier and Khalil, IEEE T-RA 6, 1990; Janot et al., IEEE T-CST 22, 2014).
+Each is divided by its effective standard deviation, √(σ² + Σ (∂row/∂q_k)² σ_k²), which has the
+noise that smoothing leaves in angles and positions: a stiffness that multiplies their noise would
+come out too small (Clutton-Brock, Technometrics 9, 1967). Friction has limits of mean l and
+asymmetry α; d is the direction of motion, which turns within a hundredth of the range. Internal
+states (of plays, points of sheaths, creep) are stepped along the known motion. This is
+identification by the inverse dynamic model (Gautier and Khalil, IEEE T-RA 6, 1990; Janot et al.,
+IEEE T-CST 22, 2014).
 """
 
 from __future__ import annotations
@@ -37,27 +37,37 @@ from distal.rig import Sensor
 from distal.sensor_errors import variance
 
 INTERVAL = 0.05
-"""Equations are compared so often [s]: what they lack does not change faster."""
+"""Interval at which the equations are compared [s], since their residuals change no faster. Source:
+judgement.
+"""
 
 SMOOTHED = 0.12
-"""Positions and angles are smoothed over so long by cubics [s], which give their speeds (Savitzky
-and Golay, 1964).
+"""Length of the window in which positions and angles are smoothed by cubics, which also give their
+speeds (Savitzky and Golay, 1964) [s]. Source: judgement.
 """
 
 MEMORY = 0.01
-"""A direction of motion has turned after this share of the range (5 to 95 %) of a body."""
+"""Share of a body's range (its 5 to 95 % quantiles) over which its direction of motion turns.
+Source: judgement.
+"""
 
 FEWEST = 100
-"""Equations are asked where so many samples of every log have all angles and positions."""
+"""Least number of samples with all angles and positions that every log needs, so that the equations
+are asked. Source: judgement.
+"""
 
 LEAST_VARIANCE = 1e-18
-"""Least effective variance of a row, so that nothing is divided by zero [SI²]."""
+"""Least effective variance of a residual [SI²]. Source: rounding (division by zero)."""
 
 
 @dataclass(frozen=True)
 class KnownMotion:
-    """A log as the equations take it: rows of the kernel, (k, n_x), stamps [s], (k,), and which are
-    compared, (k,).
+    """A log as the equations take it.
+
+    Args:
+        rows: rows of the kernel, (k, n_x).
+        time: stamps [s], (k,).
+        compared: whether the residuals of each row are compared, (k,).
     """
 
     rows: Floats
@@ -66,8 +76,8 @@ class KnownMotion:
 
 
 class Equations:
-    """The equations of a rig with sensors as one kernel of known motion; inputs are those of the
-    filter of the fit.
+    """The equations of a rig and its sensors as one kernel of known motion; its parameters are
+    those of the fit's filter.
     """
 
     def __init__(self, fit: FitFilter, compiled: bool = True) -> None:
@@ -87,7 +97,9 @@ class Equations:
 
     @staticmethod
     def apply_to(fit: FitFilter) -> bool:
-        """Return whether every drive's position and every joint's angle is read."""
+        """Return whether every drive's position and every joint's angle has a sensor, so that the
+        equations can be asked.
+        """
         context = fit.estimator.states.context
         read = {sensor.of for sensor in fit.references}
         positions = [context.position_sensor(i) for i in range(context.n_drives)]
@@ -96,9 +108,10 @@ class Equations:
         }
 
     def _function(self) -> ca.Function:
-        """Return (kernel_state, x, p) → (kernel_state⁺, residuals).
+        """Return the function (kernel_state, x, p) → (kernel_state⁺, residuals).
 
-        The kernel state is (directions, inside), x is (dt, turned, q, v, a, σ_q², read).
+        The kernel state is (directions, internal states), x is (dt, turned, q, v, a, σ_q²,
+        readings).
         """
         mechanism = self.mechanism
         context = self.context
@@ -170,8 +183,8 @@ class Equations:
         )
 
     def _forces(self) -> ca.Function:
-        """Return (q, v, a, p) → tensions, pulls, all bodies' balance without friction, friction up
-        and down.
+        """Return the function (q, v, a, p) → (tensions, pulls, all bodies' balance without
+        friction, friction limits up and down).
         """
         mechanism = self.mechanism
         nb = self.mechanism.n_bodies
@@ -189,8 +202,8 @@ class Equations:
         return ca.Function("forces", [q, v, a, p], [tendons.drive, pulls, balance, up, down])
 
     def _begin(self) -> ca.Function:
-        """Return (q, p) → the kernel state before the first sample: no direction yet, plays in the
-        middle, creep settled.
+        """Return the function (q, p) → the kernel state before the first sample: no direction yet,
+        plays in the middle, creep settled.
         """
         still = Mechanism(self.mechanism.rig, self.mechanism.parameters.inputs)
         q = ca.SX.sym("q", still.n_bodies)
@@ -211,8 +224,8 @@ class Equations:
         )
 
     def motion_of(self, data: Data) -> KnownMotion | None:
-        """Return a log as the equations take it, None where angles and positions are hardly known
-        together.
+        """Return a log as the equations take it; None where it has too few samples with all angles
+        and positions.
         """
         channels = list(self.fit.estimator.channels)
         joints = self.mechanism.rig.joint_names
@@ -242,7 +255,7 @@ class Equations:
         width = MEMORY * np.subtract(*np.percentile(q[complete], (95, 5), axis=0)) + 1e-12
         every = max(1, round(INTERVAL / step))
         at = slice(None, None, every)
-        # smoothing leaves a share of the noise of each angle and position
+        # smoothing leaves this share of the noise's variance of each angle and position
         left = float(np.sum(savgol_coeffs(window, 3) ** 2))
         noise = [
             variance(s) for s in (*(of[name] for name in joints), *self.positions) if s is not None
@@ -261,10 +274,12 @@ class Equations:
 
 @dataclass(frozen=True, kw_only=True)
 class InverseProblem(Problem):
-    """−ln p of what a rig's equations lack along logs whose angles are known, at coordinates z; see
+    """−ln p of the residuals of a rig's equations along logs of known angles, at coordinates z; see
     `Problem`.
 
-    The `motions` are the logs as the equations take them, which do not vary `noises`.
+    Args:
+        equations: the equations.
+        motions: the logs as the equations take them. The sizes of noises are not varied.
     """
 
     asks_equations: ClassVar[bool] = True
@@ -279,8 +294,8 @@ class InverseProblem(Problem):
 
     @property
     def measured(self) -> tuple[str, ...]:
-        """What is compared: sensors of forces and tensions, then joints that move by themselves,
-        (m,).
+        """Names of the residuals, (m,): sensors of forces and tensions, then the joints that move
+        by themselves.
         """
         mechanism = self.equations.mechanism
         joints = [mechanism.rig.joints[j].name for j in mechanism.free]
@@ -294,7 +309,7 @@ class InverseProblem(Problem):
         return self.motions[log].time
 
     def among(self, logs: Sequence[int]) -> InverseProblem:
-        """Return the problem of some of the logs."""
+        """Return the problem of some of the logs, by their indices."""
         problem = super().among(logs)
         assert isinstance(problem, InverseProblem)
         return replace(problem, motions=tuple(self.motions[j] for j in logs))
@@ -321,8 +336,8 @@ class InverseProblem(Problem):
 
 
 def inverse_problem(problem: Problem, compiled: bool = True) -> InverseProblem | None:
-    """Return the equations' problem of the same logs and numbers but for noise, None where they
-    cannot be asked.
+    """Return the equations' problem of the same logs and parameters, without noises; None where the
+    equations cannot be asked.
     """
     if not Equations.apply_to(problem.filter):
         return None

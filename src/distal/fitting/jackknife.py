@@ -1,8 +1,8 @@
-"""The numbers that logs tell without some of them, from those of all logs.
+"""The parameters that logs tell without some of them, computed from those of all logs.
 
-Maps learn what the filter's angle lacks. On logs that its numbers were fitted to it lacks less than
-on others, so each log is filtered with the numbers that the other logs tell (level-one data of
-stacking; Wolpert, Neural Networks 5, 1992).
+Correction maps learn the errors of the filter's angle. On logs that its parameters were fitted to,
+the filter errs less than on others, so each log is filtered with the parameters that the other logs
+tell (level-one data of stacking; Wolpert, Neural Networks 5, 1992).
 """
 
 from __future__ import annotations
@@ -18,16 +18,18 @@ from distal.logs import Log
 from distal.regression import splits
 
 NEWTON_STEPS = 1
-"""They are one Newton step from those of all logs (the infinitesimal jackknife; Giordano et al.,
-AISTATS 2019), where the slopes of each log are known.
+"""Number of Newton steps from the parameters of all logs, where the slopes of each log are known
+(the infinitesimal jackknife). Source: reference (Giordano et al., AISTATS 2019).
 """
 
 
 def parameters_without(
     parameters: ParameterEstimates, logs: Sequence[Log], folds: Sequence[int]
 ) -> list[ParameterEstimates]:
-    """Return for each fold the numbers that the other logs, with a truth, tell; those of all where
-    there is one fold.
+    """Return for each fold the parameters that the logs of the other folds tell; with one fold,
+    those of all logs.
+
+    The `folds` are those of `logs`, the logs of known angle.
     """
     if len(set(folds)) < 2 or parameters.optimum.interrupted:
         return [parameters] * len(set(folds))
@@ -35,8 +37,8 @@ def parameters_without(
 
 
 def without(parameters: ParameterEstimates, logs: Sequence[Log]) -> ParameterEstimates:
-    """Return the numbers that the other logs tell; which of them are fitted, and their stds, stay
-    those of all logs.
+    """Return the parameters that all logs but some tell, `logs`; which of them are fitted, and
+    their stds, stay those of all logs.
     """
     problem = parameters.problem
     optimum = parameters.optimum
@@ -58,7 +60,7 @@ def without(parameters: ParameterEstimates, logs: Sequence[Log]) -> ParameterEst
         at_start=at,
     )
     if again.interrupted:
-        raise KeyboardInterrupt  # a log that was not left out to its end judges nothing
+        raise KeyboardInterrupt  # a search that was interrupted judges nothing
     square = np.ix_(columns, columns)
     determined = uncertainty.determined[columns]
     together = uncertainty.together[columns]

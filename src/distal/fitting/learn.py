@@ -40,17 +40,18 @@ from distal.rig import Rig
 
 @dataclass(frozen=True)
 class Learned:
-    """All that is learned from logs: the description with all results, and the rig's numbers as the
-    logs tell them.
+    """All that is learned from logs.
 
     Args:
-        kept: whether these are in the description; else it has them as they came.
-        hold: whether filters take the numbers as they are.
+        rig: the description with all results in it.
+        parameters: the estimates of the rig's parameters.
+        kept: whether `rig` has these estimates; else it has the original values.
+        hold: whether filters take the parameters as exactly known.
         curves: path → value of the position sensors' systematic errors.
-        maps: what was learned beside the numbers, by the name of its table: ``affine``,
-            ``discrepancy``, ``contact``.
-        part: physics that the rig lacked and the description has now, if any.
-        candidates: that were judged, the chosen one first.
+        maps: the learned maps by the names of their tables: ``affine``, ``discrepancy``,
+            ``contact``.
+        part: the term of the physics that the rig lacked and `rig` now has, if any.
+        candidates: the candidates that were judged, the chosen one first.
         doubts: sentences with the reasons not to trust the fit.
     """
 
@@ -66,12 +67,12 @@ class Learned:
 
     @property
     def interrupted(self) -> bool:
-        """Whether the user stopped it."""
+        """Whether the user interrupted the search for the parameters."""
         return self.parameters.optimum.interrupted
 
     @property
     def fitted(self) -> tuple[FittedParameter, ...]:
-        """Every free number as it is in the description."""
+        """Every free parameter with its value in `rig`."""
         return (
             self.parameters.fitted
             if self.kept
@@ -87,13 +88,20 @@ def learn(
     parts: Sequence[MissingTerm] | None = None,
     early: Callable[[MapFit], None] | None = None,
 ) -> Learned:
-    """Return all that is learned from logs: the candidate that errs least on logs left out, and
+    """Return all that is learned from logs: the candidate that errs least on held-out logs, and
     what goes with it.
 
     All choices that depend on logs are made here, starting from the original rig, whose values and
-    stds are the priors. The parts are tried beside the rig's own physics, None for what the
-    residuals name; `early` is called with the straight line as soon as nothing speaks against a
-    fit.
+    stds are the priors.
+
+    Args:
+        logs: the logs.
+        rig: the original rig.
+        options: those of `fit`.
+        progress: called with what the fit is doing.
+        parts: terms of the physics to try beside the rig's own; None for those that the residuals
+            name.
+        early: called with the affine map as soon as the logs have passed all checks.
 
     Raises:
         FitError: the logs cannot be fitted.
@@ -104,13 +112,17 @@ def learn(
 
 @dataclass(frozen=True)
 class Judged:
-    """The candidates for a description of some logs, and what each is written from.
+    """The candidates for a description of some logs, and what each of them is written from.
 
     Args:
-        line: the map of the estimator `affine`; None where no log has the angle of every joint.
-        solutions: the rig's parameters by its equations and by its filter, where each was asked.
-        models: those of all models of the equations.
-        chosen: the candidate that errs least by the logs' own judgement.
+        logs: all logs.
+        training: the logs of known angle, from which candidates learn.
+        line: the map of the estimator `affine`; None where some joint's angle is known in no log.
+        solutions: the parameter estimates by the rig's equations and by its filter, where each was
+            asked.
+        models: the parameter estimates of all models whose equations were tried.
+        chosen: the candidate that errs least on held-out logs.
+        candidates: all candidates that were judged.
     """
 
     logs: Sequence[Log]
@@ -130,7 +142,8 @@ def judge(
     parts: Sequence[MissingTerm] | None = None,
     early: Callable[[MapFit], None] | None = None,
 ) -> Judged:
-    """Return the candidates for a description of some logs; see `learn`.
+    """Return the candidates for a description of some logs, each judged on held-out logs; see
+    `learn` for the arguments.
 
     Raises:
         FitError: the logs cannot be fitted.
@@ -146,7 +159,9 @@ def judge(
 
 
 def learned_by(judged: Judged, chosen: Candidate) -> Learned:
-    """Return what a candidate teaches, with what was learned beside it from the same logs."""
+    """Return all that is learned if a candidate is chosen: its parameters and maps, and the curves
+    and maps that are learned beside it from the same logs.
+    """
     options = judged.training.options
     line = judged.line
     alone = judged.solutions[-1] if chosen.parameters is None else chosen.parameters
@@ -188,10 +203,11 @@ def _chosen(
     parts: Sequence[MissingTerm] | None,
     progress: Progress | None,
 ) -> tuple[Candidate, list[Candidate], list[ParameterEstimates]]:
-    """Return the candidate that is written, all that were judged, and the numbers of all models of
-    the equations.
+    """Return the candidate that is written, all that were judged, and the parameter estimates of
+    all models of the equations.
 
-    The first is of numbers alone where none can be judged, or Ctrl-C came.
+    Where no candidate can be judged, or the user interrupts (Ctrl-C), the first has parameters
+    alone and the others are empty.
     """
     if line is None or solutions[-1].optimum.interrupted:
         return _alone(solutions[-1], training.rig), [], []
@@ -219,8 +235,8 @@ def _judged(
     more: Sequence[tuple[MissingTerm, ParameterEstimates]],
     progress: Progress | None,
 ) -> tuple[Candidate, list[Candidate]]:
-    """Return the best of the numbers, of the rig as it came, and of a line beside the better of
-    these; and all of them.
+    """Return the best candidate, and all: the estimated parameters, those with a term more, the rig
+    as given, and the affine map beside the best of these.
     """
     ways = list[tuple[str, Training, ParameterEstimates | None]]()
     for parameters in reversed(solutions):
@@ -248,8 +264,8 @@ def _judged(
 
 
 def _alone(parameters: ParameterEstimates, rig: Rig) -> Candidate:
-    """Return the numbers as a description that nothing judges: no log has the angle of every
-    joint.
+    """Return the candidate of parameter estimates alone, which nothing judges because some joint's
+    angle is known in no log.
     """
     rig = described(rig, assignments(parameters.fitted, parameters.problem.filter.rig))
     return Candidate("numbers", rig, parameters, False, {}, float("nan"), float("nan"), {})
@@ -280,14 +296,15 @@ def _as_given(chosen: Candidate, candidates: Sequence[Candidate]) -> list[str]:
 
 
 def _contact_map(logs: Sequence[Log], learned: Rig, options: Options) -> list[MapFit]:
-    """Return the map of the external torque, if the logs have it and the rig says that it can
-    occur.
+    """Return the map of the external torque, where logs have this torque and the rig says that it
+    can occur.
     """
-    felt = [
-        log
-        for log in logs
-        if true_torques(log, [joint.name for joint in learned.joints]) is not None
-    ]
+    joints = learned.joint_names
+    felt = list[Log]()
+    for log in logs:
+        torques = true_torques(log, joints)
+        if torques is not None and np.isfinite(torques).any():
+            felt.append(log)
     if not felt or any(joint.external_torque.std == 0.0 for joint in learned.joints):
         return []
     return [learn_contact(felt, learned, options.homing, groups_among(felt, options), scored=False)]

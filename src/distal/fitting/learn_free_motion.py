@@ -1,4 +1,6 @@
-"""What is normal of the forces of a rig in free motion, on logs that its fit had not seen."""
+"""The forces that are normal for a rig in free motion, learned from logs that its fit had not
+seen.
+"""
 
 from __future__ import annotations
 
@@ -19,32 +21,41 @@ from distal.run import estimate
 from distal.run.health import MEMORY
 
 NORMAL = 0.997
-"""Share of the time in which a mean innovation in free motion is normal: docs/results/touch.md."""
+"""Share of the time in which a mean innovation in free motion is normal. Source: benchmark
+(docs/results/touch.md).
+"""
 
 LEAST_AT_REST = 0.3
-"""At rest the mean square innovation is at least this share of that over all speeds [1]: a log that
-rests seldom says little of it.
+"""Least mean square innovation at rest, as a share of that over all speeds, since a log that rests
+seldom says little of rest [1]. Source: judgement.
 """
 
 SMALLEST_SQUARE = 1e-6
-"""Least mean of ν²/S that is normal [1]: a force that tells nothing has none."""
+"""Least normal mean of ν²/S [1]. Source: rounding (the limit of a force without innovations is
+zero).
+"""
 
 SETTLING = 0.5
-"""The first seconds of a log, in which the filter finds its beginning, are left out [s]."""
+"""Time at the beginning of a log in which the filter finds the joint, and which does not count [s].
+Source: judgement.
+"""
 
 NEVER = 1e6
-"""As many standard deviations as no mean innovation has: nothing opens [1]."""
+"""Limit on mean innovations in standard deviations, which none reaches, so that no touch is found
+[1]. Source: judgement.
+"""
 
 
 def free_motion_of(
     held_out: Sequence[tuple[Rig, Log]], rms: float, inside: float
 ) -> FreeMotion | None:
-    """Return what is normal of the forces in logs, each with the rig as other logs taught it; None
-    where no force is compared.
+    """Return the normal forces of free motion in logs, each with the rig that the other logs
+    taught; None where no force is compared.
 
-    The square of each force's mean innovation, in stds, is fitted by a² + b² v² (see `FreeMotion`)
-    with nonnegative least squares, and scaled so that `NORMAL` of the samples are below. The angles
-    on these logs err by `rms` [rad], and are `inside` their band for that share.
+    The square of each force's mean innovation, in standard deviations, is fitted by a² + b² v² (see
+    `FreeMotion`) with nonnegative least squares, and scaled so that `NORMAL` of the samples are
+    below it. On these logs the angles have the RMS error `rms` [rad], and the share `inside` of
+    them is inside the band.
     """
     rig = held_out[0][0]
     channels = [s.name for s in rig.sensors if s.measures in ("force", "tension")]
@@ -95,7 +106,9 @@ def free_motion_of(
 
 
 def widest(first: FreeMotion, second: FreeMotion) -> FreeMotion:
-    """Return what is normal where the larger of two counts, for the same sensors and logs."""
+    """Return the normal forces of two results for the same sensors and logs, of each limit the
+    larger.
+    """
     larger = {
         name: tuple(map(max, getattr(first, name), getattr(second, name)))
         for name in ("at_rest", "moving", "squares", "correlations", "felt")
@@ -104,8 +117,8 @@ def widest(first: FreeMotion, second: FreeMotion) -> FreeMotion:
 
 
 def _felt(estimator: AdaptiveFilter, normal: Mapping[str, float]) -> tuple[float, ...]:
-    """Return the torque on each joint from which on a touch is felt, 1/τ₀² = Σ a²/normal [N m]; 0
-    of one where none is.
+    """Return the least torque on each joint that is felt as a touch, 1/τ₀² = Σ a²/normal [N m]; 0
+    for a joint without touches.
     """
     context = estimator.states.context
     felt = list[float]()
@@ -120,7 +133,7 @@ def _felt(estimator: AdaptiveFilter, normal: Mapping[str, float]) -> tuple[float
 
 
 def closed_filter(rig: Rig) -> AdaptiveFilter:
-    """Return the filter of a rig, without its maps, in which no touch is ever found."""
+    """Return the filter of a rig without its maps, in which no touch is ever found."""
     forces = tuple(s.name for s in rig.sensors if s.measures in ("force", "tension"))
     drives = tuple(rig.drive_names)
     never = FreeMotion(
@@ -140,14 +153,16 @@ def closed_filter(rig: Rig) -> AdaptiveFilter:
 
 
 def _mean(values: Floats, log: Log, time: float) -> Floats:
-    """Return means over a `time` [s] as filters have them, (k, m)."""
+    """Return exponentially fading means over a `time` [s], (k, m), as the filter computes them."""
     fade = exp(-float(np.median(np.diff(log.time))) / time)
     means: Floats = lfilter([1 - fade], [1, -fade], values, axis=0)
     return means
 
 
 def _pace(positions: Floats, log: Log) -> Floats:
-    """Return v², the largest recent squared speed of all drives over their spreads, (k,) [1/s²]."""
+    """Return v² = Σ (ẋ_i/spread_i)², (k,) [1/s²], each drive's term the largest of the recent
+    past.
+    """
     interval = float(np.median(np.diff(log.time)))
     fade = exp(-interval / MOTION_TIME)
     slowly = exp(-2 * interval / PACE_TIME)
@@ -162,7 +177,7 @@ def _pace(positions: Floats, log: Log) -> Floats:
 
 
 def _normal(square: Floats, pace: Floats) -> tuple[float, float]:
-    """Return a and b with a² + b² v² above the squares in `NORMAL` of the time."""
+    """Return a and b for which the squares are below a² + b² v² in `NORMAL` of the time."""
     columns = np.column_stack([np.ones(len(pace)), pace])
     size = max(float(np.mean(square)), 1e-12)
     shares, _ = nnls(columns / (1.0, max(float(np.mean(pace)), 1e-12)), square / size)

@@ -1,5 +1,5 @@
-"""`learn_affine`, `learn_discrepancy`, `learn_contact`: maps from logs with a truth, judged on logs
-left out.
+"""`learn_affine`, `learn_discrepancy` and `learn_contact`: maps learned from logs with a reference,
+and judged on held-out logs.
 """
 
 from __future__ import annotations
@@ -30,17 +30,20 @@ from distal.rig import LearnedMap, Rig, as_rig
 from distal.threads import one_blas_thread
 
 FOR_SCORES = 3
-"""With so many logs or groups of logs each is left out once more, for scores that neither choice
-nor size has seen.
+"""Number of logs, or groups of logs, from which on each is held out once more, for scores on which
+neither the choice of terms nor the width of the band depends. Source: judgement.
 """
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """How a map did on a log that it had not seen; after the homing window where there is one.
+    """The score of a map on a held-out log, after the homing window where there is one.
 
-    Error and mean half-width of the 95 % band are in the unit of what is mapped; `inside` is the
-    share of samples in it.
+    Args:
+        log: name of the log.
+        rms: RMS error, in the unit of what is mapped.
+        inside: share of the samples inside the 95 % band.
+        half: mean half-width of that band, in the same unit.
     """
 
     log: str
@@ -51,16 +54,17 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class MapFit:
-    """A learned map of a rig file's `table`, and how it did on logs left out.
+    """A learned map of a rig, with its scores on held-out logs.
 
     Args:
         rig: the description with the map in it.
-        start: the description as it came.
+        start: the original description.
+        table: name of the map's table in the rig file.
         logs: names of the logs.
-        homing: for how long a reference was used on the logs left out [s], or None.
-        left_out: one for each log; empty with fewer than three groups.
-        notes: plain sentences on how few logs there are, what was chosen and dropped.
-        terms: that were chosen.
+        homing: length of the homing move on the held-out logs [s], or None.
+        left_out: the score on each log; empty with fewer than three groups.
+        notes: sentences on how few logs there are, and on what was chosen and dropped.
+        terms: the terms that were chosen.
     """
 
     rig: Rig
@@ -74,14 +78,14 @@ class MapFit:
 
     @property
     def learned(self) -> LearnedMap:
-        """The map."""
+        """The learned map."""
         learned = getattr(self.rig, self.table)
         assert isinstance(learned, LearnedMap)
         return learned
 
     @property
     def text(self) -> str:
-        """The outcome in one line."""
+        """The scores of the map in one line."""
         logs = f"{len(self.logs)} log{'s' if len(self.logs) != 1 else ''}"
         if not self.left_out:
             return f"{self.table}: learned from {logs}"
@@ -101,17 +105,18 @@ class MapFit:
         return plain_value(self.learned.model_dump())
 
     def with_map(self, learned: LearnedMap) -> MapFit:
-        """Return the same with another map of the kind."""
+        """Return the same with another map in place of this one."""
         return replace(self, rig=self.rig.model_copy(update={self.table: learned}))
 
     def save(self, path: str | Path, text: str | None = None, provisional: str = "") -> None:
-        """Write the rig file with the map; what stood there survives a failure.
+        """Write the rig file with the map; if that fails, the old file is kept.
 
-        The map is put into a `text`, TOML of the rig, so that its comments stay; by default it is
-        written anew. What is `provisional` stands in the file and at its head.
+        The map is written into `text`, the TOML of the rig, so that its comments stay; without it
+        the file is written anew. The sentence `provisional`, if any, is written into the file and
+        at its head.
 
         Raises:
-            OutputError: it cannot be written.
+            OutputError: the file cannot be written.
         """
         values: dict[str, object] = {self.table: self.as_table()}
         rig = self.rig
@@ -134,18 +139,19 @@ def learn_affine(
     """Learn the map of the estimator `affine` from logs whose angle is known.
 
     Each log's coefficients are taken as drawn from one normal distribution (random effects; Laird
-    and Ware, Biometrics 38, 1982). Directions of motion are used where they help on logs left out,
-    and the band is sized by the errors there.
+    and Ware, Biometrics 38, 1982). Directions of motion are used where they lower the error on
+    held-out logs, whose errors also size the band.
 
     Args:
-        logs: each a `Log`, a path or a frame (see `read_log`); those without a truth are passed
-            over.
-        homing: learn for the use after a homing move of so long [s].
-        truth: where logs are read: the true angle's column.
-        groups: of each log with a truth, which are left out together; default each alone.
+        logs: each a `Log`, a path or a frame (see `read_log`); those without a known angle are
+            passed over.
+        homing: length of the homing move after which the map will be used [s], or None.
+        truth: column of the true angle, where logs are read from files.
+        groups: for each log of known angle the group that is held out with it; default each log
+            alone.
 
     Raises:
-        FitError: no log has a truth.
+        FitError: no log has a known angle.
         EstimationError: the rig's sensors do not suffice, or a log lacks one.
         LogError: a log cannot be read.
         RigError: the rig is unknown or wrong.
@@ -168,19 +174,20 @@ def learn_discrepancy(
     groups: Sequence[str] | None = None,
     compiled: bool = True,
 ) -> MapFit:
-    """Learn what `adaptive` errs by from logs whose angle is known, and size its band by logs left
-    out.
+    """Learn a correction map of the angle errors of `adaptive` from logs whose angle is known, and
+    size its band by held-out logs.
 
     Args:
-        logs: each a `Log`, a path or a frame (see `read_log`); those without a truth are passed
-            over.
-        homing: learn for the use after a homing move of so long [s].
-        truth: where logs are read: the true angle's column.
-        groups: of each log with a truth, which are left out together (one instrument, one pose);
-            default each alone.
+        logs: each a `Log`, a path or a frame (see `read_log`); those without a known angle are
+            passed over.
+        homing: length of the homing move after which the map will be used [s], or None.
+        truth: column of the true angle, where logs are read from files.
+        groups: for each log of known angle the group (one instrument, one pose) that is held out
+            with it; default each log alone.
+        compiled: whether the filter is compiled; else it is interpreted.
 
     Raises:
-        FitError: no log has a truth, or the filter cannot run on any.
+        FitError: no log has a known angle, or the filter cannot run on any.
         EstimationError: the rig's sensors do not suffice, or a log lacks one.
         LogError: a log cannot be read.
         RigError: the rig is unknown or wrong.
@@ -206,20 +213,26 @@ def learn_contact(
     groups: Sequence[str] | None = None,
     scored: bool = True,
 ) -> MapFit:
-    """Learn the torque on the joints from outside from logs in which it was measured.
+    """Learn a map of the external torque on the joints from logs in which that torque was measured.
 
-    The rig's joint needs an ``external_torque.std``: where none can occur there is nothing to
-    learn.
+    Each joint of the rig needs an ``external_torque.std`` above zero: where no external torque can
+    occur there is nothing to learn.
 
     Args:
-        logs: each a `Log`, a path or a frame; those without a torque are passed over.
-        homing: learn for the use after a window of so long [s] in which the torque is read.
-        groups: of each log with a torque, which are left out together; default each alone.
-        scored: whether each log is left out once more, for a score that neither choice nor size has
-            seen.
+        logs: each a `Log`, a path or a frame; those without an external torque are passed over.
+        homing: length of a window at the beginning in which the torque is read, and after which the
+            map will be used [s], or None.
+        groups: for each log with an external torque the group that is held out with it; default
+            each log alone.
+        scored: whether each log is held out once more, for a score on which neither the choice of
+            terms nor the width of the band depends.
 
     Raises:
-        FitError: no log has a torque, or the rig says that none can occur.
+        FitError: no log has an external torque, the rig says that none can occur, or `groups` has
+            another length.
+        EstimationError: a log lacks a sensor.
+        LogError: a log cannot be read.
+        RigError: the rig is unknown or wrong.
     """
     rig = as_rig(rig)
     read = logs_read(logs, rig, None)
@@ -252,13 +265,16 @@ def map_of(
     scored: bool = True,
     partly: Mapping[int, Samples] | None = None,
 ) -> MapFit:
-    """Return what logs teach of a kind of map, and how it does on logs left out.
+    """Return the map of a kind that logs teach, and its scores on held-out logs.
 
     Args:
+        data: the samples of each log.
+        kind: what is mapped, and the sets of terms to choose from.
+        rig: the description that the map is put into.
         homing: length of the homing window [s], or None.
-        groups: which logs are left out together; default each alone.
-        notes: that stand before those of this function.
-        scored: whether each log is left out once more, by the whole pipeline, for a score.
+        groups: for each log the group that is held out with it; default each log alone.
+        notes: sentences that stand before those of this function.
+        scored: whether each log is held out once more, and everything learned anew, for a score.
         partly: some of the logs after a homing move of half their range, see `learn_map`.
     """
     folds = folds_of(list(groups) if groups is not None else [str(i) for i in range(len(data))])
@@ -292,7 +308,9 @@ def map_of(
 def logs_read(
     logs: Sequence[Log | Source] | Log | str | Path, rig: Rig, truth: str | None
 ) -> list[Log]:
-    """Return logs, those that are no `Log` yet read; `truth` is the true angle's column."""
+    """Return the logs, those read that are no `Log` yet; `truth` is the column of the true
+    angle.
+    """
     sources = [logs] if isinstance(logs, (Log, str, Path)) else logs
     return [log if isinstance(log, Log) else read_log(log, rig, truth) for log in sources]
 

@@ -1,4 +1,4 @@
-"""Leave out each log once: `learn` from the others, and test the result on that log."""
+"""Cross-validation of a fit: `learn` without the logs of a fold, and test the result on these."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from distal.run import estimate
 
 @dataclass(frozen=True)
 class Score:
-    """RMS error of an estimator on a log [rad], share of samples inside the 95 % band, and its mean
-    half-width [rad].
+    """The RMS error of an estimator on a log [rad], the share of samples inside its 95 % band, and
+    the band's mean half-width [rad].
     """
 
     rms: float
@@ -30,14 +30,18 @@ class Score:
 
 
 WRITTEN = "as written, chosen without each log"
+"""Name of the score of what the fit writes, chosen anew without the held-out log."""
+
 ALONE = "the rig as given, nothing learned"
+"""Name of the score of the original rig without any learned map."""
+
 AFFINE = "affine map, as the file has it"
-"""What is scored on each held-out log beside the candidates and the yardsticks."""
+"""Name of the score of the estimator `affine` with the learned affine map."""
 
 
 @dataclass(frozen=True)
 class Compared:
-    """A held-out log, and the scores of all that the other logs teach, by name.
+    """A held-out log, by its name, and the scores on it of all that the other logs teach, by name.
 
     A score is None where an estimator cannot run.
     """
@@ -48,8 +52,8 @@ class Compared:
 
 @dataclass(frozen=True)
 class Fold:
-    """One fold: names of the logs left out, what was learned from the others alone, and scores on
-    those with truth.
+    """One fold: the names of the held-out logs, what was learned from the others alone, and the
+    scores on those held-out logs whose angle is known.
     """
 
     left_out: tuple[str, ...]
@@ -64,19 +68,25 @@ def leave_out(
     learned_from: Callable[[Sequence[Log], int], Learned],
     homing: float | None,
 ) -> list[Fold]:
-    """Return what is learned from all logs except those of one fold, and its scores on these, for
-    each fold in turn.
+    """Return for each fold what is learned from the logs of all other folds, and its scores on the
+    fold's own logs.
 
-    There are fewer folds where the user stopped it. The reference is used for `homing` [s], None
-    for never. `learned_from` is `learn` of some logs; it gets these and the number of the fold,
-    from 1.
+    There are fewer results than folds where the user interrupts.
+
+    Args:
+        logs: all logs.
+        rig: the original rig.
+        folds: the fold of each log.
+        learned_from: `learn`, called with the logs of the other folds and the number of the fold,
+            from 1.
+        homing: for how long the reference is read [s], None for never.
     """
     done = list[Fold]()
     for count, (out, remaining) in enumerate(splits(folds), 1):
         try:
             learned = learned_from([logs[i] for i in remaining], count)
             if learned.interrupted:
-                break  # it says nothing of a fit that ends by itself
+                break  # an interrupted fit says nothing of a complete one
             held_out = [logs[i] for i in out]
             others = [logs[i] for i in remaining]
             done.append(_scored(held_out, others, rig, learned, homing))
@@ -88,10 +98,12 @@ def leave_out(
 def candidate_by_folds(
     folds: Sequence[Fold], candidates: Sequence[Candidate], preferred: Candidate
 ) -> Candidate:
-    """Return the candidate that clearly errs less on held-out logs than the preferred one, or that.
+    """Return the candidate that errs clearly less than the `preferred` one on held-out logs, or
+    else the preferred one.
 
-    Least is √(RMS on held-out logs · RMS beyond what a candidate had seen), each in the mean over
-    all folds: a factor within the range of the logs weighs as much as one beyond it.
+    The cost of a candidate is √(RMS on held-out logs · RMS beyond what it had seen), each the mean
+    over all folds: twice the error within the range of the logs weighs as much as twice the error
+    beyond it.
     """
     costs = _costs(folds)
     best = min(candidates, key=lambda each: costs.get(each.name, np.inf), default=preferred)
@@ -100,11 +112,13 @@ def candidate_by_folds(
 
 
 CLEARLY = 0.9
-"""Below this share of an error another one is clearly less: few logs tell no more."""
+"""Ratio of two costs below which one candidate errs clearly less than another, since few logs tell
+no smaller difference. Source: judgement.
+"""
 
 
 def _costs(folds: Sequence[Fold]) -> dict[str, float]:
-    """Return the mean cost of each candidate that has a score on every held-out log."""
+    """Return the mean cost of each candidate that has a score on every held-out log, by name."""
     costs = dict[str, float]()
     for name in {each.name: None for fold in folds for each in fold.learned.candidates}:
         scores = [comparison.scores.get(name) for fold in folds for comparison in fold.compared]
@@ -121,8 +135,11 @@ def _costs(folds: Sequence[Fold]) -> dict[str, float]:
 
 
 def with_written(folds: Sequence[Fold], by_folds: bool) -> list[Fold]:
-    """Return folds with the score of what is written: in each, of the candidate that its logs
-    prefer, or, if chosen `by_folds`, of the one that errs least in the others.
+    """Return the folds with the score `WRITTEN` added: that of the candidate which the fit would
+    write without the fold's logs.
+
+    This is the candidate that the fold's own training logs prefer, or, with `by_folds`, the one
+    that `candidate_by_folds` chooses from all other folds.
     """
     written = []
     for k, fold in enumerate(folds):

@@ -1,9 +1,10 @@
-"""How likely a log's innovations are, and what they tell of coordinates: pure functions of arrays.
+"""How likely a log's innovations are, and their derivatives by the coordinates: pure functions of
+arrays.
 
-Residuals of a rig that lacks physics are larger than the filter expects, and lie on one side for
-seconds. What each channel is worth is therefore estimated and not assumed
-(docs/explanation/learning.md): the variance of its innovations is c S, with c the mean of ν²/S, and
-a sample counts one over the ratio of their long-run to their plain variance.
+Where a rig lacks physics, its innovations are larger than the filter expects, and keep one sign for
+seconds. The weight of each channel is therefore estimated from the innovations
+(docs/explanation/learning.md): their variance is taken as c S, with c the mean of ν²/S, and a value
+counts by the ratio of their plain to their long-run variance.
 """
 
 from __future__ import annotations
@@ -16,26 +17,30 @@ import numpy as np
 from distal.arrays import Bools, Floats
 
 FEWEST_SHARE = 0.05
-"""A value counts for at most 20: a channel that is hardly compared tells hardly anything."""
+"""Least share of a channel's values that counts as compared, so that one value stands for at most
+20: a channel that is hardly compared tells hardly anything. Source: judgement.
+"""
 
 CORRELATED = 2.0
-"""Innovations that are this far apart in time are taken as independent [s]: sensors' curves last
-for a stroke.
+"""Time after which innovations are taken as independent [s], since a sensor's systematic errors
+last for a stroke. Source: judgement.
 """
 
 NORMAL_MEDIAN = 0.4549
-"""Median of ν²/S where ν is normal."""
+"""Median of ν²/S where ν is normal with variance S. Source: definition (median of the χ²
+distribution with one degree of freedom).
+"""
 
 UNBOUNDED = 1e100
-"""Innovations, variances and slopes beyond this are of a filter that left all bounds; below it
-squares are finite.
+"""Size of innovations, variances or slopes above which the filter has left all bounds. Source:
+rounding (squares that overflow).
 """
 
 
 @dataclass(frozen=True)
 class Innovations:
-    """What a run of the filter over a log expected wrongly: ν, NaN where not compared, and
-    variances S, (k, m).
+    """The innovations ν of a run of the filter over a log, NaN where nothing is compared, and their
+    variances S, (k, m) each.
     """
 
     values: Floats
@@ -54,16 +59,17 @@ class Innovations:
 
 @dataclass(frozen=True)
 class Weighing:
-    """How the values of each channel count.
+    """How the values of each channel of a log are weighed.
 
     Args:
-        tolerance: ν²/(c S) beyond which an innovation is an outlier, (m,).
-        share: how much a value counts, (m,).
+        tolerance: the ν²/(c S) above which an innovation is an outlier, (m,).
+        share: weight of one value, (m,).
         times: stamps of the samples [s], (k,).
-        counts: how many values of each channel stand for all that are compared, (m,): which are (a
-            drive's force near its stop is not) depends on the numbers, and fewer of them would make
-            a log look likelier or less likely.
-        scale: c, by what innovations' variances are larger than the filter expects, (m,).
+        counts: number of values of each channel that those compared stand for, (m,). Which values
+            are compared depends on the parameters (a drive's force near its stop is not), and fewer
+            values must not make a log look likelier or less likely.
+        scale: c, the factor by which the innovations' variances are larger than the filter expects,
+            (m,).
     """
 
     tolerance: Floats
@@ -75,9 +81,10 @@ class Weighing:
 
 @dataclass(frozen=True)
 class Slopes:
-    """Weighted innovations r = f ν, f² = w/(c S), of a log at a point, and their slopes J.
+    """The weighted innovations r = f ν, f² = w/(c S), of a log at a point, and their slopes J by
+    the coordinates.
 
-    They are the N values that were `compared`, (k, m): factors f and values r, (N,), and slopes J,
+    Of the values, (k, m), N were `compared`; the factors f and the values r are (N,), the slopes J
     (n, N).
     """
 
@@ -87,10 +94,11 @@ class Slopes:
     slopes: Floats
 
     def bend(self, moved: Innovations, step: Floats, share: float) -> Floats:
-        """Return Jᵀ r'', how slopes change along a `step` d, (n,): r'' = 2/h ((r(z + h d) − r(z))/h
-        − J d).
+        """Return Jᵀ r'', (n,), from the second derivative of r along a `step` d: r'' = 2/h ((r(z +
+        h d) − r(z))/h − J d).
 
-        The run `moved` is at z + h d, with the `share` h.
+        The run `moved` is at z + h d, where h is the `share`. The result is zero where that run
+        left all bounds.
         """
         if not moved.bounded:
             return np.zeros(len(step))
@@ -104,12 +112,14 @@ class Derivatives:
     """−ln p, less constants, and its derivatives at a point.
 
     Args:
+        cost: −ln p.
+        gradient: its gradient by the coordinates, (n,).
         information: Fisher information of the logs, (n, n).
         meat: long-run covariance of the scores, (n, n): equal to the information where the model is
             right.
-        spans: how many spans of time it is the sum of.
-        of_logs: of a sum over logs those of each log alone, without the prior.
-        slopes: of a log's innovations.
+        spans: number of spans of time that `meat` is summed over.
+        of_logs: for a sum over logs, the derivatives of each log alone, without the prior.
+        slopes: for a single log, its weighted innovations and their slopes.
     """
 
     cost: float
@@ -122,10 +132,10 @@ class Derivatives:
 
 
 def scales_of(runs: Sequence[Innovations], tolerance: Floats) -> Floats:
-    """Return c = mean ν²/S of each channel over some logs, at least 1, an outlier as if at its
-    `tolerance`, (m,).
+    """Return c of each channel over some logs, (m,): the mean of ν²/S, at least 1, where an outlier
+    counts as if it were at its `tolerance`.
 
-    It is the c that makes the innovations most likely, −ln p = ½ Σ (ν²/(c S) + ln c S).
+    This c makes the innovations most likely, −ln p = ½ Σ (ν²/(c S) + ln c S).
     """
     scales = np.ones(len(tolerance))
     for k, limit in enumerate(tolerance):
@@ -141,12 +151,12 @@ def scales_of(runs: Sequence[Innovations], tolerance: Floats) -> Floats:
 
 
 def shares_of(runs: Sequence[Innovations], times: Sequence[Floats]) -> Floats:
-    """Return Σ ν²/S over Σ (Σ_span ν/√S)², at most 1: the plain over the long-run variance of each
-    channel, (m,).
+    """Return the weight of one value of each channel, (m,): Σ ν²/S over Σ (Σ_span ν/√S)², at most
+    1, the ratio of the plain to the long-run variance.
 
-    Values that lie on one side for seconds tell less than their number says (Newey and West,
-    Econometrica 55, 1987; of wrong models Müller, Econometrica 81, 2013). Spans are of `CORRELATED`
-    s by `times`, the samples' stamps [s], (k,).
+    Values that keep one sign for seconds tell less than their number says (Newey and West,
+    Econometrica 55, 1987; of wrong models Müller, Econometrica 81, 2013). A span lasts `CORRELATED`
+    s by `times`, the stamps of each run's samples [s], (k,).
     """
     m = runs[0].values.shape[1]
     plain = np.zeros(m)
@@ -162,10 +172,10 @@ def shares_of(runs: Sequence[Innovations], times: Sequence[Floats]) -> Floats:
 
 
 def cost_of(run: Innovations, weighing: Weighing) -> float:
-    """Return ½ Σ w (ν²/S' + ln S') over what was compared; infinite where the filter left all
-    bounds.
+    """Return ½ Σ w (ν²/S' + ln S') over the values that were compared; it is infinite where the
+    filter left all bounds.
 
-    S' is c S, grown to ν²/tolerance for an outlier, as in the filter.
+    S' is c S, enlarged to ν²/tolerance for an outlier, as in the filter.
     """
     if not run.bounded:
         return float("inf")
@@ -180,8 +190,8 @@ def cost_of(run: Innovations, weighing: Weighing) -> float:
 
 
 def evened(run: Innovations, weighing: Weighing) -> Floats:
-    """Return by what the values of each channel count more or less, so that their number does not
-    matter, (m,).
+    """Return the factor on the weights of each channel, (m,), with which the number of values
+    compared in this run does not matter.
     """
     compared = np.maximum(np.isfinite(run.values).sum(axis=0), FEWEST_SHARE * weighing.counts)
     shares: Floats = np.where(weighing.counts > 0, weighing.counts / np.maximum(compared, 1.0), 1.0)
@@ -194,14 +204,18 @@ def derivatives_of(
     widths: Floats,
     weighing: Weighing,
 ) -> Derivatives:
-    """Return −ln p of a log and its derivatives, from runs at a point and at both ends of a step of
-    each coordinate.
+    """Return −ln p of a log and its derivatives at a point, by differences between runs.
 
     The score of a sample is ν ν'/S + ½ (ln S)' (1 − ν²/S), for an outlier ν'/ν; Fisher's
     information is Σ ν' ν'ᵀ/S + ½ (ln S)' (ln S)'ᵀ (Gupta and Mehra, IEEE TAC 19, 1974), here with c
-    S in place of S. Where −ln p is least in c, the weighing is that of its slope too. The steps
-    have an upper and a lower end and `widths` from one to the other, (n,); 0 for a coordinate that
-    is not varied.
+    S in place of S. The scale c is held, which gives the right gradient because c minimises −ln p.
+
+    Args:
+        base: the run at the point.
+        ends: for each coordinate the runs at the upper and the lower end of a step.
+        widths: distance from the lower to the upper end, (n,); 0 for a coordinate that is not
+            varied.
+        weighing: weights of the log's values.
     """
     compared = np.isfinite(base.values)
     shape = base.values.shape
@@ -239,12 +253,12 @@ def derivatives_of(
 
 
 def long_run_covariance(scores: Floats, times: Floats) -> tuple[Floats, int]:
-    """Return Σ s sᵀ of `scores`, (n, k), summed over spans of `CORRELATED` s of `times` [s], (k,),
+    """Return Σ s sᵀ, (n, n), where s is the sum of `scores`, (n, k), over a span of `CORRELATED` s,
     and the number of spans.
 
-    Where the model is wrong, innovations are correlated and Fisher's information is too large; what
-    the scores really do is in this matrix (White, Econometrica 50, 1982; Newey and West,
-    Econometrica 55, 1987).
+    The stamps `times` [s], (k,), give the spans. Where the model is wrong, innovations are
+    correlated and Fisher's information is too large; this matrix is the covariance that the scores
+    really have (White, Econometrica 50, 1982; Newey and West, Econometrica 55, 1987).
     """
     if not len(times):
         return np.zeros((len(scores), len(scores))), 0

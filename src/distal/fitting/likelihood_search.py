@@ -1,5 +1,5 @@
-"""The search for the most likely parameters: Fisher scoring in a trust region, several steps tried
-side by side.
+"""The search for the most likely parameters: Fisher scoring in a trust region, with several steps
+tried side by side.
 """
 
 from __future__ import annotations
@@ -14,86 +14,120 @@ from distal.fitting.likelihood import Derivatives
 from distal.fitting.problem import Problem
 
 SETTLED = 5e-3
-"""The search ends where the next step is predicted to gain less than this of −ln p: a tenth of a
-standard error.
+"""Predicted gain of −ln p in the next step, below which the search ends: that of a tenth of a
+standard error. Source: judgement.
 """
 
 ENOUGH = 0.3
-ENOUGH_OF_EQUATIONS = 0.02
-"""It ends too where two steps after each other gain less than this: a filter's −ln p has kinks of
-this size.
+"""Gain of −ln p of a filter, below which two steps in a row end the search: its kinks have this
+size. Source: judgement.
 """
+
+ENOUGH_OF_EQUATIONS = 0.02
+"""The same gain where the rig's equations are asked. Source: judgement."""
 
 MOST_ITERATIONS = 30
-MOST_OF_EQUATIONS = 50
-"""So many iterations at most: one with a filter takes as long as a hundred with a rig's equations.
+"""Largest number of iterations with a filter; each takes as long as a hundred with a rig's
+equations. Source: judgement.
 """
 
+MOST_OF_EQUATIONS = 50
+"""Largest number of iterations where the rig's equations are asked. Source: judgement."""
+
 WIDER = 4.0
-"""Where a step gains too little, the next goes by slopes over so many times the distance."""
+"""Factor on the width of the differences that give the slopes, after a step that gained too little.
+Source: judgement.
+"""
 
 DAMPINGS = (1 / 8, 1.0, 8.0, 64.0)
-"""Steps of so many times the damping of the last one are tried, side by side, beside the undamped
-one.
+"""Factors on the damping of the last step: steps with these dampings are tried side by side, beside
+the undamped one. Source: judgement.
 """
 
 FIRST_DAMPING = 1e-2
-LEAST_DAMPING = 1e-6
-MOST_DAMPING = 100.0
-"""Damping of the first iteration, and the range of all: shares of the information's diagonal that
-are added to it.
+"""Damping of the first iteration: the share of the information's diagonal that is added to it.
+Source: judgement.
 """
 
+LEAST_DAMPING = 1e-6
+"""Least such damping. Source: judgement."""
+
+MOST_DAMPING = 100.0
+"""Largest such damping. Source: judgement."""
+
 STRIDE = 0.5
-"""So many times the undamped step is tried too: across a kink it is too long."""
+"""Share of the undamped step that is tried too, since the whole step is too long across a kink.
+Source: judgement.
+"""
 
 STRAIGHT = 1.0
-"""Where the undamped step gains so much less of −ln p than predicted, the valley is bent."""
+"""Difference of −ln p between the gain that the undamped step predicts and the best gain, above
+which the valley is taken as bent. Source: judgement.
+"""
 
 MOST_BENT = 0.75
-"""A step is bent by at most this share of its own length (Transtrum and Sethna 2012)."""
+"""Largest length of a bend, as a share of the step's own length. Source: reference (Transtrum and
+Sethna 2012).
+"""
 
 FIRST_WIDTH = 1e-2
-"""The first slopes are taken over this share of a value, or of its scale where it may be zero."""
+"""Width of the differences that give the first slopes, as a share of a value, or of its scale where
+it may be zero. Source: judgement.
+"""
 
 SLOPE_WIDTH = 0.3
-"""Later ones over this share of what a number would be known to if all others were: over less,
-kinks of friction look like information (docs/explanation/learning.md).
+"""Width of the later differences, as a share of the std that a parameter would have if all others
+were known: over less, kinks of friction look like information (docs/explanation/learning.md).
+Source: judgement.
 """
 
 SMALLEST_WIDTH = 1e-3
+"""Least width of the differences, as a share of a parameter's value. Source: judgement."""
+
 SMALLEST_NOISE_WIDTH = 0.05
-"""Least such shares: of a number, and of a noise, which changes where a joint slips and so what it
-seems to tell.
+"""The same least width for the size of a noise, which also changes where a joint slips. Source:
+judgement.
 """
 
 COARSE_SHARE = 0.25
+"""Share of each log, its beginning, with which the start is searched. Source: judgement."""
+
 COARSE_LEAST = 400
+"""Least number of samples of each log for that search. Source: judgement."""
+
 COARSE_ITERATIONS = 8
-"""The start is searched with the first quarter of each log, at least so many samples, in so many
-iterations.
-"""
+"""Largest number of iterations of that search. Source: judgement."""
 
 STARTS = 16
-"""Points drawn from the priors that are tried as starts beside the priors' mean."""
+"""Number of points drawn from the priors that are tried as starts, beside the priors' mean. Source:
+judgement.
+"""
 
 UNKNOWN_SPREAD = 2.0
-"""Spread of those points where there is no prior, in units of the coordinate (a tenth of the
-value).
+"""Standard deviation of those points where there is no prior, in units of the coordinate, of which
+one is a tenth of the value. Source: judgement.
 """
 
 FIRST_ITERATIONS = 3
-"""What the channels' values are worth is found again after so many iterations."""
+"""Number of iterations after which the weights of the channels' values are found again. Source:
+judgement.
+"""
 
 Progress = Callable[[int, float], None]
+"""A function that is called with the iteration and −ln p after each step."""
 
 
 @dataclass(frozen=True)
 class Optimum:
-    """Where a search ended: coordinates z, (n,), and −ln p there less constants, after so many
-    iterations.
+    """The end of a search.
 
-    It converged where it ended by itself, and was interrupted where the user stopped it.
+    Args:
+        z: the coordinates, (n,).
+        cost: −ln p there, less constants.
+        derivatives: derivatives of −ln p at the end or one step before it.
+        iterations: number of iterations.
+        converged: whether the search ended by itself.
+        interrupted: whether the user interrupted it.
     """
 
     z: Floats
@@ -107,10 +141,10 @@ class Optimum:
 def coarse_start(
     problem: Problem, seed: int, begin: Floats, progress: Progress | None = None
 ) -> Optimum:
-    """Return where to begin: the end of a search with the beginnings of the logs.
+    """Return where to begin the search: the end of a short search with the beginnings of the logs.
 
-    It begins at coordinates `begin`, (n,), or, where these are the priors' mean, at the likeliest
-    of some points drawn from the priors.
+    The short search begins at the coordinates `begin`, (n,). Where these are the priors' mean, it
+    begins at the likeliest of that mean and some points drawn from the priors.
     """
     zero = _inside(problem, begin)
     coarse = problem.beginning(COARSE_SHARE, COARSE_LEAST).assessed(zero)
@@ -132,8 +166,8 @@ def coarse_start(
 def most_likely(
     problem: Problem, start: Floats, progress: Progress | None = None
 ) -> tuple[Problem, Optimum]:
-    """Return the problem as its channels are worth at the end, and the most likely coordinates; see
-    `search`.
+    """Return the problem, with the weights of its channels as found near the end, and the most
+    likely coordinates; see `search`.
 
     The search begins at `start`, (n,).
     """
@@ -159,26 +193,28 @@ def search(
     """Return the local minimum of −ln p that Fisher scoring leads to from a start.
 
     Each step solves (H + λ diag H) d = −g within the bounds, with Fisher's information H and the
-    gradient g (Levenberg 1944, Marquardt 1963; Gupta and Mehra, IEEE TAC 19, 1974). Steps of
-    several λ are tried at once, and the best is taken; the next iteration tries λ around its. Where
-    the undamped step gains far less than predicted, −ln p is a bent valley, and steps are tried too
-    that follow the bend, d + a/2 with (H + λ diag H) a = −Jᵀ r'' (Transtrum and Sethna,
-    arXiv:1201.5885, 2012). Slopes are taken over what a number is known to, so that they are those
-    of −ln p and not of its kinks. An interruption (Ctrl-C) ends it with the best so far.
+    gradient g (Levenberg 1944, Marquardt 1963; Gupta and Mehra, IEEE TAC 19, 1974). Steps with
+    several λ are tried at once, and the best is taken; the next iteration tries λ around its λ.
+    Where the best step gains far less than the undamped one predicts, −ln p is a bent valley; then
+    steps that follow the bend are tried too, d + a/2 with (H + λ diag H) a = −Jᵀ r'' (Transtrum and
+    Sethna, arXiv:1201.5885, 2012). Slopes are differences over a share of each parameter's std,
+    wider than the kinks of −ln p. An interruption (Ctrl-C) ends the search with the best point so
+    far.
 
     Args:
+        problem: what is minimised.
         start: coordinates, (n,).
         progress: called with the iteration and −ln p after each step.
-        most: iterations; default those of a filter's search, or of equations'.
-        fixed: coordinates that stay as they are, (n,).
-        near: derivatives near the start, by which the widths of the slopes are chosen.
+        most: largest number of iterations; default that of a filter, or of equations.
+        fixed: which coordinates stay as they are, (n,).
+        near: derivatives near the start, which give the widths of the first differences.
         at_start: derivatives at the start, where they are known already.
     """
     free = np.ones(problem.size, dtype=bool) if fixed is None else ~fixed
     z = _inside(problem, start)
     near_by = near if at_start is None else at_start
     widths = first_widths(problem) if near_by is None else widths_at(problem, z, near_by)
-    n = problem.size  # an interruption may come before anything is known
+    n = problem.size  # an interruption may come before the first derivatives
     optimum = Optimum(
         z, np.inf, Derivatives(np.inf, np.zeros(n), np.zeros((n, n)), np.zeros((n, n)), 0)
     )
@@ -189,7 +225,7 @@ def search(
         derivatives = (
             problem.derivatives(z, np.where(free, widths, 0.0)) if at_start is None else at_start
         )
-        # what logs are worth may be told apart from others there: the cost is this problem's own
+        # derivatives may have scales of other logs too: the cost is this problem's own
         cost = derivatives.cost if at_start is None else float(problem.costs([z])[0])
         optimum = Optimum(z, cost, derivatives)
         equations = problem.asks_equations
@@ -244,7 +280,7 @@ def _bent(
     free: Bools,
     tried: Sequence[tuple[float, Floats]],
 ) -> list[tuple[float, Floats]]:
-    """Return each tried damped step, (n,), with its bend, and its damping."""
+    """Return for each damped step, (n,), its damping and the step with half its bend added."""
     scale = np.sqrt(np.maximum(np.diag(hessian(problem, derivatives)), 1e-12))
     bent_steps = []
     bends = problem.bends(z, derivatives.of_logs, [step for _, step in tried])
@@ -261,9 +297,9 @@ def _bent(
 
 
 def hessian(problem: Problem, derivatives: Derivatives) -> Floats:
-    """Return the information of logs and prior together, (n, n)."""
+    """Return the information of logs and priors together, (n, n)."""
     n = problem.size
-    # a very wide prior keeps what neither logs nor priors know from dividing by zero
+    # a very wide prior, so that no unknown direction leads to a division by zero
     information: Floats = (
         derivatives.information + np.diag(1.0 / problem.prior_stds**2) + 1e-12 * np.eye(n)
     )
@@ -271,16 +307,16 @@ def hessian(problem: Problem, derivatives: Derivatives) -> Floats:
 
 
 def first_widths(problem: Problem) -> Floats:
-    """Return the distance over which the first slopes are taken, (n,)."""
+    """Return the width of the differences that give the first slopes, (n,)."""
     return np.array([FIRST_WIDTH * part.unit(0.0) for part, _ in problem.parts])
 
 
 def widths_at(problem: Problem, z: Floats, derivatives: Derivatives) -> Floats:
-    """Return the distance over which slopes are taken at z, (n,): `SLOPE_WIDTH` of what each number
-    alone is known to.
+    """Return the width of the differences that give the slopes at z, (n,): `SLOPE_WIDTH` of each
+    parameter's std if all others were known.
 
-    As a share of the value it is a power of two, so that two numbers that show only as a product
-    meet the same kinks.
+    As a share of the value it is rounded to a power of two, so that two parameters that show only
+    as a product meet the same kinks.
     """
     units = np.array([part.unit(float(at)) for (part, _), at in zip(problem.parts, z)])
     alone = 1.0 / np.sqrt(np.maximum(np.diag(hessian(problem, derivatives)), 1e-300))
@@ -299,10 +335,10 @@ def _inside(problem: Problem, z: Floats) -> Floats:
 def damped_step(
     problem: Problem, z: Floats, derivatives: Derivatives, free: Bools, damping: float = 0.0
 ) -> tuple[Floats, float]:
-    """Return the step of Fisher scoring within the bounds, and by how much the quadratic model
-    lowers −ln p.
+    """Return a step of Fisher scoring within the bounds, (n,), and by how much the quadratic model
+    predicts that it lowers −ln p.
 
-    It leads from z, (n,), along the `free` coordinates, (n,), with `damping` λ.
+    The step starts at z, (n,), goes along the `free` coordinates, (n,), and has the `damping` λ.
     """
     information = hessian(problem, derivatives)[np.ix_(free, free)]
     gradient = derivatives.gradient[free]

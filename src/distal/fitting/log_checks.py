@@ -1,4 +1,4 @@
-"""Logs that cannot be fitted, named before anything is computed or written."""
+"""Checks that refuse logs which cannot be fitted, before anything is computed or written."""
 
 from __future__ import annotations
 
@@ -14,31 +14,42 @@ from distal.run import estimate
 from distal.sensor_errors import variance
 
 MOTION_TO_NOISE = 20.0
-"""A drive that moves by less than this times its sensor's noise does not move."""
+"""Range of a drive's position, in standard deviations of its sensor, below which the drive counts
+as at rest. Source: judgement.
+"""
 
 SMALLEST_TURN = np.deg2rad(2.0)
-"""A drive that moves by less than this turn of the joint does not move [rad]."""
+"""Turn of the joint below which the drive that would cause it counts as at rest [rad]. Source:
+judgement.
+"""
 
 DEAD_TRUTH_TURN = np.deg2rad(20.0)
-"""A truth that is constant while the drives would turn the joint by more than this is dead [rad]:
-no friction holds so.
+"""Turn that the drives would give the joint, above which a constant reference angle means a dead
+reference sensor [rad], since no friction holds a joint so. Source: judgement.
 """
 
 CLEAR_CORRELATION = 0.8
-"""Correlation of truth and drives from which on their ratio can be judged."""
+"""Correlation of the reference angle and the drives' motion, above which sign and size can be
+judged. Source: judgement.
+"""
 
 RATE_FACTOR = 20.0
-"""Stamps may be further apart, or closer, than the sensors' rate by this factor."""
+"""Largest factor between the interval of the stamps and that of the sensors' rate, either way.
+Source: judgement.
+"""
 
 RATIO_RANGE = (1 / 12, 12.0)
-"""Ratio of the truth's motion to that which the drives make, within which units can be right."""
+"""Least and largest ratio of the reference angle's motion to the turn by the drives, between which
+the units may be right. Source: judgement.
+"""
 
 
 def check_logs(logs: Sequence[Log], rig: Rig) -> None:
-    """Refuse logs without motion, dead sensors, and truths in a wrong unit or of a wrong sign.
+    """Refuse logs that come twice, have wrong stamps, no motion or a dead sensor, or a reference
+    angle in a wrong unit or of a wrong sign.
 
     Raises:
-        FitError: see above; names the log and the sensor.
+        FitError: no log came, or a log is refused; names the log and the sensor.
     """
     if not logs:
         raise FitError("no log came; a fit needs at least one")
@@ -84,8 +95,9 @@ def _check_stamps(log: Log, rig: Rig) -> None:
 
 
 def unknown_joints(logs: Sequence[Log], rig: Rig) -> list[str]:
-    """Return the names of the joints whose angle is known in none of the logs, which all have a
-    truth.
+    """Return the names of the joints whose angle is known in none of the logs.
+
+    Each log must have the angle of some joint.
     """
     names = rig.joint_names
     angles = np.vstack([truth for log in logs if (truth := true_angles(log, names)) is not None])
@@ -122,8 +134,8 @@ def _check_motion(log: Log, rig: Rig) -> None:
 
 
 def _check_sensors(log: Log, logs: Sequence[Log], rig: Rig) -> None:
-    """Refuse a sensor that is constant, but for that of a drive that is held in this log and moves
-    in another.
+    """Refuse a sensor that is constant over a log, unless its drive rests in this log and the
+    sensor changes in another.
     """
     positions = {sensor.of: sensor.name for sensor in rig.sensors_of("position")}
     positions |= {
@@ -152,14 +164,14 @@ def _constant(log: Log, name: str) -> bool:
 
 
 def _check_truth(log: Log, rig: Rig, truth: Floats, joint: str, index: int) -> None:
-    """Refuse a truth that has too few values, is dead, or has a wrong sign or unit."""
+    """Refuse a reference angle that has too few values, is dead, or has a wrong sign or unit."""
     has_truth = np.isfinite(truth)
     subject = f"{log.source}: the truth of {joint}" + (
         f" ({log.truth_source})" if str(log.truth_source) else ""
     )
     if has_truth.sum() < 10:
         raise FitError(f"{subject} has {int(has_truth.sum())} values; at least 10 are needed")
-    # stretch removed where forces are measured: soft tendons let drives and joint go different ways
+    # with forces the stretch is taken off: soft tendons let drives and joint move differently
     baseline = "elastic" if rig.sensors_of("force") else "inextensible"
     drives = estimate(Log(log.time, log.channels, {}, log.source), rig, baseline).angles[:, index]
     a = drives[has_truth] - drives[has_truth].mean()

@@ -1,5 +1,5 @@
-"""What logs say to each kind of map: readings, targets and the filter's own angles; and which terms
-there may be.
+"""The samples that each kind of map is learned from: readings, targets and the filter's own angles;
+and the terms that may be tried.
 """
 
 from __future__ import annotations
@@ -28,23 +28,27 @@ from distal.run import samples_of
 from distal.sensor_errors import variance
 
 OFFSETS = 2.0
-"""What angles lack in the mean may be the encoder's offset up to so many of its standard
-deviations.
+"""Largest mean error of the angles that may be the encoder's offset, in standard deviations of that
+offset. Source: judgement.
 """
 
 MOST_PARTLY = 12
-FEWEST_PARTLY = 20
-"""So many logs at most say what a homing move that covers half of the range costs, each with so
-many samples in it.
+"""Largest number of logs from which the error beyond a homing move of half the range is learned.
+Source: judgement.
 """
 
+FEWEST_PARTLY = 20
+"""Least number of samples of such a log within that homing move. Source: judgement."""
+
 SETTLING = 0.5
-"""Without homing a filter finds the joint within so long [s]; errors count after that."""
+"""Time in which a filter without homing finds the joint [s]; errors count after it. Source:
+judgement.
+"""
 
 
 def discrepancy_of(rig: Rig, data: Sequence[Samples]) -> Kind:
-    """Return how what the filter's angles lack is learned from logs; a sensor that never changes in
-    them is no variable.
+    """Return the kind of map for the errors of the filter's angles; a sensor that never changes in
+    the logs stands in no term.
     """
     sensors = _sensors(rig)
     readings = np.vstack([samples.readings for samples in data])
@@ -57,7 +61,9 @@ def discrepancy_of(rig: Rig, data: Sequence[Samples]) -> Kind:
 
 
 LEAST_FREE = 0.1
-"""A joint that is off its stops for less than this share of a log is judged in them too."""
+"""Share of a log in which a joint is off its stops, below which samples within the stops count too.
+Source: judgement.
+"""
 
 
 def filtered(
@@ -67,19 +73,23 @@ def filtered(
     compiled: bool,
     usable: Sequence[Bools] | None = None,
 ) -> tuple[dict[int, Samples], list[str]]:
-    """Return what the filter makes of logs with truth, by the index of the log, and why of some it
-    makes nothing.
+    """Return the samples of the filter along logs of known angle, by the index of the log, and
+    sentences on the logs that it cannot follow.
 
-    Each log has a rig without a discrepancy; the first says what the encoders' offsets may be. A
-    homing move lasts `homing` s, None for none, and may use the samples that are `usable`, (k,) for
-    each log, None for all.
+    Args:
+        logs: the logs, all of known angle.
+        rigs: the rig of each log, without a discrepancy; the first gives the stds of the encoders'
+            offsets.
+        homing: length of the homing move [s], None for none.
+        compiled: whether the filter is compiled; else it is interpreted.
+        usable: for each log, which samples the homing move may use, (k,); None for all.
     """
     data = dict[int, Samples]()
     refused = list[str]()
     estimators = dict[tuple[int, frozenset[str]], AdaptiveFilter]()
     for i, (log, rig) in enumerate(zip(logs, rigs)):
         try:
-            key = id(rig), frozenset(log.truth)  # what has a truth says which references there are
+            key = id(rig), frozenset(log.truth)  # joints of known angle have references
             if key not in estimators:
                 described, references = (
                     with_references(rig, log) if homing is not None else (rig, ())
@@ -106,11 +116,12 @@ def filtered(
 def partly_homed(
     logs: Sequence[Log], rigs: Sequence[Rig], homing: float | None, compiled: bool
 ) -> dict[int, Samples]:
-    """Return what the filter makes of some logs after a homing move that covers half of their
-    range, by their index.
+    """Return the samples of the filter along some logs, by their index, after a homing move that
+    covers half of their range.
 
-    The half is that of the first angle. Used are `MOST_PARTLY` logs, spread over all, where the
-    window of `homing` s has such samples; None gives nothing.
+    This is the half in which the first known angle lies. At most `MOST_PARTLY` logs are used,
+    spread over all, each with `FEWEST_PARTLY` such samples within the window of `homing` s. Without
+    homing, None, there are none.
     """
     if homing is None:
         return {}
@@ -139,11 +150,11 @@ def partly_homed(
 
 
 def without_offset(data: Sequence[Samples], rig: Rig) -> list[Samples]:
-    """Return samples without what all logs' angles lack in the mean, where the encoder's own offset
-    may be as large.
+    """Return samples whose targets lack the mean error over all logs, where that may be the
+    encoder's own offset.
 
-    Model and encoder are both off by something, and no log tells which; a correction to an encoder
-    that is mounted askew would be worse than none. That the offset is not known is in the band, see
+    Both the model and the encoder may have a constant error, and no log tells which; to correct the
+    angle by the encoder's would be worse than no correction. The band contains the offset, see
     `with_reference_error`.
     """
     doubts = {sensor.of: sensor.bias.filter_std for sensor in reversed(rig.sensors_of("angle"))}
@@ -161,11 +172,11 @@ def without_offset(data: Sequence[Samples], rig: Rig) -> list[Samples]:
 
 
 def with_reference_error(learned: LearnedMap, rig: Rig, logs: Sequence[Log]) -> LearnedMap:
-    """Return a map of the angle with the std of the reference's offset in its band: c² s² becomes
-    c² s² + σ_b².
+    """Return a map of the angle with the std σ_b of the reference's offset in its band: c² s²
+    becomes c² s² + σ_b².
 
-    An encoder that is mounted 0.2° off is so in all logs, so that no log left out shows it. The
-    rig's angle sensors say how unsure their offsets are.
+    An encoder that is mounted 0.2° off is so in all logs, so that no held-out log shows it. The std
+    is that of the offsets of the rig's angle sensors.
     """
     if not any(log.truth_kind is TruthKind.SENSOR for log in logs):
         return learned
@@ -201,28 +212,27 @@ def _filtered(
         )
         start = parameters_homed(Window.of(estimator, start, log, aided, usable_truths, homing))
     elif log.time[-1] - log.time[0] > 4 * SETTLING:
-        # where the joint begins is not known yet: that is no error of the model
+        # the filter does not know yet where the joint begins: that is no error of the model
         truths = np.where(early[:, None], np.nan, truths)
     if homing is None:
         stopped = in_stops(log.time, truths, estimator.rig)
-        # one that hardly leaves its stops would be left without a truth
+        # a joint that hardly leaves its stops would have no known angle
         moves = (np.isfinite(truths) & ~stopped).mean(axis=0) >= LEAST_FREE
         truths = np.where(stopped & moves, np.nan, truths)
     return plain_samples(estimator, start, log, unaided, truths)
 
 
 def mean_rms(data: Mapping[int, Samples]) -> float:
-    """Return the mean over logs of the RMS of what the filter's angle errs by [rad]."""
+    """Return the mean over logs of the RMS error of the filter's angles [rad]."""
     log_errors = [samples.targets[np.isfinite(samples.targets)] for samples in data.values()]
     return float(np.mean([np.sqrt(np.mean(errors**2)) for errors in log_errors if len(errors)]))
 
 
 def reference_std(rig: Rig, log: Log) -> float:
-    """Return the random error of the angle sensor that a log's truth comes from [rad]; 0 where it
-    comes from elsewhere.
+    """Return the std of the random error of the angle sensor that gives a log's reference [rad],
+    the largest of several; 0 for a reference from elsewhere.
 
-    Its offset is not counted: it is the same everywhere, and what changes along a log is worth a
-    correction beside it.
+    The sensor's offset is not counted, since it is the same along a log.
     """
     if log.truth_kind is not TruthKind.SENSOR:
         return 0.0
@@ -232,8 +242,8 @@ def reference_std(rig: Rig, log: Log) -> float:
 
 
 def reference_offset(rig: Rig, log: Log) -> float:
-    """Return the std of the zero of the angle sensor that a log's truth comes from [rad], the
-    largest of all; 0 where it comes from elsewhere.
+    """Return the std of the zero of the angle sensor that gives a log's reference [rad], the
+    largest of several; 0 for a reference from elsewhere.
     """
     if log.truth_kind is not TruthKind.SENSOR:
         return 0.0
@@ -246,13 +256,13 @@ def _sensors(rig: Rig) -> tuple[Sensor, ...]:
 
 
 def has_torque(log: Log, rig: Rig) -> bool:
-    """Return whether a log has the torque on a joint from outside."""
+    """Return whether a log has the external torque on a joint."""
     torques = true_torques(log, rig.joint_names)
     return torques is not None and bool(np.isfinite(torques).any())
 
 
 def torques_of(log: Log, rig: Rig) -> Samples:
-    """Return a log with the torque on its joints as the map of the torque sees it.
+    """Return a log with the external torque on its joints as the targets of a map.
 
     Raises:
         EstimationError: the log lacks a sensor.
@@ -267,7 +277,7 @@ def torques_of(log: Log, rig: Rig) -> Samples:
 
 
 def contact_of(rig: Rig) -> Kind:
-    """Return how the torque from outside is learned from what the sensors of a rig read."""
+    """Return the kind of map for the external torque from the readings of a rig's sensors."""
     sensors = _sensors(rig)
     positions = [sensor.name for sensor in sensors if sensor.measures == "position"]
     noise = np.sqrt([variance(sensor) for sensor in sensors])

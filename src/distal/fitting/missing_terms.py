@@ -1,5 +1,5 @@
-"""Physics that a rig may lack: parts that are tried where its equations lack more than its sensors'
-noise.
+"""Terms of the physics that a rig may lack, which are tried where the residuals of its equations
+are much larger than its sensors' noise.
 """
 
 from __future__ import annotations
@@ -16,27 +16,29 @@ from distal.logs import Log
 from distal.rig import Pulley, Rig
 
 UNEXPLAINED = 16.0
-"""Parts are tried where some row of the equations has a mean ν²/S above this."""
+"""Mean ν²/S of some row of the equations, from which on terms are tried. Source: judgement."""
 
 NAMED = 0.85
-"""A part is named where with it the rows' residuals are below this share, in the geometric mean of
-all rows.
+"""Ratio of the residuals with a term to those without, in the geometric mean of all rows, below
+which the term is named. Source: judgement.
 """
 
 MOST_NAMED = 2
-"""So many parts are candidates each alone, at most."""
+"""Largest number of terms of which each alone makes a candidate. Source: judgement."""
 
 NODES = 2
-"""Points of friction along a cable (docs/results/fits.md)."""
+"""Number of points of friction along a cable. Source: benchmark (benchmarks/sheaths)."""
 
 PLAY = {"slider": 2e-4, "capstan": 0.02}
-"""Play of a drive that is tried first [m, rad]; its std is as large."""
+"""Kind of a drive → width of the backlash that is tried first [m, rad]; its std is as large.
+Source: judgement.
+"""
 
 
 @dataclass(frozen=True)
 class MissingTerm:
-    """A part that a description may lack, added wherever it can be: path → what is put into the
-    description.
+    """A term that a description may lack: its name, and path → value of what is put into the
+    description wherever the term can be added.
     """
 
     name: str
@@ -44,7 +46,9 @@ class MissingTerm:
 
 
 def terms_of(rig: Rig) -> Iterator[MissingTerm]:
-    """Yield the parts that may be added to a rig, one kind at a time."""
+    """Yield the terms that may be added to a rig: friction along cables, creep, backlash of drives,
+    changing moment arms.
+    """
     sheaths: dict[str, object] = {}
     for tendon in rig.tendons:
         if tendon.path is None:
@@ -64,7 +68,7 @@ def terms_of(rig: Rig) -> Iterator[MissingTerm]:
             **meeting.shape.model_dump(exclude_none=True),
             "kind": "linkage",
             "slope": unknown,
-            # a tendon's arms at several joints move it together: no log tells so much of each
+            # with several joints a log shows too little of each of the tendon's moment arms
             **({"curvature": unknown} if len(tendon.meetings) == 1 else {}),
         }
         for tendon in rig.tendons
@@ -82,9 +86,12 @@ def terms_of(rig: Rig) -> Iterator[MissingTerm]:
 
 @dataclass(frozen=True)
 class Tried:
-    """What came of the parts that were tried, with the numbers of the rig with each.
+    """The terms that were tried.
 
-    Named are those with which the equations lack least, and the first together with another.
+    Args:
+        named: terms that lower the residuals of the equations clearly, the best first, then the
+            best one together with another, each with the parameter estimates of the rig with it.
+        parameters: the parameter estimates of all rigs that were tried.
     """
 
     named: tuple[tuple[MissingTerm, ParameterEstimates], ...] = ()
@@ -94,8 +101,11 @@ class Tried:
 def tried_parts(
     logs: Sequence[Log], rig: Rig, options: Options, parameters: ParameterEstimates
 ) -> Tried:
-    """Return what comes of the parts that a rig may lack, where its equations lack more than its
-    sensors' noise.
+    """Return the terms that a rig may lack, tried where the residuals of its equations are much
+    larger than its sensors' noise.
+
+    Nothing is tried where the parameters are not estimated by equations, or the user chose which
+    are free.
     """
     if not parameters.by_equations or options.free:
         return Tried()
@@ -117,8 +127,8 @@ def tried_parts(
 def _tried(
     logs: Sequence[Log], rig: Rig, options: Options, parameters: ParameterEstimates
 ) -> Tried:
-    """Return what comes of one part more; named are those that leave clearly less, the least
-    first.
+    """Return what comes of one term more; named are the terms that leave clearly smaller residuals,
+    the smallest first.
     """
     if max(parameters.nis[1], default=0.0) < UNEXPLAINED:
         return Tried()
@@ -137,7 +147,11 @@ def with_parts(
     options: Options,
     begin: ParameterEstimates,
 ) -> tuple[tuple[MissingTerm, ParameterEstimates], ...]:
-    """Return the parts that the rig can have, with its numbers with each."""
+    """Return those of the terms that the rig can have, each with the parameter estimates of the rig
+    with it.
+
+    The searches begin at the estimates `begin`, without the term.
+    """
     fits = [(part, parameters_with(part, logs, rig, options, begin)) for part in parts]
     return tuple((part, parameters) for part, parameters in fits if parameters is not None)
 
@@ -145,10 +159,10 @@ def with_parts(
 def parameters_with(
     part: MissingTerm, logs: Sequence[Log], rig: Rig, options: Options, begin: ParameterEstimates
 ) -> ParameterEstimates | None:
-    """Return the numbers of a rig's equations with a part more, None where the rig, as it came,
-    cannot have it.
+    """Return the parameter estimates of a rig's equations with a term more; None where the rig
+    cannot have this term.
 
-    The search begins with numbers without the part.
+    The search begins at the estimates `begin`, without the term.
     """
     if not part.values:
         return None
@@ -159,14 +173,12 @@ def parameters_with(
     except DistalError:
         return None
     if parameters is not None and parameters.optimum.interrupted:
-        # a search ends with the best so far; the caller has numbers without the part
+        # the caller has the estimates without the term
         raise KeyboardInterrupt
     return parameters
 
 
 def _residual(parameters: ParameterEstimates) -> float:
-    """Return the geometric mean over all rows of √(mean ν²/S), a row within its sensors' noise as
-    if it were as large.
-    """
+    """Return the geometric mean over all rows of √(mean ν²/S), where a mean below 1 counts as 1."""
     ratios = np.maximum([ratio for ratio in parameters.nis[1] if np.isfinite(ratio)], 1.0)
     return float(np.exp(np.mean(0.5 * np.log(ratios))))

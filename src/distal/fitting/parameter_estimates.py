@@ -1,5 +1,5 @@
-"""The numbers of a rig as logs tell them: by its equations where they can be asked, by its filter,
-and what stays.
+"""The estimation of a rig's parameters: by its equations where these can be asked, by its filter,
+and which parameters stay at their priors.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from distal.model import joint_frequency
 from distal.rig import Rig, Sensor, number
 
 FOLLOWS = 10.0
-"""Joints with so many radians of their own oscillation in the time of smoothing follow the drives
-(`python -m benchmarks.strangers.drawn`: 6 to 8 with inertia, above 15 without).
+"""Angle of a joint's own oscillation in the time of smoothing [rad], above which the joint follows
+the drives (6 to 8 with inertia, above 15 without). Source: benchmark (benchmarks/strangers/drawn).
 """
 
 
@@ -40,22 +40,31 @@ DIVERGED = (
 )
 
 EXPLAINED = 2.0
-"""The reference becomes one more sensor where no channel's ν²/S is larger than this in the mean."""
+"""Largest mean ν²/S of a channel with which the reference may become one more sensor. Source:
+judgement.
+"""
 
 HAUSMAN = 4.0
-"""The rig's numbers may move by so many variances each, in the mean, where the reference becomes
-one more sensor.
+"""Largest mean change of the rig's parameters, squared and over their variances, with which the
+reference may become one more sensor. Source: judgement.
 """
 
 
 @dataclass(frozen=True)
 class ParameterEstimates:
-    """The numbers of a rig as logs tell them, from the `problem` that was minimised, and the
-    `optimum` where that ended.
+    """The parameters of a rig as logs tell them.
 
-    Of the coordinates some are `left` at their prior, and filters are to take those that are `held`
-    as they are, (n,) each. There are `doubts`, mean ν²/S per channel at the start and at the end
-    (`nis`), and −ln p where the search had `begun`.
+    Args:
+        problem: what was minimised.
+        optimum: where the search ended.
+        uncertainty: standard errors, and which parameters the logs identify.
+        fitted: every free parameter after the fit.
+        left: which coordinates stay at their prior, (n,).
+        held: which of these the logs identify only together with others, (n,); filters are to take
+            their values as exactly known.
+        doubts: sentences with the reasons not to trust the fit.
+        nis: mean ν²/S per channel at the start and at the end.
+        begun: −ln p at the start.
     """
 
     problem: Problem
@@ -70,18 +79,18 @@ class ParameterEstimates:
 
     @property
     def by_equations(self) -> bool:
-        """Whether they are those of the rig's equations; else of its filter."""
+        """Whether they are estimated by the rig's equations, not by its filter."""
         return self.problem.asks_equations
 
 
 def parameters_of(
     problem: Problem, options: Options, progress: Progress | None
 ) -> list[ParameterEstimates]:
-    """Return the numbers of a rig as logs tell them: those of its equations, and of its filter
-    where it is asked.
+    """Return the estimates of a rig's parameters: by its equations, and by its filter where that is
+    asked.
 
-    The filter is asked where the equations cannot be, and where joints are so slow that
-    accelerations count, which an encoder hardly tells.
+    The filter is asked where the equations cannot be, and where joints are so slow that their
+    accelerations count, which an encoder hardly shows.
 
     Raises:
         FitError: the filter leaves all bounds on the logs.
@@ -102,10 +111,11 @@ def by_equations(
     progress: Progress | None,
     begin: ParameterEstimates | None = None,
 ) -> ParameterEstimates | None:
-    """Return the numbers with which a rig's equations lack least, None where they cannot be asked;
-    see `Equations`.
+    """Return the parameters with the least residuals of a rig's equations; None where the equations
+    cannot be asked, see `Equations`.
 
-    The search may begin with numbers of other equations on the same logs.
+    The search begins at `begin`, estimates by other equations on the same logs; None begins it at
+    the priors' mean or at the option `start`.
     """
     equations = inverse_problem(problem, options.compiled) if options.homing is None else None
     if equations is None:
@@ -120,10 +130,10 @@ def by_equations(
 def by_filter(
     problem: Problem, options: Options, begin: ParameterEstimates | None, progress: Progress | None
 ) -> ParameterEstimates:
-    """Return the numbers with which a rig's filter predicts what is read best.
+    """Return the parameters with which a rig's filter predicts the readings best.
 
-    The search begins with numbers of its equations; None for the rig's own, and a search of the
-    start.
+    The search begins at `begin`, estimates by the rig's equations; None stands for the priors' mean
+    or the option `start`, from which a short search finds the beginning.
 
     Raises:
         FitError: the filter leaves all bounds on the logs.
@@ -142,8 +152,8 @@ def by_filter(
 
 
 def from_starts(problem: Problem, starts: Sequence[Rig]) -> ParameterEstimates:
-    """Return the numbers with which a rig's filter predicts what is read best, from the likeliest
-    of some rigs.
+    """Return the parameters with which a rig's filter predicts the readings best, from the
+    likeliest of some rigs, `starts`.
     """
     coordinates = [_coordinates_of(problem, start) for start in starts]
     costs = problem.costs(coordinates)
@@ -161,12 +171,12 @@ def _start(problem: Problem, options: Options) -> Floats:
 def among_models(
     parameters: ParameterEstimates, models: Sequence[ParameterEstimates]
 ) -> ParameterEstimates:
-    """Return numbers of equations with errors that know of other models: what these make of the
-    same logs is as likely.
+    """Return estimates by equations with larger errors, which include how much the estimates of
+    other `models` of the same logs differ.
 
     The covariance grows by that of the ends of all models' searches (Draper, J. Royal Statistical
-    Society B 57, 1995). The stated errors of one model hold where it is right; numbers that a part
-    more or less would move are known less well.
+    Society B 57, 1995). The stated errors of one model hold only if it is right; parameters that
+    change with a term more or less are known less well. The stds of the file stay as they were.
     """
     if not parameters.by_equations or len(models) < 2:
         return parameters
@@ -190,8 +200,8 @@ def among_models(
 def _translated(
     problem: Problem, z: Floats, target: Problem, default: Floats | None = None
 ) -> Floats:
-    """Return coordinates of one problem as those of another, and for what only that one varies the
-    default, or 0.
+    """Return the coordinates z of one problem as those of another, `target`; those that only this
+    one has are the default, or 0.
     """
     coordinates = {
         (part.name, log): coordinate for (part, log), coordinate in zip(problem.parts, z)
@@ -205,9 +215,10 @@ def _translated(
 def _searched(
     problem: Problem, start: Floats, progress: Callable[[int, float], None] | None
 ) -> ParameterEstimates:
-    """Return the most likely parameters: what the logs do not tell stays at its prior.
+    """Return the estimates from the most likely parameters of a problem.
 
-    What the logs tell only together with others is held one by one until the rest is told.
+    Parameters that the logs do not identify stay at their priors. Of those that show only together,
+    one after the other is held until the rest is identified.
     """
     problem, optimum = most_likely(problem, start, progress)
     if not problem.asks_equations and not optimum.interrupted:
@@ -225,7 +236,7 @@ def _searched(
         left[at] = True
         held[at] = bool(uncertainty.together[at])
     if left.any() and not left.all():
-        # what the others become when these are moved, by the information of all
+        # where the others go when these move to their priors, by the information of all
         information = hessian(problem, optimum.derivatives)
         moved = np.where(left, -optimum.z, 0.0)
         moved[~left] = -np.linalg.solve(
@@ -252,7 +263,11 @@ def _searched(
 
 
 def problem_of(logs: Sequence[Log], rig: Rig, options: Options) -> Problem:
-    """Return what is minimised over some logs: what is free, and the filter with it as inputs."""
+    """Return the problem of some logs: the free parameters, and the filter that has them as inputs.
+
+    Raises:
+        FitError: nothing is free, or the filter leaves all bounds on the logs.
+    """
     joints = rig.joint_names
     with_truth = [log for log in logs if true_angles(log, joints) is not None]
     if with_truth:
@@ -292,20 +307,20 @@ def problem_of(logs: Sequence[Log], rig: Rig, options: Options) -> Problem:
 def _filter(
     rig: Rig, references: tuple[Sensor, ...], free: tuple[Free, ...], steps: int, compiled: bool
 ) -> FitFilter:
-    """Return the filter of a fit; folds of one fit have the same, which is compiled once."""
+    """Return the filter of a fit; the folds of a fit share it, so that it is compiled once."""
     return FitFilter(rig, references, free, steps, compiled)
 
 
 def _with_reference(
     problem: Problem, optimum: Optimum, progress: Callable[[int, float], None] | None
 ) -> tuple[Problem, Optimum]:
-    """Return problem and search with the reference as one more sensor, or without it where the two
+    """Return problem and search with the reference as one more sensor, or as they are where the two
     contradict each other.
 
-    With it the logs tell more where the model is right; where the model is wrong it hides what the
-    angle errs by. So it is used where nothing surprises the filter, and the two are compared as
-    Hausman does (Econometrica 46, 1978): the rig's numbers may not move by more than the angle
-    without its reference leaves them unsure.
+    With the reference read, the logs identify more where the model is right; where the model is
+    wrong it hides the errors of the angle. So it is read where no channel has larger innovations
+    than expected, and the two fits are compared as Hausman does (Econometrica 46, 1978): the rig's
+    parameters may not change by more than their errors without the reference allow.
     """
     if (
         problem.homing is not None
@@ -328,8 +343,8 @@ def _with_reference(
 def _next_held(
     problem: Problem, uncertainty: Uncertainty, left: Bools, may_stay: Bools
 ) -> int | None:
-    """Return the coordinate that the logs tell least, those that stay already being known; None
-    where all are told.
+    """Return the coordinate that the logs identify least, if those that stay are known; None where
+    all are identified.
     """
     errors = uncertainty.errors_holding(left)
     limit = problem.prior_stds
@@ -341,11 +356,11 @@ def _next_held(
 def fitted_parameters(
     problem: Problem, optimum: Optimum, uncertainty: Uncertainty, left: Bools, held: Bools
 ) -> list[FittedParameter]:
-    """Return what a search found of every free number, in its own unit; without convergence it has
+    """Return every free parameter as a search found it, in its own unit; without convergence it has
     no standard error.
 
-    Of the coordinates some are `left` at their prior, (n,), and filters are to take what is `held`
-    as it is, (n,).
+    `left` says which coordinates stay at their prior, (n,), and `held` which of these filters are
+    to take as exactly known, (n,).
     """
     logs = [data.log.source for data in problem.data]
     coordinates = [problem.columns(j) for j in range(len(logs))]
@@ -382,8 +397,8 @@ def fitted_parameters(
 
 
 def _error_of_mean(parameters: Floats, errors: Floats) -> float:
-    """Return the standard error of a mean over logs: what they scatter by, and the mean of their
-    own errors.
+    """Return the standard error of a parameter that each log has anew: from the variance over logs,
+    and the mean of the logs' own squared errors.
     """
     return (
         float(np.sqrt(parameters.var(ddof=1) + np.mean(errors**2)))
@@ -393,7 +408,7 @@ def _error_of_mean(parameters: Floats, errors: Floats) -> float:
 
 
 def _fitted(part: Free, values: tuple[float, ...], identified: bool) -> FittedParameter:
-    """Return a number after a fit, its errors not known."""
+    """Return a parameter after a fit, its errors not yet known."""
     prior = part.name, part.paths, part.si, part.start, part.std
     return FittedParameter(
         *prior, values[0], float("nan"), identified, part.noise, values, kept=part.kept_by_file
@@ -401,8 +416,8 @@ def _fitted(part: Free, values: tuple[float, ...], identified: bool) -> FittedPa
 
 
 def _coordinates_of(problem: Problem, rig: Rig) -> Floats:
-    """Return the coordinates at which the numbers are those of a rig; 0 for what it has no number
-    of.
+    """Return the coordinates, (n,), at which the parameters have the values of a rig; 0 for a
+    parameter that the rig lacks.
     """
     z = np.zeros(problem.size)
     for k, (part, _) in enumerate(problem.parts):
@@ -414,8 +429,8 @@ def _coordinates_of(problem: Problem, rig: Rig) -> Floats:
 
 
 def _by_scale(problem: Problem, z: Floats, part: Free) -> FittedParameter:
-    """Return a noise that the equations do not vary: larger by the root of what its sensors'
-    residuals are larger by.
+    """Return a noise that the equations do not vary, enlarged by the square root of the scale c of
+    its sensors' residuals.
     """
     indices = [int(path.split(".")[1]) for path in part.paths if path.startswith("sensors.")]
     sensors = [problem.filter.rig.sensors[i].name for i in indices]

@@ -1,4 +1,4 @@
-"""What a fit minimises: −ln p of logs as a function of a rig's numbers, evaluated in vector
+"""What a fit minimises: −ln p of logs as a function of a rig's parameters, evaluated in vector
 lanes.
 """
 
@@ -30,15 +30,16 @@ from distal.kernels import Feed, Kernel, advance, advance_all, covariance_of, me
 from distal.kernels.mask import COMPARED_ONLY
 
 PROBED = 0.3
-"""How a step bends is found at this share of it."""
+"""Share of a step after which its bend is found. Source: judgement."""
 
 
 @dataclass(frozen=True)
 class Weight:
-    """What the values of each channel are worth, as found at a point: how much one counts
-    (`shares_of`), (m,).
+    """The weights of the channels' values, as estimated at a point.
 
-    The counts are how many values of each channel are compared, of each log, (m,) each.
+    Args:
+        share: weight of one value of each channel (`shares_of`), (m,).
+        counts: for each log the number of values of each channel that are compared, (m,).
     """
 
     share: Floats
@@ -47,28 +48,32 @@ class Weight:
 
 @dataclass(frozen=True)
 class Problem:
-    """−ln p = ½ Σ w (ν²/(c S) + ln c S) + prior of the innovations ν of logs, with variances S, at
+    """−ln p = ½ Σ w (ν²/(c S) + ln c S) + prior, of the innovations ν of logs, with variances S, at
     coordinates z.
 
-    The prediction-error method (Ljung, System Identification, 1999, ch. 7; Åström, Automatica 16,
-    1980): hidden states, missing samples and sensor noise are treated as in use, because it is the
-    filter that is used. Of each channel c and w say what its values are weight: c is found at every
-    point, w where `assessed` was called. Coordinates z, (size,), are those that logs share, then
-    each log's own.
+    It is the prediction-error method (Ljung, System Identification, 1999, ch. 7; Åström, Automatica
+    16, 1980): the innovations come from the filter that will be used, so that hidden states,
+    missing samples and sensor noise count as in use. For each channel c is the scale of its
+    variances and w the weight of its values: c is found at every point, w where `assessed` was
+    called. The coordinates z, (size,), are those that all logs share, then those of each log.
 
     Args:
-        filter: with what is free as inputs.
-        homing: for how long the reference is used [s], None for never; with it only what comes
-            after counts.
-        aided: without homing, use the reference wherever it is as one more sensor, which tells more
-            where the model is right, and hides what the angle errs by where it is not.
-        workers: threads; the numbers do not depend on them.
-        weight: of the channels' values; None before they are assessed: every value counts in full.
-        noises: that are free and not varied.
+        filter: the filter, whose kernel has the free parameters as inputs.
+        free: the parameters that are varied.
+        data: the logs.
+        homing: for how long the reference is read [s], None for never; with it only the reference
+            after that time is compared.
+        aided: whether, without homing, the reference is read wherever it is known, as one more
+            sensor. This identifies more where the model is right; where the model is wrong it hides
+            the errors of the angle.
+        workers: number of threads; the result does not depend on it.
+        weight: weights of the channels' values; None before they are assessed, when every value
+            counts in full.
+        noises: free noises that are not varied.
     """
 
     asks_equations: ClassVar[bool] = False
-    """Whether the rig's equations are asked, and not its filter."""
+    """Whether the residuals are those of the rig's equations, not of its filter."""
 
     filter: FitFilter
     free: tuple[Free, ...]
@@ -80,8 +85,8 @@ class Problem:
     noises: tuple[Free, ...] = ()
 
     def beginning(self, share: float, least: int) -> Problem:
-        """Return the same for the beginnings of the logs, a `share` of each, of `least` samples or
-        more; not assessed.
+        """Return the problem of the beginnings of the logs: a `share` of each, at least `least`
+        samples, without weights.
         """
         data = tuple(
             log_data.beginning(max(least, round(share * len(log_data.last))))
@@ -90,15 +95,15 @@ class Problem:
         return replace(self, data=data, weight=None)
 
     def among(self, logs: Sequence[int]) -> Problem:
-        """Return the problem of some of the logs; what their values are worth stays."""
+        """Return the problem of some of the logs, by their indices, with the same weights."""
         weight = self.weight
         if weight is not None:
             weight = replace(weight, counts=tuple(weight.counts[j] for j in logs))
         return replace(self, data=tuple(self.data[j] for j in logs), weight=weight)
 
     def assessed(self, z: Floats) -> Problem:
-        """Return the problem with the worth of the channels' values at a point, as it is where the
-        filter is unbounded.
+        """Return the problem with the weights of the channels' values as found at a point z,
+        (size,), or unchanged where the filter leaves all bounds there.
         """
         runs = self.at(z)
         if not all(run.bounded for run in runs):
@@ -126,14 +131,14 @@ class Problem:
 
     @cached_property
     def positions(self) -> list[list[int]]:
-        """Where among the kernel's parameters each free number stands."""
+        """For each free parameter, the indices of its paths among the kernel's parameters."""
         names = self.filter.estimator.parameter_names
         return [[names.index(path) for path in part.paths] for part in self.free]
 
     @cached_property
     def parts(self) -> tuple[tuple[Free, int | None], ...]:
-        """The free number behind each coordinate, and the log where it is one log's own,
-        (size,).
+        """For each coordinate, (size,), its free parameter, and the index of the log that it
+        belongs to, None for a coordinate that all logs share.
         """
         shared: list[tuple[Free, int | None]] = [
             (part, None) for part in self.free if not part.per_log
@@ -143,7 +148,7 @@ class Problem:
 
     @property
     def size(self) -> int:
-        """Number of coordinates."""
+        """The number of coordinates."""
         return len(self.parts)
 
     @property
@@ -157,15 +162,15 @@ class Problem:
         return np.array([part.spread if part.has_prior else np.inf for part, _ in self.parts])
 
     def columns(self, log: int) -> list[int]:
-        """Return for each free number the coordinate that holds it in a log."""
+        """Return for each free parameter the index of the coordinate that holds it in a log."""
         positions = {(id(part), of_log): k for k, (part, of_log) in enumerate(self.parts)}
         return [positions[id(part), log if part.per_log else None] for part in self.free]
 
     def run(self, tasks: Sequence[tuple[int, Floats]]) -> list[Innovations]:
-        """Return the innovations of some runs, of a log's index and its coordinates, one for each
-        free number.
+        """Return the innovations of some runs, each given by the index of a log and by its
+        coordinates, one for each free parameter.
 
-        They go side by side in vector lanes, on all workers.
+        The runs go side by side in vector lanes, on all workers.
         """
         size = self._kernel.side_by_side
         # runs of one length go together, since those that end early leave their lanes idle
@@ -189,7 +194,7 @@ class Problem:
         return self.filter.estimator.kernel
 
     def _feed(self, log: int, z: Floats) -> Feed:
-        """Return what the kernel is fed at a log's coordinates."""
+        """Return the kernel's input for a log at its coordinates."""
         p = self.parameters(z)
         mean, covariance, memory = self.filter.estimator.prior(
             first_values(self.data[log].samples), p
@@ -198,7 +203,7 @@ class Problem:
 
     def parameters(self, z: Floats) -> Floats:
         """Return the kernel's parameters, (n_p,), at a log's coordinates, one for each free
-        number.
+        parameter.
         """
         p = np.array(self.filter.estimator.parameters)
         for part, positions, coordinate in zip(self.free, self.positions, z):
@@ -207,8 +212,8 @@ class Problem:
 
     @cached_property
     def _rows(self) -> tuple[Floats, ...]:
-        """Return the kernel's rows of each log; where a reference is not used it is compared
-        only.
+        """The kernel's rows of each log; where the reference is not read, its mask says that it is
+        compared only.
         """
         if self.aided and self.homing is None:
             return tuple(data.rows for data in self.data)
@@ -236,13 +241,13 @@ class Problem:
 
     @cached_property
     def _tolerance(self) -> Floats:
-        """Return from which ν²/(c S) on an innovation is wild, (m,); the reference is never
-        wild.
+        """The ν²/(c S) above which an innovation is an outlier, (m,); the reference has no
+        outliers.
         """
         return np.where(self._is_reference, np.inf, Robustness().wild_force)
 
     def _weighing(self, log: int, scale: Floats) -> Weighing:
-        """Return how the values of a log's channels count."""
+        """Return the weights, tolerances and scales for the values of a log's channels."""
         none = np.zeros(len(self.measured))
         share, counts = (
             (none + 1.0, none)
@@ -252,18 +257,18 @@ class Problem:
         return Weighing(self._tolerance, share, self._times(log), counts, scale)
 
     def scales(self, runs: Sequence[Innovations]) -> Floats:
-        """Return by what the variance of each channel's innovations is larger than the filter
-        expects, at least 1, (m,).
+        """Return c of each channel, (m,): the factor, at least 1, by which the innovations'
+        variance is larger than the filter expects.
         """
         return scales_of(runs, self._tolerance)
 
     def at(self, z: Floats) -> list[Innovations]:
-        """Return the innovations of every log."""
+        """Return the innovations of every log at coordinates z, (size,)."""
         return self.run([(j, z[self.columns(j)]) for j in range(len(self.data))])
 
     def costs(self, points: Sequence[Floats]) -> Floats:
-        """Return −ln p of all logs and the prior at some points, infinite where the filter left all
-        bounds.
+        """Return −ln p of all logs and the prior at each of some points; it is infinite where the
+        filter left all bounds.
         """
         logs = range(len(self.data))
         runs = self.run([(j, z[self.columns(j)]) for j in logs for z in points])
@@ -285,11 +290,11 @@ class Problem:
         return 0.5 * float(np.sum((z / self.prior_stds) ** 2))
 
     def of_logs(self, z: Floats, widths: Floats) -> list[Derivatives]:
-        """Return what each log tells at a point z, by one-sided differences of ν and ln S, without
-        the prior.
+        """Return the derivatives of −ln p of each log at a point z, without the prior, by one-sided
+        differences of ν and ln S.
 
-        Slopes are taken over `widths`, (size,), away from a bound, 0 for a coordinate that is not
-        varied.
+        The differences go over `widths`, (size,), to the side where they stay within the bounds; a
+        width of 0 means that a coordinate is not varied.
         """
         low, high = self.bounds.T
         ends = np.where(z + widths <= high, z + widths, np.maximum(z - widths, low))
@@ -316,13 +321,15 @@ class Problem:
         return derivatives
 
     def derivatives(self, z: Floats, widths: Floats) -> Derivatives:
-        """Return −ln p of logs and prior, its gradient, and the logs' information at z; `widths`
-        are those of `of_logs`.
+        """Return −ln p of logs and prior at z, its gradient, and the logs' information; `widths`
+        are as in `of_logs`.
         """
         return self.summed(self.of_logs(z, widths), z)
 
     def bends(self, z: Floats, of_logs: Sequence[Derivatives], steps: Sequence[Floats]) -> Floats:
-        """Return Jᵀ r'' of all logs along some `steps` from z, (k, size): see `Slopes.bend`."""
+        """Return Jᵀ r'' summed over all logs, along each of some `steps` from z, (k, size): see
+        `Slopes.bend`.
+        """
         logs = range(len(self.data))
         runs = iter(
             self.run([(j, (z + PROBED * step)[self.columns(j)]) for j in logs for step in steps])
@@ -337,7 +344,9 @@ class Problem:
         return bends
 
     def summed(self, of_logs: Sequence[Derivatives], z: Floats) -> Derivatives:
-        """Return the derivatives of all logs and the prior, from those of each log at z."""
+        """Return the derivatives of all logs and the prior at z, from the derivatives of each log
+        there.
+        """
         n = self.size
         gradient = np.zeros(n)
         information = np.zeros((n, n))
@@ -354,8 +363,8 @@ class Problem:
         )
 
     def states(self, log: int, z: Floats) -> tuple[Floats, Floats]:
-        """Return mean (n,) and covariance (n, n) of the filter's states at the end of a log, at all
-        coordinates z.
+        """Return the mean, (n,), and the covariance, (n, n), of the filter's states at the end of a
+        log, at the coordinates z of all logs.
         """
         estimator = self.filter.estimator
         n = len(self.filter.estimator.state_names)

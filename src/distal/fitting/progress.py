@@ -1,4 +1,4 @@
-"""What a fit is doing, for a progress bar."""
+"""What a fit is doing now, for a progress bar."""
 
 from __future__ import annotations
 
@@ -6,21 +6,26 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 TYPICAL_ITERATIONS = 8.0
-"""A search takes about so many iterations: only a bar goes by it."""
+"""Typical number of iterations of a search, for the bar alone. Source: layout."""
 
 BEFORE_SEARCH = 0.05
+"""Share of the time that has passed when the search begins. Source: layout."""
+
 AFTER_SEARCH = 0.35
-"""Shares of the time that what comes before a search takes, and what has passed after it;
-candidates take the rest.
+"""Share of the time that has passed when the search ends and candidates are judged. Source: layout.
 """
 
 
 @dataclass(frozen=True)
 class Doing:
-    """What a fit is doing now: a search in its `iteration`, else 0, of which a share of this part
-    is done, about.
+    """What a fit is doing now.
 
-    Part 0 is the fit to all logs, then comes a fold after the other.
+    Args:
+        stage: the stage in words.
+        within: about which share of the part is done.
+        iteration: of the search; 0 outside a search.
+        part: 0 is the fit to all logs; the folds follow, from 1.
+        parts: number of all parts.
     """
 
     stage: str
@@ -31,15 +36,18 @@ class Doing:
 
     @property
     def share(self) -> float:
-        """Share of the whole fit that is done, about."""
+        """About which share of the whole fit is done."""
         return (self.part + self.within) / self.parts
 
 
 Progress = Callable[[Doing], None]
+"""A function that is called with what the fit is doing."""
 
 
 def searching(progress: Progress | None, stage: str) -> Callable[[int, float], None] | None:
-    """Return what a search calls after each iteration; None where nobody asks for progress."""
+    """Return the function that a search calls after each iteration, with the iteration and −ln p;
+    None without progress.
+    """
     if progress is None:
         return None
     room = AFTER_SEARCH - BEFORE_SEARCH
@@ -49,14 +57,14 @@ def searching(progress: Progress | None, stage: str) -> Callable[[int, float], N
 
 
 def judging(progress: Progress | None, stage: str, done: int, count: int) -> None:
-    """Say that a candidate is judged next, after those that are done."""
+    """Report that a candidate is judged next, after `done` of `count` candidates."""
     if progress is not None:
         progress(Doing(stage, AFTER_SEARCH + (1.0 - AFTER_SEARCH) * done / count))
 
 
 def of_part(progress: Progress | None, part: int, parts: int) -> Progress | None:
-    """Return the progress of one part of a fit: 0 for the fit to all logs, then a fold after the
-    other.
+    """Return the progress of one part of a fit: part 0 is the fit to all logs; the folds follow
+    from part 1.
     """
     return (
         None if progress is None else lambda doing: progress(replace(doing, part=part, parts=parts))

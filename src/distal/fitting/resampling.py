@@ -1,5 +1,5 @@
-"""Displacements between samples, offline: a fit knows what comes next, so they need not go in
-straight lines.
+"""Displacements between samples, interpolated by curves: a fit runs offline and knows the next
+samples.
 """
 
 from __future__ import annotations
@@ -10,20 +10,20 @@ from numpy.typing import NDArray
 from distal.arrays import Floats
 
 FINEST = 4
-"""At most so many steps per sample."""
+"""Largest number of steps per sample. Source: judgement."""
 
 
 def steps_per_sample(positions: Floats, noise: Floats) -> int:
-    """Return how many steps per sample keep straight lines within the sensors' `noise`, (m,): 1, 2
-    or `FINEST`.
+    """Return how many steps per sample keep the error of straight lines within the sensors'
+    `noise`, (m,): 1, 2 or `FINEST`.
 
-    A chord leaves out ẍ dt²/8: where sliders swing, that much tension is missing at every crest,
-    and stiffness would be fitted too large by (ω dt)²/12. With n steps it is n² times less.
-    Displacements `positions` are (k, m), NaN where missing.
+    A straight line between samples misses ẍ dt²/8. Where sliders swing with ω, that much tension is
+    missing at every crest, and stiffness would be fitted too large by (ω dt)²/12. With n steps the
+    error is n² times less. The displacements `positions` are (k, m), NaN where missing.
     """
     bends = np.abs(np.diff(positions, n=2, axis=0)) / 8.0
     missed = [float(np.sqrt(np.nanmean(b**2))) if np.isfinite(b).any() else 0.0 for b in bends.T]
-    # noise bends too: its second difference has a variance of 6 σ²
+    # the second difference of noise alone has the variance 6 σ²
     noise_bends = np.sqrt(6.0) / 8.0 * noise
     excess = max(
         (np.sqrt(max(m**2 - o**2, 0.0)) / n for m, o, n in zip(missed, noise_bends, noise)),
@@ -35,13 +35,13 @@ def steps_per_sample(positions: Floats, noise: Floats) -> int:
 def refined(
     times: Floats, samples: Floats, positions: int, steps: int
 ) -> tuple[Floats, Floats, NDArray[np.intp]]:
-    """Return stamps, samples and the original samples' rows, with displacements interpolated
+    """Return stamps, samples and the rows of the original samples, with interpolated displacements
     between them.
 
-    Each interval of `times` [s], (k,), is cut in `steps`; displacements, the first `positions` of
-    the `samples`, (k, n_channels), NaN where missing, follow the cubic through the four samples
-    about it (Catmull and Rom, 1974), a straight line where one of them is missing or the stamps
-    have a gap. All other channels are missing there.
+    Each interval of `times` [s], (k,), is cut into `steps`. The displacements, the first
+    `positions` columns of `samples`, (k, n_channels), follow the cubic through the four samples
+    about the interval (Catmull and Rom, 1974), or a straight line where one of these is missing or
+    the stamps have a gap. All other channels are NaN between the samples.
     """
     k = len(times)
     if steps == 1 or k < 4:
@@ -71,7 +71,7 @@ def refined(
             + (3 * s**2 - 2 * s**3) * last
             + (s**3 - s**2) * right
         )
-    # gaps are bridged by the filter itself
+    # the filter itself bridges gaps
     keep = np.ones(len(fine_times), dtype=bool)
     for j in range(1, steps):
         keep[j::steps] = even & np.isfinite(fine[j::steps, :positions]).all(axis=1)

@@ -25,46 +25,50 @@ from distal.rig import Rig
 from distal.rounded import rounded
 
 HIDDEN = 0.5
-"""An encoder's zero that is unsure by this share of the error beside it is said."""
+"""Ratio of the std of an encoder's zero to the error that is scored beside it, above which the
+advice names that zero. Source: judgement.
+"""
 
 
 @dataclass(frozen=True)
 class Fit:
-    """The outcome of `fit`.
+    """The result of `fit`.
 
     Args:
         rig: the description with all that was learned.
-        start: the description as it came.
-        model: the same, with the part that it lacked where one was added.
-        part: that part's name; empty where none was added.
-        fitted: every free number.
+        start: the original description.
+        model: the original description with the servos and the term that the fit added, if any.
+        part: name of the term that the original rig lacked; empty where none was added.
+        fitted: every free parameter.
         logs: names of the logs.
-        duration: of all of them [s].
-        samples: of all of them.
-        homing: for how long a reference was used [s]; None: wherever it has values.
-        correlations: of the coordinates' errors, (n, n), in the order of `correlated`.
+        duration: total duration of the logs [s].
+        samples: total number of samples.
+        homing: for how long the reference was read [s]; None: see `fit`.
+        correlations: correlations of the coordinates' errors, (n, n), in the order of `correlated`.
         correlated: name of each coordinate, (n,).
         combinations: sentences on parameters that the logs cannot separate.
         channels: names of the channels that were compared.
         nis_before: mean ν²/S per channel at the start; 1 is expected.
         nis_after: the same at the end.
         cost_before: −ln p at the start, less constants.
-        cost_after: at the end.
-        iterations: of the search.
+        cost_after: the same at the end.
+        iterations: number of iterations of the search.
         converged: whether the search converged; if not, there are no standard errors.
-        interrupted: whether the user stopped it.
-        folds_asked: how many folds there were to be; `folds` has fewer where the user stopped it.
+        interrupted: whether the user interrupted the fit.
+        folds_asked: number of folds that were planned; `folds` has fewer where the user
+            interrupted.
         curves: path → learned value, for the position sensors' systematic errors.
         maps: the learned maps, by the names of their tables in the rig: ``affine``, the map of the
             baseline estimator, ``discrepancy``, the angle error that the model leaves, ``contact``,
             the external torque.
-        folds: each log (or unit) left out once.
+        folds: the results of cross-validation, in which each log (or unit) is held out once.
         doubts: sentences with the reasons not to trust the fit.
-        hold: whether filters are to take the numbers as they are.
-        added: path → what the part put into the description, and how servos give way.
-        candidates: that were judged, the chosen one first.
-        reference_std: of the reference sensor's random error, which scores contain [rad].
-        reference_offset: std of its zero, which no score shows [rad].
+        hold: whether filters are to take the parameters as exactly known.
+        added: path → what was added to the description: the term it lacked, and the servos'
+            stiffness and dead band.
+        candidates: the candidates that were judged, the chosen one first.
+        reference_std: std of the reference sensor's random error, which scores contain [rad].
+        reference_offset: std of the reference sensor's zero, which no score shows [rad].
     """
 
     rig: Rig
@@ -109,11 +113,16 @@ class Fit:
         asked: int = 0,
         servos: Mapping[str, object] | None = None,
     ) -> Fit:
-        """Return one result: what was learned from logs, and its scores in the folds; so many were
-        asked.
+        """Return the result of a fit from what was learned from logs, and from its folds.
 
         Args:
-            servos: path → value of how servos give way.
+            learned: what was learned.
+            start: the original rig.
+            logs: the logs.
+            options: those of the fit.
+            folds: the folds that were done.
+            asked: number of folds that were planned.
+            servos: path → stiffness or dead band of a servo.
         """
         part = {} if learned.part is None else learned.part.values
         servos = {} if servos is None else servos
@@ -159,7 +168,7 @@ class Fit:
         )
 
     def __repr__(self) -> str:
-        """Return what it is in a few words."""
+        """Return the fit in a few words: logs, convergence, number of parameters, best scores."""
         count = sum(part.identified and not part.noise for part in self.fitted)
         scores = [
             f"{name} {rounded(np.rad2deg(rms), 3)}° ({100 * inside:.0f} %)"
@@ -173,7 +182,9 @@ class Fit:
         )
 
     def _repr_html_(self) -> str:
-        """Return the same with a table of the numbers that the logs tell, as notebooks show it."""
+        """Return the same as HTML for notebooks, with a table of the parameters that the logs
+        identify.
+        """
         identified = [part for part in self.fitted if part.identified and not part.noise]
         cells = [(part.name, *part.sizes) for part in identified]
         rows = "".join(
@@ -184,7 +195,7 @@ class Fit:
 
     @property
     def learned_from(self) -> str:
-        """How many logs there were, and of how long: "4 logs of 80 s in all"."""
+        """The number of logs and their total duration in words: "4 logs of 80 s in all"."""
         return (
             f"{len(self.logs)} log{'s' if len(self.logs) > 1 else ''} of {self.duration:.0f} s "
             "in all"
@@ -192,16 +203,17 @@ class Fit:
 
     @property
     def compared(self) -> tuple[Compared, ...]:
-        """Each held-out log, with the scores of all that the others teach."""
+        """Each held-out log, with the scores on it of all that the other logs teach."""
         return tuple(comparison for fold in self.folds for comparison in fold.compared)
 
     def scores(self) -> list[tuple[str, float, float]]:
-        """Return name, mean RMS error [rad] and mean share inside the band on held-out logs, of all
-        that was compared.
+        """Return (name, mean RMS error [rad], mean share inside the band) on held-out logs, for
+        each candidate and yardstick.
 
-        First is what is written, with all that was chosen chosen anew without each log; then what
-        errs least. A share is NaN where there is no band. Without folds the candidates' own errors
-        are given: what they learned has not seen the log, which of them is best has.
+        The first row is the rig that is written, with all choices made anew without each log; the
+        others follow from the least error up. A share is NaN where there is no band. Without folds
+        each candidate has its own error: its maps and parameters have not seen the log, but the
+        choice among candidates has.
         """
         if not self.compared:
             return [(c.name, c.error, float("nan")) for c in self.candidates if c.error < np.inf]
@@ -219,8 +231,8 @@ class Fit:
         return sorted(rows, key=lambda row: (row[0] != WRITTEN, row[1]))
 
     def advice(self) -> list[str]:
-        """Return what to know before the rig is used, one sentence each: doubts, hidden errors,
-        advice.
+        """Return sentences on what to know before the rig is used: doubts, errors that no score
+        shows, and advice.
         """
         errors = {candidate.name: candidate.error for candidate in self.candidates}
         lines = [f"doubt: {line}" for line in self.doubts]
@@ -253,10 +265,10 @@ class Fit:
         return lines
 
     def __getitem__(self, name: str) -> FittedParameter:
-        """Return a fitted number by its name or its path, as in ``--set``.
+        """Return a fitted parameter by its name or its path, as in ``--set``.
 
         Raises:
-            KeyError: there is none.
+            KeyError: the fit has no such parameter.
         """
         for part in self.fitted:
             if name == part.name:
@@ -270,18 +282,18 @@ class Fit:
     def save(self, path: str | Path, text: str | None = None) -> None:
         """Write the fitted rig file; if that fails, the old file is kept.
 
-        The values are written into a `text`, TOML, so that its comments stay; default is a new
-        file.
+        The values are written into `text`, the TOML of the original rig, so that its comments stay;
+        without it the file is written anew.
 
         Raises:
-            OutputError: it cannot be written.
+            OutputError: the file cannot be written.
         """
         write_whole(
             path, fitted_text(self.rig, self.start, self.assignments(), self._account(), text)
         )
 
     def assignments(self) -> dict[str, object]:
-        """Return path → value (with its std, where it had one) of what changed, as for
+        """Return path → value (with its std, where it had one) of all that the fit changed, as for
         `Rig.with_values`.
         """
         learned = {name: map_fit.as_table() for name, map_fit in self.maps.items()}
@@ -295,8 +307,8 @@ class Fit:
         }
 
     def _account(self) -> str:
-        """Return the comment at the head of a fitted file: what it was fitted to, and where each
-        value came from.
+        """Return the comment at the head of a fitted file: the logs and the origin of each
+        value.
         """
         names = ", ".join(shown(name.rsplit("/", 1)[-1]) for name in self.logs)
         use = (

@@ -1,5 +1,5 @@
-"""Samples in which a joint rests in a stop: how it does so is the stop's own affair, and teaches
-nothing of the rest.
+"""Samples in which a joint rests in a stop: there its angle depends on the stop alone, and teaches
+nothing of the other parameters.
 """
 
 from __future__ import annotations
@@ -10,19 +10,19 @@ from distal.arrays import Bools, Floats
 from distal.rig import Rig
 
 NEAR_STOP = float(np.deg2rad(0.5))
-"""A joint is in a stop where it is so near to it [rad], beside what its encoder's offset is unsure
-by.
+"""Distance from a stop within which a joint is in it [rad], beside twice the std of its encoder's
+offset. Source: judgement.
 """
 
 AFTER_STOP = 0.05
-"""It has left a stop so long after [s]."""
+"""Time after which a joint has left a stop [s]. Source: judgement."""
 
 
 def in_stops(times: Floats, truth: Floats, rig: Rig) -> Bools:
-    """Return where each joint is in one of its stops, or has just left it, by its `truth` [rad],
-    NaN where not known.
+    """Return whether each joint is in one of its stops or has just left it, (k, n_joints).
 
-    Both have shape (k, n_joints); the stamps `times` [s], (k,).
+    The angles `truth` [rad], (k, n_joints), are NaN where not known; `times` are the stamps [s],
+    (k,).
     """
     resting = np.zeros(truth.shape, dtype=bool)
     for j, (joint, angles) in enumerate(zip(rig.joints, truth.T)):

@@ -1,5 +1,5 @@
-"""The systematic curves of position sensors, learned from logs with truth: the same sensor errs the
-same way tomorrow.
+"""The systematic errors of position sensors as curves over their travel, learned from logs of known
+angle.
 """
 
 from __future__ import annotations
@@ -16,27 +16,27 @@ from distal.logs import true_angles
 from distal.rig import Sensor
 
 LINEARITY_LEFT = 1.5
-"""The linearity that is left is this much larger than the filter says: curves wander a little from
-day to day.
+"""Factor on the remaining linearity that the filter states, since curves change a little from day
+to day. Source: judgement.
 """
 
 AGREE = 4.0
-"""Curves of several logs agree if their squared distance is below this per weight, in their
-variances.
+"""RMS deviation of a log's weights from those of all logs, in the log's own standard deviations,
+above which the curves do not agree. Source: judgement.
 """
 
 
 def curves(problem: Problem, z: Floats) -> dict[str, object]:
-    """Return path → value of the position sensors' curves and of the linearity that is left, at the
-    end z of a fit, (n,).
+    """Return path → value of the position sensors' curves and remaining linearities, at the end z
+    of a fit, (n,).
 
-    The filter estimates each sensor's deviation as Σ w_j cos(π j ξ) over its travel. What it knows
-    of w at the end of each log with truth is joined: Λ = Λ₀ + Σ (Λ_i − Λ₀), w = Λ⁻¹ (Λ₀ w₀ + Σ (Λ_i
-    w_i − Λ₀ w₀)), Λ = P⁻¹.
+    The filter estimates each sensor's deviation as Σ w_j cos(π j ξ) over its travel. The estimates
+    of w at the ends of the logs of known angle are joined: Λ = Λ₀ + Σ (Λ_i − Λ₀), w = Λ⁻¹ (Λ₀ w₀ +
+    Σ (Λ_i w_i − Λ₀ w₀)), Λ = P⁻¹.
 
     Raises:
-        FitError: no sensor has a linearity, no log a truth, or the logs' curves differ: it was not
-            the same sensor.
+        FitError: no position sensor has a linearity, no log has a known angle, or the curves of the
+            logs differ, so that the sensor was not the same.
     """
     joints = problem.filter.rig.joint_names
     with_truth = [
@@ -60,8 +60,8 @@ def curves(problem: Problem, z: Floats) -> dict[str, object]:
 def _of_sensor(
     problem: Problem, sensor: Sensor, ends: Sequence[tuple[str, Floats, Floats]]
 ) -> dict[str, object]:
-    """Return the curve and what is left of the linearity of one sensor, from names, means and
-    covariances of logs' ends.
+    """Return a sensor's curve and its remaining linearity, from the name of each log and the mean
+    and the covariance of the states at its end.
     """
     estimator = problem.filter.estimator
     states = zip(estimator.state_kinds, estimator.state_parts)
@@ -82,7 +82,7 @@ def _of_sensor(
     weights = np.linalg.solve(precision, weighted)
     for source, means, covariances in ends if len(ends) > 1 else ():
         away = means[at] - weights
-        # what a log knows no better than the prior says nothing of whether it agrees
+        # weights that a log does not show have the prior's covariance, and agree
         distance = float(away @ np.linalg.solve(covariances[block] + 1e-18 * np.eye(len(at)), away))
         if distance > AGREE**2 * len(at):
             raise FitError(

@@ -1,5 +1,5 @@
-"""What logs tell: standard errors, what they leave to the priors, and what they tell only
-together.
+"""Standard errors of a fit: which parameters the logs identify, and which of them only together
+with others.
 """
 
 from __future__ import annotations
@@ -16,38 +16,50 @@ from distal.fitting.likelihood_search import hessian
 from distal.fitting.problem import Problem
 
 IDENTIFIED = 0.9
-"""A number is told by the logs if its standard error is below this share of its prior's std."""
+"""Ratio of a parameter's standard error to its prior's std, below which the logs identify it.
+Source: judgement.
+"""
 
 VAGUE = 0.5
-"""What stands for the prior's std of a number without one, as a share of its value."""
+"""Share of a parameter's value that stands for the std of its prior where it has none. Source:
+judgement.
+"""
 
 CONFOUNDED = 0.5
+"""Ratio of a parameter's standard error to its prior's std, above which the logs may identify it
+only together with others. Source: judgement.
+"""
+
 SEEN_ALONE = 0.2
-"""A number is told only together with others if its error is above the first share of its prior's
-std, and would be below the second share of that if they were known.
+"""Ratio of a parameter's standard error if all others were known to its standard error, below which
+the logs identify it together with others. Source: judgement.
 """
 
 WEAK = 0.5
-"""A combination of which the logs tell less than this share of what the priors do is said."""
+"""Ratio of the logs' information on a combination to the priors', below which the combination is
+reported. Source: judgement.
+"""
 
 PART = 0.3
-"""A number belongs to a combination if its share in it is at least this."""
+"""Least share of a parameter in a combination, from which on it belongs to it. Source:
+judgement.
+"""
 
 SUMMANDS = {"constant", "load", "preload"}
-"""Parts of one friction limit, which add up."""
+"""Names of the parameters that add up to one friction limit."""
 
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """How well a fit is known.
+    """The uncertainty of a fit.
 
     Args:
-        covariance: of the coordinates' errors, (n, n): H⁻¹ (J + P) H⁻¹ with H = I + P, I Fisher's
-            information, P the prior's and J the long-run covariance of the scores, but no less than
-            H⁻¹; what is `Free.coarse` added.
-        determined: whether the logs say more of each coordinate than its prior, (n,).
-        together: whether the logs say something of it, but only together with others, (n,).
-        combinations: plain lines on combinations that the logs do not tell.
+        covariance: covariance of the coordinates' errors, (n, n): H⁻¹ (J + P) H⁻¹ with H = I + P, I
+            Fisher's information, P the prior's and J the long-run covariance of the scores, but no
+            less than H⁻¹; the variances of `Free.coarse` are added.
+        determined: whether the logs identify each coordinate, (n,).
+        together: whether the logs identify it only together with others, (n,).
+        combinations: sentences on combinations that the logs do not identify.
     """
 
     covariance: Floats
@@ -68,13 +80,13 @@ class Uncertainty:
         return correlations
 
     def errors_holding(self, held: Bools) -> Floats:
-        """Return standard errors where the `held` coordinates are taken as known, 0 for those,
-        (n,).
+        """Return the standard errors if the `held` coordinates are taken as known, (n,); 0 for
+        those.
         """
         errors = np.zeros(len(held))
         free = ~held
         across = self.covariance[np.ix_(free, held)]
-        # some may go with others exactly: then their covariance has no inverse
+        # errors may be exactly correlated: then the covariance has no inverse
         of_held = np.linalg.pinv(self.covariance[np.ix_(held, held)], hermitian=True)
         left = np.diag(self.covariance)[free] - np.diag(across @ of_held @ across.T)
         errors[free] = np.sqrt(np.maximum(left, 0.0))
@@ -82,7 +94,9 @@ class Uncertainty:
 
 
 def uncertainty_at(problem: Problem, derivatives: Derivatives, z: Floats) -> Uncertainty:
-    """Return standard errors and what stays unknown at the end z of a fit, (n,)."""
+    """Return the standard errors at the end z of a fit, (n,), and which coordinates the logs
+    identify.
+    """
     limit = problem.prior_stds
     inverse = np.linalg.pinv(hessian(problem, derivatives), hermitian=True)
     # few spans of time tell too small a variance (MacKinnon and White, J. Econometrics 29, 1985)
@@ -96,14 +110,14 @@ def uncertainty_at(problem: Problem, derivatives: Derivatives, z: Floats) -> Unc
         for (part, _), c in zip(problem.parts, z)
     ]
     covariance += np.diag(np.square(coarse))
-    # what is known after a log is no less than what was known before it
+    # no error is larger than the prior's std
     shrink = np.minimum(1.0, limit / np.maximum(np.sqrt(np.diag(covariance)), 1e-300))
     covariance *= np.outer(shrink, shrink)
     yardstick = yardsticks(problem, z)
     share = np.where(np.isfinite(limit), IDENTIFIED, 1.0)
     errors = np.sqrt(np.diag(covariance))
     precision = np.diag(np.linalg.pinv(covariance, hermitian=True))
-    # to know the others takes nothing off
+    # a standard error with all others known is no larger
     alone = np.minimum(errors, 1.0 / np.sqrt(np.maximum(precision, 1e-300)))
     together = (errors > CONFOUNDED * yardstick) & (alone < SEEN_ALONE * errors)
     determined = (errors < share * yardstick) & ~together
@@ -111,8 +125,8 @@ def uncertainty_at(problem: Problem, derivatives: Derivatives, z: Floats) -> Unc
 
 
 def yardsticks(problem: Problem, z: Floats) -> Floats:
-    """Return by what errors at z are judged: the std of each coordinate's prior, or a share of its
-    value, (n,).
+    """Return what the errors at z are compared with, (n,): the std of each coordinate's prior, or
+    `VAGUE` of its value where it has none.
     """
     vague = [
         VAGUE * abs(part.value(c)) / max(part.slope(c), 1e-300)
@@ -122,8 +136,8 @@ def yardsticks(problem: Problem, z: Floats) -> Floats:
 
 
 def _combinations(problem: Problem, derivatives: Derivatives, z: Floats) -> tuple[str, ...]:
-    """Return lines on directions that the logs say less of than the priors, each over two numbers
-    or more.
+    """Return sentences on combinations of two parameters or more on which the logs have less
+    information than the priors.
     """
     parameters = [k for k, (part, _) in enumerate(problem.parts) if not part.noise]
     if len(parameters) < 2:
@@ -137,7 +151,7 @@ def _combinations(problem: Problem, derivatives: Derivatives, z: Floats) -> tupl
     lines = []
     groups: list[
         tuple[set[int], list[int]]
-    ] = []  # numbers that weak directions have in common, and which directions
+    ] = []  # parameters that weak directions have in common, and which directions
     for k, direction in enumerate(weak):
         members = set(np.flatnonzero(np.abs(direction) >= PART).tolist())
         of = [k]
@@ -159,11 +173,12 @@ REMEDY = "turn the joint further, or vary the load"
 
 
 def _line(parts: Sequence[Free], z: Sequence[float], direction: Floats, count: int = 1) -> str:
-    """Return "only the product of a and b", by the signs of the relative changes that no log tells
-    apart.
+    """Return a sentence on parameters of which the logs identify a combination only, such as "only
+    the product of a and b".
 
-    So many directions (`count`) are not identified: with as many as there are numbers, none of
-    these is.
+    The signs of `direction`, the change that no log shows, say whether it is a product, a ratio or
+    a sum. `count` is the number of such directions: with as many as parameters, none of these is
+    identified.
     """
     # a parameter of which each log has its own is one name
     *names, last = dict.fromkeys(part.name for part in parts)

@@ -1,7 +1,8 @@
-"""Logs in which something touches the joints: what they say of the rig in free motion is wrong.
+"""Logs in which something touches the joints, so that they say nothing true of the rig in free
+motion.
 
-They are found by the angle itself: the straight line that the other logs teach errs far more on
-them than on each other, since the same positions go with other angles.
+They are found by the angle itself: least squares from the other logs err far more on them than on
+each other, since the same positions of the drives go with other angles.
 """
 
 from __future__ import annotations
@@ -17,26 +18,32 @@ from distal.regression import yardstick_error
 from distal.rig import Rig
 
 FAR = 2.5
-"""A log on which the line of the others errs by so many times the median is not like them [1]:
-docs/results/touch.md.
+"""Ratio of a log's error to the median error of the other logs, above which the log is unlike them
+[1]. Source: benchmark (docs/results/touch.md).
 """
 
 SPOILT = 1.5
-"""The line of the others errs by so many times as much with logs that are touched [1]: as above."""
+"""Ratio of the errors on the other logs with and without such logs in the training, above which
+these count as touched [1]. Source: benchmark (docs/results/touch.md).
+"""
 
 FEWEST = 3
-"""So many logs in free motion are needed to say that others are not [1]."""
+"""Least number of logs in free motion that are needed to say that others are not [1]. Source:
+judgement.
+"""
 
 YARDSTICK = "least squares with lags"
+"""Name of the yardstick, see `YARDSTICKS`, whose errors are compared."""
 
 
 def touched_logs(logs: Sequence[Log], rig: Rig) -> list[int]:
     """Return the indices of the logs in which something seems to touch the joints.
 
-    The logs with the largest errors on the line of the others are set aside, never more than half.
-    They count as touched where the line of the rest errs `FAR` more on them than on itself, and
-    where they spoil it: with them it errs `SPOILT` times as much on the rest. A log of fast motions
-    is far, but spoils nothing.
+    The log on which least squares from the others err most is set aside, again and again, until
+    half of the logs are left, or `FEWEST`. Logs that were set aside count as touched where two
+    things hold. Least squares from the rest err `FAR` times as much on them as on the rest. Least
+    squares from the rest and them together err `SPOILT` times as much on the rest. A log of fast
+    motions is far off too, but spoils nothing.
     """
     joints = rig.joint_names
     with_angles = [i for i, log in enumerate(logs) if true_angles(log, joints) is not None]

@@ -1,4 +1,4 @@
-"""Hands that people own: their power-on calibration, and live angles from their own SDKs."""
+"""Robot hands with their own SDKs: power-on calibration, joint angles and goals, live."""
 
 from distal.hands.calibrate import Calibrated, calibrate
 from distal.hands.findings import Fault, FaultKind

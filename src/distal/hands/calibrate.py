@@ -1,5 +1,5 @@
-"""`calibrate`: a hand's numbers from its power-on routine alone, with the ranges of its joints as
-the reference.
+"""`calibrate`: the parameters of a hand from its power-on routine alone; the reference angles are
+the ends of the joints' ranges.
 """
 
 from __future__ import annotations
@@ -29,13 +29,20 @@ from distal.regression import servos_of
 from distal.rig import Rig, as_rig, independent_parts
 
 BRIDGED = 0.1
-"""Readings that are lost for longer are not put back [s]."""
+"""Longest gap in the readings of a channel that is filled by interpolation [s]. Source: judgement.
+"""
 
 
 @dataclass(frozen=True)
 class Calibrated:
-    """A hand after its power-on routine: its rig, what of it was found by path → value, faults, and
-    what was not found.
+    """A hand after its power-on routine.
+
+    Args:
+        rig: the calibrated rig.
+        start: the rig before.
+        values: path by names → value, for all that was found.
+        faults: of the tendons and motors.
+        notes: what was not found, and why.
     """
 
     rig: Rig
@@ -45,8 +52,11 @@ class Calibrated:
     notes: tuple[str, ...]
 
     def text(self, source: str, text: str | None = None) -> str:
-        """Return the rig file, with what it was calibrated by at its head; its comments are those
-        of the `text` it was.
+        """Return the text of the rig file.
+
+        Args:
+            source: what the rig was calibrated by; the head of the file names it.
+            text: the rig file as it was, whose comments are kept; None has none.
         """
         return fitted_text(
             self.rig,
@@ -60,7 +70,7 @@ class Calibrated:
         """Write the rig file.
 
         Raises:
-            OutputError: it cannot be written; what stood there is unchanged.
+            OutputError: the file cannot be written; what stood there is unchanged.
         """
         write_whole(Path(path), self.text("of the hand itself"))
 
@@ -71,21 +81,24 @@ def calibrate(
     workers: int = 2,
     stopped: Mapping[str, str] | None = None,
 ) -> Calibrated:
-    """Return a hand's rig with lengths, play or tension, friction and stiffness as its power-on
-    routine tells them.
+    """Return a hand with its zeros, spools, slack or pre-tension, friction and stiffness as its
+    power-on routine shows them.
 
     In the log each motor goes slowly to both ends of its travel and back, at least three times,
     with its angle and its torque. The ends of the joints' ranges are the reference; the rig says
-    how well they are known (`stops_std`). Parts that share nothing are calibrated apart, side by
-    side. Readings that are lost for up to `BRIDGED` are put back by interpolation.
+    how well they are known (`stops_std`). Independent subsystems are calibrated separately, side by
+    side. Gaps in the readings of up to `BRIDGED` are filled by interpolation.
 
     Args:
-        workers: threads.
-        stopped: motors whose routine ended before its end, and why: they are not calibrated.
+        log: of the power-on routine, or its file.
+        rig: of the hand, or its name or path.
+        workers: number of threads.
+        stopped: motor whose routine ended too early → why; these motors are not calibrated.
 
     Raises:
         LogError: the log cannot be read, or no motor sweeps in it.
-        FitError: no rig with these motors moves as the log does.
+        FitError: the rig has sliders, a unit in the log is wrong, or no rig with these motors moves
+            as the log does.
     """
     rig = as_rig(rig).bare()
     sliders = [drive.name for drive in rig.drives if drive.kind != "capstan"]
@@ -117,7 +130,7 @@ def calibrate(
                 "not calibrated, as it has a fault: "
                 f"{', '.join(joint.name for joint in part.rig.joints)}"
             )
-    # around all threads: what is ignored is one thing of the whole process
+    # filters of warnings hold for the whole process, so they are set once around all threads
     with warnings.catch_warnings(), ThreadPoolExecutor(workers) as pool:
         warnings.simplefilter("ignore", DistalWarning)
         for found in pool.map(lambda part: part_values(log, part, sweeps), sound):
@@ -141,7 +154,7 @@ def calibrate(
 
 
 def _bridged(log: Log) -> Log:
-    """Return the log with short gaps of its channels filled on straight lines."""
+    """Return the log with short gaps of its channels filled by linear interpolation."""
     channels = {}
     for name, values in log.channels.items():
         known = np.flatnonzero(np.isfinite(values))
@@ -160,7 +173,7 @@ def _bridged(log: Log) -> Log:
 def _sweeps(
     log: Log, rig: Rig, stopped: Mapping[str, str]
 ) -> tuple[dict[str, tuple[Sweep, ...]], dict[str, str]]:
-    """Return the sweeps of all motors, and those that have none, with why.
+    """Return the sweeps of each motor, and the motors that have none, each with the reason.
 
     Raises:
         LogError: no motor sweeps from end to end.

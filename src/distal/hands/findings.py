@@ -1,4 +1,4 @@
-"""What a power-on routine says of tendons and spools that are not as they should be."""
+"""Faults of tendons and spools that a power-on routine shows."""
 
 from __future__ import annotations
 
@@ -17,33 +17,54 @@ from distal.rig import Capstan, Rig, Slider
 FaultKind = Literal["side", "slack", "broken", "slipped", "travel", "stopped"]
 
 JAMMED = 0.55
-"""A joint is jammed where its motor turns less than this share of what its range needs."""
+"""Share of the travel that a joint's range needs, below which the motor's joint counts as blocked
+[1]. Source: judgement.
+"""
 
 LOOSE = 14.5
+"""Play at the joint, by the fit and by the travel, from which on a pair of tendons is slack [deg].
+Source: judgement.
+"""
+
 TRAVELS = 22.0
-"""A pair is slack with more play than the first at the joint, by the fit and by its travel, or
-with more than the second by its travel alone, which radii and ranges make unsure [deg]."""
+"""Play at the joint, by the travel alone, from which on a pair of tendons is slack [deg]; unsure
+radii and ranges change the travel too. Source: judgement.
+"""
 
 SLIPPED = 4.0
-"""A spool slipped where the end of the travel moved by this at the joint between sweeps [deg]."""
+"""Motion of the end of the travel between sweeps, at the joint, from which on a spool slipped
+[deg]. Source: judgement.
+"""
 
 UNLIKE = 4.0
-"""A spool's radius that is found further from the rig's than so many stds of both is another one.
+"""Difference between a spool's radius that was found and the rig's, in stds of both, from which on
+it is another radius [1]. Source: judgement.
 """
 
 TURNS_MOST = 5.0
-"""No hand's motors all turn so many times as far as their joints' ranges ask for."""
+"""Travel of all motors, in multiples of what their joints' ranges need, from which on a unit is
+wrong [1]. Source: judgement.
+"""
 
 LEAST_PULL = 5e-4
+"""Least torque that is plausible as the largest one of a moving hand [N m]. Source: judgement."""
+
 MOST_PULL = 5.0
-"""Between these is the largest torque that moves a motor of a hand [N m]."""
+"""Largest torque that is plausible as the largest one of a moving hand [N m]. Source: judgement."""
 
 FREE = "turns freely both ways: its spool slips on its shaft, or all its tendons are off"
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault of a motor's tendons: its kind, the number that says so, and a line for people."""
+    """One fault of a motor or of its tendons.
+
+    Args:
+        kind: of the fault.
+        drive: name of the motor.
+        size: of the fault, in a unit that its kind has.
+        sentence: the fault in words.
+    """
 
     kind: FaultKind
     drive: str
@@ -52,7 +73,9 @@ class Fault:
 
 
 def faults_of(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Fault, ...]:
-    """Return the faults of a motor's tendons by its sweeps: at most one, the most certain."""
+    """Return the fault of a motor's tendons that its sweeps show, or none: the most certain where
+    there are several.
+    """
     motor = next(part for part in rig.drives if part.name == drive)
     assert isinstance(motor, Capstan)
     tendons = [tendon for tendon in rig.tendons if tendon.drive == drive]
@@ -121,8 +144,11 @@ def faults_of(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Fault, ...
 
 
 def check_units(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]], source: str) -> None:
-    """Raise a `FitError` where all motors turn, or pull, so much more or less than a hand's can
-    that a unit is wrong.
+    """Check that the motors turn, and pull, as far as a hand's can.
+
+    Raises:
+        FitError: all motors turn, or pull, so much more or less that a unit is wrong; or none has a
+            sweep.
     """
     turned = list[float]()
     pulls = list[float]()
@@ -136,6 +162,10 @@ def check_units(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]], source: str) ->
         contacts_of = [sweep.contact for sweep in sweeps[drive.name]]
         turned.append((max(contacts_of) - min(contacts_of)) * drive.radius.value / need)
         pulls.append(max(abs(sweep.level) for sweep in sweeps[drive.name]))
+    if not turned:
+        raise FitError(
+            f"{source}: no motor has a sweep that came to its end; run the routine again"
+        )
     if min(turned) > TURNS_MOST:
         size = (
             f"all motors turn {min(turned):.0f} times as far as their joints' ranges ask for, "
@@ -150,8 +180,8 @@ def check_units(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]], source: str) ->
 
 
 def longer(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> float:
-    """Return by how much further a motor with a pair of tendons turns between its contacts than its
-    joint's range and the rig's radii ask for, at the joint [deg].
+    """Return how much further a motor with a pair of tendons turns between its contacts than its
+    joint's range and the rig's radii need, at the joint [deg].
     """
     motor = next(part for part in rig.drives if part.name == drive)
     (name, arm), *_ = next(t for t in rig.tendons if t.drive == drive).arms().items()
@@ -164,8 +194,10 @@ def longer(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> float:
 
 
 def slack_of(found: Rig, rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tuple[Fault, ...]:
-    """Return the pairs of tendons that are slack, by what a calibration found and by their travel:
-    with the rig's radii, unless these are clearly others.
+    """Return the pairs of tendons that are slack, by the calibrated rig `found` and by their
+    travel.
+
+    The travel is judged with the radii of the `rig`, or of `found` where these are clearly others.
     """
     faults = []
     for before, after in zip(rig.drives, found.drives):
@@ -187,7 +219,7 @@ def slack_of(found: Rig, rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tup
 
 
 def _unlike(before: Capstan | Slider, after: Capstan | Slider) -> bool:
-    """Return whether a spool's radius was found clearly apart from the rig's."""
+    """Return whether the radius of a spool that was found is clearly not the rig's."""
     if not isinstance(before, Capstan) or not isinstance(after, Capstan):
         return False
     unsure = hypot(before.radius.total_std, after.radius.total_std)
@@ -195,7 +227,7 @@ def _unlike(before: Capstan | Slider, after: Capstan | Slider) -> bool:
 
 
 def motor_travel_of(found: Rig, rig: Rig, drives: Sequence[str]) -> tuple[Fault, ...]:
-    """Return the motors whose travel asks for another radius of their spools than the rig has."""
+    """Return the motors whose travel needs spools of a radius that is clearly not the rig's."""
     faults = []
     for before, after in zip(rig.drives, found.drives):
         if before.name not in drives or not isinstance(before, Capstan):
@@ -218,7 +250,7 @@ def motor_travel_of(found: Rig, rig: Rig, drives: Sequence[str]) -> tuple[Fault,
 
 
 def stopped_of(rig: Rig, stopped: Mapping[str, str]) -> tuple[Fault, ...]:
-    """Return the motors whose routine ended before its end, with why."""
+    """Return the faults of the motors whose routine ended too early, with the reasons."""
     return tuple(
         Fault("stopped", name, 1.0, f"{name}: its routine ended before its end: {why}")
         for name, why in stopped.items()

@@ -1,4 +1,6 @@
-"""`Hand`: joint angles of a hand that has no sensors in its joints, through its own SDK."""
+"""`Hand`: joint angles of a hand without sensors in its joints, and goals for its motors, through
+its own SDK.
+"""
 
 from __future__ import annotations
 
@@ -25,27 +27,33 @@ from distal.run.log_units import HOTTEST
 from distal.suggestions import did_you_mean
 
 HOT = 65.0
-"""A motor above this is hot [°C]."""
+"""Temperature above which a motor is hot [°C]. Source: judgement."""
 
 KNOWN_ZERO = radians(10.0)
-"""No desired angle is sent to a motor whose zero is less well known than this at its joint
-[rad].
+"""Largest std of the zero of a motor, at its joint, with which goals are sent to it [rad]. Source:
+judgement.
 """
 
 NOISES = 3.0
-"""A motor's torque is limited to what it holds and so many standard deviations of its noise."""
+"""Margin of a motor's torque limit above the torque that it holds, in stds of the torque's noise
+[1]. Source: judgement.
+"""
 
 LOOKS = 1.0
-"""Temperatures are read so often [s]."""
+"""Time between two readings of the temperatures [s]. Source: judgement."""
 
 
 @dataclass(frozen=True)
 class HandHealth:
-    """How a hand is: the word and detail of the last reading, motors that do not answer, motors
-    that are hot [°C].
+    """State of a hand at its last reading.
 
-    The `lost` reads are those that the SDK failed at, since the beginning; `held_back` is what
-    motors are not sent, and why.
+    Args:
+        word: health of the reading.
+        detail: of that word; may be empty.
+        silent: motors that do not answer.
+        hot: motor → temperature, of the hot ones [°C].
+        lost: number of reads at which the SDK failed, since the beginning.
+        held_back: goals that are not sent, and why; may be empty.
     """
 
     word: str
@@ -57,7 +65,7 @@ class HandHealth:
 
     @property
     def sentence(self) -> str:
-        """All of it in a line."""
+        """The whole state of the hand in a line."""
         meaning = HEALTH.get(self.word, "")  # type: ignore[call-overload]
         parts = [f"{self.word}: {self.detail or meaning}"]
         parts += [f"no answer from {', '.join(self.silent)}"] if self.silent else []
@@ -82,10 +90,11 @@ class Hand:
         print(hand.get_joint_positions(), hand.health().sentence)
     ```
 
-    `update` never fails at a lost packet or a motor that restarts: what is missing is bridged, and
-    `health` says so. Every goal passes a `GoalGate`: motors whose readings are lost for 0.1 s
-    stand, and after a second do what the rig's `when_lost` says. Where no goal arrives either,
-    nothing here can stop a motor: set the watchdog of its servo, where it has one.
+    `update` does not fail at a lost packet or at a motor that restarts: the filter goes on without
+    the missing readings, and `health` says so. Every goal passes a `GoalGate`: motors whose
+    readings are lost for 0.1 s stop, and after a second do what the rig's `when_lost` says. Where
+    no goal arrives either, no software here can stop a motor: set the watchdog of its servo, if it
+    has one.
 
     Args:
         hand: of one of these SDKs, or an object with `read`, `temperatures` and `write`: see
@@ -94,7 +103,7 @@ class Hand:
         compensated: whether torque constants follow the motors' temperatures.
 
     Raises:
-        EstimationError: it is no such hand, or its motors are not the rig's.
+        EstimationError: the hand is of no known kind, or its motors are not the rig's.
         RigError: the rig is unknown or wrong.
     """
 
@@ -123,12 +132,12 @@ class Hand:
 
     @property
     def rig(self) -> Rig:
-        """The description."""
+        """Description of the hand, after `power_on` the calibrated one."""
         return self._rig
 
     def update(self, time: float | None = None) -> Reading:
-        """Read the motors once, estimate, send what `set_joint_positions` wants, and return the
-        reading (SI).
+        """Read the motors once, estimate, send goals for the angles of `set_joint_positions`, and
+        return the reading (SI).
 
         Args:
             time: stamp of what is read [s]; None takes the clock.
@@ -161,7 +170,7 @@ class Hand:
         return self._reading
 
     def _sample(self, time: float) -> tuple[Floats, str]:
-        """Return a sample in SI, and what the SDK failed at, in words."""
+        """Return a sample in SI, and in words why it is incomplete; empty where it is not."""
         problem = ""
         values = dict[str, float]()
         # the clock may have been set back, or be another one
@@ -199,7 +208,7 @@ class Hand:
         return sample, problem
 
     def _look(self, time: float) -> None:
-        """Read the motors' temperatures; what is none is left out."""
+        """Read the motors' temperatures; a value that is no temperature is left out."""
         self._looked = time
         drives = self._rig.drive_names
         try:
@@ -216,13 +225,13 @@ class Hand:
             self._lost += 1
 
     def get_joint_positions(self) -> dict[str, float]:
-        """Return joint → angle [deg] of the last `update`; NaN before the first, and where there
+        """Return joint → angle [deg] at the last `update`; NaN before the first, and where there
         was no estimate.
         """
         return self._degrees(None if self._reading is None else self._reading.angles)
 
     def get_joint_stds(self) -> dict[str, float]:
-        """Return joint → standard deviation of its angle's error [deg]."""
+        """Return joint → standard deviation of its angle [deg] at the last `update`."""
         return self._degrees(None if self._reading is None else self._reading.angle_stds)
 
     def _degrees(self, values: tuple[float, ...] | None) -> dict[str, float]:
@@ -236,7 +245,7 @@ class Hand:
         return {name: value for name, value in self._temperatures.items() if value > HOT}
 
     def health(self) -> HandHealth:
-        """Return how the hand is, by the last `update`."""
+        """Return the state of the hand at the last `update`."""
         word, detail = (
             ("untested", "not updated yet")
             if self._reading is None
@@ -245,15 +254,18 @@ class Hand:
         return HandHealth(word, detail, self._silent, self._hot, self._lost, self._held_back)
 
     def set_joint_positions(self, positions: Mapping[str, float]) -> None:
-        """Want these angles [deg]: each `update` sends the motors there, through play, stretch and
-        friction.
+        """Set desired angles: each `update` then sends goals that bring the joints there, with
+        backlash, stretch and friction compensated.
 
-        Joints that are left out stay where they are desired, or are; those that follow others are
-        not desired by themselves.
+        Joints that are left out keep their desired angles, or else the angles that they have. A
+        joint that follows another one cannot have a desired angle.
+
+        Args:
+            positions: joint → desired angle [deg].
 
         Raises:
             CommandError: a name is unknown, an angle is no number or beyond the joint's range, or
-                where the hand is is not known.
+                the angles or a motor's zero are not known yet.
         """
         if self._reading is None or not all(map(isfinite, self._reading.angles)):
             raise CommandError(
@@ -294,7 +306,7 @@ class Hand:
             self._inverse.estimator.reset(self._reading.angles, max(self._reading.angle_stds))
 
     def relax(self) -> None:
-        """Want no angles any more: `update` sends nothing."""
+        """Drop all desired angles: `update` then sends no goals."""
         self._inverse = None
         self._desired = {}
         self._gate.release()
@@ -348,24 +360,24 @@ class Hand:
         sleep: Callable[[float], None] = clock.sleep,
         now: Callable[[], float] = clock.monotonic,
     ) -> Calibrated:
-        """Move each motor slowly to both ends and back, calibrate, and go on with the rig that was
-        found.
+        """Move each motor slowly to both ends and back, calibrate, and go on with the calibrated
+        rig.
 
         Args:
             options: order, limits, speed; see `RoutineOptions`.
             period: of goals and readings [s].
-            show: called with what moves now, in words.
-            record: where to write what was read, as a log for `distal calibrate`; also where the
-                routine is aborted.
-            sleep: waits [s]; with `now`, for hands that are simulated.
-            now: the clock [s].
+            show: called with the names of the motors that move, each time they change.
+            record: file for what was read, as a log for `distal calibrate`; it is written if the
+                routine is aborted too.
+            sleep: function that waits [s]; with `now`, for hands that are simulated.
+            now: function that returns the time [s].
 
         Raises:
-            CommandError: the routine was aborted, or no motor came to its end; says why. The motors
-                stay where they are.
-            FitError: no such rig moves as the hand does.
-            OutputError: the record cannot be written, before anything moves. Where that fails
-                afterwards, it is in the notes of what is returned.
+            CommandError: the routine was aborted, or no motor came to its end; the message says
+                why. The motors stay where they are.
+            FitError: no rig with these motors moves as the hand does.
+            OutputError: the record cannot be written; this is checked before a motor moves. If
+                writing fails afterwards, the notes of what is returned say so.
         """
         if record is not None:
             check_writable(Path(record))
@@ -409,8 +421,8 @@ class Hand:
         return replace(found, notes=(*found.notes, problem)) if problem else found
 
     def _recorded(self, routine: Routine, record: str | Path | None) -> str:
-        """Write what a routine read; return what went wrong, which is no reason to lose what it
-        found.
+        """Write what a routine read, and return what went wrong, in words: a failure here does not
+        end a calibration.
         """
         if record is None or not any(map(isfinite, routine.goals.values())):
             return ""
@@ -421,8 +433,8 @@ class Hand:
         return ""
 
     def _use(self, rig: Rig, units: LogUnits) -> None:
-        """Go on with another description of the same hand, its motors in the turns in which they
-        are.
+        """Go on with another description of the same hand; the motors stay in the turns in which
+        they are.
         """
         self._rig = rig
         self._live = LiveEstimator(rig, compiled=self._compiled)

@@ -1,6 +1,4 @@
-"""The motors of a hand as its own SDK gives them: readings, temperatures, goals. `distal` imports
-no SDK.
-"""
+"""Motors of a hand through its own SDK: readings, temperatures, goals. `distal` imports no SDK."""
 
 from __future__ import annotations
 
@@ -14,22 +12,24 @@ from distal.rig import Rig, log_factor
 
 @runtime_checkable
 class Motors(Protocol):
-    """What a `Hand` needs of any other hand: write these three methods for it."""
+    """Interface of the motors to a `Hand`: for a hand of another kind, write an object with these
+    three methods.
+    """
 
     def read(self) -> Mapping[str, float]:
-        """Return column of the rig → what is read, in the unit of the log; a motor that does not
-        answer is left out.
+        """Return column of the rig → reading, in the unit of the log; columns of a motor that does
+        not answer are left out.
         """
 
     def temperatures(self) -> Mapping[str, float]:
-        """Return motor → temperature [°C]; none where nothing measures it."""
+        """Return motor → temperature [°C]; motors without a measured one are left out."""
 
     def write(self, goals: Mapping[str, float]) -> None:
         """Send goals: motor → angle, in the unit in which its position is read."""
 
 
 class Numbered(Protocol):
-    """The part of an ORCA hand's configuration that is used."""
+    """Part of an ORCA hand's configuration that is used here."""
 
     motor_ids: Sequence[int]
     max_current: float
@@ -37,15 +37,17 @@ class Numbered(Protocol):
 
 @runtime_checkable
 class TorqueLimited(Protocol):
-    """What `Motors` may have too, where the servos have a limit of their own."""
+    """Interface of motors whose servos can limit their own torques; `Motors` may have it too."""
 
     def limit_torques(self, limits: Mapping[str, float]) -> None:
-        """Let these motors pull no more than that [N m], and all others what they usually may."""
+        """Limit the torques of these motors [N m], and of all others to their usual limits."""
 
 
 @runtime_checkable
 class OrcaLike(Protocol):
-    """What is used of `orca_core.OrcaHand` (0.4 on): motors by number, radians, milliamperes."""
+    """Part of `orca_core.OrcaHand` (0.4 on) that is used here: motors by number, radians,
+    milliamperes.
+    """
 
     config: Numbered
 
@@ -67,7 +69,9 @@ class OrcaLike(Protocol):
 
 @runtime_checkable
 class AeroLike(Protocol):
-    """What is used of `aero_open_sdk.AeroHand`: actuations in degrees, milliamperes."""
+    """Part of `aero_open_sdk.AeroHand` that is used here: actuations in degrees, currents in
+    milliamperes.
+    """
 
     def get_actuations(self) -> Sequence[float]:
         """Return the motors' angles [deg]."""
@@ -91,7 +95,7 @@ ORCA_METHODS = (
 )
 
 LEAST_ORCA = "0.4.0"
-"""The first release of orca_core with all of them."""
+"""First release of orca_core that has all `ORCA_METHODS`."""
 
 
 class OrcaMotors:
@@ -104,19 +108,21 @@ class OrcaMotors:
         self._torque_of = {s.of: abs(log_factor(s)) for s in rig.sensors_of("force")}
 
     def read(self) -> dict[str, float]:
-        """Return positions [rad] and currents [mA]; a read that failed gives none."""
+        """Return positions [rad] and currents [mA] by column; none where a read failed."""
         positions = list(self._hand.get_motor_pos())
         answered = self._answered()
         currents = list(self._hand.get_motor_current())
         return _columns(self._names, positions, currents) if answered and self._answered() else {}
 
     def _answered(self) -> bool:
-        """Return whether the last read was one: the SDK returns old values where it failed."""
+        """Return whether the last read succeeded: where it failed, the SDK returns old values."""
         parts = (self._hand, getattr(self._hand, "motor_client", None))
         return all(getattr(part, "last_read_ok", True) for part in parts)
 
     def limit_torques(self, limits: Mapping[str, float]) -> None:
-        """Limit the currents of motors by torques [N m]; of the others to what the SDK has."""
+        """Limit the currents of motors to their torques [N m], and of all others to the SDK's
+        maximum.
+        """
         most = float(self._hand.config.max_current)
         currents = [
             limits.get(name, inf) / self._torque_of.get(name, 1e-300) for name in self._names
@@ -128,7 +134,7 @@ class OrcaMotors:
         return _named(self._names, self._hand.get_motor_temp())
 
     def write(self, goals: Mapping[str, float]) -> None:
-        """Send angles [rad]."""
+        """Send goals: motor → angle [rad]."""
         sent = [
             (number, goals[name]) for number, name in zip(self._ids, self._names) if name in goals
         ]
@@ -145,7 +151,7 @@ class AeroMotors:
         self._sent = dict[str, float]()
 
     def read(self) -> dict[str, float]:
-        """Return actuations [deg] and currents [mA]."""
+        """Return actuations [deg] and currents [mA] by column."""
         found = _columns(
             self._names, self._hand.get_actuations(), self._hand.get_actuator_currents()
         )
@@ -159,11 +165,12 @@ class AeroMotors:
         return _named(self._names, self._hand.get_actuator_temperatures())
 
     def write(self, goals: Mapping[str, float]) -> None:
-        """Send actuations [deg]; a motor without a goal keeps the one that it was sent last.
+        """Send actuations [deg]; a motor without a goal keeps the goal that it was sent last.
 
-        The SDK sends all motors at once. One that was never sent a goal is sent where it was read
-        last; while one has neither, nothing is sent. Where a motor is read is not sent again and
-        again: it gives way under its load, and would sink a little each time.
+        The SDK sends the goals of all motors at once. A motor that was never sent a goal is sent
+        the angle that it was read at last, once; while there is a motor with neither, nothing is
+        sent. The reading is not sent anew each time, since a motor gives way under its load and
+        would sink a little each time.
         """
         for name in self._names:
             goal = goals.get(name, nan)
@@ -176,10 +183,10 @@ class AeroMotors:
 
 
 def motors_of(hand: object, rig: Rig) -> Motors:
-    """Return the motors of a hand by what it can do.
+    """Return the motors of a hand, whose kind is known by its methods.
 
     Raises:
-        EstimationError: it is no hand that is known, of a version that is too old, or not the
+        EstimationError: the hand is of no known kind, its SDK is too old, or its motors are not the
             rig's.
     """
     if isinstance(hand, Motors):

@@ -1,4 +1,4 @@
-"""What moved between two calibrations of one hand."""
+"""What changed between two calibrations of one hand."""
 
 from __future__ import annotations
 
@@ -9,20 +9,23 @@ from distal.fitting.fitted_parameter import COMMON
 from distal.rig import Rig, in_words, number, parameters_below
 
 CLEARLY = 3.0
-"""A number moved where it is further from what it was than so many of both its errors."""
+"""Difference of a parameter between two calibrations, in standard deviations of it, from which on
+it changed [1]. Source: judgement.
+"""
 
 WATCHED = ("bias", "slack", "pretension", "stiffness", "constant", "radius")
-"""Last words of the numbers that a calibration finds."""
+"""Last words of the references of the parameters that are compared."""
 
 
 def moved_since(before: Rig, after: Rig) -> tuple[str, ...]:
-    """Return a line for each number of a hand that two calibrations find clearly different.
+    """Return a line for each parameter of a hand that differs clearly between two calibrations: |x₂
+    − x₁| > 3 √(σ₁² + σ₂²).
 
-    |x₂ − x₁| > 3 √(σ₁² + σ₂²), and where a pair of tendons was slack on one day and under tension
-    on the other, that.
+    There is a line too where a pair of tendons was slack in one and under tension in the other.
+    Parameters that are zero in one of them are not compared.
 
     Raises:
-        RigError: they are two hands.
+        RigError: the rigs are of two hands.
     """
     names = [
         tuple(part.name for part in (*rig.joints, *rig.drives, *rig.tendons))
@@ -53,7 +56,7 @@ def moved_since(before: Rig, after: Rig) -> tuple[str, ...]:
 
 
 def _changed(before: Rig, after: Rig, path: str) -> str:
-    """Return what a number was and is, if that is clearly different."""
+    """Return a line on what a parameter was and is; empty where it is not clearly different."""
     try:
         was = number(before, path)
         now = number(after, path)

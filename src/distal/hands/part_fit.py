@@ -1,5 +1,5 @@
-"""The numbers of one part of a hand, a finger or a joint, by the sweeps of its motors: each of its
-forms is fitted, and the likeliest is taken.
+"""Parameters of one independent subsystem of a hand, a finger or a joint, from the sweeps of its
+motors: each form that its tendons may have is fitted, and the likeliest is taken.
 """
 
 from __future__ import annotations
@@ -21,60 +21,84 @@ from distal.logs import Log
 from distal.rig import Capstan, Number, Rig, Subsystem, named, number
 
 SCATTER = 0.25
-"""What a model leaves of a motor's torque, as a share of the torque that moves it: friction is not
-the same everywhere.
+"""Std of a motor's torque about the model's, as a share of the torque that moves it [1]: friction
+is not the same everywhere. Source: judgement.
 """
 
 FASTER = 1.5
+"""Std of a motor's torque about the model's in usual motion, in multiples of that in the slow
+routine, where motors have pairs of tendons [1]. Source: benchmark (docs/results/hands.md).
+"""
+
 SPRUNG = 4.0
-"""In usual motion it leaves this many times what it does in the slow routine, the second of joints
-that share a tendon: docs/results/hands.md.
+"""Std of a motor's torque about the model's in usual motion, in multiples of that in the slow
+routine, where joints share one tendon against springs [1]. Source: benchmark
+(docs/results/hands.md).
 """
 
 ZERO_SPREAD = 0.05
-"""Prior of a motor's zero about what its contacts say, as a share of its travel."""
+"""Prior std of a motor's zero about the one by its contacts, as a share of its travel [1]. Source:
+judgement.
+"""
 
 STIFFNESS_SPREAD = 0.3
-"""Prior of a tendon's stiffness about what the slope at its end says, as a share."""
+"""Prior std of a tendon's stiffness about the one by the torque's slope at the end of the travel,
+as a share [1]. Source: judgement.
+"""
 
 PRETENSION = {"value": 2.0, "std": 2.0}
-"""Prior of the tension of a pair that is not slack [N]."""
+"""Prior of the pre-tension of a pair that is not slack [N]. Source: judgement."""
 
 SPRINGS_SPREAD = 0.6
+"""Prior std of the common factor of the springs of a finger, as a share [1]. Source: benchmark
+(docs/results/hands.md).
+"""
+
 SPRINGS_APART = 0.35
-"""Prior of what the springs of a finger have in common, and how far each may be from it, as shares:
-one motor hardly tells which of them is stiffer (docs/results/hands.md).
+"""Std of each spring of a finger beside the springs' common factor, as a share [1]: one motor
+hardly tells which spring is stiffer. Source: benchmark (docs/results/hands.md).
 """
 
 QUASI_STATIC = 300.0
-"""Of a slow routine the joints' inertia says nothing: it is such that they have this frequency,
-whose steps are few [rad/s].
+"""Natural frequency that the joints' inertia is chosen for [rad/s]: a slow routine says nothing of
+inertia, and with this one few steps in time are enough. Source: judgement.
 """
 
 NOT_SLACK = {"value": 0.0, "std": 0.0}
-"""Of such a pair [m]."""
+"""Slack of a pair under tension [m]."""
 
 RADIUS_SPREAD = 0.25
-"""Prior of a spool's radius where the travel is not that of the rig's, as a share; the slack is
-then what the rig says.
+"""Prior std of a spool's radius where the travel does not fit the rig's, as a share [1]; the slack
+is then the rig's. Source: judgement.
 """
 
 Form = Literal["slack", "stretched", "radius"]
 
 SLACK = (0.3e-3, 1.5e-3)
-"""Prior of the slack of each tendon of a pair, its mean and std, wider than a hand's own: it may be
-loose [m].
+"""Mean and std of the prior of the slack of each tendon of a pair [m]: wider than in the rig, since
+tendons may be loose. Source: judgement.
 """
 
 AT_STOP = float(np.deg2rad(1.0))
-"""How well a joint's angle is known at the end of a sweep [rad]."""
+"""Prior std of a joint's angle at the end of the first sweep [rad]. Source: judgement."""
 
 
 def part_values(
     log: Log, part: Subsystem, sweeps: Mapping[str, Sequence[Sweep]]
 ) -> dict[str, object]:
-    """Return path by names → value of a part's numbers, in the likeliest of its forms: pairs slack,
-    stretched, or on spools of another radius than the rig has.
+    """Return path by names → value of the parameters of one independent subsystem, in the likeliest
+    of its forms.
+
+    The forms are: pairs of tendons are slack, are under tension, or are on spools whose radius is
+    not the rig's.
+
+    Args:
+        log: of the power-on routine.
+        part: the subsystem.
+        sweeps: motor → its sweeps.
+
+    Raises:
+        FitError: no rig with these motors moves as the log does.
     """
     rig = part.rig
     drives = part.rig.drive_names
@@ -104,8 +128,7 @@ def part_values(
         prior = _prior(formed, drives, sweeps, starts, springs, form)
         problem = problem_of([cut], prior, Options(noise=False, workers=1))
         parameters = from_starts(problem, [prior.with_values(start) for start in starts])
-        # what the channels' values are worth differs from search to search; the plain sums can be
-        # compared
+        # searches weight their channels differently, so that only unweighted costs can be compared
         found.append((float(problem.costs([parameters.optimum.z])[0]), formed, parameters))
     cost, formed, parameters = min(found, key=lambda one: one[0])
     if not np.isfinite(cost):
@@ -113,7 +136,7 @@ def part_values(
             f"{log.source}: no rig with the motors {', '.join(drives)} moves as this log does"
         )
     fitted = parameters.problem.filter.rig
-    # what the routine did not tell beyond its contacts and slopes is what these say
+    # a parameter that the fit did not find keeps its value by contacts and slopes
     begun = {
         named(fitted, path): _spread(number(fitted, path))
         for path in _starts(formed, drives, sweeps, ())[0]
@@ -123,8 +146,8 @@ def part_values(
         for path, value in assignments(parameters.fitted, fitted).items()
         if not path.endswith(".hold")
     }
-    # the model misses more of a motor's torque than its sensor does, and more yet in motion that is
-    # faster
+    # the model's error of a motor's torque is larger than the sensor's, and larger yet in faster
+    # motion
     noise: dict[str, object] = {
         f"sensors.{sensor.name}.noise": float(f"{(FASTER if pairs else SPRUNG) * sensor.noise:.2g}")
         for sensor in fitted.sensors_of("force")
@@ -141,8 +164,8 @@ def _spread(found: Number) -> dict[str, object]:
 
 
 def _formed(rig: Rig, form: Form, pairs: Sequence[str]) -> Rig:
-    """Return the rig with pairs of tendons under tension instead of slack, or with spools whose
-    radii are not known.
+    """Return the rig in one form: with pairs of tendons under tension instead of slack, or with
+    unknown radii of their spools.
     """
     changed: dict[str, object] = {}
     if form == "stretched":
@@ -159,7 +182,7 @@ def _formed(rig: Rig, form: Form, pairs: Sequence[str]) -> Rig:
 
 
 def _form_values(rig: Rig, formed: Rig) -> dict[str, object]:
-    """Return path by names → value of what one form has otherwise than the rig as it came."""
+    """Return path by names → value of slack and pre-tension where a form differs from the rig."""
     return {
         f"tendons.{one.name}.{key}": {
             "value": getattr(other, key).value,
@@ -174,8 +197,8 @@ def _form_values(rig: Rig, formed: Rig) -> dict[str, object]:
 def _starts(
     rig: Rig, drives: Sequence[str], sweeps: Mapping[str, Sequence[Sweep]], stretched: Sequence[str]
 ) -> list[Start]:
-    """Return the starts of a part: of several motors the first starts of all, then the others one
-    motor at a time.
+    """Return the starts of the search for a subsystem: for each motor its own starts, with the
+    middle start of all other motors.
     """
     families = [
         pair_starts(rig, name, sweeps[name], name in stretched)
@@ -197,13 +220,13 @@ def _prior(
     springs: Springs | None,
     form: Form,
 ) -> Rig:
-    """Return the rig of the fit: zeros and stiffness by contacts and slopes, noise by friction,
-    angles by the first end.
+    """Return the rig with the priors of the fit: zeros and stiffness by contacts and slopes, noise
+    by friction, initial angles by the end that the first sweep goes to.
     """
     values = dict[str, object]()
     middle = starts[len(starts) // 2]
-    # one number for all motors of a hand: a noise is a constant of the kernel, which parts of one
-    # kind then share
+    # one noise for all motors of a hand: it is a constant of the kernel, so that subsystems of one
+    # kind share a kernel
     levels = [abs(sweep.level) for of_drive in sweeps.values() for sweep in of_drive]
     scatter = float(f"{SCATTER * np.median(levels):.2g}")
     for path, value in middle.items():
@@ -257,8 +280,8 @@ def _prior(
 def _with_ranges(
     rig: Rig, values: Mapping[str, object], springs: Springs | None
 ) -> dict[str, object]:
-    """Return the values with what is not known of the joints' ranges: the zero is no better than
-    their middle.
+    """Return the values with wider stds: a radius and a zero are known no better than the joints'
+    ranges by which they were found.
     """
     wider = {
         path: value for path, value in values.items() if not path.endswith((".initial", ".noise"))
@@ -267,7 +290,7 @@ def _with_ranges(
         path = f"tendons.{tendon.name}.slack"
         if isinstance(
             found := wider.get(path), dict
-        ):  # the search's prior is wide, for tendons that came off
+        ):  # the prior of the search is wide, since tendons may be loose
             wider[path] = found | {"std": min(found["std"], tendon.slack.std)}
     for i, joint in enumerate(rig.joints):
         path = f"joints.{joint.name}.spring.stiffness"

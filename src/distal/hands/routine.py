@@ -1,5 +1,5 @@
-"""The power-on routine: each motor slowly to both ends of its travel and back, with limits on its
-torque and on time.
+"""The power-on routine: each motor goes slowly to both ends of its travel and back, with limits on
+its torque and on time.
 """
 
 from __future__ import annotations
@@ -19,69 +19,91 @@ from distal.rig import Capstan, Rig, independent_parts
 from distal.suggestions import did_you_mean
 
 OF_PAIR = 0.15
+"""Torque at which a sweep turns back, of a motor with a pair of tendons [N m]. Source: judgement.
+"""
+
 OF_SINGLE = 0.35
-"""Torques at which a sweep turns back, of a motor with two tendons and of one that pulls against
-springs [N m].
+"""Torque at which a sweep turns back, of a motor with one tendon against springs [N m]. Source:
+judgement.
 """
 
 HELD = 0.03
-"""A sweep turns back where the torque stays above that for so long [s]."""
+"""Time for which a motor's torque has to stay above its limit until the sweep turns back [s].
+Source: judgement.
+"""
 
 BEYOND = 1.3
+"""Travel after which a sweep that meets no end turns back, in multiples of what the joints' ranges
+need [1]; `MARGIN` is added. Source: judgement.
+"""
+
 MARGIN = 0.5
-"""A sweep that nothing ends turns back after this many times the travel that the ranges need, and
-so many radians.
+"""Travel of a sweep that meets no end, beyond `BEYOND` times what the ranges need [rad]. Source:
+judgement.
 """
 
 LOOSENED = 0.6
-"""A motor that lets its one tendon out goes so far beyond where it should be loose [rad]."""
+"""Travel of a motor that lets its one tendon out, beyond the joints' ranges [rad]: the tendon is
+loose there. Source: judgement.
+"""
 
 SLOWS = 1.2
-SLOWEST = 0.25
-"""A motor slows down as its torque comes near the limit: its share of the speed is so much less
-torque/limit.
+"""Speed of a motor, as a share of the routine's speed, is `SLOWS` − torque/limit, at most 1 [1]: a
+motor slows down near its limit. Source: judgement.
 """
+
+SLOWEST = 0.25
+"""Least speed of a motor near its limit, as a share of the routine's [1]. Source: judgement."""
 
 LEAD = 0.35
-"""A goal is never further ahead of its motor than this [rad]."""
+"""Largest distance of a goal from its motor [rad]. Source: judgement."""
 
 NEAR = 0.03
-WAITED = 1.0
-"""A motor is back where it rests when it is so near [rad], or after so long [s]; the next one moves
-then.
+"""Distance from its position of rest within which a motor is there, so that the next one moves
+[rad]. Source: judgement.
 """
+
+WAITED = 1.0
+"""Longest wait until a motor counts as at its position of rest [s]. Source: judgement."""
 
 SILENT = 0.5
-"""A motor's routine ends where its angle or its torque is missing for longer than this [s]."""
-
-STRONGEST = 5.0
-"""No motor of a hand is asked for more torque than this [N m]."""
-
-STILL = 0.2
-CREEPS = 0.01
-"""A motor's routine ends where it is driven as far as it may be, no torque says why it stands, and
-it moves by less than so many radians in so many seconds: it may push, and nothing tells how hard.
+"""Longest time without an angle or a torque of a motor; after it the motor's routine ends [s].
+Source: judgement.
 """
 
+STRONGEST = 5.0
+"""Largest torque limit that is accepted for a motor [N m]. Source: judgement."""
+
+STILL = 0.2
+"""Time for which a motor may stand still though its goal is as far ahead as allowed and its torque
+is below the limit [s]: then its routine ends, since the motor may push with an unknown force.
+Source: judgement.
+"""
+
+CREEPS = 0.01
+"""Motion below which a motor stands still [rad]. Source: judgement."""
+
 FELT = 0.1
-"""A motor that went so far while its torque read 0 has no torque that is read [rad]."""
+"""Travel after which a motor whose torque still reads 0 has no working torque reading [rad].
+Source: judgement.
+"""
 
 LARGEST = 3.0
-"""A motor's routine ends where its torque is above this many times its limit."""
+"""Torque at which a motor's routine ends, in multiples of its limit [1]. Source: judgement."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RoutineOptions:
-    """How a routine moves: order of motors, each entry moves at one time; torques that turn a sweep
-    back [N m], by motor.
+    """How a routine moves the motors.
 
     Args:
-        order: groups of motors or joints; None moves one motor after the other, in the rig's order.
-        limits: torque at which a sweep turns back, for all motors, by motor, or None for `OF_PAIR`
-            and `OF_SINGLE`.
+        order: groups of motors or joints; those of a group move at one time. None moves one motor
+            after the other, in the rig's order.
+        limits: torque at which a sweep turns back [N m], for all motors or by motor; None takes
+            `OF_PAIR` and `OF_SINGLE`.
         speed: of a motor [rad/s].
-        sweeps: of each motor.
-        longest: time for a sweep [s]; the routine ends where one takes longer.
+        sweeps: number of sweeps of each motor.
+        longest: time for a sweep [s]; the routine of a motor ends where one takes longer.
     """
 
     order: Sequence[Sequence[str]] | None = None
@@ -154,8 +176,8 @@ class _Motor:
             if not met and self.beyond > 0.0:
                 self.done = (
                     options.sweeps
-                )  # it meets nothing either way: it would only go on turning
-            # back over what it went without meeting anything
+                )  # it meets no end either way and would only go on turning
+            # the way back is longer by what it went without meeting an end
             self.beyond = 0.0 if met else gone
             self.ends[self.way] = self.goal = self.begin = position
             self.way = -self.way
@@ -167,7 +189,7 @@ class _Motor:
         self.goal = float(np.clip(ahead, position - LEAD, position + LEAD))
 
     def blind(self, dt: float, position: float, torque: float) -> str:
-        """Return why nothing tells how hard it pushes; empty where something does."""
+        """Return why no torque reading says how hard the motor pushes; empty where one does."""
         self.felt = self.felt or torque != 0.0
         self.first = self.first if isfinite(self.first) else position
         if not self.felt and abs(position - self.first) > FELT:
@@ -188,8 +210,8 @@ class _Motor:
 
     @property
     def rest(self) -> float:
-        """Where it rests afterwards: in the middle of its travel, or where its one tendon is loose
-        [rad].
+        """Where the motor rests afterwards: in the middle of its travel, or where its one tendon is
+        loose [rad].
         """
         return (
             sum(self.ends.values()) / 2
@@ -205,17 +227,17 @@ class Routine:
     ```python
     routine = Routine(rig)
     while not routine.done:
-        goals = routine.step(time, sample)  # sample: channel → value, SI; goals: motor → angle as
-        its sensor reads it [rad]
+        # sample: channel → value, SI; goals: motor → angle as its sensor reads it [rad]
+        goals = routine.step(time, sample)
     found = calibrate(routine.log(), rig)
     ```
 
-    Nothing moves but the motors of one group at a time; goals pass a `GoalGate`. A motor that
-    cannot go on rests where it is, with those that move the same joints, and the others go on;
-    `abort` leaves all where they are.
+    Only the motors of one group move at a time, and goals pass a `GoalGate`. A motor that cannot go
+    on rests where it is, with those that move the same joints, and the others go on; `abort` leaves
+    all motors where they are.
 
     Raises:
-        CommandError: the order or a limit names no motor or joint, or a number cannot be.
+        CommandError: the order or a limit names no motor or joint, or a number is out of its range.
     """
 
     def __init__(self, rig: Rig, options: RoutineOptions | None = None) -> None:
@@ -240,17 +262,17 @@ class Routine:
 
     @property
     def done(self) -> bool:
-        """Whether it is at its end, or was aborted."""
+        """Whether the routine is at its end, or was aborted."""
         return bool(self._aborted) or not self._groups
 
     @property
     def aborted(self) -> str:
-        """Why it ended before its end; empty if it did not."""
+        """Why the routine was aborted; empty if it was not."""
         return self._aborted
 
     @property
     def failed(self) -> dict[str, str]:
-        """Motors whose routine ended before its end, and why."""
+        """Motor whose routine ended too early → why."""
         return dict(self._failed)
 
     @property
@@ -260,25 +282,27 @@ class Routine:
 
     @property
     def goals(self) -> dict[str, float]:
-        """Goals of all motors as they pass the gate, as their sensors read them [rad]; NaN of one
-        that gets none.
+        """Goals of all motors as they pass the gate, as their sensors read them [rad]; NaN for a
+        motor that gets none.
         """
         sent = self._gate.passed(self._time, np.array(list(self._goals.values())))
         return dict(zip(self._goals, sent.tolist()))
 
     def confirm(self, arrived: bool) -> None:
-        """Say whether the last goals were sent."""
+        """Take in whether the last goals were sent."""
         self._gate.confirm(arrived)
 
     def abort(self, why: str = "asked for") -> None:
-        """End it: the goals become where the motors are, so that none goes on pushing."""
+        """End the routine: the goals become the positions of the motors, so that none goes on
+        pushing.
+        """
         self._aborted = self._aborted or why
         self._goals |= {
             name: position for name, position in self._positions.items() if isfinite(position)
         }
 
     def fail(self, motor: str, why: str) -> None:
-        """End the routine of a motor, and of those that move the same joints."""
+        """End the routine of a motor, and of all that move the same joints."""
         for name in self._together[motor]:
             self._failed.setdefault(name, why if name == motor else f"{motor}: {why}")
             if isfinite(self._positions[name]):
@@ -334,7 +358,7 @@ class Routine:
         return name in self._failed or (motor.done >= self._options.sweeps and motor.rested)
 
     def log(self) -> Log:
-        """Return what it has read, as `calibrate` takes it."""
+        """Return the log of what was read and sent, as `calibrate` takes it."""
         rows = np.array(self._rows)
         names = [channel for pair in self._channels.values() for channel in pair]
         return Log(
@@ -347,7 +371,9 @@ class Routine:
 
 
 def _parts_of(rig: Rig) -> dict[str, tuple[str, ...]]:
-    """Return for each motor those that share a joint, a tendon or an error with it."""
+    """Return motor → the motors of its independent subsystem: those that share a joint, a tendon or
+    an error with it.
+    """
     parts = [part.rig.drive_names for part in independent_parts(rig)]
     return {name: tuple(names) for names in parts for name in names}
 
@@ -371,7 +397,11 @@ def _limit(rig: Rig, drive: str, options: RoutineOptions) -> float:
 
 
 def _check(rig: Rig, options: RoutineOptions) -> None:
-    """Raise a `CommandError` before anything moves, where a number cannot be."""
+    """Check the options before anything moves.
+
+    Raises:
+        CommandError: a number is out of its range, or a limit is of no motor.
+    """
     motors = rig.drive_names
     limits = (
         options.limits
@@ -399,8 +429,8 @@ def _check(rig: Rig, options: RoutineOptions) -> None:
 
 
 def _groups(rig: Rig, order: Sequence[Sequence[str]] | None) -> list[tuple[str, ...]]:
-    """Return the groups of motors that move at one time; a joint stands for the motor that has it
-    first.
+    """Return the groups of motors that move at one time; a joint stands for the first motor with a
+    tendon across it.
     """
     motors = rig.drive_names
     if order is None:

@@ -1,10 +1,10 @@
-"""Springs against one tendon: where the torque of a motor bends says which of its joints came to
-its stop.
+"""Springs against one tendon: the torque of a motor bends where one of its joints comes to its
+stop, and these bends say how stiff each joint's spring is.
 
-While a finger closes, the tendon's tension T moves each joint by arm²/k along it; a joint at its
-stop moves no more, and the torque grows faster. The mean of the torques on the way there and back
-is free of friction, and is compared with the model at rest: T arm_j = k_j (θ_j − rest_j), within
-the joints' ranges.
+While a finger closes, a change of the tendon's tension T takes up its length by arm²/k at each
+joint. A joint at its stop moves no more, and the torque grows faster. The mean of the torques of
+both directions is free of friction. It is compared with the model at rest, T arm_j = k_j (θ_j −
+rest_j), within the joints' ranges.
 """
 
 from __future__ import annotations
@@ -24,41 +24,56 @@ from distal.model import Mechanism
 from distal.rig import Capstan, Rig
 
 POSITIONS = 120
-"""Positions along the travel at which both ways are compared."""
-
-TENSIONS = 300
-MOST = 2.0
-"""Points of the model's curve, up to a tension of so many times what is measured."""
-
-MISSED = 0.006
-"""Std of what the model misses of a mean torque, as a share of the largest."""
-
-APART = 0.4
-TOGETHER = 0.8
-TENDON = 0.5
-"""Logarithmic stds of what is not known of a spring beside the others, of all of them, and of the
-tendon's stiffness.
+"""Number of positions along the travel at which the torques of both directions are compared.
+Source: judgement.
 """
 
+TENSIONS = 300
+"""Number of points of the model's curve. Source: judgement."""
+
+MOST = 2.0
+"""Largest tension of the model's curve, in multiples of the largest measured one [1]. Source:
+judgement.
+"""
+
+MISSED = 0.006
+"""Std of a mean torque about the model's, as a share of the largest [1]. Source: judgement."""
+
+APART = 0.4
+"""Prior std of the logarithm of a spring about the mean of all springs [1]. Source: judgement."""
+
+TOGETHER = 0.8
+"""Prior std of the mean of the springs' logarithms [1]. Source: judgement."""
+
+TENDON = 0.5
+"""Prior std of the logarithm of the tendon's stiffness [1]. Source: judgement."""
+
 FACTORS = (0.7, 1.0, 1.4)
-"""The search begins with each spring at these times what closes all joints together."""
+"""Factors of each spring with which the search begins, beside springs that close all joints
+together [1]. Source: judgement.
+"""
 
 LIKELY = 6.0
-"""A curve errs alike from position to position: an end is e times less likely where its cost is
-larger by this [1].
+"""Difference in cost by which an end of the search is e times less likely [1]: it is above 1 since
+errors of neighbouring positions are alike. Source: judgement.
 """
 
 MOST_JOINTS = 4
-"""Joints of a tendon: of more, a curve does not tell, and the starts of a search would be many."""
+"""Largest number of joints on a tendon: the curve does not tell more springs apart, and the search
+would have many starts. Source: judgement.
+"""
 
 LEAST_SPREAD = 0.1
-"""A spring is never better known than this, as a share."""
+"""Least std of a spring, as a share [1]. Source: judgement."""
 
 
 @dataclass(frozen=True)
 class Springs:
-    """Path → value of a finger's springs, its tendon's stiffness and its motor's zero, and path →
-    std of the springs.
+    """Springs of a finger with one tendon.
+
+    Args:
+        values: path → value of the springs, the tendon's stiffness and the motor's zero.
+        stds: path → std of the springs.
     """
 
     values: dict[str, float]
@@ -66,8 +81,8 @@ class Springs:
 
 
 def springs_of(log: Log, rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> Springs | None:
-    """Return the springs of a motor whose one tendon crosses joints with springs of their own; None
-    of any other.
+    """Return the springs of the joints that a motor's one tendon crosses; None where they cannot be
+    found so, as with pairs of tendons or coupled joints.
     """
     tendons = [k for k, tendon in enumerate(rig.tendons) if tendon.drive == drive]
     crossed = [
@@ -135,8 +150,8 @@ def springs_of(log: Log, rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> Sprin
 
 
 def _likeliest(ends: Sequence[OptimizeResult], paths: Sequence[str], zero: str) -> Springs:
-    """Return the likeliest end of a search, and how far from its springs the other likely ones
-    are.
+    """Return the likeliest end of the searches, with stds by how far the other likely ends are from
+    it.
     """
     costs = np.array([end.cost for end in ends])
     springs = np.array([end.x[:-2] for end in ends])
@@ -150,8 +165,8 @@ def _likeliest(ends: Sequence[OptimizeResult], paths: Sequence[str], zero: str) 
 
 
 def _both_ways(log: Log, rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Floats, Floats]:
-    """Return positions along a motor's travel and the mean there of its torques on the way there
-    and back.
+    """Return positions along a motor's travel and, at each, the mean of its torques in both
+    directions.
     """
     position, torque = (log.channels[name] for name in sweep_channels_of(rig, drive))
     full = sweeps[1:]
@@ -171,11 +186,11 @@ def _both_ways(log: Log, rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple
 
 
 def _curve(mechanism: Mechanism, tendon: int, crossed: Sequence[int]) -> ca.Function:
-    """Return (largest tension, p) → positions of the drive and its torques as its tension grows to
-    that, at rest.
+    """Return the function (largest tension, p) → positions and torques of the drive at rest, as its
+    tension grows up to that.
 
-    With the joints' springs linear: T J_j + k_j (θ_j − θ_j0) = τ_j(θ_j0), and the drive turns by
-    what the joints and the stretch take, all others at the middle of their ranges.
+    The joints' springs are linear, T J_j + k_j (θ_j − θ_j0) = τ_j(θ_j0). The drive turns by what
+    the joints and the stretch take up; all other joints are in the middle of their ranges.
     """
     rig = mechanism.rig
     nj = mechanism.n_joints
@@ -203,7 +218,7 @@ def _curve(mechanism: Mechanism, tendon: int, crossed: Sequence[int]) -> ca.Func
 
 
 def _reach(rig: Rig, tendon: int, joint: int) -> float:
-    """Return by how much more tension than stiffness a spring's joint comes to its stop, (θ −
+    """Return the tension per stiffness of its spring at which a joint comes to its stop, (θ −
     rest)/arm [rad/m].
     """
     part = rig.joints[joint]

@@ -1,8 +1,9 @@
-"""Where a calibration's search begins: numbers of a motor and its joints that agree with where its
-sweeps ended.
+"""Where the search of a calibration begins: parameters of a motor and its joints that agree with
+the ends of its sweeps.
 
-A fit of friction and slack has many local minima. Contacts and slopes leave one number open, the
-slack of a pair or how stiff springs are; of a family of starts the likeliest is taken.
+A fit of friction and slack has many local minima. Contacts and slopes leave one parameter open, the
+slack of a pair or the stiffness of springs. The search begins with several values of it, and the
+likeliest end is taken.
 """
 
 from __future__ import annotations
@@ -15,28 +16,33 @@ from distal.hands.sweeps import Sweep
 from distal.rig import Capstan, Rig, Tendon
 
 SLACKS = (0.012, 0.03, 0.055, 0.09, 0.14, 0.21, 0.3, 0.42)
-"""Slack of a pair that is tried, as a share of the joint's moment arm: 0.7 to 24 degrees of play.
+"""Slack of a pair with which searches begin, as a share of the joint's moment arm [1]: 0.7° to 24°
+at the joint. Source: judgement.
 """
 
 TENSIONS = (0.006, 0.025)
-"""What a pair is stretched by that is tried, as a share of the moment arm."""
+"""Stretch of a pair under tension with which searches begin, as a share of the moment arm [1].
+Source: judgement.
+"""
 
 GIVE = 0.012
-"""Stretch by the joint's own friction, as a share of the moment arm."""
+"""Stretch of a tendon by the joint's own friction, as a share of the moment arm [1]. Source:
+judgement.
+"""
 
 SHARES = (0.6, 1.0, 1.6)
-"""Factors of the springs' stiffness that are tried."""
+"""Factors of the springs' stiffness with which searches begin [1]. Source: judgement."""
 
 STIFFER = 1.2
-"""A tendon's stiffness is this many times the slope at an end, in which stop and sheath give way
-too.
+"""Stiffness of a tendon, in multiples of the one by the torque's slope at an end, where stop and
+sheath give way too [1]. Source: judgement.
 """
 
 OWN = 0.7
-"""Share of the torque of moving that is the motor's own friction."""
+"""Friction of the motor itself, as a share of the torque that moves it [1]. Source: judgement."""
 
 Start = Mapping[str, float]
-"""Path → value."""
+"""Path → value of a parameter at the start of a search."""
 
 
 def is_pair(rig: Rig, drive: str) -> bool:
@@ -45,16 +51,16 @@ def is_pair(rig: Rig, drive: str) -> bool:
 
 
 def contacts(sweeps: Sequence[Sweep], way: int) -> tuple[float, ...]:
-    """Return where full sweeps in one way met the end of the travel [rad], or ended without."""
+    """Return where full sweeps in one direction met the end of the travel, or else ended [rad]."""
     return tuple(sweep.contact for sweep in sweeps[1:] if sweep.way == way)
 
 
 def pair_starts(rig: Rig, drive: str, sweeps: Sequence[Sweep], stretched: bool) -> list[Start]:
-    """Return starts of a motor with two tendons: of each slack the spool with which the travel fits
-    the joint's range.
+    """Return starts for a motor with a pair of tendons: for each slack that is tried, the spool
+    with which the travel fits the joint's range.
 
-    Travel between contacts · radius = arm · range + slack. With `stretched` they are of a pair
-    under tension.
+    Travel between contacts · radius = arm · range + slack + stretch by the joint's friction. If
+    `stretched`, the pair is under tension, and its stretch is tried instead of slack.
     """
     at = _index(rig, drive)
     tendons = _tendons(rig, drive)
@@ -84,11 +90,11 @@ def pair_starts(rig: Rig, drive: str, sweeps: Sequence[Sweep], stretched: bool) 
 
 
 def single_starts(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> list[Start]:
-    """Return starts of a motor with one tendon against springs: stiffness by which all joints close
-    together, and others.
+    """Return starts for a motor with one tendon against springs: stiffness of the springs with
+    which all joints close together, and factors of it.
 
-    At the top radius · (position − zero) = Σ arm · high + stretch, and the torque holds each
-    spring, k (high − rest) = arm T.
+    At the top of the travel radius · (position − zero) = Σ arm · high + stretch. In the middle of
+    the ranges the springs balance the tension T of moving, k (middle − rest) = arm T.
     """
     at = _index(rig, drive)
     ((k, tendon),) = _tendons(rig, drive)
@@ -97,7 +103,7 @@ def single_starts(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> list[Start]:
     radius = motor.radius.value if isinstance(motor, Capstan) else 1.0
     up = float(np.mean(contacts(sweeps, 1)))
     ups, downs = ([sweep.level for sweep in sweeps if sweep.way == way] for way in (1, -1))
-    # friction adds to the torque on the way up and takes from it on the way down
+    # friction acts against both directions of motion, the tension against the way up only
     pull = (float(np.mean(ups)) - float(np.mean(downs))) / 2
     rub = (float(np.mean(ups)) + float(np.mean(downs))) / 2
     tension = max(pull, 0.0) / radius
@@ -126,11 +132,13 @@ def single_starts(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> list[Start]:
 
 
 def tendon_stiffness(tendon: Tendon, radius: float, sweeps: Sequence[Sweep]) -> float:
-    """Return the stiffness of a tendon by how the torque grows at the ends of its motor's travel,
-    else the rig's [N/m].
+    """Return the stiffness of a tendon by the slope of the torque at the ends of its motor's
+    travel, or else the rig's [N/m].
 
     Args:
+        tendon: of the rig.
         radius: of the spool [m].
+        sweeps: of the motor.
     """
     slopes = [sweep.slope for sweep in sweeps if sweep.slope > 0.0]
     return STIFFER * float(np.median(slopes)) / radius**2 if slopes else tendon.stiffness.value

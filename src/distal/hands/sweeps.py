@@ -1,4 +1,4 @@
-"""The sweeps of a power-on routine: each motor slowly to one end of its travel and to the other,
+"""Sweeps of a power-on routine: each motor goes slowly from one end of its travel to the other,
 several times.
 """
 
@@ -15,40 +15,45 @@ from distal.logs import Log
 from distal.rig import Rig
 
 TURNED = 0.05
-"""A motor has turned back where it has gone back by this share of its travel in the log."""
+"""Way back after which a motor has turned back, as a share of its travel in the log [1]. Source:
+judgement.
+"""
 
 LEAST_TURNED = 0.03
-"""And by at least this [rad]."""
+"""Least way back after which a motor has turned back [rad]. Source: judgement."""
 
 FEWEST = 3
-"""Sweeps of a motor that are needed, the first of which begins anywhere."""
+"""Least number of sweeps of a motor, the first of which begins anywhere. Source: judgement."""
 
 SHORTEST = 15
-"""Samples of a sweep."""
+"""Least number of samples of a sweep. Source: judgement."""
 
 RISEN = 1.6
-"""A sweep ended against something where the torque is this many times that of moving, and several
-noises more.
+"""Torque at the end of a sweep from which on it met an end, in multiples of the torque that moves
+the motor [1]; six stds of its noise come on top. Source: judgement.
 """
 
 MIDDLE = (0.35, 0.7)
-"""Share of a sweep in which the motor moves freely."""
+"""Range of a sweep, in shares of its travel, in which the motor moves freely [1]. Source:
+judgement.
+"""
 
 LOADED = (0.3, 0.95)
-"""Shares of the torque's rise at the end between which its slope is taken."""
+"""Range of the torque's rise at the end, in shares of it, in which its slope is taken [1]. Source:
+judgement.
+"""
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """One sweep of a motor towards +1 or −1, from sample `begin` to `end`.
+    """One sweep of a motor, in the direction `way`, +1 or −1, from sample `begin` to `end`.
 
     Args:
-        level: torque that moves it, in the way it goes [N m].
-        contact: where the torque begins to rise at the end [rad]; where the sweep ends if it does
-            not.
+        level: torque that moves the motor, positive in the direction of the sweep [N m].
+        contact: where the torque begins to rise at the end, or else where the sweep ends [rad].
         slope: of the torque there [N m/rad]; 0 if it does not rise.
-        noise: standard deviation of the torque while it moves [N m].
-        resisted: whether something resisted at the end.
+        noise: standard deviation of the torque while the motor moves [N m].
+        resisted: whether the sweep met an end.
     """
 
     way: int
@@ -62,12 +67,11 @@ class Sweep:
 
 
 def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
-    """Return the sweeps of a motor in a log, the first of which begins anywhere; two of one that
-    meets nothing either way.
+    """Return the sweeps of a motor in a log, of which the first begins anywhere; a motor that meets
+    no end either way may have two.
 
     Raises:
-        LogError: its angle or torque is not in the log, or it does not sweep at least `FEWEST`
-            times.
+        LogError: its angle or torque is not in the log, or it sweeps less than `FEWEST` times.
     """
     position, torque = sweep_channels_of(rig, drive)
     positions = log.channels[position]
@@ -99,10 +103,10 @@ def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
 
 
 def sweep_channels_of(rig: Rig, drive: str) -> tuple[str, str]:
-    """Return the names of the sensors of a drive's angle and torque.
+    """Return the names of the sensors of a drive's angle and of its torque.
 
     Raises:
-        LogError: it has none.
+        LogError: one of them is missing in the rig.
     """
     names = []
     for measures in ("position", "force"):
@@ -117,9 +121,7 @@ def sweep_channels_of(rig: Rig, drive: str) -> tuple[str, str]:
 
 
 def _turning(positions: Floats) -> list[int]:
-    """Return the first sample of a motor's motion, where it turns back, and the last sample of its
-    motion.
-    """
+    """Return the samples at which a motor's motion begins, turns back, and ends."""
     least = max(TURNED * float(np.ptp(positions)), LEAST_TURNED)
     moved = np.flatnonzero(np.abs(positions - positions[0]) > least)
     if not len(moved):

@@ -1,4 +1,4 @@
-"""Homing: adapt a filter to a run by its first moments, in which the joint's angle is known."""
+"""Homing: adapt a filter to a run by its first seconds, in which the joint's angle is known."""
 
 from distal.homing.apply import parameters_homed, plain_samples, torque_samples
 from distal.homing.reference import (

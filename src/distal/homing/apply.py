@@ -1,5 +1,5 @@
-"""Homing with a discrepancy: the homing move adapts first the rig's numbers, then the error that
-the model leaves.
+"""Homing of a filter: the homing move adapts first the parameters of the rig, then the learned maps
+that correct the model's error.
 """
 
 from __future__ import annotations
@@ -24,23 +24,28 @@ from distal.rig import Rig
 from distal.sensor_errors import position_offsets
 
 PASSES = 2
-"""How often the window is filtered: each pass begins with the numbers of the last one, and with
-their prior stds.
+"""Number of times that the window is filtered [1]: each pass begins with the parameters found by
+the last one, and with their prior stds. Source: judgement.
 """
 
 ASTRAY = 1.5
-"""Limit of the mean e²/P of the angle without reference over the window; beyond it the filter's
-numbers are not used.
+"""Limit of the mean e²/P of the angle over the window without reference [1]; beyond it the filter's
+parameters are not used. Source: judgement.
 """
 
 
 def plain_samples(
     estimator: AdaptiveFilter, start: Belief, log: Log, samples: Floats, truths: Floats
 ) -> Samples:
-    """Return the readings of a filter over a log, its own angles, and true minus own angles.
+    """Return the readings of a filter over a log, the filter's own angles, and the errors of these,
+    true minus estimated.
 
-    It begins with the belief before the first sample and reads `samples`, (k, n_channels); `truths`
-    are the true angles [rad], NaN where not known, (k, n_joints).
+    Args:
+        estimator: the filter; the angles are those before its maps correct them.
+        start: belief before the first sample.
+        log: with its stamps.
+        samples: values of the channels, (k, n_channels).
+        truths: true angles [rad], NaN where not known, (k, n_joints).
     """
     kernel_states = estimator.advanced(start, log.time, samples).kernel_states
     nj = truths.shape[1]
@@ -61,8 +66,8 @@ def plain_samples(
 
 
 def held(values: Floats) -> Floats:
-    """Return `values`, (k,), each missing one replaced by the last before it, the first ones by the
-    first finite one.
+    """Return `values`, (k,), with each missing one replaced by the last finite one before it, or at
+    the beginning by the first finite one.
     """
     is_finite = np.isfinite(values)
     last = np.maximum.accumulate(np.where(is_finite, np.arange(len(values)), -1))
@@ -71,10 +76,11 @@ def held(values: Floats) -> Floats:
 
 
 def parameters_homed(window: Window) -> Belief:
-    """Return a belief before the first sample with the rig's numbers as found by a homing move.
+    """Return a belief before the first sample with the rig's parameters as a homing move shows
+    them.
 
-    They are the filter's own if its angle stays in its band with them, else the `most_likely`. A
-    learned map corrects the remaining error.
+    They are those that the filter finds, if its angle then stays in its band over the window, else
+    those of `most_likely_start`. A learned map corrects the remaining error.
     """
     filtered = parameters_filtered(window)
     if filtered is not None:
@@ -83,8 +89,8 @@ def parameters_homed(window: Window) -> Belief:
 
 
 def errors_last(length: float) -> float:
-    """Return the assumed duration of errors [s] where a learned map corrects the angle after a
-    window of `length` s.
+    """Return the time for which errors are assumed to last [s], in a window of `length` s, where a
+    learned map corrects the angle afterwards.
     """
     return max(INDEPENDENT, min(INDEPENDENT_CORRECTED, SHARE_CORRECTED * length))
 
@@ -92,8 +98,9 @@ def errors_last(length: float) -> float:
 def homing_prior(window: Window) -> Belief:
     """Return the first belief of a filter that reads the reference over the window.
 
-    It is its usual prior if its angle then stays in its band over the window: it learns as it runs.
-    Else it begins with the `most_likely` numbers and their covariance.
+    It is the filter's usual prior, if the filter then finds parameters with which its angle stays
+    in its band over the window. Else the parameters and their covariance are those of
+    `most_likely_start`.
     """
     return (
         window.start
@@ -103,12 +110,13 @@ def homing_prior(window: Window) -> Belief:
 
 
 def parameters_filtered(window: Window, passes: int = PASSES) -> Belief | None:
-    """Return a belief before the first sample with the numbers that the filter finds; None if its
-    angle leaves its band.
+    """Return a belief before the first sample with the parameters that the filter finds; None if
+    its angle leaves its band.
 
-    The filter reads the reference over the window in each pass. The next pass begins with the
-    numbers found, so that it linearises at them; their covariance is that after the last. The angle
-    must then stay in its band without reference.
+    The filter reads the reference over the window in each of the `passes`. Each pass begins with
+    the parameters found by the last one, so that it linearises there, and with their prior
+    covariance; their returned covariance is that after the last pass. Then the filter runs without
+    the reference, and its angle must stay in its band.
     """
     estimator = window.estimator
     start = window.start
@@ -138,11 +146,12 @@ def calibrated(
     truths: Floats,
     homing: float,
 ) -> tuple[AdaptiveFilter, Belief, Floats, float]:
-    """Return filter, first belief and samples of a run after its homing move, and how surprising
-    the move was.
+    """Return filter, first belief and samples of a run whose rig has a discrepancy, and how
+    surprising its homing move was.
 
-    The run itself reads no reference: the discrepancy learns the errors of its angle over the
-    window of `homing` s. The `truths` are as for `home`.
+    The run itself reads no reference. The window, the first `homing` s, gives the parameters of the
+    rig; its remaining errors of the angle correct the discrepancy. The `samples` and `truths` are
+    as for `home`.
     """
     assert estimator.discrepancy is not None
     begun = parameters_homed(Window.of(estimator, start, log, samples, truths, homing))
@@ -157,10 +166,11 @@ def calibrated(
 def calibrate_contact(
     estimator: AdaptiveFilter, log: Log, samples: Floats, homing: float
 ) -> AdaptiveFilter:
-    """Return a filter with its contact map adapted to this run by the torque in the window, if the
-    log has it.
+    """Return the filter with its contact map corrected by the true torques in the window; unchanged
+    if the log has none.
 
-    It reads `samples`, (k, n_channels); the window is the first `homing` s.
+    The window is the first `homing` s of the log; `samples` are the values of the channels, (k,
+    n_channels).
     """
     learned = estimator.contact
     assert learned is not None
@@ -176,11 +186,13 @@ def calibrate_contact(
 
 
 def torque_samples(log: Log, rig: Rig, channels: Mapping[str, Floats], torques: Floats) -> Samples:
-    """Return the inputs of a contact map over a log: readings less known offsets, missing ones
-    held; and true torques.
+    """Return the inputs of a contact map over a log, and the true torques.
 
-    The channels, (k,) each, are in the order of the map; `torques` are [N m], NaN where not known,
-    (k, n_joints).
+    Args:
+        log: with its stamps.
+        rig: whose known offsets are subtracted from the readings.
+        channels: channel → its readings, (k,), in the order of the map; missing ones are held.
+        torques: true external torques [N m], NaN where not known, (k, n_joints).
     """
     readings = [
         held(values) - offset

@@ -19,14 +19,18 @@ ASTRAY_NOTE = (
     "half clearly less: the "
     "rig is described wrong, so the angle is taken from least squares on the whole move (affine)"
 )
+"""The note on an estimate whose angle least squares gives; the braces hold the filter's error."""
 
 
 @dataclass(frozen=True)
 class Homed:
-    """A run after its homing move: the filter with the maps of this run, its first belief, and
-    values of its channels.
+    """A run after its homing move.
 
-    The notes say how the move was used.
+    Args:
+        estimator: the filter with the maps of this run.
+        start: its first belief.
+        samples: values of its channels, (k, n_channels).
+        notes: sentences on how the move was used.
     """
 
     estimator: AdaptiveFilter
@@ -44,12 +48,18 @@ def home(
     truths: Floats,
     homing: float,
 ) -> Homed:
-    """Return filter, first belief and samples of a run, adapted by its homing move of `homing` s.
+    """Return filter, first belief and samples of a run, adapted by its homing move.
 
-    With a discrepancy the move corrects it. Else the filter reads the reference; where least
-    squares does clearly better within the move, that is reported. The filter's `samples`, (k,
-    n_channels), have the reference within the window; `truths` are the true angles [rad], NaN where
-    not known, (k, n_joints).
+    If the rig has a discrepancy, the move corrects it. Else the filter reads the reference in the
+    window; where least squares does clearly better on the move, it gives the reported angle.
+
+    Args:
+        estimator: the filter, whose channels contain the reference.
+        start: its belief before the first sample.
+        log: the whole run.
+        samples: values of its channels, with the reference only in the window, (k, n_channels).
+        truths: true angles [rad], NaN where not known, (k, n_joints).
+        homing: length of the window [s].
     """
     notes = tuple[str, ...]()
     if estimator.discrepancy is not None:

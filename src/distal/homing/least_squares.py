@@ -1,10 +1,9 @@
-"""Find whether a homing move gives the filter wrong numbers, by least squares on the same window,
-and then report that.
+"""Compare filter and least squares on a homing move, and report the angle by least squares where it
+is clearly better.
 
-Both learn from the first half of the window and are tested on the second half. If there the
-filter's error is outside its own band and larger than that of a straight line, although its numbers
-fit the first half, the rig is described wrong. Its angle is then reported by the straight line of
-the whole window.
+Both learn from the first half of the window and are tested on its second half. The rig is described
+wrong if the filter's error there is outside its own band and clearly larger than that of the affine
+map. Then the affine map that is learned from the whole window gives the reported angle.
 """
 
 from __future__ import annotations
@@ -31,17 +30,17 @@ from distal.rig import Affine, Rig
 from distal.sensor_errors import position_offsets
 
 SHIFTED = ("centre", "low", "high")
-"""The fields of a map in the unit of the readings, with their offsets."""
+"""The fields of a map that are in the unit of the readings and contain their offsets."""
 
 FIRST = 0.5
-"""Share of the window for learning; the rest is for testing."""
+"""Share of the window for learning [1]; the rest is for testing. Source: judgement."""
 
 CLEARLY = 1.5
-"""Least squares is used if the filter's error on the rest of the window is this many times larger.
-"""
+"""Ratio of two RMS errors from which on one is clearly larger [1]. Source: judgement."""
 
 STILL = np.deg2rad(0.5)
-"""A reference that moves less than this gives the zero, but not the slope of a straight line [rad].
+"""A reference that moves less than this is not compared: it gives the zero, but not the slope of an
+affine map [rad]. Source: judgement.
 """
 
 
@@ -53,13 +52,11 @@ def led_astray(
     truths: Floats,
     homing: float,
 ) -> Floats | None:
-    """Return the RMS error of the filter on the second half of a homing move [rad], (n_joints,), if
-    it was led astray.
+    """Return the RMS errors of the filter on the second half of a homing move [rad], (n_joints,),
+    if least squares is clearly better there, else None.
 
-    It was if for some joint its error is outside its band and clearly larger than that of least
-    squares, and for no joint least squares is clearly worse. NaN stands for a joint that is not
-    known there, infinity for a filter that diverged. The arguments `samples`, `truths` and `homing`
-    are as for `home`.
+    It is better if `line_is_better`. NaN stands for a joint whose angle is not known there,
+    infinity for a filter that diverged. The `samples`, `truths` and `homing` are as for `home`.
     """
     since = log.time - log.time[0]
     until = int(np.searchsorted(since, homing))
@@ -92,10 +89,12 @@ def led_astray(
 
 def line_is_better(sizes: Floats, of_line: Floats, surprise: Floats) -> bool:
     """Return whether least squares is clearly better for a joint whose filter is outside its band,
-    and worse for none.
+    and clearly worse for none.
 
-    Of each joint, (n_joints,): RMS errors of the filter, `sizes`, NaN where not known, and
-    `of_line` of least squares [rad], and `surprise`, mean e²/P of the filter.
+    Args:
+        sizes: RMS errors of the filter [rad], NaN where not known, (n_joints,).
+        of_line: RMS errors of least squares [rad], (n_joints,).
+        surprise: mean e²/P of the filter, (n_joints,).
     """
     astray = (sizes > CLEARLY * of_line) & (surprise > ASTRAY)
     return bool(astray.any() and not np.any(of_line > CLEARLY * sizes))
@@ -104,10 +103,14 @@ def line_is_better(sizes: Floats, of_line: Floats, surprise: Floats) -> bool:
 def with_straight_line(
     estimator: AdaptiveFilter, begun: Belief, log: Log, samples: Floats, homing: float
 ) -> tuple[AdaptiveFilter, Belief]:
-    """Return a filter that reports the angle by least squares on a homing move of `homing` s, and
-    its first belief.
+    """Return a filter that reports the angle by least squares on a homing move, and its first
+    belief.
 
-    It begins as after the move, with the values `samples` of its channels, (k, n_channels).
+    Args:
+        begun: its belief before the first sample, after the move was used.
+        log: the whole run.
+        samples: values of its channels, (k, n_channels).
+        homing: length of the move [s].
     """
     line = _line(estimator.rig, log, homing)
     offsets = position_offsets(estimator.rig, line.channels)  # which the filter takes off
@@ -125,7 +128,7 @@ def with_straight_line(
 
 
 def _line(rig: Rig, log: Log, homing: float) -> Affine:
-    """Return the straight line of a window, by least squares alone or as a correction of the one in
+    """Return the affine map of a window, by least squares alone or as a correction of the one in
     the rig file.
     """
     if rig.affine is not None and rig.affine.channels != channels_of(rig, "affine").names:

@@ -1,19 +1,18 @@
-"""The numbers of a rig from a homing move: their maximum a posteriori over the whole window, by
-iteration.
+"""The parameters of a rig from a homing move: their maximum a posteriori over the whole window,
+found by iteration.
 
-A filter that reads the angle as a sensor linearises at each moment, without the rest of the window:
-with wide priors it finds numbers with which the joint would move away once the reference is gone.
-Here the numbers are constant over the window, the filter runs without the reference, as in later
-use, and its angle is compared with the reference:
+A filter that reads the angle as a sensor linearises at each sample, without the rest of the window:
+with wide priors it finds parameters with which the joint would move away once the reference is
+gone. Here the parameters, mean + std · z of their prior, are constant over the window. The filter
+runs without the reference, as in later use, and its angle is compared with the reference:
 
-    minimise ½ Σ (θ_ref − θ̂(z))²/(w_θ s_θ²) + ½ Σ ν(z)²/(w_f S₀) + ½ |z|²,    numbers = mean + std
-    · z
+    minimise ½ Σ (θ_ref − θ̂(z))²/(w_θ s_θ²) + ½ Σ ν(z)²/(w_f S₀) + ½ |z|²
 
-Denominators are those at the prior's mean, so that no number can be bought by a wider band. w
-counts how many samples tell as much as one that is independent, and how much larger the errors are
-than the filter thinks; both are found again after each fit. Solved by Gauss–Newton in a trust
-region (Branch, Coleman and Li, SIAM J. Sci. Comput. 21, 1999; `scipy.optimize.least_squares`); the
-covariance is the inverse of its Hessian.
+The variances s_θ² and S₀ are those at the prior's mean, so that a wider band does not reduce the
+criterion. A weight w is the number of samples that tell as much as one independent sample, times
+the ratio of the squared errors to what the filter expects; both weights are computed again after
+each fit. Solved by Gauss–Newton in a trust region (Branch, Coleman and Li, SIAM J. Sci. Comput. 21,
+1999; `scipy.optimize.least_squares`); the covariance is the inverse of its Hessian.
 """
 
 from __future__ import annotations
@@ -28,40 +27,52 @@ from distal.logs import frozen
 from distal.regression import correlated_samples
 
 ROUNDS = 3
-"""How often the weights are computed again."""
+"""Number of fits, after each of which the weights are computed again [1]. Source: judgement."""
 
 EVALUATIONS = 30
-"""At most this many points are tried in a round."""
+"""Largest number of points that are tried in one fit [1]. Source: judgement."""
 
 STEP = 0.02
-"""Change of a number by which its slope is found, in stds of its prior."""
+"""Change of a parameter for its slope by differences, in stds of its prior [1]. Source: judgement.
+"""
 
 INDEPENDENT = 0.1
+"""Time for which errors are assumed to last, at least [s]. Source: judgement."""
+
 INDEPENDENT_CORRECTED = 1.0
+"""The same where a learned map corrects the angle afterwards, at most [s]: errors of the model are
+left to the map, instead of changing the parameters (docs/explanation/discrepancy.md). Source:
+judgement.
+"""
+
 SHARE_CORRECTED = 1 / 3
-"""Errors are taken to last at least so long [s]; with a learned map longer, 1 s but at most this
-share of the window: what is wrong with the model is left to the map, instead of bending the numbers
-(docs/explanation/discrepancy.md).
+"""Share of the window for which errors are then assumed to last, within these limits [1]. Source:
+judgement.
 """
 
 UNEXPLAINED = 10.0
-"""Factor on the filter's variance of the angle with which the weights of its errors begin."""
+"""Factor on the weight of the errors of the angle in the first fit [1]. Source: judgement."""
 
 LARGEST_RESIDUAL = 1e3
-"""A residual is limited to this many standard deviations."""
+"""Largest size of a residual, in standard deviations [1]; a larger one is cut. Source: judgement.
+"""
 
 KEPT = 0.3
-"""Share of the covariance that the filter keeps: with all of it, forces of a wrong model would
-change the numbers again.
+"""Share of the covariance that the filter keeps [1]: with all of it, forces of a wrong model would
+change the parameters again. Source: judgement.
 """
 
 
 def most_likely_start(window: Window, independent: float = INDEPENDENT) -> Belief:
-    """Return a belief before the first sample: the numbers at their maximum a posteriori, with its
-    covariance.
+    """Return a belief before the first sample with the parameters at their maximum a posteriori,
+    and `KEPT` of their covariance.
 
-    The first angle is the reference's own; errors last for `independent` s or more. Where nothing
-    is uncertain, or the filter leaves all bounds with the prior's mean, it is the belief as it was.
+    It is the window's own first belief where no parameter is uncertain, or where the filter
+    diverges with the prior's mean.
+
+    Args:
+        window: of the homing move.
+        independent: time for which errors are assumed to last, at least [s].
     """
     from scipy.optimize import least_squares  # not needed before
 
@@ -87,7 +98,7 @@ def most_likely_start(window: Window, independent: float = INDEPENDENT) -> Belie
 
 
 class _Search:
-    """The criterion as a function of the numbers, in stds of their prior."""
+    """The criterion as a function of the parameters z, in stds of their prior."""
 
     def __init__(self, window: Window, independent: float) -> None:
         self._window = window
@@ -114,7 +125,7 @@ class _Search:
         self._last: tuple[bytes, tuple[Floats, Floats]] | None = None
 
     def kernel_state(self, z: Floats) -> Floats:
-        """Return the kernel state before the first sample at some numbers."""
+        """Return the kernel state before the first sample with the parameters z."""
         kernel_state = self._begin.copy()
         kernel_state[self.at] = self.means + self.stds * z
         return kernel_state
@@ -143,8 +154,8 @@ class _Search:
         return self._last[1]
 
     def begins(self) -> bool:
-        """Return whether the filter has an answer at the prior's mean, and take its standard
-        deviations from there.
+        """Return whether the filter stays bounded at the prior's mean; its standard deviations
+        there become those of the criterion.
         """
         done = self._window.scan(self.kernel_state(np.zeros(len(self.at))), self._unaided)
         if done is None:
@@ -162,12 +173,12 @@ class _Search:
         return outputs[:, :m][:, self._proximal], outputs[:, m : 2 * m][:, self._proximal]
 
     def residuals(self, z: Floats, weights: tuple[float, float]) -> Floats:
-        """Return what is squared and summed, (n_residuals,)."""
+        """Return the residuals, whose squares are summed, (n_residuals,)."""
         parts = [ratio.ravel() / np.sqrt(weight) for ratio, weight in zip(self._ratios(z), weights)]
         return np.concatenate([*parts, z])
 
     def slopes(self, z: Floats, weights: tuple[float, float]) -> Floats:
-        """Return the slopes of the residuals, (n_residuals, n_numbers)."""
+        """Return the slopes of the residuals by the parameters, (n_residuals, n_parameters)."""
         base = self.residuals(z, weights)
         columns = []
         for i in range(len(z)):
@@ -178,15 +189,13 @@ class _Search:
         return np.column_stack(columns) if columns else np.zeros((len(base), 0))
 
     def weights(self, z: Floats) -> tuple[float, float]:
-        """Return by what the squares of errors and innovations are divided: samples per independent
-        one, and their size.
-        """
+        """Return the weights by which the squares of errors and of innovations are divided."""
         return _weight(self._ratios(z)[0], self._least), _weight(self._ratios(z)[1], self._least)
 
 
 def _weight(ratios: Floats, least: float) -> float:
-    """Return what sums of squares are divided by; a rig in which nothing is compared has no
-    ratios.
+    """Return the weight of some residuals, `least` for none: the number of samples that count as
+    one, times the residuals' mean square where that is above 1.
     """
     if not ratios.size:
         return least

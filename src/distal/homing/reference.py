@@ -1,5 +1,5 @@
-"""A reference of joints' angles: a sensor that is read while it is there (homing, fitting), or a
-truth column.
+"""References of joints' angles: a sensor that is read while the angle is known (homing, fitting),
+or a column of true angles.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from distal.logs import Log, TruthKind, TruthSource, true_angles
 from distal.rig import Rig, Sensor, angle_names, build_rig
 
 TRUTH_NOISE = np.deg2rad(0.1)
-"""Standard deviation of a truth that is no sensor of the rig [rad]."""
+"""Standard deviation of a true angle that is no sensor of the rig [rad]. Source: judgement."""
 
 
 def with_references(rig: Rig, log: Log) -> tuple[Rig, tuple[Sensor, ...]]:
-    """Return a rig in which the log's truth is a sensor of each joint whose angle is known, and
-    these sensors.
+    """Return a rig in which each joint whose angle the log knows has a sensor of it, and these
+    sensors.
 
-    They are the rig's own where the truth comes from them; else ones called ``reference`` are
-    added, with `TRUTH_NOISE`.
+    If the log's true angles come from the rig's own sensors, they are these; else sensors called
+    ``reference`` are added, with `TRUTH_NOISE`.
 
     Raises:
-        EstimationError: the log has no truth.
+        EstimationError: the log has no true angle.
     """
     joints = rig.joint_names
     known_joints = [joint for joint, name in zip(joints, angle_names(joints)) if name in log.truth]
@@ -52,8 +52,8 @@ def with_references(rig: Rig, log: Log) -> tuple[Rig, tuple[Sensor, ...]]:
 
 
 def added_reference(rig: Rig, rate: float, joint: str | None = None) -> tuple[Rig, Sensor]:
-    """Return the rig with a sensor of some `rate` [Hz] more, of a joint's angle, default the
-    first's, and that sensor.
+    """Return the rig with one more sensor of a joint's angle, default the first joint's, that is
+    read at some `rate` [Hz]; and that sensor.
     """
     joint = rig.joints[0].name if joint is None else joint
     sensors = [sensor for sensor in rig.sensors_of("angle") if sensor.of == joint]
@@ -80,13 +80,21 @@ def _angle_sensor(rig: Rig, stem: str, joint: str, rate: float) -> dict[str, obj
 def at_known_angle(
     log: Log, rig: Rig, homing: float, angle: float, std: float = 0.0, joint: str | None = None
 ) -> tuple[Log, Rig]:
-    """Return a log and a rig with which a filter homes where the joint is known to be: at a mark,
-    or against a hard stop.
+    """Return a log and a rig for homing where a joint stands at a known angle: at a mark, or
+    against a hard stop.
 
-    The rig gets a sensor ``home`` of the joint's angle (``home_JOINT`` where there are several),
-    with an offset of `std` [rad], and the log's truth is `angle` [rad] for the first `homing` s.
-    Afterwards it is what it was, NaN where there was none. For several joints it is called once for
-    each that stands somewhere known; the truth of the others is not used.
+    The rig gets a sensor ``home`` of the joint's angle (``home_JOINT`` where there are several
+    joints). In the log the joint's true angle is `angle` for the first `homing` s; later it is what
+    it was, NaN where it was not known. For several joints call it once for each that stands at a
+    known angle; true angles of the others are not used during homing.
+
+    Args:
+        log: the run.
+        rig: its description.
+        homing: for how long the joint stands there [s].
+        angle: the known angle [rad].
+        std: standard deviation of the sensor's constant offset [rad].
+        joint: its name; may be left out where there is only one.
 
     Raises:
         EstimationError: it is not clear which joint is meant, or a number is out of bounds.
@@ -109,7 +117,7 @@ def at_known_angle(
     homed_before = log.truth_kind is TruthKind.HOME
     truth = dict(log.truth)
     if not homed_before:
-        # of the joints that nobody says anything of, the truth is not used
+        # during homing, true angles of all other joints are not used
         truth |= {
             name: np.where(early, np.nan, truth[name]) for name in columns.values() if name in truth
         }
@@ -131,14 +139,13 @@ def _with_home(rig: Rig, joint: str, std: float, rate: float) -> tuple[Rig, Sens
 
 
 def homing_filter(rig: Rig, std: float = 0.0, compiled: bool = True) -> AdaptiveFilter:
-    """Return an `adaptive` that homes while it runs: its samples also say where joints are known to
-    stand.
+    """Return an `adaptive` that can home at any time: its samples also say where joints are known
+    to stand.
 
-    Behind its other channels it has one more for each joint, ``home`` or ``home_JOINT``: the angle
-    [rad] while the joint is known to stand there, at a mark or against a stop, and NaN at all other
-    times. That may be at the beginning, as in `estimate` with `homing`, and again at any time
-    later. Between that angle and the joint's own is a constant offset of standard deviation `std`
-    [rad].
+    After its other channels it has one more for each joint, ``home`` or ``home_JOINT``. Its value
+    is the angle [rad] while the joint is known to stand there, at a mark or against a stop, and NaN
+    at all other times. Between that angle and the joint's own there is a constant offset of
+    standard deviation `std` [rad].
 
     Raises:
         EstimationError: the std is out of bounds, the rig has a discrepancy, or the filter cannot
@@ -164,10 +171,11 @@ def homing_filter(rig: Rig, std: float = 0.0, compiled: bool = True) -> Adaptive
 
 
 def check_homing(homing: float, log: Log, joints: Sequence[str]) -> Floats:
-    """Return the true angles.
+    """Return the true angles of a log, (k, n_joints) [rad], of which the first `homing` s are the
+    reference.
 
     Raises:
-        EstimationError: `homing` [s] has no reference, or leaves no time to estimate.
+        EstimationError: there is no reference in these seconds, or they leave no time to estimate.
     """
     span = float(log.time[-1] - log.time[0])
     if not np.isfinite(homing) or not 0.0 < homing < span:
@@ -188,11 +196,13 @@ def check_homing(homing: float, log: Log, joints: Sequence[str]) -> Floats:
 
 
 def homed(angles: Floats, truths: Floats, early: Bools) -> Floats:
-    """Return `angles` [rad], (k, n_joints), shifted so that their mean errors over the first
-    moments are zero.
+    """Return `angles` [rad], (k, n_joints), each joint's shifted so that its mean error against the
+    reference is zero.
 
-    The reference's angles are `truths`, NaN where it has none, (k, n_joints); it is used where it
-    is `early`, (k,).
+    Args:
+        angles: as estimated.
+        truths: the reference's angles [rad], NaN where it has none, (k, n_joints).
+        early: where the reference is used, (k,).
     """
     shifted = angles.copy()
     for j in range(angles.shape[1]):

@@ -13,17 +13,21 @@ from distal.logs import Log, frozen
 from distal.sensor_errors import variance
 
 START_STD = float(np.deg2rad(0.2))
-"""How well the joint's first angle is known from the reference [rad]."""
+"""Standard deviation of the joint's first angle where the reference gives it, without the
+reference's offset [rad]. Source: judgement.
+"""
 
 
 @dataclass(frozen=True)
 class Window:
-    """The first seconds of a log, in which a reference is known, and the filter's belief before the
-    first sample.
+    """The first seconds of a log, in which a reference is known.
 
-    Among the channels of the filter, `estimator`, is the reference. At the times [s], (k,), there
-    are samples of the channels, (k, n_channels), and true angles [rad], NaN where not known, (k,
-    n_joints).
+    Args:
+        estimator: the filter, whose channels contain the reference.
+        start: its belief before the first sample.
+        time: stamps [s], (k,).
+        samples: values of the channels, (k, n_channels).
+        truths: true angles [rad], NaN where not known, (k, n_joints).
     """
 
     estimator: AdaptiveFilter
@@ -41,13 +45,15 @@ class Window:
         truths: Floats,
         homing: float,
     ) -> Window:
-        """Return the first `homing` s of a log, with `samples` and `truths` of all of it."""
+        """Return the window of the first `homing` s of a log; `samples` and `truths` are those of
+        the whole log.
+        """
         until = int(np.searchsorted(log.time - log.time[0], homing))
         return Window(estimator, start, log.time[:until], samples[:until], truths[:until])
 
     @property
     def references(self) -> dict[int, int]:
-        """Channel → joint of each reference, by index."""
+        """Index of the channel → index of the joint, for each reference."""
         joints = self.estimator.rig.joint_names
         sensors = {
             sensor.name: joints.index(sensor.of)
@@ -59,7 +65,7 @@ class Window:
 
     @property
     def _biases(self) -> dict[str, int]:
-        """Channel → index of the state that is its offset."""
+        """Channel → index of the state that is its sensor's offset."""
         estimator = self.estimator
         return states_of(
             StateKind.SENSOR_BIAS, estimator.channels, estimator.state_kinds, estimator.state_parts
@@ -67,14 +73,14 @@ class Window:
 
     @property
     def unaided(self) -> Floats:
-        """The samples without the references, (k, n_channels)."""
+        """The samples without the references' values, (k, n_channels)."""
         samples = self.samples.copy()
         samples[:, list(self.references)] = np.nan
         return samples
 
     def scan(self, kernel_state: Floats, samples: Floats) -> Advanced | None:
-        """Return carries and outputs after each of the `samples`, begun at a `kernel_state`; None
-        where the filter diverges.
+        """Return kernel states and outputs after each of the `samples`, begun at a `kernel_state`
+        before the first; None where the filter diverges.
         """
         estimator = self.estimator
         size = self.start.size
@@ -88,8 +94,8 @@ class Window:
         return run if bounded else None
 
     def errors(self, kernel_states: Floats) -> tuple[Floats, Floats]:
-        """Return the errors of the angles, less their references' offsets, and the variances of
-        these, (k, n_joints).
+        """Return the errors of the angles, true minus estimated and less the estimated offset of
+        the reference, and the variances of these errors, (k, n_joints) each.
         """
         n = self.start.size
         nj = self.truths.shape[1]
@@ -105,8 +111,8 @@ class Window:
         return errors, variances
 
     def anchored(self, kernel_state: Floats) -> Floats:
-        """Return a kernel state before the first sample whose first angles are those of the
-        reference.
+        """Return the kernel state, which is one before the first sample, with the first angles of
+        the reference as angles of the joints.
         """
         n = self.start.size
         states = self.estimator.states
@@ -128,10 +134,11 @@ class Window:
         return kernel_state
 
     def within(self, kernel_state: Floats, times: float) -> bool:
-        """Return whether a run without reference keeps its angles in their bands: mean e²/P of each
-        joint at most `times`.
+        """Return whether a run without reference keeps each joint's angle in its band: its mean
+        e²/P is at most `times`.
 
-        It begins at a `kernel_state` before the first sample.
+        The run begins at a `kernel_state` before the first sample, with the angles of the
+        reference.
         """
         done = self.scan(self.anchored(kernel_state), self.unaided)
         if done is None:

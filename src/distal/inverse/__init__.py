@@ -1,4 +1,4 @@
-"""The inverse of a rig: what its drives do so that its joints get to desired angles."""
+"""Inverse of a rig: commands for its drives that bring its joints to desired angles."""
 
 from distal.inverse.command_trajectory import Inverse
 from distal.inverse.commands import Commands

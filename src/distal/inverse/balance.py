@@ -1,8 +1,10 @@
-"""What holds joints that are moved by drives: the torques that they need, the pulls of tendons,
-what drives feel.
+"""Balance of the joints: the torques that they need, the pulls of the drives that make them, and
+the forces of the drives.
 
-At desired θ, ω and α a joint needs  τ = M α + b ω − passive(θ) + d l(T) − τ_ext  from its tendons,
-with the friction limit l in the direction of motion d; all by the equations of `Mechanism`.
+At a desired angle θ, speed ω and acceleration α a joint needs from its tendons the torque  τ = M α
++ b ω − passive(θ) + d l(T) − τ_ext,  with the inertia M, the damping b, the friction limit l at the
+tensions T, the direction of motion d, and the external torque τ_ext. All terms are those of
+`Mechanism`.
 """
 
 from __future__ import annotations
@@ -23,8 +25,8 @@ from distal.rig import Rig
 
 @dataclass(frozen=True)
 class CoupledJoints:
-    """Joints that move by themselves and the drives that move them, together with no others:
-    indices of both.
+    """Free joints and the drives that move them, which move no other joint: indices among the free
+    joints, and among the drives.
     """
 
     joints: tuple[int, ...]
@@ -32,8 +34,11 @@ class CoupledJoints:
 
 
 class Balance:
-    """What holds the joints of a rig, as expressions of the joints' angles and the drives'
-    positions.
+    """Torques and pulls that hold the joints of a rig, as expressions of the joints' angles and the
+    drives' positions.
+
+    A free joint is one whose angle follows no other joint's. The pull f of a drive [N] is the force
+    along its first tendon, at the joint's end, that acts on the joints as all of its tendons do.
     """
 
     def __init__(self, rig: Rig, folded: bool = False) -> None:
@@ -53,7 +58,7 @@ class Balance:
 
     @cached_property
     def parts(self) -> tuple[CoupledJoints, ...]:
-        """The parts of the rig that share neither joints nor drives."""
+        """Groups of free joints and drives that are not coupled to one another."""
         pattern = self.arms(
             ca.SX.sym("q", self.nj), ca.SX.sym("s", self.nd), self.mechanism.parameters.symbols
         )
@@ -76,12 +81,14 @@ class Balance:
 
     @property
     def one_sided(self) -> list[bool]:
-        """Whether each drive pulls one way only: it winds one tendon."""
+        """Whether each drive can pull one way only, since it winds one tendon, (n_drives,)."""
         return [len(tendons) == 1 for tendons in self.tendons_of]
 
     def all_joints(self, free: Vector, offsets: bool = True) -> Vector:
-        """Return the joints' angles, (n_joints,) [rad], or speeds, of those of `free` joints,
+        """Return the angles of all joints, (n_joints,) [rad], from those of the `free` joints,
         (n_free,).
+
+        Without `offsets` it does the same for speeds and accelerations.
         """
         mechanism = self.mechanism
         return ca.mtimes(ca.SX(mechanism.spread), free) + (mechanism.offsets if offsets else 0)
@@ -90,8 +97,8 @@ class Balance:
         return self.mechanism.length_jacobian(ca.vertcat(angles, positions))
 
     def _shares(self, angles: Vector, positions: Vector) -> Vector:
-        """Return what each tendon adds to its drive's pull, (n_tendons,): its arms along those of
-        the drive's first one.
+        """Return the share of each tendon's tension in its drive's pull, (n_tendons,): its moment
+        arms projected onto those of the drive's first tendon.
         """
         levers = self._levers(angles, positions)[:, : self.nj]
         shares = ca.SX.ones(self.nt)
@@ -102,8 +109,8 @@ class Balance:
         return shares
 
     def arms(self, angles: Vector, positions: Vector, p: Vector) -> Matrix:
-        """Return the torque per pull on free joints, (n_free, n_drives) [m], at `angles`,
-        `positions` and parameters `p`.
+        """Return the torque on each free joint per pull of each drive, (n_free, n_drives) [m], at
+        `angles`, `positions` and parameters `p`.
         """
         first = [tendons[0] for tendons in self.tendons_of]
         levers = self._levers(angles, positions)[first, : self.nj]
@@ -112,8 +119,8 @@ class Balance:
 
     @cached_property
     def pull(self) -> ca.Function:
-        """(θ, s, shares, p) → pulls of the drives at their joints' ends, and their slopes by the
-        positions, (n_drives,).
+        """Function (θ, s, shares, p) → pulls of the drives [N], and their derivatives by the
+        drives' positions [N/m, N/rad], (n_drives,) each.
         """
         mechanism = self.mechanism
         angles = ca.SX.sym("angles", self.nj)
@@ -131,8 +138,8 @@ class Balance:
 
     @cached_property
     def geometry(self) -> ca.Function:
-        """(θ, s, p) → arms (n_free, n_drives), shares (n_tendons,), steepest slopes of the pulls
-        (n_drives,).
+        """Function (θ, s, p) → moment arms (n_free, n_drives), shares (n_tendons,), and the largest
+        possible derivative of each drive's pull by its position (n_drives,).
         """
         angles = ca.SX.sym("angles", self.nj)
         positions = ca.SX.sym("positions", self.nd)
@@ -151,8 +158,10 @@ class Balance:
 
     @cached_property
     def needed(self) -> ca.Function:
-        """(θ_free, ω_free, α_free, s, d, τ_ext, p) → torques that tendons have to make, friction
-        limits, (n_free,) each.
+        """Function (θ_free, ω_free, α_free, s, d, τ_ext, p) → torques τ that the tendons have to
+        make, and friction limits, (n_free,) each [N m].
+
+        The direction d of each free joint's friction is −1 to 1, and τ_ext acts on all joints.
         """
         mechanism = self.mechanism
         nf = self.nf
@@ -183,7 +192,9 @@ class Balance:
 
     @cached_property
     def driven(self) -> ca.Function:
-        """(θ, s, s in its range, ṡ, d_s, p) → force of each drive, and tensions at the drives."""
+        """Function (θ, s, s limited to its range, ṡ, d_s, p) → force of each drive, and tensions at
+        the drives; d_s is the direction of the drives' friction, −1 to 1.
+        """
         mechanism = self.mechanism
         angles = ca.SX.sym("angles", self.nj)
         positions, within, rates, turned = (
@@ -207,7 +218,9 @@ class Balance:
 
     @cached_property
     def moved(self) -> ca.Function:
-        """(θ, s, dt, p) → what has moved inside."""
+        """Function (q, dt, p) → internal state after a time dt at q = (θ, s): backlash, points of
+        sheaths, creep.
+        """
         mechanism = self.mechanism
         q = ca.SX.sym("q", self.mechanism.n_bodies)
         dt = ca.SX.sym("dt")
@@ -217,8 +230,8 @@ class Balance:
 
     @cached_property
     def tangent(self) -> ca.Function:
-        """(θ_free, f, s, d, τ_ext, p) → what the joints lack, A f − τ, and its slopes by θ_free at
-        pulls that stay.
+        """Function (θ_free, f, s, d, τ_ext, p) → residual torque A f − τ of the free joints at
+        rest, and its derivatives by θ_free at constant pulls f.
         """
         nf = self.nf
         p = self.mechanism.parameters.symbols
@@ -239,29 +252,33 @@ class Balance:
         )
 
     def number(self, p: Symbolic, names: Sequence[str]) -> Symbolic:
-        """Return numbers by their names, see `command_inputs`, of all inputs `p`."""
+        """Return the inputs with these `names`, those of `command_inputs` without its prefix, out
+        of all inputs `p`.
+        """
         return self.mechanism.parameters.of(p, [f"{DERIVED}{name}" for name in names])
 
     @property
     def derived(self) -> Floats:
-        """The numbers that are inputs beside the equations' parameters, (n,), in their order."""
+        """Values of the inputs that `command_inputs` adds to the equations' parameters, (n,), in
+        their order.
+        """
         parameters = self.mechanism.parameters
         at = [i for i, name in enumerate(parameters.names) if name.startswith(DERIVED)]
         return parameters.values[at]
 
     def within_stops(self, angles: Symbolic, p: Symbolic) -> Symbolic:
-        """Return angles of free joints, (n_free,) [rad], cut where their stops are."""
+        """Return angles of free joints, (n_free,) [rad], limited to their stops."""
         low, high = (
             self.number(p, [f"joints.{j}.{end}" for j in self.free]) for end in ("low", "high")
         )
         return ca.fmin(ca.fmax(angles, low), high)
 
     def of_drives(self, p: Symbolic, key: str) -> Symbolic:
-        """Return a number of each drive, (n_drives,), by its key."""
+        """Return one input of every drive, (n_drives,), by its key, such as `radius`."""
         return self.number(p, [f"drives.{d}.{key}" for d in range(self.nd)])
 
     def winds(self, drive: int) -> int:
-        """Return +1 where a positive motion of a drive draws its first tendon in, else −1."""
+        """Return +1 where a drive draws its first tendon in as its position grows, else −1."""
         return (
             self.rig.tendons[self.tendons_of[drive][0]].winding
             if self.rig.drives[drive].kind == "capstan"
@@ -269,6 +286,6 @@ class Balance:
         )
 
     def spread(self) -> ca.Function:
-        """Return the function of joints that move by themselves to the angles of all joints."""
+        """Return the function that gives the angles of all joints from those of the free joints."""
         free = ca.SX.sym("free", self.nf)
         return ca.Function("spread", [free], [ca.densify(self.all_joints(free))])

@@ -1,4 +1,4 @@
-"""From a desired trajectory of the joints to what the drives do, for a whole trajectory at once."""
+"""Commands of the drives for a whole desired trajectory of the joints at once."""
 
 from __future__ import annotations
 
@@ -34,29 +34,33 @@ from distal.simulation.plant import inside_function
 Indices = NDArray[np.intp]
 
 SETTLES = 3
-"""Rounds until the drives' positions and what moves inside agree at the start."""
+"""Number of rounds in which the drives' positions and the internal state are made to agree at the
+start. Source: judgement.
+"""
 
 
 class Inverse:
-    """What drives have to do so that the joints get to desired angles: positions, speeds and
-    forces, and the band of the angle.
+    """Commands of the drives that bring the joints to desired angles: positions, speeds and forces,
+    with the band of the angles.
 
     ```python
     commands = distal.Inverse("finger-2n")(time, {"mcp": mcp, "pip": pip})  # [s], [rad]
     commands.write("commands.csv")
     ```
 
-    Friction is made up for in the direction of motion, and stretch, plays and creep by the model;
-    see `CommandModel`.
+    The commands compensate friction in the direction of motion, and stretch, backlash and creep by
+    the model; see `CommandModel`.
 
     Args:
         rig: the description, or a shipped rig's name, or a path.
-        least_tension: that every tendon keeps where there are more of them than joints: newtons, or
-            a text with a unit.
-        prefer: what is least there, "tension" or "heat": the sum of the pulls, or of their squares.
+        least_tension: tension that commands keep in each tendon that has a drive of its own:
+            newtons, or a text with a unit.
+        prefer: what is least where there are more drives than joints: "tension", the sum of the
+            pulls, or "heat", the sum of their squares.
 
     Raises:
-        CommandError: the tension or the preference is none.
+        CommandError: `least_tension` is no tension that the tendons can have, or `prefer` is
+            unknown.
         RigError: the rig is unknown or wrong.
     """
 
@@ -85,7 +89,7 @@ class Inverse:
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
-        """Names of the joints that move by themselves, whose angles are desired."""
+        """Names of the free joints, whose angles are desired; the other joints follow these."""
         return tuple(self.rig.joints[j].name for j in self.model.free)
 
     def __call__(
@@ -94,13 +98,12 @@ class Inverse:
         """Return the commands for desired angles over time.
 
         Args:
-            time: rising stamps [s], (k,); the closer, the better jumps are resolved.
-            angles: of the joints that move by themselves [rad], (k, n_free) in their order, or by
-                their names.
+            time: rising stamps [s], (k,); the closer they are, the better jumps are resolved.
+            angles: desired angles of the free joints [rad], (k, n_free) in their order, or by name.
 
         Raises:
-            CommandError: the shapes do not fit, a joint is missing or unknown, or a number is not
-                finite.
+            CommandError: the shapes do not fit, a joint is missing or unknown, stamps do not rise,
+                or a number is not finite or far beyond any joint's angle.
         """
         stamps = np.asarray(time, dtype=np.float64)
         desired = self._desired(stamps, angles)
@@ -157,16 +160,16 @@ class Inverse:
         return np.column_stack([followable(time, position, most) for position, most in each])
 
     def _cut(self, run: Advanced, read: Mapping[str, Floats], got: Floats) -> Bools:
-        """Return where drives are not at the positions at which joints are as desired, (k,
-        n_drives).
+        """Return where a drive's position or pull is not the one that the desired angles ask for,
+        (k, n_drives).
         """
         asked = self.model.kernel_state.view(run.kernel_states, "positions")
         cut: Bools = (np.abs(asked - got) > TINY) | (np.abs(read["short"]) > TINY)
         return cut
 
     def _held(self, run: Advanced, angles: Floats, positions: Floats, cut: Indices) -> Floats:
-        """Return the angles of free joints, in the rows where drives were `cut` those at which they
-        rest, (k, n_free) [rad].
+        """Return the angles of the free joints, (k, n_free) [rad]; in the rows `cut`, where a drive
+        cannot do what is asked, the angles at which they rest.
         """
         if not len(cut):
             return angles
@@ -186,11 +189,11 @@ class Inverse:
 
     @cached_property
     def _learned(self) -> LearnedShift | None:
-        """What maps of a fit add to the angles; None where there is none."""
+        """Corrections by the maps of a fit; None where the rig has no map."""
         return None if self.rig.discrepancy is None else LearnedShift(self.rig, self._compiled)
 
     def _readings(self, run: Advanced) -> dict[str, dict[str, Floats]]:
-        """Return what sensors of drives and tendons would read in a run."""
+        """Return kind of sensor → drive or tendon → what such a sensor would read, (k,)."""
         view = self.model.y.view
         rig = self.rig
         at = readings(self.model, view(run.ys, "positions"))
@@ -207,15 +210,15 @@ class Inverse:
     def stiffness(
         self, angles: Sequence[float] | Floats | Mapping[str, float], tension: float | str
     ) -> Floats:
-        """Return how stiff each free joint is at rest, its drives and the other joints held,
-        (n_free,) [N m/rad].
+        """Return the stiffness of each free joint at rest while the drives and the other joints are
+        held, (n_free,) [N m/rad].
 
         Args:
             angles: of the free joints [rad], in their order or by name.
             tension: least tension of the tendons: newtons, or a text with a unit.
 
         Raises:
-            CommandError: an angle is missing, or the tension is none.
+            CommandError: an angle is missing, or the tension is none that the tendons can have.
         """
         still = np.array([0.0, 1.0])
         each = (
@@ -246,14 +249,16 @@ class Inverse:
     def pretension(
         self, angles: Sequence[float] | Floats | Mapping[str, float], stiffness: float
     ) -> float:
-        """Return the least tension of the tendons at which each free joint is so stiff [N].
+        """Return the least tension of the tendons, from `SLACKEST` on, at which every free joint
+        has a desired stiffness or more [N].
 
         Args:
             angles: of the free joints [rad], in their order or by name.
-            stiffness: that is desired [N m/rad].
+            stiffness: desired stiffness [N m/rad].
 
         Raises:
-            CommandError: no tension up to `TAUTEST` gives it; the message says what they give.
+            CommandError: no tension up to `TAUTEST` gives this stiffness; the message names the
+                stiffness at both ends.
         """
 
         def lacks(tension: float) -> float:
@@ -329,8 +334,8 @@ class Inverse:
         return values[: len(values) - (inside.stop - inside.start)]
 
     def _begin(self, row: Floats) -> Floats:
-        """Return the kernel state before the first sample: drives where they hold the first angles,
-        at rest for long.
+        """Return the kernel state before the first sample: the drives hold the first angles and
+        have been at rest for long.
         """
         model = self.model
         kernel_state = np.zeros(self.model.kernel_state.size)
@@ -356,8 +361,8 @@ class Inverse:
     def _variances(
         self, angles: Floats, positions: Floats, kernel_states: Floats, cut: Indices
     ) -> Floats:
-        """Return variances of the free joints' angles; in rows where drives were `cut`, friction
-        may be either way.
+        """Return the variances of the free joints' angles, (k, n_free) [rad²]; in the rows `cut`
+        friction may act either way.
         """
         view = self.model.kernel_state.view
         turned = view(kernel_states, "turned").copy()

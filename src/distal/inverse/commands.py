@@ -22,16 +22,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class Commands:
-    """What drives have to do, and the angles of the joints that they then reach, (k, …), SI.
+    """Commands of the drives over time, and the angles of the joints that they reach, SI.
 
     Args:
-        desired: angles, (k, n_joints) [rad].
-        angles: those that can be reached, (k, n_joints) [rad].
-        stds: of the true angles about these, in an open loop, (k, n_joints) [rad].
+        time: stamps [s], (k,).
+        desired: desired angles, (k, n_joints) [rad].
+        angles: angles that the commands reach by the model, (k, n_joints) [rad].
+        stds: standard deviations of the true angles about `angles` in an open loop, (k, n_joints)
+            [rad].
         positions: of the drives, (k, n_drives) [m, rad].
-        sent: what is sent to drives that follow positions, for them to be there then (a rig's
-            `servo`), as their sensors read it, (k, n_drives).
-        speeds: (k, n_drives) [m/s, rad/s].
+        sent: setpoints of drives that follow positions, as their sensors read them: they make up
+            for lag, delay and compliance of the rig's `servo`, (k, n_drives) [m, rad].
+        speeds: of the drives, (k, n_drives) [m/s, rad/s].
         forces: of the drives, (k, n_drives) [N, N m].
         tensions: of the tendons at their drives, (k, n_tendons) [N].
         notes: what cannot be reached, and why.
@@ -56,13 +58,15 @@ class Commands:
         )
 
     def columns(self, unit: str = "rad") -> dict[str, Floats]:
-        """Return the commands as the rig's sensors would read them, then the angles that they reach
-        and their stds, in a `unit`, "rad" or "deg".
+        """Return the columns of a file of commands: setpoints and forces of the drives, in the
+        columns and units of the rig's sensors, their speeds, then the reached angles and their
+        stds.
 
-        Columns and units are the rig's own; a position is what is sent.
+        The position of a drive is the one that is `sent`. A drive without a sensor of its position
+        or force has columns in SI: ``DRIVE_position [m]``, ``DRIVE_force [N]``.
 
-        A drive without a sensor of its position or force has columns in SI: ``DRIVE_position [m]``,
-        ``DRIVE_force [N]``.
+        Args:
+            unit: of the angles, "rad" or "deg".
         """
         rig = self.rig
         columns = {rig.log.time.column: self.time / unit_factor(rig.log.time.unit, "s")}
@@ -94,18 +98,21 @@ class Commands:
         return columns
 
     def write(self, path: str | Path, unit: str = "rad") -> None:
-        """Write `columns` as CSV or Parquet, angles in a `unit`, "rad" or "deg".
+        """Write `columns` to a CSV or Parquet file, angles in a `unit`, "rad" or "deg".
 
         Raises:
-            OutputError: it cannot be written.
+            OutputError: the file cannot be written.
         """
         write_columns(self.columns(unit), path)
 
     def plot(
         self, path: str | Path | None = None, truth: Mapping[str, Floats] | None = None
     ) -> Figure:
-        """Draw what is desired, what is reached and its 95 % band, then the drives' positions;
-        `truth` by joint [rad].
+        """Draw the desired and the reached angles with their 95 % band, then the drives' positions.
+
+        Args:
+            path: file of the figure; None writes none.
+            truth: joint → its true angle, (k,) [rad], which is drawn too.
         """
         names = self.rig.joint_names
         rows = len(names) + 1

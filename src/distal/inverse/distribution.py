@@ -1,9 +1,11 @@
-"""Which pulls make the torques that are needed, where there are more tendons than joints, all taut.
+"""Distribution of the joints' torques over the tendons, where these may be more than the joints and
+all stay taut.
 
-A f = τ with f ≥ f_min. Least Σ f is a linear programme: at its solution as many pulls are at their
-minimum as there are more of them than torques (a vertex). Least Σ f², the heat of alike motors, is
-a quadratic one: some pulls are at their minimum, the others are the shortest that make the rest.
-The few sets are tried one by one: no iteration, in C too.
+The pulls f solve A f = τ with f ≥ f_min. The least Σ f is a linear programme: at its solution as
+many pulls are at their minimum as there are more pulls than torques (a vertex). The least Σ f², the
+heat of equal motors, is a quadratic programme: some pulls are at their minimum, and the others are
+the shortest vector that makes the remaining torque. The few sets of pulls that may be at their
+minimum are tried one by one, without iteration, in exported C too.
 """
 
 from __future__ import annotations
@@ -17,29 +19,35 @@ import casadi as ca
 from distal.expressions import Matrix, Scalar, Vector
 
 Prefer = Literal["tension", "heat"]
-"""What is least: the sum of the pulls, or of their squares."""
+"""What is least: the sum of the pulls ("tension"), or the sum of their squares ("heat")."""
 
 VIOLATED = 1e6
-"""A newton below the minimum weighs as much as so many above it: where no choice keeps all taut,
-the nearest is taken.
+"""Cost of a newton below the minimum beside that of a newton above it [1]: where no solution keeps
+all tendons taut, the nearest to that is taken. Source: judgement.
 """
 
 SINGULAR = 1e-12
-"""Determinants below this, of arms in their largest, count as none."""
+"""Magnitude of a determinant per product of the rows' lengths, which bounds it (Hadamard), up to
+which its matrix counts as singular [1]. Source: rounding (division by a determinant of zero).
+"""
 
 
 def least_pulls(
     arms: Matrix, torques: Vector, lowest: Vector, one_sided: Sequence[bool], prefer: Prefer
 ) -> Vector:
-    """Return the pulls f, (m,), with A f = τ and the least sum, or of squares; those of one side
-    are at least `lowest`.
+    """Return the pulls f, (m,) [N], that solve A f = τ with the least sum, or the least sum of
+    squares.
+
+    Where n < m, one-sided pulls are at least `lowest`, if any solution allows that. Where n = m,
+    the one solution is returned as it is.
 
     Args:
         arms: A, (n, m), n ≤ m: torque per pull [m].
         torques: τ, (n,) [N m].
-        lowest: (m,) [N].
-        one_sided: which pulls are of single tendons; a motor that winds two of them pulls either
-            way.
+        lowest: f_min, (m,) [N].
+        one_sided: which pulls are of drives with a single tendon; a motor that winds two tendons
+            pulls either way.
+        prefer: which sum is least.
     """
     n, m = arms.shape
     if n == m:
@@ -73,21 +81,21 @@ def least_pulls(
 
 
 def solved(matrix: Matrix, right: Vector) -> Vector:
-    """Return M⁻¹ b by Cramer's rule to three rows, beyond by Gauss; a singular M gives zero, in
-    double and in float.
+    """Return M⁻¹ b, by Cramer's rule up to three rows and by CasADi's `solve` beyond.
 
-    The `matrix` is M, (n, n), `right` is b, (n,).
+    Up to three rows a singular M gives zero. The `matrix` is M, (n, n), and `right` is b, (n,).
     """
     n = matrix.size1()
-    if n == 1:
-        return _over(right[0], matrix[0, 0])
     if n <= 3:
+        bound = ca.SX(1)
+        for row in ca.vertsplit(matrix):
+            bound *= ca.norm_2(row)
         determinant = _determinant(matrix)
         columns = []
         for k in range(n):
             replaced = ca.SX(matrix)
             replaced[:, k] = right
-            columns.append(_over(_determinant(replaced), determinant))
+            columns.append(_over(_determinant(replaced), determinant, bound))
         return ca.vertcat(*columns)
     return ca.solve(ca.densify(matrix), right)
 
@@ -103,6 +111,7 @@ def _determinant(matrix: Matrix) -> Scalar:
     return total
 
 
-def _over(value: Scalar, divisor: Scalar) -> Scalar:
-    usable = ca.fabs(divisor) > SINGULAR
+def _over(value: Scalar, divisor: Scalar, bound: Scalar) -> Scalar:
+    """Return a quotient, zero where the divisor is zero but for rounding, beside its `bound`."""
+    usable = ca.fabs(divisor) > SINGULAR * bound
     return ca.if_else(usable, value / ca.if_else(usable, divisor, 1), 0)

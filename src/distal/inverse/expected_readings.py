@@ -1,5 +1,5 @@
-"""What the sensors of the drives read at their positions: offsets and curves, as the filter has
-them.
+"""Readings of the drives' position sensors at given positions, with the offsets and curves that the
+filter assumes.
 """
 
 from __future__ import annotations
@@ -13,7 +13,9 @@ from distal.inverse.setpoint_function import CommandModel
 
 
 def read_function(model: CommandModel, states: StateVector) -> ca.Function:
-    """Return (positions, state, p) → what the sensors of the drives' positions read there."""
+    """Return the function (positions, state, p) → readings of the drives' position sensors,
+    (n_drives,) [m, rad], with the filter's `state`.
+    """
     state = ca.SX.sym("state", len(states))
     known = states.context.mechanism.parameters
     positions = ca.SX.sym("s", model.nd)
@@ -21,15 +23,17 @@ def read_function(model: CommandModel, states: StateVector) -> ca.Function:
     for d in range(model.nd):
         sensor = states.context.position_sensor(d)
         if sensor is not None:
-            # what a reading errs by changes little over that error itself
+            # the sensor's error at the true position is nearly its error at the reading
             offset = states.context.number(f"{states.context.path(sensor)}.bias")
             read[d] += positions[d] - states.position(d, positions[d], state) + offset
     return ca.Function("read", [positions, state, known.symbols], [read])
 
 
 def readings(model: CommandModel, positions: Floats) -> Floats:
-    """Return the same over time by what the rig file says, (k, n_drives); positions themselves
-    where no filter reads it.
+    """Return the readings of the drives' position sensors at `positions` by the rig file, both (k,
+    n_drives) [m, rad].
+
+    Where the filter cannot run on the rig, the positions themselves are returned.
     """
     try:
         states = state_vector(model.rig)

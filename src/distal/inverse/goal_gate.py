@@ -1,12 +1,14 @@
-"""The one position through which every goal of a motor goes: what cannot pass is not sent.
+"""The gate through which every goal of a motor goes: what does not pass is not sent.
 
-A motor gets a goal after its first reading, and none while its reading is in doubt. Its goal is a
-finite position within its range, no faster than it can go. Where it has no reading for `OLDEST`, it
-stops, and with it each motor whose tendons cross one of its joints. A servo of stiffness K at
-position s and speed v, of lag T, that holds a force F has its goal at u = s + v T + F/K. So a motor
-that stops keeps the goal u that was sent last if that agrees with what was read last, and otherwise
-gets the u of that. It is not sent s: it would give way by F/K. After `PATIENCE`, or at once where
-it is hot, comes what the rig calls `when_lost`.
+A motor gets no goal before its sensor was read, nor while its reading is in doubt. A goal is a
+finite position within the motor's range that changes no faster than the motor can go. A motor
+without a reading for `OLDEST` stops, and with it every motor whose tendons cross one of its joints.
+
+A motor that stops keeps the force F that it holds. A servo of stiffness K and lag T, at position s
+and speed v, holds F with a goal at u = s + v T + F/K. Where the goal that was sent last agrees with
+this u, as the last readings give it, the motor keeps that goal, and otherwise it gets u. With a
+goal at s it would give way by F/K. After `PATIENCE` the motor does what the rig's `when_lost` says;
+a hot motor begins to let go at once.
 """
 
 from __future__ import annotations
@@ -26,21 +28,33 @@ from distal.run.live_estimator import LATEST
 from distal.run.monitor import REWOUND
 
 PATIENCE = 1.0
-"""A motor that stopped for longer does what the rig says in `when_lost` [s]."""
+"""Time for which a stopped motor holds its force before it does what the rig's `when_lost` says
+[s]. Source: judgement.
+"""
 
 EASES = 1.0
-"""A force that a motor no longer holds goes down over this time [s]."""
+"""Time over which a stopped motor lets go of its force [s]. Source: judgement."""
 
 LAG = 0.05
-"""Lag of a servo of which the rig says nothing, as that of a small servo at 3 Hz [s]."""
+"""Lag of a servo that the rig does not describe, as of a small servo with a bandwidth of 3 Hz [s].
+Source: judgement.
+"""
 
 
 AHEAD = 2 * ARRIVED
-"""A motor that stands is sent no further from where it is, until it moves [rad]."""
+"""Largest distance of a goal from the one with which a standing motor rests, until the motor moves
+[rad]. Source: judgement.
+"""
 
 
 def columns_of(rig: Rig, channels: Sequence[str], kind: str) -> NDArray[np.int_]:
-    """Return where a sample has each drive's position or force, −1 for one without, (n_drives,)."""
+    """Return the index of each drive's position or force in a sample, −1 where it has none,
+    (n_drives,).
+
+    Args:
+        channels: names of the sensors in a sample.
+        kind: "position" or "force".
+    """
     at = {sensor.of: channels.index(sensor.name) for sensor in rig.sensors_of(kind)}
     return np.array([at.get(drive.name, -1) for drive in rig.drives])
 
@@ -50,8 +64,9 @@ class GoalGate:
 
     Args:
         rig: the description.
-        calibrated: whether goals stay within the ranges of the joints, and motors that stand hold
-            their force; in a power-on routine ranges are not known, and forces are let go.
+        calibrated: whether the ranges of the joints are known: then goals stay within them, and
+            motors that stop hold their force. In a power-on routine they are not, and motors that
+            stop let go of their force.
     """
 
     def __init__(self, rig: Rig, *, calibrated: bool = True) -> None:
@@ -89,7 +104,7 @@ class GoalGate:
         self._failing_since = inf
 
     def release(self) -> None:
-        """Forget what motors were sent, and keep what is known of them."""
+        """Forget the goals that were sent, but not what was read."""
         n = len(self._names)
         self._sent, self._held = np.full((2, n), np.nan)
         self._share = np.ones(n)
@@ -97,20 +112,22 @@ class GoalGate:
         self._failing_since = inf
 
     def clone(self) -> GoalGate:
-        """Return another one that goes on alone."""
+        """Return a copy of the gate that goes on by itself."""
         other = copy(self)
         # what the gate itself keeps is replaced, and never changed in place
         other._motors = deepcopy(self._motors)
         return other
 
     def read(self, time: float, positions: Floats, torques: Floats | None = None) -> Floats:
-        """Take in what motors read, NaN where lost, and return the positions that can be believed.
+        """Take in what motors read, NaN where lost, and return the positions that can be believed,
+        NaN for the others.
 
-        A stamp that does not rise tells nothing.
+        A sample whose stamp does not rise is not taken in, unless several in a row show that the
+        clock was set back.
 
         Args:
             time: stamp [s].
-            positions: what the sensors of the drives' positions read [m, rad], (n_drives,).
+            positions: what the drives' position sensors read [m, rad], (n_drives,).
             torques: what the motors pull with [N, N m], (n_drives,).
         """
         if not self._rises(time):
@@ -135,7 +152,8 @@ class GoalGate:
         return True
 
     def believed(self, time: float, sample: Floats, channels: Sequence[str]) -> Floats:
-        """Take in a sample and return it without the positions of drives that cannot be.
+        """Take in a sample and return it with NaN for the drives' positions that cannot be
+        believed.
 
         Args:
             time: stamp [s].
@@ -150,17 +168,21 @@ class GoalGate:
         return sample
 
     def heated(self, hot: Sequence[str]) -> None:
-        """Say which motors are hot: where they stand, they give way at once."""
+        """Set which motors are hot, by name: one that is stopped begins to let go of its force at
+        once.
+        """
         self._hot = np.isin(self._names, list(hot))
 
     @property
     def unread(self) -> list[str]:
-        """Motors that were never read, although a sensor is there."""
+        """Names of the motors that have a position sensor but were never read."""
         return self._named(self._motors.has_sensor & ~np.isfinite(self._motors.position))
 
     @property
     def expected(self) -> Floats:
-        """Where motors are by their last goal, or by their last reading, (n_drives,)."""
+        """Motors' positions by their last goals, or their last readings where no goal was sent,
+        (n_drives,).
+        """
         return np.where(np.isfinite(self._sent), self._sent, self._motors.position)
 
     @property
@@ -176,7 +198,9 @@ class GoalGate:
 
     @property
     def stopped(self) -> Bools:
-        """Which motors stand because a reading is lost or in doubt, (n_drives,)."""
+        """Which motors are stopped because a reading is lost or in doubt, their own or that of a
+        motor with a common joint, (n_drives,).
+        """
         alone = self._lost | self._motors.doubted
         if not alone.any():
             return alone
@@ -185,14 +209,12 @@ class GoalGate:
 
     @property
     def are_ignored(self) -> bool:
-        """Whether motors do not go where they are sent, or what is sent fails."""
+        """Whether a motor does not follow its goals, or goals fail to be sent."""
         return bool(self._motors.deaf.any()) or self._failing_since < inf
 
     @property
     def holding(self) -> Floats:
-        """The torques that stopped motors had [N, N m], less what is eased off; infinite for the
-        others, (n_drives,).
-        """
+        """Forces that stopped motors still hold [N, N m], infinite for the others, (n_drives,)."""
         stopped = self.stopped
         if not stopped.any():
             return np.full(len(stopped), inf)
@@ -200,7 +222,7 @@ class GoalGate:
 
     @property
     def note(self) -> str:
-        """What is held back and why, in words; may be empty."""
+        """What is held back and why, in words; empty where nothing is."""
         stopped = self.stopped
         deaf = self._motors.deaf
         stale = self._motors.stale
@@ -225,11 +247,13 @@ class GoalGate:
         )
 
     def passed(self, time: float, goals: Floats) -> Floats:
-        """Return what is sent to the motors, NaN for one to which nothing is.
+        """Return the goals that are sent to the motors [m, rad], NaN for a motor to which none is
+        sent.
 
         Args:
             time: now [s].
-            goals: positions as the sensors would read them, NaN for no new one, (n_drives,).
+            goals: positions as the sensors would read them, NaN where the last goal stays,
+                (n_drives,).
         """
         time = time if abs(time) < LATEST else self._time
         since = min(max(time - self._passed_at, 0.0), OLDEST)
@@ -264,7 +288,9 @@ class GoalGate:
         return np.where(self._motors.doubted, np.nan, self._sent)
 
     def confirm(self, arrived: bool) -> None:
-        """Say whether what passed last was sent: what was not is not where the motor goes."""
+        """Take in whether the goals that passed last were sent; where they were not, the goals
+        before them count.
+        """
         if arrived:
             self._failing_since = inf
             return
@@ -281,7 +307,7 @@ class GoalGate:
         return self._held - (1.0 - self._share) * self._ahead
 
     def _where_it_stops(self) -> Floats:
-        """Return the goals at which motors stop that have no reading any more."""
+        """Return the goals of motors that stop now, by their last goals and readings."""
         motors = self._motors
         since = np.minimum(self._time - motors.at, motors.oldest)
         coming = motors.position + motors.speed * (since + self._lag) + self._ahead

@@ -1,9 +1,10 @@
-"""Where joints come to rest with the positions that are really sent, after every cut.
+"""Angles at which joints come to rest with the positions that are really sent, where drives cannot
+do what the desired angles ask for.
 
-A drive that ends, or cannot pull as hard or go as fast as it would have to, leaves the joints where
-they lack no more than friction holds, |r(θ, s, p)| ≤ l, at the positions s that it has: Newton's
-steps from where they were a sample before, within their stops. Far from there a tendon's geometry
-has other solutions.
+A drive is cut at the end of its range, at its force limit or at its speed limit. The joints then
+rest where friction l holds the residual torque r, |r(θ, s, p)| ≤ l, at the drives' positions s.
+Newton's steps find these angles, from those of the sample before and within the stops: far from
+there the geometry of a tendon has other solutions.
 """
 
 from __future__ import annotations
@@ -18,26 +19,31 @@ from distal.inverse.setpoint_function import CommandModel
 from distal.kernels import Layout
 
 ROUNDS = 12
-"""Newton's steps in a sample."""
+"""Number of Newton's steps in a sample. Source: judgement."""
 
 LARGEST = float(np.deg2rad(2.0))
-"""None of them turns a joint by more [rad]."""
+"""Largest turn of a joint in one of Newton's steps [rad]. Source: judgement."""
 
 BACK = float(np.deg2rad(5.0))
-"""A joint that was left behind is back where it is desired when it is so near [rad]."""
+"""Distance from its desired angle within which a joint that was left behind counts as back [rad].
+Source: judgement.
+"""
 
 
 def held_layout(model: CommandModel) -> Layout:
-    """Return the layout of a sample: the angles that were desired, positions, what is inside, and
-    whether a drive is cut.
+    """Return the layout of a sample: desired angles, drives' positions, internal state, and whether
+    a drive is cut.
     """
     inside = model.kernel_state["inside"].stop - model.kernel_state["inside"].start
     return Layout(angles=model.nf, positions=model.nd, inside=inside, cut=1)
 
 
 def held_kernel(model: CommandModel) -> ca.Function:
-    """Return (kernel_state, x, p) → (kernel_state⁺, θ_free), the angles at which free joints rest,
-    (n_free,) [rad]; the kernel state is (θ_free, whether they were left behind).
+    """Return the kernel (kernel_state, x, p) → (kernel_state⁺, θ_free) of the angles at which free
+    joints rest, (n_free,) [rad].
+
+    A sample x has the layout `held_layout`; the kernel state is (θ_free, whether joints were left
+    behind). As long as they were not, θ_free are the desired angles.
     """
     layout = held_layout(model)
     kernel_state = ca.MX.sym("kernel_state", model.nf + 1)
@@ -63,8 +69,8 @@ def held_kernel(model: CommandModel) -> ca.Function:
 
 
 def _step(model: CommandModel) -> ca.Function:
-    """Return (θ_free, s, p) → Newton's step towards rest: where friction l holds, |r| ≤ l, a joint
-    stays.
+    """Return the function (θ_free, s, p) → Newton's step towards rest; a joint whose residual
+    torque friction holds stays, |r| ≤ l.
     """
     free = ca.SX.sym("free", model.nf)
     positions = ca.SX.sym("positions", model.nd)

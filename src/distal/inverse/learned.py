@@ -1,9 +1,10 @@
-"""What a map that a fit learned adds to the angles at what the drives' sensors would read, and how
-sure it is of that.
+"""Corrections of the joints' angles by learned maps, at the readings that a command would give,
+with their variances.
 
-It corrects what the filter makes of readings. A command has none: those that the model foresees
-often lie outside of what the logs had, where terms that cancelled in the logs do not. So only a
-constant is followed; of other maps the band counts (docs/results/control.md).
+A map corrects the angles that the filter estimates from readings. A command has no readings, only
+those that the model foresees. They often lie outside the range of the logs, where terms of a map
+that cancelled within it no longer do. Therefore a command is corrected by a constant only; of any
+other map only the variance counts (docs/results/control.md).
 """
 
 from __future__ import annotations
@@ -20,10 +21,11 @@ from distal.rig.learned_map import CONSTANT
 
 
 class LearnedShift:
-    """The filter of a rig, run over the readings that commands would give: what its maps add.
+    """The filter of a rig, run over the readings that commands would give, for the corrections by
+    its maps.
 
     Args:
-        rig: one with a learned `discrepancy`.
+        rig: a rig with a learned `discrepancy`.
     """
 
     def __init__(self, rig: Rig, compiled: bool = True) -> None:
@@ -31,7 +33,7 @@ class LearnedShift:
 
     @property
     def is_constant(self) -> bool:
-        """Whether the map is the same everywhere."""
+        """Whether the map is a constant, the same for all readings."""
         return self._estimator.discrepancy is not None and self._estimator.discrepancy.terms == (
             CONSTANT,
         )
@@ -39,10 +41,12 @@ class LearnedShift:
     def __call__(
         self, time: Floats, readings: Mapping[str, Mapping[str, Floats]]
     ) -> tuple[Floats, Floats]:
-        """Return what maps add to the joints' angles [rad] and their variances, (k, n_joints) each.
+        """Return the corrections of the joints' angles by maps [rad] and their variances [rad²],
+        (k, n_joints) each.
 
         Args:
-            readings: what a sensor measures → drive → values of that, (k,).
+            time: stamps [s], (k,).
+            readings: what a sensor measures → drive or tendon → its values, (k,), SI.
         """
         estimator = self._estimator
         rig = self._estimator.rig

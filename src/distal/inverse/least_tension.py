@@ -1,4 +1,4 @@
-"""The tension that every tendon keeps."""
+"""The least tension of the tendons: its default, its range and its check."""
 
 from __future__ import annotations
 
@@ -11,21 +11,24 @@ from distal.rounded import rounded
 from distal.units import to_si
 
 LEAST_TENSION = 1.0
-"""Tension that every tendon keeps where nothing else is asked for [N]."""
+"""Default of the tension that commands keep in the tendons [N]. Source: judgement."""
 
 SLACKEST = 0.1
+"""Least tension that is tried to make a joint stiff [N]. Source: judgement."""
+
 TAUTEST = 500.0
-"""Between these a tension is looked for that makes a joint stiff [N]."""
+"""Largest tension that is tried to make a joint stiff [N]. Source: judgement."""
 
 
 def least_tension_of(value: float | str, rig: Rig) -> float:
-    """Return a least tension [N].
+    """Return a least tension [N], checked for a rig.
 
     Args:
         value: newtons, or a text with a unit.
+        rig: whose tendons shall keep it.
 
     Raises:
-        CommandError: it is none, or no tendon of the rig can have it.
+        CommandError: the value is no tension of 0 N or more, or stretches a tendon too far.
     """
     try:
         tension = to_si(value, "N")

@@ -24,35 +24,41 @@ from distal.rig import Rig, as_rig
 from distal.run import LiveEstimator, Monitor, Reading
 
 ACROSS = 0.25
-"""Default of the fastest motion: a joint goes through its whole range in this time [s]."""
+"""Time in which a joint goes through its whole range with the default of the largest speed [s].
+Source: judgement.
+"""
 
 PAUSE = 3.0
-"""A sample that comes later than after so many of the rig's intervals moves the reference by so
-many.
+"""Longest step in time of the reference, in intervals of the rig's samples [1]: after a later
+sample it moves no further. Source: judgement.
 """
 
 CLEARLY = 3.0
-"""A joint that is further from its reference than so many standard deviations is elsewhere."""
+"""Distance from its reference, in standard deviations, beyond which a joint is clearly elsewhere
+[1]. Source: judgement.
+"""
 
 FIRST = 3
-"""Rounds until the drives' positions and what moves inside agree at the start."""
+"""Number of rounds in which the drives' positions and the internal state are made to agree at the
+start. Source: judgement.
+"""
 
 
 @dataclass(frozen=True)
 class Feedback:
-    """How the estimated angle is fed back.
+    """Feedback of a joint's estimated angle.
 
     Args:
-        follow: rate at which an error of the angle is taken out [1/s]; 0 for none.
-        deadband: error that is left alone [rad], so that a loop with friction and play does not
-            hunt.
-        proportional: for drives that follow forces [N m/rad].
-        integral: the same [N m/(rad s)].
-        derivative: the same [N m s/rad].
-        torque_limit: of the three together [N m].
+        follow: rate at which the commanded angle corrects an error of the angle [1/s]; 0 for none.
+        deadband: error that is not corrected [rad], so that a loop with friction and backlash does
+            not hunt.
+        proportional: gain for drives that follow forces [N m/rad].
+        integral: gain for drives that follow forces [N m/(rad s)].
+        derivative: gain for drives that follow forces [N m s/rad].
+        torque_limit: of the sum of the three torques [N m].
 
     Raises:
-        CommandError: a gain is negative, or no finite number; or no torque is allowed.
+        CommandError: a gain is negative or not finite, or the torque limit is not above zero.
     """
 
     follow: float = 1.0
@@ -78,12 +84,12 @@ class Command:
     """What the drives do next, (n_drives,) each, SI.
 
     Args:
-        positions: as their sensors would read them [m, rad]; NaN of a drive to which nothing
+        positions: as the drives' sensors would read them [m, rad]; NaN of a drive to which nothing
             is sent.
-        speeds: for drives that follow speeds, which bring them to these positions too [m/s, rad/s].
-        forces: [N, N m].
-        reading: of the estimate on which it rests, with its health.
-        note: what is not as it should be; may be empty.
+        speeds: for drives that follow speeds; they lead to these positions too [m/s, rad/s].
+        forces: for drives that follow forces [N, N m].
+        reading: the estimate on which the command rests, with its health.
+        note: what is wrong or held back, in words; may be empty.
     """
 
     positions: Floats
@@ -100,11 +106,17 @@ def gains_of(
     fastest: float | None,
     compensates: bool = False,
 ) -> Floats:
-    """Return the gains of `live_function`, (n_gains,): `lowest` tension [N], `fastest` motion
-    [rad/s], and whether it `compensates` torques from outside; see `LiveInverse`.
+    """Return the gains of `live_function`, (n_gains,); see `LiveInverse`.
+
+    Args:
+        model: the inverse of the rig.
+        lowest: least tension [N].
+        feedback: of all joints, or by their names.
+        fastest: largest speed of the free joints [rad/s].
+        compensates: whether commands hold against external torques.
 
     Raises:
-        CommandError: a joint is unknown, or a speed is none.
+        CommandError: a joint of the feedback is unknown, or the speed is not above zero.
     """
     joints = [model.rig.joints[j] for j in model.free]
     names = [joint.name for joint in joints]
@@ -144,25 +156,27 @@ class LiveInverse:
     send(command.positions)
     ```
 
-    What the filter learns (friction, stretch) is made up for. While the estimate is not
-    known, its correction stays as it was. The first command is for where the joints are; from there
-    they go to what is desired. Every command passes a `GoalGate`: a drive whose readings are lost
-    for 0.1 s stands, with those that move the same joints, and their joints are desired where they
-    are.
+    The commands compensate friction and stretch as the filter learns them. While the estimate is
+    not known, the correction by feedback stays as it was. The first command holds the joints where
+    they are; from there they go to the desired angles. Every command passes a `GoalGate`: a drive
+    whose readings are lost for 0.1 s stops, with those that move the same joints, and the desired
+    angles of these joints become the angles that they have.
 
     Args:
         rig: the description, or a shipped rig's name, or a path.
-        least_tension: that every tendon keeps where there are more of them than joints: newtons, or
-            a text with a unit.
+        least_tension: tension that commands keep in each tendon that has a drive of its own:
+            newtons, or a text with a unit.
         feedback: see `Feedback`; of all joints, or by their names.
-        fastest: largest speed of the joints that move by themselves [rad/s]; default all of their
-            range in 0.25 s.
-        compensates: hold against torques from outside; default they act: what is held is pressed no
-            harder because it pushes back.
-        gate: that takes in the samples elsewhere, before they come here; default one of its own.
+        fastest: largest speed of the free joints [rad/s]; by default each goes through its range in
+            0.25 s.
+        compensates: whether commands hold against external torques. By default they do not: an
+            object that is grasped is pressed no harder because it pushes back.
+        gate: a gate that has taken in the samples before they come here; by default the inverse has
+            its own.
 
     Raises:
-        CommandError: a number is none, or the filter cannot run on this rig.
+        CommandError: an argument is out of its range, or names an unknown joint.
+        EstimationError: the filter cannot run on this rig.
     """
 
     def __init__(
@@ -227,7 +241,7 @@ class LiveInverse:
         self._time: float | None = None
 
     def clone(self) -> LiveInverse:
-        """Return another one with the same belief, which goes on alone."""
+        """Return a copy with the same belief, which goes on by itself."""
         other = LiveInverse(self._rig, **self._setup)
         other._live = self._live.clone()
         other._monitor = self._monitor.clone(other._live)
@@ -241,17 +255,17 @@ class LiveInverse:
 
     @property
     def rig(self) -> Rig:
-        """The description."""
+        """Description of the rig whose drives are commanded."""
         return self._rig
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Names of the sensors in a sample."""
+        """Names of the sensors in a sample, in its order."""
         return self._live.channels
 
     @property
     def estimator(self) -> LiveEstimator:
-        """The filter, at the last sample."""
+        """The filter on which the commands rest, at the last sample."""
         return self._live
 
     def step(
@@ -259,17 +273,17 @@ class LiveInverse:
     ) -> Command:
         """Take in a sample and return the drives' next commands.
 
-        A sample without an estimate (late, or of the wrong shape) leaves the last command as it is;
-        before the first estimate there is none, and all numbers of the command are NaN.
+        A sample without an estimate (late, or of the wrong shape) leaves the last command as it is.
+        Before the first estimate all numbers of the command are NaN.
 
         Args:
             time: of the sample [s].
-            desired: angles of `joints` now [rad], in their order or by name; what is not finite
-                stays as it was.
+            desired: angles of `joints` now [rad], in their order or by name; a joint whose angle is
+                left out or not finite keeps its desired angle.
             sample: values of `channels`, SI, NaN where missing, (n_channels,).
 
         Raises:
-            CommandError: an angle is missing, or there are more of them than joints.
+            CommandError: there are more or fewer angles than joints, or a name is unknown.
         """
         if isinstance(desired, Mapping):
             desired = (
@@ -331,8 +345,8 @@ class LiveInverse:
         return self._command(reading, notes)
 
     def _rest(self, stands: Bools) -> None:
-        """Let the references of joints that stand be where these clearly are, and feedback not wind
-        up.
+        """Set the references of joints that stand to where these clearly are, and keep feedback
+        from winding up.
         """
         if not stands.any():
             return
@@ -346,7 +360,7 @@ class LiveInverse:
         self._kernel_state["at_end"][:] = 1.0
 
     def _command(self, reading: Reading, notes: list[str]) -> Command:
-        """Return what passes the gate."""
+        """Return the command of the last kernel step as it passes the gate."""
         y = self._y
         count = len(self._rig.drives)
         if self._time is None:
@@ -366,15 +380,13 @@ class LiveInverse:
 
     @property
     def holding(self) -> Floats:
-        """Forces and torques that drives hold that stand because readings are lost [N, N m];
-        infinite for others, (n_drives,).
+        """Forces and torques still held by drives that are stopped because readings are lost [N, N
+        m]; infinite for the others, (n_drives,).
         """
         return self._gate.holding
 
     def confirm(self, arrived: bool) -> None:
-        """Say whether the last command was sent: while commands do not arrive, joints are desired
-        where they are.
-        """
+        """Take in whether the last command was sent; if not, the goals before it count."""
         self._gate.confirm(arrived)
 
     def __copy__(self) -> LiveInverse:

@@ -1,12 +1,14 @@
-"""One sample of the inverse in a control loop: at what the filter believes, with feedback on the
-angle that it estimates.
+"""One sample of the inverse in a control loop, at the parameters and angles that the filter
+believes, with feedback of the estimated angle.
 
-A reference r follows the desired angles w,  dr/dt = dw/dt + clip(e/h, ± √(2 a |e|)),  e = w − r one
-sample h before, no faster and with no more acceleration a than the joints may. Commanded is  r + T
-dr/dt + c,  T lag and delay of the drives (`Servo`), c a correction by the estimated angle θ̂:
-dc/dt = k (r − θ̂)  outside of a dead band, which ends stick-slip (Armstrong-Hélouvry, Dupont and
-Canudas de Wit, Automatica 30, 1994). Drives that follow forces get a torque K_p e + K_i ∫ e dt −
-K_d dθ̂/dt  in its place.
+A reference r follows the desired angle w by  dr/dt = dw/dt + clip(ε/h, ± √(2 a |ε|)),  with ε = w −
+r one sample h before, and is limited to the speed and the acceleration a of the joint. The angle
+that is commanded is  r + T dr/dt + (T²/2) d²r/dt² + c − m,  with the lag and delay T of the drives
+(`Servo`), the third term no larger than the second, and the correction m by a learned map. The
+correction c follows from the estimated angle θ̂ and the error e = r − θ̂ by  dc/dt = k e  outside
+of a dead band, which ends stick-slip (Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30,
+1994). Drives that follow forces get the torque  K_p e + K_i ∫ e dt + K_d (dr/dt − dθ̂/dt)  in
+addition.
 """
 
 from __future__ import annotations
@@ -24,38 +26,51 @@ from distal.inverse.setpoint_inputs import DERIVED
 from distal.kernels import Layout, Structure, structure_of
 
 SMOOTHED = 0.005
-"""Time over which the reference's speed is smoothed, and its acceleration [s]."""
+"""Time constant with which the reference's speed and acceleration are smoothed [s]. Source:
+judgement.
+"""
 
 LEAVES = 2.0
-"""A joint that rests within its dead band rests until its error is so many times as large."""
+"""Error at which a joint that rests within its dead band is corrected again, in dead bands [1].
+Source: judgement.
+"""
 
 SHORTEST = 1e-9
-"""Differences are over at least so much [s]."""
+"""Shortest step in time by which differences are divided [s]. Source: rounding (division by a step
+of zero).
+"""
 
 SPEEDS_UP = 0.1
-"""A joint comes to its largest speed in this time [s]."""
+"""Time in which a joint comes to its largest speed [s]. Source: judgement."""
 
 COMES_BACK = 0.1
-"""A drive that follows speeds makes up for a wrong position in this time [s]."""
+"""Time in which a drive that follows speeds makes up for a wrong position [s]. Source: judgement.
+"""
 
 BEYOND = 1e-9
-"""A position that is cut by more than this is at the end of its drive's range [m, rad]."""
+"""Distance beyond a drive's range from which on the drive counts as at its end [m, rad]. Source:
+rounding (positions that are equal).
+"""
 
 MOST = float(np.deg2rad(20.0))
-"""The largest correction by feedback [rad]."""
+"""Largest correction c of an angle by feedback [rad]. Source: judgement."""
 
 
 GUIDED = ("wished", "reference", "rate", "speed", "acceleration", "correction", "effort", "rests")
-"""What is remembered of the reference and of feedback, for each joint that moves by itself."""
+"""State of the reference and of the feedback that is kept for each free joint."""
 
 GAINS = ("fastest", "lowest", "compensates", "follow", "deadband", "kp", "ki", "kd", "torque_limit")
-"""Numbers of the guide: of each joint that moves by itself, but for those of `OF_ALL`."""
+"""Gains of the reference and of the feedback: one for each free joint, except for those in
+`OF_ALL`.
+"""
 
 OF_ALL = ("lowest", "compensates")
-"""The least tension, and whether torques from outside are held against (1) or left to act (0)."""
+"""Gains that all joints have in common: the least tension, and whether commands hold against
+external torques (1) or not (0).
+"""
 
 TOUCHED = 0.5
-"""With a larger share of a touch the joints count as touched: feedback does not wind up [1]."""
+"""Share of a touch from which on feedback does not integrate [1]. Source: judgement."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +84,7 @@ class LiveLayouts:
 
 
 def layouts(model: CommandModel, states: StateVector) -> LiveLayouts:
-    """Return the layouts of a rig's live inverse."""
+    """Return the layouts of the live inverse of a rig."""
     nf = model.nf
     nd = model.nd
     return LiveLayouts(
@@ -87,11 +102,13 @@ def layouts(model: CommandModel, states: StateVector) -> LiveLayouts:
 
 
 def live_function(model: CommandModel, states: StateVector) -> ca.Function:
-    """Return (kernel_state, x, p) → (kernel_state⁺, y), p the gains and then the filter's numbers;
-    y are the drives' commands.
+    """Return the kernel (kernel_state, x, p) → (kernel_state⁺, y) of one sample, whose output y are
+    the drives' commands.
 
-    The state is the filter's, with the angles as they are reported: with what a map adds, `mapped`.
-    Positions are those that the drives' sensors would read; `read` is what they do.
+    The parameters p are the gains, the filter's parameters and the inputs of `command_inputs`. In
+    the sample x, `state` is the filter's mean with the angles as they are reported, `mapped` the
+    correction of these by maps, and `read` what the drives' position sensors read. The positions in
+    y are as these sensors would read them.
     """
     layout = layouts(model, states)
     kernel_state = ca.MX.sym("kernel_state", layout.kernel_state.size)
@@ -166,14 +183,14 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
 
 
 def live_structure(model: CommandModel, states: StateVector) -> Structure:
-    """Return what the kernel of `live_function` depends on."""
+    """Return the structure on which the compiled kernel of `live_function` depends."""
     of_filter = states.context.mechanism.parameters.names, states.structure
     return structure_of("live", model.mechanism, filter=of_filter)
 
 
 def _guide(model: CommandModel) -> ca.Function:
-    """Return the function of the reference and its motion, of the correction and of the torque that
-    feedback adds.
+    """Return the function of one sample of the reference and its motion, the correction, and the
+    torque of feedback.
     """
     sizes = dict.fromkeys(("desired", "angles"), model.nf) | {
         "dt": 1,
@@ -234,7 +251,7 @@ def _limited(value: Vector, most: Scalar) -> Vector:
 
 
 def _within_limits(model: CommandModel, forces: VectorNode, parameters: VectorNode) -> VectorNode:
-    """Return forces of drives, cut at their limits; a slider does not push."""
+    """Return the forces of drives, limited to what each can do; a slider cannot push."""
     high = model.of_drives(parameters, "limit")
     pushes = ca.DM([drive.kind != "slider" for drive in model.rig.drives])
     # no product with a limit that may be infinite
@@ -243,8 +260,8 @@ def _within_limits(model: CommandModel, forces: VectorNode, parameters: VectorNo
 
 
 def _believed(model: CommandModel, states: StateVector) -> ca.Function:
-    """Return (state, p, derived) → the numbers of the inverse as the filter believes them, and
-    external torques, (n_joints,).
+    """Return the function (state, p, derived) → parameters of the inverse as the filter believes
+    them, and external torques, (n_joints,).
     """
     state = ca.SX.sym("state", len(states))
     known = states.context.mechanism.parameters

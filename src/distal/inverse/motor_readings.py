@@ -1,9 +1,10 @@
 """What motors read, and which of it can be believed.
 
-A motor is where it was read last, unless that is in doubt: it leapt further than it can go, until
-it leaps back or is where it was sent. A reading that does not change although the motor has to move
-is an old one, and so is one from which it had moved away. A motor that stands away from its goal,
-and pulls no more than near it, is deaf.
+A motor is taken to be where it was read last, unless that reading is in doubt. A reading is in
+doubt if it leapt further than the motor can go, until it leaps back or is where the motor was sent.
+A reading is stale, an old one handed out again, if it does not change although the motor has to
+move, or if the motor had moved away from it. A motor is deaf if it stands away from its goal with
+the torque that it had near the last goal that it reached.
 """
 
 from __future__ import annotations
@@ -17,56 +18,68 @@ from distal.rig import Rig
 from distal.run.log_units import FASTEST
 
 OLDEST = 0.1
-"""A reading that is older does not tell where a motor is [s]."""
+"""Age beyond which a reading does not tell where a motor is [s]. Source: judgement."""
 
 MISSED = 2.5
-"""A sensor that is read less often may miss so many of its samples."""
+"""Age beyond which a reading of a slow sensor does not tell where a motor is, in intervals of the
+sensor [1]. Source: judgement.
+"""
 
 SPOOL = 0.01
-"""What holds for an angle of a motor holds for so much of a slider's way: a usual spool [m/rad]."""
+"""Radius of a usual spool: a limit for the angle of a motor, times this, is the limit for the
+position of a slider [m/rad]. Source: judgement.
+"""
 
 STANDS = 0.05
-"""A motor that is slower stands [rad/s]."""
+"""Speed below which a motor stands [rad/s]. Source: judgement."""
 
 AGREES = 0.05
-"""A goal this near to what a motor's last position and force say is kept [rad]."""
+"""Distance within which a goal agrees with a motor's last position and force [rad]. Source:
+judgement.
+"""
 
 JUMP = 0.1
-"""A position that moved by this more than its motor can is in doubt [rad]."""
+"""Distance beyond what a motor can go at its speed, from which on its reading is in doubt [rad].
+Source: judgement.
+"""
 
 ARRIVED = 0.15
-"""A motor this near to its goal is where it was sent [rad]: so far may a small servo give way at
-its largest torque.
+"""Distance from its goal within which a motor has arrived [rad]: so far may a small servo give way
+at its largest torque. Source: judgement.
 """
 
 REMEMBERED = 10
-"""A reading that an SDK hands out once more is at most so many samples old."""
+"""Number of past samples in which a stale reading is looked for. Source: judgement."""
 
 NOISES = 5.0
-"""A torque that changed by less than so many standard deviations of its noise did not change."""
+"""Change of a torque, in standard deviations of its noise, below which it counts as unchanged [1].
+Source: judgement.
+"""
 
 
 class MotorReadings:
-    """Positions, speeds and torques of motors, (n_drives,) each, SI, as far as they can be
-    believed.
+    """Positions, speeds and torques of motors as far as they can be believed, (n_drives,) each, SI.
 
     Args:
         rig: the description.
 
     Attributes:
-        fastest: speed of each motor at most [rad/s].
-        oldest: a reading that is older does not tell where a motor is [s].
-        is_motor: whether it turns a spool; a slider does not.
-        scale: what holds for an angle of a motor, for each drive: 1, or m/rad of a slider.
-        has_sensor: whether a sensor reads its position.
-        position: that was believed last, NaN before the first.
-        speed: of it.
+        fastest: largest speed of each motor [rad/s].
+        oldest: age beyond which a reading does not tell where a motor is [s].
+        is_motor: whether a drive turns a spool; a slider does not.
+        scale: limit for a drive per limit for the angle of a motor: 1, or `SPOOL` of a slider
+            [m/rad].
+        has_sensor: whether a sensor reads the position.
+        position: the last one that was believed, NaN before the first.
+        speed: of that position.
         torque: that was read last; 0 before the first.
-        ahead: by how much the goal of a standing motor is ahead of its position.
-        doubted: whether its last reading is in doubt.
+        at: stamp of `position` [s].
+        ahead: goal minus position, when the motor last stood near its goal; NaN before.
+        doubted: whether the last reading is in doubt.
         stands: whether it is a motor that does not move.
-        deaf: whether it did not follow its last goals, and did nothing since.
-        stale: whether its last reading is an old one.
+        deaf: whether the motor did not follow its last goals, and has not moved or pulled otherwise
+            since.
+        stale: whether the last reading is an old one.
     """
 
     def __init__(self, rig: Rig) -> None:
@@ -97,13 +110,14 @@ class MotorReadings:
         self._before = np.full((REMEMBERED, 2, n), np.nan)
 
     def read(self, time: float, positions: Floats, torques: Floats, sent: Floats) -> Floats:
-        """Take in what motors read, NaN where lost, and return the positions that can be believed.
+        """Take in what motors read, NaN where lost, and return the positions that can be believed,
+        NaN for the others.
 
         Args:
             time: stamp [s], which rises.
-            positions: what the sensors of the drives' positions read [m, rad].
+            positions: what the drives' position sensors read [m, rad].
             torques: what the motors pull with [N, N m].
-            sent: their goals, NaN of one that has none [m, rad].
+            sent: goals of the motors, NaN of one that has none [m, rad].
         """
         self.stale = self._is_stale(positions, torques, sent)
         self._before = np.concatenate([self._before[1:], [[positions, torques]]])
@@ -131,8 +145,8 @@ class MotorReadings:
         return np.where(sound, positions, np.nan)
 
     def lost(self, time: float) -> Bools:
-        """Return which motors have no reading that is young enough, or stand away from their goals
-        and pull no more than at the last that they reached.
+        """Return which motors have no reading that is young enough, or have for as long not
+        followed their goals.
         """
         unread = self.has_sensor & (time - self.at > self.oldest)
         lost: Bools = unread | (time - self._followed_at > self.oldest)
@@ -149,8 +163,8 @@ class MotorReadings:
         return doubted
 
     def _acts(self, slow: Bools, near: Bools, torques: Floats) -> Bools:
-        """Return which motors move, or pull otherwise than at the last goal that they were near to;
-        those without a torque that is read cannot tell.
+        """Return which motors move, or pull otherwise than near the last goal that they reached; a
+        motor whose torque is not read counts as one.
         """
         pulls = np.abs(torques - self._torque_near) > self._quiet
         self._torque_near = np.where(near, torques, self._torque_near)
@@ -159,8 +173,8 @@ class MotorReadings:
         return acts
 
     def _is_stale(self, positions: Floats, torques: Floats, sent: Floats) -> Bools:
-        """Return which readings are old ones again: nothing changes of a motor that has to move,
-        until something does; or it is where it came from, with the very same torque.
+        """Return which readings are old ones: nothing of a motor that has to move changes, until
+        something does, or a motor is where it came from with the very same torque.
         """
         same = (positions == self._raw) & (torques == self.torque) & (torques != 0.0)
         ahead = np.where(np.isfinite(self.ahead), self.ahead, 0.0)

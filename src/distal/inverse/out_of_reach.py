@@ -1,4 +1,6 @@
-"""What commands cannot do, in words: stops, drives that end, limits of force and speed, slack."""
+"""What commands cannot do, in words: desired angles beyond stops, drives at the end of their range,
+limits of force and speed, slack tendons.
+"""
 
 from __future__ import annotations
 
@@ -12,24 +14,28 @@ from distal.inverse.setpoint_inputs import radius_of
 from distal.rounded import rounded
 
 NEAR = float(np.deg2rad(0.1))
-"""An angle that is missed by less is reached [rad]."""
+"""Distance from its desired angle within which a joint has reached it [rad]. Source: judgement."""
 
 NAMED = 3
-"""So many joints are named that are not where they are desired."""
+"""Number of joints that are named as not at their desired angles. Source: layout."""
 
 TINY = 1e-9
-"""Positions that differ by less are one [m, rad], as are pulls [N]."""
+"""Difference up to which two positions [m, rad], or two pulls [N], are equal. Source: rounding
+(positions and pulls that are equal).
+"""
 
 SHARE = 1.02
-"""A limit counts as passed from this multiple of it on."""
+"""Multiple of a limit from which on it counts as passed [1]. Source: judgement."""
 
 
 def within_stops(model: CommandModel, time: Floats, desired: Floats) -> tuple[list[str], Floats]:
-    """Return what lies beyond stops in words, and the angles cut at them.
+    """Return which desired angles lie beyond stops, in words, and the angles limited to the stops,
+    (k, n_free) [rad].
 
     Args:
+        model: the inverse of the rig.
         time: stamps [s], (k,).
-        desired: angles of free joints [rad], (k, n_free).
+        desired: angles of the free joints [rad], (k, n_free).
     """
     notes = list[str]()
     held = desired.copy()
@@ -53,13 +59,14 @@ def within_stops(model: CommandModel, time: Floats, desired: Floats) -> tuple[li
 def not_reached(
     model: CommandModel, time: Floats, desired: Floats, reached: Floats, cut: Bools
 ) -> list[str]:
-    """Return which joints do not get where they are desired, the farthest first, in words.
+    """Return which joints do not reach their desired angles, in words, the farthest first.
 
     Args:
+        model: the inverse of the rig.
         time: stamps [s], (k,).
-        desired: angles of free joints [rad], (k, n_free).
-        reached: the same with what is sent [rad], (k, n_free).
-        cut: where drives cannot do what is desired, (k, n_drives).
+        desired: angles of the free joints [rad], (k, n_free).
+        reached: angles that the free joints reach with what is sent [rad], (k, n_free).
+        cut: where drives cannot do what the desired angles ask for, (k, n_drives).
     """
     joints = [model.rig.joints[j].name for j in model.free]
     away = np.abs(reached - desired)
@@ -88,13 +95,14 @@ def beyond(
     kernel_states: Floats,
     least: float,
 ) -> list[str]:
-    """Return which limits of drives are passed, and which tendons would go slack, in words.
+    """Return which limits of drives are passed, and which tendons go slack, in words.
 
     Args:
+        model: the inverse of the rig.
         time: stamps [s], (k,).
-        read: part of the command → its values, (k, n) each, SI.
-        kernel_states: of the commands, (k, n_carry).
-        least: tension of the tendons [N].
+        read: part of the kernel's output, such as "forces" → its values, (k, n) each, SI.
+        kernel_states: after each sample, (k, n_kernel_state).
+        least: least tension of the tendons [N].
     """
     notes = []
     asked = model.kernel_state.view(kernel_states, "positions")

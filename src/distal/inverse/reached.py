@@ -1,8 +1,9 @@
-"""How far the joints may be from where commands should bring them: the band of an open loop.
+"""Variances of the angles that joints reach by commands: the band of an open loop.
 
-A drive at s holds the joints where they lack nothing, r(θ, s, p) = 0, so that dθ/dp = −(∂r/∂θ)⁻¹
-∂r/∂p. The numbers p have the stds of the rig file, and positions those of their sensors; a joint
-whose friction has not turned over rests anywhere within l of that.
+With the drives at positions s, the joints rest where their residual torque is zero, r(θ, s, p) = 0,
+so that dθ/dp = −(∂r/∂θ)⁻¹ ∂r/∂p. The parameters p have the stds of the rig file, and the positions
+those of their sensors. A joint whose friction has not turned over may rest anywhere within the
+friction limit l of that.
 """
 
 from __future__ import annotations
@@ -17,14 +18,16 @@ from distal.inverse.setpoint_function import CommandModel
 from distal.rig import Rig
 
 SOFTEST = 1e-9
-"""Stiffness of a joint that nothing holds, so that its band is wide and finite [N m/rad]."""
+"""Stiffness that is added to every joint, so that a joint which nothing holds has a wide but finite
+band [N m/rad]. Source: rounding (division by a stiffness of zero).
+"""
 
 
 def spread_function(model: CommandModel) -> ca.Function:
-    """Return (θ_free, s, d, σ_s², τ_ext, p) → variances of θ_free, (n_free,) [rad²], by the stds of
-    the rig's numbers.
+    """Return the function (θ_free, s, d, σ_s², τ_ext, p) → variances of θ_free, (n_free,) [rad²].
 
-    Positions of drives err by variances σ_s², (n_drives,), of their own.
+    They follow from the stds of the rig's parameters, from the variances σ_s² of the drives'
+    positions, (n_drives,), and from friction that has not turned over, by its directions d.
     """
     nf = model.nf
     p = model.mechanism.parameters.symbols
@@ -40,8 +43,8 @@ def spread_function(model: CommandModel) -> ca.Function:
     variances = ca.SX.zeros(nf)
     for column in ca.horzsplit(ca.densify(ca.horzcat(by_parameters, by_positions))):
         variances += solved(slopes, column) ** 2
-    # within the friction that has not turned over any position is alike likely: a third of its
-    # square
+    # all torques within friction that has not turned over are equally likely: the variance is a
+    # third of its square
     left = friction**2 * ca.fmax(1 - turned**2, 0) / 3
     for j in range(nf):
         unit = ca.SX.zeros(nf)
@@ -57,13 +60,15 @@ def spread_function(model: CommandModel) -> ca.Function:
 def lacking(
     model: CommandModel, free: Vector, positions: Vector, turned: Vector, external: Vector
 ) -> tuple[Vector, Vector]:
-    """Return what joints at rest lack, (n_free,) [N m], and their friction limits.
+    """Return the residual torques of joints at rest and their friction limits, (n_free,) each [N
+    m].
 
     Args:
-        free: angles of free joints [rad], (n_free,).
+        model: the inverse of the rig.
+        free: angles of the free joints [rad], (n_free,).
         positions: of the drives [m, rad], (n_drives,).
-        turned: which way friction acts, −1 to 1, (n_free,).
-        external: torques on all joints from outside [N m], (n_joints,).
+        turned: direction in which friction acts, −1 to 1, (n_free,).
+        external: external torques on all joints [N m], (n_joints,).
     """
     mechanism = model.mechanism
     zeros = ca.SX.zeros(model.nf)
@@ -78,8 +83,8 @@ def lacking(
 
 
 def stiffness_function(model: CommandModel) -> ca.Function:
-    """Return (θ_free, s, p) → stiffness of each joint, drives and other joints held, (n_free,) [N
-    m/rad].
+    """Return the function (θ_free, s, p) → stiffness of each free joint while drives and other
+    joints are held, (n_free,) [N m/rad].
     """
     free = ca.SX.sym("free", model.nf)
     positions = ca.SX.sym("positions", model.nd)
@@ -89,8 +94,8 @@ def stiffness_function(model: CommandModel) -> ca.Function:
 
 
 def spread_kernel(model: CommandModel) -> ca.Function:
-    """Return the same as a kernel (kernel_state, x, p) → (kernel_state⁺, variances), x = (θ_free,
-    s, d, σ_s², what is inside).
+    """Return `spread_function` without external torques as a kernel (kernel_state, x, p) →
+    (kernel_state⁺, variances), x = (θ_free, s, d, σ_s², internal state).
     """
     inside = model.kernel_state["inside"].stop - model.kernel_state["inside"].start
     ends = np.cumsum([0, model.nf, model.nd, model.nf, model.nd, inside]).tolist()
@@ -111,8 +116,8 @@ def spread_kernel(model: CommandModel) -> ca.Function:
 
 
 def covariance_root(model: CommandModel) -> Matrix:
-    """Return R of the numbers' covariance R Rᵀ, (n_p, k): a column for each, and one for what
-    several err by together.
+    """Return R, (n_p, k), with R Rᵀ the covariance of the parameters: a column for each parameter's
+    own error, and one for each error that several share.
     """
     parameters = model.mechanism.parameters
     p = model.mechanism.parameters.symbols
@@ -129,8 +134,8 @@ def covariance_root(model: CommandModel) -> Matrix:
 
 
 def position_variances(rig: Rig) -> Floats:
-    """Return how unsure the positions of drives are by their sensors, (n_drives,) [m², rad²]: zeros
-    and linearity.
+    """Return the variances of the drives' positions by the zeros and the linearity of their
+    sensors, (n_drives,) [m², rad²].
     """
     sensors = {sensor.of: sensor for sensor in rig.sensors_of("position")}
     found = [sensors.get(drive.name) for drive in rig.drives]

@@ -1,5 +1,5 @@
-"""What is sent to a drive so that it is where it has to be: its speed limit, its lag and its delay
-are made up for.
+"""Setpoints of drives that follow positions: they make up for the speed limit, lag, delay and
+compliance of the servos.
 """
 
 from __future__ import annotations
@@ -14,12 +14,16 @@ from distal.rig import Capstan, Rig, Slider
 
 
 def followable(time: Floats, positions: Floats, fastest: float) -> Floats:
-    """Return a drive's positions over `time` [s], (k,), no faster than `fastest`, jumps spread to
-    both sides of them.
+    """Return a drive's positions, limited to a speed of `fastest`, (k,).
 
-    The mean of the fastest way there from before and the latest way there from after (a rate
-    limiter run forwards and backwards): half of a reversal's stretch is taken up before the joint
-    turns.
+    A jump is spread to both sides of it: the result is the mean of a rate limiter that is run
+    forwards and one that is run backwards. Of the jump of a drive at a reversal, which takes up
+    stretch, half comes before the joint turns.
+
+    Args:
+        time: rising stamps [s], (k,).
+        positions: (k,) [m, rad].
+        fastest: [m/s, rad/s].
     """
     if fastest == inf:
         return positions
@@ -35,13 +39,16 @@ def followable(time: Floats, positions: Floats, fastest: float) -> Floats:
 
 
 def sent(time: Floats, positions: Floats, drive: Slider | Capstan) -> Floats:
-    """Return u(t) = s(t + T) + ds/dt(t + T)/(2π f) for a servo of position, (k,).
+    """Return the setpoints u(t) = s(t + T) + ds/dt(t + T)/(2π f) of a drive that follows positions,
+    (k,).
 
-    It has the bandwidth f and the delay T; without a servo in the rig, positions are sent as they
-    are.
+    Its servo has the bandwidth f and the delay T. Without a servo in the rig the positions s are
+    sent as they are.
 
     Args:
         time: rising stamps [s], (k,).
+        positions: s, (k,) [m, rad].
+        drive: the drive with its servo.
     """
     servo = drive.servo
     if servo is None:
@@ -49,7 +56,7 @@ def sent(time: Floats, positions: Floats, drive: Slider | Capstan) -> Floats:
     desired = followable(time, positions, inf if servo.fastest is None else servo.fastest)
     step = float(np.median(np.diff(time)))
     lag = 0.0 if servo.bandwidth is None else 1.0 / (2 * pi * servo.bandwidth)
-    # a servo cannot make a corner: it is rounded over its own lag, so that the lead stays small
+    # a servo cannot follow a corner: corners are rounded over its lag, so that the lead stays small
     rounded = uniform_filter1d(desired, max(1, 2 * round(lag / step / 2) + 1), mode="nearest")
     ahead = np.interp(time + servo.delay, time, rounded)
     speed = np.interp(time + servo.delay, time, np.gradient(rounded, time))
@@ -58,10 +65,11 @@ def sent(time: Floats, positions: Floats, drive: Slider | Capstan) -> Floats:
 
 
 def gives_way(rig: Rig) -> tuple[Floats, Floats]:
-    """Return by how much further servos have to be sent, (n_drives,) each: per force [rad/(N m),
-    m/N], and in the way in which they last moved [rad, m].
+    """Return by how much setpoints are shifted because servos give way, (n_drives,) each: per force
+    [rad/(N m), m/N], and in the direction of the last motion [rad, m].
 
-    A servo of stiffness K and dead band δ is at s = u − F/K − δ d.
+    A servo of stiffness K and dead band δ, with the force F and the direction d, is at s = u − F/K
+    − δ d.
     """
     servos = [drive.servo for drive in rig.drives]
     soft = [0.0 if s is None or s.stiffness is None else 1.0 / s.stiffness for s in servos]

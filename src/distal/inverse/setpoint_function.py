@@ -1,9 +1,9 @@
-"""One sample of the inverse: from desired angles to what the drives do.
+"""One sample of the inverse: from desired angles to the setpoints of the drives.
 
-Of the torques that the joints need (`Balance`) follow pulls f with A f = τ (`distribution`), and
-each drive goes to the position s at which its tendons pull so: T(θ, s) of the model, solved by
-Newton's steps within a bracket, since T grows with s. What moves inside (plays, points of sheaths,
-creep) is remembered and goes on with the commands.
+The torques τ that the joints need (`Balance`) give the pulls f with A f = τ (`distribution`). Each
+drive goes to the position s at which its tendons pull so by the model, T(θ, s) = f. Since T grows
+with s, Newton's steps within a bracket find it. The internal state (backlash, points of sheaths,
+creep) is kept from sample to sample and follows the commands.
 """
 
 from __future__ import annotations
@@ -19,35 +19,48 @@ from distal.kernels import Layout
 from distal.rig import Rig
 
 TURNS = float(np.deg2rad(0.1))
-"""A joint's friction has turned over after so much motion [rad]."""
+"""Turn of a joint over which the direction of its friction changes by 1 [rad]. Source: judgement.
+"""
 
 DRIVE_TURNS = 0.1e-3
-"""The same of a drive, along its tendon [m]."""
+"""Motion of a drive along its tendon over which the direction of its friction changes by 1 [m].
+Source: judgement.
+"""
 
 ROUNDS = 3
-"""Friction depends on tensions, and these on friction: so often one follows from the other."""
+"""Number of rounds in which friction follows from tensions and tensions from friction. Source:
+judgement.
+"""
 
 NEWTON_STEPS = 14
-"""Steps to a drive's position: halving the bracket where a tendon is slack or a play is open,
-Newton's elsewhere.
+"""Number of steps to a drive's position: Newton's, or halvings of the bracket where a tendon is
+slack or in its backlash. Source: judgement.
 """
 
 FARTHEST = 0.1
-"""A drive's position is looked for within so much along its tendon from where it is [m]."""
+"""Largest distance along its tendon, from where a drive is, at which its next position is looked
+for [m]. Source: judgement.
+"""
 
 FLATTEST = 1e-6
-"""A slope below this share of the tendons' stiffness counts as none."""
+"""Slope of a pull, as a share of the tendons' stiffness, up to which it counts as zero [1]. Source:
+rounding (division by a slope of zero).
+"""
 
 TINY_PULL = 1e-9
-"""Least friction inside a transmission that is divided by [N]."""
+"""Least friction in a transmission that is divided by [N]. Source: rounding (division by a friction
+of zero).
+"""
 
 REACHES = 8
-"""Gauss-Newton steps to the nearest angles that fewer drives than joints can hold."""
+"""Number of Gauss-Newton steps to the nearest angles that can be held, where drives are fewer than
+joints. Source: judgement.
+"""
 
 
 class CommandModel(Balance):
-    """The inverse of a rig as a kernel: layouts of its kernel state, its desired sample and its
-    output, and the function.
+    """The inverse of a rig as a kernel: its function, and the layouts of its kernel state, of a
+    desired sample and of its output.
     """
 
     def __init__(self, rig: Rig, prefer: Prefer = "tension", folded: bool = False) -> None:
@@ -78,8 +91,8 @@ class CommandModel(Balance):
         )
 
     def function(self) -> ca.Function:
-        """Return (kernel_state, x, p) → (kernel_state⁺, y): the next command; p are the rig's
-        numbers without what moves inside.
+        """Return the kernel (kernel_state, x, p) → (kernel_state⁺, y) of the next command, with the
+        parameters p without the internal state.
         """
         kernel_state = ca.MX.sym("kernel_state", self.kernel_state.size)
         x = ca.MX.sym("x", self.x.size)
@@ -106,8 +119,7 @@ class CommandModel(Balance):
             inside=inside,
             begun=ca.MX(1),
         )
-        # where a drive's range ends, it goes no further; what it would have to pull is still its
-        # force
+        # a drive goes no further than its range; its force is still that of the desired position
         named["positions"] = named.pop("within")
         y = self.y.joined(**{name: named[name] for name in self.y.names})
         return ca.Function(
@@ -115,8 +127,8 @@ class CommandModel(Balance):
         )
 
     def _sample(self) -> ca.Function:
-        """Return one sample as a function of the kernel state's parts, the desired sample's, and
-        all numbers.
+        """Return the function of one sample: of the parts of the kernel state without the internal
+        state, the parts of the desired sample, and all parameters.
         """
         nf = self.nf
         nd = self.nd
@@ -180,8 +192,8 @@ class CommandModel(Balance):
         return ca.Function("sample", arguments, list(outputs.values()), named, list(outputs))
 
     def _pulls(self) -> ca.Function:
-        """Return (arms, τ, least, f) → pulls, no less than the `least` of each drive where there
-        are enough of them; those of fewer stay.
+        """Return the function (arms, τ, least, f) → pulls of the drives, not below `least` for
+        one-sided ones. Where drives are fewer than the joints that they move, f stays.
         """
         arms = ca.SX.sym("arms", self.nf, self.nd)
         torques = ca.SX.sym("torques", self.nf)
@@ -213,11 +225,11 @@ class CommandModel(Balance):
         return [(int(r), int(c)) for r, c in zip(*arms.sparsity().get_triplet())]
 
     def _reached(self) -> ca.Function:
-        """Return (desired, θ, f, s, d, τ_ext, lowest, p) → the nearest angles that pulls can hold,
-        and these pulls.
+        """Return the function (desired, θ, f, s, d, τ_ext, lowest, p) → the nearest angles that
+        pulls can hold, and these pulls.
 
-        At θ, f the joints lack r = A f − τ: after a change of the pulls they come to rest at θ −
-        (∂r/∂θ)⁻¹ (r + A df).
+        At θ and f the residual torque of the joints is r = A f − τ; after a change df of the pulls
+        they rest at θ − (∂r/∂θ)⁻¹ (r + A df).
         """
         nf = self.nf
         nd = self.nd
@@ -249,7 +261,9 @@ class CommandModel(Balance):
         return ca.Function("reached", arguments, ca.cse([ca.densify(held), ca.densify(f)]))
 
     def _positions(self) -> ca.Function:
-        """Return (θ, s, f, shares, steepest, p) → positions at which the drives pull f."""
+        """Return the function (θ, s, f, shares, steepest, p) → positions at which the drives pull
+        with f.
+        """
         nd = self.nd
         angles = ca.MX.sym("angles", self.nj)
         before = ca.MX.sym("before", nd)
@@ -269,10 +283,11 @@ class CommandModel(Balance):
         return ca.Function("positions", [angles, before, pulls, shares, steepest, p], [s])
 
     def _internal(self) -> ca.Function:
-        """Return (θ, s, f, f before, e, p) → what is left for the springs, e⁺: friction in
-        transmissions (`Hysteresis`).
+        """Return the function (θ, s, f, f before, e, p) → pulls that are left for the springs, and
+        e⁺, after friction in the transmissions (`Hysteresis`).
 
-        It is e h, with e in [−1, 1] that turns over as the pull changes by h: f_spring = f − e h.
+        This friction is e h, with e in [−1, 1] that turns over as the pull changes by h: f_spring =
+        f − e h.
         """
         angles = ca.SX.sym("angles", self.nj)
         positions = ca.SX.sym("positions", self.nd)
@@ -292,8 +307,8 @@ class CommandModel(Balance):
         return ca.Function("internal", arguments, ca.cse([ca.densify(sprung), ca.densify(after)]))
 
     def _refine(self) -> ca.Function:
-        """Return (s, low, high, excess, slope, steepest) → the next of each: Newton's step, or the
-        bracket's middle.
+        """Return the function (s, low, high, excess, slope, steepest) → next s, low and high, by
+        Newton's step, or to the middle of the bracket.
         """
         names = ("s", "low", "high", "excess", "slope", "steepest")
         s, low, high, excess, slope, steepest = (ca.SX.sym(name, self.nd) for name in names)

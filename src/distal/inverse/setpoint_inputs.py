@@ -1,4 +1,6 @@
-"""The numbers that are inputs of the commands' kernels beside the parameters of the equations."""
+"""Inputs of the commands' kernels that come beside the parameters of the equations: limits, ranges,
+stds.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +14,13 @@ from distal.rig import Rig
 from distal.rig.drives import Drive
 
 DERIVED = "command."
-"""Begins their names."""
+"""Prefix of the names of these inputs."""
 
 
 def command_inputs(rig: Rig) -> dict[str, float]:
-    """Return the numbers that commands read beside the equations' parameters, by name."""
+    """Return the inputs of the commands' kernels beside the equations' parameters: name with the
+    prefix `DERIVED` → value.
+    """
     return {f"{DERIVED}{name}": value for name, value in _parameters(rig)}
 
 
@@ -50,11 +54,10 @@ def _ends(path: str, stops: tuple[float, float] | None) -> Iterator[tuple[str, f
 
 
 def _margin(rig: Rig, drive: Drive) -> float:
-    """Return by which factor a pull is above what is asked for, for all but 2.5 % of the rigs as
-    built to keep it.
+    """Return the factor by which pulls are commanded above the least tension, so that all but 2.5 %
+    of the rigs as built keep that.
 
-    At its position a drive whose tendons are as much softer as the rig file allows pulls so much
-    less.
+    At a given position of a drive, softer tendons pull less, in proportion to their stiffness.
     """
     tendons = [tendon for tendon in rig.tendons if tendon.drive == drive.name]
     return 1.0 + BAND * max(
@@ -63,7 +66,7 @@ def _margin(rig: Rig, drive: Drive) -> float:
 
 
 def _lead(rig: Rig) -> float:
-    """Return the lag and delay of the slowest drive as far as its servo is stated [s]."""
+    """Return the lag and delay of the slowest drive by the servos in the rig [s]."""
     servos = [drive.servo for drive in rig.drives if drive.servo is not None]
     lags = [
         (0.0 if servo.bandwidth is None else 1 / (2 * pi * servo.bandwidth)) + servo.delay
@@ -73,7 +76,5 @@ def _lead(rig: Rig) -> float:
 
 
 def radius_of(drive: Drive) -> float:
-    """Return by how much a drive's motion moves its tendon [m per its unit], for the scale of its
-    friction.
-    """
+    """Return how far a drive's motion moves its tendon, per unit of the drive [m/rad, 1]."""
     return drive.radius.value if drive.kind == "capstan" else 1.0

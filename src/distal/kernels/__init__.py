@@ -1,4 +1,6 @@
-"""Kernels: the model's functions made fast, as C built once or in CasADi's interpreter."""
+"""Kernels: the model's functions made fast. They are compiled as C once, or run in CasADi's
+interpreter.
+"""
 
 from distal.kernels.cache import cache_folder
 from distal.kernels.compiler import c_source, find_compiler

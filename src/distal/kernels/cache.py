@@ -1,5 +1,5 @@
-"""Where compiled kernels are kept: by content, compiler and CPU, safe for several processes at
-once.
+"""The folder of compiled kernels. They are found by what they are made from, the compiler and the
+CPU; several processes may use it at once.
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ from pathlib import Path
 
 
 def cache_folder() -> Path:
-    """Return the folder for compiled kernels: $DISTAL_CACHE, else the user's cache folder."""
+    """Return the folder for compiled kernels: $DISTAL_CACHE, else `distal` in the user's cache
+    folder.
+    """
     folder = os.environ.get("DISTAL_CACHE")
     if folder:
         return Path(folder).absolute()
@@ -33,7 +35,7 @@ def cache_folder() -> Path:
 
 
 def check_own(folder: Path) -> None:
-    """Refuse a folder whose libraries somebody else may have put there: what is in it is run.
+    """Refuse a folder into which somebody else may have put libraries, since these are executed.
 
     Raises:
         PermissionError: it belongs to another user, or others can write to it.
@@ -53,7 +55,9 @@ def check_own(folder: Path) -> None:
 
 
 def cpu() -> str:
-    """Return what identifies this CPU to a compiler that builds for it."""
+    """Return a text that identifies the model and features of this CPU, for which a compiler
+    builds.
+    """
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
         features = {line for line in lines if line.startswith(("model name", "flags", "Features"))}
@@ -63,7 +67,9 @@ def cpu() -> str:
 
 
 def digest(*parts: str | bytes) -> str:
-    """Return a hexadecimal digest of the parts."""
+    """Return a hexadecimal digest (SHA-256) of the parts, which tells where one ends and the next
+    begins.
+    """
     sha = hashlib.sha256()
     for part in parts:
         content = part.encode() if isinstance(part, str) else part
@@ -77,7 +83,7 @@ class Library:
 
     Args:
         name: of the kernel's function.
-        sizes: how many numbers its kernel state, x, p and y have; none where it is no kernel.
+        sizes: lengths of its kernel state, x, p and y; empty where they are not noted.
     """
 
     path: Path
@@ -86,8 +92,8 @@ class Library:
 
 
 class Cache:
-    """A folder of shared libraries; each has a note with its digest, so that a damaged one is never
-    loaded.
+    """A folder of shared libraries. Each library has a note with its digest, so that a damaged one
+    is never loaded.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -116,12 +122,12 @@ class Cache:
             with suppress(OSError):  # a file system without locks: each process builds its own
                 fcntl.flock(file, fcntl.LOCK_EX)
             yield
-            # whoever waits for this file finds the library, and whoever comes later too
+            # processes that wait for this file, or come later, find the library
             lock.unlink(missing_ok=True)
 
     def work_folder(self) -> tempfile.TemporaryDirectory[str]:
-        """Return a temporary folder inside the cache, so that what is built there can be moved in
-        at once.
+        """Return a temporary folder inside the cache; what is built in it can be moved into the
+        cache in one operation.
 
         Raises:
             OSError: the cache cannot be written.
@@ -130,7 +136,8 @@ class Cache:
         return tempfile.TemporaryDirectory(dir=self.folder, prefix="build-")
 
     def keep(self, key: str, built: Path) -> Library:
-        """Move a library that was built in a `work_folder` into the cache and return it there.
+        """Move a library that was `built` in a `work_folder` into the cache, and return it from
+        there.
 
         Library and note are each renamed, the note last, so that a reader sees both or none.
 
@@ -144,7 +151,7 @@ class Cache:
         return library
 
     def note(self, key: str, library: Library) -> None:
-        """Write which library, one of this folder, is kept under `key`.
+        """Write the note that a library of this folder is kept under `key`.
 
         Raises:
             OSError: the cache cannot be written.

@@ -1,4 +1,4 @@
-"""C from CasADi, built once by the compiler that is there."""
+"""Shared libraries of kernels: C from CasADi, built once by the C compiler of this computer."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from distal.kernels.cache import Cache, Library, cache_folder, check_own, cpu, d
 from distal.kernels.recipe import Recipe
 from distal.kernels.structure import Structure
 
-# no fast-math and no fused multiply-add: the same numbers as the interpreter with 512-bit vectors
-# GCC 12 makes code of some filters that is wrong: a covariance that is no longer symmetric
+# with 512-bit vectors GCC 12 makes wrong code of some filters: a covariance is no longer symmetric
 NARROW = ("-mprefer-vector-width=256",) if platform.machine() in ("x86_64", "AMD64") else ()
+# no fast-math and no fused multiply-add: the same numbers as the interpreter
 FLAGS = (
     "-march=native",
     *NARROW,
@@ -36,28 +36,38 @@ FLAGS = (
 )
 
 OPTIMISED = "-O3"
+"""Level of optimisation of kernels for one run."""
+
 OPTIMISED_LANES = "-O2"
-"""How much the compiler does for one run and for lanes, whose vectors are written out: there more
+"""Level of optimisation of kernels for lanes. Their vectors are written out, so that a higher one
 takes longer and brings nothing.
 """
 
 LONG = 500_000
-OPTIMISED_LONG = "-O1"
-"""C with more characters than this is straight lines without loops, and runs as fast with less
-effort: a filter with a sheath takes GCC 12 7 s in place of 17, and 46 µs a sample in place of 44.
+"""Number of characters of C above which `OPTIMISED_LONG` is used. Such C is straight lines without
+loops, and runs as fast with less effort: a filter with a sheath takes GCC 12 7 s in place of 17,
+and 46 µs a sample in place of 44. Source: judgement.
 """
+
+OPTIMISED_LONG = "-O1"
+"""Level of optimisation of C with more than `LONG` characters."""
 
 VERY_LONG = 1_500_000
-UNOPTIMISED = "-O0"
-"""C with more characters than this takes GCC 12 more than five minutes at -O1, and 4 s without any
-optimisation: the equations of a finger with three sheaths in lanes, 2.8 million characters.
+"""Number of characters of C above which `UNOPTIMISED` is used. The equations of a finger with three
+sheaths in lanes, 2.8 million characters, take GCC 12 more than five minutes at -O1, and 4 s without
+any optimisation. Source: judgement.
 """
 
+UNOPTIMISED = "-O0"
+"""Level of optimisation of C with more than `VERY_LONG` characters."""
+
 QUICK = "-O1"
-"""With DISTAL_COMPILE=quick all C is compiled so: in half the time, half as fast."""
+"""Level of optimisation with DISTAL_COMPILE=quick: kernels are compiled in half the time and run
+half as fast.
+"""
 
 LOG = logging.getLogger("distal.kernels")
-"""Says when a compiler begins, which may take minutes, and when it has ended (an empty message)."""
+"""Logs when a compiler begins, which may take minutes, and when it has ended (an empty message)."""
 
 _SCAN = """
 /* {name} over n samples: kernel_state and outputs of every sample are kept, the kernel_state of
@@ -97,12 +107,12 @@ class CompileError(Exception):
 
 
 class UnwantedError(CompileError):
-    """The user wants no compiled kernels."""
+    """Kernels are not compiled because the user does not want it."""
 
 
 @dataclass(frozen=True)
 class Compiler:
-    """A C compiler: its command and what it says of itself."""
+    """A C compiler: its command and the first line of its ``--version``."""
 
     command: tuple[str, ...]
     version: str
@@ -150,8 +160,8 @@ def c_source(function: ca.Function) -> str:
 
 @lru_cache(maxsize=64)
 def emitted(function: ca.Function, dialect: Plain | Lanes, loop: str, **sizes: int) -> str:
-    """Return the C of a kernel and of a loop over it, a template that names the kernel and its
-    sizes in braces.
+    """Return the C of a kernel and of a loop over its samples. The `loop` is a template with the
+    kernel's name and sizes in braces.
 
     Raises:
         CompileError: the function has an operation that has no C here.
@@ -171,10 +181,11 @@ def library_of(
 ) -> Library:
     """Return the shared library of a kernel, from the cache or built now.
 
-    A kernel with a structure is looked for by that, before its function is made.
+    If the kernel has a structure, the library is looked for by that, so that a kept one needs no
+    function to be made.
 
     Args:
-        form: what the C is besides the function, such as its number of lanes.
+        form: name of the form of the C, such as its number of lanes.
         source: returns the C of the function.
         level: of the compiler's optimisation.
 
@@ -198,10 +209,12 @@ def library_of(
 def begin_library(
     recipe: Recipe, form: str, source: Callable[[ca.Function], str], level: str = OPTIMISED
 ) -> None:
-    """Begin to build a library in the background, if it is not there; `library_of` waits for it.
+    """Begin to build a library in the background if it is not in the cache; `library_of` waits for
+    it.
 
-    Its C is written before this returns: CasADi does not count its symbols safely over threads.
-    Arguments are as of `library_of`; what fails is said by that.
+    The C is written before this returns, because CasADi does not count its symbols safely over
+    threads. The arguments are those of `library_of`, which also raises the errors that are passed
+    over here.
     """
     with suppress(CompileError):
         compiler = _needed_compiler()
@@ -220,7 +233,8 @@ def begin_library(
 
 
 def compiled_source(source: str, level: str = OPTIMISED) -> Path:
-    """Return the shared library of C source, from the cache or built now.
+    """Return the shared library of C source, from the cache or built now. Long C is compiled with
+    less optimisation than `level`.
 
     Raises:
         CompileError: no compiler, it failed, or the cache cannot be written.
@@ -271,7 +285,7 @@ def _own_cache() -> Cache:
 
 @contextmanager
 def _written(cache: Cache) -> Iterator[None]:
-    """Say in a line what kept a cache from being written."""
+    """Raise a CompileError that says in one line why a cache could not be written."""
     try:
         yield
     except OSError as problem:

@@ -1,5 +1,5 @@
-"""The one driver of kernels: the kernel states and outputs of a run in order, alone or side by side
-with others in lanes.
+"""Runs of kernels: their kernel states and outputs, for one run or for several side by side in
+vector lanes.
 """
 
 from __future__ import annotations
@@ -12,18 +12,18 @@ from distal.kernels.kernel import Kernel
 
 
 def advance(kernel: Kernel, feed: Feed) -> Advanced:
-    """Return what a run gives."""
+    """Return the kernel states and outputs of a kernel in one run."""
     return Advanced(*kernel.scan(*feed))
 
 
 def advance_all(
     kernel: Kernel, feeds: Sequence[Feed], keep: Sequence[int] | None = None
 ) -> list[Advanced]:
-    """Return what several runs give, side by side where there are lanes for that: the same numbers
-    as one by one.
+    """Return what a kernel gives in several runs, side by side where it has vector lanes. The
+    results are those of `advance` for each run.
 
     Args:
-        keep: indices of the numbers of the kernel state that are kept; default all.
+        keep: indices of the numbers of the kernel state that are returned; default all.
     """
     lanes = kernel.lanes() if len(feeds) > 1 or kernel.backend == "interpreted" else None
     if lanes is None:
@@ -38,5 +38,7 @@ def advance_all(
 
 
 def at_samples(run: Advanced, last: Indices) -> Advanced:
-    """Return a run at the samples' own rows."""
+    """Return the rows of a run that belong to the samples of a log, whose indices are `last`; other
+    rows are steps in between.
+    """
     return run if len(last) == len(run.ys) else Advanced(run.kernel_states[last], run.ys[last])

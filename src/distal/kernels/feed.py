@@ -1,4 +1,4 @@
-"""What a kernel is fed in a run, and what it gives."""
+"""The inputs of a kernel in a run, and its results."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from distal.arrays import Floats
 
 
 class Feed(NamedTuple):
-    """What a kernel is fed in one run.
+    """The inputs of a kernel in one run.
 
     Args:
         kernel_state: before the first row, (n_kernel_state,).
@@ -22,10 +22,11 @@ class Feed(NamedTuple):
 
 
 class Advanced(NamedTuple):
-    """What a run gave.
+    """The results of a kernel in one run.
 
     Args:
-        kernel_states: after each row, (k, n_kernel_state), or of each those numbers that were kept.
+        kernel_states: after each row, (k, n_kernel_state), or only those numbers of each that are
+            kept.
         ys: the outputs of each row, (k, n_y).
     """
 

@@ -1,5 +1,5 @@
-"""Numbers of a vector by their positions: how functions of parts become one function of the
-whole.
+"""Numbers of a vector by their indices, by which functions of parts are joined to one function of
+the whole.
 """
 
 from __future__ import annotations
@@ -17,12 +17,14 @@ Indices = NDArray[np.intp]
 
 
 def taken(vector: VectorNode, at: Indices) -> VectorNode:
-    """Return some numbers of a vector."""
+    """Return the numbers of a vector at some indices."""
     return vector[at.tolist()]
 
 
 def placed(parts: Sequence[MatrixNode], positions: Sequence[Indices], size: int) -> VectorNode:
-    """Return a vector with the numbers of parts at their positions, zero elsewhere."""
+    """Return a vector of length `size` with the numbers of the `parts` at their `positions`, and
+    zero elsewhere.
+    """
     order = np.concatenate(positions)
     sources = np.full(size, len(order))
     sources[order] = np.arange(len(order))
@@ -32,8 +34,8 @@ def placed(parts: Sequence[MatrixNode], positions: Sequence[Indices], size: int)
 
 @dataclass(frozen=True)
 class PlacedKernel:
-    """A part's function (kernel_state, x, p) → (kernel_state⁺, y), and where the numbers of each
-    stand in those of the whole.
+    """The function (kernel_state, x, p) → (kernel_state⁺, y) of a part, and the indices that the
+    numbers of each of these vectors have in that of the whole.
     """
 
     function: ca.Function
@@ -46,10 +48,11 @@ class PlacedKernel:
 def side_by_side(
     name: str, parts: Sequence[PlacedKernel], sizes: tuple[int, int, int, int]
 ) -> ca.Function:
-    """Return (kernel_state, x, p) → (kernel_state⁺, y), of such `sizes`, of parts that do not touch
-    each other.
+    """Return the function (kernel_state, x, p) → (kernel_state⁺, y) of several independent parts
+    together.
 
-    What stands between parts in the kernel state stays as it is; in y it is zero.
+    The `sizes` are the lengths of kernel_state, x, p and y. Numbers of the kernel state that belong
+    to no part stay as they are; those of y are zero.
     """
     kernel_state, x, p = (
         ca.MX.sym(symbol, size) for symbol, size in zip(("kernel_state", "x", "p"), sizes)

@@ -1,5 +1,5 @@
-"""A kernel: one function of a kernel state and a sample, compiled where that is possible,
-interpreted otherwise.
+"""A kernel: one function of a kernel state and a sample, which is compiled where that is possible
+and interpreted otherwise.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ _building = threading.Lock()
 
 
 class Kernel:
-    """A function (kernel_state, x, p) → (kernel_state⁺, y) for a log (`scan`), sample by sample
-    (`loop`) or several logs (`lanes`).
+    """A function (kernel_state, x, p) → (kernel_state⁺, y), to be used on a log (`scan`), sample by
+    sample (`loop`) or on several logs at once (`lanes`).
 
     Args:
         function: the CasADi function, whose inputs and outputs are dense columns, or its recipe.
-        compiled: compile it if possible; False keeps the interpreter, "lanes" keeps it for one run
-            alone.
+        compiled: whether to compile it where possible; with False it is always interpreted, with
+            "lanes" only one run alone is.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class Kernel:
         self.reason = "asked for"
         self._scan: Callable[..., int] | None = None
         self._lanes: LaneKernel | None = None
-        self._laned = not compiled  # what is not desired counts as tried
+        self._laned = not compiled  # lanes that are not desired count as tried
         self._lanes_alone = compiled == "lanes"
         self._sizes: tuple[int, ...] = ()
         self._external: ca.Function | None = None
@@ -81,37 +81,37 @@ class Kernel:
 
     @property
     def function(self) -> ca.Function:
-        """The CasADi function itself."""
+        """The CasADi function of this kernel."""
         return self._recipe.function
 
     @cached_property
     def sizes(self) -> tuple[int, ...]:
-        """How many numbers the kernel state, x, p and y have."""
+        """The lengths of the kernel state, x, p and y."""
         return self._sizes or self._recipe.sizes
 
     @property
     def n_kernel_state(self) -> int:
-        """Numbers of the kernel state."""
+        """Length of the kernel state."""
         return self.sizes[0]
 
     @property
     def n_x(self) -> int:
-        """Numbers of a sample."""
+        """Length of a sample x."""
         return self.sizes[1]
 
     @property
     def n_p(self) -> int:
-        """Number of parameters."""
+        """Number of parameters p."""
         return self.sizes[2]
 
     @property
     def n_y(self) -> int:
-        """Number of outputs."""
+        """Number of outputs y."""
         return self.sizes[3]
 
     def scan(self, kernel_state: Floats, xs: Floats, p: Floats) -> tuple[Floats, Floats]:
-        """Return the kernel states after every sample, (n, n_kernel_state), and the outputs, (n,
-        n_y).
+        """Return the kernel states after each sample of a log, (n, n_kernel_state), and the
+        outputs, (n, n_y).
 
         Args:
             kernel_state: before the first sample, (n_kernel_state,).
@@ -141,17 +141,19 @@ class Kernel:
         return kernel_states, ys
 
     def loop(self, p: Floats) -> Loop:
-        """Return the kernel with a kernel state of its own, for one sample after the other."""
+        """Return this kernel with a kernel state of its own, to be called for one sample after the
+        other.
+        """
         call = self.function if self._external is None else self._external
         return Loop(call, np.array(p, dtype=np.float64).reshape(self.n_p))
 
     def begin_lanes(self) -> None:
-        """Begin to build what `lanes` returns, in the background."""
+        """Begin to build the kernel that `lanes` returns, in the background."""
         begin_lanes(self._recipe)
 
     def lanes(self) -> LaneKernel | None:
-        """Return the same kernel for several runs at once, built when first asked for; None where
-        that cannot be.
+        """Return the same kernel for several runs at once, or None where it cannot be built. It is
+        built at the first call.
         """
         with _building:
             if not self._laned:
@@ -165,14 +167,14 @@ class Kernel:
 
     @property
     def side_by_side(self) -> int:
-        """How many runs go through it at once."""
+        """How many runs this kernel takes at once."""
         lanes = self.lanes()
         return 1 if lanes is None else lanes.lanes
 
 
 class Evaluation:
-    """A function of arrays to arrays, called without CasADi's own matrices; threads that share it
-    take turns.
+    """A CasADi function that is called with arrays and returns arrays, without CasADi's own
+    matrices. Threads that share it take turns.
     """
 
     def __init__(self, function: ca.Function) -> None:
@@ -182,9 +184,7 @@ class Evaluation:
         self._lock = threading.Lock()
 
     def __call__(self, *arguments: object) -> list[Floats]:
-        """Return the outputs for arguments with as many numbers as the inputs have, each as a
-        column.
-        """
+        """Return the outputs, each as a column. Each argument has as many numbers as its input."""
         with self._lock:
             for array, argument in zip(self._arguments, arguments):
                 array[:] = argument  # type: ignore[call-overload]
@@ -193,8 +193,8 @@ class Evaluation:
 
 
 class Loop:
-    """A kernel whose kernel state stays where it is: write `x`, call `step`, read `kernel_state`
-    and `y`. For one thread.
+    """A kernel that keeps its kernel state between samples: write `x`, call `step`, read
+    `kernel_state` and `y`. Only one thread may use it.
     """
 
     def __init__(self, call: ca.Function, p: Floats) -> None:
@@ -208,7 +208,7 @@ class Loop:
         )
 
     def step(self) -> None:
-        """Advance the kernel state by one sample."""
+        """Advance the kernel state by the sample `x`, and set `y`."""
         self._trigger()
         self.kernel_state[:] = self._next
 
@@ -216,8 +216,8 @@ class Loop:
 def _attached(
     function: ca.Function, arguments: Sequence[Floats], outputs: Sequence[Floats]
 ) -> tuple[Callable[[], None], object]:
-    """Return what evaluates a function from and into arrays, and the buffer that has to live as
-    long.
+    """Return a function that evaluates `function` from and into arrays, and the buffer that must
+    live as long.
     """
     buffer, trigger = function.buffer()
     for i, array in enumerate(arguments):
@@ -228,7 +228,7 @@ def _attached(
 
 
 def _warn(reason: str) -> None:
-    """Say once per reason and process that kernels are interpreted."""
+    """Warn, once per reason and process, that kernels are interpreted."""
     if reason in _warned:
         return
     _warned.add(reason)

@@ -1,4 +1,4 @@
-"""Many runs of one kernel side by side: each vector lane is a run of its own."""
+"""Many runs of one kernel side by side, one in each vector lane."""
 
 from __future__ import annotations
 
@@ -57,7 +57,9 @@ void {name}_batch(const long long* rows, const double* const* kernel_state, cons
 
 @lru_cache(maxsize=1)
 def lanes_here() -> int:
-    """Return how many numbers of double precision this processor takes at once."""
+    """Return the number of vector lanes: how many numbers of double precision this processor takes
+    at once.
+    """
     try:
         features = Path("/proc/cpuinfo").read_text(encoding="utf-8")
     except OSError:
@@ -73,13 +75,13 @@ def _source(function: ca.Function) -> str:
 
 
 def begin_lanes(recipe: Recipe) -> None:
-    """Begin to build the kernel of a recipe for lanes, in the background."""
+    """Begin to build the kernel of a recipe for vector lanes, in the background."""
     begin_library(recipe, f"{lanes_here()} lanes", _source, OPTIMISED_LANES)
 
 
 class LaneKernel:
-    """A kernel (kernel_state, x, p) → (kernel_state⁺, y) over several runs at once, with the same
-    numbers as one by one.
+    """A kernel (kernel_state, x, p) → (kernel_state⁺, y) over several runs at once. Its results are
+    those of one run after the other.
 
     Raises:
         CompileError: there is no compiler, or it does not know vectors, or the function has no C.
@@ -99,11 +101,12 @@ class LaneKernel:
         self._batch: Callable[..., None] = batch
 
     def scan(self, feeds: Sequence[Feed], keep: Sequence[int]) -> list[Advanced]:
-        """Return what several runs give: the numbers `keep` of the kernel state after every row,
-        (k, len(keep)), and the outputs.
+        """Return the results of several runs: of the kernel state after each row only the numbers
+        `keep`, (k, len(keep)), and the outputs.
 
         Args:
             feeds: at most `lanes` runs, which may differ in length.
+            keep: indices of numbers of the kernel state.
         """
         starts = [
             np.ascontiguousarray(feed.kernel_state, dtype=np.float64).reshape(self.n_kernel_state)
@@ -120,7 +123,7 @@ class LaneKernel:
         lengths = np.zeros(self.lanes, dtype=np.int64)
         lengths[: len(feeds)] = [len(x) for x in rows]
         kept = np.array(keep, dtype=np.int32)
-        # lanes without a run of their own do what the first does, and keep nothing
+        # lanes without a run of their own begin as the first one, with no rows, and keep nothing
         self._batch(
             ctypes.c_void_p(lengths.ctypes.data),
             *(self._pointers(arrays) for arrays in (starts, rows, parameters)),

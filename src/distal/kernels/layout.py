@@ -1,6 +1,4 @@
-"""Named parts of a vector, the same for NumPy and CasADi: the kernel state of a filter, what is
-remembered of a drive.
-"""
+"""Vectors with named parts, the same for NumPy and CasADi, such as the kernel state of a filter."""
 
 from __future__ import annotations
 
@@ -18,10 +16,11 @@ Number = TypeVar("Number", bound=np.generic)
 
 
 class Layout:
-    """Where the parts of a vector stand.
+    """The positions of the named parts of a vector.
 
     Args:
-        parts: name → length, or (rows, columns) of a symmetric matrix, in their order.
+        parts: name → length, or (rows, columns) of a matrix, in their order. CasADi reads a matrix
+            column by column and NumPy row by row; both agree on symmetric ones.
     """
 
     def __init__(self, **parts: int | tuple[int, int]) -> None:
@@ -34,15 +33,15 @@ class Layout:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the parts, in their order."""
+        """Names of the parts in their order."""
         return tuple(self._shapes)
 
     def __getitem__(self, name: str) -> slice:
-        """Return where a part stands."""
+        """Return the slice of a part."""
         return self._slices[name]
 
     def part(self, vector: Expression, name: str) -> Expression:
-        """Return a part of a column of CasADi's, in its shape.
+        """Return a part of a CasADi column, in its shape.
 
         Args:
             vector: the column; it may be longer than this layout.
@@ -52,12 +51,14 @@ class Layout:
         return vector[at] if len(shape) == 1 else ca.reshape(vector[at], *shape)
 
     def parts(self, vector: Expression) -> dict[str, Expression]:
-        """Return all parts of a column of CasADi's by name, in their shapes."""
+        """Return all parts of a CasADi column by name, in their shapes; the `vector` may be longer
+        than this layout.
+        """
         return {name: self.part(vector, name) for name in self._shapes}
 
     def view(self, array: NDArray[Number], name: str) -> NDArray[Number]:
-        """Return a part of arrays (…, size), with its shape behind the other axes; a view where it
-        can be.
+        """Return a part of an array (…, size) in its shape, behind the array's other axes; a view
+        where that is possible.
 
         Args:
             array: it may be longer than this layout.
@@ -67,31 +68,37 @@ class Layout:
         return array[..., at].reshape(*array.shape[:-1], *shape)
 
     def joined(self, **parts: Expression) -> Expression:
-        """Return the column of CasADi's that has these parts."""
+        """Return the CasADi column that has these parts, by name."""
         assert set(parts) == set(self._shapes), (set(parts), set(self._shapes))
         return ca.vertcat(*(ca.vec(ca.densify(parts[name])) for name in self._shapes))
 
 
 @lru_cache(maxsize=64)
 def kernel_state_layout(states: int, **memory: int) -> Layout:
-    """Return the layout of a filter's kernel_state: the mean, its covariance, what the filter
-    remembers of its inputs.
+    """Return the layout of a filter's kernel state: the mean of its `states`, their covariance, and
+    what the filter remembers of its inputs, `memory`.
     """
     return Layout(mean=states, covariance=(states, states), **memory)
 
 
 def mean_of(kernel_state: NDArray[Number], states: int) -> NDArray[Number]:
-    """Return the mean, (…, n), of a `kernel_state` or several, (…, size)."""
+    """Return the mean, (…, n), in one `kernel_state` or several, (…, size), of a filter with n
+    `states`.
+    """
     return kernel_state_layout(states).view(kernel_state, "mean")
 
 
 def covariance_of(kernel_state: NDArray[Number], states: int) -> NDArray[Number]:
-    """Return the covariance, (…, n, n), of a `kernel_state` or several, (…, size)."""
+    """Return the covariance, (…, n, n), in one `kernel_state` or several, (…, size), of a filter
+    with n `states`.
+    """
     return kernel_state_layout(states).view(kernel_state, "covariance")
 
 
 def variances_of(kernel_state: NDArray[Number], states: int) -> NDArray[Number]:
-    """Return the variances of the states, (…, n), of a `kernel_state` or several, (…, size)."""
+    """Return the variances of the states, (…, n), in one `kernel_state` or several, (…, size), of a
+    filter with n `states`.
+    """
     variances: NDArray[Number] = np.diagonal(
         covariance_of(kernel_state, states), axis1=-2, axis2=-1
     )

@@ -1,8 +1,8 @@
 """The mask of a sample: what is done with each of its values. A row of a kernel is x = (dt, values,
 mask).
 
-A value of the mask is one of the constants here, or, of a displacement in a row without a sample of
-its own, `bridge(k)`.
+Each number of the mask is one of the constants here. In rows between samples, that of a
+displacement may be `bridge(k)` instead.
 """
 
 from __future__ import annotations
@@ -12,45 +12,47 @@ import casadi as ca
 from distal.expressions import Scalar
 
 READ = 1.0
-"""The value was read."""
+"""Mask of a value that was read. Source: definition (of the mask)."""
 
 MISSING = 0.0
-"""There is no value: zero stands in its place, and nothing is done with it."""
+"""Mask of a value that is missing: zero stands in its place, and nothing is done with it. Source:
+definition (of the mask).
+"""
 
 COMPARED_ONLY = -1.0
-"""Of what is compared, a force, a tension or an angle: its innovation is shown, but corrects
-nothing.
+"""Mask of a force, a tension or an angle that is only compared: its innovation is shown, but
+corrects nothing. Source: definition (of the mask).
 """
 
 
 def bridge(rows: int) -> float:
-    """Return the mask of a displacement that crosses a gap in a straight line to the reading that
-    ends it: −k.
+    """Return the mask −k of a displacement in a gap, which goes in a straight line to the reading
+    that ends the gap.
 
     Args:
-        rows: k, how many rows that reading is away, this one's own step included; at least 2.
+        rows: k, the number of rows to that reading, this row's own step included; at least 2.
     """
     return -float(rows)
 
 
 def is_read(mask: Scalar) -> Scalar:
-    """Return 1 where a value was read."""
+    """Return 1 where a value was read, else 0."""
     return mask > MISSING
 
 
 def is_there(mask: Scalar) -> Scalar:
-    """Return 1 where there is a value, whatever is done with it."""
+    """Return 1 where there is a value, whatever is done with it, else 0."""
     return mask != MISSING
 
 
 def is_bridge(mask: Scalar) -> Scalar:
-    """Return 1 where a displacement crosses a gap."""
+    """Return 1 where a displacement crosses a gap, else 0."""
     return mask < MISSING
 
 
 def rows_left(mask: Scalar) -> Scalar:
-    """Return how many rows the reading is away that ends a gap: the k of `bridge`; 1 where it
-    crosses none.
+    """Return the number of rows to the reading that ends a gap, the k of `bridge`; 1 where there is
+    no gap.
     """
     return ca.if_else(is_bridge(mask), -mask, 1)
 

@@ -1,5 +1,5 @@
-"""Work on many items at once, all workers busy, their results in order, and no more in memory than
-is in work.
+"""Work on many items by several threads. Results come in the items' order, and only what is in work
+is in memory.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 AHEAD = 2
-"""Groups of items in work or ready, per worker."""
+"""Number of groups of items that are in work or ready, for each worker. Source: judgement."""
 
 
 def grouped(items: Iterable[Item], size: int) -> Iterator[list[Item]]:
-    """Yield items in groups for the lanes; those that came before an error are yielded before it is
-    raised.
+    """Yield items in groups of `size`, for vector lanes. Items that came before an error are
+    yielded before it is raised.
     """
     group: list[Item] = []
     try:
@@ -38,8 +38,13 @@ def grouped(items: Iterable[Item], size: int) -> Iterator[list[Item]]:
 def in_order(
     items: Iterable[Item], size: int, work: Callable[[list[Item]], list[Result]], workers: int
 ) -> Iterator[tuple[Item, Result]]:
-    """Yield each item with its result, in order; those that came before an error are yielded before
+    """Yield each item with its result, in order. Items that came before an error are yielded before
     it is raised.
+
+    Args:
+        size: number of items in a group.
+        work: returns the results of a group.
+        workers: number of threads.
     """
     groups = grouped(items, size)
     waiting: deque[tuple[list[Item], Future[list[Result]]]] = deque()

@@ -1,4 +1,6 @@
-"""A small kernel to see what is in use: compiled or not, and whether both give the same numbers."""
+"""A small kernel that shows whether kernels are compiled, and whether compiled and interpreted
+numbers agree.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +13,8 @@ from distal.kernels.kernel import Backend, Kernel
 
 
 def probe() -> tuple[Backend, str, float]:
-    """Return the backend in use, why, and the largest difference between it and the interpreter on
-    a small scan.
+    """Return the backend in use, the reason for it (or the compiler), and the largest difference
+    between it and the interpreter in a small scan.
     """
     kernel_state = ca.MX.sym("kernel_state", 2)
     x = ca.MX.sym("x", 1)

@@ -1,4 +1,6 @@
-"""Kernels that a process keeps by their structure: what differs in numbers alone shares one."""
+"""Kernels that a process keeps by their structure: rigs that differ in their numbers alone share
+one.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,9 @@ from distal.kernels.recipe import Recipe
 from distal.kernels.structure import Structure
 
 MOST_KEPT = 128
-"""Kernels and functions that a process keeps; those not asked for the longest go first."""
+"""Largest number of kernels and functions that a process keeps; those that were not asked for the
+longest go first. Source: judgement.
+"""
 
 _KEPT: OrderedDict[tuple[object, ...], object] = OrderedDict()
 _TURNS = RLock()
@@ -28,12 +32,12 @@ def kernel_of(
     make: Callable[[], ca.Function],
     compiled: bool | Literal["lanes"] = True,
 ) -> Kernel:
-    """Return the kernel of a structure: the one that this process has, or a new one.
+    """Return the kernel of a structure: the one that this process keeps, or a new one.
 
     Args:
-        structure: None for a kernel of its own.
+        structure: all that the kernel depends on; None for a new kernel that is not kept.
         make: returns its function, which must depend on the structure alone.
-        compiled: as of `Kernel`.
+        compiled: as for `Kernel`.
     """
     if structure is None:
         return Kernel(Recipe(make), compiled)
@@ -44,14 +48,14 @@ def kernel_of(
 
 
 def function_of(structure: Structure, make: Callable[[], ca.Function]) -> ca.Function:
-    """Return a function that is called now and then, of a structure: the one that this process has,
-    or a new one.
+    """Return the function of a structure, for a function that is not called often enough for a
+    kernel: the one that this process keeps, or a new one.
     """
     return _kept((structure.key,), make)
 
 
 def forget() -> None:
-    """Drop what this process keeps, so that kernels are made anew."""
+    """Drop all kernels and functions that this process keeps, so that they are made anew."""
     with _TURNS:
         _KEPT.clear()
 

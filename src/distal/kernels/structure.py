@@ -1,4 +1,6 @@
-"""What a kernel depends on: rigs that agree in their structure share it, whatever their numbers."""
+"""The structure on which a kernel depends: rigs that agree in it share the kernel, whatever their
+numbers are.
+"""
 
 from __future__ import annotations
 
@@ -42,8 +44,8 @@ INPUTS = frozenset(
         "unmodelled",
     }
 )
-"""Fields of plain numbers that are inputs of kernels, or do not enter them; any other is written
-into a kernel.
+"""Fields of plain numbers that are inputs of kernels, or do not enter them; any other field is
+written into a kernel.
 """
 
 APART = frozenset(
@@ -60,16 +62,18 @@ APART = frozenset(
         "touch",
     }
 )
-"""Fields of a rig that say nothing of its equations, or are asked for by themselves."""
+"""Fields of a rig that say nothing of its equations, or whose part in a structure is given
+separately.
+"""
 
 
 @dataclass(frozen=True)
 class Structure:
-    """What a kernel depends on.
+    """All that a kernel depends on.
 
     Args:
-        kind: of kernel, such as ``plant``.
-        facts: what it is called, and what it is, of each thing that a kernel is made for.
+        kind: of the kernel, such as ``plant``.
+        facts: (name, content) of each thing that the kernel is made for.
     """
 
     kind: str
@@ -77,16 +81,16 @@ class Structure:
 
     @cached_property
     def key(self) -> str:
-        """What names it in a cache; it changes with the code of the package."""
+        """Name of the structure in a cache; it changes with the code of the package."""
         return digest(self.kind, repr(self.facts), source_stamp())
 
 
 def structure_of(kind: str, mechanism: Mechanism, **decisions: object) -> Structure:
-    """Return the structure of a kernel of a rig's equations.
+    """Return the structure of a kernel that is made from a rig's equations.
 
     Args:
-        kind: of kernel.
-        decisions: what else it is made for, such as its sub-steps.
+        kind: of the kernel, such as ``plant``.
+        decisions: anything else that it is made for, such as its sub-steps.
     """
     parameters = mechanism.parameters
     facts = {
@@ -105,7 +109,7 @@ def _parts(rig: Rig) -> tuple[object, ...]:
 
 
 def _shape(part: object) -> object:
-    """Return a part of a description without its numbers."""
+    """Return a component of a description without its numbers."""
     if isinstance(part, Parameter):
         return None
     if isinstance(part, Coupling):
@@ -127,6 +131,6 @@ def _of_field(name: str, field: object) -> object:
 
 @lru_cache(maxsize=1)
 def source_stamp() -> str:
-    """Return a digest of the package's code: a kernel of other code is another kernel."""
+    """Return a digest of the package's code: kernels of other code are other kernels."""
     files = sorted(Path(__file__).parents[1].rglob("*.py"))
     return digest(*(path.read_bytes() for path in files))

@@ -1,4 +1,4 @@
-"""The lab: a rig with its filter in the browser, as one file."""
+"""The lab: a page on which a rig moves in the browser, with its filter."""
 
 from distal.lab.html_page import lab_page
 from distal.lab.webassembly import LabModule, check_ziglang, lab_module

@@ -1,5 +1,5 @@
-"""The lab of a rig: one HTML file in which it moves and is estimated, with sliders for what is
-true.
+"""The lab of a rig: one HTML file on which it moves and is estimated; sliders change the true
+rig.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ from distal.simulation.signal_inputs import BodyInputs
 from distal.units import unit_factor
 
 WINDOW = 12.0
-"""Time that the curves show [s]."""
+"""Length of the time axis of the curves [s]. Source: layout."""
 
 LONGEST = 600.0
-"""A log that is saved ends after so long [s]."""
+"""Length after which a log that is saved ends [s]. Source: judgement."""
 
 FACTORS = {
     "friction": (
@@ -47,7 +47,7 @@ FACTORS = {
     "pretension": r"^tendons\.\d+\.pretension$",
     "arm": r"^tendons\.\d+\.(insertion|crossings\.\d+)\.(radius|arm|offset|lever)$",
 }
-"""The plant's numbers that a slider multiplies."""
+"""Name of a slider → pattern of the plant's parameters that the slider multiplies."""
 
 LABELS = {
     "friction": "friction",
@@ -55,6 +55,7 @@ LABELS = {
     "pretension": "pre-tension",
     "arm": "moment arms",
 }
+"""Name of a slider → its label."""
 
 EXPERIMENTS = {
     "As described": "Everything is as the rig file says: the band is as wide as what the file "
@@ -73,30 +74,38 @@ EXPERIMENTS = {
     "grows: what the "
     "sensor told is not known any more.",
 }
-"""What to look at in an experiment."""
+"""Name of an experiment → text that says what to look at in it."""
 
 SWING = 0.5
-"""A joint without stops swings so far to both sides [rad]."""
+"""Amplitude of the motion of a joint without stops [rad]. Source: judgement."""
 
 POSTURES = 17
-"""Angles of each joint at which the positions of the drives are computed."""
+"""Number of angles of each joint at which the positions of the drives are computed. Source:
+judgement.
+"""
 
 ALLOWED = 2.0
-"""A rig file allows for a truth that is off by at most so many of its standard deviations."""
+"""Standard deviations by which the truth may differ from the rig file before the page says that the
+file does not allow for it. Source: judgement.
+"""
 
 STIFF = 20.0
-"""Stiffness of the drives' position loops, in that of their tendons."""
+"""Ratio of the stiffness of a drive's position loop to that of its tendons. Source: judgement."""
 
 
 def lab_page(rig: Rig, path: str | Path, estimator: str = "adaptive", source: str = "RIG") -> Path:
-    """Write the lab of a rig as one HTML file, and return where it is; nothing is fetched when it
-    is opened.
+    """Write the lab of a rig as one HTML file and return its path; the page fetches nothing when
+    opened.
 
-    The rig is what the filter believes, and what is true until a slider is moved; `source` is its
-    name for a command.
+    The filter believes the rig, and the true rig is the same until a slider is moved.
+
+    Args:
+        estimator: name of the filter.
+        source: what the rig is called in the command that the page shows.
 
     Raises:
-        ExportError: ziglang is not installed or failed, or the plant or the filter has no C.
+        ExportError: ziglang is not installed or failed, or the plant or the filter cannot be
+            written in C.
         EstimationError: the estimator cannot run on this rig.
         OutputError: the file cannot be written.
     """
@@ -118,7 +127,7 @@ def lab_page(rig: Rig, path: str | Path, estimator: str = "adaptive", source: st
 
 
 def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict[str, Any]:
-    """Return what the page's script needs to know of a rig."""
+    """Return the data of a rig that the page's script reads."""
     plant = module.plant
     mechanism = module.plant.plant
     n = mechanism.n_bodies
@@ -175,8 +184,8 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
 
 
 def _motion(rig: Rig) -> list[dict[str, float]]:
-    """Return how each joint is led: where it begins, centre, amplitude, and its pace beside the
-    others'.
+    """Return how each joint is moved: its first angle, centre and amplitude [rad], and its pace, 1
+    for the first joint.
     """
     rows = []
     for j, joint in enumerate(rig.joints):
@@ -193,8 +202,8 @@ def _motion(rig: Rig) -> list[dict[str, float]]:
 
 
 def _positions(rig: Rig, plant: ExportedPlant) -> list[dict[str, Any]]:
-    """Return of each joint how far the drives stand from the start at some of its angles, with
-    nominal pulls.
+    """Return for each joint a table of the drives' displacements from the start, in equilibrium at
+    `POSTURES` of its angles, under nominal forces.
     """
     mechanism = plant.plant
     tables = []
@@ -219,8 +228,9 @@ def _positions(rig: Rig, plant: ExportedPlant) -> list[dict[str, Any]]:
 
 
 def _servo(plant: ExportedPlant) -> list[list[float]]:
-    """Return stiffness and damping of each drive's position loop: stiff beside its tendons, well
-    damped.
+    """Return stiffness and damping of each drive's position loop, (n_drives, 2).
+
+    The loop is `STIFF` times as stiff as the drive's tendons, with a damping ratio of 0.7.
     """
     mechanism = plant.plant
     q = ca.SX.sym("q", mechanism.n_bodies)
@@ -238,10 +248,10 @@ def _servo(plant: ExportedPlant) -> list[list[float]]:
 
 
 def _largest_load(rig: Rig, tensions: Floats) -> float:
-    """Return the largest torque that slider and hand put on a joint [N m]: half of what the tendons
-    hold.
+    """Return the largest torque that the slider or the hand puts on a joint [N m]: half of what the
+    strongest tendon holds.
     """
-    # a tendon that is just straight at the start holds what half a millimetre gives it
+    # a tendon without tension at the start counts with that of half a millimetre of elongation
     pulls = [
         pull if pull > 0.1 else 5e-4 * tendon.stiffness.value
         for tendon, pull in zip(rig.tendons, tensions)
@@ -321,7 +331,9 @@ def _slider(
     mark: str = "",
     hidden: bool = False,
 ) -> str:
-    """Return a slider with its label; ends are the lowest, the highest and the first value."""
+    """Return the HTML of a slider with its label; `ends` are its lowest, highest and first
+    value.
+    """
     low, high, first = ends
     values = (
         f"min='{low:g}' max='{high:g}' step='{(high - low) / 200:.6g}' value='{first:g}' "
@@ -336,7 +348,9 @@ def _slider(
 def _experiments(
     rig: Rig, module: LabModule, constants: dict[str, Any]
 ) -> list[tuple[str, dict[str, Any], str]]:
-    """Return what can be tried with a rig: a name, the settings, and what to look at."""
+    """Return the experiments that are possible with a rig: name, settings of the sliders, and
+    text.
+    """
     settings: dict[str, dict[str, Any]] = {
         "As described": {},
         "Friction × 3": {"friction": 1.585},
@@ -363,8 +377,8 @@ def _experiments(
 def _allowed(
     rig: Rig, module: LabModule, constants: dict[str, Any], changes: dict[str, Any]
 ) -> str:
-    """Return in words whether the rig file's stds allow for a change of what is true: whether the
-    band should hold.
+    """Return a sentence that says whether the rig file's standard deviations allow for a change of
+    the true rig, so that the band should hold.
     """
     factor = next((key for key in changes if key in LABELS), None)
     if factor is not None:

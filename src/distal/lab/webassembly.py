@@ -1,5 +1,5 @@
-"""The lab's WebAssembly: plant, sensors and filters of a rig as the exported C, and a few lines
-that join them.
+"""The lab's WebAssembly: plant, sensors and filters of a rig as exported C, joined by a few
+functions.
 """
 
 from __future__ import annotations
@@ -23,12 +23,16 @@ from distal.rig import Rig, std_name
 
 @dataclass(frozen=True)
 class LabModule:
-    """A rig's plant and filters as one module.
+    """The plant and the filters of a rig as one WebAssembly module.
 
     Args:
-        outputs: names of what `lab_step` leaves in the array of the estimates, in order.
-        inextensible: whether the angles of inextensible tendons are among them.
-        commanded: indices of the joints that it can bring to desired angles; none where the filter
+        code: the module's binary code.
+        plant: the exported plant.
+        filter: the exported filter.
+        outputs: names of the numbers that `lab_step` leaves in the array of the estimates, in
+            order.
+        inextensible: whether the angles of an estimator with inextensible tendons are among them.
+        commanded: indices of the joints that it can bring to desired angles; empty where the filter
             is not `adaptive`.
     """
 
@@ -41,17 +45,21 @@ class LabModule:
 
 
 def check_ziglang() -> None:
-    """Raise an `ExportError` where ziglang is not installed."""
+    """Raise an `ExportError` where ziglang, which compiles WebAssembly, is not installed."""
     if importlib.util.find_spec("ziglang") is None:
         raise ExportError("the lab is compiled to WebAssembly by ziglang; pip install '.[lab]'")
 
 
 def lab_module(rig: Rig, estimator: str) -> LabModule:
-    """Return plant, sensors and filters of a rig as a WebAssembly module; the plant begins with the
-    rig's values.
+    """Return the plant, sensors and filters of a rig as a WebAssembly module; the plant begins with
+    the rig's parameters.
+
+    Args:
+        estimator: name of the filter.
 
     Raises:
-        ExportError: ziglang is not installed or failed, or the plant or the filter has no C.
+        ExportError: ziglang is not installed or failed, or the plant or the filter cannot be
+            written in C.
         EstimationError: the estimator cannot run on this rig.
     """
     check_ziglang()
@@ -100,7 +108,9 @@ def lab_module(rig: Rig, estimator: str) -> LabModule:
 
 
 def _plain(rig: Rig, plain: Exported | None, plant: ExportedPlant, at: int) -> str:
-    """Return the C of the estimate by inextensible tendons, or of nothing."""
+    """Return the C code that estimates with inextensible tendons, or that does nothing where this
+    is not possible.
+    """
     if plain is None:
         return "static void follow(int begins) { (void)begins; }"
     outputs = "\n".join(
@@ -110,7 +120,9 @@ def _plain(rig: Rig, plain: Exported | None, plant: ExportedPlant, at: int) -> s
 
 
 def _channels(plant: ExportedPlant, exported: Exported) -> str:
-    """Return which of the plant's sensors a filter reads, as the values of an array in C."""
+    """Return the indices of the plant's sensors that a filter reads, as the values of an array in
+    C.
+    """
     return ", ".join(str(plant.sensors.index(channel)) for channel in exported.channels)
 
 

@@ -1,4 +1,4 @@
-"""Logs: time series of sensors, read, checked and written."""
+"""Read, check and write logs, which are time series of sensor readings."""
 
 from distal.logs.atomic_writes import keep_elsewhere, write_together, write_whole
 from distal.logs.data_frames import pandas_frame, polars_frame

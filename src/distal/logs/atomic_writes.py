@@ -1,4 +1,4 @@
-"""Write files completely or not at all; of several files, all or none."""
+"""Write each file completely or not at all, and several files that belong together all or none."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def check_writable(path: Path) -> None:
 
 
 def write_whole(path: str | Path, data: bytes | str) -> None:
-    """Write a file through a temporary one beside it: a failure leaves the old one unchanged. See
-    `write_together`.
+    """Write a file completely, or leave the old file of that name unchanged where writing fails;
+    see `write_together`.
     """
     write_together({Path(path): data})
 
@@ -30,18 +30,18 @@ def write_whole(path: str | Path, data: bytes | str) -> None:
 def write_together(files: Mapping[Path, bytes | str]) -> None:
     """Write several files that belong together: all of them, or none, so that the old files stay.
 
-    Every file is first written beside its position. They are moved in only after the last one is
-    complete; if a move fails, those before it are moved back. Folders must exist; text is written
-    as UTF-8.
+    Each content first goes to a temporary file in the folder of its path. The temporary files are
+    renamed only after the last one is complete; where a renaming fails, the earlier ones are
+    undone. Folders must exist; text is written as UTF-8.
 
     Raises:
-        OutputError: one of them cannot be written.
+        OutputError: one of the files cannot be written.
     """
     written: list[_Written] = []
     try:
         for path, data in files.items():
-            # a byte of a file's name that is no text has no UTF-8 either; it is no reason to lose
-            # what is written
+            # a text may name a file whose name is no UTF-8; such bytes are replaced, so that the
+            # text is still written
             content = data.encode(errors="replace") if isinstance(data, str) else data
             check_writable(path)
             with _as_output_error(path):
@@ -65,10 +65,11 @@ def write_together(files: Mapping[Path, bytes | str]) -> None:
 
 
 def keep_elsewhere(files: Mapping[Path, bytes | str]) -> Path | None:
-    """Write files that have no place into a new folder, and return it; None where none can be
-    had.
+    """Write files that could not be written at their paths into a new folder, and return that
+    folder.
 
-    It stands among temporary files, else in the user's own folder.
+    The folder is made among the temporary files or, where that fails, in the user's home folder;
+    the result is None where both fail.
     """
     for parent in (tempfile.gettempdir(), str(Path.home())):
         with suppress(OSError, RuntimeError):
@@ -82,7 +83,7 @@ def keep_elsewhere(files: Mapping[Path, bytes | str]) -> Path | None:
 
 @contextmanager
 def _as_output_error(path: Path) -> Iterator[None]:
-    """Raise an `OutputError` with the path for whatever the file system says."""
+    """Turn an error of the file system into an `OutputError` that names the path."""
     try:
         yield
     except OutputError:
@@ -99,7 +100,7 @@ def _as_output_error(path: Path) -> Iterator[None]:
 
 
 class _Written:
-    """A file that stands beside its place, until it is moved in."""
+    """A file whose content is complete in a temporary file, which `move_in` renames to its path."""
 
     def __init__(self, path: Path, content: bytes) -> None:
         self.path = path
@@ -128,7 +129,9 @@ class _Written:
         return tempfile.mkstemp(dir=self._target.parent, prefix=f".{self._target.name}.")
 
     def move_in(self, keep: bool) -> None:
-        """Put the file in its place; `keep` what stood there beside it until `tidy`."""
+        """Rename the temporary file to its path; `keep` says to keep the old file beside it until
+        `tidy`.
+        """
         if keep and self._replaces:
             handle, backup = self._beside()
             os.close(handle)
@@ -142,7 +145,7 @@ class _Written:
         self._moved = True
 
     def move_back(self) -> None:
-        """Put what stood there back in its place; where that is not possible, it stays beside
+        """Put the old file back at its path; where that is not possible, the old file stays beside
         it.
         """
         with suppress(OSError):
@@ -150,14 +153,14 @@ class _Written:
                 os.replace(self._backup, self._target)
                 if os.path.exists(
                     self._backup
-                ):  # two names of one file: replacing one by the other does nothing
+                ):  # replacing a file by its own hard link does nothing
                     os.unlink(self._backup)
                 self._backup = None
             elif self._moved and not self._replaces:
                 os.unlink(self._target)
 
     def tidy(self) -> None:
-        """Remove what is beside the file's place."""
+        """Remove the temporary files that are still beside the path."""
         for path in (self._temporary, self._backup if self._moved else None):
             if path is not None and os.path.exists(path):
                 os.unlink(path)

@@ -1,4 +1,6 @@
-"""Tables as they came: columns of numbers, dates or text, and how text becomes numbers."""
+"""The cells of a table as the file holds them (numbers, dates or text), and how text becomes
+numbers.
+"""
 
 from __future__ import annotations
 
@@ -17,22 +19,24 @@ from distal.errors import LogError
 from distal.suggestions import did_you_mean
 
 Column = NDArray[Any] | list[str]
-"""Numbers, dates (``datetime64``), or text."""
+"""The cells of one column: an array of numbers or dates (``datetime64``), or a list of texts."""
 
 MISSING = frozenset({"", "nan", "na", "n/a", "<na>", "null", "none", "-"})
-"""Texts of a cell that mean a missing value, in any case."""
+"""Texts of a cell that mean a missing value, in lower case; a cell may be in any case."""
 
 
 @dataclass(frozen=True)
 class Cells:
-    """An open table, its cells as they came.
+    """An open table whose cells are as the file holds them.
 
     Args:
-        blocks: names of columns → their cells, some rows after the others: a long text is never
-            taken apart as a whole.
-        first_row: row number of the first value in the file, as an editor counts.
-        names: of all its columns; without units where they were asked for so.
-        units: name → unit, of those whose header says it beside the name that was asked for.
+        blocks: function from names of columns to their cells, some rows at a time, so that a long
+            text is never split as a whole.
+        first_row: row number of the first value in the file, as a text editor counts.
+        names: names of all columns of the table; units are taken off those that `without_units`
+            knows.
+        rows: number of rows below the header.
+        units: name → unit, for columns whose header gave a unit beside a name that was asked for.
     """
 
     blocks: Callable[[Sequence[str]], Iterable[Sequence[Column]]]
@@ -43,8 +47,10 @@ class Cells:
     units: Mapping[str, str] = field(default_factory=dict)
 
     def without_units(self, headers: Mapping[str, tuple[str, str]]) -> Cells:
-        """Return the same table where columns are called by their names alone, by the `headers` of
-        `units_of`.
+        """Return the same table with columns called by their names alone.
+
+        Args:
+            headers: name → header and unit, as `units_of` returns them.
         """
         header_of = {name: header for name, (header, _) in headers.items()}
         name_of = {header: name for name, header in header_of.items()}
@@ -56,13 +62,15 @@ class Cells:
         )
 
     def column(self, name: str) -> Column:
-        """Return a column as it came."""
+        """Return the cells of a column as the file holds them."""
         parts = [column for (column,) in self.blocks([name])]
         return parts[0] if len(parts) == 1 else list(chain.from_iterable(parts))
 
     def values(self, names: Sequence[str]) -> dict[str, Floats]:
-        """Return columns as numbers, NaN where a cell is missing; a `LogError` says where one is no
-        finite number.
+        """Return columns as numbers, with NaN for missing cells.
+
+        Raises:
+            LogError: a cell is not a finite number; the message says where it is.
         """
         parts: dict[str, list[Floats]] = {name: [] for name in names}
         row = self.first_row
@@ -86,8 +94,12 @@ class Cells:
 def in_memory(
     columns: Mapping[str, Column], path: Path, first_row: int, names: Iterable[str]
 ) -> Cells:
-    """Return a table of columns that are in memory; `names` are those of all columns that the file
-    has.
+    """Return a table of columns that are in memory.
+
+    Args:
+        columns: name → cells, of the columns that were read.
+        first_row: row number of the first value in the file.
+        names: names of all columns that the file has.
     """
     rows = len(next(iter(columns.values()), ()))
     return Cells(
@@ -96,8 +108,13 @@ def in_memory(
 
 
 def parsed_cells(column: Column, path: Path, name: str, first_row: int) -> Floats:
-    """Return a column as numbers, NaN where a cell is missing; a `LogError` says where one is no
-    finite number.
+    """Return a column as numbers, with NaN for missing cells.
+
+    Args:
+        first_row: row number of the column's first cell, for the message.
+
+    Raises:
+        LogError: a cell is not a finite number; the message says where it is.
     """
     if isinstance(column, list):
         values = _plain_values(column)
@@ -117,8 +134,9 @@ def parsed_cells(column: Column, path: Path, name: str, first_row: int) -> Float
 
 
 def _plain_values(cells: list[str]) -> Floats | None:
-    """Return the numbers of cells that hold nothing else, else None; this is fast, and enough for
-    most logs.
+    """Return the numbers of cells that all hold finite numbers, else None.
+
+    This fast way is enough for most logs.
     """
     try:
         values = np.fromiter(map(float, cells), np.float64, len(cells))
@@ -128,8 +146,9 @@ def _plain_values(cells: list[str]) -> Floats | None:
 
 
 def is_plain(text: str) -> bool:
-    """Return whether Python's numbers in a text are those of a log, with no ``1_000`` and no digits
-    of other scripts.
+    """Return whether a text is free of number forms that Python takes and logs may not have.
+
+    These are ``1_000`` and digits of other scripts.
     """
     return text.isascii() and "_" not in text
 

@@ -1,4 +1,4 @@
-"""Columns as frames, where the library for that is installed."""
+"""Columns as frames of pandas or polars, where that library is installed."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 
 
 def pandas_frame(columns: Mapping[str, NDArray[np.generic]]) -> pandas.DataFrame:
-    """Return the columns as a pandas frame."""
+    """Return the columns as a pandas frame; a `DistalError` says where pandas is not installed."""
     copies = {name: np.array(column) for name, column in columns.items()}
     frame: pandas.DataFrame = _library("pandas").DataFrame(copies)
     return frame
 
 
 def polars_frame(columns: Mapping[str, NDArray[np.generic]]) -> polars.DataFrame:
-    """Return the columns as a polars frame."""
+    """Return the columns as a polars frame; a `DistalError` says where polars is not installed."""
     frame: polars.DataFrame = _library("polars").DataFrame(dict(columns))
     return frame
 

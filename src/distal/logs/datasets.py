@@ -1,4 +1,4 @@
-"""Public logs of real instruments, fetched once and checked."""
+"""Public logs of real instruments, which are fetched once and compared with known fingerprints."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ SOURCE = (
     "https://raw.githubusercontent.com/MRDLab/mis-tool-characterization/"
     "03658b2ccefef9adceebc38dd4a17bd6e190cd2e/data/Tool_4_Maryland_L_2/{run}.TXT"
 )
-"""Medical Robotics and Devices Lab Data Repository, Open Database License 1.0."""
+"""Address of the file of a run: Medical Robotics and Devices Lab Data Repository, Open Database
+License 1.0.
+"""
 
 LICENCE = """Logs of a da Vinci Maryland grasper from the Medical Robotics and Devices Lab Data
 Repository (MRDLab/mis-tool-characterization, commit 03658b2, folder
@@ -41,31 +43,38 @@ FINGERPRINTS = {
     "42": "11134bb6e82b80f240a27332a56e3e8702f65f89f43b017d39b0caea4bf83c4f",
     "43": "06691aec2acfe5e2f1d74aee60f7de80770d256bfd9427adbe1fc449a8f053a3",
 }
-"""Run → SHA-256 of what is used of it: stamps [ms] and counts of every fifth row."""
+"""Run → SHA-256 of the part of its file that is used: stamps [ms] and counts of every fifth row."""
 
 NEEDS = "fetching needs pooch; `pip install '.[data]'`, or set DISTAL_DATA"
 
 TORQUE = 0.04872866 / 1224
-"""Torque per count of both sensors [N m]."""
+"""Torque per count of both torque sensors [N m]. Source: judgement."""
 
 FACTORS = (1e-3, 360.0 / 8192.0, TORQUE, 1e-3, 0.09, TORQUE)
+"""Units per count of each used column: time [s], angle [°], torque [N m], motor current [A], jaw
+angle [°], jaw torque [N m]. Source: definition (formats of the raw files).
+"""
+
 COLUMNS = ("t_s", "theta_prox_deg", "tau_prox_Nm", "i_motor_A", "theta_true_deg", "tau_true_Nm")
 RAW = (0, 1, 2, 3, 4, 5)
-"""Columns of the raw files: time, proximal encoder and torque, motor current, jaw encoder and
-torque.
+"""Positions of the used columns in the raw files: time, proximal encoder and torque, motor current,
+jaw encoder and torque. Source: definition (formats of the raw files).
 """
 
 
 def da_vinci_grasper(folder: str | Path | None = None) -> tuple[Path, ...]:
-    """Return the paths of 12 logs of a da Vinci grasper (CSV) in a folder, by default the user's
-    cache, or fetch them.
+    """Return the paths of 12 logs (CSV) of a da Vinci grasper, and fetch those that are not there
+    yet.
 
-    Run XY: X = motion frequency class, Y = resistive torque class; 20 s each. Columns are those
-    that the shipped rig ``da-vinci-grasper`` names. Where $DISTAL_DATA is set, the logs are taken
-    from its folder ``da_vinci_grasper`` and nothing is fetched.
+    Run XY has motion frequency class X and resistive torque class Y; each run takes 20 s. The
+    columns are those that the shipped rig ``da-vinci-grasper`` names.
+
+    Args:
+        folder: where the logs are kept. By default it is ``da_vinci_grasper`` in the folder that
+            $DISTAL_DATA names, from which nothing is fetched, else in the user's cache.
 
     Raises:
-        LogError: they cannot be fetched, or are not what they were when distal was made.
+        LogError: the logs cannot be fetched, or a fetched file differs from its fingerprint.
     """
     shared = os.environ.get("DISTAL_DATA") if folder is None else None
     if folder is None:
@@ -97,12 +106,12 @@ def _pooch() -> ModuleType:
 
 
 def _fetched(run: str, folder: Path) -> str:
-    """Return the text of a raw file, by way of pooch's cache."""
+    """Return the text of a raw file, which pooch fetches once and keeps."""
     pooch = _pooch()
     url = SOURCE.format(run=run)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        # what is used of the file is checked by its own fingerprint
+        # the used part of the file is compared with its own fingerprint later
         path = pooch.retrieve(
             url, known_hash=None, fname=f"{run}.TXT", path=folder / "raw", progressbar=False
         )
@@ -114,8 +123,9 @@ def _fetched(run: str, folder: Path) -> str:
 
 
 def counts_of(text: str) -> NDArray[np.int64]:
-    """Return stamps [ms] and counts of every fifth row of a raw file, (n, 6); lines that begin with
-    % are comments.
+    """Return stamps [ms] and counts of every fifth row of a raw file's text, (n, 6).
+
+    Lines that begin with % are comments.
     """
     lines = [line for line in text.splitlines() if line and not line.startswith("%")]
     try:
@@ -130,14 +140,12 @@ def counts_of(text: str) -> NDArray[np.int64]:
 
 
 def fingerprint(counts: NDArray[np.int64]) -> str:
-    """Return the SHA-256 of a run's counts."""
+    """Return the SHA-256 of a run's counts, (n, 6)."""
     return hashlib.sha256(np.ascontiguousarray(counts, dtype="<i8").tobytes()).hexdigest()
 
 
 def check_fingerprint(run: str, counts: NDArray[np.int64]) -> None:
-    """Raise a `LogError` where the counts of a run do not have the fingerprint that they had when
-    distal was made.
-    """
+    """Raise a `LogError` where the counts of a run, (n, 6), differ from the known fingerprint."""
     digest = fingerprint(counts)
     if digest != FINGERPRINTS[run]:
         raise LogError(
@@ -148,7 +156,7 @@ def check_fingerprint(run: str, counts: NDArray[np.int64]) -> None:
 
 
 def csv_of(counts: NDArray[np.int64]) -> str:
-    """Return a run as CSV, its counts in the columns' units."""
+    """Return a run's counts, (n, 6), as a CSV text in the units that the columns name."""
     rows = [
         ",".join(f"{cell:.8f}".rstrip("0").rstrip(".") for cell in row)
         for row in counts * np.array(FACTORS)

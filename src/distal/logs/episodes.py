@@ -1,4 +1,4 @@
-"""Datasets of robot learning (LeRobot, versions 2 and 3): their episodes, each a log."""
+"""Episodes of robot-learning datasets (LeRobot, versions 2 and 3), each of which is a log."""
 
 from __future__ import annotations
 
@@ -16,28 +16,30 @@ from distal.logs.reader_process import table_by_process
 from distal.logs.vectors import INFO, dataset_info
 
 EPISODE = "episode_index"
-"""Column of the episode that a row is of."""
+"""Column that holds the number of the episode to which a row belongs."""
 
 STATE = "observation.state."
+"""What stands before the name of a motor in the columns of a dataset's readings."""
+
 STAMPS = {"time": ("timestamp",)}
-"""Where a dataset has what motors read, and its time."""
+"""Name of a rig's time column → names that a dataset's time column may have."""
 
 
 @dataclass(frozen=True)
 class Episode:
-    """One episode of a dataset: the file that holds it, and its number there."""
+    """One episode of a dataset: the file that holds it, and the episode's number."""
 
     path: Path
     number: int
 
     @property
     def stem(self) -> str:
-        """A name for files of its own."""
+        """The episode's name without an ending, for names of files."""
         return f"episode_{self.number:06d}"
 
     @property
     def name(self) -> str:
-        """A name for tables."""
+        """The episode's name in tables of results."""
         return self.stem
 
     def __str__(self) -> str:
@@ -46,16 +48,18 @@ class Episode:
 
 
 def is_dataset(path: Path) -> bool:
-    """Return whether a folder is a dataset."""
+    """Return whether a folder is a LeRobot dataset."""
     return (path / INFO).is_file()
 
 
 def episodes_of(folder: Path) -> list[Episode]:
     """Return the episodes of a dataset, in the order of its files.
 
+    A file that cannot be read is left out with a warning.
+
     Raises:
-        LogError: it has none, is half written, or none of its files can be read; those that cannot
-            are left out with a warning.
+        LogError: the dataset has no file, its description or all its files cannot be read, a row
+            has no episode, or an episode is in two files.
     """
     dataset_info(folder)
     files = sorted((folder / "data").rglob("*.parquet"))
@@ -85,9 +89,14 @@ def episodes_of(folder: Path) -> list[Episode]:
 
 
 def rows_of_episode(episode: Episode, columns: list[str] | None) -> Cells:
-    """Return the cells of an episode."""
-    # a rig whose columns are motors finds them in the vector of the state, and its time in the
-    # stamps
+    """Return the cells of an episode.
+
+    Args:
+        columns: names of the columns that are needed; None needs all. A motor's name also finds its
+            number in ``observation.state``.
+    """
+    # where a rig's columns are names of motors, they are looked for in the vector of the state,
+    # and its time in the dataset's stamps
     alias = (
         {}
         if columns is None
@@ -113,8 +122,10 @@ def rows_of_episode(episode: Episode, columns: list[str] | None) -> Cells:
 
 @lru_cache(maxsize=2)
 def _file(path: Path, written: int, columns: tuple[str, ...] | None) -> tuple[Cells, Floats]:
-    """Return a file's cells and the episode of each row: its episodes are read one after the
-    other.
+    """Return a file's cells and the episode of each row, (n,).
+
+    The file is kept for the next call, since its episodes are read one after the other. `written`
+    is when the file was changed last [ns], so that a changed file is read again.
     """
     cells = table_by_process(path, columns)
     cells.check([EPISODE])

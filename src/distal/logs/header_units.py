@@ -1,4 +1,4 @@
-"""Headers that give the unit of their column: ``theta [rad]``."""
+"""Headers that give the unit of their column, such as ``theta [rad]``."""
 
 from __future__ import annotations
 
@@ -13,19 +13,25 @@ _UNIT = re.compile(r"(.*\S)\s+\[([^\[\]]+)\]")
 
 
 def header(name: str, unit: str) -> str:
-    """Return the header of a column: ``theta [rad]``, the name alone where the unit is empty."""
+    """Return the header of a column, such as ``theta [rad]``; without a unit it is the name
+    alone.
+    """
     return f"{name} [{unit}]" if unit else name
 
 
 def name_and_unit(text: str) -> tuple[str, str | None]:
-    """Return name and unit of a header, None where it has no unit; ``position[0]`` has none."""
+    """Return the name and the unit of a header; the unit is None in ``theta`` and in
+    ``position[0]``.
+    """
     match = _UNIT.fullmatch(text)
     return (text, None) if match is None else (match[1], match[2])
 
 
 def needed(text: str, columns: Collection[str] | None) -> bool:
-    """Return whether the column of a header is needed: `columns` holds headers or the names in
-    them, None needs all.
+    """Return whether the column with the header `text` is needed.
+
+    Args:
+        columns: whole headers, or names without units; None needs all.
     """
     return columns is None or text in columns or name_and_unit(text)[0] in columns
 
@@ -33,8 +39,14 @@ def needed(text: str, columns: Collection[str] | None) -> bool:
 def units_of(
     headers: Sequence[str], desired: Collection[str], source: str
 ) -> dict[str, tuple[str, str]]:
-    """Return desired name → its header and unit, for columns whose header is not the name alone;
-    none may have two.
+    """Return desired name → its header and unit, for the columns whose header gives a unit.
+
+    Args:
+        desired: names without units.
+        source: what the table is called in messages.
+
+    Raises:
+        LogError: two headers give the same name with a unit.
     """
     units: dict[str, tuple[str, str]] = {}
     for text in headers:
@@ -53,8 +65,14 @@ def units_of(
 def factor_of(sensor: Sensor, unit: str | None, source: str) -> float:
     """Return the factor that turns a column's numbers into SI, without the sensor's sign.
 
-    The `unit` is the header's, which counts where the rig gives the sensor none. A `LogError` says
-    where it is not one of what the sensor measures, or not the rig's.
+    Args:
+        unit: unit in the column's header, or None. It counts where the rig gives the sensor no
+            unit.
+        source: what the log is called in messages.
+
+    Raises:
+        LogError: the header's unit is no unit of what the sensor measures, or differs from the
+            rig's.
     """
     if unit is None:
         return log_factor(sensor)
@@ -74,8 +92,15 @@ def factor_of(sensor: Sensor, unit: str | None, source: str) -> float:
 
 
 def time_factor(rig: Rig, unit: str | None, source: str) -> float:
-    """Return the factor that turns a log's stamps into seconds; as in `factor_of`, the header may
-    give their `unit`.
+    """Return the factor that turns a log's stamps into seconds.
+
+    Args:
+        unit: unit in the header of the time column, or None. It counts where the rig gives seconds,
+            the default.
+        source: what the log is called in messages.
+
+    Raises:
+        LogError: the header's unit is no unit of time, or differs from the rig's.
     """
     factor = unit_factor(rig.log.time.unit, "s")
     if unit is None:
@@ -90,8 +115,14 @@ def time_factor(rig: Rig, unit: str | None, source: str) -> float:
 
 
 def scale(unit: str | None, si: str, position: str) -> float:
-    """Return the factor from a header's unit to the SI unit of its dimension, 1 where the header
-    has no unit.
+    """Return the factor from a header's unit to the SI unit `si`; it is 1 where the header has no
+    unit.
+
+    Args:
+        position: the column, as messages call it.
+
+    Raises:
+        LogError: the unit has another dimension, or is none.
     """
     if unit is None:
         return 1.0

@@ -1,4 +1,4 @@
-"""A log: time and the sensors' values in SI, a missing value is NaN."""
+"""A log: time and sensor readings in SI, in which NaN is a missing reading."""
 
 from __future__ import annotations
 
@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 
 
 def frozen(values: object) -> Floats:
-    """Return the values as a read-only float64 array; a copy if they were writable."""
+    """Return the values as a read-only float64 array, which is a copy unless they were one
+    already.
+    """
     if isinstance(values, np.ndarray) and values.dtype == np.float64 and not values.flags.writeable:
         return values
     array = np.array(values, dtype=np.float64)
@@ -30,32 +32,35 @@ def frozen(values: object) -> Floats:
 
 
 def sealed(array: Floats) -> Floats:
-    """Return an array that nobody else has, read-only from now on; no copy is made."""
+    """Make an array read-only and return it; no copy is made, so no other code may write to it."""
     array.flags.writeable = False
     return array
 
 
 LARGEST_READING = 1e7
-"""No sensor reads more than this [m, N, rad, N m]: what is larger is a wild value."""
+"""Largest magnitude that a real reading can have [m, N, rad, N m]; larger readings are wild values.
+Source: judgement.
+"""
 
 
 @dataclass(frozen=True)
 class Log:
-    """Sensor values over time, in SI, with the truth where it is known.
+    """Sensor readings over time, in SI, with the truth where it is known.
 
     Args:
         time: stamps [s], rising, (n,).
-        channels: sensor name → values, (n,) each; NaN = missing.
-        truth: name → values, (n,) each: joint angles [rad] and, from a simulation, whatever else it
-            knows.
-        source: what to call it in messages.
-        truth_source: where the truth comes from; of a text alone the kind is not known.
-        stamps: the original stamps, since 1970 [ns], (n,), where time counts from the start of a
-            log that has dates.
-        goals: drive → where it was sent, as its sensor reads it [m, rad], (n,) each.
+        channels: sensor name → readings, (n,) each; NaN = missing.
+        truth: name → true values, (n,) each: joint angles [rad] and, from a simulation, its other
+            quantities.
+        source: what the log is called in messages.
+        truth_source: where the truth comes from; where it is a text, the kind is unknown.
+        stamps: original stamps since 1970 [ns], (n,), of a log that has dates; `time` then counts
+            from the log's start.
+        goals: drive → position to which it was sent [m, rad], (n,) each, as its position sensor
+            reads it.
 
     Raises:
-        LogError: lengths differ, a stamp is not finite, repeats or goes back.
+        LogError: lengths differ, or a stamp is not finite, repeats or goes back.
     """
 
     time: Floats
@@ -94,7 +99,7 @@ class Log:
         return len(self.time)
 
     def __repr__(self) -> str:
-        """Return what it is in a few words."""
+        """Return the log's name, length, rate and columns in a few words."""
         span = (
             f", {self.time[0]:g} to {self.time[-1]:g} s, {self.rate:.4g} Hz"
             if len(self) > 1
@@ -105,16 +110,20 @@ class Log:
 
     @property
     def truth_kind(self) -> TruthKind:
-        """What kind of source the truth has."""
+        """The kind of source that the log's truth has."""
         return self.truth_source.kind
 
     @property
     def rate(self) -> float:
-        """Samples per second, from the median interval; NaN for fewer than two samples."""
+        """Samples per second, the inverse of the median interval; NaN for fewer than two
+        samples.
+        """
         return float(1.0 / np.median(np.diff(self.time))) if len(self) > 1 else float("nan")
 
     def gaps(self, factor: float = 1.5) -> list[tuple[float, float]]:
-        """Return (start, end) [s] of the intervals longer than `factor` times the median one."""
+        """Return start and end [s] of the intervals longer than `factor` times the median
+        interval.
+        """
         steps = np.diff(self.time)
         if len(steps) == 0:
             return []
@@ -122,7 +131,7 @@ class Log:
         return [(float(self.time[i]), float(self.time[i + 1])) for i in long]
 
     def select(self, rows: slice | NDArray[np.intp] | Bools) -> Log:
-        """Return the log of some rows, which are a slice, indices or a mask, in rising order."""
+        """Return the log of some of its rows: a slice, indices or a mask, in rising order."""
         channels = {name: values[rows] for name, values in self.channels.items()}
         truth = {name: values[rows] for name, values in self.truth.items()}
         stamps = None if self.stamps is None else self.stamps[rows]
@@ -130,7 +139,9 @@ class Log:
         return Log(self.time[rows], channels, truth, self.source, self.truth_source, stamps, goals)
 
     def columns(self) -> dict[str, Floats]:
-        """Return time, channels and truth (prefixed ``true_``), SI."""
+        """Return the columns by name, in SI: time as ``t``, channels, and truth with ``true_``
+        before its names.
+        """
         return {
             "t": self.time,
             **self.channels,
@@ -138,19 +149,25 @@ class Log:
         }
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return the `columns` as a pandas frame, if pandas is installed."""
+        """Return the log's `columns` as a pandas frame; a `DistalError` says where pandas is not
+        installed.
+        """
         return pandas_frame(self.columns())
 
     def to_polars(self) -> polars.DataFrame:
-        """Return the `columns` as a polars frame, if polars is installed."""
+        """Return the log's `columns` as a polars frame; a `DistalError` says where polars is not
+        installed.
+        """
         return polars_frame(self.columns())
 
 
 def check_stamps(time: Floats, source: str, first_row: int | None = None) -> None:
     """Raise a `LogError` where a stamp of `time` [s], (n,), is not finite, repeats or goes back.
 
-    It names the stamp and its row, counted from `first_row` in the file; without it samples are
-    counted from 0.
+    Args:
+        source: what the log is called in messages.
+        first_row: row number of the first stamp in its file; without it, the message counts samples
+            from 0.
     """
     position, offset = ("sample", 0) if first_row is None else ("row", first_row)
     bad = np.flatnonzero(~np.isfinite(time))

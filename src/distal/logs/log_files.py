@@ -1,4 +1,4 @@
-"""Logs from files by the rig's description, and back."""
+"""Read logs from files by a rig's description, and write them."""
 
 from __future__ import annotations
 
@@ -30,20 +30,21 @@ from distal.units import unit_factor
 def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
     """Read a log by the columns and units that a rig's sensors name.
 
-    Sensors that measure a joint's angle are references: read where the log has them, and used as
-    truth if no other is given (a simulated log's own ``true_theta`` comes first). All other sensors
-    must be there. A header may say its unit, ``x1 [mm]``: it counts where the rig gives none, and
-    must be the same where it does.
+    Sensors that measure a joint's angle are reference sensors. They may be absent; where the log
+    has them, they are the truth if there is no other: a given `truth` comes first, then a simulated
+    log's own ``true_theta``. All other sensors must be there. A header may give its unit, ``x1
+    [mm]``: it counts where the rig gives none, and must agree with the rig's where there is one.
 
     Args:
-        path: CSV or Parquet; an MCAP file or a ROS bag, with columns ``/topic.field`` (see
-            `open_recording`); or a frame of pandas or polars with the same columns and units.
+        path: CSV, Parquet or HDF5; an MCAP file or a ROS bag, with columns ``/topic.field`` (see
+            `open_recording`); a frame of pandas or polars with the same columns and units; or an
+            episode of a dataset.
         truth: the true joint angle: a column of the log, or a second file with ``t`` and ``theta``
-            (rad, or as its header says).
+            (rad, or the unit in its header).
 
     Raises:
-        LogError: see `read_table`; stamps that repeat or go back; a truth that does not overlap the
-            log.
+        LogError: see `read_table`; stamps repeat or go back; there are fewer than two rows; or the
+            truth does not overlap the log.
     """
     needed = [sensor for sensor in rig.sensors if sensor.measures not in REFERENCES]
     desired = [sensor.log_column for sensor in needed]
@@ -89,7 +90,7 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
         if truth is not None:
             raise LogError(f"{table.source}: the truth ({origin}) has no value at all")
         angles = {}
-        origin = NO_SOURCE  # a reference that was never connected
+        origin = NO_SOURCE  # the reference sensor was never connected
     for theta in angles.values():
         largest = float(np.max(np.abs(theta[np.isfinite(theta)]), initial=0.0))
         if largest > 1e6:
@@ -104,14 +105,17 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
 
 
 def _distinct(time: Floats, last: bool) -> Bools:
-    """Return which rows stay where neighbours have the same stamp, (k,)."""
+    """Return which rows stay where neighbours have the same stamp, (n,): the `last` of them or the
+    first.
+    """
     same = np.diff(time) == 0.0
     return ~np.append(same, False) if last else ~np.insert(same, 0, False)
 
 
 def _known_torques(rig: Rig, table: Table) -> dict[str, Floats]:
-    """Return name → external torque [N m] as far as a log has it: a simulated log's own, else a
-    torque sensor's.
+    """Return name → external torque [N m], of the joints whose torque a log has.
+
+    A simulated log's own true torque comes before a torque sensor's reading.
     """
     joints = rig.joint_names
     names = dict(zip(joints, torque_names(joints)))
@@ -131,8 +135,8 @@ def _known_torques(rig: Rig, table: Table) -> dict[str, Floats]:
 def _known_angles(
     rig: Rig, table: Table, column: str | None, truth: str | Path | None, clock: Clock
 ) -> tuple[dict[str, Floats], TruthSource]:
-    """Return name → true angle [rad] as far as a log or a file beside it has them, and where they
-    come from.
+    """Return name → true angle [rad], of the joints whose angle a log or a file beside it has, and
+    the source of these angles.
     """
     joints = rig.joint_names
     names = dict(zip(joints, angle_names(joints)))
@@ -173,7 +177,7 @@ def _known_angles(
 
 
 def _is_column(names: tuple[str, ...], name: str) -> bool:
-    """Return whether the truth `name` is one of the log's columns, and no file."""
+    """Return whether the truth `name` is one of the log's columns (True) or a file (False)."""
     if name in names:
         return True
     if Path(name).exists() or Path(name).suffix.lower() in TABLES:
@@ -186,18 +190,18 @@ def _is_column(names: tuple[str, ...], name: str) -> bool:
 def read_truth(
     path: str | Path, time: Floats, joints: Sequence[str] = ("joint",), start: int | None = None
 ) -> dict[str, Floats]:
-    """Return name → true angle [rad] at `time`, by straight lines between the stamps of a file with
-    ``t`` and ``theta``.
+    """Return name → true angle [rad] at the stamps `time`, interpolated linearly between a file's
+    stamps.
 
     Args:
-        path: CSV or Parquet, in SI or in the units that its header says (``theta [deg]``); with
-            several joints, a column for each (`distal.rig.angle_names`).
+        path: CSV or Parquet with ``t`` and ``theta``, in SI or in the units of its header (``theta
+            [deg]``); with several joints, a column for each (`distal.rig.angle_names`).
         time: stamps of the log [s], (n,).
-        start: when the log begins, since 1970 [ns], if it has dates; a file with dates is then
-            aligned with it by date.
+        start: when the log begins, since 1970 [ns], if it has dates; a file that has dates, too, is
+            then aligned with it by date.
 
     Raises:
-        LogError: it cannot be read, or does not overlap the log.
+        LogError: the file cannot be read, or does not overlap the log.
     """
     stamps, known = read_angles(path, angle_names(joints), start)
     angles = dict[str, Floats]()
@@ -215,11 +219,14 @@ def read_truth(
 def read_angles(
     path: str | Path, names: Sequence[str], start: int | None = None
 ) -> tuple[Floats, dict[str, Floats]]:
-    """Return stamps [s] and angles [rad] by the names of their columns, of a file with ``t``; see
-    `read_truth`.
+    """Return a file's stamps [s], from its column ``t``, and name → angle [rad] for the columns
+    `names`.
+
+    Args:
+        start: when the log begins, since 1970 [ns], or None; see `read_truth`.
 
     Raises:
-        LogError: it cannot be read, or lacks a column.
+        LogError: the file cannot be read, or lacks a column.
     """
     cells = open_table(path, ["t", *names])
     cells.check(["t"])
@@ -231,9 +238,7 @@ def read_angles(
 
 
 def unit_of_angles(path: str | Path, names: Sequence[str]) -> str:
-    """Return the unit that the header of a file says of its angles, "deg" or "rad"; "rad" where it
-    says none.
-    """
+    """Return "deg" where a header of the columns `names` in a file gives degrees, else "rad"."""
     units = {table_of(open_table(path, ["t", *names]), names).units.get(name) for name in names}
     return "deg" if units & {"deg", "°", "degrees", "degree"} else "rad"
 
@@ -245,14 +250,14 @@ def _in_si(sensor: Sensor, table: Table) -> Floats:
 
 
 def _goal_columns(rig: Rig) -> dict[str, str]:
-    """Return drive → the log column of what it is sent, where the rig names one."""
+    """Return drive → the log column of its setpoint, for the drives whose rig names one."""
     read = {sensor.of for sensor in rig.sensors_of("position")}
     servos = {drive.name: drive.servo for drive in rig.drives if drive.name in read}
     return {name: servo.goal for name, servo in servos.items() if servo and servo.goal}
 
 
 def _goals(rig: Rig, table: Table) -> dict[str, Floats]:
-    """Return drive → where it was sent, in SI, as far as the table has it."""
+    """Return drive → its setpoints in SI, (n,), for the drives whose setpoints the table has."""
     positions = {sensor.of: sensor for sensor in rig.sensors_of("position")}
     goals = {}
     for name, column in _goal_columns(rig).items():
@@ -264,8 +269,8 @@ def _goals(rig: Rig, table: Table) -> dict[str, Floats]:
 
 
 def _doubts(log: Log, rig: Rig) -> Iterator[str]:
-    """Yield what makes the units of a log doubtful: readings, intervals or angles of an unlikely
-    size.
+    """Yield a sentence for each sign that a unit is wrong: readings, intervals or angles of an
+    unlikely size.
     """
     drives = {drive.name: drive for drive in rig.drives}
     for sensor in rig.sensors_of("position"):
@@ -313,8 +318,9 @@ def _doubts(log: Log, rig: Rig) -> Iterator[str]:
 def _doubts_of_stops(
     log: Log, sensor: Sensor, values: Floats, stops: tuple[float, float]
 ) -> Iterator[str]:
-    """Yield a sentence where a drive goes well beyond the stops that the rig gives it: a wrong
-    window, zero or sign.
+    """Yield a sentence where a drive goes well beyond the stops that the rig gives it.
+
+    The window of the motor's positions, its zero or its sign may then be wrong.
     """
     room = 0.02 * (stops[1] - stops[0]) + sensor.linearity + 5.0 * sensor.noise
     low = float(np.nanquantile(values, 0.02))
@@ -329,13 +335,13 @@ def _doubts_of_stops(
 
 
 def write_log(log: Log, rig: Rig, path: str | Path) -> None:
-    """Write a log as `read_log` reads it: the rig's columns and units, then the truth as ``true_…``
-    in SI.
+    """Write a log in the form that `read_log` reads: the rig's columns and units, then the truth as
+    ``true_…`` in SI.
 
-    The file is CSV, or Parquet by the ending of its path.
+    The file is CSV, or Parquet if the path ends so.
 
     Raises:
-        OutputError: it cannot be written.
+        OutputError: the file cannot be written.
     """
     columns = {rig.log.time.column: log.time / unit_factor(rig.log.time.unit, "s")}
     for sensor in rig.sensors:
@@ -353,18 +359,23 @@ def write_log(log: Log, rig: Rig, path: str | Path) -> None:
 
 
 WRITTEN = "results are written as CSV (.csv, .txt) or Parquet (.parquet, .pq)"
+"""Part of the message where a path ends in no format that can be written."""
 
 
 def write_columns(columns: Mapping[str, NDArray[np.generic]], path: str | Path) -> None:
-    """Write columns as CSV, or as Parquet by the ending of the path; NaN is an empty cell in
-    CSV.
+    """Write columns as CSV, or as Parquet if the path ends so; in CSV, NaN is an empty cell.
+
+    Raises:
+        OutputError: the file cannot be written.
     """
     write_whole(path, file_of(columns, path))
 
 
 def file_of(columns: Mapping[str, NDArray[np.generic]], path: str | Path) -> bytes:
-    """Return `columns` as the file that `path` will hold, in the format of its ending; see
-    `check_format`.
+    """Return columns as the content of the file `path`, in the format of its ending.
+
+    Raises:
+        OutputError: see `check_format`.
     """
     check_format(path)
     write = format_of(path).write
@@ -374,8 +385,8 @@ def file_of(columns: Mapping[str, NDArray[np.generic]], path: str | Path) -> byt
 
 
 def check_format(path: str | Path) -> None:
-    """Raise an `OutputError` where columns are not written so as a path ends, or a package for it
-    is missing.
+    """Raise an `OutputError` where a path ends as a file that is never written (.xlsx, .ods, .mat,
+    .npz, .h5), or where the package for its format is missing.
     """
     if Path(path).suffix.lower() in (".xlsx", ".xls", ".ods", ".mat", ".npz", ".h5"):
         raise OutputError(f"{path}: {WRITTEN}")

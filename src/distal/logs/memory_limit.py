@@ -1,4 +1,4 @@
-"""How much memory a log may take: a small file can ask for more than there is."""
+"""Limit of the memory that a log may take, since a small file can ask for more than there is."""
 
 from __future__ import annotations
 
@@ -10,15 +10,22 @@ from distal.logs.output_targets import shown
 from distal.units import to_si
 
 MOST = 2_000_000_000
-"""Bytes that reading a log may take, where nobody says otherwise."""
+"""Memory that reading a log may take, unless the user sets another limit [bytes]. Source:
+judgement.
+"""
 
 MEMORY_VARIABLE = "DISTAL_MAX_MEMORY"
-"""Environment variable with another limit, which processes hand on to those that they start."""
+"""Name of the environment variable that sets another limit; processes hand it on to those they
+start.
+"""
 
 
 def memory_limit() -> int:
-    """Return how many bytes reading one log may take: $DISTAL_MAX_MEMORY, which must hold a size,
+    """Return the memory that reading one log may take [bytes]: $DISTAL_MAX_MEMORY where it is set,
     else `MOST`.
+
+    Raises:
+        LogError: $DISTAL_MAX_MEMORY holds no size.
     """
     limit = os.environ.get(MEMORY_VARIABLE)
     try:
@@ -28,8 +35,10 @@ def memory_limit() -> int:
 
 
 def size_of(text: str) -> int:
-    """Return a size typed as ``8 GB`` or ``500 MB`` [bytes]; a bare number is in bytes. A megabyte
-    is the least.
+    """Return a size such as ``8 GB`` or ``500 MB`` [bytes]; a bare number is in bytes.
+
+    Raises:
+        UnitError: the text is no size, or one below 1 MB.
     """
     try:
         size = to_si(float(text), "byte")
@@ -43,8 +52,11 @@ def size_of(text: str) -> int:
 
 
 def check_memory(path: Path, needed: float, why: str) -> None:
-    """Raise a `LogError` where reading a log needs more memory than is allowed; `needed` is in
-    bytes.
+    """Raise a `LogError` where reading a log needs more memory than is allowed.
+
+    Args:
+        needed: memory that reading takes [bytes].
+        why: first words of the message, which say what takes this memory.
     """
     if needed > memory_limit():
         raise LogError(
@@ -53,7 +65,7 @@ def check_memory(path: Path, needed: float, why: str) -> None:
 
 
 def how_to_allow() -> str:
-    """Return how a larger log can be read."""
+    """Return a sentence that says how the user allows more memory."""
     return (
         f"{memory_limit() / 1e9:.3g} GB are allowed; if the file is to be trusted, allow more "
         "with --max-memory or "

@@ -1,4 +1,4 @@
-"""Samples as messages: a line of CSV or JSON, by the rig's columns and units."""
+"""Samples as messages: lines of CSV or JSON, in the rig's columns and units."""
 
 from __future__ import annotations
 
@@ -19,13 +19,17 @@ from distal.rig import Rig, log_factor
 from distal.units import unit_factor
 
 STAMPS = ("timestamp", "ts", "time", "t")
-"""Names under which a JSON message may have its stamp [s] where it lacks the rig's own time column.
+"""Names under which a JSON message may have its stamp [s] where it lacks the rig's own time
+column.
 """
 
 
 class MessageReader:
-    """Turns messages into stamps and samples, SI; the rig names columns and units, `channels` the
-    sensors in a sample.
+    """Turns messages into stamps [s] and samples in SI.
+
+    Args:
+        rig: names the columns and their units.
+        channels: names of the sensors in a sample, in its order.
     """
 
     def __init__(self, rig: Rig, channels: Sequence[str]) -> None:
@@ -42,8 +46,13 @@ class MessageReader:
         self._sample = np.zeros(len(channels))
 
     def header(self, line: str) -> None:
-        """Take the header of a CSV stream: names, with or without units, none twice, between
-        commas, semicolons or tabs.
+        """Read the header of a CSV stream, which must come before the first line.
+
+        It holds names, with or without units, between commas, semicolons or tabs.
+
+        Raises:
+            LogError: a name is there twice, the time column or every sensor's column is missing, or
+                a unit is wrong.
         """
         self._separator = max(",;\t", key=line.count)
         names = self._cells(line)
@@ -76,7 +85,7 @@ class MessageReader:
 
     @property
     def absent(self) -> list[str]:
-        """Columns that the header lacks."""
+        """Columns of the rig's sensors that the header lacks."""
         return (
             [] if self._at is None else [c for c, at in zip(self._columns, self._at[1:]) if at < 0]
         )
@@ -93,8 +102,11 @@ class MessageReader:
             raise LogError(f"the line is no CSV ({problem})") from None
 
     def csv(self, line: str) -> tuple[float, Floats]:
-        """Return stamp and sample of a CSV line as long as the header; the array is used again by
-        the next call.
+        """Return the stamp [s] and the sample of a CSV line, in SI, (m,); the next call reuses the
+        array.
+
+        Raises:
+            LogError: the line has more or fewer cells than the header, or a cell is no number.
         """
         assert self._at is not None
         cells = self._cells(line)
@@ -107,7 +119,14 @@ class MessageReader:
         return time * self._time_factor, self._sample
 
     def json(self, text: str | bytes) -> tuple[float, Floats]:
-        """Return stamp and sample of a JSON object; nested ones are named with dots or slashes."""
+        """Return the stamp [s] and the sample of a JSON object, in SI, (m,); the next call reuses
+        the array.
+
+        Columns name nested members with dots or slashes, see `find`.
+
+        Raises:
+            LogError: the text is no JSON object, has no stamp, or a member is no number.
+        """
         try:
             message = json.loads(text)
         except (ValueError, RecursionError) as problem:
@@ -129,8 +148,11 @@ class MessageReader:
         return time, self._sample
 
     def message(self, time: float, sample: Floats) -> dict[str, float]:
-        """Return a stamp `time` [s] and a `sample` (SI) as a JSON object that `json` reads, in the
-        rig's units.
+        """Return a JSON object in the rig's columns and units, as `json` reads it.
+
+        Args:
+            time: stamp [s].
+            sample: readings in SI, (m,).
         """
         return {
             self._time: time / self._time_factor,
@@ -139,8 +161,9 @@ class MessageReader:
 
 
 def find(message: object, path: str) -> object:
-    """Return a member of nested JSON objects and arrays, ``motors/left.force`` or ``position[0]``;
-    None if not there.
+    """Return a member of nested JSON objects and arrays by its path, or None where it is not there.
+
+    A path is, for example, ``motors/left.force`` or ``position[0]``.
     """
     while isinstance(message, dict):
         if path in message:
@@ -163,15 +186,18 @@ def find(message: object, path: str) -> object:
 
 
 def _is_index(part: str) -> bool:
-    """Return whether a part of a path is an index; other scripts have digits, too, which are
-    none.
-    """
+    """Return whether a part of a path is an index of an array: up to nine digits from 0 to 9."""
     return part.isascii() and part.isdecimal() and len(part) < 10
 
 
 def number_of(cell: object, name: str) -> float:
-    """Return a cell or a member as a number, NaN where it is missing; a `LogError` says that it is
-    none.
+    """Return a cell or a member as a number, with NaN for a missing one.
+
+    Args:
+        name: column or member, as the message names it.
+
+    Raises:
+        LogError: it is no number.
     """
     if cell is None or (isinstance(cell, str) and cell.strip().lower() in MISSING):
         return nan

@@ -1,4 +1,4 @@
-"""A log of a simulation that a user steps with MuJoCo."""
+"""Record a log from a simulation that the user steps with MuJoCo."""
 
 from __future__ import annotations
 
@@ -20,14 +20,19 @@ if TYPE_CHECKING:
     import mujoco
 
 EARLY = 1e-9
-"""A sample that is due within this time [s] is taken: sums of time steps are rounded."""
+"""A sample that is due within this time is taken now [s], since sums of time steps are rounded.
+Source: rounding (stamps as sums of time steps).
+"""
 
 
 Reader = Callable[[], float]
+"""A function that returns the present reading of a sensor, in SI."""
 
 
 class MujocoRecorder:
-    """What the sensors of a rig read in a simulation, a row at a time; see `mujoco_recorder`."""
+    """Records, row by row, what the sensors of a rig read in a simulation; see
+    `mujoco_recorder`.
+    """
 
     def __init__(
         self, model: mujoco.MjModel, data: mujoco.MjData, rig: Rig, length_unit: float
@@ -35,8 +40,8 @@ class MujocoRecorder:
         self._model = model
         self._data = data
         self._rig = rig
-        # after a step MuJoCo's lengths and forces are those before it: they are computed anew,
-        # beside the user's
+        # after a step MuJoCo's lengths and forces are still those before it: they are computed anew
+        # in a copy of the user's state
         self._now = now = mujoco_module().MjData(model)
         joints = {joint_name(model, j): j for j in range(model.njnt)}
         names = rig.joint_names
@@ -62,12 +67,14 @@ class MujocoRecorder:
         self._truth: list[list[float]] = []
 
     def record(self, values: Mapping[str, float] | None = None) -> None:
-        """Add a row if a sensor is due at the time of the simulation, by its rate; call it after
-        each step.
+        """Add a row if a sensor's next sample is due at the simulation's time; call it after each
+        step.
+
+        A sensor's rate says when its samples are due.
 
         Args:
-            values: by name of a sensor, SI: what the loop itself knows, such as the position of a
-                drive that the model does not have. They stand instead of what is read from MuJoCo.
+            values: sensor name → reading in SI, which replaces what MuJoCo has. Give here what only
+                the loop knows, such as the position of a drive that the model lacks.
 
         Raises:
             LogError: time goes back, a name is unknown, or neither MuJoCo nor `values` has what a
@@ -115,8 +122,10 @@ class MujocoRecorder:
         self._truth.append([read() for read in self._angles.values()])
 
     def log(self) -> Log:
-        """Return what was recorded so far, with the joints' angles as truth; nothing is a
-        `LogError`.
+        """Return the log recorded so far, with the joints' angles as truth.
+
+        Raises:
+            LogError: nothing was recorded.
         """
         if not self._times:
             raise LogError("nothing was recorded; call record() after each step of the simulation")
@@ -134,16 +143,17 @@ class MujocoRecorder:
 def mujoco_recorder(
     model: mujoco.MjModel, data: mujoco.MjData, rig: Rig, length_unit: float = 1.0
 ) -> MujocoRecorder:
-    """Return a recorder of what the rig's sensors read in a simulation loop of one's own, without
-    their errors.
+    """Return a recorder of what a rig's sensors read, without errors, in a simulation loop of the
+    user's own.
 
-    A sensor of the model that is called as a sensor of the rig is read as it is. Else an angle is
-    that of the joint, the displacement of a drive is what its tendon is shorter than with all
-    joints at zero, and its force is that of the actuator on this tendon.
+    Where the model has a sensor of the same name, its reading is taken as it is. Otherwise an angle
+    is the joint's; a drive's position is how much its tendon is shorter than with all joints at
+    zero, divided by the radius of a capstan; and its force is that of the actuator on this tendon.
 
     Args:
-        data: the model's state, which the loop steps.
-        rig: its joints are the model's by name; `distal.rig.from_mujoco` makes one from the model.
+        data: state of the model, which the loop steps.
+        rig: its joints have the names of the model's; `distal.rig.from_mujoco` makes one from the
+            model.
         length_unit: metres in one unit of length of the model.
 
     Raises:
@@ -166,7 +176,9 @@ def _entry(data: mujoco.MjData, position: int) -> Reader:
 def _own_sensor(
     model: mujoco.MjModel, data: mujoco.MjData, sensor: Sensor, length_unit: float
 ) -> Reader | None:
-    """Return what reads the model's sensor of the same name, or None."""
+    """Return the reader of the model's sensor of the same name, or None where the model has
+    none.
+    """
     index = next((i for i in range(model.nsensor) if model.sensor(i).name == sensor.name), None)
     if index is None:
         return None
@@ -178,8 +190,10 @@ def _own_sensor(
 def _of_drive(
     model: mujoco.MjModel, data: mujoco.MjData, rig: Rig, sensor: Sensor, length_unit: float
 ) -> Reader | None:
-    """Return what reads a drive's displacement or force, or a tension, off its tendon; None where
-    it is not there.
+    """Return the reader of a drive's position or force, or of a tension, from the tendon in the
+    model.
+
+    The result is None where the model has no such tendon, or no actuator on it.
     """
     drive = next((drive for drive in rig.drives if drive.name == sensor.of), None)
     pulled = [

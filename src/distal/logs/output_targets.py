@@ -1,5 +1,5 @@
-"""Where outputs go, looked at before the work begins: no input is replaced, and no result is lost
-at the end.
+"""Check the paths of all outputs before the work begins, so that no input is overwritten and no
+result is lost at the end.
 """
 
 from __future__ import annotations
@@ -18,14 +18,17 @@ from distal.logs.same_file import Key, file_key
 
 ROOM = 10
 """Bytes by which the name of the temporary file of `write_whole` is longer than the name of the
-file itself.
+file itself. Source: definition (names of temporary files in Python: two dots, eight characters).
 """
 
 
 @dataclass(frozen=True)
 class Output:
-    """A file that will be written, `by` what asks for it (``--out``); a `folder` for it is made if
-    need be.
+    """A file that will be written.
+
+    Args:
+        by: option that asks for it, such as ``--out``.
+        folder: folder that is made for it where it does not exist yet; None where none is made.
     """
 
     path: Path
@@ -34,7 +37,11 @@ class Output:
 
 
 def outputs_in(folder: str | Path, names: Iterable[str], by: str) -> list[Output]:
-    """Return the files of a folder that is made if need be."""
+    """Return the outputs of the given names in a folder, which is made where it does not exist yet.
+
+    Args:
+        by: option that asks for them, such as ``--out``.
+    """
     return [Output(Path(folder) / name, by, Path(folder)) for name in names]
 
 
@@ -43,15 +50,16 @@ def check_outputs(
     inputs: Iterable[tuple[str, str | Path | int]] = (),
     streams: Iterable[tuple[str, int]] = (),
 ) -> None:
-    """Refuse outputs that would replace an input or each other, or that cannot be written; nothing
-    is made or changed.
+    """Raise where an output would replace an input or another output, or cannot be written.
 
-    Files are compared as files, not as names: links of both kinds are seen, and names that differ
-    by case only where the file system takes them for the same.
+    Nothing is made or changed. Files are compared by what they are, not by their names: hard and
+    symbolic links are followed, and names that differ only by case are one file where the file
+    system says so.
 
     Args:
-        inputs: what is read: its label, e.g. ``--rig``, and its path or file descriptor.
-        streams: where text is printed: label and file descriptor, e.g. ``("standard output", 1)``.
+        inputs: label, e.g. ``--rig``, and path or file descriptor of what is read.
+        streams: label and file descriptor of where text is printed, e.g. ``("standard output",
+            1)``.
 
     Raises:
         OutputError: an output is an input, or two are the same file; it is a folder; its name has a
@@ -68,15 +76,15 @@ def check_outputs(
 
 
 def shown(path: str | Path) -> str:
-    """Return a path as it can be printed on one line: what is not printable is escaped, and a long
-    one is cut.
+    """Return a path in a form that fits on one printed line: unprintable characters are escaped,
+    and the middle of a long path is left out.
     """
     text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in str(path))
     return text if len(text) <= 200 else f"{text[:60]}…{text[-20:]}"
 
 
 def _check_name(path: Path) -> None:
-    """Refuse a name that cannot be written; folders that are there already have theirs."""
+    """Raise where a name cannot be written; folders that exist already need no check."""
     for part in (path, *path.parents):
         if part is not path and os.path.isdir(part):
             return
@@ -103,7 +111,7 @@ def _check_name(path: Path) -> None:
 
 
 def _longest_name(path: Path) -> int:
-    """Return how many bytes a name may have on the file system of a path [bytes]."""
+    """Return the longest name of a file that the file system of a path allows [bytes]."""
     for folder in path.parents:
         with suppress(OSError, ValueError):
             return os.pathconf(folder, "PC_NAME_MAX")
@@ -113,7 +121,7 @@ def _longest_name(path: Path) -> int:
 def _held(
     inputs: Iterable[tuple[str, str | Path | int]], streams: Iterable[tuple[str, int]]
 ) -> dict[Key, str]:
-    """Return the files that no output may replace, each with what it is."""
+    """Return the files that no output may replace: key → what the file is, in words."""
     held: dict[Key, str] = {}
     for label, position in inputs:
         name = label if isinstance(position, int) else f"{label} {shown(position)}"
@@ -132,8 +140,8 @@ def _held(
 
 
 def _check_apart(outputs: list[Output], held: dict[Key, str]) -> None:
-    """Refuse an output that is an input, and two that are the same file, or of which one is the
-    other's folder.
+    """Raise where an output is an input, two outputs are the same file, or one is the other's
+    folder.
     """
     files: dict[Key, str] = {}
     folders: dict[Path, tuple[Key | None, str]] = {}
@@ -166,7 +174,7 @@ def _twice(path: Path, first: str, second: str) -> OutputError:
 
 
 def _check_position(output: Output) -> None:
-    """Refuse a place where a file cannot stand."""
+    """Raise where no file can stand at an output's path."""
     path = output.path
     folder = output.folder
     if folder is not None:
@@ -205,8 +213,8 @@ def _check_position(output: Output) -> None:
 
 
 def _try(outputs: list[Output]) -> None:
-    """Make a file with the longest name in each folder, or in what is there of it, and remove it
-    again.
+    """Make a temporary file for the longest name in each output's folder, or in its nearest
+    existing parent, and remove it again.
     """
     longest: dict[Path, tuple[str, Path]] = {}
     for output in outputs:

@@ -1,5 +1,6 @@
-"""The process that reads binary logs for `distal.logs.reader_process`: requests come on standard
-input, tables go out.
+"""The process that reads binary logs for `distal.logs.reader_process`.
+
+Requests come on its standard input, and tables go out on its standard output.
 """
 
 from __future__ import annotations
@@ -26,7 +27,11 @@ from distal.logs.recordings import open_recording
 
 
 class Request(TypedDict, total=False):
-    """What to read: columns of a table, or with `time` and `unit` of a recording."""
+    """What to read: columns of a table, or with `time` and `unit` those of a recording.
+
+    The keys are the arguments of `table_by_process` and `recording_by_process`; `folder` is the
+    caller's working folder.
+    """
 
     path: str
     columns: list[str] | None
@@ -36,7 +41,11 @@ class Request(TypedDict, total=False):
 
 
 class ReaderAnswer(TypedDict, total=False):
-    """What was read: names of all columns, those held and the size of what follows, or an error."""
+    """What was read, or an error.
+
+    The keys: `names` of all columns of the file, `held` those of the columns that follow,
+    `warnings`, `error`, and `bytes` the size of what follows.
+    """
 
     names: Sequence[str]
     held: list[str]
@@ -46,8 +55,10 @@ class ReaderAnswer(TypedDict, total=False):
 
 
 def serve() -> None:
-    """Answer requests, a JSON line each, until there are no more: a JSON line, and columns as
-    `packed` writes them.
+    """Answer requests until standard input ends.
+
+    A request is a line of JSON; its answer is a line of JSON and the columns in the form of
+    `packed`.
     """
     # whatever a library prints must not stand between the answers
     answers = os.fdopen(os.dup(1), "wb")
@@ -60,9 +71,7 @@ def serve() -> None:
 
 
 def limit_memory(size: int) -> None:
-    """Let this process have no more than `size` more bytes of memory; where the system has such a
-    limit.
-    """
+    """Allow this process `size` bytes of memory, where the operating system has such a limit."""
     with suppress(ImportError, OSError, ValueError, AttributeError):
         import resource
 
@@ -76,9 +85,7 @@ def limit_memory(size: int) -> None:
 
 
 def answer_to(request: Request) -> tuple[ReaderAnswer, bytes]:
-    """Return the answer to a request: names and warnings, or an error; and the columns as `packed`
-    writes them.
-    """
+    """Return the answer to a request, and the columns in the form of `packed`."""
     messages: list[str] = []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DistalWarning)
@@ -125,12 +132,12 @@ def answer_to(request: Request) -> tuple[ReaderAnswer, bytes]:
 
 
 STAMPS = "stamps [ns]"
-"""Column of a recording's stamps beside those that were asked for."""
+"""Name of the column that holds a recording's stamps, beside the columns that were asked for."""
 
 
 def packed(columns: Iterable[Column]) -> bytes:
-    """Return columns as bytes, one after the other: arrays as NumPy writes them, text as an array
-    of JSON's bytes.
+    """Return columns as bytes, one after the other: arrays in NumPy's format, text as an array of
+    the bytes of its JSON.
     """
     buffer = io.BytesIO()
     for column in columns:
@@ -142,7 +149,7 @@ def packed(columns: Iterable[Column]) -> bytes:
 
 
 def unpacked(payload: bytes, names: Iterable[str]) -> dict[str, Column]:
-    """Return the columns that `packed` wrote."""
+    """Return the columns that `packed` turned into bytes."""
     buffer = io.BytesIO(payload)
     columns = dict[str, Column]()
     for name in names:

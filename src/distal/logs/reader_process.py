@@ -1,7 +1,7 @@
-"""Binary logs are read by compiled code in a process of its own: a damaged file may end that
-process, not the caller's.
+"""Read binary logs in a process of its own, so that a damaged file cannot end the caller's process.
 
-It has a limit on its memory, and is used again for the next file.
+Compiled code reads these files. The process has a limit on its memory, and is used again for the
+next file.
 """
 
 from __future__ import annotations
@@ -32,8 +32,13 @@ _LOCK = Lock()
 
 
 def table_by_process(path: Path, columns: Sequence[str] | None) -> Cells:
-    """Return what the format's own reader does, read in a process of its own; `columns` of None
-    reads all.
+    """Return the table that a format's reader reads from a file, in a process of its own.
+
+    Args:
+        columns: names of the columns that are needed; None needs all.
+
+    Raises:
+        LogError: the file cannot be read, is damaged, or takes too much memory.
     """
     names, held_columns = _asked(
         {"path": str(path), "columns": None if columns is None else [*columns]}
@@ -44,19 +49,26 @@ def table_by_process(path: Path, columns: Sequence[str] | None) -> Cells:
 def recording_by_process(
     path: Path, columns: Sequence[str], time: str, unit: float
 ) -> tuple[Cells, Column]:
-    """Return the table and the stamps of `open_recording`, read in a process of its own; `unit` is
-    in seconds.
+    """Return the table and the stamps [ns] that `open_recording` reads, in a process of its own.
+
+    Args:
+        columns: see `open_recording`.
+        time: name of the rig's time column.
+        unit: unit of the time column [s].
+
+    Raises:
+        LogError: the file cannot be read, is damaged, or takes too much memory.
     """
     names, recorded = _asked({"path": str(path), "columns": [*columns], "time": time, "unit": unit})
     return in_memory(recorded, path, 0, names), recorded[STAMPS]
 
 
 def _asked(request: Request) -> tuple[list[str], dict[str, Column]]:
-    """Return the names of all columns and those that were read; what the reader warns of is warned
-    of here.
+    """Return the names of all columns and the columns that were read; the reader's warnings are
+    repeated here.
 
     Raises:
-        LogError: it cannot be read, is damaged, or takes too much memory.
+        LogError: the file cannot be read, is damaged, or takes too much memory.
     """
     path = request["path"]
     try:
@@ -79,13 +91,13 @@ def _asked(request: Request) -> tuple[list[str], dict[str, Column]]:
 
 
 class _Reader:
-    """A process that reads files, for as long as none has ended it."""
+    """A process that reads files one after the other, until a file or the caller ends it."""
 
     _now: _Reader | None = None
 
     @classmethod
     def current(cls) -> _Reader:
-        """Return the process that is there, or a new one; a forked process has its own."""
+        """Return the running process, or start one; a forked caller starts its own."""
         limit = memory_limit()
         now = cls._now
         if now is None or now._of != (os.getpid(), limit) or now._process.poll() is not None:
@@ -96,9 +108,9 @@ class _Reader:
 
     def __init__(self, limit: int) -> None:
         self._of = (os.getpid(), limit)
-        # threads reserve memory of their own, and one file does not need many
+        # each thread reserves memory, and reading one file needs few threads
         few = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "2")
-        # a session of its own: Ctrl-C is for the caller, who ends it
+        # in a session of its own, so that Ctrl-C reaches only the caller, who ends it
         self._process = subprocess.Popen(
             [sys.executable, "-c", _BEGIN, json.dumps(sys.path)],
             stdin=subprocess.PIPE,
@@ -110,8 +122,10 @@ class _Reader:
         atexit.register(self.end)
 
     def ask(self, request: Request) -> tuple[ReaderAnswer, bytes]:
-        """Return the answer and the table that comes with it; where reading ends the process, that
-        is a `LogError`.
+        """Return the answer to a request and the bytes of its table.
+
+        Raises:
+            LogError: reading ended the process.
         """
         process = self._process
         assert process.stdin is not None
@@ -137,7 +151,7 @@ class _Reader:
         return answer, payload
 
     def end(self, patience: float = 0.0) -> int:
-        """End the process, which has a `patience` [s] to end by itself, and return its exit
+        """Stop the process, after `patience` [s] in which it may end by itself, and return its exit
         code.
         """
         process = self._process

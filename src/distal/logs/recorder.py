@@ -1,4 +1,4 @@
-"""Streams written to MCAP: the samples as they came, and the estimates with their health."""
+"""Write a stream to an MCAP file: the samples as received, and the estimates with their health."""
 
 from __future__ import annotations
 
@@ -15,11 +15,14 @@ from distal.logs.stamps import LATEST
 from distal.rig import angle_names, std_name
 
 SAMPLE_TOPIC = "distal/sample"
+"""Topic of the samples."""
+
 ESTIMATE_TOPIC = "distal/estimate"
+"""Topic of the estimates."""
 
 LONGEST_STEM = 230
-"""Bytes of a file's name in the name of its part, which must not be too long where the file's is
-just short enough.
+"""Bytes of the output's name that the name of its temporary file keeps, so that the longer name
+stays within the 255 bytes of most file systems. Source: judgement.
 """
 
 SAMPLE_SCHEMA = {
@@ -29,11 +32,15 @@ SAMPLE_SCHEMA = {
     "type": "object",
     "additionalProperties": {"type": ["number", "null"]},
 }
+"""JSON schema of a sample."""
 
 
 def estimate_schema(joints: Sequence[str], torques: Sequence[str] = ()) -> dict[str, object]:
-    """Return the schema of an estimate: stamp, angle and std of each joint, named torques from
-    outside, health, detail.
+    """Return the JSON schema of an estimate: stamp, angle and standard deviation of each joint,
+    external torques, health and detail.
+
+    Args:
+        torques: names of the external torques that are estimated.
     """
     number: dict[str, object] = {"type": ["number", "null"]}
     properties: dict[str, object] = {
@@ -69,11 +76,17 @@ def estimate_schema(joints: Sequence[str], torques: Sequence[str] = ()) -> dict[
 
 
 class Recorder:
-    """Writes an MCAP file; it stands in its place once it is closed, whole. Without a message, what
-    stood there stays.
+    """Writes an MCAP file.
 
-    The torques from outside that are estimated are given by their names. An `OutputError` says why
-    it cannot be written.
+    The file appears at its path only when it is closed, complete. Where no sample came, the old
+    file stays.
+
+    Args:
+        joints: names of the joints.
+        torques: names of the external torques that are estimated.
+
+    Raises:
+        OutputError: the file cannot be written, or the package mcap is missing.
     """
 
     def __init__(
@@ -114,8 +127,14 @@ class Recorder:
         self._samples = 0
 
     def add(self, topic: str, time: float, message: Mapping[str, object]) -> None:
-        """Write a message of `SAMPLE_TOPIC` or `ESTIMATE_TOPIC` at `time` [s]; numbers that are not
-        finite become null.
+        """Write a message of `SAMPLE_TOPIC` or `ESTIMATE_TOPIC`; numbers that are not finite become
+        null.
+
+        Args:
+            time: stamp [s].
+
+        Raises:
+            OutputError: the file cannot be written.
         """
         clean = {
             k: None if isinstance(v, float) and not isfinite(v) else v for k, v in message.items()
@@ -131,7 +150,11 @@ class Recorder:
         self._samples += topic == SAMPLE_TOPIC
 
     def close(self) -> bool:
-        """Finish the file and put it in its place; return whether there was anything to record."""
+        """Finish the file and move it to its path; return whether a sample was recorded.
+
+        Raises:
+            OutputError: the file cannot be written; the message says where the recorded part is.
+        """
         try:
             self._writer.finish()
             self._file.close()

@@ -1,4 +1,6 @@
-"""Logs in MCAP files and ROS bags: columns named by topic and field, stamps merged into rows."""
+"""Logs in MCAP files and ROS bags: topic and field name a column, and near stamps become one
+row.
+"""
 
 from __future__ import annotations
 
@@ -20,19 +22,23 @@ from distal.logs.stamps import LATEST
 from distal.suggestions import did_you_mean
 
 NEAR = 0.1
-"""Messages whose stamps differ by less than this share of the busiest topic's interval are one row.
+"""Share of the busiest topic's interval within which messages belong to one row. Source:
+judgement.
 """
 
 SET_BACK = 1_000_000_000
-"""A clock whose stamps go back by more than this was set back [ns]."""
+"""A clock was set back where its stamps go back by more than this [ns]. Source: judgement."""
 
 Read = Callable[[str], object]
+"""A function from a field's path to its content in a message, None where the message lacks the
+field.
+"""
 
 Reading: TypeAlias = tuple[int | None, int, float]
-"""Stamp of the message's header, stamp of the recorder [ns], number."""
+"""Stamp in the message's header [ns] or None, stamp of the recorder [ns], and value."""
 
 Stamped: TypeAlias = tuple[int, float]
-"""Stamp [ns] and number."""
+"""Stamp [ns] and value."""
 
 
 def is_recording(path: object) -> TypeGuard[str | Path]:
@@ -43,21 +49,24 @@ def is_recording(path: object) -> TypeGuard[str | Path]:
 def open_recording(
     path: str | Path, columns: Sequence[str], time: str, unit: float = 1.0
 ) -> tuple[dict[str, Floats], NDArray[np.int64]]:
-    """Return the columns that are in a recording with the time from its first stamp on, and the
-    stamps [ns].
+    """Return the columns that a recording has, with time from its first stamp on, and the stamps of
+    the rows [ns].
 
     A column is ``/topic.field``, e.g. ``/joint_states.position[0]`` or
-    ``/load/left.wrench.force.z``; ``/joint_states[left_wrist].position`` is the element of that
-    name, in whichever message has it. A bare name is looked for in every JSON message. The stamp is
-    that of a message's header where it has one, else when it was recorded; a JSON message may have
-    its own, in the rig's time column.
+    ``/load/left.wrench.force.z``. In ``/joint_states[left_wrist].position``, the name in brackets
+    says which joint's element it is, at whichever index a message has it. A bare name is looked for
+    in every JSON message. A message's stamp is that of its header; a JSON message has it in the
+    rig's time column or in ``timestamp``. Where a topic has no stamps, the time of recording is
+    taken.
 
     Args:
         path: an MCAP file, or a bag of ROS 2 (a folder) or ROS 1.
-        unit: of the time column [s].
+        time: name of the rig's time column.
+        unit: unit of the time column [s].
 
     Raises:
-        LogError: it cannot be read, a package for that is missing, or none of the columns is there.
+        LogError: the recording cannot be read, a package for that is missing, or none of the
+            columns is there.
     """
     path = Path(path)
     desired = [(column, *_named(column)) for column in columns if column != time]
@@ -114,9 +123,9 @@ def _number(path: Path, cell: object, name: str) -> float:
 
 
 def _named(column: str) -> tuple[str, str]:
-    """Return topic and field of a column; a bare name has no topic.
+    """Return the topic and the field of a column; a bare name has no topic.
 
-    Of ``/joint_states[left.wrist].position`` the field is ``[left.wrist].position``: see `element`.
+    In ``/joint_states[left.wrist].position`` the field is ``[left.wrist].position``; see `element`.
     """
     match = re.fullmatch(r"([^\[\].]*/[^\[\].]*)(\[[^\[\]]+\]\..+)", column)
     if match is not None:
@@ -126,8 +135,10 @@ def _named(column: str) -> tuple[str, str]:
 
 
 def element(read: Read, field: str) -> object:
-    """Return a field of a message; of ``[left_wrist].position`` the element whose position in
-    ``name`` has that text.
+    """Return the content of a field of a message, or None where the message lacks it.
+
+    The field ``[left_wrist].position`` is the element of ``position`` at the index at which
+    ``name`` holds ``left_wrist``.
     """
     match = re.fullmatch(r"\[([^\[\]]+)\]\.(.+)", field)
     if match is None:
@@ -143,7 +154,7 @@ def element(read: Read, field: str) -> object:
 
 
 def _json_stamp(path: Path, message: Message, time: str, unit: float) -> int | None:
-    """Return the stamp that a JSON message has itself [ns], or None."""
+    """Return the stamp that a JSON message holds [ns], or None where it holds none."""
     for name, factor in ((time, unit), ("timestamp", 1.0)):
         cell = message.read(name)
         if cell is None:
@@ -159,16 +170,16 @@ def _json_stamp(path: Path, message: Message, time: str, unit: float) -> int | N
 
 
 def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, list[Stamped]]:
-    """Return stamps and values of each column, by one clock: the headers' where a topic has them,
-    else the recorder's.
+    """Return column → its stamps and values, all by one clock: that of the headers where a topic
+    has them, else the recorder's.
 
     Where a clock was set back, only the longest part is taken, with a warning.
     """
     stamped: dict[str, list[Stamped]] = {}
     have_headers = set()
     for column, samples in readings.items():
-        # a header of zero is none, unless others of the same topic are not: a simulation that
-        # begins at zero
+        # a stamp of zero counts as missing, unless another stamp of the column is not zero, as in a
+        # simulation that begins at zero
         by_header = any(stamp for stamp, _, _ in samples)
         have_headers.add(by_header)
         stamped[column] = [
@@ -211,11 +222,13 @@ def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, list[S
 def _in_cycles(
     stamped: dict[str, list[Stamped]], topic_of: dict[str, str]
 ) -> dict[str, list[Stamped]]:
-    """Return the same with one stamp for all joints of a cycle, where a driver publishes each in a
-    message of its own.
+    """Return the same columns with one stamp for all joints of a cycle.
 
-    A cycle of a topic begins with a joint that the last one has already, or half an interval after
-    it began. Of columns that name an element, `topic_of` has the topic.
+    This is for drivers that publish each joint in a message of its own. A cycle of a topic ends
+    before a joint that it has already, and half an interval after it began.
+
+    Args:
+        topic_of: column → topic, for columns that name an element.
     """
     moved = dict(stamped)
     for topic in sorted(set(topic_of.values())):
@@ -242,7 +255,7 @@ def _in_cycles(
 
 
 def _parts(samples: list[Stamped]) -> list[list[Stamped]]:
-    """Return the parts between which the clock was set back."""
+    """Return the parts of a column between the moments at which the clock was set back."""
     parts = [samples[:1]]
     for before, sample in pairwise(samples):
         if sample[0] < before[0] - SET_BACK:
@@ -252,8 +265,10 @@ def _parts(samples: list[Stamped]) -> list[list[Stamped]]:
 
 
 def _merged(stamps: list[list[int]]) -> NDArray[np.int64]:
-    """Return the stamps of rows: what is nearer than `NEAR` of the busiest topic's interval is one
-    row.
+    """Return the stamps of the rows [ns], (n,).
+
+    Stamps that are nearer to a row's first stamp than `NEAR` times the busiest column's interval
+    belong to this row.
     """
     distinct = [np.unique(np.array(of_column, dtype=np.int64)) for of_column in stamps]
     intervals = [

@@ -1,5 +1,5 @@
-"""Which names are one file: links of both kinds, other ways to a folder, and names that differ by
-case only.
+"""Find out whether two paths are one file: by links, by different paths to its folder, or by names
+that differ only by case.
 """
 
 from __future__ import annotations
@@ -12,14 +12,15 @@ from contextlib import suppress
 from pathlib import Path
 
 Key = tuple[int | str, ...]
-"""Device and number of a file; of one that is not there yet, those of the nearest folder and the
-names below it.
+"""Identity of a file: its device and inode; for a file that does not exist yet, those of the
+nearest existing folder and the names below it.
 """
 
 
 def file_key(position: str | Path | int) -> Key | None:
-    """Return what all names of a path or file descriptor have in common, also before it is there;
-    None for a device.
+    """Return the identity of the file at a path or file descriptor, the same for all its names.
+
+    A file that does not exist yet has one, too; a character device has None.
     """
     try:
         status = os.stat(position)
@@ -29,8 +30,8 @@ def file_key(position: str | Path | int) -> Key | None:
 
 
 def _key_to_be(path: str | Path) -> Key | None:
-    """Return the key of a file that is not there yet: the nearest folder that is there, and the
-    names below it.
+    """Return the identity of a file that does not exist yet: that of the nearest existing folder,
+    and the names below it.
     """
     try:
         real = Path(os.path.realpath(path))
@@ -49,8 +50,9 @@ def _key_to_be(path: str | Path) -> Key | None:
 
 
 def _ignores_case(folder: Path) -> bool:
-    """Return whether a folder takes names that differ by case for the same, seen from what is in it
-    or above it.
+    """Return whether a folder's file system takes names that differ only by case for one file.
+
+    This is tried with the name of something in the folder, or of the folder or one above it.
     """
     for position in _near(folder):
         swapped = position.with_name(position.name.swapcase())

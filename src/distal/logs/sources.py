@@ -1,4 +1,4 @@
-"""What a log is read from."""
+"""What a log can be read from."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ class Frame(Protocol):
 
     @property
     def columns(self) -> Iterable[str]:
-        """Names of the columns."""
+        """Names of the frame's columns."""
 
     def __getitem__(self, name: str, /) -> object:
-        """Return a column."""
+        """Return the column of a name."""
 
 
 Source: TypeAlias = str | Path | Frame | Episode

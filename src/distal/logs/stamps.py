@@ -1,5 +1,6 @@
-"""Stamps of a log: numbers of any epoch and unit, ISO text, datetimes; time counts from the start,
-the original is kept.
+"""Stamps of a log: numbers of any epoch and unit, ISO text, or datetimes.
+
+Time counts from the start of a log with dates; its original stamps are kept.
 """
 
 from __future__ import annotations
@@ -19,29 +20,40 @@ from distal.errors import LogError
 from distal.logs.cells import MISSING, Cells, is_plain, parsed_cells
 
 Stamps = NDArray[np.int64]
+"""Stamps since 1970 [ns], (n,)."""
 
 EPOCH = 1e8
-LATEST = 9e9
-"""Seconds since 1970 between which a stamp is a date (1973 to 2255): what is smaller counts from a
-start of its own.
+"""Earliest stamp that is taken for a date, in 1973 [s since 1970]; smaller stamps count from a
+start of their own. Source: judgement.
 """
 
+LATEST = 9e9
+"""Latest stamp that is taken for a date, in 2255 [s since 1970]. Source: judgement."""
+
 START = datetime(1970, 1, 1, tzinfo=UTC)
+"""The moment from which dates are counted. Source: definition (Unix epoch)."""
+
 MICROSECOND = timedelta(microseconds=1)
+"""Resolution of Python's datetimes. Source: definition (unit conversion)."""
 
 FINER = re.compile(r"[.,]\d{6}(\d{1,3})")
+"""Digits of an ISO date that are below a microsecond."""
+
 LONGEST = len("20261120T210247.123456")
+"""Length of the longest ISO date without digits below a microsecond and without a zone, in its
+short form.
+"""
 
 UNITS = (1.0, 1e-3, 1e-6, 1e-9)
-"""Units in which dates are counted [s]."""
+"""Units in which dates may be counted: s, ms, µs, ns [s]. Source: definition (unit conversion)."""
 
 
 @dataclass(frozen=True)
 class Clock:
-    """Time of the samples of a log [s], (k,), and where they are dates their stamps since 1970
-    [ns], (k,).
+    """Time of a log's samples [s], (n,).
 
-    The time then counts from the first sample on.
+    For a log with dates, `stamps` are its original stamps since 1970 [ns], (n,), and time counts
+    from the first sample.
     """
 
     time: Floats
@@ -49,12 +61,15 @@ class Clock:
 
     @property
     def start(self) -> int | None:
-        """When it begins, since 1970 [ns], None where it has no dates."""
+        """When the log begins, since 1970 [ns]; None for a log without dates."""
         return None if self.stamps is None else int(self.stamps[0])
 
     def since(self, start: int | None) -> Floats:
-        """Return the time from the `start` of another log on [s]; as it is where either has no
-        dates.
+        """Return the time counted from the `start` of another log [s], (n,).
+
+        Args:
+            start: when the other log begins, since 1970 [ns]. Where either log has no dates, the
+                time is returned unchanged.
         """
         if start is None or self.stamps is None:
             return self.time
@@ -64,9 +79,16 @@ class Clock:
 def clock_of(cells: Cells, name: str, unit: float) -> Clock:
     """Return the time of a table's rows.
 
-    Dates counted in another `unit` than the rig says [s] are recognised by their size: 1.8e18 can
-    only be nanoseconds. A `LogError` says which stamp is missing or is none, or is of no time at
-    all.
+    Dates that are counted in another unit than the rig's are recognised by their size: 1.8e18 can
+    only be nanoseconds.
+
+    Args:
+        name: name of the time column.
+        unit: unit of the time column by the rig or the header [s].
+
+    Raises:
+        LogError: a date is missing or cannot be read, or a number is too large for a date in any
+            unit.
     """
     column = cells.column(name)
     path = cells.path
@@ -90,7 +112,7 @@ def clock_of(cells: Cells, name: str, unit: float) -> Clock:
 
 
 def _whole_values(cells: list[str]) -> Stamps | None:
-    """Return whole numbers of 64 bits, None where a cell is something else."""
+    """Return the cells as 64-bit integers, or None where a cell is something else."""
     try:
         return (
             np.fromiter(map(int, cells), np.int64, len(cells)) if is_plain("".join(cells)) else None
@@ -100,7 +122,7 @@ def _whole_values(cells: list[str]) -> Stamps | None:
 
 
 def _counted(values: Any, unit: float, name: str, path: Path) -> Clock:
-    """Return the time of stamps that are numbers, whole ones to the nanosecond."""
+    """Return the time of numeric stamps; integers keep every nanosecond."""
     finite = values[np.isfinite(values)]
     first = abs(float(finite[0])) if len(finite) else 0.0
     if first * unit < EPOCH:
@@ -138,8 +160,8 @@ def _clock(stamps: Stamps) -> Clock:
 def _dated(
     stamps: Sequence[int | None], cells: Sequence[str], name: str, path: Path, first_row: int
 ) -> Clock:
-    """Return the time of stamps since 1970 [ns] of which none may be missing; `cells` is how they
-    were written.
+    """Return the time of stamps since 1970 [ns], none of which may be missing; `cells` holds them
+    as written in the file.
     """
     row = next((row for row, stamp in enumerate(stamps) if stamp is None), None)
     if row is not None:
@@ -152,7 +174,7 @@ def _dated(
 
 
 def _is_date(text: str) -> bool:
-    """Return whether a text begins as an ISO date does, with a year, and is no number."""
+    """Return whether a text begins as an ISO date does, with a year, and is not a number."""
     try:
         float(text)
     except ValueError:
@@ -161,8 +183,8 @@ def _is_date(text: str) -> bool:
 
 
 def _in_ns(dates: NDArray[Any]) -> list[int | None]:
-    """Return dates as nanoseconds since 1970, None where there is none or 64 bits do not hold
-    it.
+    """Return dates as nanoseconds since 1970; None for a missing date and for one too far from
+    1970.
     """
     seconds = dates.astype("datetime64[s]").astype(np.int64)
     is_date = ~np.isnat(dates) & (np.abs(seconds) < LATEST)
@@ -171,8 +193,8 @@ def _in_ns(dates: NDArray[Any]) -> list[int | None]:
 
 
 def _one_date(cell: str) -> int | None:
-    """Return an ISO date as nanoseconds since 1970, None where it is none; without a zone it is
-    taken as UTC.
+    """Return an ISO date as nanoseconds since 1970, or None where the cell is no date; a date
+    without a zone is in UTC.
     """
     if cell[4:5] in "/.":
         cell = cell[:10].replace(cell[4:5], "-") + cell[10:]

@@ -1,5 +1,6 @@
-"""Tables of files and frames: every error names file, row, column, the value found and what is
-allowed.
+"""Tables from files and frames.
+
+Every error names the file, row and column, the value found, and what is allowed.
 """
 
 from __future__ import annotations
@@ -25,8 +26,13 @@ from distal.logs.vectors import INFO
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of a file, all read as numbers, NaN where missing; first row and units are those of
-    its `Cells`.
+    """Columns of a file as numbers, with NaN for missing cells.
+
+    Args:
+        source: what the file is called in messages.
+        columns: name → numbers, (n,) each.
+        first_row: row number of the first value in the file, as a text editor counts.
+        units: name → unit, for columns whose header gave one.
     """
 
     source: str
@@ -35,8 +41,10 @@ class Table:
     units: Mapping[str, str] = field(default_factory=dict)
 
     def in_si(self, name: str, si: str) -> Floats:
-        """Return a column in SI by the unit in its header; unchanged where the header has no
-        unit.
+        """Return a column in SI, by the unit in its header; without a unit there, it is unchanged.
+
+        Args:
+            si: SI unit of the quantity.
         """
         unit = self.units.get(name)
         return self.columns[name] * scale(
@@ -45,16 +53,16 @@ class Table:
 
 
 def read_table(path: str | Path, desired: Sequence[str] | None = None) -> Table:
-    """Read columns of a CSV or Parquet file as numbers.
+    """Return columns of a CSV or Parquet file as numbers.
 
     Args:
-        path: ``.parquet`` is Parquet, anything else CSV with a header, separated by comma,
-            semicolon or tab.
+        path: a file whose format follows from its ending; without a known ending it is CSV with a
+            header, separated by comma, semicolon or tab.
         desired: columns that must be there; None reads all.
 
     Raises:
-        LogError: it cannot be read, a column is missing or doubled, a cell is not a number, a row
-            is short or long, or there is no row.
+        LogError: the file cannot be read, a column is missing or doubled, a cell is not a number, a
+            row is short or long, or there is no row.
     """
     return table_of(open_table(path, desired), desired)
 
@@ -62,14 +70,17 @@ def read_table(path: str | Path, desired: Sequence[str] | None = None) -> Table:
 def open_table(
     path: Source, columns: Sequence[str] | None = None, index_name: str | None = None
 ) -> Cells:
-    """Return the cells of a CSV or Parquet file, or of a frame.
+    """Return the cells of a file, of a frame, or of an episode of a dataset.
 
     Args:
-        path: a path, or a frame of any library whose columns have ``to_numpy``.
-        columns: that are needed, with or without their units; None needs all. Others may be left
-            out where a format allows that.
-        index_name: where a pandas frame lacks this column, its index of dates is taken.
+        path: a path, a frame of any library whose columns have ``to_numpy``, or an episode.
+        columns: names of the columns that are needed, with or without units; None needs all. Others
+            may be left out where the format allows that.
+        index_name: column for which a pandas frame's index of dates is taken where the frame lacks
+            it.
 
+    Raises:
+        LogError: see `read_table`.
     """
     cells = _opened(path, columns, index_name)
     return cells.without_units(units_of(cells.names, columns or (), str(cells.path)))
@@ -112,13 +123,14 @@ def _opened(path: Source, columns: Sequence[str] | None, index_name: str | None)
 
 
 def _is_dated(column: Any) -> bool:
-    """Return whether a column or an index of pandas holds dates."""
+    """Return whether a column or an index of a frame holds dates."""
     return str(getattr(column, "dtype", "")).startswith("datetime64")
 
 
 def _column(column: Any) -> Column:
-    """Return a column or an index of a frame: dates with a zone in UTC, what is neither number nor
-    date as text.
+    """Return a frame's column or index as cells.
+
+    Dates with a zone are turned into UTC; what is neither number nor date becomes text.
     """
     if _is_dated(column) and getattr(column.dtype, "tz", None) is not None:
         column = getattr(column, "dt", column).tz_convert(None)
@@ -129,8 +141,14 @@ def _column(column: Any) -> Column:
 
 
 def table_of(cells: Cells, desired: Sequence[str] | None, optional: Iterable[str] = ()) -> Table:
-    """Return the `desired` columns of an open table as numbers, and those `optional` ones that it
-    has; see `read_table`.
+    """Return columns of an open table as numbers.
+
+    Args:
+        desired: columns that must be there; None takes all.
+        optional: columns that are taken where the table has them.
+
+    Raises:
+        LogError: see `read_table`.
     """
     names = (
         list(cells.names)

@@ -1,4 +1,4 @@
-"""The true angles and torques of a log's joints, where they are known."""
+"""The true angles and external torques of a log's joints, where they are known."""
 
 from __future__ import annotations
 
@@ -12,14 +12,20 @@ from distal.rig import angle_names, torque_names
 
 
 def true_angles(log: Log, joints: Sequence[str]) -> Floats | None:
-    """Return the joints' true angles [rad], read-only, (k, n_joints); NaN where one is not known,
-    None where none is.
+    """Return the joints' true angles [rad], read-only, (n, n_joints), or None where none is known.
+
+    Angles that are not known are NaN.
+
+    Args:
+        joints: names of the joints.
     """
     return _columns(log, angle_names(joints))
 
 
 def true_torques(log: Log, joints: Sequence[str]) -> Floats | None:
-    """Return the true torques on the joints from outside [N m], as `true_angles` does."""
+    """Return the true external torques on the joints [N m], (n, n_joints), in the form of
+    `true_angles`.
+    """
     return _columns(log, torque_names(joints))
 
 

@@ -1,5 +1,5 @@
-"""Where the truth of a log comes from: what kind of source it is, for the program, and what it is
-called, for people.
+"""Where the truth of a log comes from: the kind of source, for the program, and its name, for
+people.
 """
 
 from __future__ import annotations
@@ -9,54 +9,54 @@ from enum import Enum
 
 
 class TruthKind(Enum):
-    """What kind of source a log's truth has."""
+    """The kind of source that a log's truth has."""
 
     UNKNOWN = "unknown"
-    """Nobody said."""
+    """The kind of source was not given."""
 
     SENSOR = "sensor"
-    """The rig's own angle sensors."""
+    """The truth is read by the rig's own reference sensors."""
 
     HOME = "home"
-    """Angles at which joints are known to stand while homing; they are read as sensors, see
+    """The truth is the known angles of the joints while homing; it counts as readings, see
     `distal.homing`.
     """
 
     SIMULATION = "simulation"
-    """The plant of a simulation that has just run."""
+    """The truth is that of a simulation that has just run."""
 
     COLUMN = "column"
-    """Another column of the log, such as what a simulation wrote."""
+    """The truth is another column of the log, such as one that a simulation wrote."""
 
     FILE = "file"
-    """A file beside the log."""
+    """The truth is in a file beside the log."""
 
     @property
     def by_sensor(self) -> bool:
-        """Whether the truth is what sensors of the rig read, with their errors."""
+        """Whether the truth of this kind is read by sensors of the rig, with their errors."""
         return self in (TruthKind.SENSOR, TruthKind.HOME)
 
 
 @dataclass(frozen=True)
 class TruthSource:
-    """Where a log's truth comes from; its `position` is for people: which column, file or mark."""
+    """Where a log's truth comes from; `position` names the column, file or mark, for people."""
 
     kind: TruthKind = TruthKind.UNKNOWN
     position: str = ""
 
     def __str__(self) -> str:
-        """Return it in words."""
+        """Return the source in words."""
         parts = (self.position, "the reference sensor" if self.kind.by_sensor else "")
         return ", ".join(part for part in parts if part)
 
 
 NO_SOURCE = TruthSource()
-"""Nobody said where the truth comes from, or there is none."""
+"""The source of a truth that is not there, or whose source was not given."""
 
 FROM_SENSOR = TruthSource(TruthKind.SENSOR)
-"""The truth is what the rig's own angle sensor reads."""
+"""The source of a truth that the rig's own reference sensor reads."""
 
 
 def truth_source_of(source: TruthSource | str) -> TruthSource:
-    """Return where a truth comes from; of a text alone the kind is not known."""
+    """Return the source of a truth; a text becomes a source of unknown kind."""
     return TruthSource(position=source) if isinstance(source, str) else source

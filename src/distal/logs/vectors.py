@@ -1,6 +1,4 @@
-"""Columns that hold vectors, as robot-learning data has them: one column for each of their
-numbers.
-"""
+"""Columns that hold vectors, as in robot-learning datasets, become one column for each number."""
 
 from __future__ import annotations
 
@@ -11,26 +9,33 @@ from pathlib import Path
 from distal.errors import LogError
 
 INFO = Path("meta") / "info.json"
-"""Where a LeRobot dataset says what the numbers of its vectors are."""
+"""Path of a LeRobot dataset's description in its folder; it names the numbers of vectors."""
 
 ABOVE = 4
-"""A file of a dataset is at most so many folders below it."""
+"""How many folders above a file its dataset is looked for. Source: judgement."""
 
 
 def numbered(column: str, names: Sequence[str] | None, length: int) -> list[str]:
-    """Return the column of each number of a vector: ``observation.state.NAME`` where it has names,
-    else its position.
+    """Return the names of the columns for the numbers of a vector.
+
+    They are, for example, ``observation.state.NAME``; where the `names` do not fit, a position from
+    0 stands for each.
+
+    Args:
+        length: how many numbers the vector has.
     """
     usable = names is not None and len(names) == length and len(set(names)) == length
     return [f"{column}.{names[k] if usable and names is not None else k}" for k in range(length)]
 
 
 def component_names_in(path: Path, column: str) -> list[str] | None:
-    """Return the names of a vector's numbers by the dataset that a file is of; None where nothing
-    says them.
+    """Return the names of the numbers of a vector, from the description of the dataset that holds
+    the file.
+
+    The result is None where there is no dataset, or it gives no names.
 
     Raises:
-        LogError: the dataset's description is no JSON.
+        LogError: the dataset's description is no JSON object.
     """
     folder = next(
         (parent for parent in list(path.absolute().parents)[:ABOVE] if (parent / INFO).is_file()),
@@ -52,10 +57,10 @@ def component_names_in(path: Path, column: str) -> list[str] | None:
 
 
 def dataset_info(folder: Path) -> dict[str, object]:
-    """Return what a dataset says of itself.
+    """Return the description of a dataset, the content of its `INFO`.
 
     Raises:
-        LogError: it is no JSON object.
+        LogError: the description cannot be read, or is no JSON object.
     """
     try:
         identified = json.loads((folder / INFO).read_text(encoding="utf-8"))

@@ -1,5 +1,5 @@
-"""The physics of a rig, written once in CasADi: forces by virtual work, exact friction, stops, and
-the time step.
+"""The physics of a rig as CasADi expressions: forces by virtual work, exact friction, stops, and
+the time step. It is written once, for the simulation and the filters.
 """
 
 from distal.model.chain_kick import residual

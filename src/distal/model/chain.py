@@ -1,8 +1,9 @@
 """Dynamics of joints that carry one another: composite rigid bodies and recursive Newton–Euler, as
 CasADi expressions.
 
-A link's centre and inertia are given in the frame of its joint, see `frames`. Featherstone, Rigid
-Body Dynamics Algorithms, 2008, chapters 5 and 6, written in three dimensions instead of six.
+The centre of mass and the inertia of a link are given in the frame of its joint, see `frames`. The
+methods are those of Featherstone, Rigid Body Dynamics Algorithms, 2008, chapters 5 and 6, written
+in three dimensions instead of six.
 """
 
 from __future__ import annotations
@@ -46,12 +47,14 @@ class Chain:
         )
 
     def mass_matrix(self, q: Vector) -> Matrix:
-        """Return the links' inertia matrix, (n_joints, n_joints) [kg m²], by composite rigid
+        """Return the links' inertia matrix at q, (n_joints, n_joints) [kg m²], by composite rigid
         bodies.
 
-        A composite body is its mass m, first moment h = m c and inertia J about its joint's frame;
-        unit acceleration about a joint's axis a takes the force a × h and the moment J a, which go
-        down to the base.
+        A composite body is a link with all links that it carries: mass m, first moment h = m c, and
+        inertia J about the origin of its joint's frame. A unit angular acceleration about the
+        joint's axis a needs the force a × h and the moment J a. Both are passed on from joint to
+        joint towards the base; the moment's components along the axes on the way are the entries of
+        the matrix.
         """
         n = len(self._rig.joints)
         turned = self._frames.rotations(q)
@@ -98,8 +101,9 @@ class Chain:
         return matrix
 
     def torques(self, q: Vector, v: Vector, acceleration: Vector) -> Vector:
-        """Return M(q) q̈ + c(q, v) + g(q) of the links at an acceleration q̈ [rad/s²], (n_joints,)
-        [N m]: Newton–Euler.
+        """Return the joint torques M(q) q̈ + c(q, v) + g(q) that a motion of the links needs,
+        (n_joints,) [N m], by recursive Newton–Euler. The `acceleration` is q̈, (n_joints,)
+        [rad/s²].
         """
         n = len(self._rig.joints)
         turned = self._frames.rotations(q)
@@ -144,11 +148,10 @@ class Chain:
 
 
 def _shifted(mass: Scalar, moment: Vector, offset: Vector) -> Matrix:
-    """Return what a shift by `offset` o adds to an inertia: Σ of h oᵀ, symmetric, as (h·o) 1 − (h
-    oᵀ + o hᵀ)/2.
+    """Return (h·o) 1 − (h oᵀ + o hᵀ)/2, (3, 3): what a shift by `offset` o adds to an inertia.
 
-    With h = m o it is the parallel-axis theorem m (o·o 1 − o oᵀ); with h = 2 m c + m o that of a
-    body with its centre at c.
+    With `moment` h = m o it is the parallel-axis theorem m (o·o 1 − o oᵀ). With h = 2 m c + m o it
+    is the same for a body with its centre at c.
     """
     if ca.SX(mass).is_zero():
         return ca.SX(3, 3)

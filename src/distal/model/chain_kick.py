@@ -1,13 +1,14 @@
 """One kick of joints that carry one another: all of their velocities at once, with exact friction
 and their stops.
 
-In impulses over a kick of length h: A v⁺ + h f = r with A = M(q) + h (D̃ + D), r = (M + h D̃ − h C)
-v + h (F − c − g), f being friction. The Coriolis torques c are those in the middle of the kick. C
-holds the joints' viscous dampings; D̃_j = (M_jj/h)(φ(x) − 1), φ(x) = x/(1 − e^{−x}), x = C_j
-h/M_jj, makes the response of a joint alone the exact one of `free_response`; D is what is taken
-implicitly. Where a kick is long against the joints' own oscillation, the tendons' stiffness K is
-taken implicitly too, A += h² K, and the joints come to rest within it (linearly implicit Euler;
-Hairer and Wanner, Solving Ordinary Differential Equations II, 1996, section IV.7).
+In impulses over a kick of length h the equations are A v⁺ + h f = r with A = M(q) + h (D̃ + D) and
+r = (M + h D̃ − h C) v + h (F − c − g), f being friction. The Coriolis torques c are those in the
+middle of the kick. C holds the joints' viscous dampings. D̃_j = (M_jj/h)(φ(x) − 1) with φ(x) = x/(1
+− e^{−x}) and x = C_j h/M_jj makes the response of a joint alone the exact one of `free_response`. D
+is damping that is taken implicitly. Where a kick is long compared with the joints' own oscillation,
+the tendons' stiffness K is taken implicitly too, A += h² K, and the joints come to rest within the
+kick (linearly implicit Euler; Hairer and Wanner, Solving Ordinary Differential Equations II, 1996,
+section IV.7).
 """
 
 from __future__ import annotations
@@ -22,17 +23,20 @@ from distal.model.stick_slip_motion import Slip, slipping, solver
 from distal.model.stops import Flight, bounce, restitution
 
 SHORTEST = 1e-15
-"""A kick is taken to last at least this [s]."""
+"""Least length of a kick, by which changes of velocities are divided [s]. Source: rounding (a
+division by zero).
+"""
 
 
 @dataclass(frozen=True)
 class Loads:
-    """What acts on the joints of a chain in one kick, all (n_joints,).
+    """The forces on the joints of a chain in one kick, (n_joints,) each if no other shape is said.
 
     Args:
-        force: F, all but inertia, damping, friction and stops [N m].
+        force: F, all torques but inertia, damping, friction and stops [N m].
         implicit: D, damping that is taken implicitly [N m s/rad].
-        up: friction limits against + motion, `down` those against − motion [N m].
+        up: friction limits against + motion [N m].
+        down: friction limits against − motion [N m].
         stiffness: K of the taut tendons and springs, taken implicitly, (n_joints, n_joints) [N
             m/rad]; None for none.
     """
@@ -46,8 +50,12 @@ class Loads:
 
 @dataclass(frozen=True)
 class Contacts:
-    """Which free joints press against a stop: impulse −κ (q − position) − δ v⁺, (n_free,) each; κ =
-    δ = 0 without contact.
+    """The contacts of free joints with stops: each joint gets the impulse −κ (q − position) − δ v⁺.
+
+    Args:
+        stiffness: κ, (n_free,), 0 without contact.
+        damping: δ, (n_free,), 0 without contact.
+        position: of the stop, (n_free,) [rad].
     """
 
     stiffness: Vector
@@ -60,10 +68,14 @@ class Kicked:
     """A chain after a kick and the drift that follows.
 
     Args:
-        q: angles of all joints, (n_joints,) [rad]; v are their speeds [rad/s].
-        slip: of the free joints, as `contacts`.
-        matrix: A with the stops in it, (n_free, n_free); `load` is r with them, (n_free,).
-        up: friction impulses against + motion, `down` those against − motion, (n_free,).
+        q: angles of all joints, (n_joints,) [rad].
+        v: their speeds, (n_joints,) [rad/s].
+        slip: which free joints slip.
+        contacts: which free joints press against a stop.
+        matrix: A with the stops in it, (n_free, n_free).
+        load: r with the stops in it, (n_free,).
+        up: friction impulses against + motion, (n_free,).
+        down: friction impulses against − motion, (n_free,).
     """
 
     q: Vector
@@ -77,7 +89,7 @@ class Kicked:
 
 
 def _growth(damping: Scalar, inertia: Scalar, length: Scalar) -> Scalar:
-    """Return φ(x) = x/(1 − e^{−x}), x = C h/M: 1 where nothing damps."""
+    """Return φ(x) = x/(1 − e^{−x}) with x = C h/M: 1 without damping."""
     if ca.SX(damping).is_zero():
         return ca.SX(1)
     x = damping * length / inertia
@@ -104,11 +116,12 @@ def residual(
     contacts: Contacts,
     h: Scalar,
 ) -> Vector:
-    """Return A v⁺ + h f − r of the free joints, (n_free,): zero where they slip; its slopes are
-    those of the kick.
+    """Return A v⁺ + h f − r of the free joints, (n_free,). It is zero for joints that slip, so that
+    its slopes give those of the kick.
 
     Args:
-        q: angles before, (n_joints,); v are the speeds.
+        q: angles before the kick, (n_joints,).
+        v: speeds before the kick, (n_joints,).
         after: speeds of the free joints after the kick, (n_free,).
         h: length of the kick [s].
     """
@@ -147,13 +160,14 @@ def chain_kick(
     last: bool,
     rebounds: bool,
 ) -> Kicked:
-    """Return the joints after a kick and the drift that follows.
+    """Return the joints of a chain after a kick and the drift that follows.
 
     Args:
-        q: angles before, (n_joints,); v are the speeds.
+        q: angles before the kick, (n_joints,).
+        v: speeds before the kick, (n_joints,).
         length: of the kick [s].
-        drift: length of the drift that follows; in the last kick the one that went before [s].
-        last: whether no drift follows: a joint presses against a stop if it is in it.
+        drift: length of the drift that follows; in the last kick, of the drift before it [s].
+        last: whether no drift follows; a joint then presses against a stop where it is inside it.
         rebounds: whether joints bounce off stops whose contact the step does not resolve.
     """
     nj = mechanism.n_joints
@@ -212,11 +226,11 @@ def chain_kick(
 
 
 def _middle(matrix: Matrix, load: Vector, v: Vector, up: Vector, down: Vector) -> Vector:
-    """Return the speeds in the middle of a kick, (n_free,): with Coriolis torques taken there its
-    order is two.
+    """Return the speeds in the middle of a kick, (n_free,). With Coriolis torques taken there the
+    step is of second order.
 
-    Joints that move go on in their direction; those that stand still stay. `load` is r with these
-    torques at the start.
+    Joints that move go on in their direction; those that stand still stay. The `load` is r with the
+    Coriolis torques at the start.
     """
     ahead = Slip(v > 0, v < 0)
     after = solver(matrix, ahead.moving)(load - ahead.friction(up, down))
@@ -233,7 +247,7 @@ def _contacts(
     *,
     last: bool,
 ) -> Contacts:
-    """Return which free joints press against a stop, by the velocities without it; see
+    """Return which free joints press against a stop, judged by their velocities without it; see
     `kick_at_stops`.
     """
     rows = list[tuple[Scalar, Scalar, Scalar]]()
@@ -282,8 +296,8 @@ def _bounced(
     length: Scalar,
     drift: Scalar,
 ) -> tuple[Vector, Vector]:
-    """Return speeds and angles with the joints that bounce off their stops; the others answer to
-    that blow.
+    """Return speeds and angles after joints have bounced off their stops; the speeds of the other
+    joints answer to these blows.
     """
     at, before, alone, kicked = motion
     matrix, load, slip, up, down = system

@@ -1,4 +1,4 @@
-"""Tendons that stiffen as they are pulled, and springs whose torque is no straight line."""
+"""Tendons that stiffen as they are pulled, and springs whose torque is not linear in the angle."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import casadi as ca
 from distal.expressions import Scalar
 
 STEEPEST = 2.0
-"""Where a δ is larger, the curve goes on as a straight line: its slope there is e² = 7.4 times the
-first one.
+"""Largest a δ [1] up to which `stretched` is exponential. Beyond it the curve goes on as a straight
+line, whose slope is e² = 7.4 times the first one. Source: judgement.
 """
 
 
@@ -20,8 +20,8 @@ def stretched(elongation: Scalar, stiffening: Scalar) -> Scalar:
 
     Stiffness then grows in a straight line with tension, dT/dδ = k + a (T − T_pre): Fung's law of
     soft tissue (Am. J. Physiol. 213, 1967), which fibre ropes and wire ropes that bed in follow as
-    well. a → 0 is Hooke's law. The elongation δ [m] is counted from the pre-tensioned length, the
-    stiffening a ≥ 0 is in 1/m.
+    well. For a → 0 it is Hooke's law. The `elongation` δ [m] is counted from the pre-tensioned
+    length; the `stiffening` is a ≥ 0 [1/m].
     """
     x = stiffening * elongation
     small = ca.fabs(x) < 1e-5
@@ -33,15 +33,15 @@ def stretched(elongation: Scalar, stiffening: Scalar) -> Scalar:
 
 
 def slope_of(stretch: Scalar, stiffening: Scalar) -> Scalar:
-    """Return the slope of `stretched` by its elongation, e^{a δ} for a stiffening a, at most e² of
-    the first one, where it is `stretch` [m].
+    """Return the slope of `stretched` with respect to the elongation, e^{a δ} and at most e². It is
+    1 + a s, where s [m] is the `stretch`, the value of `stretched`, and a the `stiffening` [1/m].
     """
     return ca.fmin(1 + stiffening * stretch, exp(STEEPEST))
 
 
 def polynomial_torque(away: Scalar, stiffness: Scalar, quadratic: Scalar, cubic: Scalar) -> Scalar:
-    """Return −(k x + k₂ x² + k₃ x³), the torque of a spring that is x = θ − rest angle [rad] `away`
-    [N m].
+    """Return the torque −(k x + k₂ x² + k₃ x³) [N m] of a spring that is x = θ − rest angle [rad]
+    `away` from its rest.
 
     Its `stiffness` k, `quadratic` k₂ and `cubic` k₃ are in N m/rad, N m/rad² and N m/rad³.
     """
@@ -49,7 +49,9 @@ def polynomial_torque(away: Scalar, stiffness: Scalar, quadratic: Scalar, cubic:
 
 
 SHORTEST = 1e-6
-"""An extension spring is never shorter than this [m]: its direction is then still defined."""
+"""Least length of an extension spring [m]; at length zero it has no direction. Source: rounding (a
+division by zero).
+"""
 
 
 def extension_torque(
@@ -60,13 +62,13 @@ def extension_torque(
     distance: Scalar,
     preload: Scalar,
 ) -> Scalar:
-    """Return −F dL/dθ of a spring between two points [N m]: L² = r² + R² − 2 r R cos x, dL/dθ = r R
-    sin x/L.
+    """Return the torque −F dL/dθ [N m] of a spring between two points, with the length L² = r² + R²
+    − 2 r R cos x and dL/dθ = r R sin x/L.
 
-    F = max(preload + k (L − free length), 0), as an extension spring with initial tension pulls:
-    its coils open at `free_length` [m] with `preload` [N], `stiffness` is k [N/m]. The angle x = θ
-    − line angle [rad] is `away`; `radius` r and `distance` R are from the axis to the link's and to
-    the base's point [m].
+    F = max(preload + k (L − free length), 0), the force of an extension spring with initial
+    tension: its coils open at `free_length` [m] with the force `preload` [N], and k is its
+    `stiffness` [N/m]. The angle x = θ − line angle [rad] is `away`. The distances from the axis to
+    the points on the link and on the base are `radius` r and `distance` R [m].
     """
     length = ca.sqrt(
         ca.fmax(radius**2 + distance**2 - 2 * radius * distance * ca.cos(away), SHORTEST**2)

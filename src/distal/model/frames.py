@@ -1,7 +1,8 @@
-"""Frames of the joints' links: how they are turned, how they turn, and which way things fall there.
+"""Frames of the joints' links: their rotations, their angular velocities, and the acceleration of
+free fall in them.
 
-A joint's frame sits at `offset` in the frame of its parent and is turned about `axis` by θ; at θ =
-0 both are parallel.
+A joint's frame has its origin at `offset` in the frame of its parent and is turned about `axis` by
+θ; at θ = 0 both are parallel.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ from distal.rig import Rig
 
 
 def rotation(axis: Sequence[float], angle: Scalar) -> Matrix:
-    """Return the matrix R = a aᵀ + cos θ (1 − a aᵀ) + sin θ [a×] of a turn about a unit `axis` by
-    an `angle` θ, (3, 3).
+    """Return the rotation matrix R = a aᵀ + cos θ (1 − a aᵀ) + sin θ [a×] about a unit `axis` a by
+    an `angle` θ [rad], (3, 3).
     """
     a = np.asarray(axis)
     along = np.outer(a, a)
@@ -41,18 +42,20 @@ class Frames:
         self.parents = [rig.parent_of(i) for i in range(len(rig.joints))]
 
     def vector(self, path: str) -> Vector:
-        """Return a vector of the description, (3,), by its path."""
+        """Return the vector at a path of the description, (3,)."""
         return ca.vertcat(*(self._p[f"{path}.{k}"] for k in range(3)))
 
     def rotations(self, q: Vector) -> list[Matrix]:
-        """Return how each frame is turned in its parent's at q, (3, 3) each."""
+        """Return the rotation matrix of each joint's frame in the frame of its parent at q, (3, 3)
+        each.
+        """
         return [rotation(joint.axis, q[i]) for i, joint in enumerate(self.rig.joints)]
 
     def carried(self, turned: Sequence[Matrix], v: Vector) -> list[Vector]:
-        """Return the angular velocity that each link has from those before it, in its own frame,
-        (3,) each [rad/s].
+        """Return the angular velocity that each link has from the joints before its own, in its own
+        frame, (3,) each [rad/s].
 
-        They are `turned` as `rotations` has it, with speeds v.
+        The frames are `turned` by the matrices of `rotations`; the joints' speeds are v.
         """
         spins = list[Vector]()
         for i, parent in enumerate(self.parents):

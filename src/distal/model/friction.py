@@ -11,10 +11,11 @@ from distal.expressions import Scalar
 
 @dataclass(frozen=True)
 class Limit:
-    """What friction can take up: against motion to + and against motion to −, both ≥ 0.
+    """The friction limits of a body: `up` against motion to +, `down` against motion to −, both ≥
+    0.
 
-    They differ where a tendon rubs along its path: drawing it in takes more than letting it out
-    gives back.
+    They differ where a tendon rubs along its path: the limit is larger while it is drawn in than
+    while it is let out.
     """
 
     up: Scalar
@@ -22,48 +23,47 @@ class Limit:
 
     @property
     def mean(self) -> Scalar:
-        """Return half the sum of both."""
+        """Return the mean of both limits."""
         return (self.up + self.down) / 2
 
     @property
     def asymmetry(self) -> Scalar:
-        """Return half their difference, up less down: 0 where friction is the same in both
+        """Return half the difference, `up` less `down`: 0 where friction is the same in both
         directions.
         """
         return (self.up - self.down) / 2
 
     def times(self, factor: Scalar) -> Limit:
-        """Return both multiplied by a factor ≥ 0."""
+        """Return both limits multiplied by a factor ≥ 0."""
         return Limit(factor * self.up, factor * self.down)
 
 
 def soft(z: Scalar, limit: Limit | Scalar) -> Scalar:
-    """Return max(z − l₊, 0) + min(z + l₋, 0): the velocity left after friction of impulse l; zero
-    means stick.
+    """Return max(z − l₊, 0) + min(z + l₋, 0): the velocity that friction leaves, zero in stick.
 
     It is the exact solution v of z ∈ v + l · sgn(v) with the set-valued sgn(0) = [−1, 1]; its
-    derivative is 0 in stick and 1 in slip. A stuck body does not creep, whatever the step. The
-    velocity without friction is z, the `limit` is one as a velocity, b · μN ≥ 0; a `Limit` where it
-    depends on the direction.
+    derivative is 0 in stick and 1 in slip. A body in stick does not creep, whatever the step. The
+    velocity without friction is z. The `limit` l = b · μN ≥ 0 is a friction limit as a velocity, a
+    `Limit` where it depends on the direction.
     """
     return slipped(*slip(z, limit), z, limit)
 
 
 def slip(z: Scalar, limit: Limit | Scalar, factor: Scalar = 1) -> tuple[Scalar, Scalar]:
-    """Return (f, b): `factor` in slip to + or to −, else 0, of a velocity z and a limit as in
-    `soft`; see `slipped`.
+    """Return (f, b) for `slipped`: f is `factor` where a velocity z slips to +, b where it slips to
+    −; otherwise they are 0. The `limit` is that of `soft`.
     """
     up, down = (limit.up, limit.down) if isinstance(limit, Limit) else (limit, limit)
-    # without friction, or where no time passes, z = 0 = l is slip: what does not hold does not stop
-    # either
+    # where the limit is 0 (no friction, or no time passes) z = 0 counts as slip: nothing holds the
+    # body
     return (z >= up) * factor, (z < -down) * factor
 
 
 def slipped(forward: Scalar, back: Scalar, z: Scalar, limit: Limit | Scalar) -> Scalar:
-    """Return (f + b) z − f l₊ + b l₋: `soft` as products, whose derivatives need no choice and no
-    division.
+    """Return (f + b) z − f l₊ + b l₋: `soft` written as products, whose derivatives need no choice
+    and no division.
 
-    `forward` f and `back` b are those of `slip`; z and the limit are those of `soft`.
+    The factors `forward` f and `back` b are those of `slip`; z and the `limit` are those of `soft`.
     """
     up, down = (limit.up, limit.down) if isinstance(limit, Limit) else (limit, limit)
     if ca.is_equal(ca.SX(up), ca.SX(down), 3):
@@ -72,32 +72,34 @@ def slipped(forward: Scalar, back: Scalar, z: Scalar, limit: Limit | Scalar) -> 
 
 
 def capstan_limit(tension: Scalar, wrapped: Scalar, let_out: Scalar = 1) -> Limit:
-    """Return friction of a tendon along its path, by the capstan equation T_drive = T e^{±μβ}
-    (Euler, Eytelwein).
+    """Return the friction limits of a tendon along its path, by the capstan equation T_drive = T
+    e^{±μβ} (Euler, Eytelwein).
 
-    Drawn in, the drive pulls T e^{μβ}: friction takes T (e^{μβ} − 1); let out, T e^{−μβ}: it takes
-    T (1 − e^{−μβ}). The `tension` T [N] is that at the joint's end, `wrapped` is μβ [rad], and μ is
-    `let_out` times as large as it is let out.
+    While the tendon is drawn in, the drive pulls with T e^{μβ}, and friction takes T (e^{μβ} − 1)
+    of that. While it is let out, the drive pulls with T e^{−μβ}, and friction takes T (1 −
+    e^{−μβ}). The `tension` T [N] is that at the joint's end, and `wrapped` is μβ [rad]. While the
+    tendon is let out, μ is `let_out` times as large.
     """
     return Limit(tension * ca.expm1(wrapped), -tension * ca.expm1(-let_out * wrapped))
 
 
 def stribeck(speed: Scalar, excess: Scalar, characteristic: Scalar) -> Scalar:
-    """Return the factor 1 + e · exp(−(v/v_s)²) of Coulomb friction: stiction that fades as a body
+    """Return the factor 1 + e · exp(−(v/v_s)²) of Coulomb friction: stiction, which fades as a body
     begins to move.
 
-    Stribeck's curve in the form of Armstrong-Hélouvry, Dupont and Canudas de Wit (Automatica 30,
-    1994). The excess e ≥ 0 is stiction beyond Coulomb friction, as a share of it; at the
-    `characteristic` speed v_s > 0 it has faded to 1/e of itself.
+    This is Stribeck's curve in the form of Armstrong-Hélouvry, Dupont and Canudas de Wit
+    (Automatica 30, 1994). The `excess` e ≥ 0 is stiction beyond Coulomb friction, as a share of it.
+    At a `speed` v equal to the `characteristic` speed v_s > 0, this excess has faded to exp(−1) of
+    itself.
     """
     return 1 + excess * ca.exp(-((speed / characteristic) ** 2))
 
 
 def free_response(damping: Scalar, inertia: Scalar, step: Scalar) -> tuple[Scalar, Scalar]:
-    """Return (a, b) of v⁺ = a v + b F, the exact response over a step h [s] to a constant force F
-    with viscous damping c.
+    """Return (a, b) of v⁺ = a v + b F, the exact response of a body over a `step` h [s] to a
+    constant force F, with viscous `damping` c.
 
-    a = exp(−c h/m), b = (1 − a)/c, and b = h/m as c → 0; the inertia m is a mass or a moment of
+    a = exp(−c h/m), b = (1 − a)/c, and b = h/m as c → 0; the `inertia` m is a mass or a moment of
     inertia.
     """
     if isinstance(damping, ca.SX) and damping.is_zero():
@@ -126,13 +128,14 @@ def load_dependent_limit(
 
 @dataclass(frozen=True)
 class SoftMoments:
-    """What `soft` makes of a normal distribution.
+    """Moments of soft(z, l) for a normal z with std σ.
 
     Args:
         mean: E[soft(z, l)].
-        slope: dE/dz, the chance to slip.
-        rest: variance beyond slope² · σ².
-        forward: the chance to slip to +, `back` that to −.
+        slope: dE/dz, the probability of slip.
+        rest: variance of soft(z, l) beyond slope² · σ².
+        forward: probability of slip to +.
+        back: probability of slip to −.
     """
 
     mean: Scalar
@@ -143,7 +146,7 @@ class SoftMoments:
 
 
 def _below(x: Scalar) -> Scalar:
-    """Return Φ(x), the chance that a standard normal variable is below x."""
+    """Return Φ(x), the probability that a standard normal variable is below x."""
     return (1 + ca.erf(x / ca.sqrt(2))) / 2
 
 
@@ -153,20 +156,20 @@ def _density(x: Scalar) -> Scalar:
 
 
 def clip_moments(low: Scalar, high: Scalar, mean: Scalar, std: Scalar) -> ClipMoments:
-    """Return mean, slopes and remaining variance of clip(z, low, high), a = low ≤ b = high, for a
-    normal z.
+    """Return the moments of clip(z, a, b) with a = `low` ≤ b = `high`, for a normal z with mean m
+    and std s > 0.
 
-    With its mean m and std s > 0, α = (a − m)/s, β = (b − m)/s: E = aΦ(α) + b(1 − Φ(β)) + m(Φ(β) −
-    Φ(α)) + s(φ(α) − φ(β)); its slopes with respect to a, m and b are Φ(α), Φ(β) − Φ(α) and 1 −
-    Φ(β).
+    With α = (a − m)/s and β = (b − m)/s the mean is E = aΦ(α) + b(1 − Φ(β)) + m(Φ(β) − Φ(α)) +
+    s(φ(α) − φ(β)). Its slopes with respect to a, m and b are Φ(α), Φ(β) − Φ(α) and 1 − Φ(β). The
+    arguments `mean` and `std` are m and s.
     """
     alpha = (low - mean) / std
     beta = (high - mean) / std
     under = _below(alpha)
     over = 1 - _below(beta)
     inside = 1 - under - over
-    # about m clipped: neither held nor free, in double or float, is a small number left over from
-    # large ones
+    # moments are taken about m clipped to [a, b], so that no small number is the difference of
+    # large ones, in double or float
     nearest = ca.fmin(ca.fmax(low - mean, 0), high - mean)
     a = low - mean - nearest
     b = high - mean - nearest
@@ -179,12 +182,13 @@ def clip_moments(low: Scalar, high: Scalar, mean: Scalar, std: Scalar) -> ClipMo
 
 @dataclass(frozen=True)
 class ClipMoments:
-    """What a play operator makes of a normal distribution.
+    """Moments of clip(z, a, b), a play operator's position, for a normal z with std σ.
 
     Args:
         mean: E[clip(z, a, b)].
-        by_low: its slope with respect to a, `by_high` to b: the chance to be held by it.
-        by_mean: with respect to the mean of z: the chance to be free.
+        by_low: slope of the mean with respect to a: the probability that a holds it.
+        by_mean: slope with respect to the mean of z: the probability that it is free.
+        by_high: slope with respect to b: the probability that b holds it.
         rest: variance beyond by_mean² · σ².
     """
 
@@ -196,12 +200,13 @@ class ClipMoments:
 
 
 def soft_moments(z: Scalar, limit: Limit | Scalar, std: Scalar) -> SoftMoments:
-    """Return mean, slope and remaining variance of soft(z, l) for z normal with std s > 0; `z` is
-    its mean.
+    """Return mean, slope and remaining variance of soft(z, l) for a normal z with mean `z` and
+    `std` s > 0.
 
-    With u = (z − l₊)/s, w = (z + l₋)/s: E = (z − l₊)Φ(u) + sφ(u) + (z + l₋)Φ(−w) − sφ(w), slope
-    Φ(u) + Φ(−w). A stuck body whose force is uncertain may slip: its linearisation alone says that
-    it cannot. For filters only; simulation never smooths. The limit is that of `soft`.
+    With u = (z − l₊)/s and w = (z + l₋)/s they are E = (z − l₊)Φ(u) + sφ(u) + (z + l₋)Φ(−w) − sφ(w)
+    and the slope Φ(u) + Φ(−w). Filters use them because a body in stick may slip where its force is
+    uncertain, while the linearisation of `soft` says that it cannot. The simulation never smooths
+    friction. The `limit` is that of `soft`.
     """
     limits = limit if isinstance(limit, Limit) else Limit(limit, limit)
     # soft(z, l) = z − clip(z, −l₋, l₊)

@@ -1,4 +1,6 @@
-"""One interval between samples: a loop of calls of the sub-step, never unrolled."""
+"""One interval between samples: repeated calls of one function for a sub-step, whose code is there
+once.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +13,14 @@ from distal.model.stepping import Kick, kick_and_drift, last_kick, responses
 def interval_step(
     mechanism: Mechanism, count: int, rebounds: bool = True, with_servo: bool = False
 ) -> ca.Function:
-    """Return the function (q, v, effort, added_inertia, servo, dt, p) → (q⁺, v⁺) over one interval.
+    """Return the function (q, v, effort, added_inertia, servo, dt, p) → (q⁺, v⁺) over an interval
+    of `count` sub-steps.
 
-    Kick–drift–kick leapfrog: half kick, drift, then (full kick, drift) `count` − 1 times, half
-    kick. Everything that acts is constant over the interval: `effort` is force or torque,
-    `added_inertia` rides on the bodies (hung weights), `servo` is (stiffness, target, damping) of a
-    spring and damper to a target, taken implicitly (a hand, a position loop), all per body.
+    The scheme is kick–drift–kick leapfrog: half a kick and a drift, then `count` − 1 times a kick
+    and a drift, then half a kick. What acts is constant over the interval and given for each body:
+    `effort` is a force or torque, (n_bodies,); `added_inertia` is that of hung weights, which move
+    with the bodies, (n_bodies,); `servo` is (stiffness, target, damping) of a spring and damper to
+    a target, such as a hand or a position loop, (n_bodies, 3), and is taken implicitly.
 
     Args:
         rebounds: whether bodies bounce off stops (simulation) or are pressed against them

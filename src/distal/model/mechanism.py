@@ -15,28 +15,31 @@ from distal.model.tendons import Tendons
 from distal.rig import Joint, Rig
 
 FEWEST = 2
-"""So many joints or more move one another. The link of one joint alone is a constant inertia and a
-weight.
+"""Number of joints from which on joints with links are a chain, in which they move one another. The
+link of one joint alone is a constant inertia and a weight. Source: physics (one joint has no other
+that it could move).
 """
 
 GRAVITY = 9.80665
-"""Standard acceleration of free fall [m/s²]."""
+"""Standard acceleration of free fall [m/s²]. Source: definition (standard gravity)."""
 
 
 class Mechanism(Tendons):
-    """The general form of a tendon-driven rig: coordinates q = (joint angles, drive displacements)
-    and their rates v.
+    """The equations of a tendon-driven rig in general form: coordinates q = (joint angles, drive
+    displacements) and their rates v.
 
-        stretch  δ_i = ℓ_i(q) − ℓ_i⁰,   tension  T_i = max(k_i δ_i + c_i δ̇_i, 0) for δ_i > 0, else
-        0 joints:  J θ̈ + b θ̇ + friction(θ̇, T) = −(∂ℓ/∂θ)ᵀ T + spring + gravity + τ_ext drives:  m
-        s̈ + b ṡ + friction(ṡ, T) = −(∂ℓ/∂s)ᵀ T + U − F_stop(s)
+        stretch  δ_i = ℓ_i(q) − ℓ_i⁰
+        tension  T_i = max(k_i δ_i + c_i δ̇_i, 0) for δ_i > 0, else 0
+        joints   J θ̈ + b θ̇ + friction(θ̇, T) = −(∂ℓ/∂θ)ᵀ T + spring + gravity + τ_ext
+        drives   m s̈ + b ṡ + friction(ṡ, T) = −(∂ℓ/∂s)ᵀ T + U − F_stop(s)
 
-    Joints with links carry one another: J + M(q), Coriolis and gravity of their `chain`. A coupled
-    joint has no coordinate of its own: θ = `spread` θ_free + `offsets`.
+    Joints with links carry one another: their inertia is J + M(q), and Coriolis torques and gravity
+    are those of their `chain`. A coupled joint has no coordinate of its own: θ = `spread` θ_free +
+    `offsets`.
 
     On the paper's rig the virtual work −(∂ℓ/∂q)ᵀT gives its equations (2), (3), (10) and (11), with
-    the mend that (11) has "+": cos θ cos φ2 + sin θ sin φ2. Mend: tension has a max(·, 0) (8, 9); a
-    thread cannot push.
+    two corrections: (11) has "+" in cos θ cos φ2 + sin θ sin φ2, and tension has a max(·, 0) (8,
+    9), since a tendon cannot push.
 
     For the arguments, and the shapes of q, v and tensions, see `Tendons`.
     """
@@ -66,15 +69,15 @@ class Mechanism(Tendons):
                 self.offsets[i] = joint.coupled.offset
 
     def mass_matrix(self, q: Vector) -> Matrix:
-        """Return the inertia matrix of the joints, (n_joints, n_joints) [kg m²], at the joints'
-        coordinates in q.
+        """Return the inertia matrix of the joints, (n_joints, n_joints) [kg m²], at the angles in
+        q.
         """
         diagonal = ca.diag(self.inertias()[: self.n_joints])
         return diagonal if self.chain is None else diagonal + self.chain.mass_matrix(q)
 
     def moving_forces(self, q: Vector, v: Vector, a: Vector) -> Vector:
-        """Return what it takes to move the joints so, J a + (M a + Coriolis + gravity) of a chain,
-        (n_joints,) [N m].
+        """Return the torques that a motion of the joints needs, (n_joints,) [N m]: J a, and for a
+        chain also M a + Coriolis torques + gravity.
 
         Coordinates q and velocities v are of all bodies, accelerations a, (n_joints,) [rad/s²], of
         the joints. Gravity of a joint that carries no other is among `passive_forces`.
@@ -83,8 +86,8 @@ class Mechanism(Tendons):
         return own if self.chain is None else own + self.chain.torques(q, v, a)
 
     def passive_forces(self, q: Vector) -> Vector:
-        """Return what springs and gravity add at the joints, and cogging at the drives, (n_bodies,)
-        [N m].
+        """Return the torques of springs and gravity on the joints, then those of cogging on the
+        drives, at q, (n_bodies,) [N m].
 
         Gravity of a chain's links is among `moving_forces`.
         """
@@ -101,8 +104,8 @@ class Mechanism(Tendons):
         return p[f"{path}.cosine"] * ca.cos(phase) + p[f"{path}.sine"] * ca.sin(phase)
 
     def passive_springs(self, q: Vector) -> Matrix:
-        """Return the torque of each joint's return spring and its stiffness there, (n_joints, 2) [N
-        m, N m/rad].
+        """Return the torque of each joint's return springs at q, and their stiffness there,
+        (n_joints, 2) [N m, N m/rad].
         """
         at = ca.SX.sym("q", self.n_bodies)
         rows = []
@@ -143,13 +146,13 @@ class Mechanism(Tendons):
     def friction_limits(
         self, q: Vector, v: Vector, tensions: Vector, at_drives: Vector | None = None
     ) -> list[Limit]:
-        """Return the Coulomb limits of all bodies: equations (12) and (13), reconstructed, in their
-        general form.
+        """Return the Coulomb friction limits of all bodies: equations (12) and (13), reconstructed,
+        in their general form.
 
-        At the joint μ r_a (T0 + Σ T); at a drive constant + load · R Σ T, and the friction along
-        its tendons' paths (`capstan_limit`), whose bends may change with q; each times Stribeck's
-        factor at the velocities v, if it has one. `tensions` are those at the joints, `at_drives`
-        those at the drives, where they differ.
+        At a joint the limit is μ r_a (T0 + Σ T). At a drive it is constant + load · R Σ T, and the
+        friction along its tendons' paths (`capstan_limit`), whose wrap angles may change with q.
+        Each is multiplied by Stribeck's factor at the velocities v, where a body has one. The
+        `tensions` are those at the joints, `at_drives` those at the drives, by default the same.
         """
         limits = []
         p = self.parameters
@@ -178,8 +181,8 @@ class Mechanism(Tendons):
         return Limit(limit, limit)
 
     def _drive_friction(self, body: int, q: Vector, tensions: Vector) -> Limit:
-        """Return friction of the drive itself and along the paths of its tendons, drawn in or let
-        out.
+        """Return the friction limits of a drive: its own friction, and that along the paths of its
+        tendons.
         """
         limit = self._dry_friction(body, "friction", tensions)
         lever = self._drive_radius(body)
@@ -217,10 +220,10 @@ class Mechanism(Tendons):
 
     def stretch(self, drive: int, q: Vector) -> Scalar:
         """Return the stretch of a drive's tendons at q in the drive's own coordinate, Σ h_i ℓ_i/Σ
-        h_i², h_i = ∂ℓ_i/∂s.
+        h_i² with h_i = ∂ℓ_i/∂s.
 
-        For a capstan with two pulleys it is φ − r θ/R, for a slider with one tendon ℓ. `drive`
-        counts the drives alone.
+        For a capstan with two pulleys it is φ − r θ/R, for a slider with one tendon ℓ. The index
+        `drive` counts the drives alone.
         """
         body = self.n_joints + drive
         elongations = self.elongations(q)
@@ -230,10 +233,10 @@ class Mechanism(Tendons):
         return total / sum((levers[i] ** 2 for i in tendons), ca.SX(0))
 
     def hysteresis_limit(self, drive: int, q: Vector, tensions: Vector) -> Scalar:
-        """Return the limit h = (constant + load · R Σ T)(1 + slope · θ) of the play in a drive's
-        transmission at q, ≥ 0.
+        """Return the limit h = (constant + load · R Σ T)(1 + slope · θ) ≥ 0 of the hysteresis in a
+        drive's transmission at q.
 
-        `drive` counts the drives alone; T are the `tensions`.
+        The index `drive` counts the drives alone; T are the `tensions`.
         """
         body = self.n_joints + drive
         limit = self._dry_friction(body, "hysteresis", tensions)
@@ -246,8 +249,8 @@ class Mechanism(Tendons):
         return self.parameters[path] if path in self.parameters else ca.SX(1)
 
     def inertias(self) -> Vector:
-        """Return mass or moment of inertia of all bodies, (n_bodies,); links that a chain carries
-        are not among them.
+        """Return the mass or moment of inertia of each body, (n_bodies,) [kg m², kg]. Links of a
+        chain are not among them; see `mass_matrix`.
         """
         p = self.parameters
         inertias = [
@@ -259,7 +262,9 @@ class Mechanism(Tendons):
         return ca.vertcat(*inertias)
 
     def stop(self, body: int) -> tuple[Scalar, Scalar, Scalar, Scalar]:
-        """Return stiffness, damping, low and high end of a body's stops."""
+        """Return stiffness [N m/rad, N/m], damping [N m s/rad, kg/s], low and high end [rad, m] of
+        the stops of a body.
+        """
         p = self.parameters
         path = self.bodies[body].path
         return (
@@ -270,5 +275,5 @@ class Mechanism(Tendons):
         )
 
     def dampings(self) -> Vector:
-        """Return the viscous damping of all bodies, (n_bodies,)."""
+        """Return the viscous damping of each body, (n_bodies,) [N m s/rad, kg/s]."""
         return ca.vertcat(*(self.parameters[f"{b.path}.damping"] for b in self.bodies))

@@ -1,4 +1,4 @@
-"""What sensors read of a mechanism: its motion at a moment, by parts."""
+"""The motion of a mechanism at one moment, from which the sensors' readings follow."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from distal.rig import Sensor, measurand_of, part_of
 
 @dataclass(frozen=True)
 class Moment:
-    """A motion at a moment, as `distal.rig.sensors.Motion` has it.
+    """The motion of a mechanism at one moment, as `distal.rig.sensors.Motion` asks for it.
 
     Args:
-        q: coordinates, (n_bodies,); v are their rates.
+        q: coordinates, (n_bodies,) [rad, m].
+        v: their rates, (n_bodies,).
         tensions: of the tendons, (n_tendons,) [N].
-        efforts: torques on the joints from outside, then what the drives exert, (n_bodies,).
+        efforts: external torques on the joints, then what the drives exert, (n_bodies,) [N m, N].
     """
 
     mechanism: Mechanism
@@ -32,7 +33,7 @@ class Moment:
         return self.q[joint]
 
     def torque(self, joint: int) -> Scalar:
-        """Return the torque on a joint from outside [N m]."""
+        """Return the external torque on a joint [N m]."""
         return self.efforts[joint]
 
     def position(self, drive: int) -> Scalar:
@@ -68,8 +69,8 @@ class Moment:
         return Frames(self.mechanism.rig, self.mechanism.parameters)
 
     def read(self, sensor: Sensor, unknowns: Mapping[str, Scalar] | None = None) -> Scalar:
-        """Return what a sensor without errors reads [SI], its numbers being the rig's but for
-        `unknowns` by name.
+        """Return what a sensor without errors reads [SI]. Its parameters are those of the rig, but
+        for the `unknowns`, by name.
         """
         return measurand_of(sensor).read(
             sensor, self, part_of(sensor, self.mechanism.rig), unknowns or {}

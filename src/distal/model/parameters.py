@@ -22,7 +22,7 @@ _STRUCTURE = frozenset({"axis", "range", "powers", "joints"})
 """Tuples that are no numbers of the model: they are written into its expressions."""
 
 NEUTRAL = (".exponent", ".let_out", ".scale")
-"""Parameters that change nothing where they are exactly one."""
+"""Ends of the names of parameters that change nothing where they are exactly one."""
 
 
 Symbolic = TypeVar("Symbolic", ca.SX, ca.MX)
@@ -30,8 +30,8 @@ Symbolic = TypeVar("Symbolic", ca.SX, ca.MX)
 
 @dataclass(frozen=True)
 class Derived:
-    """Numbers that follow from a description, by name: symbols beside its parameters, or constants
-    where they are `folded` into the expressions.
+    """Values, by name, that are computed from a description. They become symbols behind its
+    parameters, or constants of the expressions where they are `folded` into them.
     """
 
     values: Mapping[str, float]
@@ -42,22 +42,22 @@ NOTHING_DERIVED = Derived({})
 
 
 class Parameters:
-    """The numbers in the equations of motion: names (paths as in ``--set``), values, stds, drifts,
-    symbols.
+    """The parameters in the equations of motion: names (paths as in ``--set``), values, stds,
+    drifts and symbols, (n_p,) each.
 
-    A drift that is not given is NaN. A std is that of all that is not known of a value;
-    `independent_stds` are what others do not share, and `shared` what they do: name → its std, as a
-    share of the values, and the indices of its parameters.
+    A drift that is not given is NaN. A std covers all that is not known of a value. The part of it
+    that no other parameter shares is in `independent_stds`. The parts that several parameters share
+    are in `shared`: name → (std as a share of the values, indices of these parameters).
 
-    A parameter that is zero with ``std = 0``, and an exponent of exactly one, are constants of the
-    expressions: what a rig does not have costs nothing.
+    A parameter that is zero with ``std = 0``, and one of `NEUTRAL` that is exactly one, are
+    constants of the expressions, so that they cost no operations.
 
     Args:
         inputs: paths that stay symbols whatever their values, because they will be changed:
             parameters, and other numbers of the description (a sensor's noise), which are put
             behind the parameters. They have std 0.
-        derived: numbers that follow from the description, behind the inputs.
-        inside: names of what moves inside the rig, which come last; see `Mechanism`.
+        inside: names of the internal state, which come last; see `Tendons`.
+        derived: values that are computed from the description, behind the inputs.
 
     Raises:
         RigError: a path is not a number of the rig.
@@ -127,28 +127,36 @@ class Parameters:
         return name in self._index or name in self._constants
 
     def index(self, name: str) -> int:
-        """Return where a parameter stands among the symbols."""
+        """Return the index of a parameter among the symbols."""
         return self._index[name]
 
     def of(self, p: Symbolic, names: Sequence[str]) -> Symbolic:
-        """Return some numbers of all inputs `p`, (n_p,), the constants among them as they are."""
+        """Return some parameters of the vector `p` of all, (n_p,). The `names` are either all
+        symbols or all constants of the expressions, whose values are then returned.
+        """
         if all(name in self._index for name in names):
             return p[[self._index[name] for name in names]]
         return type(p)(ca.DM([self._constants[name] for name in names]))
 
     @property
     def constants(self) -> tuple[tuple[str, float], ...]:
-        """The parameters that are no symbols, because the rig does not have what they describe."""
+        """Names and values of the parameters that are constants, because the rig does not have what
+        they describe.
+        """
         return tuple(self._constants.items())
 
     def has(self, name: str) -> bool:
-        """Return whether the parameter exists and is not a constant zero."""
+        """Return whether a parameter exists and is not a constant zero."""
         return name in self._index or self._constants.get(name, 0.0) != 0.0
 
 
 def number_at(rig: Rig, path: str) -> float:
-    """Return the number (a parameter's value) at a path of the description, which must have one:
-    keys and indices.
+    """Return the number at a path of the description, whose keys are names of fields and indices.
+
+    A parameter counts as its value, a drift that is not given as 0.
+
+    Raises:
+        RigError: there is no number at the path.
     """
     part: object = rig
     for key in path.split("."):

@@ -1,9 +1,9 @@
-"""What moves inside a rig, unseen: the far side of a backlash, points of a cable in its sheath.
-Each is a play.
+"""Play operators inside a rig, which no sensor sees: the far side of a backlash, and the points of
+a cable in its sheath.
 
-All of them are massless and held by friction: p⁺ = clip(p, a, b) with bounds a and b that the rest
-of the rig moves (the play operator; Visintin, Differential Models of Hysteresis, 1994). Their
-forces are then in balance at every time.
+Each of them is massless and held by friction, so that its forces are in balance at every time. It
+moves by p⁺ = clip(p, a, b) with bounds a and b that the rest of the rig moves (the play operator;
+Visintin, Differential Models of Hysteresis, 1994).
 """
 
 from __future__ import annotations
@@ -21,29 +21,29 @@ from distal.model.elasticity import STEEPEST, slope_of, stretched
 from distal.rig import Rig
 
 NEWTON_STEPS = 3
-"""Steps to the position at which tendons balance: their pull is made of straight lines, with a bend
-where one goes slack.
+"""Number of Newton steps to the position at which tendons balance. Few are enough: their pull is
+made of straight lines, with a bend where one goes slack. Source: judgement.
 """
 
 STIFFENING_STEPS = 6
-"""Halley's steps to the position at which two stretches of a cable that stiffens balance, and one
-of
-Newton: of 4000 cables by lot the worst is 7 µm off, with 8 of Newton 4 mm.
+"""Number of Halley steps to the position at which two stretches of a cable that stiffens balance;
+one Newton step follows. The worst of 4000 random cables is then 7 µm off, with 8 Newton steps alone
+4 mm. Source: judgement.
 """
 
 SOFTEST = 1e-9
-"""Stiffness that slack tendons are taken to have, so that nothing is divided by zero [N/m, N
-m/rad].
+"""Stiffness that is added to that of tendons, which may all be slack [N/m, N m/rad]. Source:
+rounding (a division by zero).
 """
 
 Pull: TypeAlias = Callable[[Scalar], tuple[Scalar, Scalar]]
-"""Place → what tendons pull back with there, and its slope."""
+"""Function of a position → (what the tendons pull back with there, its slope)."""
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """Between which positions something inside stays as it is: it is pushed up to `low`, and down
-    to `high`.
+    """The positions between which a play operator rests: it is pushed up to `low` and down to
+    `high`.
     """
 
     low: Scalar
@@ -51,27 +51,29 @@ class Bounds:
 
     @property
     def middle(self) -> Scalar:
-        """Return the position halfway: where it is taken to be if nobody remembers."""
+        """Return the position halfway between the bounds, which stands for one that is not
+        remembered.
+        """
         return (self.low + self.high) / 2
 
     def hold(self, position: Scalar) -> Scalar:
-        """Return clip(p, a, b) of the position p before."""
+        """Return clip(p, a, b) of the `position` p before, with these bounds a and b."""
         return ca.fmin(ca.fmax(position, self.low), self.high)
 
 
 def gap(position: Scalar, width: Scalar) -> Bounds:
-    """Return the bounds of a backlash: half its width to both sides of the position of the near
-    side [m, rad].
+    """Return the bounds of the far side of a backlash: half its `width` to both sides of the
+    `position` of the near side [m, rad].
     """
     return Bounds(position - width / 2, position + width / 2)
 
 
 def balanced(position: Scalar, bounds: Bounds, pull: Pull, friction: Scalar = 0) -> Scalar:
-    """Return where the far side of a backlash comes to rest: where its tendons pull no more than
-    friction holds.
+    """Return the position within `bounds` at which the far side of a backlash comes to rest,
+    because its tendons pull no more than `friction` holds.
 
-    Newton's steps p ← clip(p − soft(g(p), F)/g'(p)) from its `position` before, for a pull g that
-    grows with p and friction F.
+    Newton's steps p ← clip(p − soft(g(p), F)/g'(p)) start from its `position` before, for a `pull`
+    g that grows with p, and friction F.
     """
     position = bounds.hold(position)
     for _ in range(NEWTON_STEPS):
@@ -85,15 +87,16 @@ def balanced(position: Scalar, bounds: Bounds, pull: Pull, friction: Scalar = 0)
 class Sheath:
     """A cable in its sheath, as springs in series with points of friction between them.
 
-    With N points the stretches at the ends are 1/(2N) of the cable and those between 1/N, so that
-    all together have its stiffness; at each point the tensions of its sides are within e^{±μβ/N} of
-    each other (the capstan equation).
+    With N points each of the two stretches at the ends is 1/(2N) of the cable's length and each one
+    between two points is 1/N, so that all together have the cable's stiffness. At each point the
+    tensions on its two sides differ by a factor of at most e^{μβ/N} (the capstan equation).
 
     The points, (N,), and the ends, `drive` and `joint`, are given by their displacements [m].
 
     Args:
         stiffness: of the whole cable, k [N/m].
-        drawn: e^{μβ/N} as it is drawn in, `let_out` the same as it is let out.
+        drawn: e^{μβ/N} while the cable is drawn in.
+        let_out: e^{μβ/N} while the cable is let out.
         count: number of points, N.
         stiffening: a [1/m] of the whole cable, None for a linear spring; see `stretched`.
         pretension: tension about which it stiffens [N].
@@ -108,8 +111,8 @@ class Sheath:
 
     @property
     def shares(self) -> list[float]:
-        """The share of the cable's length that each stretch is, from the drive to the joint, (N +
-        1,).
+        """The shares of the cable's length that the stretches are, from the drive to the joint, (N
+        + 1,).
         """
         return [1 / (2 * self.count), *([1 / self.count] * (self.count - 1)), 1 / (2 * self.count)]
 
@@ -117,8 +120,8 @@ class Sheath:
         """Return the tension of a stretch of the cable [N], negative where slack, and its slope
         [N/m].
 
-        Its `extension` [m] is counted from its length without tension; stretches are counted from
-        the drive.
+        The `stretch` is its index, counted from the drive; its `extension` [m] is counted from its
+        length without tension.
         """
         share = self.shares[stretch]
         if self.stiffening is None:
@@ -128,21 +131,23 @@ class Sheath:
         return pulled.tension, pulled.slope
 
     def bounds(self, point: int, before: Scalar, after: Scalar) -> Bounds:
-        """Return the bounds of a point m between its neighbours.
+        """Return the bounds of a point m [m] between its two neighbours.
 
-        It is drawn in where T₁(l − m) > e T₂(m − r), and let out where T₂(m − r) > e T₁(l − m). The
-        neighbour `before` it, towards the drive, is displaced by l [m], that `after` it, towards
-        the joint, by r [m].
+        The neighbour `before` it, towards the drive, is displaced by l [m], and the neighbour
+        `after` it, towards the joint, by r [m]. The point is drawn in where T₁(l − m) > e T₂(m −
+        r), and let out where T₂(m − r) > e T₁(l − m).
         """
         drawn = self._held_at(point, before, after, 1, self.drawn)
         let_out = self._held_at(point, before, after, self.let_out, 1)
-        # a cable that is slack lies anywhere between its ends
+        # where the cable is slack, both "tensions" are negative and the bounds change sides
         return Bounds(ca.fmin(drawn, let_out), ca.fmax(drawn, let_out))
 
     def _held_at(
         self, point: int, before: Scalar, after: Scalar, near: Scalar, far: Scalar
     ) -> Scalar:
-        """Return m at which a T₁(l − m) = b T₂(m − r), a and b being `near` and `far`."""
+        """Return the position m at which a T₁(l − m) = b T₂(m − r), with a = `near` and b =
+        `far`.
+        """
         shares = self.shares[point : point + 2]
         if self.stiffening is None:
             return _linear_balance(before, after, near, far, *shares)
@@ -153,8 +158,8 @@ class Sheath:
         return step(near_it, *inputs)
 
     def settled(self, points: list[Scalar], drive: Scalar, joint: Scalar) -> list[Scalar]:
-        """Return where the points come to rest between the ends `drive` and `joint`, by sweeps to
-        and fro.
+        """Return the positions at which the `points` come to rest between the ends `drive` and
+        `joint`, (N,) [m], by sweeps to and fro.
         """
         line = [drive, *points, joint]
         for point in self.order():
@@ -162,22 +167,22 @@ class Sheath:
         return line[1:-1]
 
     def order(self) -> list[int]:
-        """Return the points in the order in which they are settled, from the drive to the joint and
-        back, N times.
+        """Return the points in the order in which `settled` visits them: from the drive to the
+        joint and back, N times.
         """
         forth = list(range(self.count))
         back = forth[-2::-1]
         return forth + back + (forth[1:] + back) * (self.count - 1)
 
     def middle(self, drive: Scalar, joint: Scalar) -> list[Scalar]:
-        """Return displacements of the points between `drive` and `joint` with equal tension all
-        along, (N,) [m].
+        """Return the displacements of the points between the ends `drive` and `joint` for which the
+        tension is equal all along the cable, (N,) [m].
         """
         return [drive + (joint - drive) * (2 * i + 1) / (2 * self.count) for i in range(self.count)]
 
     def tensions(self, points: list[Scalar], drive: Scalar, joint: Scalar) -> tuple[Scalar, Scalar]:
-        """Return the tensions at the ends `drive` and `joint` of a cable with its points at
-        `points` [N].
+        """Return the tensions [N] at the ends `drive` and `joint` of a cable whose points are at
+        `points`, zero where slack.
         """
         near = self.tension(0, drive - points[0])[0]
         far = self.tension(self.count, points[-1] - joint)[0]
@@ -258,11 +263,11 @@ def _linear_balance(
 
 @lru_cache(maxsize=1)
 def _equal_tensions() -> tuple[ca.Function, ca.Function]:
-    """Return a search for the position that `_step` goes to from its other inputs, and a last step
-    of Newton from there.
+    """Return two functions: a search for the position that `_step` goes to, from the other inputs
+    of `_step`, and a last Newton step from there.
 
     Both stay calls: copies of them for each point, sweep and derivative are millions of characters
-    of C. The search has no derivative; the last step has the position's by all inputs.
+    of C. The search has no derivative; the last step has the position's derivative by all inputs.
     """
     names = ("m", "l", "r", "a", "b", "share_1", "share_2", "stiffness", "stiffening", "pretension")
     position, *inputs = symbols = [ca.SX.sym(name) for name in names]
@@ -270,7 +275,7 @@ def _equal_tensions() -> tuple[ca.Function, ca.Function]:
     found = begin = _linear_balance(*inputs[:6])
     for _ in range(STIFFENING_STEPS):
         found = found + _step(found, *inputs)
-    # a second result, for its number of outputs to be another one than its derivative's
+    # with a second output the function differs from its derivative in their number
     options = {
         "never_inline": True,
         "is_diff_in": [False] * len(inputs),
@@ -283,7 +288,7 @@ def _equal_tensions() -> tuple[ca.Function, ca.Function]:
 
 
 def plays_of(rig: Rig) -> tuple[str, ...]:
-    """Return the names of what moves inside a rig as a play: far sides of drives' backlashes, then
+    """Return the names of a rig's play operators: the far sides of drives' backlashes, then the
     points in sheaths.
     """
     backlashes = [

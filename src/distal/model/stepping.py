@@ -18,11 +18,14 @@ from distal.model.mechanism import Mechanism
 from distal.model.stops import Push, Stop, kick_at_stops, restitution, velocity_in_stops
 
 RESOLUTION = 0.6
-"""Largest product of sub-step and stiffest frequency; docs/results/numerics.md has the table behind
-it.
+"""Largest product of a sub-step and the rig's highest natural frequency [1]. Source: benchmark
+(docs/results/numerics.md).
 """
 
 MOST_SUBSTEPS = 1000
+"""Largest number of sub-steps in an interval; a rig that needs more has a wrong unit or size.
+Source: judgement.
+"""
 
 
 def responses(
@@ -32,12 +35,12 @@ def responses(
     added_inertia: Vector | None = None,
     rebounds: bool = True,
 ) -> Matrix:
-    """Return what depends on the step only, (n_bodies, 4): a, b (see `free_response`), rebound,
-    implicitness.
+    """Return the numbers of each body's kick that depend on the step alone, (n_bodies, 4): a and b
+    (see `free_response`), coefficient of restitution, implicitness (see `Stop`).
 
-    The kick has a `length`, the drift that follows is `drift` long [s]. What rides on the bodies
-    (hung weights) has an `added_inertia`, (n_bodies,). Where no body `rebounds`, the third column
-    is zero.
+    The kick has a `length`, the drift that follows is `drift` long [s]. Hung weights, which move
+    with the bodies, have an `added_inertia`, (n_bodies,). Where no body `rebounds`, the third
+    column is zero.
     """
     inertias = mechanism.inertias()
     dampings = mechanism.dampings()
@@ -63,13 +66,14 @@ class Kick:
     """The symbols of one kick, all SX.
 
     Args:
-        q: coordinates, (n_bodies,) [rad, m]; v are their velocities, `effort` is the force or
-            torque on each body.
+        q: coordinates, (n_bodies,) [rad, m].
+        v: their velocities, (n_bodies,).
+        effort: force or torque on each body, (n_bodies,).
         response: see `responses`, (n_bodies, 4).
-        length: of the kick [s]; `drift` is that of the drift that follows (or, in the last kick,
-            went before).
-        implicit: (force F, damping D) per body, (n_bodies, 2): F − D v⁺ is taken implicitly; or
-            none.
+        length: of the kick [s].
+        drift: length of the drift that follows, or, in the last kick, of the drift before it [s].
+        implicit: (force F, damping D) of each body, (n_bodies, 2): F − D v⁺ is taken implicitly;
+            None for none.
     """
 
     q: Vector
@@ -84,8 +88,8 @@ class Kick:
 def _forces(mechanism: Mechanism, kick: Kick) -> tuple[Vector, Vector, list[Limit]]:
     """Return force, implicit damping and friction limits of all bodies.
 
-    A body's own share of tendon damping is linearly implicit, so that stiff damping needs no small
-    step.
+    The damping that tendons give to a body's own velocity is taken implicitly, so that stiff
+    damping needs no small step.
     """
     pulls = mechanism.pulls(kick.q, kick.v)
     damping = mechanism.tendon_damping(kick.q, pulls.joint)
@@ -97,8 +101,8 @@ def _forces(mechanism: Mechanism, kick: Kick) -> tuple[Vector, Vector, list[Limi
 
 
 def impulses(mechanism: Mechanism, kick: Kick) -> tuple[Vector, list[Limit], Vector]:
-    """Return (z, friction impulse, implicit damping) of all bodies: z = a v + b F, before friction
-    and stops.
+    """Return (z, friction limits, implicit damping) of all bodies in a kick. The velocity before
+    friction and stops is z = a v + b F; the limits are multiplied by b, as velocities.
     """
     force, damping, limits = _forces(mechanism, kick)
     a = kick.response[:, 0]
@@ -107,10 +111,10 @@ def impulses(mechanism: Mechanism, kick: Kick) -> tuple[Vector, list[Limit], Vec
 
 
 def loads_of(mechanism: Mechanism, kick: Kick, settles: bool = False) -> Loads:
-    """Return what acts on the joints of a chain in a kick.
+    """Return the forces on the joints of a chain in a kick.
 
-    Where it `settles`, the joints come to rest within the kick: the drives are taken where they
-    end, stiffness is implicit.
+    Where it `settles`, the joints come to rest within the kick: the drives are taken where they are
+    at its end, and stiffness is implicit.
     """
     nj = mechanism.n_joints
     if settles:
@@ -131,8 +135,8 @@ def _sides(limits: Sequence[Limit]) -> tuple[Vector, Vector]:
 
 
 def _settling(mechanism: Mechanism, q: Vector, effort: Vector) -> Loads:
-    """Return what acts on joints that come to rest within a kick: forces and stiffness without any
-    damping of tendons.
+    """Return the forces on joints that come to rest within a kick, with their stiffness and without
+    the tendons' damping.
     """
     nj = mechanism.n_joints
     at = ca.SX.sym("q", mechanism.n_bodies)
@@ -141,7 +145,7 @@ def _settling(mechanism: Mechanism, q: Vector, effort: Vector) -> Loads:
     pulled = pulls.forces[:nj]
     passive = mechanism.passive_forces(at)[:nj]
     stiffness = -ca.jacobian(pulled, at)[:, :nj]
-    # a weight above its axle would turn over; only what holds is taken implicitly
+    # a weight above its axle has a negative stiffness and would turn over; it stays explicit
     stiffness += ca.diag(ca.fmax(-ca.diag(ca.jacobian(passive, at)[:, :nj]), 0))
     up, down = _sides(mechanism.friction_limits(at, still, pulls.joint, pulls.drive)[:nj])
     p = mechanism.parameters.symbols
@@ -162,7 +166,7 @@ def kicked_chain(
     """
     nj = mechanism.n_joints
     loads = loads_of(mechanism, kick, settles)
-    before = ca.SX.zeros(nj) if settles else kick.v[:nj]  # what rests has no momentum
+    before = ca.SX.zeros(nj) if settles else kick.v[:nj]  # joints that settle begin at rest
     return chain_kick(
         mechanism, kick.q[:nj], before, loads, kick.length, kick.drift, last=last, rebounds=rebounds
     )
@@ -180,9 +184,11 @@ def kick_and_drift(
     q⁺ = q + h v⁺.
 
     Args:
-        rebounds: whether bodies bounce off stops whose contact the step does not resolve; a filter
-            that linearises takes them as pressed instead, since the slope of a bounce says nothing.
-        bodies: which bodies move freely; default all. The others drift with the velocity they have.
+        rebounds: whether bodies bounce off stops whose contact the step does not resolve. A filter
+            that linearises takes them as pressed instead, since the slope of a bounce is of no use
+            to it.
+        bodies: which bodies the kick moves; default all. The others drift with the velocity they
+            have.
     """
     z, limits, damping = impulses(mechanism, kick)
     free = range(mechanism.n_bodies) if bodies is None else bodies
@@ -208,8 +214,8 @@ def kick_and_drift(
 
 
 def last_kick(mechanism: Mechanism, kick: Kick) -> Vector:
-    """Return v⁺ after the half kick that ends an interval; its `drift` is the one that went
-    before.
+    """Return v⁺ after the half kick that ends an interval. The `drift` of this kick is the one
+    before it.
     """
     z, limits, damping = impulses(mechanism, kick)
     velocities = list[Scalar]()
@@ -226,8 +232,10 @@ def last_kick(mechanism: Mechanism, kick: Kick) -> Vector:
 
 
 def stiffest_frequency(mechanism: Mechanism) -> float:
-    """Return the largest natural frequency [rad/s] of the rig with all tendons taut, from M⁻¹K; it
-    must be finite.
+    """Return the highest natural frequency [rad/s] of the rig with all tendons taut, from M⁻¹K.
+
+    Raises:
+        RigError: it is not finite.
     """
     frequencies = _frequencies(mechanism, range(mechanism.n_bodies))
     if not np.all(np.isfinite(frequencies)):
@@ -239,8 +247,8 @@ def stiffest_frequency(mechanism: Mechanism) -> float:
 
 
 def _frequencies(mechanism: Mechanism, bodies: range) -> list[float]:
-    """Return the largest natural frequency of some bodies, the others held, at each of some
-    postures [rad/s].
+    """Return the highest natural frequency of some bodies at each of `_postures`, the other bodies
+    held [rad/s].
     """
     p = mechanism.parameters
     q = ca.SX.sym("q", mechanism.n_bodies)
@@ -278,8 +286,8 @@ def _frequencies(mechanism: Mechanism, bodies: range) -> list[float]:
 
 
 def _postures(mechanism: Mechanism) -> list[Floats]:
-    """Return coordinates at which frequencies are looked at: zero; of a chain also where it starts,
-    and its stops.
+    """Return the coordinates at which frequencies are computed: zero; for a chain also where it
+    starts, and its stops.
     """
     at = [np.zeros(mechanism.n_bodies)]
     if mechanism.chain is not None:
@@ -291,8 +299,8 @@ def _postures(mechanism: Mechanism) -> list[Floats]:
 
 
 def joint_frequency(mechanism: Mechanism) -> float:
-    """Return the largest natural frequency [rad/s] of the joints on their taut tendons, the drives
-    held.
+    """Return the highest natural frequency [rad/s] of the joints on their taut tendons, with the
+    drives held.
     """
     if mechanism.n_joints > 1:
         return max(_frequencies(mechanism, range(mechanism.n_joints)))
@@ -307,8 +315,11 @@ def joint_frequency(mechanism: Mechanism) -> float:
 
 
 def substeps(mechanism: Mechanism, interval: float) -> int:
-    """Return how many sub-steps an interval [s] needs: the rig's `largest_step`, or RESOLUTION/ω of
-    its stiffest mode.
+    """Return the number of sub-steps that an `interval` [s] needs: each is at most the rig's
+    `largest_step`, or RESOLUTION/ω of its stiffest mode where none is given.
+
+    Raises:
+        RigError: it needs more than `MOST_SUBSTEPS`.
     """
     largest = mechanism.rig.stepping.largest_step or RESOLUTION / max(
         stiffest_frequency(mechanism), 1e-12

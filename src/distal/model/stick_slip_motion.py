@@ -1,10 +1,11 @@
-"""Coupled stick–slip, exact: joints that carry one another, each held by its own friction.
+"""Exact stick and slip of joints that carry one another, each held by its own friction.
 
-The velocity v⁺ of A v⁺ + f = r with f_j = u_j where v_j⁺ > 0, −d_j where v_j⁺ < 0, and −d_j ≤ f_j ≤
-u_j where v_j⁺ = 0 is unique for a symmetric positive definite A: it is the minimum of ½ vᵀA v − rᵀv
-+ Σ friction. Which joints slip is followed along a straight line from a load r₀ for which it is
-known to r (parametric pivoting; Cottle, Pang, Stone, The Linear Complementarity Problem, 1992,
-section 4.5): at each event one joint stops or breaks loose.
+The velocity v⁺ solves A v⁺ + f = r with the friction f_j = u_j where v_j⁺ > 0, −d_j where v_j⁺ < 0,
+and −d_j ≤ f_j ≤ u_j where v_j⁺ = 0. For a symmetric positive definite A there is one solution, the
+minimum of ½ vᵀA v − rᵀv + Σ friction. To find which joints slip, the load is changed in a straight
+line from one, r₀, for which the solution is known, to r (parametric pivoting; Cottle, Pang, Stone,
+The Linear Complementarity Problem, 1992, section 4.5). On this line are events: at each of them one
+joint stops or breaks loose.
 """
 
 from __future__ import annotations
@@ -18,21 +19,25 @@ import casadi as ca
 from distal.expressions import Matrix, Scalar, Vector
 
 SWEEPS = 2
-"""Sweeps of projected Gauss–Seidel before: they save events."""
+"""Number of sweeps of projected Gauss–Seidel that make the first guess; a good guess saves events.
+Source: judgement.
+"""
 
 NEVER = 2.0
-"""Share of the load's change at which an event comes that does not come."""
+"""Share of the load's change that stands for an event that does not come: any number above 1.
+Source: definition (the change ends at a share of 1).
+"""
 
 EVENTS = 2
-"""So many events per joint are followed: a hundred thousand random loads needed no more
-(docs/explanation/numerics.md).
+"""Number of events that are followed for each joint: a hundred thousand random loads needed no
+more. Source: benchmark (docs/results/numerics.md).
 """
 
 
 @dataclass(frozen=True)
 class Slip:
-    """Which joints slip, and which way, (n,) each: `forward` is 1 where a joint slips to +, `back`
-    where it slips to −.
+    """Which joints slip, and in which direction, (n,) each: `forward` is 1 for a joint that slips
+    to +, `back` is 1 for one that slips to −; otherwise they are 0.
     """
 
     forward: Vector
@@ -40,22 +45,22 @@ class Slip:
 
     @property
     def moving(self) -> Vector:
-        """1 where a joint slips at all."""
+        """1 for each joint that slips, in either direction, 0 for one that sticks, (n,)."""
         return self.forward + self.back
 
     def friction(self, up: Vector, down: Vector) -> Vector:
-        """Return the friction of the joints that slip, 0 for the others, (n,), by its limits `up`
-        and `down`, (n,).
+        """Return the friction of each joint that slips, 0 for one that sticks, (n,). The friction
+        limits are `up` against + motion and `down` against − motion, (n,).
         """
         return self.forward * up - self.back * down
 
 
 def solver(matrix: Matrix, weight: Vector) -> Callable[[Vector], Vector]:
-    """Return b → x with A_SS x_S = b_S for the joints S whose weight is 1, x = 0 for those whose
-    weight is 0, by L D Lᵀ.
+    """Return the function b → x that solves A_SS x_S = b_S by L D Lᵀ for the joints S whose
+    `weight` is 1; x = 0 for those whose weight is 0.
 
-    A weight w between 0 and 1 stands between both: x = w (w A w with the diagonal of A)⁻¹ w b. The
-    `matrix` A, (n, n), is symmetric positive definite.
+    A weight w between 0 and 1 blends both: x = w (w A w with the diagonal of A)⁻¹ w b. The `matrix`
+    A, (n, n), is symmetric positive definite; the weights are (n,).
     """
     n = matrix.size1()
     pivots = list[list[Scalar]]()
@@ -92,19 +97,20 @@ def slipping(
     start: Vector | None = None,
     events: int | None = None,
 ) -> Slip:
-    """Return which joints slip under a load.
+    """Return which joints slip under a load, and in which direction.
 
     Args:
         matrix: A, symmetric positive definite, (n, n).
         load: r, (n,).
-        up: friction limits against + motion, `down` those against − motion, (n,).
-        start: velocities near the solution, (n,); default those of each joint alone.
-        events: how many are followed; default `EVENTS` for each joint.
+        up: friction limits against + motion, (n,).
+        down: friction limits against − motion, (n,).
+        start: velocities near the solution, (n,); default those of `SWEEPS` of Gauss–Seidel.
+        events: number of events that are followed; default `EVENTS` for each joint.
     """
     n = matrix.size1()
     if n == 1:
-        # without friction, or where no time passes, a load of 0 is slip: what does not hold does
-        # not stop either
+        # where the limit is 0 (no friction, or no time passes) a load of 0 counts as slip: nothing
+        # holds the joint
         return Slip(load[0] >= up[0], load[0] < -down[0])
     v = _swept(matrix, load, up, down) if start is None else start
     # direction of each joint that slips, 0 for one that sticks
@@ -126,7 +132,9 @@ def slipping(
 
 
 def _swept(matrix: Matrix, load: Vector, up: Vector, down: Vector) -> Vector:
-    """Return velocities near the solution, (n,): `SWEEPS` of projected Gauss–Seidel from rest."""
+    """Return velocities near the solution, (n,), by `SWEEPS` of projected Gauss–Seidel from
+    rest.
+    """
     n = matrix.size1()
     v = [ca.SX(0)] * matrix.size1()
     for _ in range(SWEEPS):
@@ -138,14 +146,15 @@ def _swept(matrix: Matrix, load: Vector, up: Vector, down: Vector) -> Vector:
 
 @lru_cache(maxsize=64)
 def _event(n: int) -> ca.Function:
-    """Return (A, the load's change, up, down, signs, velocity, friction, share left) → the last
-    four after the next event.
+    """Return the function (A, the load's change, up, down, signs, velocity, friction, share left) →
+    the last four of these after the next event.
 
-    While the load changes in a straight line, velocities of the joints that slip and friction of
-    those that stick do, too: a joint stops where its velocity comes to zero, and breaks loose where
-    its friction comes to a limit.
+    While the load changes in a straight line, the velocities of the joints that slip and the
+    friction of those that stick change in straight lines, too. A joint stops where its velocity
+    comes to zero; it breaks loose where its friction comes to a limit.
 
-    It stays a function of its own in C: a chain follows many events, and their code is there once.
+    The function stays one of its own in C: a chain follows many events, and their code is there
+    once.
     """
     matrix = ca.SX.sym("A", n, n)
     change, up, down, signs, v, g = symbols = [
@@ -160,7 +169,7 @@ def _event(n: int) -> ca.Function:
     soonest = left
     times = []
     for j in range(n):
-        # of a joint that slips dg is zero, of one that sticks v and dv are
+        # for a joint that slips dg is zero, for one that sticks v and dv are zero
         distance = held[j] * ((dg[j] > 0) * span[j] - down[j] - g[j]) - v[j]
         rate = dv[j] + dg[j]
         happens = ca.logic_or(signs[j] * dv[j] < 0, dg[j] != 0)
@@ -173,7 +182,7 @@ def _event(n: int) -> ca.Function:
         mine = ca.logic_and(times[j] <= soonest, 1 - assigned)
         assigned = assigned + mine
         after.append(signs[j] + mine * (ca.sign(dg[j]) - signs[j]))
-    # one that has stopped stands still
+    # the velocity of a joint that has just stopped is zero
     stands = ca.vertcat(*(sign * sign for sign in after))
     state = [ca.vertcat(*after), stands * (v + soonest * dv), g + soonest * dg, left - soonest]
     inputs = [matrix, *symbols, left]
@@ -183,8 +192,8 @@ def _event(n: int) -> ca.Function:
 
 
 def velocities(matrix: Matrix, load: Vector, up: Vector, down: Vector) -> Vector:
-    """Return v⁺, (n,), of joints with the inertia `matrix` A under a `load` r and friction limits
-    `up` and `down`.
+    """Return the velocities v⁺, (n,), of joints with the inertia `matrix` A, (n, n), under a `load`
+    r with the friction limits `up` and `down`, (n,) each; see `slipping`.
     """
     slip = slipping(matrix, load, up, down)
     return solver(matrix, slip.moving)(load - slip.friction(up, down))

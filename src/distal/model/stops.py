@@ -1,9 +1,9 @@
-"""End stops: springs and dampers that only push. Contact is implicit when pressed and a rebound
-when hit.
+"""End stops: springs and dampers that only push. A contact is taken implicitly where a body presses
+against a stop, and as a rebound where it hits one.
 
 F_stop = max(k_s (x − x_H) + b_s ẋ, 0) above x_H, min(k_s (x − x_L) + b_s ẋ, 0) below x_L, else 0:
-equation (14), reconstructed. Mend: a stop only pushes, hence max and min (as written it pulls on
-release).
+equation (14), reconstructed. Its max and min are a correction: a stop only pushes, and as written
+it would pull on release.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ def restitution(stiffness: Scalar, damping: Scalar, inertia: Scalar) -> Scalar:
     """Return the coefficient of restitution of a body that hits a stop which only pushes.
 
     e = exp(−(β/ω)(π − arctan(2βω/(ω² − β²)))) with β = b_s/2m, ω² = k_s/m − β²; contact ends where
-    the force, not the penetration, is zero (Schwager & Pöschel, Granular Matter 9, 2007). Zero
-    where the contact is overdamped. The stop has stiffness k_s and damping b_s, the body inertia m.
+    the force, not the penetration, is zero (Schwager & Pöschel, Granular Matter 9, 2007). It is
+    zero where the contact is overdamped. The stop has the `stiffness` k_s and the `damping` b_s,
+    the body the `inertia` m.
     """
     beta = damping / (2 * inertia)
     square = stiffness / inertia - beta * beta
@@ -33,11 +34,11 @@ def restitution(stiffness: Scalar, damping: Scalar, inertia: Scalar) -> Scalar:
 
 @dataclass(frozen=True)
 class Push:
-    """What a kick does to a body, before friction and stops.
+    """The effect of a kick on a body, before friction and stops.
 
     Args:
         z: velocity after the other forces.
-        limit: friction impulse l = b · μN.
+        limit: friction limit as a velocity, l = b · μN.
         b: response of the velocity to a constant force over the kick.
         implicit: damping coefficient D that is taken implicitly.
     """
@@ -49,18 +50,20 @@ class Push:
 
     @property
     def free(self) -> Scalar:
-        """The velocity without stops, soft(z, l)/(1 + b D)."""
+        """The velocity of the body without stops, soft(z, l)/(1 + b D)."""
         return soft(self.z, self.limit) / (1 + self.b * self.implicit)
 
 
 @dataclass(frozen=True)
 class Flight:
-    """A kick and the drift that follows, as they are without stops.
+    """A kick of a body and the drift that follows, without stops.
 
     Args:
-        free: velocity after the kick; `before` is that before it.
+        free: velocity after the kick.
         position: at the start of the drift.
-        length: of the kick [s]; `drift` is that of the drift, h.
+        before: velocity before the kick.
+        length: of the kick [s].
+        drift: length of the drift, h [s].
     """
 
     free: Scalar
@@ -72,14 +75,17 @@ class Flight:
 
 @dataclass(frozen=True)
 class Stop:
-    """The stops of one body, with what depends on the step only.
+    """The stops of one body, and how a time step takes a contact with them.
 
     A contact that the step resolves (k_s h²/m ≤ 1) is a spring taken at the middle of the drift
     (implicitness ½, no numerical damping) and needs no rebound. One that it does not resolve is a
     rigid rebound with the coefficient of restitution when hit, and fully implicit when pressed.
 
     Args:
-        low: x_L, `high` is x_H; `stiffness` is k_s, `damping` b_s.
+        low: lower end, x_L.
+        high: upper end, x_H.
+        stiffness: k_s.
+        damping: b_s.
         rebound: coefficient of restitution e, 0 for none.
         implicitness: share α of the coming drift at which the spring is taken.
     """
@@ -102,14 +108,18 @@ class Stop:
         """Return the velocity of a body that presses against a stop, exact with friction, implicit
         in the spring.
 
-        (1 + b (D + α k_s h + b_s)) v + l ∂|v| ∋ z − b k_s (x − x_stop). v is monotone in z, so a
-        stop that is found by looking at the velocity without it can only push. Where there is no
-        contact, v = soft(z, l)/(1 + b D): both are `slipped` less c (x − x_stop), and what is
-        chosen are the factors, so that derivatives need no choice of their own.
+        It is the solution v of (1 + b (D + α k_s h + b_s)) v + l ∂|v| ∋ z − b k_s (x − x_stop). It
+        grows with z, so that a stop that was found by looking at the velocity without it can only
+        push. Without contact it is v = soft(z, l)/(1 + b D). Both have the form of `slipped` less c
+        (x − x_stop). The choice is made between their factors, so that derivatives need no choice
+        of their own.
 
         Args:
-            position: x at the start of the drift, of length h = `drift` [s].
-            stop_position: the stop, x_L or x_H; `contact` says whether it is pressed.
+            push: the kick, before friction and stops.
+            position: x at the start of the drift.
+            stop_position: the stop, x_L or x_H.
+            drift: length h of the drift [s].
+            contact: whether the body is pressed against the stop.
         """
         z = push.z
         limit = push.limit
@@ -130,13 +140,18 @@ class Stop:
 def kick_at_stops(
     stop: Stop, push: Push, position: Scalar, before: Scalar, length: Scalar, drift: Scalar
 ) -> tuple[Scalar, Scalar]:
-    """Return (v⁺, x⁺) of a body with stops after a kick and a drift; the arguments are those of
-    `Flight`.
+    """Return (v⁺, x⁺) of a body with stops after a kick and a drift.
 
     Without contact v⁺ = soft(z, l)/(1 + b D), x⁺ = x + h v⁺. If that drifts into a stop, the body
-    is pressed against it (`Stop.pressed`), or, where it flies in and the rebound leads it away
-    again, it bounces (`bounce`). Its `position` x is that at the start of the drift of length h =
-    `drift`, `before` its velocity before the kick of a `length` [s].
+    is pressed against it (`Stop.pressed`). Where it flies in and the rebound leads it away again,
+    it bounces instead (`bounce`).
+
+    Args:
+        push: the kick, before friction and stops.
+        position: x at the start of the drift.
+        before: velocity before the kick.
+        length: of the kick [s].
+        drift: length of the drift, h [s].
     """
     free = push.free
     end = position + drift * free
@@ -162,11 +177,12 @@ def kick_at_stops(
 def bounce(
     rebound: Scalar, at_high: Scalar, stop_position: Scalar, flight: Flight
 ) -> tuple[Scalar, Scalar, Scalar]:
-    """Return whether a body that meets a stop flies off again, and its velocity and position then.
+    """Return whether a body that meets a stop flies off again within the drift, and its velocity
+    and position after it.
 
-    It meets the stop at `stop_position` (the upper one where `at_high`) at the time at which its
-    parabola reaches the stop, leaves with −e times its speed there, and flies on for the rest of
-    the drift; without a rebound e is 0.
+    The body meets the stop at `stop_position` (the upper one where `at_high`) at the time at which
+    the parabola of its `flight` reaches it. It leaves with −e times its speed there, e being
+    `rebound`, and flies on for the rest of the drift.
     """
     free = flight.free
     length = flight.length
@@ -180,8 +196,8 @@ def bounce(
     closing = start + speed
     time = ca.fmin(2 * gap / ca.if_else(closing > 0, closing, 1), drift)
     left = drift - time
-    # it bounces if the flight after the hit outlasts the drift; else it will come to rest within
-    # it: pressed
+    # it bounces if the flight after the hit outlasts the drift; otherwise it would come to rest
+    # within the drift and counts as pressed
     flies = ca.logic_and(
         ca.logic_and(gap > 0, 2 * rebound * speed > acceleration * left), rebound > 0
     )
@@ -191,8 +207,8 @@ def bounce(
 
 
 def velocity_in_stops(stop: Stop, push: Push, position: Scalar, drift: Scalar) -> Scalar:
-    """Return v⁺ of the last half kick, at a `position` that no drift follows; the spring counts
-    over the `drift` before.
+    """Return v⁺ of the last half kick, after which no drift follows, of a body at a `position`.
+    Where this is inside a stop, the stop's spring is taken over the `drift` before the kick [s].
     """
     free = push.free
     inside = ca.if_else(position > stop.high, stop.high, stop.low)

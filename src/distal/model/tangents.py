@@ -1,4 +1,6 @@
-"""The interval together with its derivatives, propagated through every sub-step."""
+"""One interval between samples together with its derivatives, which are propagated through every
+sub-step.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +12,16 @@ from distal.model.stepping import Kick, kick_and_drift, last_kick, responses
 
 
 def tangent_step(mechanism: Mechanism, count: int) -> ca.Function:
-    """Return the function (q, v, effort, effort_end, dt, p) → (q⁺, v⁺, S) with S = ∂(q⁺, v⁺)/∂(q,
-    v, pulls on the drives).
+    """Return the function (q, v, effort, effort_end, dt, p) → (q⁺, v⁺, S) of an interval of `count`
+    sub-steps, with S = ∂(q⁺, v⁺)/∂(q, v, pulls of the drives).
 
-    The effort goes from `effort` to `effort_end` in a straight line: held values would shake light
-    sliders on stiff tendons with every sample. Its column of S is for a shift of both ends.
+    S, (2 n_bodies, 2 n_bodies + n_drives), is propagated from sub-step to sub-step: S_v⁺ = ∂v⁺/∂q
+    S_q + ∂v⁺/∂v S_v + ∂v⁺/∂effort and S_q⁺ = S_q + h S_v⁺. The derivative of friction is 0 in stick
+    and 1 in slip; bodies do not bounce off stops.
 
-    S, (2 n_bodies, 2 n_bodies + n_drives), is carried through the sub-steps: S_v⁺ = ∂v⁺/∂q S_q +
-    ∂v⁺/∂v S_v + ∂v⁺/∂effort and S_q⁺ = S_q + h S_v⁺, `count` of them. The derivative of friction is
-    0 in stick and 1 in slip; stops do not rebound.
+    The effort on the bodies changes in a straight line from `effort` to `effort_end`. If it were
+    held, its jump at every sample would shake light sliders on stiff tendons. A column of S for a
+    pull is the derivative with respect to a shift of both ends.
     """
     n = mechanism.n_bodies
     columns = 2 * mechanism.n_bodies + mechanism.n_drives
@@ -74,8 +77,8 @@ def tangent_step(mechanism: Mechanism, count: int) -> ca.Function:
 def _linearised(
     name: str, mechanism: Mechanism, symbols: list[Matrix], velocity: Vector, *more: Vector
 ) -> ca.Function:
-    """Return a kick: the velocity and its transposed slopes with respect to q, v and the drives'
-    pulls, sparse.
+    """Return the function of a kick with the transposed slopes of its velocity, sparse, with
+    respect to q, v and the drives' pulls.
     """
     q, v, effort = symbols[:3]
     slopes = [ca.jacobian(velocity, by) for by in (q, v)] + [
@@ -86,7 +89,8 @@ def _linearised(
 
 
 def _step(name: str, mechanism: Mechanism, kick: ca.Function, drifts: bool) -> ca.Function:
-    """Return a kick, and the drift that follows, with the slopes carried along.
+    """Return the function of a kick and, where `drifts`, the drift that follows, which also
+    propagates the slopes.
 
     (q, v, S_qᵀ, S_vᵀ, effort, response, length, drift, p) → (q⁺, v⁺, S_qᵀ⁺, S_vᵀ⁺), or (v⁺, S_vᵀ⁺).
     """

@@ -1,5 +1,5 @@
-"""The tendons of a rig: one length function for each, what moves inside on their way, tensions and
-forces.
+"""The tendons of a rig: the length function of each, the internal state along it (backlash, points
+in a sheath, creep), tensions and forces.
 """
 
 from __future__ import annotations
@@ -30,11 +30,13 @@ class Body:
 
 @dataclass(frozen=True)
 class InternalState:
-    """Coordinates with the far sides of backlashes in place of the near ones, (n_bodies,) [rad, m],
-    and what moves inside.
+    """The internal state of the transmissions, and the coordinates that the tendons see.
 
-    These are positions of the far sides of drives' backlashes, then of the points in sheaths,
-    (n_inside,) [rad, m].
+    Args:
+        q: coordinates with the far sides of backlashes in place of the near ones, (n_bodies,) [rad,
+            m].
+        inside: positions of the far sides of drives' backlashes, then of the points in sheaths,
+            (n_inside,) [rad, m].
     """
 
     q: Vector
@@ -43,10 +45,13 @@ class InternalState:
 
 @dataclass(frozen=True)
 class Pulls:
-    """Tensions of tendons at the joint and at the drive, the same but for a sheath between,
-    (n_tendons,) [N].
+    """Tensions of the tendons and the forces that they exert on the bodies.
 
-    The `forces` are those on the bodies, −(∂ℓ/∂q)ᵀ T, (n_bodies,).
+    Args:
+        joint: tensions at the joints' ends, (n_tendons,) [N].
+        drive: tensions at the drives' ends, (n_tendons,) [N]; they are those at the joints unless a
+            tendon runs in a sheath.
+        forces: on the bodies, −(∂ℓ/∂q)ᵀ T, (n_bodies,) [N m, N].
     """
 
     joint: Vector
@@ -55,8 +60,7 @@ class Pulls:
 
 
 class Tendons:
-    """What the tendons of a rig do: their lengths, what moves inside on their way, their tensions
-    and forces.
+    """The tendons of a rig: their lengths, internal state, tensions and forces.
 
     Coordinates q, (n_bodies,) [rad, m], are those of the joints, then of the drives; v,
     (n_bodies,), are their velocities. Tensions [N] and elongations ℓ − l [m] are (n_tendons,).
@@ -64,10 +68,10 @@ class Tendons:
 
     Args:
         inputs: numbers of the description that stay inputs whatever their values; see `Parameters`.
-        remembers: whether what moves inside the rig (backlash, points in a sheath, creep) stays
-            where it was, as numbers `inside` among the parameters; else it is taken to be in the
-            middle of where it can be.
-        derived: numbers that follow from the description; see `Parameters`.
+        remembers: whether the internal state (backlash, points in a sheath, creep) is remembered,
+            as `inside` among the parameters. Otherwise positions are taken to be in the middle of
+            their bounds, and creep to be as settled as at the start.
+        derived: values that are computed from the description; see `Parameters`.
     """
 
     def __init__(
@@ -105,8 +109,8 @@ class Tendons:
         self.drive_of = tuple(drives[tendon.drive] for tendon in rig.tendons)
 
     def displacement(self, tendon: int, q: Vector) -> Scalar:
-        """Return the displacement [m] of a tendon's proximal end at q: the slider's, or side · R φ
-        of a capstan.
+        """Return the displacement [m] of a tendon's proximal end at q: the position of its slider,
+        or side · R φ of its capstan.
         """
         drive = self.drive_of[tendon]
         radius = f"{self.bodies[drive].path}.radius"
@@ -115,12 +119,14 @@ class Tendons:
         return q[drive]
 
     def elongations(self, q: Vector) -> Vector:
-        """Return ℓ_i(q) − l_i of all tendons, (n_tendons,) [m], without what moves inside."""
+        """Return the elongations ℓ_i(q) − l_i of all tendons, (n_tendons,) [m], from the
+        coordinates alone: slack, backlash and creep are not in them.
+        """
         return ca.vertcat(*(self._elongation(i, q) for i in range(self.n_tendons)))
 
     def _elongation(self, tendon: int, q: Vector) -> Scalar:
-        """Return ℓ − l of a tendon: each joint on its way changes what is left of the displacement
-        by the one before it.
+        """Return ℓ − l of a tendon, joint by joint: each one on its way changes what the one before
+        it has left of the displacement.
         """
         left = self.displacement(tendon, q)
         for meeting in self.rig.tendons[tendon].meetings:
@@ -129,8 +135,8 @@ class Tendons:
         return left
 
     def angle_at(self, tendon: int, elongated: Scalar, q: Vector) -> Scalar:
-        """Return the angle [rad] at which a tendon of one joint has ℓ − l = `elongated` [m], at the
-        drives' position in q.
+        """Return the angle [rad] at which a tendon of one joint has the elongation ℓ − l =
+        `elongated` [m], with the drives at their positions in q.
         """
         (meeting,) = self.rig.tendons[tendon].meetings
         shape = meeting.shape
@@ -139,11 +145,11 @@ class Tendons:
         return shape.angle_at(size, meeting.side, elongated, self.displacement(tendon, q))
 
     def _size(self, tendon: int, meeting: Meeting) -> Size:
-        """Return name → number of how a tendon meets a joint."""
+        """Return the function name → parameter of how a tendon meets a joint."""
         return lambda name: self.parameters[f"tendons.{tendon}.{meeting.path}.{name}"]
 
     def length_jacobian(self, q: Vector) -> Matrix:
-        """Return ∂ℓ/∂q, (n_tendons, n_bodies): the moment arms, with minus the sign of the
+        """Return ∂ℓ/∂q at q, (n_tendons, n_bodies): the moment arms, with the opposite sign of the
         torque.
         """
         symbols = ca.SX.sym("q", self.n_bodies)
@@ -154,8 +160,8 @@ class Tendons:
         return jacobian(q, p)
 
     def internal_state(self, q: Vector, settled: bool = False) -> InternalState:
-        """Return where what moves inside comes to rest as the bodies have come to q; where
-        `settled`, it has already.
+        """Return the internal state after the bodies have moved to q from where it is remembered.
+        Where `settled`, what is remembered belongs to q already and is kept.
         """
         remembered = [self.parameters[name] for name in self.plays] if self.remembers else None
         points = None if remembered is None else remembered[self._first_point :]
@@ -173,7 +179,7 @@ class Tendons:
                 inside += along if settled else sheath.settled(along, *ends)
         if (
             points and not settled
-        ):  # what the points have let go, the far sides of backlashes take up
+        ):  # the points have moved: the far sides of backlashes find their balance with them
             tied, far_sides = self._tied(q, far_sides, inside, settled)
         return InternalState(tied, (*far_sides, *inside))
 
@@ -184,8 +190,8 @@ class Tendons:
         points: Sequence[Scalar] | None,
         settled: bool,
     ) -> tuple[Vector, list[Scalar]]:
-        """Return q with the far sides of backlashes in place of the near ones, and the drives' far
-        sides.
+        """Return q with the far sides of backlashes in place of the near ones, and the far sides of
+        the drives' backlashes alone.
         """
         tied = [q[i] for i in range(self.n_bodies)]
         far_sides = list[Scalar]()
@@ -203,8 +209,8 @@ class Tendons:
         return ca.vertcat(*tied), far_sides
 
     def bounds(self, which: int, q: Vector) -> Bounds:
-        """Return between which positions one of `plays` stays at q, the others being where they are
-        remembered to be.
+        """Return the bounds of a play operator at q, the other ones being where they are remembered
+        to be. `which` is its index in `plays`.
         """
         keys = self.plays[which].split(".")
         index = int(keys[1])
@@ -247,10 +253,10 @@ class Tendons:
         return balanced(start, near, self._pull_along(body, q, points), p[f"{path}.friction"])
 
     def _pull_along(self, body: int, q: Vector, points: Sequence[Scalar] | None) -> Pull:
-        """Return position → (Σ T ∂ℓ/∂q, its slope) of the tendons along one coordinate, the others
-        being at q.
+        """Return the function position → (Σ T ∂ℓ/∂q, its slope) of the tendons along the coordinate
+        of one body, with the others at q.
 
-        Points of sheaths hold meanwhile; without them a cable is a spring.
+        The points of sheaths stay at `points` meanwhile; without these a cable is a spring.
         """
         at = ca.SX.sym("q", self.n_bodies)
         held = ca.SX.sym("points", len(points or ()))
@@ -272,8 +278,8 @@ class Tendons:
         return along
 
     def sheath(self, tendon: int, q: Vector) -> Sheath | None:
-        """Return the cable of a tendon at q as springs and points of friction, None where all
-        friction is at its drive.
+        """Return the cable of a tendon at q as springs and points of friction; None where it has no
+        points, since all friction of its path acts at its drive.
         """
         path = self.rig.tendons[tendon].path
         if path is None or path.nodes == 0:
@@ -287,16 +293,16 @@ class Tendons:
         return Sheath(*cable, stiffening, p[f"{name}.pretension"])
 
     def stiffest(self, tendon: int) -> Scalar:
-        """Return the stiffness of a tendon that its ends feel at once [N/m]: in a sheath that of
-        the stretch at the end.
+        """Return the stiffness of a tendon against a fast motion of one end [N/m]. In a sheath with
+        N points this is 2 N k, the stiffness of the stretch next to that end.
         """
         path = self.rig.tendons[tendon].path
         k = self.parameters[f"tendons.{tendon}.stiffness"]
         return k if path is None or path.nodes == 0 else 2 * path.nodes * k
 
     def wrapped(self, tendon: int, q: Vector) -> Scalar:
-        """Return Σ μ β of a tendon at q: its path's and its guides' at the joints it crosses; β
-        changes with the angle.
+        """Return Σ μ β of a tendon at q, for the capstan equation: the sum over its path and its
+        guides at joints, whose wrap angles β change with the angle of a joint.
         """
         p = self.parameters
         part = self.rig.tendons[tendon]
@@ -315,7 +321,9 @@ class Tendons:
         return total
 
     def _ends(self, tendon: int, q: Vector, elongated: Vector) -> tuple[Scalar, Scalar]:
-        """Return the displacements of a cable's ends [m] whose difference is its stretch."""
+        """Return the displacements of a cable's ends at the drive and at the joint [m], whose
+        difference is its stretch from the length without tension.
+        """
         drive = self.displacement(tendon, q)
         stretch = self._beyond(tendon, elongated[tendon])
         p = self.parameters
@@ -323,11 +331,12 @@ class Tendons:
         return drive, drive - stretch - p[f"{name}.pretension"] / p[f"{name}.stiffness"]
 
     def pulls(self, q: Vector, v: Vector, settled: bool = False) -> Pulls:
-        """Return tensions at both ends, T_i = max(k δ + T_pre + c δ̇, 0), zero where slack, and
-        what they do to the bodies.
+        """Return the tensions at both ends of the tendons, T_i = max(k δ + T_pre + c δ̇, 0), zero
+        where slack, and their forces on the bodies.
 
-        Equations (8) and (9) at q and v with the mend max(·, 0), in the general form with damping
-        and pre-tension. For `settled` see `internal_state`.
+        These are equations (8) and (9) at q and v, in the general form with damping and
+        pre-tension. The max(·, 0) corrects them, since a tendon cannot push. For `settled` see
+        `internal_state`.
         """
         p = self.parameters
         state = self.internal_state(q, settled)
@@ -350,8 +359,8 @@ class Tendons:
         return Pulls(joint, drive, forces)
 
     def _end_forces(self, q: Vector, points: Sequence[Scalar]) -> tuple[list[Scalar], list[Scalar]]:
-        """Return `elastic_forces` at the joints' and at the drives' ends, points of sheaths being
-        given [N].
+        """Return `elastic_forces` at the joints' and at the drives' ends [N], with the points of
+        sheaths at `points`.
         """
         elongated = self.elongations(q)
         left = list(points)
@@ -376,8 +385,8 @@ class Tendons:
         return ca.if_else(elastic > 0, elastic, 0)
 
     def elastic_forces(self, q: Vector) -> Vector:
-        """Return T_pre + k δ of all tendons, (n_tendons,) [N], negative where slack; with
-        stiffening, see `stretched`.
+        """Return T_pre + k δ of all tendons at q, (n_tendons,) [N], negative where slack. The δ of
+        a tendon that stiffens is that of `stretched`.
         """
         p = self.parameters
         elongated = self.elongations(q)
@@ -391,13 +400,13 @@ class Tendons:
         return ca.vertcat(*forces)
 
     def _beyond(self, tendon: int, elongated: Scalar) -> Scalar:
-        """Return what is left of an elongation beyond slack and creep [m]."""
+        """Return the part of an elongation that is left after slack and creep [m]."""
         p = self.parameters
         path = f"tendons.{tendon}"
         if p.has(f"{path}.slack"):
             elongated = elongated - p[f"{path}.slack"]
         for name in self.creeps(tendon):
-            # what nobody remembers is taken as settled as it is at the start
+            # a creep that is not remembered is taken as settled as it is at the start
             if self.remembers:
                 elongated = elongated - p[f"{name}.strain"]
             else:
@@ -406,7 +415,9 @@ class Tendons:
         return elongated
 
     def creeps(self, tendon: int) -> list[str]:
-        """Return the paths of a tendon's slow stretches."""
+        """Return the paths of a tendon's creeps, of which it may have a `creep` and a
+        `slow_creep`.
+        """
         part = self.rig.tendons[tendon]
         return [
             f"tendons.{tendon}.{name}"
@@ -415,11 +426,11 @@ class Tendons:
         ]
 
     def crept(self, q: Vector, dt: Scalar) -> list[Scalar]:
-        """Return all `strains` after an interval at q, [m]: c⁺ = λ c + (1 − λ) γ/(1 + γ) (T/k + c),
-        λ = e^{−(1 + γ) dt/τ}.
+        """Return all creep `strains` [m] after an interval dt [s] with the bodies at q: c⁺ = λ c +
+        (1 − λ) γ/(1 + γ) (T/k + c), λ = e^{−(1 + γ) dt/τ}.
 
-        That is the exact response of τ ċ = γ T/k − c over dt [s] where the tendon's whole stretch,
-        T/k + c, stays: stable.
+        This is the exact response of τ ċ = γ T/k − c while the tendon's whole stretch, T/k + c,
+        stays constant, and so it is stable for every dt.
         """
         p = self.parameters
         pulls = self.pulls(q, ca.SX.zeros(self.n_bodies), settled=True)
@@ -434,8 +445,8 @@ class Tendons:
         return after
 
     def tendon_damping(self, q: Vector, tensions: Vector) -> Vector:
-        """Return Σ c (∂ℓ/∂q_j)² at q over tendons with tensions > 0, (n_bodies,): each body's own
-        part of their damping.
+        """Return the damping Σ c (∂ℓ/∂q_j)² that the taut tendons, those with `tensions` > 0, give
+        to each body's own coordinate at q, (n_bodies,).
         """
         jacobian = self.length_jacobian(self.internal_state(q).q)
         total = ca.SX(self.n_bodies, 1)

@@ -1,5 +1,5 @@
-"""The paper's statements C1 to C12 as measures on simulated runs, against thresholds written down
-beforehand.
+"""The paper's statements C1 to C12, each as measures of simulated runs with thresholds that were
+written down before the first run.
 """
 
 from __future__ import annotations
@@ -18,19 +18,23 @@ from distal.paper.series import PLANTS, SeriesRun
 from distal.rig import tendon_angle_name
 
 SIDES = ("left", "right")
+"""Names of the two tendons and their sliders."""
 
 
 @dataclass(frozen=True)
 class Measure:
-    """One number of a statement; it holds from `least` to `most`, where they are not None."""
+    """One measured quantity of a statement, described by `text`; it holds from `least` to `most`,
+    where these are not None.
+    """
 
     text: str
     least: float | None
     most: float | None
 
     def margin(self, value: float) -> float:
-        """Return how far a value is within its bound, as a share of the bound; negative outside, −∞
-        without a value.
+        """Return how far a value is inside its bound, as a share of the bound.
+
+        The margin is negative outside the bound, and −∞ where the value is not finite.
         """
         if not np.isfinite(value):
             return -np.inf
@@ -46,8 +50,9 @@ class Statement:
 
     Args:
         key: ``C1`` to ``C12``.
+        text: the statement in words.
         why: the reason for the threshold.
-        measures: the main one first; all must be within their bounds.
+        measures: its measures, the main one first; all must be within their bounds.
     """
 
     key: str
@@ -56,8 +61,8 @@ class Statement:
     measures: tuple[Measure, ...]
 
     def margin(self, values: Sequence[float]) -> float:
-        """Return the smallest margin of the measures' values: the statement holds where it is not
-        negative.
+        """Return the smallest margin of the measures at their `values`; the statement holds where
+        it is not negative.
         """
         return min(measure.margin(value) for measure, value in zip(self.measures, values))
 
@@ -79,7 +84,7 @@ def _measure(keys: dict[str, Any]) -> Measure:
 
 
 def measured(runs: Sequence[SeriesRun]) -> dict[str, tuple[float, ...]]:
-    """Return the values of all measures, by statement, from the runs of one plant."""
+    """Return key of a statement → values of its measures, from the runs of one plant."""
     return {
         key: tuple(float(value) for value in measure(runs)) for key, measure in _MEASURES.items()
     }
@@ -87,30 +92,34 @@ def measured(runs: Sequence[SeriesRun]) -> dict[str, tuple[float, ...]]:
 
 @dataclass(frozen=True)
 class Claim:
-    """A statement, and the values of its measures on each plant of the reproduction."""
+    """A statement, and the values of its measures on each plant of the reproduction, by the plant's
+    name.
+    """
 
     statement: Statement
     values: Mapping[str, tuple[float, ...]]
 
     def holds(self, plant: str) -> bool:
-        """Return whether all measures are within their bounds on a plant."""
+        """Return whether the statement holds on a plant: whether all its measures are within their
+        bounds.
+        """
         return self.statement.margin(self.values[plant]) >= 0.0
 
     @property
     def group(self) -> str:
-        """Return one of `GROUPS`."""
+        """The one of `GROUPS` to which the statement belongs."""
         printed, observed = (self.holds(plant.name) for plant in PLANTS)
         return GROUPS[2] if not observed else GROUPS[0] if printed else GROUPS[1]
 
 
 GROUPS = ("reproduced", "only with friction that the paper did not know of", "contradicted")
-"""How a statement fares: it holds on both plants, on the observed plant alone, or not on the
-observed plant.
+"""Groups of statements: those that hold on both plants, those that hold only on the plant with more
+friction, and those that do not hold on the latter.
 """
 
 
 def measure_claims(runs: Sequence[SeriesRun]) -> tuple[Claim, ...]:
-    """Return the paper's statements, measured on the runs of both plants."""
+    """Return the paper's statements with the values of their measures on both plants."""
     by_plant = {
         plant.name: measured([run for run in runs if run.plant == plant.name]) for plant in PLANTS
     }
@@ -121,13 +130,16 @@ def measure_claims(runs: Sequence[SeriesRun]) -> tuple[Claim, ...]:
 
 
 def _pooled(errors: Sequence[Floats]) -> float:
-    """Return the RMS over all samples of several errors [rad], in degrees."""
+    """Return the RMS of several errors [rad] over all their samples [°]."""
     return float(np.rad2deg(np.sqrt(np.nanmean(np.concatenate(errors) ** 2))))
 
 
 def rms(runs: Sequence[SeriesRun], series: str, estimator: str) -> float:
-    """Return the RMS error of an estimator, a key of `Run.estimates`, pooled over the seeds of a
-    series [°].
+    """Return the RMS error of an estimator in a series, pooled over all samples and seeds [°].
+
+    Args:
+        series: name of the scenario.
+        estimator: a key of `SeriesRun.estimates`.
     """
     return _pooled([run.estimates[estimator].errors() for run in _of(runs, series)])
 
@@ -137,8 +149,9 @@ def _of(runs: Sequence[SeriesRun], series: str) -> list[SeriesRun]:
 
 
 def potentiometer_errors(run: SeriesRun) -> tuple[Floats, Floats]:
-    """Return the errors of the left and right potentiometer's angle, tendons taken as inextensible
-    [rad].
+    """Return the errors of the angles by the left and the right potentiometer [rad], (n,) each.
+
+    The tendons are taken as inextensible.
     """
     estimate = run.estimates["inextensible"]
     left, right = (
@@ -194,8 +207,12 @@ def _c4(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
 
 
 def hidden_motion(theta: Floats, position: Floats, within: float = 1e-4) -> float:
-    """Return the largest change of `theta` [rad], (n,), while the slider's `position` [m], (n,),
-    stays `within` [m].
+    """Return the largest change of the joint angle while a slider stays where it is [rad].
+
+    Args:
+        theta: joint angle [rad], (n,).
+        position: position of the slider [m], (n,).
+        within: range in which the slider counts as staying [m].
     """
     largest = 0.0
     start = 0
@@ -209,7 +226,9 @@ def hidden_motion(theta: Floats, position: Floats, within: float = 1e-4) -> floa
 def _ratio(
     numerator: tuple[str, str], denominator: tuple[str, str]
 ) -> Callable[[Sequence[SeriesRun]], tuple[float, ...]]:
-    """Return a measure: RMS error of one (series, estimator) over that of another."""
+    """Return a measure: the RMS error of one pair (series, estimator) divided by that of
+    another.
+    """
     return lambda runs: (rms(runs, *numerator) / rms(runs, *denominator),)
 
 

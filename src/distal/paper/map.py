@@ -1,5 +1,5 @@
-"""The map of a search: which statements of the paper hold on which plants, as a figure, a file and
-in words.
+"""The map of a search: which statements of the paper hold on which plants, as a figure, as a file
+and in words.
 """
 
 from __future__ import annotations
@@ -21,11 +21,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SEARCH_FILES = ("search.png", "search.svg", "search.json")
-"""Files that `write_search` writes."""
+"""Names of the files that `write_search` writes."""
 
 
 def write_search(search: Search, out: str | Path) -> None:
-    """Write a search's map and its numbers to a folder, which is made if need be."""
+    """Write a search's map and its values to a folder, which is made where it does not exist.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
     check_outputs(outputs_in(out, SEARCH_FILES, "the search"))
     folder = make_folder(out)
     drawn = draw_map(search)
@@ -36,8 +40,8 @@ def write_search(search: Search, out: str | Path) -> None:
 
 
 def draw_map(search: Search) -> Figure:
-    """Return the map: for each statement the plants on which it holds, over two unknowns, and how
-    many hold together.
+    """Return the map of a search: for each statement a panel that shows, over two of the unknowns,
+    on which plants it holds.
     """
     best = search.order()[0]
     across = 1
@@ -91,7 +95,7 @@ def draw_map(search: Search) -> Figure:
 
 
 def search_in_words(search: Search) -> list[str]:
-    """Return a search in words, as lines."""
+    """Return the outcome of a search in words, line by line."""
     best = search.order()[0]
     keys = [statement.key for statement in statements()]
     held = search.held[best]
@@ -119,7 +123,7 @@ def search_in_words(search: Search) -> list[str]:
 
 
 def to_json(search: Search) -> str:
-    """Return a search as JSON, one row for each plant and reading."""
+    """Return a search as JSON, with an entry for each plant and reading."""
     names = [
         f"{unknown.name} [{unknown.unit}]" if unknown.unit else unknown.name for unknown in UNKNOWNS
     ]

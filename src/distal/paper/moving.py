@@ -1,5 +1,5 @@
-"""The first picture of the page: a link as it moves, read as if its tendons did not stretch, and
-estimated with a band.
+"""The first picture of the page: a moving link, its angle by inextensible tendons, and its estimate
+with a band.
 """
 
 from __future__ import annotations
@@ -14,15 +14,21 @@ from distal.reports.page import heading, paragraph, script_with
 from distal.results import BLACK, COLOURS, FAINT, SOFT
 
 STEP = 0.02
-"""Time between two frames [s]."""
+"""Time between two frames [s]. Source: layout."""
 
 FIRST = 0.8
+"""Time of a run at which the picture begins [s]; the heavier weight is hung at 1 s. Source:
+layout.
+"""
+
 LAST = 7.0
-"""What of a run is shown [s]: the heavier weight is hung at 1 s."""
+"""Time of a run at which the picture ends [s]. Source: layout."""
 
 
 def moving_link(run: SeriesRun) -> list[str]:
-    """Return the question, the picture that answers it, and what a band is, as parts of a page."""
+    """Return the picture of the moving link and a text that explains its band, as parts of a
+    page.
+    """
     estimate = run.estimates["adaptive"]
     naive = run.estimates["inextensible"]
     time = run.log.time

@@ -1,4 +1,4 @@
-"""Figures of the 2008 paper's reproduction: one that sums it up, and the paper's figures 2 to 5."""
+"""Figures of the 2008 paper's reproduction: a summary, and the paper's figures 2 to 5."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SUMMARY = "summary"
+"""Name of the figure that sums up the reproduction."""
 
 FIGURES = {
     "figure-2": "series-1-soft",
@@ -24,7 +25,9 @@ FIGURES = {
     "figure-4": "series-2-medium",
     "figure-5": "series-2-high",
 }
-"""Figure → scenario; the paper's figures 4 and 5 are at higher weights that it does not print."""
+"""Name of a figure → its scenario; the paper does not print the higher weights of its figures 4 and
+5.
+"""
 
 CAPTIONS = {
     SUMMARY: "The same motion at rising tension, on a plant with more friction than the paper's "
@@ -46,25 +49,28 @@ CAPTIONS = {
     "figure-4": "Series 2 at higher tension: 3 N against 9 N.",
     "figure-5": "Series 2 at the highest tension: 4 N against 12 N.",
 }
+"""Name of a figure → its caption."""
 
 SHOWN = {"inextensible": 3, "ekf-2008": 1, "adaptive": 0}
-"""What the summary compares, and the index of its colour."""
+"""Estimator in the summary → index of its colour and dash."""
 
 NAMES = {"simulation": "simulation alone", "ekf-2008": "2008 filter", "ekf": "ekf, exact noise"}
-"""What estimators are called in figures, where that is not their own name."""
+"""Estimator → its label in figures, where that is not its own name."""
 
 AFTER = 0.4
-"""How long the figures go on after the link has come to rest [s]."""
+"""Time that the figures show after the link has come to rest [s]. Source: layout."""
 
 
 def first_run(runs: Sequence[SeriesRun], series: str, plant: str) -> SeriesRun:
-    """Return the run of a series and a plant with the first seed, which is drawn."""
+    """Return the run of a series on a plant with the first seed, which is the one in the
+    figures.
+    """
     return next(run for run in runs if run.series == series and run.plant == plant)
 
 
 def end_of_motion(shown: Sequence[SeriesRun]) -> float:
-    """Return when the figures of some runs end [s]: a little after the link has come to rest in
-    all.
+    """Return the time at which the figures of some runs end [s]: `AFTER` the link has come to rest
+    in all.
     """
     ends = []
     for run in shown:
@@ -75,10 +81,10 @@ def end_of_motion(shown: Sequence[SeriesRun]) -> float:
 
 
 def draw_summary(runs: Sequence[SeriesRun]) -> Figure:
-    """Return the figure that sums the reproduction up: three estimates at rising tension on the
+    """Return the figure that sums up the reproduction: three estimates at rising tension on the
     plant with more friction.
 
-    The first seed is drawn, the RMS errors are of all seeds.
+    Curves are of the first seed, RMS errors of all seeds.
     """
     plant = PLANTS[1].name
     on_plant = [run for run in runs if run.plant == plant]
@@ -142,7 +148,7 @@ def draw_summary(runs: Sequence[SeriesRun]) -> Figure:
 
 def draw_figure(name: str, runs: Sequence[SeriesRun]) -> Figure:
     """Return the figure `SUMMARY`, or one of `FIGURES`: the plant with the friction of Table 1
-    beside the one with more.
+    beside that with more.
     """
     if name == SUMMARY:
         return draw_summary(runs)

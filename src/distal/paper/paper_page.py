@@ -1,4 +1,4 @@
-"""`reproduce`: figures, results and a page for the 2008 paper."""
+"""The files of `distal reproduce`: figures, results and a page on the 2008 paper."""
 
 from __future__ import annotations
 
@@ -22,23 +22,27 @@ from distal.results import figure_bytes, make_folder
 from distal.rig import load_rig
 
 ESTIMATORS = ("inextensible", "simulation", "ekf-2008", "observed friction", "ekf", "adaptive")
+"""Estimators in the tables of errors."""
+
 DRAWN = (SUMMARY, *FIGURES, POSITIONED)
+"""Names of all figures."""
 
 REPRODUCTION_FILES = (
     *(f"{name}.{kind}" for name in DRAWN for kind in ("png", "svg")),
     "results.json",
     "index.html",
 )
-"""Files that `reproduce` writes."""
+"""Names of the files that `reproduce` writes."""
 
 LAB = "lab.html"
-"""The lab beside them, if one is given."""
+"""Name of the copy of a lab's page, which is written if a lab is given."""
 
 REFERENCE = (
     "The paper: proximal measurement of a tendon-driven rotating link, Canadian Conference on "
     "Electrical and Computer "
     "Engineering (CCECE), 2008, IEEE 978-1-4244-1643-1/08."
 )
+"""The paper's title and source, for the page."""
 
 
 def reproduce(
@@ -50,9 +54,10 @@ def reproduce(
     Return the paper's statements C1 to C12, and the runs on which they were measured.
 
     Args:
-        advance: called `distal.paper.series.series_count` times, after each closed loop, then after
-            each figure.
-        lab: a page of `distal lab`, to stand beside the page and be linked from it.
+        out: the folder, which is made where it does not exist.
+        advance: called after each test (`distal.paper.series.series_count` times), then after each
+            closed loop, then after each figure.
+        lab: a page of `distal lab`, which is copied beside the page and linked from it; or None.
 
     Raises:
         OutputError: the folder or a file cannot be written, or the lab cannot be read.
@@ -92,8 +97,8 @@ def reproduce(
 
 
 def results(claims: Sequence[Claim], runs: Sequence[SeriesRun]) -> dict[str, object]:
-    """Return what `results.json` holds: C1 to C12 with numbers and group, and the errors of all
-    estimators.
+    """Return the content of `results.json`: for C1 to C12 their measures and group, and the errors
+    of all estimators.
     """
 
     def error_of(plant: Plant, series: str, estimator: str) -> float:
@@ -138,8 +143,13 @@ def results(claims: Sequence[Claim], runs: Sequence[SeriesRun]) -> dict[str, obj
 
 
 def rms_of(runs: Sequence[SeriesRun], plant: str, series: str, estimator: str) -> float:
-    """Return the RMS error of an estimator, a key of `Run.estimates`, in a series on a plant,
-    pooled over the seeds [°].
+    """Return the RMS error of an estimator in a series on a plant, pooled over all samples and
+    seeds [°].
+
+    Args:
+        plant: name of the plant.
+        series: name of the scenario.
+        estimator: a key of `SeriesRun.estimates`.
     """
     return rms([run for run in runs if run.plant == plant], series, estimator)
 
@@ -243,6 +253,7 @@ READING_NOTE = (
     "ekf-2008 reads R in mm² "
     "and the rest in SI. What each reading gives at 2 N / 6 N, one pass:"
 )
+"""Text of the page on the readings of the paper's Q and R."""
 
 
 def _errors_table(runs: Sequence[SeriesRun]) -> str:

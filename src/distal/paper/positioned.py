@@ -1,4 +1,4 @@
-"""What the paper's estimate is for: its link positioned without the encoder."""
+"""The use of the paper's estimate: a controller positions the link without the encoder."""
 
 from __future__ import annotations
 
@@ -12,17 +12,25 @@ POSITIONED = "positioned"
 """Name of the figure."""
 
 SCENARIO = "control-paper"
+"""Name of the scenario of the closed loops."""
+
 FEEDBACKS = ("encoder", "adaptive", "ratio")
+"""Feedbacks of the closed loops: the encoder, the estimator `adaptive`, and displacements divided
+by radii.
+"""
 
 CAPTION = (
     "Steps and ramps of 20°, the same controller with three feedbacks: an encoder of 1° in the "
     "joint, the estimate of "
     "adaptive, and the displacements over the radii."
 )
+"""Caption of the figure."""
 
 
 def positioned(advance: Callable[[], None]) -> list[ClosedLoop]:
-    """Return the closed loops of the link with each feedback; `advance` is called after each."""
+    """Return the closed loop of the link with each of `FEEDBACKS`; `advance` is called after
+    each.
+    """
     scenario = load_scenario(SCENARIO)
     runs = []
     rig = scenario_rig(scenario)
@@ -33,7 +41,7 @@ def positioned(advance: Callable[[], None]) -> list[ClosedLoop]:
 
 
 def positioned_text(runs: list[ClosedLoop]) -> str:
-    """Return what the closed loops show, in sentences."""
+    """Return a text on the tracking errors of the closed loops."""
     away = {run.feedback: degrees(trackings_of(run)[0].rms) for run in runs}
     return (
         "The paper ends with what its estimate is for: joints without sensors that are still "

@@ -1,10 +1,11 @@
-"""Why statements of the 2008 paper fare as they do on the two plants, in words."""
+"""Texts of the page that say why each statement of the 2008 paper holds on a plant or not."""
 
 SLIDERS = (
     "Needs friction at the sliders. With Table 1 the sliders rub with a few millinewtons, and "
     "constant weights keep "
     "the tensions constant: nothing stretches the tendons."
 )
+"""Reason that three statements share."""
 
 REASONS = {
     "C1": SLIDERS,
@@ -34,7 +35,7 @@ REASONS = {
     "better friction "
     "model takes most of its error away: see the table of errors.",
 }
-"""Statement → why it holds, or does not."""
+"""Key of a statement → why it holds, or does not."""
 
 SEARCH_NOTE = (
     "How the plant with more friction was found: plants were drawn over the friction of the "
@@ -50,6 +51,7 @@ SEARCH_NOTE = (
     "other. What it "
     "found stands in docs/results/reproduction.md."
 )
+"""Text on how the plant with more friction was found."""
 
 EKF_NOTE = (
     "Bold is the smallest error of a row. ekf is the filter of 2008 with the noise of the sensors "
@@ -63,3 +65,4 @@ EKF_NOTE = (
     "is wrong, and that "
     "room is what keeps adaptive right."
 )
+"""Text below the table of errors."""

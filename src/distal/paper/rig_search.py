@@ -1,9 +1,9 @@
-"""The search for the rig that the paper's authors had before them: which statements hold on which
+"""The search for the rig that the paper's authors may have had: which statements hold on which
 plant.
 
-Everything that decides the outcome stands here and in `claims.toml`: the unknowns with their
-ranges, how plants are drawn, how the inextensible estimate is read, and how the best plant is
-chosen. It is the same for all statements.
+All that decides the outcome is in this module and in `claims.toml`: the unknowns with their ranges,
+how plants are drawn, how the inextensible estimate is read, and how the best plant is chosen. It is
+the same for all statements.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from distal.paper.series import Plant, run_series
 
 @dataclass(frozen=True)
 class UnknownOfRig:
-    """Something that the paper does not print, or that its measurements contradict: tried from
-    `low` to `high`.
+    """A parameter that the paper does not print, or that its measurements contradict; the search
+    tries values from `low` to `high`.
     """
 
     name: str
@@ -43,32 +43,41 @@ UNKNOWNS = (
     UnknownOfRig("axle friction, preload", "N", 3.9, 5.9),
     UnknownOfRig("angle of Series 1", "deg", 15.0, 30.0),
 )
-"""Friction of the sliders and the axle, and how far the hand turned the link to each side.
+"""Unknowns of the search: friction of the sliders and of the axle, and the angle to which the hand
+turned the link on each side.
 
-The preload is printed, 4.9 N: its range is that of the 20 % that the rig file assumes. Beyond 30°
-the sliders would reach their stops, and the paper says that they did not.
+The paper prints a preload of 4.9 N; its range is the 20 % that the rig file assumes. Beyond 30° the
+sliders would reach their stops, and the paper says that they did not.
 """
 
 READINGS = ("geometry", "x/r")
-"""How the inextensible estimate turns a displacement into an angle: each plant is tried with both.
+"""Ways in which the inextensible estimate may turn a displacement into an angle; each plant is
+tried with both.
 """
 
 DRAWN = (256, 128, 64)
-"""Plants of each round: first over the whole ranges, then near the best so far."""
+"""Number of plants in each round; the first round draws over the whole ranges, the later ones near
+the best plants. Source: judgement.
+"""
 
 NEAR = (1.0, 0.25, 0.1)
-"""Width of the box that a round draws from, as a share of each range."""
+"""Width of the box from which each round draws, as a share of the unknowns' ranges. Source:
+judgement.
+"""
 
 BEST = 8
-"""How many of the best plants the next round is drawn around."""
+"""Number of best plants around which the next round draws. Source: judgement."""
 
 NEEDED = ("series-1-soft", "series-1", "series-2", "series-2-high")
-"""The tests that statements are about."""
+"""Scenarios of the tests on which the statements are measured."""
 
 
 def plant_of(values: Floats, reading: str) -> Plant:
-    """Return the plant with `values` of the `UNKNOWNS`, (6,), and a reading of the inextensible
-    estimate (`READINGS`).
+    """Return the plant with given unknowns.
+
+    Args:
+        values: values of the `UNKNOWNS`, (6,).
+        reading: reading of the inextensible estimate, one of `READINGS`.
     """
     constant, load, *joint, turned = (float(value) for value in values)
     changed: dict[str, object] = {}
@@ -81,7 +90,7 @@ def plant_of(values: Floats, reading: str) -> Plant:
 
 
 def margins_of(plant: Plant) -> Floats:
-    """Return the margin of each statement on a plant, (12,); −∞ where the plant cannot be
+    """Return the margin of each statement on a plant, (12,), which is −∞ where the plant cannot be
     simulated.
     """
     try:
@@ -99,12 +108,12 @@ def _both_readings(values: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Search:
-    """The plants that were tried, and the margins of the statements on them.
+    """The plants that a search tried, and the margins of the statements on them.
 
     Args:
-        values: of the unknowns, in the order of `UNKNOWNS`, (n, 6).
-        readings: of the inextensible estimate, index into `READINGS`, (n,).
-        margins: of each statement, (n, 12).
+        values: values of the `UNKNOWNS`, (n, 6).
+        readings: reading of the inextensible estimate, as index into `READINGS`, (n,).
+        margins: margin of each statement, (n, 12).
     """
 
     values: Floats
@@ -113,19 +122,22 @@ class Search:
 
     @property
     def ever(self) -> Bools:
-        """Return which statements hold on some plant, (12,)."""
+        """Whether each statement holds on any plant, (12,)."""
         return np.atleast_1d(self.held.any(axis=0))
 
     @property
     def held(self) -> Bools:
-        """Return which statements hold, (n, 12)."""
+        """Whether each statement holds on each plant, (n, 12)."""
         return np.asarray(self.margins >= 0.0)
 
     def order(self, without: int | None = None) -> NDArray[np.int_]:
-        """Return the plants, best first: most statements held, then the largest of the smallest
-        margins held.
+        """Return the indices of the plants, best first, (n,).
 
-        The statement with the index `without` does not count.
+        The best plant is that on which most statements hold; among equals it is that with the
+        largest least margin of the statements that hold.
+
+        Args:
+            without: index of a statement that does not count, or None.
         """
         margins = self.margins if without is None else np.delete(self.margins, without, axis=1)
         held = margins >= 0.0
@@ -133,24 +145,30 @@ class Search:
         return np.lexsort((-least, -held.sum(axis=1)))
 
     def tested(self) -> tuple[bool, ...]:
-        """Return for each statement whether it holds on the plant that the other eleven choose."""
+        """Return for each statement whether it holds on the plant that the other eleven statements
+        choose.
+        """
         return tuple(
             bool(self.held[self.order(without=i)[0], i]) for i in range(self.margins.shape[1])
         )
 
     def excluding(self) -> list[tuple[int, int]]:
-        """Return the pairs of statements that hold on some plant each, and on none together."""
+        """Return the pairs of statements that each hold on some plant, but never on the same one,
+        by index.
+        """
         held = self.held
         pairs = combinations(np.flatnonzero(self.ever).tolist(), 2)
         return [(i, j) for i, j in pairs if not (held[:, i] & held[:, j]).any()]
 
 
 def search_rigs(advance: Callable[[int], None]) -> Search:
-    """Return which statements hold on plants drawn over the unknowns' ranges, then closer and
-    closer to the best.
+    """Return the search over plants: the first are drawn over the unknowns' ranges, later ones near
+    the best so far.
 
-    Sobol's sequence covers the ranges; each later round draws in boxes around the best plants so
-    far. `advance` is called with the number of plants that are done.
+    Sobol's sequence covers the ranges. Each later round draws in boxes around the `BEST` plants.
+
+    Args:
+        advance: called with the number of plants that are done.
     """
     from scipy.stats import qmc
 

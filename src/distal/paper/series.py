@@ -1,4 +1,6 @@
-"""The 2008 paper's two test series, simulated on a plant and filtered by what Table 1 says."""
+"""The 2008 paper's two test series, simulated on a plant and filtered with the parameters of the
+paper's Table 1.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +21,13 @@ from distal.simulation.plant import run_plant
 from distal.simulation.simulate import prepare, sampled
 
 SERIES_1 = ("series-1-soft", "series-1")
+"""Scenarios of Series 1, in which a hand moves the link, with softer and stiffer tendons."""
+
 SERIES_2 = ("series-2", "series-2-medium", "series-2-high")
+"""Scenarios of Series 2, in which weights move the link, at rising tension."""
+
 SEEDS = (0, 1, 2, 3, 4)
+"""Seeds of the sensors' errors. Source: judgement."""
 
 READINGS = {
     "Q and R in SI": (1e-3, 1e-3),
@@ -28,25 +35,30 @@ READINGS = {
     "Q and R both a thousandth of that": (1e-6, 1e-6),
     "Q and R both in mm²": (1e-9, 1e-9),
 }
-"""Readings of "Q = R = 0.001": (q, r) in SI."""
+"""Reading of the paper's "Q = R = 0.001" → variances q and r in SI."""
 
 X_OVER_R = {f"tendons.{i}.insertion": {"kind": "pulley", "radius": "9.53 mm"} for i in (0, 1)}
-"""The tendons' insertions for an estimate that takes the angle as x/r instead of from the geometry.
+"""Insertions of the tendons for an estimate that takes the angle as x/r, instead of from the
+geometry.
 """
 
 IDEAL = {"sensors.x1.linearity": 0.0, "sensors.x2.linearity": 0.0}
+"""Parameters of potentiometers that are linear."""
+
 BETTER_CELLS = {"sensors.u1.noise": "0.03 N", "sensors.u2.noise": "0.03 N"}
+"""Parameters of load cells with less noise."""
 
 
 @dataclass(frozen=True)
 class Plant:
-    """A rig that the paper's authors may have had before them; the filters know Table 1 only.
+    """A rig that the paper's authors may have had; the filters know only Table 1.
 
     Args:
-        values: of the rig, where they differ from Table 1, by path.
-        turned: how far the hand turns the link to each side in Series 1 [rad]; None for what the
-            scenario says.
-        over_radius: the inextensible estimate takes the angle as x/r, not from the geometry.
+        values: path → value, of the rig's parameters that differ from Table 1.
+        turned: angle to which the hand turns the link on each side in Series 1 [rad]; None for that
+            of the scenario.
+        over_radius: whether the inextensible estimate takes the angle as x/r, instead of from the
+            geometry.
     """
 
     name: str
@@ -55,7 +67,11 @@ class Plant:
     over_radius: bool = False
 
     def scenario(self, series: str) -> Scenario:
-        """Return a shipped scenario on this plant, one of `SERIES_1` or `SERIES_2`."""
+        """Return a shipped scenario on this plant.
+
+        Args:
+            series: name of the scenario, one of `SERIES_1` or `SERIES_2`.
+        """
         scenario = load_scenario(series)
         hand = scenario.joints["link"].hand if "link" in scenario.joints else None
         if hand is not None and self.turned is not None:
@@ -72,8 +88,8 @@ class Plant:
 
 
 def observed_values() -> dict[str, object]:
-    """Return what the shipped rig `paper-2008-observed` has beyond Table 1: its friction, by
-    path.
+    """Return path → value of the friction by which the shipped rig `paper-2008-observed` differs
+    from Table 1.
     """
     rig = load_rig("paper-2008-observed")
     values: dict[str, object] = {
@@ -92,9 +108,11 @@ PLANTS = (
     Plant("friction of Table 1", over_radius=True),
     Plant("more friction", observed_values(), over_radius=True),
 )
-"""Table 1 taken literally, and the plant on which most statements hold (`distal reproduce
---search`): the rig, the angle of Series 1 in the scenario files, and the reading of the
-inextensible estimate are its result, rounded.
+"""The plants of the reproduction: Table 1 taken literally, and the plant on which most statements
+hold.
+
+The second comes from `distal reproduce --search`: its result, rounded, is in the rig, in the angle
+of Series 1 in the scenario files, and in the reading of the inextensible estimate.
 """
 
 
@@ -104,9 +122,11 @@ class SeriesRun:
 
     Args:
         series: name of the scenario.
-        seed: of the sensors' errors.
-        rig: what the filters know.
-        estimates: by name.
+        plant: name of the plant.
+        seed: seed of the sensors' errors.
+        rig: the rig that the filters know.
+        log: the simulated log.
+        estimates: name of an estimator or of a variant → its estimate.
     """
 
     series: str
@@ -119,13 +139,13 @@ class SeriesRun:
 
 @lru_cache(maxsize=64)
 def _estimator(series: str, name: str) -> Estimator:
-    """Return an estimator of a series that knows Table 1; it is built once for all plants."""
+    """Return an estimator of a series that knows only Table 1; it is built once for all plants."""
     rig = scenario_rig(load_scenario(series))
     if name == "x/r":
         return make_estimator("inextensible", rig.with_values(X_OVER_R))
     if (
         name == "simulation"
-    ):  # the model driven by the measured forces alone: sure of itself, it learns nothing
+    ):  # the model driven by the measured forces; with zero covariance it learns nothing
         noise = paper_noise(rig)
         inputs, process, initial = map(np.zeros_like, (noise.inputs, noise.process, noise.initial))
         return FullStateFilter(
@@ -140,10 +160,14 @@ def _estimator(series: str, name: str) -> Estimator:
 def run_series(
     series: str, plant: Plant, seeds: Sequence[int] = SEEDS, *, statements_only: bool = False
 ) -> list[SeriesRun]:
-    """Simulate one test of the paper with several seeds and run its estimators.
+    """Return one test of the paper on a plant, simulated with each seed and estimated.
 
-    The motion is the same for all seeds and all sensors: it is simulated once. With
-    `statements_only` the estimators that no statement of the paper needs are left out.
+    The motion does not depend on the seed or the sensors, so it is simulated once.
+
+    Args:
+        series: name of the scenario.
+        seeds: seeds of the sensors' errors.
+        statements_only: whether estimators that no statement needs are left out.
     """
     scenario = plant.scenario(series)
     rig = scenario_rig(scenario)
@@ -197,7 +221,7 @@ def run_series(
 
 
 def hung_weights(log: Log, scenario: Scenario) -> Log:
-    """Return the log with the hung weights of the scenario in place of the load cells' readings."""
+    """Return a log in which the scenario's hung weights replace the readings of the load cells."""
     channels = dict(log.channels)
     for sensor, drive in (("u1", "left"), ("u2", "right")):
         weight = scenario.drives[drive].weight
@@ -207,7 +231,7 @@ def hung_weights(log: Log, scenario: Scenario) -> Log:
 
 
 def all_runs(advance: Callable[[], None]) -> Iterator[SeriesRun]:
-    """Yield every run of the reproduction; `advance` is called after each test of a plant."""
+    """Yield all runs of the reproduction; `advance` is called after each test of a plant."""
     for plant in PLANTS:
         for series in (*SERIES_1, *SERIES_2):
             yield from run_series(series, plant)
@@ -215,5 +239,5 @@ def all_runs(advance: Callable[[], None]) -> Iterator[SeriesRun]:
 
 
 def series_count() -> int:
-    """Return how often `all_runs` calls `advance`."""
+    """Return how many times `all_runs` calls `advance`."""
     return len(PLANTS) * (len(SERIES_1) + len(SERIES_2))

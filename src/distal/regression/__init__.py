@@ -1,5 +1,5 @@
-"""Least squares over several logs: features, random effects, the size of a band, a homing window,
-the kernel.
+"""Least squares over several logs: terms of the readings, coefficients that differ from log to log,
+the width of the band, the update by a homing move, and the kernel of a learned map.
 """
 
 from distal.regression.affine import affine_kind, as_discrepancy
@@ -9,7 +9,7 @@ from distal.regression.contact import contact_kind
 from distal.regression.cross_validation import folds_of, groups_of, splits
 from distal.regression.discrepancy import discrepancy_kind
 from distal.regression.extrapolation import Learner, errors_beyond
-from distal.regression.features import Samples, design, limits, outside, predict
+from distal.regression.features import Samples, design, limits, outside, played, predict
 from distal.regression.learn_map import (
     Kind,
     Terms,
@@ -65,6 +65,7 @@ __all__ = [
     "map_function",
     "memory_size",
     "outside",
+    "played",
     "predict",
     "reporting_function",
     "rms_beyond_noise",

@@ -1,5 +1,5 @@
-"""The baseline map: the joints' angles as a linear function of the readings, with directions of
-motion.
+"""The affine map: the joints' angles as a weighted sum of the readings and a constant, with
+directions of motion or plays where they help.
 """
 
 from __future__ import annotations
@@ -14,22 +14,31 @@ from distal.regression.random_effects import row_of, rows_of_groups
 from distal.rig import CONSTANT, Affine, Discrepancy, JointMap, LearnedMap
 
 DEAD_BAND = 6.0
-"""Half-width of the play that finds a direction, in standard deviations of the position sensor."""
+"""Half-width of the play operator that gives a drive's direction of motion, in standard deviations
+of the position sensor's random error. Source: judgement.
+"""
 
 PLAYS = (0.1, 0.3, 0.8)
-"""Half-widths of plays that are tried, in standard deviations of the reading."""
+"""Half-widths of the play operators that are tried, in standard deviations of the reading. Source:
+judgement.
+"""
 
 DIRECTIONS_HELP = 0.95
-"""Directions are used if the RMS error on left-out logs with them is below this share of that
-without them.
+"""Share of the RMS error on held-out logs, below which directions or plays must bring it so that
+they are used. Source: judgement.
 """
 
 
 def affine_kind(
     channels: Sequence[str], positions: Sequence[str], joints: Sequence[str], noise: Floats
 ) -> Kind:
-    """Return the kind of map that gives joints' angles from readings alone; `noise` is as in
-    `Kind`.
+    """Return the kind of map that gives the joints' angles from readings alone.
+
+    Args:
+        channels: names of the sensors, (m,).
+        positions: those among them that measure drives' positions.
+        joints: names of the joints.
+        noise: standard deviation of each sensor's random error [SI], (m,).
     """
     linear = (CONSTANT, *channels)
     turning = (*linear, *(f"slip({name})" for name in positions))
@@ -60,13 +69,13 @@ def affine_kind(
 
 
 def as_discrepancy(affine: LearnedMap, frame: LearnedMap, follows: bool = False) -> Discrepancy:
-    """Return the discrepancy δ = φᵀ b − θ with which a filter reports the angle of `affine`, within
-    the learned range.
+    """Return the discrepancy δ = φᵀ b − θ with which a filter of angle θ reports the angle φᵀ b of
+    the map `affine`.
 
     Within the learned range the map replaces the filter's own angle and its error. Beyond it the
-    terms stay constant, and the reported angle follows the filter's motion; or the straight line
-    goes on (`follows`). The range of the filter's own angles is that of `frame`, a discrepancy of
-    the same logs.
+    terms stay constant, so that the reported angle moves as the filter's does; with `follows` the
+    affine map goes on instead. The range of the filter's own angles is that of `frame`, a
+    discrepancy learned from the same logs.
     """
     m = len(affine.channels)
     n = len(affine.terms)

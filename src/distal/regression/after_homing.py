@@ -1,4 +1,4 @@
-"""A learned map after a homing move: this run's own coefficients, by Bayes' rule."""
+"""The update of a learned map by a homing move: the run's own coefficients, by Bayes' rule."""
 
 from __future__ import annotations
 
@@ -16,24 +16,27 @@ from distal.regression.random_effects import (
 from distal.rig import JointMap, LearnedMap
 
 ANYWHERE = (-1e9, 1e9)
-"""Range of an angle without bounds [rad]."""
+"""Lowest and highest angle of a joint without bounds [rad]: no joint gets so far. Source:
+judgement.
+"""
 
 EXPECTED = 3.0
-"""A homing move whose coefficients are this many standard deviations off widens the stored map's
-covariance.
+"""RMS deviation of a homing move's coefficients from the stored map, in the map's standard
+deviations, above which the map's covariance is widened. Source: judgement.
 """
 
 
 def calibrate_window(
     learned: LearnedMap, samples: Samples, window: Bools, by_motion: bool = False
 ) -> tuple[LearnedMap, float]:
-    """Return a map after a window in which its target was known, and how surprising that was in
-    standard deviations.
+    """Return a map updated by a window in which its target was known, and how far the window's
+    coefficients were from the map's, in standard deviations.
 
-    Mean and covariance are the prior of this run's coefficients, the window, (k,), gives their
-    likelihood. Residuals are correlated, so several samples count as one: with `by_motion` for as
-    long as the motion, since errors that depend on the position repeat with it. A window that is
-    far off widens the prior.
+    The map's mean and covariance are the prior of this run's coefficients; the samples of the
+    `window`, (k,), give the likelihood. Residuals are correlated, so that several samples count as
+    one: for the map's correlation time, and with `by_motion` for at least that of the mapped value,
+    since an error that depends on the position repeats with it. A window that is further off than
+    `EXPECTED` widens the prior.
     """
     phi = design(learned, samples)
     joints = []
@@ -59,8 +62,8 @@ def calibrate_window(
 def _covered(
     learned: LearnedMap, samples: Samples, window: Bools
 ) -> tuple[tuple[float, float], ...]:
-    """Return lowest and highest truth of each joint in a window; one that is not known there has no
-    bounds.
+    """Return the lowest and highest true value of each joint in a window, `ANYWHERE` for a joint
+    that is not known there.
     """
     masks = [window & np.isfinite(target) for target in samples.targets.T]
     truths = (samples.targets + samples.angles if learned.uses_angles else samples.targets).T
@@ -71,7 +74,7 @@ def _covered(
 
 
 def seen(learned: LearnedMap, samples: Samples) -> LearnedMap:
-    """Return a map whose range also holds what some samples read."""
+    """Return a map whose learned range is extended to the readings and angles of some samples."""
     every = samples.every[:, : len(learned.centre)]
     changes = {
         "low": row_of(np.minimum(learned.low, every.min(axis=0))),
@@ -86,10 +89,11 @@ def seen(learned: LearnedMap, samples: Samples) -> LearnedMap:
 def _after_window(
     joint: JointMap, x: Floats, y: Floats, count: float, logs: int
 ) -> tuple[JointMap, float]:
-    """Return a joint's coefficients after a window, and how surprising it was in stds.
+    """Return a joint's coefficients after a window, and how far the window's own were from them
+    before, in standard deviations.
 
-    The window has columns `x`, (k, n), and targets `y`, (k,), of which `count` count as one; the
-    prior is from `logs` logs.
+    The window has the design `x`, (k, n), and targets `y`, (k,), of which `count` count as one; the
+    prior was learned from `logs` logs.
     """
     mean = np.asarray(joint.coefficients)
     covariance = np.asarray(joint.covariance)
@@ -103,7 +107,7 @@ def _after_window(
         covariance = covariance * ratio
     after, left = posterior_of(mean, covariance, gram, moment, spread)
     residual = y - x @ after
-    # what this log leaves beyond the logs before it is its own
+    # a residual that is larger than in the logs before it is this log's own
     square = float(np.mean(residual**2))
     independent = len(y) / max(count, correlated_samples(residual))
     weight = max(logs, 1)

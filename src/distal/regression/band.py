@@ -1,5 +1,5 @@
-"""The size of a band, by the errors on logs left out (split conformal prediction by log; Lei et
-al., JASA 113, 2018).
+"""The width of the band of a learned map, by its errors on held-out logs (split conformal
+prediction by log; Lei et al., JASA 113, 2018).
 """
 
 from __future__ import annotations
@@ -14,29 +14,37 @@ from distal.regression.random_effects import rows_of_groups
 from distal.rig import LearnedMap
 
 SMALLEST_FACTOR = 0.5
+"""Least factor by which the errors on held-out logs change the map's standard deviation. Source:
+judgement.
+"""
+
 LARGEST_FACTOR = 30.0
-"""Least and largest factor by which errors on left-out logs change the width of the band."""
+"""Largest such factor. Source: judgement."""
 
 OWNS = (1.0, 0.5, 0.25)
-"""Shares of the filter's own std that are tried: beside a learned band its error might be counted
-twice.
+"""Shares of the filter's own std that are tried beside the map's: the error that the map corrects
+would otherwise be counted twice. Source: judgement.
 """
 
 WEIGHT = 0.9
-"""A smaller share is used if its band is narrower than this share of the wider band."""
+"""Ratio of two widths: a smaller share of `OWNS` is used where its band is narrower than this share
+of the band before it. Source: judgement.
+"""
 
 BELOW_NOISE = 0.3
-"""An error below this share of the reference's own noise is told no closer: there all maps are
-alike.
+"""Least RMS error beyond the reference's noise that is told apart, as a share of that noise: below
+it all maps count as equal. Source: judgement.
 """
 
 Errors = tuple[Floats, Floats, Floats]
-"""On a log: errors e, variances u that are scaled, and variances v that are not."""
+"""The errors e of one joint on a log, the variances u of the map, which the factor c scales, and
+the variances v of the filter, which it does not, (k,) each.
+"""
 
 
 def student(freedom: float) -> float:
-    """Return by what a 95 % band is wider that knows its std from so many degrees of freedom:
-    t_{0.975}/1.96.
+    """Return the factor by which a 95 % band is wider if its std was estimated with `freedom`
+    degrees of freedom, at least 1: t_{0.975}/1.96.
     """
     from scipy.special import stdtrit  # loaded late: it takes as long as all of distal
 
@@ -44,8 +52,11 @@ def student(freedom: float) -> float:
 
 
 def conformal_factor(logs: Sequence[Errors], least: float, largest: float) -> float:
-    """Return the smallest c from `least` to `largest` for which 95 % of all logs' errors have e² ≤
-    1.96² (c² u + v).
+    """Return the smallest factor c for which 95 % of the errors of some logs have e² ≤ 1.96² (c² u
+    + v).
+
+    All logs weigh alike, however long. The factor is between `least` and `largest`; it is 1 where
+    there are no errors.
     """
     needed = []
     weights = []
@@ -65,11 +76,11 @@ def conformal_factor(logs: Sequence[Errors], least: float, largest: float) -> fl
 
 
 def rms_beyond_noise(errors: Sequence[Sequence[Errors]], noise: float = 0.0) -> float:
-    """Return the mean of RMS errors, of each log and joint alone, less the reference's own noise;
-    NaN where there are none.
+    """Return the mean of the RMS errors of all logs and joints, each less the reference's noise:
+    √(mean e² − noise²).
 
-    The `noise`, a std, is of the reference's random error, which no map can explain: its variance
-    is taken off.
+    The `noise` is the std of the reference's random error, which no map can explain. A root below
+    `BELOW_NOISE` of it counts as that. The result is NaN where there are no errors.
     """
     squares = [float(np.mean(error**2)) for log in errors for error, _, _ in log if len(error)]
     rms = [np.sqrt(max(square - noise**2, (BELOW_NOISE * noise) ** 2)) for square in squares]
@@ -77,10 +88,10 @@ def rms_beyond_noise(errors: Sequence[Sequence[Errors]], noise: float = 0.0) -> 
 
 
 def sized(learned: LearnedMap, errors: Sequence[Sequence[Errors]], enough: bool) -> LearnedMap:
-    """Return a map with its band sized by the errors on logs left out.
+    """Return a map whose band has the width that its `errors` on held-out logs need.
 
-    Of `OWNS`, the shares of the filter's own std, the one that gives the narrowest sized band is
-    used; where there are not `enough` logs to choose, the worst one decides.
+    With `enough` logs, the share of the filter's own std is chosen from `OWNS` by the narrowest
+    band; with fewer it is `share_of_few`.
     """
     filtered = any(np.any(v > 0.0) for log in errors for _, _, v in log)
     shares = (1.0,) if not filtered else OWNS if enough else (share_of_few(errors),)
@@ -106,8 +117,8 @@ def sized(learned: LearnedMap, errors: Sequence[Sequence[Errors]], enough: bool)
 
 
 def share_of_few(errors: Sequence[Sequence[Errors]]) -> float:
-    """Return the share of the filter's own std that the worst log and joint of few left out needs,
-    at most 1.
+    """Return the share of the filter's own std with which its band alone holds 95 % of the errors
+    on each held-out log and joint, at most 1.
     """
     ratios = [
         np.abs(e) / np.sqrt(np.maximum(v, 1e-30)) for log in errors for e, _, v in log if len(e)
@@ -118,8 +129,8 @@ def share_of_few(errors: Sequence[Sequence[Errors]]) -> float:
 
 
 def inflate_band(learned: LearnedMap, factors: Sequence[float]) -> LearnedMap:
-    """Return a map with a wider or narrower band, by `factors` on each joint's standard
-    deviation.
+    """Return a map with the standard deviation of each joint's band multiplied by its factor in
+    `factors`.
     """
     return learned.model_copy(
         update={"band": tuple(float(c * f) for c, f in zip(learned.band, factors))}
@@ -127,8 +138,8 @@ def inflate_band(learned: LearnedMap, factors: Sequence[float]) -> LearnedMap:
 
 
 def widened_between(learned: LearnedMap, wider: float) -> LearnedMap:
-    """Return a map whose coefficients differ more from log to log: their standard deviation is
-    `wider` times as large.
+    """Return a map with the standard deviation of its coefficients between logs multiplied by
+    `wider`.
     """
     covariances = [
         rows_of_groups(wider**2 * np.asarray(joint.covariance)) for joint in learned.joints

@@ -1,5 +1,5 @@
-"""Motion beyond a homing move: the error of a corrected angle for each radian beyond the range that
-the move covered.
+"""Motion beyond a homing move: how the error of a corrected angle grows with the distance from the
+range that the move covered.
 """
 
 from __future__ import annotations
@@ -21,11 +21,17 @@ def extrapolation(
     homing: float,
     by_motion: bool,
 ) -> tuple[float, ...]:
-    """Return κ of each of the joints, by logs left out whose homing move of `homing` s covers half
-    of their range.
+    """Return κ of each joint: the error for each radian beyond what a homing move covered.
 
-    Each run has a κ of its own; what is returned is the 95 % quantile over the logs, 0 where
-    nothing lies beyond. `fit` gives the map without a log by its index, None where there is none.
+    It is the 95 % quantile of the held-out logs' own κ (`cost_beyond`), 0 where nothing lies
+    beyond.
+
+    Args:
+        partly: by index, logs after a homing move that covers half of their range.
+        fit: returns the map learned without the log of an index, or None where there is none.
+        joints: number of joints.
+        homing: length of the homing move [s].
+        by_motion: as in `calibrate_window`.
     """
     costs: list[list[float]] = [[] for _ in range(joints)]
     for i, out in partly.items():
@@ -40,11 +46,11 @@ def extrapolation(
 
 
 def cost_beyond(learned: LearnedMap, samples: Samples, joint: int, homing: float) -> float | None:
-    """Return κ of a log, κ² = (mean e² − mean v)/mean h² over what lies beyond its homing move;
-    None where nothing does.
+    """Return κ of a joint on a log, κ² = (mean e² − mean v)/mean h² over the samples beyond its
+    homing move; None where there are none.
 
-    e are the errors, v the variances without κ, h is from `beyond_homing`; the move took a time
-    `homing` [s].
+    e are the errors, v the variances without κ, and h is how far the angle is beyond what the move
+    covered, see `features.beyond_homing`. The move took a time `homing` [s].
     """
     predicted = predict(learned, samples, joint)
     past = beyond_homing(learned, samples, joint, predicted.values)

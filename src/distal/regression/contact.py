@@ -1,5 +1,5 @@
-"""The external torque on the joints, as a function of the proximal readings: the terms that are
-tried.
+"""The map of the external torque on the joints from the readings at the proximal end: the terms
+that are tried.
 """
 
 from __future__ import annotations
@@ -11,21 +11,30 @@ from distal.regression.learn_map import Kind, Terms
 from distal.rig import CONSTANT, Contact
 
 SLIPS = (0.025, 0.05, 0.1)
-"""Half-widths of the plays that are tried, in standard deviations of a drive's position."""
+"""Half-widths of the play operators that are tried, in standard deviations of the reading of a
+drive's position. Source: judgement.
+"""
 
 TERMS_HELP = 0.97
-"""More terms are used if their error on left-out logs is below this share of the error of fewer
-terms.
+"""Share of the error on held-out logs, below which more terms must bring it so that they are used.
+Source: judgement.
 """
 
 
 def contact_kind(
     channels: Sequence[str], positions: Sequence[str], joints: Sequence[str], noise: Floats
 ) -> Kind:
-    """Return the kind of map of the external torque; friction of the whole chain follows a drive's
-    last direction.
+    """Return the kind of map of the external torque.
 
-    Positions are channels of drives' positions, the others efforts; `noise` is as in `Kind`.
+    Its terms are efforts, and friction of the whole chain, which acts against each drive's last
+    direction of motion.
+
+    Args:
+        channels: names of the sensors, (m,).
+        positions: those among them that measure drives' positions; the others measure efforts:
+            forces, torques or tensions.
+        joints: names of the joints.
+        noise: standard deviation of each sensor's random error [SI], (m,).
     """
     efforts = [name for name in channels if name not in positions]
     linear = (CONSTANT, *efforts)

@@ -1,6 +1,4 @@
-"""Cross-validation: which logs are left out together. Nothing else in the package leaves a log
-out.
-"""
+"""Cross-validation: which logs are held out together."""
 
 from __future__ import annotations
 
@@ -11,32 +9,35 @@ from pathlib import Path
 from distal.errors import FitError
 
 MOST_FOLDS = 6
-"""Logs are left out in so many folds at most: each costs what is learned from the others."""
+"""Largest number of folds: for each of them everything is learned anew. Source: judgement."""
 
 
 def folds_of(groups: Sequence[str]) -> list[int]:
-    """Return the fold of each log: logs of one group are in one fold, and there are `MOST_FOLDS` at
-    most.
+    """Return the fold of each log, numbered from 0: logs of one group are in one fold.
+
+    There are at most `MOST_FOLDS`; with more groups several share a fold.
     """
     every = list(dict.fromkeys(groups))
     return [every.index(name) % MOST_FOLDS for name in groups]
 
 
 def splits(folds: Sequence[int]) -> Iterator[tuple[list[int], list[int]]]:
-    """Yield for each fold which logs are left out and which are left, by their indices."""
+    """Yield, for each fold, the indices of the logs that it holds out and of all other logs."""
     for fold in sorted(set(folds)):
         out = [i for i, fold_of_log in enumerate(folds) if fold_of_log == fold]
         yield out, [i for i, fold_of_log in enumerate(folds) if fold_of_log != fold]
 
 
 def groups_of(names: Sequence[str], pattern: str | None, least: int = 2) -> list[str]:
-    """Return the group of each log: its own name, or what a regular expression finds in it.
+    """Return the group of each log: its own name, or what a regular expression finds in its file
+    name.
 
-    The first parenthesis of the pattern names the group, e.g. ``run_(.)``; None is one log each.
+    The first parenthesis of the `pattern` finds the group, e.g. ``run_(.)``. Without a pattern,
+    None, each log is a group of its own.
 
     Raises:
-        FitError: it is no such expression, does not match a name, or leaves less than the least
-            number of groups.
+        FitError: the pattern is no regular expression, has no parenthesis or does not match a name,
+            or there are fewer groups than `least`.
     """
     groups = list(names)
     if pattern is not None:

@@ -1,5 +1,5 @@
-"""The angle error that the model leaves (Kennedy and O'Hagan, J. R. Statist. Soc. B 63, 2001): the
-terms that are tried.
+"""The map of the angle error that the model leaves (Kennedy and O'Hagan, J. R. Statist. Soc. B 63,
+2001): the terms that are tried.
 """
 
 from __future__ import annotations
@@ -12,13 +12,16 @@ from distal.regression.learn_map import Kind, Terms
 from distal.rig import CONSTANT, Discrepancy
 
 PLAYS = (0.25, 0.5, 1.0)
-"""Half-widths of plays that are tried, in standard deviations of the reading."""
+"""Half-widths of the play operators that are tried, in standard deviations of the reading. Source:
+judgement.
+"""
 
 NO_CORRECTION = Terms("the angle is not corrected", (CONSTANT,), corrects=False)
+"""The set of terms with which only the band of the filter's angle is sized."""
 
 TERMS_HELP = 0.85
-"""More terms are taken where they bring the error on left-out logs below this share of that of
-fewer.
+"""Share of the error on held-out logs, below which more terms must bring it so that they are used.
+Source: judgement.
 """
 
 
@@ -32,8 +35,12 @@ def discrepancy_kind(
     """Return the kind of map of a filter's angle errors, from readings and from the filter's own
     angles.
 
-    Channels that are `moving` have independent information, some of them are efforts: forces,
-    torques or tensions; `noise` is as in `Kind`.
+    Args:
+        channels: names of the sensors, (m,).
+        moving: those among them whose readings change in the logs; only these stand in terms.
+        efforts: those of `moving` that measure forces, torques or tensions.
+        joints: names of the joints.
+        noise: standard deviation of each sensor's random error [SI], (m,).
     """
     theta = tuple(f"angle({joint})" for joint in joints)
     linear = (CONSTANT, *moving)
@@ -57,7 +64,7 @@ def discrepancy_kind(
             (*linear, *theta),
             pooled=True,
         ),
-        # with the filter's angle taken off it is what `affine` says
+        # with coefficient −1 of the filter's angle this is the affine map
         Terms(
             "linear with directions and the filter's own angle",
             (*linear, *turns, *theta),

@@ -1,5 +1,5 @@
-"""How a map extrapolates: learned from the inner part of what logs cover, judged on the outer part
-of logs left out.
+"""How a map extrapolates: it is learned from the inner part of what some logs cover, and judged on
+the outer part of held-out logs.
 """
 
 from __future__ import annotations
@@ -18,21 +18,25 @@ from distal.regression.learn_map import Kind, errors_of
 from distal.rig import LearnedMap
 
 Learner: TypeAlias = Callable[[Sequence[int], Sequence[Bools]], LearnedMap]
-"""(Indices of logs, which of their samples) → the map that these teach."""
+"""A function that learns a map from logs, by their indices, and from those of each log's samples
+that its mask, (k,), holds.
+"""
 
 INNER = 0.7
-"""Share of all samples that lie in the inner part."""
+"""Share of all samples that lie in the inner part. Source: judgement."""
 
 COVERED = (0.5, 99.5)
-"""Percentiles between which logs cover what is read: a single spike is no range."""
+"""Percentiles of a reading between which its range lies, so that a single spike does not widen it
+[%]. Source: judgement.
+"""
 
 
 def inner_parts(logs: Sequence[Samples]) -> list[Bools]:
-    """Return which samples of each log lie in the inner part, where max_i |x_i − m_i| / h_i is
-    small.
+    """Return, for each log, which samples lie in the inner part of what all logs cover, (k,): where
+    max_i |x_i − m_i| / h_i is small.
 
-    The maximum is over all readings and angles; m_i is the middle of the range of one, h_i half of
-    its length.
+    The maximum is over all readings and angles x_i; m_i is the middle of the range of x_i, and h_i
+    is half of the range's length. The inner part holds the share `INNER` of all samples.
     """
     low, high = np.percentile(np.vstack([log.every for log in logs]), COVERED, axis=0)
     moving = high > low
@@ -48,10 +52,11 @@ def inner_parts(logs: Sequence[Samples]) -> list[Bools]:
 def errors_beyond(
     logs: Sequence[Samples], kind: Kind, folds: Sequence[int], homing: float | None, learn: Learner
 ) -> list[list[Errors]]:
-    """Return the errors in the outer part of each log with what the inner parts of other folds'
-    logs teach.
+    """Return, for each held-out log, the errors in its outer part of the map that the inner parts
+    of the other folds' logs teach.
 
-    They count after a window of `homing` [s], if any.
+    With a `homing` window [s] the map is updated by it first, and only the samples after it count.
+    A fold is passed over where `learn` raises `FitError`.
     """
     parts = inner_parts(logs)
     errors = []

@@ -1,8 +1,7 @@
-"""The terms of a learned map over a log, and how far a log is outside the range that it was learned
-in.
+"""The terms of a learned map over a log, and how far a log is outside the map's learned range.
 
-`variables` and `columns` build terms of symbols and of arrays alike, so that kernel and learning
-have one form.
+`variables` and `columns` take CasADi symbols and arrays alike, so that the kernel and the learning
+use the same formulas.
 """
 
 from __future__ import annotations
@@ -22,26 +21,28 @@ from distal.kernels import Feed, Kernel, advance
 from distal.rig import CONSTANT, LearnedMap, factors
 
 Value = TypeVar("Value", Floats, ca.SX)
-"""Values of a term over a log, (k,), or its symbol."""
+"""The values of a term over a log, (k,), or its CasADi symbol."""
 
 SMALLEST_HALF = 1e-12
-"""Half of a learned range is not taken as smaller than this [SI]."""
+"""Least half-width of a learned range [SI]. Source: rounding (division by a range of zero)."""
 
 
 @dataclass(frozen=True)
 class Samples:
-    """A log as input of a map.
+    """A log as the input of a map.
 
     Args:
-        time: since its first sample [s], (k,).
-        readings: of the channels, missing ones held, (k, m).
-        angles: of the joints by the filter, which a map may use, (k, n_joints), or none of them,
-            (k, 0) [rad].
-        targets: what is mapped: angles, errors of the filter's angles, or torques, NaN where not
-            known, (k, n_joints).
-        variances: of the filter's own angles, zero where there is no filter, (k, n_joints).
-        interval: between samples [s].
-        reference_std: std of the error of the targets' reference; 0 where that is not known.
+        source: name of the log.
+        time: time since the first sample [s], (k,).
+        readings: readings of the channels, the last one where one is missing [SI], (k, m).
+        angles: the filter's angles of the joints [rad], which a map may use, (k, n_joints), or none
+            of them, (k, 0).
+        targets: the values to be mapped: angles [rad], errors of the filter's angles [rad], or
+            external torques [N m]; NaN where not known, (k, n_joints).
+        variances: variances of the filter's own angles [rad²], zero where there is no filter, (k,
+            n_joints).
+        interval: time between samples [s].
+        reference_std: std of the random error of the targets' reference; 0 where it is not known.
         usable: which samples a homing move may use, (k,); None for all before its end.
     """
 
@@ -56,19 +57,19 @@ class Samples:
     usable: Bools | None = None
 
     def part(self, rows: Bools) -> Samples:
-        """Return some of the samples, by a mask of `rows`, (k,)."""
+        """Return the samples that a mask `rows`, (k,), holds."""
         names = ("time", "readings", "angles", "targets", "variances")
         usable = None if self.usable is None else self.usable[rows]
         return replace(self, usable=usable, **{name: getattr(self, name)[rows] for name in names})
 
     def window(self, homing: float) -> Bools:
-        """Return which samples a homing move of so long [s] may use, (k,)."""
+        """Return which samples a homing move of length `homing` [s] may use, (k,)."""
         early: Bools = self.time < homing
         return early if self.usable is None else early & self.usable
 
     @property
     def every(self) -> Floats:
-        """Readings and angles, (k, m) or (k, m + n_joints)."""
+        """The readings and angles side by side, (k, m) or (k, m + n_joints)."""
         return np.column_stack([self.readings, self.angles])
 
 
@@ -87,7 +88,9 @@ def middles(learned: LearnedMap) -> Floats:
 
 
 def limits(learned: LearnedMap) -> tuple[Floats, Floats]:
-    """Return the limits within which the terms follow each reading and angle [SI]."""
+    """Return the lower and upper limits of each reading and angle [SI], between which the terms
+    change with it.
+    """
     half = half_ranges(learned)
     return np.asarray(learned.low) - learned.margin * half, np.asarray(
         learned.high
@@ -95,13 +98,14 @@ def limits(learned: LearnedMap) -> tuple[Floats, Floats]:
 
 
 def drawn_in(learned: LearnedMap, samples: Samples) -> Floats:
-    """Return the share s of their way from the middle of the range at which readings and angles
-    enter the terms, (k,).
+    """Return the factor s by which the distance of readings and angles from the middle of the
+    learned range is shortened before they enter the terms, (k,).
 
-    s = min(1, (1 + MARGIN) / max_i |x_i − m_i| / h_i) with m_i in the middle of a range of
-    half-length h_i: the terms stay as they are where the straight line to the middle leaves the
-    range. Readings and angles depend on each other; were each held at the end of its own range,
-    large coefficients that cancel inside would no longer do so outside.
+    s = min(1, (1 + margin) / max_i |x_i − m_i| / h_i), where m_i is the middle and h_i half of the
+    range of x_i. Outside the range the terms so keep the values of the point where the straight
+    line to the middle leaves it. All readings and angles get the same factor because they depend on
+    each other: limited each by its own range, they would form combinations that the logs lack,
+    where large coefficients no longer cancel.
     """
     used = list(learned.used)
     if np.isinf(learned.margin) or not used:
@@ -120,11 +124,14 @@ def variables(
     widths: Sequence[Scalar],
     magnitude: Callable[[Value], Value] = np.abs,
 ) -> dict[str, Value]:
-    """Return name → value of what terms are products of: numbers, symbols or arrays, of which
-    `magnitude` is |·|.
+    """Return name → value of the variables whose products are the terms, as symbols or arrays.
 
-    They are made of `scaled` readings, then angles by the filter, and of `plays`, by the index of
-    the channel whose scaled reading has gone through it, with half-widths `widths`, (m,).
+    Args:
+        learned: the map.
+        scaled: the scaled readings, then the scaled angles of the filter.
+        plays: index of a channel → its scaled reading after a play operator.
+        widths: half-widths of these play operators, (m,).
+        magnitude: the function |·| of such values.
     """
     m = len(learned.channels)
     values = dict[str, Value]()
@@ -140,32 +147,38 @@ def variables(
 
 
 def columns(terms: Sequence[str], values: Mapping[str, Value], constant: Value) -> list[Value]:
-    """Return the terms' values, products of the `constant` 1 and of `values` from `variables`."""
+    """Return the values of the terms: products of the `constant` 1 and of `values`, which are from
+    `variables`.
+    """
     return [reduce(mul, (values[factor] for factor in factors(term)), constant) for term in terms]
 
 
 @cache
 def _play() -> Kernel:
-    """Return (z, x, w) → z⁺, twice: what the play passes on is its memory."""
+    """Return the kernel of a play operator, (z, x, w) → (z⁺, z⁺): its output is also its kernel
+    state.
+    """
     z, x, w = (ca.SX.sym(name) for name in ("z", "x", "w"))
     after = ca.fmin(ca.fmax(z, x - w), x + w)
     return Kernel(ca.Function("play", [z, x, w], [after, after]))
 
 
 def played(values: Floats, half: float) -> Floats:
-    """Return readings `values` x, (k,), after a play of a half-width w: z⁺ = min(max(z, x − w), x +
-    w).
+    """Return readings `values` x, (k,), after a play operator of half-width w = `half`: z⁺ =
+    min(max(z, x − w), x + w).
 
-    Noise below w = `half` does not change it, a rest keeps it, and it does not depend on the rate
-    (Visintin, 1994, ch. III).
+    Noise below w does not change the output, it keeps its value while the input rests, and it does
+    not depend on the input's rate (Visintin, 1994, ch. III).
     """
     after: Floats = advance(_play(), Feed(values[:1], values[:, None], np.array([half]))).ys[:, 0]
     return after
 
 
 def design(learned: LearnedMap, samples: Samples) -> Floats:
-    """Return the terms over a whole log (plays remember), all but the constant faded outside the
-    learned range, (k, n).
+    """Return the values of the terms over a whole log, (k, n).
+
+    Outside the learned range all terms but the constant fade, see `fade`. The log must be whole,
+    because plays remember earlier samples.
     """
     middle = middles(learned)
     inner = middle + drawn_in(learned, samples)[:, None] * (
@@ -182,21 +195,21 @@ def design(learned: LearnedMap, samples: Samples) -> Floats:
 
 
 def fade(learned: LearnedMap, far: Value) -> Value:
-    """Return the weight of the terms at d = `far` outside the learned range, 1 / (1 + (d / d½)²):
-    numbers or symbols.
+    """Return the weight of the terms at d = `far` outside the learned range, 1 / (1 + (d / d½)²); d
+    is a number, an array or a symbol.
 
-    Nothing constrains a curve where there are no logs, and there the filter alone errs less. Lines
-    do not fade.
+    d½ is `LearnedMap.fades_over`. No log constrains a curve there, and the filter alone errs less.
+    Maps whose terms are all linear do not fade.
     """
     return 1.0 / (1.0 + (far / learned.fades_over) ** 2)
 
 
 def outside(learned: LearnedMap, samples: Samples) -> Floats:
-    """Return how far a log is outside the learned range, 0 within; 1 is half a range beyond its
-    end, (k,).
+    """Return how far the samples of a log are outside the learned range, (k,): 0 within, 1 at half
+    a range beyond its end.
 
-    It is the larger of a single reading's excess and that of the Mahalanobis distance, which
-    detects new combinations.
+    It is the larger of two excesses: the largest of a single reading or angle, and that of the
+    Mahalanobis distance, which also detects new combinations.
     """
     every = samples.every[:, : len(learned.centre)]
     beyond = np.maximum(
@@ -208,8 +221,8 @@ def outside(learned: LearnedMap, samples: Samples) -> Floats:
 
 
 def squared_distances(learned: LearnedMap, samples: Samples) -> Floats:
-    """Return the squared Mahalanobis distances of readings from the middle of those that were
-    learned from, (k,).
+    """Return the squared Mahalanobis distance of each sample's readings from the mean of the
+    readings that the map was learned from, (k,).
     """
     m = len(learned.channels)
     z = (samples.readings - np.asarray(learned.centre)[:m]) / np.asarray(learned.scale)[:m]
@@ -218,11 +231,11 @@ def squared_distances(learned: LearnedMap, samples: Samples) -> Floats:
 
 
 def beyond_homing(learned: LearnedMap, samples: Samples, joint: int, values: Floats) -> Floats:
-    """Return how far the corrected angle of a joint is beyond what a homing move covered [rad],
-    (k,).
+    """Return how far the corrected angle of a joint is beyond the range that a homing move covered
+    [rad], (k,).
 
-    Before the move nothing is beyond. The map's `values`, (k,), are added to the filter's own
-    angle.
+    It is 0 for a map that was not updated by a homing move. The map's `values`, (k,), are added to
+    the filter's own angle where the map uses that.
     """
     if not learned.homed:
         return np.zeros(len(samples.time))
@@ -235,8 +248,10 @@ def beyond_homing(learned: LearnedMap, samples: Samples, joint: int, values: Flo
 
 
 def own_slope(learned: LearnedMap, samples: Samples, joint: int) -> Floats:
-    """Return the slope of a map over the filter's own angle of a joint, ∂(map)/∂θ, over a log,
-    (k,); 0 where it is held.
+    """Return the slope of a map over the filter's own angle of a joint, ∂(map)/∂θ, along a log,
+    (k,).
+
+    It is 0 where the angle is beyond its `limits`.
     """
     name = f"angle({learned.joints[joint].joint})"
     column = len(learned.channels) + joint
@@ -252,8 +267,8 @@ def own_slope(learned: LearnedMap, samples: Samples, joint: int) -> Floats:
 
 @dataclass(frozen=True)
 class Predicted:
-    """The values of a map over a log and their variances, and the part of the filter's own that
-    counts, (k,) each.
+    """The values of a map for one joint over a log, the variances of the map, and the share of the
+    filter's own variances that counts beside them, (k,) each.
     """
 
     values: Floats
@@ -262,11 +277,11 @@ class Predicted:
 
 
 def predict(learned: LearnedMap, samples: Samples, joint: int = 0) -> Predicted:
-    """Return a map's value for a joint over a log, φᵀ b, and its variance c² (φᵀ C φ + s²) + d² (s²
-    + spread²) + (κ h)².
+    """Return a map's values for a joint over a log, φᵀ b, and their variances, c² (φᵀ C φ + s²) +
+    d² (s² + spread²) + (κ h)².
 
-    d is from `outside`, h from `beyond_homing`, κ is `LearnedMap.extrapolation`; of the filter's
-    own variance own² (1 + ∂(map)/∂θ)² counts.
+    d is from `outside`, h from `beyond_homing`, and κ is `LearnedMap.extrapolation`. Of the
+    filter's own variance, own² (1 + ∂(map)/∂θ)² counts beside them.
     """
     fit = learned.joints[joint]
     phi = design(learned, samples)

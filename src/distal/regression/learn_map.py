@@ -1,5 +1,5 @@
-"""The pipeline of all learned maps: choose terms by logs left out, fit coefficients, size the band
-by logs left out.
+"""How every map is learned: choose its terms by the errors on held-out logs, fit the coefficients,
+size the band by the errors on held-out logs.
 """
 
 from __future__ import annotations
@@ -21,29 +21,38 @@ from distal.regression.random_effects import independent, random_effects, row_of
 from distal.rig import JointMap, LearnedMap
 
 ENOUGH_LOGS = 5
-"""With fewer logs than this, the variation from log to log is hardly known, and the band is widened
-for that.
+"""Number of logs, or groups of logs, from which on the variation from log to log counts as known;
+with fewer the band is widened. Source: judgement.
 """
 
 MOST_SAMPLES = 1000
-"""At most this many samples of a log are used for learning, evenly spaced."""
+"""Number of samples to which a long log is thinned for learning, evenly and by a whole step, so
+that fewer than twice as many remain. Source: judgement.
+"""
 
 SAMPLES_PER_TERM = 20
-"""Terms are tried if the shortest log has this many samples for each."""
+"""Number of samples for each term that the shortest log must have, so that a set of terms is tried.
+Source: judgement.
+"""
 
 SPEED_OVER = 0.1
-"""Speeds of readings are differences over so long [s], so that noise counts little."""
+"""Time over which the speeds of readings are differences [s], so that noise counts little. Source:
+judgement.
+"""
 
 
 @dataclass(frozen=True)
 class Terms:
-    """A set of terms that may be tried, see `LearnedMap`.
+    """A set of terms that may be tried; see `LearnedMap` for how a term is written.
 
     Args:
-        width: half-width of the plays, in standard deviations of each reading.
-        of_noise: the width is in standard deviations of each sensor's random error instead.
-        corrects: whether anything is mapped; else only the band is sized.
-        pooled: the mean of the coefficients is that of all samples together, see `random_effects`.
+        name: the set in words, for notes and reports.
+        terms: the terms, products of readings and of what is made of them.
+        width: half-width of the play operators, in standard deviations of each reading.
+        of_noise: whether `width` is in standard deviations of each sensor's random error instead.
+        corrects: whether the map changes the estimate; else only its band is sized.
+        pooled: whether the mean of the coefficients is fitted to all samples together, see
+            `random_effects`.
     """
 
     name: str
@@ -56,21 +65,24 @@ class Terms:
 
 @dataclass(frozen=True)
 class Kind:
-    """What kind of map is learned.
+    """The kind of map that is learned.
 
     Args:
-        form: class of its description.
-        channels: names of the sensors.
+        form: class of the map's description.
+        name: name of the map's table in a rig file.
+        channels: names of the sensors, (m,).
+        joints: names of the joints.
         noise: standard deviation of each sensor's random error [SI], (m,).
-        sets: terms that may be tried, fewer first.
-        better: a set of more terms is taken where its error on left-out logs is below this share of
-            that of fewer.
-        by_motion: residuals are correlated as long as the motion lasts, see `calibrate_window`.
-        unknown_outside: outside the range all of what is mapped is unknown; else the residual
-            grows.
-        by_group: each group of logs, not each log, counts as one draw of the coefficients where
-            Student's factor widens their covariance. A prior that is much too wide lets a short
-            homing window overrule what the logs told.
+        sets: the sets of terms that may be tried, fewer terms first.
+        better: a set with more terms is taken where its error on held-out logs is below this share
+            of the error with fewer.
+        by_motion: whether residuals count as correlated for as long as the motion itself, see
+            `calibrate_window`.
+        unknown_outside: whether outside the learned range the variance grows by the mean square of
+            what is mapped; else by that of the residual alone.
+        by_group: whether each group of logs, not each log, counts as one draw of the coefficients
+            where Student's factor widens their covariance. A prior that is much too wide would let
+            a short homing window overrule the logs.
     """
 
     form: type[LearnedMap]
@@ -92,13 +104,17 @@ def learn_map(
     homing: float | None,
     partly: Mapping[int, Samples] | None = None,
 ) -> tuple[LearnedMap, Terms]:
-    """Return the map that logs teach, its terms chosen and its band sized by logs left out, and
-    these terms.
+    """Return the map that is learned from logs, and the terms that were chosen for it.
+
+    The terms are chosen and the band is sized by the errors on held-out logs.
 
     Args:
-        homing: learn for the use after a homing window of so long [s], or None.
-        partly: some of the logs, by their index, after a homing move that covers half of their
-            range: their errors beyond it size `LearnedMap.extrapolation`.
+        logs: the samples of each log.
+        kind: what is mapped, and the sets of terms to choose from.
+        folds: the fold of each log; logs of one fold are held out together.
+        homing: length of the homing move after which the map will be used [s], or None.
+        partly: by index, some of the logs after a homing move that covers half of their range.
+            Their errors beyond that half determine `LearnedMap.extrapolation`.
     """
     chosen = choose_terms(logs, kind, folds, homing)
     learned = calibrate_band(logs, kind, chosen, folds, homing)
@@ -119,17 +135,19 @@ def learn_map(
 def choose_terms(
     logs: Sequence[Samples], kind: Kind, folds: Sequence[int], homing: float | None
 ) -> Terms:
-    """Return the terms with the least error on left-out logs (of one log on its halves), fewer
-    preferred; see `errors_of`.
+    """Return the set of terms with which the map errs least on held-out logs, fewer terms
+    preferred.
 
-    They are for the use after a window of `homing` [s], if any.
+    A set with more terms must bring the error below `Kind.better` of the error with fewer. Where
+    all logs are of one fold, the two halves of each log are held out in turn. With a `homing` move
+    [s] the errors after it count, see `errors_of`.
     """
     sets = kind.sets
     if len(sets) == 1:
         return sets[0]
     if len(set(folds)) < 2:
         if not sets[0].corrects and _honest(logs):
-            return sets[0]  # one log does not tell what comes again, and the filter's band held it
+            return sets[0]  # one log cannot show which errors recur, and the band held these
         logs, folds, homing = _halves(logs), [0, 1] * len(logs), None
     shortest = min(len(log.time) for log in logs)
     noise = max(log.reference_std for log in logs)
@@ -139,12 +157,12 @@ def choose_terms(
         if len(candidate.terms) * SAMPLES_PER_TERM > shortest:
             continue
         if candidate.pooled and homing is not None:
-            continue  # a homing move finds what is a log's own
+            continue  # after a homing move each log has coefficients of its own
         errors = left_out_errors(logs, kind, candidate, folds, homing)
-        # of each log alone, so that one that is unlike the others does not decide
+        # the mean of the logs' own RMS: a log that is unlike the others does not decide
         rms = rms_beyond_noise(errors)
         if np.isnan(rms):
-            return sets[0]  # each log alone knows of a joint: there is nothing to choose by
+            return sets[0]  # no log can be held out: each alone knows some joint
         if not candidate.corrects and rms < noise:
             return (
                 candidate  # what is less than the reference's own error is not worth a correction
@@ -157,13 +175,13 @@ def choose_terms(
 
 
 HELD = 0.8
-"""If a filter's band holds this share of a single log, no correction is learned from this log
-alone.
+"""Share of the samples of a single log: where the filter's own band holds this share or more, no
+correction is learned from this log alone. Source: judgement.
 """
 
 
 def _honest(logs: Sequence[Samples]) -> bool:
-    """Return whether the filter's own band holds nearly its nominal share on some logs."""
+    """Return whether the filter's own band holds at least `HELD` of the errors on some logs."""
     errors = np.concatenate([log.targets.ravel() for log in logs])
     stds = np.sqrt(np.concatenate([log.variances.ravel() for log in logs]))
     finite = np.isfinite(errors)
@@ -176,10 +194,11 @@ def _halves(logs: Sequence[Samples]) -> list[Samples]:
 
 
 def fit_coefficients(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> LearnedMap:
-    """Return what some logs teach with a set of terms by random effects, its band not yet sized.
+    """Return the map that some logs teach with a set of terms, by `random_effects`; its band is not
+    sized yet.
 
     Raises:
-        FitError: what is mapped is known in no log.
+        FitError: for some joint no log has more samples with a known target than there are terms.
     """
     learned, columns = frame(logs, kind, chosen)
     designs = [_thinned(design(learned, log)) for log in logs]
@@ -200,7 +219,7 @@ def fit_coefficients(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> Lear
                 f"{kind.name}: the truth that it needs of '{joint.joint}' is known in no log"
             )
         fit, time = random_effects(joint, columns, parts, chosen.pooled)
-        if not chosen.corrects:  # what is off on average is not known to come again
+        if not chosen.corrects:  # a mean error need not recur: it widens the variance
             square = fit.covariance[0][0] + fit.coefficients[0] ** 2
             fit = fit.model_copy(update={"coefficients": (0.0,), "covariance": ((square,),)})
         joints.append(fit)
@@ -213,8 +232,10 @@ def fit_coefficients(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> Lear
 
 
 def frame(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> tuple[LearnedMap, list[int]]:
-    """Return a map with scales and range of some logs, its coefficients zero, and which of its
-    terms tell something.
+    """Return a map with the scales and the learned range of some logs, its coefficients zero, and
+    the indices of the terms to learn.
+
+    A sensor that is constant, or follows from others, has no linear term.
     """
     every = np.vstack([log.every for log in logs])
     m = len(kind.channels)
@@ -266,7 +287,7 @@ def frame(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> tuple[LearnedMa
 
 
 def _speeds(logs: Sequence[Samples]) -> Floats:
-    """Return the RMS speed of each reading and angle over some logs [SI/s]."""
+    """Return the RMS speed of each reading and each angle over some logs [SI/s]."""
     squares = np.zeros(logs[0].every.shape[1])
     count = 0
     for log in logs:
@@ -290,11 +311,11 @@ def _thinned(values: Floats) -> Floats:
 def errors_of(
     learned: LearnedMap, out: Samples, kind: Kind, homing: float | None, among: Bools | None = None
 ) -> list[Errors]:
-    """Return errors on a left-out log, the variances of the map without its band's factor, and the
-    filter's, per joint.
+    """Return, for each joint, the errors of a map on a held-out log, the variances of the map, and
+    those of the filter that count beside it (`Errors`).
 
-    They count after a window of `homing` [s], if any, and where samples are `among` some, (k,),
-    None for all.
+    With a `homing` window [s] the map is updated by it first, and only the samples after it count.
+    Of these only the ones in `among`, (k,), count; None stands for all.
     """
     late = np.ones(len(out.time), dtype=bool) if among is None else among
     if homing is not None:
@@ -318,8 +339,10 @@ def errors_of(
 def left_out_errors(
     logs: Sequence[Samples], kind: Kind, chosen: Terms, folds: Sequence[int], homing: float | None
 ) -> list[list[Errors]]:
-    """Return the errors on each log with what the logs of other folds teach, after a window of
-    `homing` [s] if any.
+    """Return, for each held-out log, the errors of the map that the logs of the other folds teach.
+
+    With a `homing` window [s] only the errors after it count. A fold is passed over where the other
+    logs do not know every joint.
     """
     errors = []
     for out, left in splits(folds):
@@ -342,12 +365,14 @@ def _all_known(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> bool:
 def calibrate_band(
     logs: Sequence[Samples], kind: Kind, chosen: Terms, folds: Sequence[int], homing: float | None
 ) -> LearnedMap:
-    """Return what logs teach with a set of terms, its band `sized` by `left_out_errors`, with the
-    same `homing` [s].
+    """Return the map that logs teach with a set of terms, its band `sized` by `left_out_errors`.
+
+    With fewer than `ENOUGH_LOGS` logs or groups the spread of the coefficients is widened by
+    Student's factor. `homing` [s] is as in `learn_map`.
     """
     learned = fit_coefficients(logs, kind, chosen)
     count = len(set(folds))
-    # what scatters between few logs is known as Student's distribution says
+    # a scatter that is estimated from few logs follows Student's distribution
     draws = count if kind.by_group else len(logs)
     wider = 1.0 if draws >= ENOUGH_LOGS else student(draws - 1)
     errors = left_out_errors(logs, kind, chosen, folds, homing) if count > 1 else []

@@ -1,5 +1,5 @@
-"""A learned map as a function of one sample, with a memory between samples; and a filter whose
-report it corrects.
+"""A learned map as a CasADi function of one sample, with a memory between samples; and the function
+of a filter whose report maps correct.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from distal.regression.features import SMALLEST_HALF, columns, fade, limits, var
 from distal.rig import CONSTANT, Contact, LearnedMap
 
 CARRIED_TIME = 0.3
-"""What a map adds while free is carried on and forgotten in this time while touched [s]: the joint
-goes on to where the map does not hold (docs/results/touch.md).
+"""Time constant with which a map's correction is forgotten while something touches a joint [s]: the
+map was learned in free motion, and does not hold there. Source: benchmark (docs/results/touch.md).
 """
 
 PARAMETERS = (
@@ -35,29 +35,37 @@ PARAMETERS = (
     "spread",
     "band",
 )
-"""The parameters of a map before those of its joints, in their order."""
+"""Names of the fields of a `LearnedMap` that are parameters of its function, in their order; the
+parameters of its joints follow.
+"""
 
 UNREAD_AGE = 1e6
-"""Age of a reading before its first value has come [s]."""
+"""Age of a reading before its first value [s], so large that the reading counts as unknown. Source:
+judgement.
+"""
 
 
 def memory_size(learned: LearnedMap) -> int:
-    """Return how many numbers are remembered: readings held, their ages, plays."""
+    """Return the length of a map's memory: the last readings, their ages, and the states of its
+    play operators.
+    """
     return 2 * len(learned.channels) + len(learned.played)
 
 
 def carried_size(learned: LearnedMap, touched: Sequence[int]) -> int:
-    """Return how many numbers of a map are carried on while something touches the joints."""
+    """Return how many values of a map are remembered beside its memory while something touches a
+    joint: one for each joint, none for a map of the external torque.
+    """
     return len(learned.joints) if touched and not isinstance(learned, Contact) else 0
 
 
 def map_coefficients_of(learned: LearnedMap) -> Floats:
-    """Return the parameters of `map_function`, (n_p,)."""
+    """Return the parameters of the function of a map, (n_p,), see `map_function`."""
     return np.concatenate(_parameters(learned))
 
 
 def _spread(learned: LearnedMap, parameters: VectorNode) -> VectorNode:
-    """Return the RMS over the logs of what is mapped, of each joint, from the map's parameters."""
+    """Return the RMS over the logs of the mapped value of each joint, from the map's parameters."""
     sizes = [len(part) for part in _parameters(learned)]
     at = PARAMETERS.index("spread")
     begin = sum(sizes[:at])
@@ -80,18 +88,22 @@ def _parameters(learned: LearnedMap) -> list[Floats]:
 
 
 def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.Function:
-    """Return (memory, x, positions, angles, numbers) → (values, gains, variances, outside, memory⁺)
-    of a map.
+    """Return the function of a map: (memory, x, positions, angles, numbers) → (values, gains,
+    variances, outside, memory⁺).
 
-    A value is φᵀ b. An error e of the filter's own angle becomes gain · e with gain = own (1 +
-    ∂value/∂θ); what the map itself does not know has the variance c² (φᵀ C φ + s²) + d² (s² +
-    spread²), d being how far readings are outside the learned range, and for each reading that is
-    missing since a time a the square of ∂value/∂reading times min(rate · a, its whole range). Each
-    radian beyond what a homing move covered adds κ², see `beyond_homing`.
+    A value is φᵀ b. An error e of the filter's own angle becomes gain · e in the reported angle,
+    gain = own (1 + ∂value/∂θ). The map's own variance is c² (φᵀ C φ + s²) + d² (s² + spread²), d
+    being how far the readings are outside the learned range, see `outside`. For each reading that
+    has been missing for a time a it grows by the square of ∂value/∂reading times min(rate · a, the
+    reading's whole range). Beyond what a homing move covered it grows by (κ h)², see
+    `beyond_homing`.
 
-    The map's coefficients and ranges are parameters (`numbers_of`). Of the estimator's channels,
-    `width` of them, those of the map are the first; of each of these `placed` says whether its
-    drive's position is estimated instead of read.
+    Args:
+        learned: the map; its coefficients and ranges are the function's inputs `numbers`, see
+            `map_coefficients_of`.
+        width: number of the estimator's channels, of which those of the map are the first.
+        placed: for each channel of the map, whether the function takes it from `positions`, the
+            estimated positions of the drives, instead of from the reading.
     """
     nj = len(learned.joints)
     m = len(learned.channels)
@@ -168,9 +180,10 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
 
 
 def first_memory(learned: LearnedMap, values: Vector, mask: Vector) -> Vector:
-    """Return the memory before the first sample: the readings of that sample, or usual ones.
+    """Return a map's memory before the first sample: the readings of that sample, or the mean of
+    the learned readings for those that are missing.
 
-    The `values` are of the channels, those of the map first; `mask` is 1 where there is one.
+    The `values` and the `mask` are of the estimator's channels, those of the map first.
     """
     m = len(learned.channels)
     (low, high) = limits(learned)
@@ -189,26 +202,28 @@ def reporting_function(
     joints: int,
     touched: Sequence[int] = (),
 ) -> ca.Function:
-    """Return (kernel_state, x, p) → (kernel_state⁺, y) of a filter that also outputs the maps'
-    values of some of its states.
+    """Return the function (kernel_state, x, p) → (kernel_state⁺, y) of a filter that also reports
+    some of its states with learned maps.
 
-    The filter's own state goes on as without maps. Behind the filter's y stand, for each map, the
-    reported values of its states, the gains of these states' own errors, and the variances of what
-    is added; see `distal.estimators.report`. A map of angles was learned in free motion: with the
-    largest share w that a touch has of a joint, its difference from the filter's own angle is
-    carried on, d⁺ = (1 − w) (value − θ) + w e^{−dt/T} d, and the filter's own error counts more,
-    gain⁺ = (1 − w) gain + w.
+    The filter's own states are as without maps. In y, after the filter's own outputs, stand for
+    each map the reported values of its states, the gains of these states' own errors, and the
+    variances that are added; see `distal.estimators.report`.
+
+    A map of angles was learned in free motion. Where touches have shares of the joints, of which w
+    is the largest, the map's difference d from the filter's own angle θ is kept and forgotten: d⁺ =
+    (1 − w) (value − θ) + w e^{−dt/T} d. The filter's own error then counts more: gain⁺ = (1 − w)
+    gain + w.
 
     Args:
-        inner: the filter, whose first states are the joints' angles.
-        maps: each with the states it speaks of, and whether it corrects them; else it takes their
-            place.
+        inner: the filter's function; the first states are the joints' angles.
+        maps: each map with the indices of the states that it reports, and whether its values are
+            added to these states or replace them.
         width: number of the filter's channels, those of the maps first.
-        positions: for each channel of the maps where in the kernel state its drive's position
-            stands, None for what is read.
+        positions: for each channel of the maps, the index in the kernel state of its drive's
+            position, None for a channel that is read.
         joints: number of joints.
-        touched: where in the kernel state the share stands that a touch has of each joint that may
-            be touched.
+        touched: for each joint that may be touched, the index in the kernel state of the share that
+            a touch has of it.
     """
     n_kernel_state = inner.size1_in(0)
     n_parameters = inner.size1_in(2)
@@ -242,7 +257,7 @@ def reporting_function(
         if carried:
             values = (1 - share) * values + left * memory[size - carried :]
             gains = (1 - share) * gains + share
-            if corrects:  # what a map corrects is what the filter errs by without it
+            if corrects:  # without the map the filter errs by as much as the map corrects
                 variances += share * _spread(learned, parameters) ** 2
             after = ca.vertcat(after, values)
         reports += [angles + values, gains, variances]
@@ -264,7 +279,7 @@ def _split(column: Vector, sizes: Sequence[int]) -> list[Vector]:
 
 
 def _form(matrix: Vector, vector: Vector) -> Scalar:
-    """Return vᵀ M v of a symmetric matrix that stands row by row."""
+    """Return vᵀ M v of a symmetric matrix M whose rows stand one after the other."""
     n = vector.numel()
     return sum(
         (vector[i] * ca.dot(matrix[i * n : (i + 1) * n], vector) for i in range(n)), start=ca.SX(0)

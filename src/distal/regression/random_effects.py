@@ -1,5 +1,5 @@
-"""Least squares over several logs whose coefficients differ: correlated samples, Gaussian updates,
-random effects.
+"""Least squares over several logs, each with coefficients of its own: correlated samples, Gaussian
+updates, random effects.
 """
 
 from __future__ import annotations
@@ -13,22 +13,28 @@ from distal.arrays import Bools, Floats
 from distal.rig import JointMap
 
 EM_ITERATIONS = 100
-"""Most steps of expectation–maximisation for the spread between logs."""
+"""Largest number of steps of expectation–maximisation for the covariance between logs. Source:
+judgement.
+"""
 
 EM_SETTLED = 1e-2
-"""It ends where a step changes the spread by less than this share."""
+"""Relative change of that covariance in a step, below which the steps end. Source: judgement."""
 
 SMALLEST_SHARE = 1e-8
-"""Combinations of columns with less than this share of the largest one's mean square are left out.
+"""Share of the largest mean square of a combination of columns, below which a combination is left
+out. Source: rounding (division by a mean square near zero).
 """
 
 SMALLEST_RESIDUAL = 1e-6
-"""The std of a residual is not taken as smaller than this [rad]."""
+"""Least std of a residual [rad]. Source: rounding (division by a std of zero)."""
 
 
 def correlated_samples(residuals: Floats) -> float:
-    """Return how many of evenly spaced samples count as one, 1 + 2 Σ ρ_k up to the first ρ_k ≤ 0
-    (Sokal, 1997, §3).
+    """Return how many of evenly spaced residuals, (k,), count as one independent sample: 1 + 2 Σ
+    ρ_j.
+
+    The sum goes over the autocorrelations ρ_j up to the first that is not positive (Sokal, 1997,
+    §3).
     """
     centred = residuals - residuals.mean()
     n = len(residuals)
@@ -44,11 +50,11 @@ def correlated_samples(residuals: Floats) -> float:
 
 @dataclass(frozen=True)
 class LogCoefficients:
-    """Coefficients b = (XᵀX)⁻¹Xᵀy of one log by least squares, (n,), and their covariance s² N
-    (XᵀX)⁻¹.
+    """The coefficients b = (XᵀX)⁻¹Xᵀy of one log by least squares, (n,), and their covariance s² N
+    (XᵀX)⁻¹, (n, n).
 
-    N samples count as one (`correlated`); the std s has the degrees of freedom that are left, s² =
-    RSS/(k − n N).
+    N samples count as one (`correlated`). The std s of the residual has k/N − n degrees of freedom:
+    s² = RSS/(k − n N).
     """
 
     coefficients: Floats
@@ -58,23 +64,23 @@ class LogCoefficients:
 
 
 def line(design: Floats, angles: Floats) -> LogCoefficients:
-    """Return the least-squares `Line` of `angles` y [rad], (k,), over a `design` X of full rank,
-    (k, n).
+    """Return the `LogCoefficients` of least squares of `angles` y [rad], (k,), over a `design` X of
+    full rank, (k, n).
     """
     k, n = design.shape
     inverse = _inverse(design.T @ design)
     coefficients = inverse @ (design.T @ angles)
     residuals = angles - design @ coefficients
     correlated = correlated_samples(residuals)
-    # below one independent sample beyond the coefficients nothing could be said at all
+    # without a degree of freedom the std would have no value
     freedom = max(k / correlated - n, 1.0)
     std = max(float(np.sqrt(np.mean(residuals**2) * (freedom + n) / freedom)), SMALLEST_RESIDUAL)
     return LogCoefficients(coefficients, std**2 * correlated * inverse, std, correlated)
 
 
 def _inverse(gram: Floats) -> Floats:
-    """Return the pseudoinverse of XᵀX, positive semidefinite: directions that rounding may have
-    made are left out.
+    """Return the pseudoinverse of XᵀX, positive semidefinite, without the directions that rounding
+    alone may have made.
     """
     size = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(gram / np.outer(size, size))
@@ -87,17 +93,17 @@ def _inverse(gram: Floats) -> Floats:
 def posterior_of(
     mean: Floats, covariance: Floats, gram: Floats, moment: Floats, spread: float | Floats
 ) -> tuple[Floats, Floats]:
-    """Return mean and covariance of coefficients after samples, by P⁺ = (P⁻¹ + XᵀX/r)⁻¹ in a form
+    """Return mean and covariance of coefficients after samples: P⁺ = (P⁻¹ + XᵀX/r)⁻¹, in a form
     that needs no P⁻¹.
 
     Args:
-        mean: before, (n,).
-        covariance: P, may be singular, (n, n).
+        mean: mean before the samples, (n,).
+        covariance: covariance P before them, which may be singular, (n, n).
         gram: XᵀX of the samples' columns X, (n, n), or of several logs, each updated alone, (logs,
             n, n).
         moment: Xᵀy of their angles y [rad], (n,) or (logs, n).
-        spread: r, variance of a sample times the number of samples that count as one; of each log,
-            (logs,).
+        spread: r, the variance of a sample times the number of samples that count as one; of
+            several logs (logs,).
     """
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     r = np.asarray(spread)[..., None]
@@ -111,10 +117,11 @@ def posterior_of(
 def surprise(
     mean: Floats, covariance: Floats, gram: Floats, moment: Floats, spread: float
 ) -> float:
-    """Return the squared Mahalanobis distance of a log's own n coefficients from what was expected.
+    """Return the squared Mahalanobis distance between a log's own coefficients, (n,), and the
+    expected ones.
 
-    The arguments `mean`, `covariance`, `gram`, `moment` and `spread` are as for `updated`, of one
-    log.
+    Directions that the log does not show are left out. The arguments `mean`, `covariance`, `gram`,
+    `moment` and `spread` are those of `posterior_of`, for one log.
     """
     values, vectors = np.linalg.eigh(gram / spread)
     seen = values > 1e-9 * values[-1]
@@ -127,10 +134,10 @@ def surprise(
 
 
 def independent(values: Floats, noise: Floats) -> Bools:
-    """Return which columns have information of their own: the part that earlier ones leave is more
-    than the noise.
+    """Return which columns have information of their own, (m,): the part that earlier columns do
+    not explain is larger than the noise.
 
-    The `values` are centred readings, (k, m), `noise` the std of each sensor's random error in
+    The `values` are centred readings, (k, m); `noise` is the std of each sensor's random error in
     their units, (m,).
     """
     chosen = np.zeros(values.shape[1], dtype=bool)
@@ -141,21 +148,25 @@ def independent(values: Floats, noise: Floats) -> Bools:
             residual = column - earlier @ np.linalg.lstsq(earlier, column, rcond=None)[0]
         rms = float(np.sqrt(np.mean(residual**2)))
         size = float(np.sqrt(np.mean(column**2)))
-        # noise alone leaves one std of it; a rounded constant leaves nothing
+        # a sensor of noise alone has an RMS of one std; a rounded constant has none
         chosen[i] = rms > max(ABOVE_NOISE * noise[i], RANK * size)
     return chosen
 
 
 ROUNDED = 1e-12
-"""Eigenvalues of XᵀX, its columns of size one, below this share of the largest are sums of rounding
-errors.
+"""Share of the largest eigenvalue of XᵀX, its columns scaled to size one, below which an eigenvalue
+is taken as zero. Source: rounding (sums of rounding errors).
 """
 
 ABOVE_NOISE = 1.5
-"""A sensor is used where what it alone tells has this many standard deviations of its noise."""
+"""Ratio of RMS to the noise's std: a sensor is used where the part that others do not explain is
+larger. Source: judgement.
+"""
 
 RANK = 1e-6
-"""The same without noise: the share of its size below which a column is a combination of others."""
+"""Share of a column's own RMS, below which the part that others do not explain counts as none.
+Source: rounding (a column that is a combination of others).
+"""
 
 
 def random_effects(
@@ -164,14 +175,19 @@ def random_effects(
     parts: Sequence[tuple[Floats, Floats, float]],
     pooled: bool = False,
 ) -> tuple[JointMap, float]:
-    """Return the coefficients of one joint and the correlation time of the residuals [s].
+    """Return the map of one joint, with its coefficients' mean and covariance between logs, and the
+    correlation time of the residuals [s].
+
+    Each log's coefficients are a draw from one normal distribution, which is found by
+    expectation–maximisation. From a single log the covariance is that of its least squares.
 
     Args:
-        joint: its coefficients give their number.
-        columns: which of them are learned, (n,).
-        parts: of each log (design (k, n), angles [rad] (k,), interval [s]).
-        pooled: take the mean from all samples together, so that what differs between logs tells it
-            too (a load that is constant in each); else from each log's own coefficients.
+        joint: a map of the joint with as many coefficients as are needed.
+        columns: indices of the coefficients that are learned, (n,).
+        parts: for each log its design (k, n), its angles [rad] (k,) and its interval [s].
+        pooled: whether the mean is fitted to all samples together, so that differences between logs
+            count too (a load that is constant in each); else it is the mean of the logs' own
+            coefficients.
     """
     full_designs, angles, intervals = zip(*parts)
     if len(parts) == 1:
@@ -192,7 +208,7 @@ def random_effects(
             SMALLEST_RESIDUAL**2,
         )
     )
-    # wide to start from: as if every coefficient alone explained the residual of the common map
+    # a wide first guess: each coefficient alone explains the residual of the common map
     left = np.concatenate([y - x @ mean for x, y in zip(designs, angles)])
     spread = np.eye(len(mean)) * max(float(np.mean(left**2)), std**2)
     for _ in range(EM_ITERATIONS):
@@ -200,7 +216,7 @@ def random_effects(
         mean = mean if pooled else means.mean(axis=0)
         off = means - mean
         before = spread
-        # the mean is of the same logs: one degree of freedom less
+        # the mean comes from the same logs, which takes one degree of freedom
         spread = (off.T @ off + covariances.sum(axis=0)) / (len(parts) - 1)
         if np.abs(spread - before).max() < EM_SETTLED * np.abs(spread).max():
             break
@@ -216,12 +232,12 @@ def random_effects(
 
 
 def _basis(designs: Sequence[Floats]) -> Floats:
-    """Return W for which the columns of X W are uncorrelated and of size one over all logs, (n, up
-    to n).
+    """Return W, (n, up to n), for which the columns of X W are uncorrelated and of size one over
+    all logs.
 
-    The spread between logs is assumed for such columns, so that the assumption does not depend on
-    how the same columns are written; combinations that hardly ever differ from zero are left at
-    zero.
+    The covariance between logs is guessed and shrunk for such columns, so that it does not depend
+    on how the columns are written. Combinations of columns that hardly ever differ from zero are
+    left out.
     """
     rows = np.vstack(designs)
     values, vectors = np.linalg.eigh(rows.T @ rows / len(rows))
@@ -231,11 +247,11 @@ def _basis(designs: Sequence[Floats]) -> Floats:
 
 
 def _shrunk(spread: Floats, logs: int) -> Floats:
-    """Return the spread with its correlations drawn to zero where logs are too few to tell them,
-    fewer than 2n + 1 for n.
+    """Return the covariance between logs with its correlations shrunk towards zero, where there are
+    fewer than 2n + 1 logs for n coefficients.
 
-    The share is n/(n + logs − 1): from few logs the spread has fewer directions than columns, and
-    would be sure of the rest.
+    They shrink by n/(n + logs − 1): a covariance from few logs has no variance at all in some
+    directions.
     """
     n = len(spread)
     if logs > 2 * n:
@@ -248,10 +264,10 @@ def _shrunk(spread: Floats, logs: int) -> Floats:
 def filled_groups(
     joint: JointMap, columns: Sequence[int], mean: Floats, covariance: Floats, std: float
 ) -> JointMap:
-    """Return a joint's map with some of its coefficients; the others are zero for certain.
+    """Return a joint's map with `mean` [rad], (n,), and `covariance` [rad²], (n, n), at the indices
+    `columns`; its other coefficients are zero for certain.
 
-    The `columns` are indices of these n coefficients, which have a mean and covariance [rad, rad²];
-    `std` is of the residual.
+    The residual has the standard deviation `std` [rad].
     """
     size = len(joint.coefficients)
     coefficients = np.zeros(size)
@@ -267,10 +283,10 @@ def filled_groups(
 
 
 def row_of(array: Floats) -> tuple[float, ...]:
-    """Return an array as plain numbers."""
+    """Return an array, (n,), as a tuple of Python floats."""
     return tuple(float(number) for number in array)
 
 
 def rows_of_groups(matrix: Floats) -> tuple[tuple[float, ...], ...]:
-    """Return a matrix as rows of plain numbers."""
+    """Return a matrix as a tuple of rows of Python floats."""
     return tuple(row_of(row) for row in matrix)

@@ -1,8 +1,8 @@
-"""How servos give way, by logs that have the goals that were sent.
+"""Stiffness and dead band of servos, from logs that hold the setpoints that were sent.
 
-A servo of stiffness K and dead band δ, a lag T behind, is at s where  u − s = F/K + δ d + T ds/dt,
-with u its goal, F its force and d in [−1, 1] the way in which it last moved. Least squares over all
-logs gives 1/K, δ and T, each drive by itself.
+A servo of stiffness K and dead band δ, with a lag T, stands at the position s for which  u − s =
+F/K + δ d + T ds/dt,  with u its setpoint, F its force and d, from −1 to 1, its last direction of
+motion. Least squares over all logs gives 1/K, δ and T of each drive.
 """
 
 from __future__ import annotations
@@ -16,24 +16,30 @@ from distal.logs import Log
 from distal.rig import Capstan, Rig, Slider
 
 TURNS = 3.0
-"""A drive has turned over after so many standard deviations of its sensor's noise."""
+"""Distance after which a drive has changed its direction, in standard deviations of its sensor's
+random error. Source: judgement.
+"""
 
 TRIMMED = 3.0
-"""Samples that are further off than so many robust standard deviations are left out, twice."""
+"""Residual beyond which a sample is an outlier and is left out, in robust standard deviations.
+Source: judgement.
+"""
 
 CLEARLY = 3.0
-"""A number is written where it is so many standard errors above zero."""
+"""Ratio of an estimate to its standard error, above which it is written. Source: judgement."""
 
 INDEPENDENT = 0.25
-"""Residuals are correlated over so long [s]."""
+"""Time after which residuals count as independent [s]. Source: judgement."""
 
 FEWEST = 100
-"""Samples of a drive that are needed."""
+"""Least number of samples of a drive for an estimate. Source: judgement."""
 
 
 def servos_of(logs: Sequence[Log], rig: Rig) -> dict[str, object]:
-    """Return path by names → value of the servos whose goals are in the logs: stiffness [N m/rad,
-    N/m] and dead band [rad, m].
+    """Return path by names → value of the servos whose setpoints are in the logs: stiffness [N
+    m/rad of a capstan, N/m of a slider] and dead band [rad, m].
+
+    A value is left out where it is not clearly above zero.
     """
     servos: dict[str, object] = {}
     for drive in rig.drives:
@@ -54,8 +60,8 @@ def servos_of(logs: Sequence[Log], rig: Rig) -> dict[str, object]:
 
 
 def _rows(log: Log, rig: Rig, drive: Capstan | Slider) -> tuple[Floats, Floats, float] | None:
-    """Return the columns F, d and ds/dt of a drive, (k, 3), what its servo leaves, (k,), and for
-    how long [s]; None where the log lacks one of them.
+    """Return the columns F, d and ds/dt of a drive, (k, 3), its errors u − s, (k,), and the length
+    of the log [s]; None where the log lacks setpoint, position or force.
     """
     sensors = {s.measures: s for s in rig.sensors if s.of == drive.name}
     if drive.name not in log.goals or not {"position", "force"} <= set(sensors):
@@ -72,7 +78,9 @@ def _rows(log: Log, rig: Rig, drive: Capstan | Slider) -> tuple[Floats, Floats, 
 
 
 def _way(positions: Floats, half: float) -> Floats:
-    """Return which way a drive last moved, −1 to 1, by a play of some half-width."""
+    """Return a drive's last direction of motion, −1 to 1, (k,), by a play operator of the
+    half-width `half`.
+    """
     ways = np.zeros(len(positions))
     held = np.nan
     half = max(half, 1e-9)
@@ -83,8 +91,8 @@ def _way(positions: Floats, half: float) -> Floats:
 
 
 def _trimmed(matrix: Floats, left: Floats, count: float) -> tuple[Floats, Floats]:
-    """Return least squares without outliers, and standard errors for `count` independent
-    samples.
+    """Return coefficients by least squares without outliers, and their standard errors if `count`
+    samples are independent.
     """
     kept = np.ones(len(left), dtype=bool)
     values = np.zeros(matrix.shape[1])

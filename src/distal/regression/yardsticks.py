@@ -1,7 +1,8 @@
-"""Yardsticks: ordinary least squares of the angles on what is read, as ten lines of NumPy would.
+"""Yardsticks: ordinary least squares of the angles on the readings, as ten lines of NumPy would do
+it.
 
-They have no prior, no band and no limits, and no rig file holds them. What a fit writes is compared
-with them on the same logs, so that nobody has to believe that physics is worth its effort.
+They have no prior, no band and no limits, and no rig file holds them. Each fit is compared with
+them on the same held-out logs, which shows whether its physical model errs less.
 """
 
 from __future__ import annotations
@@ -14,10 +15,12 @@ from distal.arrays import Floats
 from distal.regression.features import Samples, played
 
 LAGS = (0.05, 0.2, 0.8)
-"""Earlier readings that "with lags" uses too [s]."""
+"""Delays of the earlier readings that "with lags" uses too [s]. Source: judgement."""
 
 PLAYS = (0.02, 0.05, 0.15)
-"""Half-widths of the play operators of "with plays", as shares of the range of each reading."""
+"""Half-widths of the play operators of "with plays", as shares of the range of each reading.
+Source: judgement.
+"""
 
 
 def _straight(samples: Samples, ranges: Floats) -> Floats:
@@ -47,14 +50,17 @@ YARDSTICKS: Mapping[str, Callable[[Samples, Floats], Floats]] = {
     "least squares with lags": _with_lags,
     "least squares with plays": _with_plays,
 }
-"""Name → the columns beside the constant, (k, n), of a log and the ranges of its readings."""
+"""Name → function that returns the columns φ(y) beside the constant, (k, n), from the samples of a
+log and the ranges of the readings, (m,).
+"""
 
 
 def yardstick_error(name: str, training: Sequence[Samples], held_out: Samples) -> float:
-    """Return the RMS error of all joints on a held-out log of one of `YARDSTICKS` [rad].
+    """Return the RMS error of the yardstick `name` over all joints of a held-out log [rad], NaN
+    where a joint's angle is known in no training log.
 
-    Least squares of the angles on (1, φ(y)) over all samples of the training logs whose angle is
-    known; φ is that of the yardstick.
+    Least squares of the angles on (1, φ(y)) takes all samples of the training logs whose angle is
+    known; φ is that of `YARDSTICKS`.
     """
     ranges = np.ptp(np.vstack([samples.readings for samples in training]), axis=0)
     columns = YARDSTICKS[name]
@@ -68,7 +74,7 @@ def yardstick_error(name: str, training: Sequence[Samples], held_out: Samples) -
         angles = np.concatenate([target[known] for target, known in zip(targets, rows)])
         if not len(angles):
             return float("nan")
-        # columns of one size: rounding decides nothing
+        # columns are scaled to one size against rounding errors
         size = np.maximum(np.sqrt(np.mean(phi**2, axis=0)), 1e-300)
         coefficients = np.linalg.lstsq(phi / size, angles)[0] / size
         error = test @ coefficients - held_out.targets[:, joint]

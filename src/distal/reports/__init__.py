@@ -1,4 +1,4 @@
-"""Reports: figures and pages that a person would want to read."""
+"""Reports: figures and HTML pages on rigs, logs, fits and studies."""
 
 from distal.reports.fitting import FIT_PAGES, fit_report
 from distal.reports.log_view import check_plotly, view_page

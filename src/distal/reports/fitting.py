@@ -1,4 +1,6 @@
-"""The page of a fit: what was found, how sure it is, and what it changes."""
+"""The page on a fit: the fitted parameters, their standard errors, and the errors before and
+after.
+"""
 
 from __future__ import annotations
 
@@ -18,17 +20,21 @@ from distal.rig import named
 from distal.run import estimate
 
 MOST_TRACES = 8
-"""So many logs are drawn; all are in the table."""
+"""Number of logs whose curves are drawn at most; the table holds all logs. Source: layout."""
 
 MOST_PAIRS = 20
-"""So many correlated pairs are named."""
+"""Number of pairs of parameters whose correlation is shown at most. Source: layout."""
 
 FIT_PAGES = ("index.html",)
+"""Names of the files that `fit_report` writes."""
 
 
 def fit_report(fit: Fit, logs: Sequence[Log], out: str | Path) -> Path:
-    """Write one self-contained page on a fit, ``index.html``, to a folder, made if need be; return
-    where it is.
+    """Write one self-contained page on a fit, ``index.html``, to a folder, and return its path.
+
+    Args:
+        logs: the logs of the fit.
+        out: the folder, which is made where it does not exist.
 
     Raises:
         OutputError: the folder or the page cannot be written.

@@ -1,5 +1,5 @@
-"""Figures of a fit: before and after along each log, and what is left against angle, speed and
-load.
+"""Figures of a fit: each log before and after the fit, and the remaining errors against angle,
+speed and load.
 """
 
 from __future__ import annotations
@@ -33,20 +33,22 @@ if TYPE_CHECKING:
 
 
 POINTS = 1200
-"""So many points are drawn along a log."""
+"""Number of points that are drawn along a log, about; up to twice as many may be. Source:
+layout.
+"""
 
 BINS = 16
-"""Bins of the residuals."""
+"""Number of bins of the residuals. Source: layout."""
 
 FEWEST = 12
-"""A bin with fewer samples is not drawn."""
+"""Least number of samples in a bin that is drawn. Source: layout."""
 
 
 def draw_traces(log: Log, before: Estimate, after: Estimate, rig: Rig) -> Figure:
-    """Return truth, estimates after and before the fit, their errors, and what the filter compared,
-    over one log.
+    """Return a figure over one log: truth, estimates before and after the fit, their errors,
+    innovations, forces and health.
     """
-    # a page with a dozen logs stays small: no more points than a printed line can show
+    # fewer points keep a page with a dozen logs small; a printed line shows no more
     rows = slice(None, None, max(1, len(log) // POINTS))
     words = log_health(log, rig)
     estimates = [_thinned(after, rows, "after"), _thinned(before, rows, "before")]
@@ -59,7 +61,7 @@ def draw_traces(log: Log, before: Estimate, after: Estimate, rig: Rig) -> Figure
 
 
 def _thinned(estimate: Estimate, rows: slice, name: str) -> Estimate:
-    """Return some rows of an estimate, under another name."""
+    """Return an estimate with some of its rows only, under another name."""
     columns = ("time", "means", "variances", "innovations", "innovation_variances")
     truths = None if estimate.truths is None else estimate.truths[rows]
     return replace(
@@ -73,11 +75,11 @@ def _thinned(estimate: Estimate, rows: slice, name: str) -> Estimate:
 def draw_residuals(
     logs: Sequence[Log], before: Sequence[Estimate], after: Sequence[Estimate], rig: Rig
 ) -> Figure:
-    """Return the errors against angle, speed and load: median and the middle 80 %, before and after
-    the fit.
+    """Return a figure of the errors against angle, speed and load, before and after the fit.
 
-    A curve that is not flat is physics that the rig does not have. Where no log has a truth, the
-    innovations of the first compared sensor stand for the errors.
+    Curves show the median, bands the middle 80 %. A curve that is not flat shows physics that the
+    rig lacks. Where no log has a truth, the innovations of the first compared sensor are drawn
+    instead of the errors.
     """
     force = next(iter(rig.sensors_of("force") or rig.sensors_of("tension")), None)
     truths = [true_angles(log, rig.joint_names) for log in logs]
@@ -122,7 +124,7 @@ def _residuals(truth: Floats | None, estimate: Estimate, joint: int) -> Floats:
 
 
 def _smooth_speed(time: Floats, angle: Floats) -> Floats:
-    """Return the slope of an angle over a tenth of a second, (k,)."""
+    """Return the mean speed of an angle over a tenth of a second around each stamp, (k,)."""
     is_finite = np.isfinite(angle)
     filled = (
         np.interp(time, time[is_finite], angle[is_finite])

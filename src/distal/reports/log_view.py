@@ -1,5 +1,5 @@
-"""An interactive page on a log: the chain as it moves; angle, error, innovations, forces and health
-to zoom into.
+"""An interactive page on a log: the moving chain, and curves of angle, error, innovations, forces
+and health to zoom into.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from distal.arrays import Floats
-from distal.confidence import BAND
+from distal.confidence import in_percent
 from distal.errors import OutputError
 from distal.logs import Log, shown, write_whole
 from distal.reports.moving_chain import moving_chain
@@ -36,28 +36,36 @@ if TYPE_CHECKING:
 
 
 MOST_POINTS = 60_000
-"""Of a longer log every second, third, … sample is drawn: a browser stays quick."""
+"""Number of points drawn of a curve at most; of a longer log every second, third, … sample is
+drawn, so that a browser stays quick. Source: layout.
+"""
 
 HEIGHTS = (320, 170, 135, 135, 85)
-"""Of angle and error of each joint, then of innovations, forces and health [pixels]."""
+"""Heights of the curves of angle and error for each joint, then of innovations, forces and health
+[pixels]. Source: layout.
+"""
 
 GAP = 28
-"""Between them [pixels]."""
+"""Height of the gaps between the curves [pixels]. Source: layout."""
 
 FILL = "rgba({}, {}, {}, {})".format(
     *(int(COLOURS[0][k : k + 2], 16) for k in (1, 3, 5)), BAND_ALPHA
 )
-"""Of the band."""
+"""Colour of the band."""
 
 PAGE = {"scrollZoom": True, "displaylogo": False, "responsive": True}
-"""How a page behaves: the wheel zooms."""
+"""Settings of plotly: the mouse wheel zooms, plotly's logo is hidden, and the curves follow the
+page's width.
+"""
 
 
 def view_page(
     estimate: Estimate, log: Log, rig: Rig, path: str | Path, sentences: Sequence[str] = ()
 ) -> Path:
-    """Write one self-contained HTML file on an estimate, with sentences above the curves, and
-    return where it is.
+    """Write one self-contained HTML file on an estimate, and return its path.
+
+    Args:
+        sentences: text above the curves.
 
     Raises:
         OutputError: plotly is not installed, or the file cannot be written.
@@ -69,7 +77,9 @@ def view_page(
     rows = slice(None, None, step)
     joints = len(estimate.joint_names)
     words = log_health(log, rig)[rows]
-    below = "error [°]" if estimate.truths is not None else "95 % band ± [°]"
+    below = (
+        "error [°]" if estimate.truths is not None else f"{in_percent(estimate.level)} band ± [°]"
+    )
     angles = (
         ["joint angle [°]"]
         if joints == 1
@@ -153,7 +163,9 @@ def _summary(estimate: Estimate) -> str:
         for row in estimate.summary()
     ]
     return html_table(
-        ["joint", "angle", "95 % band, median", "RMS error", "inside"], rows, range(1, 5)
+        ["joint", "angle", f"{in_percent(estimate.level)} band, median", "RMS error", "inside"],
+        rows,
+        range(1, 5),
     )
 
 
@@ -166,20 +178,21 @@ def check_plotly() -> None:
 
 
 def _text(text: str) -> str:
-    """Return text of a file as it is: plotly would take some of it for markup."""
+    """Return a text in which plotly sees no markup."""
     return text.replace("&", "&amp;").replace("<", "&lt;")
 
 
 def _angle(
     estimate: Estimate, joint: int, time: Floats, rows: slice
 ) -> Iterator[tuple[int, Scatter]]:
-    """Return the traces of a joint's angle (row 1) and of its error, or of its band where the truth
-    is not known.
+    """Return the traces of a joint: row 1 has its angle, row 2 its error, or its band where the
+    truth is not known.
     """
     first = joint == 0
     angle = np.rad2deg(estimate.angles[rows, joint])
-    half = np.rad2deg(BAND * estimate.angle_stds[rows, joint])
-    yield from ((1, trace) for trace in _band(time, angle - half, angle + half, first))
+    half = np.rad2deg(estimate.stds_of_band * estimate.angle_stds[rows, joint])
+    name = f"{in_percent(estimate.level)} band"
+    yield from ((1, trace) for trace in _band(time, angle - half, angle + half, name, first))
     line = _line(time, angle, estimate.estimator, COLOURS[0], first)
     if estimate.truths is None:
         yield 1, line
@@ -188,7 +201,7 @@ def _angle(
     truth = np.rad2deg(estimate.truths[rows, joint])
     yield 1, _line(time, truth, "truth", BLACK, first, width=2.5)
     yield 1, line
-    yield from ((2, trace) for trace in _band(time, -half, half, False))
+    yield from ((2, trace) for trace in _band(time, -half, half, name, False))
     yield 2, _line(time, angle - truth, "error", COLOURS[0], False)
 
 
@@ -228,7 +241,7 @@ def _measured(log: Log, rig: Rig, time: Floats, rows: slice) -> Iterator[tuple[i
 
 
 def _health(time: Floats, words: Sequence[str]) -> Iterator[tuple[int, Scatter]]:
-    """Return a trace for each word that occurs: a thick line where it holds."""
+    """Return a trace for each health word that occurs: a thick line where it holds."""
     for word in sorted(set(words), key=lambda word: (word != "ok", word)):
         heights = [word if current == word else None for current in words]
         trace = _line(time, heights, word, HEALTH_COLOURS.get(word, COLOURS[1]), False, width=9)
@@ -257,8 +270,10 @@ def _line(
     )
 
 
-def _band(time: Floats, low: Floats, high: Floats, in_legend: bool) -> tuple[Scatter, Scatter]:
-    """Return the edges of a band, filled between."""
+def _band(
+    time: Floats, low: Floats, high: Floats, name: str, in_legend: bool
+) -> tuple[Scatter, Scatter]:
+    """Return the lower and the upper edge of a band, with the area between them filled."""
     from plotly.graph_objects import Scatter
 
     edge = {
@@ -267,8 +282,6 @@ def _band(time: Floats, low: Floats, high: Floats, in_legend: bool) -> tuple[Sca
         "line": {"color": COLOURS[0], "width": 0.5},
         "hoverinfo": "skip",
     }
-    lower = Scatter(y=low, showlegend=False, name="95 % band", **edge)
-    upper = Scatter(
-        y=high, fill="tonexty", fillcolor=FILL, name="95 % band", showlegend=in_legend, **edge
-    )
+    lower = Scatter(y=low, showlegend=False, name=name, **edge)
+    upper = Scatter(y=high, fill="tonexty", fillcolor=FILL, name=name, showlegend=in_legend, **edge)
     return lower, upper

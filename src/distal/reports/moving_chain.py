@@ -1,5 +1,5 @@
-"""The chain of a log as it moves: links, the band of each angle as a fan, tendons coloured by their
-tension.
+"""A picture of the chain of a log that moves: links, the band of each angle as a fan, tendons
+coloured by tension.
 """
 
 from __future__ import annotations
@@ -10,28 +10,34 @@ from importlib import resources
 import numpy as np
 
 from distal.arrays import Floats
-from distal.confidence import BAND
+from distal.confidence import in_percent
 from distal.logs import Log
 from distal.reports.page import script_with
 from distal.results import BAND_ALPHA, BLACK, COLOURS, FAINT, INK, SOFT, WHITE, Estimate, from_start
 from distal.rig import Rig
 
 MOST_FRAMES = 6_000
-"""Of a longer log every second, third, … sample is a frame."""
+"""Number of frames at most; of a longer log every second, third, … sample is a frame. Source:
+layout.
+"""
 
 LENGTHS = 2.6
-"""Length of a link that the rig does not describe, in the largest moment arm."""
+"""Length of a link that the rig does not describe [largest moment arms]. Source: layout."""
 
 CIVIDIS = ((0, 34, 78), (66, 78, 108), (124, 123, 120), (187, 172, 108), (255, 233, 69))
-"""Colours of a tension from zero to the largest (Nuñez, Anderton, Renslow, PLOS ONE 13, 2018)."""
+"""Colours (red, green, blue) of tensions from zero to the largest. Source: reference (Nuñez,
+Anderton, Renslow, PLOS ONE 13, 2018).
+"""
 
 OBLIQUE = ((0.83, 0.56, 0.0), (-0.19, 0.28, 0.94))
-"""What points right and up in the picture of a chain whose axes are not parallel."""
+"""Vectors that point right and up in the picture of a chain whose axes are not parallel. Source:
+layout.
+"""
 
 
 def moving_chain(estimate: Estimate, log: Log, rig: Rig) -> tuple[str, str]:
-    """Return the HTML of a picture of the chain that is played and scrubbed, and what moves it, for
-    behind the curves.
+    """Return the HTML of a picture of the moving chain, which the reader plays or drags, and the
+    HTML of its script, which stands after the curves.
     """
     step = max(1, -(-len(log) // MOST_FRAMES))
     rows = slice(None, None, step)
@@ -46,7 +52,9 @@ def moving_chain(estimate: Estimate, log: Log, rig: Rig) -> tuple[str, str]:
         "time": _parameters(time[rows] - time[0], 4),
         "from": float(time[0]),
         "angles": [_parameters(column, 4) for column in estimate.angles[rows].T],
-        "halves": [_parameters(BAND * column, 4) for column in estimate.angle_stds[rows].T],
+        "halves": [
+            _parameters(estimate.stds_of_band * column, 4) for column in estimate.angle_stds[rows].T
+        ],
         "truths": None
         if estimate.truths is None
         else [_parameters(column, 4) for column in estimate.truths[rows].T],
@@ -72,7 +80,8 @@ def moving_chain(estimate: Estimate, log: Log, rig: Rig) -> tuple[str, str]:
         f"<input type='range' min='0' max='{time[-1] - time[0]:.4f}' step='any' value='0' "
         "aria-label='time'></p></div>"
         f"<table><tbody>{cells}</tbody></table>"
-        f"<figcaption>The joints as they are estimated{dashed}; fans are 95 % bands. Grey tendons "
+        f"<figcaption>The joints as they are estimated{dashed}; "
+        f"fans are {in_percent(estimate.level)} bands. Grey tendons "
         "have no sensor of their "
         "own. Drag to turn the view, click a curve to go to its time.</figcaption></figure>"
     )
@@ -85,8 +94,10 @@ def chain_script() -> str:
 
 
 def chain_shape(rig: Rig, most: float) -> dict[str, object]:
-    """Return what `chain_script` draws of a rig, up to the tension `most` at the end of the scale
-    of colours [N].
+    """Return the data of a rig that `chain_script` draws.
+
+    Args:
+        most: tension at the end of the scale of colours [N].
     """
     index = {joint.name: j for j, joint in enumerate(rig.joints)}
     parents = [
@@ -121,7 +132,7 @@ def chain_shape(rig: Rig, most: float) -> dict[str, object]:
 
 
 def tension_scale(most: str) -> str:
-    """Return the scale of colours of the tensions, as HTML."""
+    """Return the HTML of the scale of colours of tensions; `most` is the text at its end."""
     ramp = ", ".join(f"rgb{colour}" for colour in CIVIDIS)
     return (
         f"<span style='white-space:nowrap'>tension 0 <span "
@@ -149,8 +160,10 @@ _STYLE = f"""
 
 
 def _links(rig: Rig) -> Floats:
-    """Return where each link ends in its joint's frame [m]: at the joint that it carries, or twice
-    as far as its mass.
+    """Return where each link ends in its joint's frame [m], (n_joints, 3).
+
+    This is the furthest joint that it carries, else twice the way to its centre of mass, else a
+    length in terms of the moment arms.
     """
     arms = [abs(arm) for tendon in rig.tendons for arm in tendon.arms().values()]
     length = LENGTHS * max(arms, default=0.01)
@@ -163,7 +176,7 @@ def _links(rig: Rig) -> Floats:
         centre = np.zeros(3) if joint.link is None else 2 * np.array(joint.link.centre)
         axis = np.array(joint.axis)
         for end in (far, centre):
-            # what lies along the axis does not show how the joint turns
+            # a link along the axis would not show how the joint turns
             if np.linalg.norm(_across(end, axis)) > 0.1 * length:
                 ends[j] = end
                 break
@@ -174,8 +187,9 @@ def _links(rig: Rig) -> Floats:
 
 
 def _view(rig: Rig) -> tuple[tuple[float, ...], ...]:
-    """Return what points right and up: a chain in one plane is seen along its axes, any other from
-    the side and above.
+    """Return the vectors that point right and up in the picture.
+
+    A chain in one plane is seen along its axes, any other from the side and above.
     """
     first = np.array(rig.joints[0].axis)
     if any(abs(float(first @ np.array(joint.axis))) < 0.99 for joint in rig.joints):
@@ -188,7 +202,7 @@ def _view(rig: Rig) -> tuple[tuple[float, ...], ...]:
 
 
 def _tensions(rig: Rig, log: Log) -> list[Floats | None]:
-    """Return the measured tension of each tendon [N], None where there is none."""
+    """Return the measured tension of each tendon [N], (k,), or None where it is not measured."""
     drives = {drive.name: drive for drive in rig.drives}
     sensors = [sensor for sensor in rig.sensors if sensor.name in log.channels]
     columns: list[Floats | None] = []

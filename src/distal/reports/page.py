@@ -1,4 +1,4 @@
-"""One self-contained page: text, tables and figures, nothing fetched from anywhere."""
+"""A self-contained HTML page of text, tables and figures, which fetches nothing."""
 
 from __future__ import annotations
 
@@ -49,7 +49,12 @@ td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space:
 
 
 def page(title: str, lead: str, parts: Sequence[str]) -> str:
-    """Return a whole page: its title, a paragraph of plain text below it, and its parts as HTML."""
+    """Return the HTML of a page.
+
+    Args:
+        lead: plain text below the title.
+        parts: the page's content as HTML.
+    """
     return (
         "<!doctype html>\n<html lang='en'>\n<head>\n<meta charset='utf-8'>\n"
         "<meta name='viewport' content='width=device-width, initial-scale=1'>\n"
@@ -61,17 +66,17 @@ def page(title: str, lead: str, parts: Sequence[str]) -> str:
 
 
 def heading(text: str, level: int = 2) -> str:
-    """Return a heading: of level 2 for a section, 3 for a part of one."""
+    """Return the HTML of a heading, of level 2 for a section or 3 for a part of one."""
     return f"<h{level}>{escape(text)}</h{level}>"
 
 
 def paragraph(text: str) -> str:
-    """Return a paragraph of plain text."""
+    """Return the HTML of a paragraph of plain text."""
     return f"<p>{escape(text)}</p>"
 
 
 def svg_of(figure: Figure, description: str = "") -> str:
-    """Return a figure as an SVG element, with a description for those who cannot see it."""
+    """Return a figure as an SVG element, with a description for readers who cannot see it."""
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None})
     text = buffer.getvalue()
@@ -80,15 +85,22 @@ def svg_of(figure: Figure, description: str = "") -> str:
 
 
 def picture(svg: str, caption: str) -> str:
-    """Return an SVG element, or the one in an SVG file's text, as a figure with its caption."""
+    """Return the HTML of a figure with its caption.
+
+    Args:
+        svg: an SVG element, or the text of an SVG file.
+    """
     return f"<figure>{svg[svg.index('<svg') :]}<figcaption>{escape(caption)}</figcaption></figure>"
 
 
 def html_table(
     columns: Sequence[str], rows: Sequence[Sequence[str]], values: Sequence[int] = ()
 ) -> str:
-    """Return a table; cells are HTML, and `values` are the indices of the columns that hold
-    numbers.
+    """Return the HTML of a table.
+
+    Args:
+        rows: cells as HTML.
+        values: indices of the columns that hold numbers.
     """
     mark = [" class='n'" if i in values else "" for i in range(len(columns))]
     head = "".join(f"<th{mark[i]}>{escape(name)}</th>" for i, name in enumerate(columns))
@@ -108,7 +120,9 @@ def html_table(
 
 
 def script_with(name: str, table: Mapping[str, object], script: str) -> str:
-    """Return a script with the numbers that it reads, as JSON in an element of some name."""
+    """Return the HTML of a script and of the data that it reads, which stand as JSON in an element
+    called `name`.
+    """
     packed = json.dumps(table, separators=(",", ":")).replace("<", "\\u003c")
     return (
         f"<script type='application/json' id='{name}'>{packed}</script>\n<script>{script}</script>"

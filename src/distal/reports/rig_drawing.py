@@ -1,5 +1,5 @@
-"""A drawing of a rig to scale: drives, tendons, pulleys, links, springs, stops, sensors, with their
-numbers.
+"""A drawing of a rig to scale: drives, tendons, pulleys, links, springs, stops and sensors, with
+their sizes.
 """
 
 from __future__ import annotations
@@ -41,10 +41,12 @@ if TYPE_CHECKING:
 
 
 FAN = 0.6
-"""From where tendons are level to the base, in which they go to their height there [in]."""
+"""Width of the region in which tendons spread from their level parts to their heights at the base
+[in]. Source: layout.
+"""
 
 PANEL = (2.6, 1.2)
-"""Width and height of the axes for moment arms that change [in]."""
+"""Width and height of the axes for moment arms that change [in]. Source: layout."""
 
 
 def draw_rig(rig: Rig) -> Figure:
@@ -85,9 +87,7 @@ def draw_rig(rig: Rig) -> Figure:
 
 
 def rig_svg(rig: Rig) -> str:
-    """Return the drawing of a rig as an SVG element for a page, with a text that says what it
-    shows.
-    """
+    """Return the drawing of a rig as an SVG element with a description in words."""
     joints, tendons = (
         ", ".join(part.name for part in parts) for parts in (rig.joints, rig.tendons)
     )
@@ -99,7 +99,9 @@ def rig_svg(rig: Rig) -> str:
 
 
 def _scale(rig: Rig, placed: Sequence[Stand], largest: float) -> float:
-    """Return the inches for a metre: the joints fit into some space, and so do the drives."""
+    """Return the scale of the drawing [in/m], at which the joints and the drives fit into their
+    space.
+    """
     xs = [
         x
         for stand in placed
@@ -122,7 +124,7 @@ def _scale(rig: Rig, placed: Sequence[Stand], largest: float) -> float:
 
 
 def _around(past: Sequence[Sequence[Wheel]], stand: Stand) -> float:
-    """Return the radius outside all pulleys of a joint, where its stops stand [in]."""
+    """Return the radius outside all pulleys of a joint at which its stops are drawn [in]."""
     circles = [wheel for tendon in past for wheel in tendon]
     radii = [wheel.radius for wheel in circles if wheel.centre == stand.centre]
     pins = [dist(wheel.centre, stand.centre) for wheel in circles if not wheel.radius]
@@ -132,7 +134,7 @@ def _around(past: Sequence[Sequence[Wheel]], stand: Stand) -> float:
 def _draw_base(
     sheet: Sheet, placed: Sequence[Stand], past: Sequence[Sequence[Wheel]], x: float
 ) -> None:
-    """Draw the wall that the first joints are held by, and the bars to them."""
+    """Draw the wall that holds the first joints, and the bars to them."""
     from matplotlib.patches import Rectangle
 
     roots = [stand.centre for stand in placed if stand.parent is None]
@@ -178,7 +180,7 @@ def _draw_proximal(
             way = placed[joint].turn * (
                 1 if next(iter(first.arms().values())) * first.winding >= 0 else -1
             )
-            # wound by a positive angle: from below where that turns clockwise
+            # tendons that a positive angle winds up lie above where it turns counter-clockwise
             above = [i for i in tendons if rig.tendons[i].winding * way > 0]
             below = [i for i in tendons if i not in above]
             reach = max(scale * drive.radius.value, pitch / 2)
@@ -224,7 +226,9 @@ def _write_joints(
     around: Sequence[float],
     left: float,
 ) -> None:
-    """Write of each joint above all of them, side by side, with a thin line down to it."""
+    """Write the text on each joint above all joints, side by side, with a thin line down to the
+    joint.
+    """
     centres = [stand.centre for stand in placed]
     foot = max(centre[1] + a for centre, a in zip(centres, around)) + 0.36
     positions: dict[int, float] = {}
@@ -242,8 +246,8 @@ def _write_joints(
 
 
 def _finish(sheet: Sheet, rig: Rig, arms: Floats, placed: Sequence[Stand], scale: float) -> None:
-    """Add name, scale, gravity, and the moment arms where there are several joints or they
-    change.
+    """Add the rig's name, scale, gravity, and the moment arms where there are several joints or the
+    arms change.
     """
     changing = changing_arms(rig)
     (left, low), (right, high) = sheet.low, sheet.high
@@ -285,7 +289,7 @@ def _finish(sheet: Sheet, rig: Rig, arms: Floats, placed: Sequence[Stand], scale
 
 
 def _draw_scale(sheet: Sheet, at: Point, scale: float) -> None:
-    """Draw a bar of 1, 2 or 5 times a power of ten of a metre, its right end given."""
+    """Draw a scale bar of 1, 2 or 5 times a power of ten metres; `at` is its right end."""
     longest = 1.1 / scale
     power = 10.0 ** np.floor(log10(longest))
     size = next(factor for factor in (5, 2, 1) if factor * power <= longest) * power
@@ -297,7 +301,7 @@ def _draw_scale(sheet: Sheet, at: Point, scale: float) -> None:
 
 
 def _draw_gravity(sheet: Sheet, rig: Rig, at: Point) -> None:
-    """Draw which way things fall, where anything has weight."""
+    """Draw the direction of free fall, where the rig has weight."""
     gravity = gravity_on_paper(rig)
     if gravity is None:
         return

@@ -1,5 +1,5 @@
-"""The answer of a study as one self-contained page: a sentence, then what it rests on; nothing is
-fetched.
+"""The answer of a study as one self-contained page, which fetches nothing: a sentence, then its
+evidence.
 """
 
 from __future__ import annotations
@@ -28,13 +28,15 @@ from distal.study.storage import Columns
 from distal.study.words import words_of
 
 MOST_DOTS = 2000
-"""More dots than this make a page slow, and tell no more."""
+"""Number of dots in a chart at most; more make the page slow without showing more. Source:
+layout.
+"""
 
 CELLS = 8
-"""Parts of a range on the map."""
+"""Number of cells of the map along each axis. Source: layout."""
 
 SHOWN = 10
-"""Numbers, and parts of the space, that are listed."""
+"""Number of parameters, of regions and of problems that are listed at most. Source: layout."""
 
 WORDS = {
     "rms_deg": "RMS error [°]",
@@ -44,10 +46,10 @@ WORDS = {
     "half_band_deg": "half-width of the band [°]",
     "met": "share of rigs that meet the requirement",
 }
-"""What is measured, in words."""
+"""Name of a measure → its label."""
 
 MORE = frozenset({"within", "inside", "met"})
-"""Of these more is better."""
+"""Names of the measures of which more is better."""
 
 _STYLE = f"""<style>
 .controls {{ display: flex; flex-wrap: wrap; gap: .4rem 1rem; margin: .6rem 0; font-size: .9rem; }}
@@ -71,8 +73,11 @@ _STYLE = f"""<style>
 
 
 def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, folder: Path) -> Path:
-    """Write the answer of a study as ``index.html`` and ``answer.json`` to a folder, and return
-    where the page is.
+    """Write the answer of a study as ``index.html`` and ``answer.json`` to a folder, and return the
+    page's path.
+
+    Raises:
+        OutputError: a file cannot be written.
     """
     asked = plan.study.requirement
     title = plan.study.name or plan.rig.name
@@ -191,8 +196,8 @@ def _chart(name: str, axes: Sequence[str], directed: bool = False) -> list[str]:
 
 
 def _points(plan: Plan, space: Space, columns: Columns) -> dict[str, dict[str, object]]:
-    """Return the columns of the charts: a number for each design, or for each rig where there is
-    one design only.
+    """Return the columns of the charts: a value for each design, or for each rig where there is
+    only one design.
     """
     n_scenarios = len(plan.scenarios)
     runs_per_dot = n_scenarios * (plan.study.seeds if space.axes else 1)
@@ -246,7 +251,7 @@ def _values(values: NDArray[np.generic]) -> list[float | None]:
 def _chosen(
     influences: Sequence[Influence], points: dict[str, dict[str, object]]
 ) -> dict[str, list[str]]:
-    """Return which columns the charts show at first: those that matter most."""
+    """Return which columns the charts show at first: those with the largest influence."""
     ranked = [influence.name for influence in influences if influence.name in points]
     order = [
         *ranked,

@@ -1,6 +1,4 @@
-"""What an estimator made of a log: angles, bands, innovations, what they say of the rig, and
-plots.
-"""
+"""Results of an estimator on a log: angles, bands and innovations, and their plots."""
 
 from distal.results.angle_plots import (
     PANELS,

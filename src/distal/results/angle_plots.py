@@ -1,6 +1,4 @@
-"""Plots of estimates over time: truth, estimates and bands, for print and for colour-blind
-readers.
-"""
+"""Plots of truth, estimates and bands over time, for print and for colour-blind readers."""
 
 from __future__ import annotations
 
@@ -11,7 +9,7 @@ from typing import TYPE_CHECKING, TypedDict
 import numpy as np
 
 from distal.arrays import Floats
-from distal.confidence import BAND
+from distal.confidence import half_width, in_percent
 from distal.errors import OutputError
 from distal.logs import Log
 from distal.results.curves import Curves
@@ -39,19 +37,21 @@ if TYPE_CHECKING:
 
 
 PANELS = ("innovations", "forces", "health")
-"""Panels that a plot has on request: see `plot_estimates`."""
+"""Names of the panels that a plot has on request; see `plot_estimates`."""
 
 SHARE = 0.98
-"""So much of the time an error axis shows at least; what is beyond is marked at its edge."""
+"""Share of the samples whose errors an error axis shows at least; errors beyond the axis are marked
+at its edge. Source: layout.
+"""
 
 SHORT = 2.5
-"""An event whose errors are this many times as large as those of the rest is cut off, if it is
-short.
+"""Ratio of the largest error to the usual one from which the axis leaves the largest errors out;
+the usual one is the quantile `SHARE`. Source: layout.
 """
 
 
 class PlotOptions(TypedDict, total=False):
-    """Options of a plot; see `plot_estimates`."""
+    """Keyword options of a plot; see `plot_estimates`."""
 
     title: str | None
     bands: bool
@@ -74,23 +74,26 @@ def plot_estimates(
     rig: Rig | None = None,
     health: Sequence[str] | None = None,
 ) -> Figure:
-    """Draw truth, estimates and their 95 % bands over time, below their errors. One column of axes
-    for each joint.
+    """Draw truth, estimates and their bands over time, with the errors below; each joint has
+    its own column of axes.
 
     Where the truth is not known, the half-width of the band stands below instead of the errors.
 
     Args:
-        path: where to save; None only returns the figure.
-        title: default the rig's name.
-        errors: draw the errors too; default where the truth is known.
-        panels: what else is drawn, of `PANELS`: innovations of the first estimate in standard
-            deviations, with ±2; measured forces, tensions and torques; the words that a stream of
-            the log has for its health.
-        log: for the panel of its forces, with the rig for their units.
-        health: a word for each sample (`distal.log_health`).
+        path: where to save the figure; with None it is only returned.
+        title: title of the figure; by default it is the rig's name.
+        bands: whether the bands are drawn.
+        errors: whether the errors are drawn; by default they are where the truth is known.
+        panels: names of further panels, from `PANELS`: the first estimate's innovations in standard
+            deviations, with lines at ±2; measured forces, tensions and torques; and the stream's
+            health.
+        log: log whose forces the panel ``forces`` shows.
+        rig: rig that gives the units of these forces.
+        health: a health word for each sample (`distal.log_health`), for the panel ``health``.
 
     Raises:
-        OutputError: the file cannot be written, or a panel is unknown or lacks what it draws.
+        OutputError: the file cannot be written, a panel is unknown, or a panel lacks the data that
+            it draws.
     """
     first = estimates[0]
     joints = len(estimates[0].joint_names)
@@ -126,9 +129,7 @@ def plot_estimates(
 
 
 def _across(drawing: Figure, axes: Sequence[Axes], row: int, columns: int) -> Axes:
-    """Return axes over all columns of a row, in place of those of each column: they are for all
-    joints.
-    """
+    """Return axes that reach over all columns of a row and replace the axes of its columns."""
     for cell in axes[row * columns : (row + 1) * columns]:
         cell.remove()
     grid = axes[0].get_gridspec()
@@ -138,7 +139,9 @@ def _across(drawing: Figure, axes: Sequence[Axes], row: int, columns: int) -> Ax
 
 
 def check_panels(panels: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of panels as they are, if all are of `PANELS`."""
+    """Return the names of panels as a tuple; raise an `OutputError` where one is not in
+    `PANELS`.
+    """
     for panel in panels:
         if panel not in PANELS:
             raise OutputError(f"a plot has no panel '{panel}'{did_you_mean(panel, PANELS)}")
@@ -175,13 +178,17 @@ def _draw_panel(
 
 
 def from_start(time: Floats) -> Floats:
-    """Return the time since the first sample [s], (k,)."""
+    """Return the time since the first sample [s], (k,).
+
+    Args:
+        time: stamps [s], (k,).
+    """
     since: Floats = time - time[0]
     return since
 
 
 def time_label(time: Floats) -> str:
-    """Return the label of an axis of time."""
+    """Return the label of the time axis for the stamps `time` [s], (k,)."""
     return (
         "time [s]"
         if abs(time[0]) < 1e-9
@@ -197,8 +204,10 @@ def _draw_joint(
     below: str,
     several: bool,
 ) -> None:
-    """Draw one joint: angles above, errors or the width of the band below. Of several, the first
-    one has the legend.
+    """Draw one joint: its angle in the upper axes, its error or the width of its band in the lower
+    ones.
+
+    Where `several` joints are drawn, only the first has a legend.
     """
     top = axes[0]
     truth = _truth_of(estimates[0], joint)
@@ -208,7 +217,8 @@ def _draw_joint(
         entries.append((line, "truth"))
     for i, estimate in enumerate(estimates):
         handle = draw_estimate(top, estimate, i, bands, joint=joint)
-        entries.append((handle, estimate.estimator + (", 95 % band" if bands else "")))
+        band = f", {in_percent(estimate.level)} band" if bands else ""
+        entries.append((handle, estimate.estimator + band))
     _limit_angles(top, estimates, joint)
     top.set_ylabel("joint angle θ [°]")
     if joint == 0:
@@ -224,12 +234,12 @@ def _draw_joint(
                 **curve_style(i),
             )
         axes[1].set_ylim(bottom=0.0)
-        axes[1].set_ylabel("95 % band ± [°]")
+        axes[1].set_ylabel(f"{in_percent(estimates[0].level)} band ± [°]")
 
 
 def _draw_errors(axes: Axes, estimates: Sequence[Curves], joint: int, bands: bool) -> None:
-    """Draw a joint's errors with the bands about zero; a short event does not flatten the
-    others.
+    """Draw a joint's errors with the bands about zero, on an axis that a short large error does not
+    stretch.
     """
     curves = []
     for i, estimate in enumerate(estimates):
@@ -246,16 +256,16 @@ def _draw_errors(axes: Axes, estimates: Sequence[Curves], joint: int, bands: boo
 
 
 def _limit_errors(axes: Axes, errors: Sequence[tuple[str, Floats, Floats]], half: Floats) -> None:
-    """Choose the limits of an axis of errors so that `SHARE` of the time fills it, and mark what is
-    beyond.
+    """Choose the limits of an error axis so that at least the share `SHARE` of the first estimate's
+    errors is visible, and mark the errors beyond.
 
-    Half of the first curve's band runs out of the picture where it is much wider than the errors.
+    A band that is much wider than the errors is cut off at the limits.
     """
     sizes = [np.abs(error[np.isfinite(error)]) for _, _, error in errors]
     if not any(len(size) for size in sizes):
         return
-    # the first estimate is what the plot is about; the others may take the axis as far as eight
-    # times its errors
+    # the plot is about the first estimate: errors of the others widen the axis up to eight times
+    # its own
     desired = [_usual(size) for size in sizes if len(size)]
     shown = min(max(desired), 8.0 * desired[0])
     band = 1.1 * float(np.quantile(half, 0.9))
@@ -286,8 +296,8 @@ def _limit_errors(axes: Axes, errors: Sequence[tuple[str, Floats, Floats]], half
 
 
 def _usual(size: Floats) -> float:
-    """Return how far an axis should go for errors of some size [°]: an event that is short and
-    large is left out.
+    """Return the limit of an axis for errors of the given magnitudes [°]; short large errors are
+    left out.
     """
     largest = float(size.max())
     usual = max(float(np.quantile(size, SHARE)), 0.02)
@@ -295,7 +305,7 @@ def _usual(size: Floats) -> float:
 
 
 def _truth_of(estimate: Curves, joint: int) -> Floats | None:
-    """Return a joint's true angle [rad], (k,), None where it is nowhere known."""
+    """Return a joint's true angle [rad], (k,), or None where it is known at no sample."""
     if estimate.truths is None or not np.isfinite(estimate.truths[:, joint]).any():
         return None
     return estimate.truths[:, joint]
@@ -308,8 +318,8 @@ def _error(estimate: Curves, joint: int) -> Floats:
 
 
 def _half_width(estimate: Curves, joint: int) -> Floats:
-    """Return the half-width of a joint's 95 % band [°]."""
-    return np.rad2deg(BAND * estimate.angle_stds[:, joint])
+    """Return the half-width of a joint's band [°]."""
+    return np.rad2deg(half_width(estimate.level) * estimate.angle_stds[:, joint])
 
 
 def draw_estimate(
@@ -320,8 +330,13 @@ def draw_estimate(
     label: str | None = None,
     joint: int = 0,
 ) -> Artist:
-    """Draw one estimate of a joint and its 95 % band [°] in the style of an index; return its
-    handle for a legend.
+    """Draw one joint's estimate and its band [°]; return the handle for a legend.
+
+    Args:
+        index: which colour and dash the curve has, from 0.
+        band: whether the band is drawn.
+        label: name of the curve; by default it is the estimator's name.
+        joint: index of the joint.
     """
     theta = np.rad2deg(estimate.angles[:, joint])
     half = _half_width(estimate, joint)
@@ -333,8 +348,8 @@ def draw_estimate(
 
 
 def _shade(axes: Axes, time: Floats, low: Floats, high: Floats, index: int) -> Artist:
-    """Shade a band, with edges that are seen where it is hardly wider than a line; return its
-    handle.
+    """Shade a band and draw its edges, so that a band as narrow as a line is visible; return the
+    handle for a legend.
     """
     for edge in (low, high):
         axes.plot(time, edge, color=colour(index), linewidth=0.4, alpha=0.6)
@@ -342,8 +357,8 @@ def _shade(axes: Axes, time: Floats, low: Floats, high: Floats, index: int) -> A
 
 
 def _limit_angles(axes: Axes, estimates: Sequence[Curves], joint: int) -> None:
-    """Keep the curves readable where a band is much wider than they are: it then runs out of the
-    picture.
+    """Keep the limits of an angle axis near the curves; a much wider band is cut off at the
+    limits.
     """
     curves = [np.rad2deg(estimate.angles[:, joint]) for estimate in estimates]
     truth = _truth_of(estimates[0], joint)

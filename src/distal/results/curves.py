@@ -1,4 +1,4 @@
-"""What a plot draws of an estimate."""
+"""What a plot needs of an estimate."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from distal.arrays import Floats
 
 
 class Curves(Protocol):
-    """What is drawn of an estimate: see `distal.Estimate`."""
+    """An object with the curves of an estimate that a plot draws, such as `distal.Estimate`."""
 
     @property
     def estimator(self) -> str:
-        """Its name."""
+        """Name of the estimator."""
 
     @property
     def rig(self) -> str:
@@ -32,20 +32,24 @@ class Curves(Protocol):
 
     @property
     def angle_stds(self) -> Floats:
-        """Standard deviations of their errors [rad], (k, n_joints)."""
+        """Standard deviations of the errors of the joint angles [rad], (k, n_joints)."""
+
+    @property
+    def level(self) -> float:
+        """Share of the errors that the band is to hold."""
 
     @property
     def truths(self) -> Floats | None:
-        """True angles [rad], (k, n_joints), or None."""
+        """True joint angles [rad], (k, n_joints), or None where none is known."""
 
     @property
     def measured(self) -> tuple[str, ...]:
-        """Names of the channels with an innovation."""
+        """Names of the m channels with an innovation."""
 
     @property
     def innovations(self) -> Floats:
-        """Measured minus predicted, (k, m)."""
+        """Innovations ν, measured minus predicted, in SI, (k, m)."""
 
     @property
     def innovation_variances(self) -> Floats:
-        """Their variances, (k, m)."""
+        """Variances S of the innovations, (k, m)."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Floats
-from distal.confidence import BAND
+from distal.confidence import COVERED, half_width, in_percent
 from distal.errors import EstimationError
 from distal.estimators import UNITS_OF_JOINTS, StateKind, kinds_by_joint, states_of
 from distal.logs import header, pandas_frame, polars_frame
@@ -27,42 +27,48 @@ if TYPE_CHECKING:
 
 
 ANGLE_UNITS = {"rad": 1.0, "deg": float(np.deg2rad(1.0))}
-"""Units in which angles are written, and how many radians one of it is."""
+"""Unit in which angles may be written → its size [rad]. Source: definition (unit conversion)."""
 
 
 @dataclass(frozen=True, repr=False)
 class Estimate:
-    """The states over a log, with their standard deviations, and the innovations.
+    """The estimated states over a log, with their standard deviations, and the innovations.
 
     Args:
+        estimator: name of the estimator.
         rig: title of the rig.
         time: stamps [s], (k,).
-        state_names: names of the n states; the joints' angles [rad] are the first.
-        means: (k, n), SI.
-        variances: of the states' errors, (k, n).
+        state_names: names of the n states; the joint angles [rad] come first.
+        means: estimated states in SI, (k, n).
+        variances: variances of the states' errors, (k, n).
         measured: names of the m channels with an innovation.
-        innovations: (k, m), NaN where missing, or not compared (a force whose slider is at a stop).
-        innovation_variances: (k, m).
-        truths: true angles [rad], (k, n_joints), NaN where a joint's is not known; None where none
-            is.
-        covariances: (k, n, n); None from a batch, where they would fill the memory.
+        innovations: innovations ν, (k, m); NaN where a reading is missing or is not compared (a
+            force whose slider is at a stop).
+        innovation_variances: variances S of the innovations, (k, m).
+        truths: true joint angles [rad], (k, n_joints), NaN where an angle is not known; None where
+            none is.
+        covariances: covariances of the states' errors, (k, n, n); None from a batch, where they
+            would fill the memory.
+        joint_names: names of the joints.
         notes: remarks of the estimator on its estimate, one sentence each, such as how much was
             outside a learned range.
-        prior_means: of states that are constants of the rig or its sensors; NaN for states that
-            vary, (n,); None where the estimator has no such states.
-        prior_stds: their standard deviations, (n,).
-        torque_truths: true external torques on the joints [N m], (k, n_joints); None where none is
-            known.
-        unseen: which joint motions the sensors cannot observe, a sentence also in `notes`; None
-            where none is known.
-        state_kinds: what each state is, (n,); default those of the joints by their names.
-        state_parts: the joint, drive, tendon or sensor that each state is of, (n,), or the path of
-            a number of the rig.
-        state_units: SI unit of each state, (n,); default those of the joints' states.
-        usual: of each measured channel the largest normal mean of ν²/S over a second, and the
-            correlation of its innovations, by the logs of a fit; none where it is not known.
+        prior_means: prior means of the states that are constants of the rig or its sensors, (n,),
+            NaN for states that vary; None where the estimator has no such constants.
+        prior_stds: prior standard deviations of the same states, (n,).
         stamps: dates of the log since 1970 [ns], (k,), if it has dates; they link results to other
             recordings.
+        torque_truths: true external torques on the joints [N m], (k, n_joints); None where none is
+            known.
+        unseen: a sentence on joint motions that the sensors cannot observe, which is also in
+            `notes`; None where there is no such motion, as far as is known.
+        state_kinds: kind of each state, (n,); by default the kinds follow from the states' names.
+        state_parts: name of the joint, drive, tendon or sensor to which each state belongs, or the
+            path of a parameter of the rig, (n,).
+        state_units: SI unit of each state, (n,); by default the units follow from the kinds.
+        usual: for each measured channel, the largest normal mean of ν²/S over a second and the
+            correlation of its innovations, learned from the logs of a fit; empty where they are not
+            known.
+        level: share of the errors that the band is to hold.
     """
 
     estimator: str
@@ -88,6 +94,7 @@ class Estimate:
     state_parts: tuple[str, ...] = ()
     state_units: tuple[str, ...] = ()
     usual: tuple[tuple[float, float], ...] = ()
+    level: float = COVERED
 
     def __post_init__(self) -> None:
         """Fill in kinds, parts and units of the states where the estimator has none."""
@@ -106,7 +113,7 @@ class Estimate:
         return len(self.time)
 
     def __repr__(self) -> str:
-        """Return a short description; the numbers are in the properties."""
+        """Return a short description of the estimate."""
         lines = [self.in_words(joint) for joint in range(len(self.joint_names))]
         return (
             f"{len(self)} samples of '{self.rig}', {self.time[0]:g} to {self.time[-1]:g} s; "
@@ -114,19 +121,22 @@ class Estimate:
         )
 
     def _repr_html_(self) -> str:
-        """Return the same as a table, as notebooks show it."""
+        """Return the short description and the `summary` as HTML, which notebooks show."""
         return f"<p>{escape(repr(self))}</p>{html_rows(self.summary())}"
 
     def in_words(self, joint: int = 0) -> str:
-        """Return one line: the range of a joint's angle, its band, and its error where the truth is
-        known.
+        """Return one line on a joint: the range of its angle, its band, and its error where the
+        truth is known.
+
+        Args:
+            joint: index of the joint.
         """
         row = self.summary()[joint]
         which = "angle" if len(self.joint_names) == 1 else f"angle of {row['joint']}"
         text = (
             f"{self.estimator}: {which} from {row['least [deg]']:.2f}° to "
             f"{row['greatest [deg]']:.2f}°, "
-            f"95 % band ±{row['median band [deg]']:.2f}° (median)"
+            f"{in_percent(self.level)} band ±{row['median band [deg]']:.2f}° (median)"
         )
         if row["RMS error [deg]"] is None or row["inside band"] is None:
             return text
@@ -136,11 +146,10 @@ class Estimate:
         )
 
     def summary(self) -> list[SummaryRow]:
-        """Return a row for each joint: range, band, and error where the truth is known (else None)
-        [deg].
+        """Return a row for each joint: range, band and errors [deg], and the coverage of the band.
 
-        The band is the median half-width of the 95 % band; ``inside band`` is a share of the
-        samples.
+        The band is the median half-width of the band of this `level`; ``inside band`` is the share
+        of samples inside it. Errors and coverage are None where the truth is not known.
         """
         rows = []
         for joint, name in enumerate(self.joint_names):
@@ -148,12 +157,12 @@ class Estimate:
             stds = self.angle_stds[:, joint]
             truth = np.full(len(self), np.nan) if self.truths is None else self.truths[:, joint]
             errors = (angles - truth)[np.isfinite(truth)]
-            inside = np.abs(errors) <= BAND * stds[np.isfinite(truth)]
+            inside = np.abs(errors) <= self.stds_of_band * stds[np.isfinite(truth)]
             row: SummaryRow = {
                 "joint": name,
                 "least [deg]": float(np.rad2deg(angles.min())),
                 "greatest [deg]": float(np.rad2deg(angles.max())),
-                "median band [deg]": float(np.rad2deg(BAND * np.median(stds))),
+                "median band [deg]": float(np.rad2deg(self.stds_of_band * np.median(stds))),
                 "RMS error [deg]": float(np.rad2deg(np.sqrt(np.mean(errors**2))))
                 if len(errors)
                 else None,
@@ -166,28 +175,45 @@ class Estimate:
         return rows
 
     @property
+    def stds_of_band(self) -> float:
+        """Half-width of the band of this `level` [standard deviations]."""
+        return half_width(self.level)
+
+    @property
     def angles(self) -> Floats:
-        """Angles of the joints [rad], (k, n_joints)."""
+        """Estimated joint angles [rad], (k, n_joints)."""
         return self.means[:, : len(self.joint_names)]
 
     @property
     def angle_stds(self) -> Floats:
-        """Standard deviations of their errors [rad], (k, n_joints)."""
+        """Standard deviations of the errors of the joint angles [rad], (k, n_joints)."""
         return np.sqrt(self.variances[:, : len(self.joint_names)])
 
     @property
     def theta(self) -> Floats:
-        """Angle of the one joint [rad], (k,); an `EstimationError` where there are several."""
+        """Estimated angle of the only joint [rad], (k,).
+
+        Raises:
+            EstimationError: there are several joints.
+        """
         return self._only(self.angles, "theta", "angles")
 
     @property
     def theta_std(self) -> Floats:
-        """Standard deviation of its error [rad], (k,)."""
+        """Standard deviation of the error of the only joint's angle [rad], (k,).
+
+        Raises:
+            EstimationError: there are several joints.
+        """
         return self._only(self.angle_stds, "theta_std", "angle_stds")
 
     @property
     def truth(self) -> Floats | None:
-        """True angle of the one joint [rad], (k,), where it is known, else None."""
+        """True angle of the only joint [rad], (k,), or None where it is not known.
+
+        Raises:
+            EstimationError: there are several joints.
+        """
         return None if self.truths is None else self._only(self.truths, "truth", "truths")
 
     def _only(self, columns: Floats, name: str, several: str) -> Floats:
@@ -199,8 +225,11 @@ class Estimate:
         return columns[:, 0]
 
     def state(self, name: str) -> Floats:
-        """Return a state over time, (k,), by its name of `state_names`, or a number of the rig by
-        its path.
+        """Return the mean of a state over time in SI, (k,).
+
+        Args:
+            name: a name in `state_names`, or the path of a parameter of the rig that the estimator
+                estimates.
 
         Raises:
             EstimationError: there is no such state.
@@ -220,18 +249,22 @@ class Estimate:
 
     @property
     def stds(self) -> Floats:
-        """Standard deviations of all states, (k, n)."""
+        """Standard deviations of the errors of all states, in SI, (k, n)."""
         return np.sqrt(self.variances)
 
     @property
     def nis(self) -> Floats:
-        """Normalised innovation squared per sample, Σ ν²/S over the values that are there, (k,)."""
+        """Normalised innovation squared (NIS) of each sample, Σ ν²/S over the readings that are
+        present, (k,).
+        """
         nis: Floats = np.nansum(self.innovations**2 / self.innovation_variances, axis=1)
         return nis
 
     @property
     def log_likelihood(self) -> float:
-        """Sum over the log of ln p(sample | past)."""
+        """Log-likelihood of the log: the sum of ln p(ν) over all innovations, with ν normal of
+        variance S.
+        """
         finite = np.isfinite(self.innovations)
         variances = self.innovation_variances[finite]
         return float(
@@ -240,30 +273,40 @@ class Estimate:
 
     @property
     def external_torques(self) -> Floats:
-        """External torques on the joints [N m], (k, n_joints).
+        """Estimated external torques on the joints [N m], (k, n_joints).
 
         Raises:
-            EstimationError: the rig excludes it for a joint (``external_torque.std = 0``).
+            EstimationError: the rig excludes such a torque for a joint (``external_torque.std =
+                0``).
         """
         return self.means[:, self._torque_states()]
 
     @property
     def external_torque_stds(self) -> Floats:
-        """Standard deviations of their errors [N m], (k, n_joints)."""
+        """Standard deviations of the errors of the external torques [N m], (k, n_joints).
+
+        Raises:
+            EstimationError: the rig excludes such a torque for a joint.
+        """
         return np.sqrt(self.variances[:, self._torque_states()])
 
     @property
     def external_torque(self) -> Floats:
-        """External torque on the only joint [N m], (k,): from a hand or a contact.
+        """Estimated external torque on the only joint [N m], (k,), such as that of a hand or a
+        contact.
 
         Raises:
-            EstimationError: there are several joints, or none can occur.
+            EstimationError: there are several joints, or the rig excludes such a torque.
         """
         return self._only(self.external_torques, "external_torque", "external_torques")
 
     @property
     def external_torque_std(self) -> Floats:
-        """Standard deviation of its error [N m], (k,)."""
+        """Standard deviation of the error of the only joint's external torque [N m], (k,).
+
+        Raises:
+            EstimationError: there are several joints, or the rig excludes such a torque.
+        """
         return self._only(self.external_torque_stds, "external_torque_std", "external_torque_stds")
 
     def _torque_states(self) -> list[int]:
@@ -280,11 +323,17 @@ class Estimate:
         return list(columns.values())
 
     def contacts(self, sigmas: float = 5.0, joint: int = 0) -> list[float]:
-        """Return when contacts with a joint begin [s]: its external torque exceeds `sigmas`
-        standard deviations.
+        """Return the times at which contacts with a joint begin [s].
 
-        Between two contacts the torque has fallen below half of that limit. With 5 there was no
-        false contact in ten minutes (`python -m benchmarks.strangers contact`).
+        A contact begins where the external torque exceeds `sigmas` of its standard deviations,
+        after it was below half of that. With 5 there was no false contact in ten minutes
+        (`python -m benchmarks.strangers contact`).
+
+        Args:
+            joint: index of the joint.
+
+        Raises:
+            EstimationError: the rig excludes such a torque for a joint.
         """
         ratio = np.abs(self.external_torques[:, joint]) / np.maximum(
             self.external_torque_stds[:, joint], 1e-300
@@ -298,11 +347,12 @@ class Estimate:
         return onsets
 
     def torque_errors(self) -> Floats:
-        """Return estimate minus true external torque [N m], (k,), or (k, n_joints); NaN where it is
-        not known.
+        """Return estimated minus true external torque [N m], NaN where the truth is not known.
+
+        The shape is (k,) for one joint, else (k, n_joints).
 
         Raises:
-            EstimationError: no true torque is known, or there is no estimate of it.
+            EstimationError: no true torque is known, or none is estimated.
         """
         if self.torque_truths is None:
             raise EstimationError(
@@ -312,8 +362,12 @@ class Estimate:
         return errors[:, 0] if len(self.joint_names) == 1 else errors
 
     def errors(self, truth: Floats | None = None) -> Floats:
-        """Return estimate minus `truth` [rad] (default: the log's own), (k,), or (k, n_joints); NaN
-        where it is missing.
+        """Return estimated minus true angle [rad], NaN where the truth is missing.
+
+        The shape is (k,) for one joint, else (k, n_joints).
+
+        Args:
+            truth: true angles [rad], of the same shape; by default those of the log.
 
         Raises:
             EstimationError: no truth is known.
@@ -329,32 +383,46 @@ class Estimate:
         return errors[:, 0] if len(self.joint_names) == 1 else errors
 
     def rms_error(self, truth: Floats | None = None) -> float:
-        """Return the root mean square of `errors` [rad], of all joints together."""
+        """Return the root mean square of the `errors` over all samples and joints [rad].
+
+        Args:
+            truth: true angles [rad]; by default those of the log.
+        """
         return float(np.sqrt(np.nanmean(self.errors(truth) ** 2)))
 
     def max_error(self, truth: Floats | None = None) -> float:
-        """Return the largest magnitude of `errors` [rad]."""
+        """Return the largest magnitude of the `errors` [rad].
+
+        Args:
+            truth: true angles [rad]; by default those of the log.
+        """
         return float(np.nanmax(np.abs(self.errors(truth))))
 
     def half_width(self) -> float:
-        """Return the mean half-width of the 95 % band over joints and samples [rad]."""
-        return float(BAND * np.mean(self.angle_stds))
+        """Return the mean half-width of the band over all samples and joints [rad]."""
+        return float(self.stds_of_band * np.mean(self.angle_stds))
 
     def inside_band(self, truth: Floats | None = None) -> float:
-        """Return the share of samples whose truth is inside the estimate's 95 % band, of all joints
-        together.
+        """Return the coverage of the band: the share of samples, over all joints, whose truth
+        is inside.
+
+        Args:
+            truth: true angles [rad]; by default those of the log.
         """
         errors = self.errors(truth)
         finite = np.isfinite(errors)
         stds = self.angle_stds.reshape(errors.shape)
-        return float(np.mean(np.abs(errors[finite]) <= BAND * stds[finite]))
+        return float(np.mean(np.abs(errors[finite]) <= self.stds_of_band * stds[finite]))
 
     def columns(self, unit: str = "rad", *, every: bool = False) -> dict[str, NDArray[np.generic]]:
-        """Return header → values: ``t [s]``, the angles with their ``_std``, and the external
-        torques on the joints.
+        """Return header → column: ``t [s]``, the angles, their standard deviations ``…_std``, and
+        the external torques.
 
-        Where the log has dates ``stamp [ns]`` comes after the time. Angles are in the unit, "rad"
-        or "deg"; with `every` all states are there with their standard deviations, instead.
+        Where the log has dates, ``stamp [ns]`` comes after the time.
+
+        Args:
+            unit: unit of the angles, "rad" or "deg".
+            every: whether all states and their standard deviations are there.
 
         Raises:
             EstimationError: the unit is neither.
@@ -382,16 +450,26 @@ class Estimate:
         return columns
 
     def to_polars(self, unit: str = "rad", *, every: bool = False) -> polars.DataFrame:
-        """Return the `columns` as a frame of polars, which must be installed."""
+        """Return the `columns` as a frame of polars, which must be installed.
+
+        Args:
+            unit: unit of the angles, "rad" or "deg".
+            every: whether all states and their standard deviations are there.
+        """
         return polars_frame(self.columns(unit, every=every))
 
     def to_pandas(self, unit: str = "rad", *, every: bool = False) -> pandas.DataFrame:
-        """Return the `columns` as a frame of pandas, which must be installed."""
+        """Return the `columns` as a frame of pandas, which must be installed.
+
+        Args:
+            unit: unit of the angles, "rad" or "deg".
+            every: whether all states and their standard deviations are there.
+        """
         return pandas_frame(self.columns(unit, every=every))
 
     def plot(self, path: str | Path | None = None, **options: Unpack[PlotOptions]) -> Figure:
-        """Draw truth, estimate and 95 % band over time, and save them in a PNG, SVG or PDF if it
-        has a path.
+        """Draw truth, estimate and 95 % band over time, and save the figure as PNG, SVG or PDF
+        where a path is given.
 
         The `options` are those of `distal.plot_estimates`.
         """

@@ -1,6 +1,4 @@
-"""Panels below the angle: innovations, what was measured of forces, and the words of a stream's
-health.
-"""
+"""Panels below the angle: innovations, measured forces, and the health of a stream."""
 
 from __future__ import annotations
 
@@ -20,15 +18,18 @@ if TYPE_CHECKING:
 
 
 HEALTH_COLOURS = {"ok": COLOURS[2], "untested": COLOURS[5]}
-"""Colours of words that are no alarm; the others are orange."""
+"""Health word → its colour, for words that are no alarm; all other words are orange."""
 
 WIDEST = 5.0
-"""Innovations are drawn as far as this many standard deviations at least."""
+"""Least limit of the axis of innovations [standard deviations]. Source: layout."""
 
 
 def draw_innovations(axes: Axes, time: Floats, result: Curves) -> None:
-    """Draw innovations in standard deviations, with the ±2 that 95 % should be within; `time` is
-    from the start on [s].
+    """Draw a result's innovations in standard deviations, with lines at ±2, between which 95 %
+    should be.
+
+    Args:
+        time: time since the first sample [s], (k,).
     """
     ratios = result.innovations / np.sqrt(result.innovation_variances)
     axes.axhspan(-2.0, 2.0, color=PALE, linewidth=0)
@@ -61,7 +62,7 @@ def draw_innovations(axes: Axes, time: Floats, result: Curves) -> None:
 
 
 def draw_forces(axes: Axes, log: Log, rig: Rig) -> None:
-    """Draw the forces, tensions and motor torques of a log."""
+    """Draw the forces and motor torques at the drives and the tensions that a log has."""
     sensors = [
         s for s in rig.sensors if s.measures in ("force", "tension") and s.name in log.channels
     ]
@@ -85,8 +86,11 @@ def draw_forces(axes: Axes, log: Log, rig: Rig) -> None:
 
 
 def draw_health(axes: Axes, time: Floats, health: Sequence[str]) -> None:
-    """Draw when a stream of the log has which word for its health, at a `time` from the start [s];
-    a line for each word.
+    """Draw as bars, in one row for each health word, when the word held.
+
+    Args:
+        time: time since the first sample [s], (k,).
+        health: the health word of each sample, (k,).
     """
     words = sorted(set(health), key=lambda word: (word != "ok", word))
     step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0

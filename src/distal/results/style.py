@@ -1,5 +1,5 @@
-"""The look of every figure: colours and dashes that colour-blind readers can tell apart, legends
-beside the curves.
+"""The style of all figures: colours and dashes that colour-blind readers can tell apart, and
+legends above the axes.
 """
 
 from __future__ import annotations
@@ -24,22 +24,44 @@ if TYPE_CHECKING:
 # Okabe and Ito's palette, which colour-blind readers can tell apart; each curve has its own dash as
 # well
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+"""Colours of curves in their order: Okabe and Ito's palette, which colour-blind readers can tell
+apart.
+"""
+
 BAND_ALPHA = 0.2
-"""Opacity of a shaded band."""
+"""Opacity of a shaded band. Source: layout."""
 
 _GAPS = ((5, 1.5), (1.5, 1), (5, 1, 1, 1), (8, 2), (3, 1, 1, 1, 1, 1))
+"""Lengths of dashes and gaps of curves after the first one, which is solid [line widths]. Source:
+layout.
+"""
+
 DASHES: tuple[object, ...] = ("-", *((0, gaps) for gaps in _GAPS))
+"""Dashes of curves in their order, so that curves differ in print without colours."""
+
 WHITE = "#FFFFFF"
+"""Colour of paper."""
+
 PALE = "#EEF1F4"
+"""Colour of bodies."""
+
 FAINT = "#D0D7DE"
+"""Colour of grids."""
+
 SOFT = "#57606A"
+"""Colour of text and lines in the background."""
+
 INK = "#1B1F24"
+"""Colour of text and outlines."""
+
 BLACK = "#000000"
-"""From paper to ink: bodies, grids, what stands back, text; black is for what is true."""
+"""Colour of what is true."""
 
 GOOD = "#00634A"
+"""Colour of words that say that something is well."""
+
 BAD = "#A63C00"
-"""Of words that say that something is well, or is not."""
+"""Colour of words that say that something is not well."""
 
 STYLE = {
     "font.size": 9,
@@ -52,14 +74,15 @@ STYLE = {
     "svg.hashsalt": "distal",
     "figure.constrained_layout.use": True,
 }
+"""Settings of matplotlib for all figures."""
 
 
 TRUTH: Mapping[str, object] = {"color": BLACK, "linestyle": "-", "linewidth": 1.6}
-"""How the truth is drawn in every figure."""
+"""Style of the true curve in every figure."""
 
 
 def styled() -> AbstractContextManager[None]:
-    """Return the context in which axes and legends come out in distal's style."""
+    """Return a context in which matplotlib draws axes and legends in this style."""
     import matplotlib
 
     context: AbstractContextManager[None] = matplotlib.rc_context(STYLE)
@@ -70,9 +93,16 @@ def styled() -> AbstractContextManager[None]:
 def figure(
     rows: int = 1, columns: int = 1, size: tuple[float, float] = (6.5, 3.6), **options: object
 ) -> Iterator[tuple[Figure, list[Axes]]]:
-    """Make a figure in distal's style without touching the user's backend or settings.
+    """Make a figure and its axes in this style, without touching the user's backend or settings.
 
-    The `size` is in inches; `options` are those of matplotlib's `Figure.subplots`.
+    Args:
+        rows: rows of axes.
+        columns: columns of axes.
+        size: width and height [in].
+        options: those of matplotlib's `Figure.subplots`.
+
+    Raises:
+        OutputError: matplotlib does not start.
     """
     try:
         from matplotlib.figure import Figure
@@ -86,23 +116,27 @@ def figure(
 
 
 def colour(index: int) -> str:
-    """Return the colour of a curve; after the last the first comes again."""
+    """Return the colour of the curve with an index; after the last colour the first one is used
+    again.
+    """
     return COLOURS[index % len(COLOURS)]
 
 
 def curve_style(index: int) -> dict[str, object]:
-    """Return colour and dash of a curve, as options of `Axes.plot`."""
+    """Return colour and dash of the curve with an index, as options of `Axes.plot`."""
     return {"color": colour(index), "linestyle": DASHES[index % len(DASHES)]}
 
 
 def plain(text: str) -> str:
-    """Return text as matplotlib shows it letter by letter: a $ begins no formula."""
+    """Return a text that matplotlib shows letter by letter, so that $ begins no formula."""
     return text.replace("$", r"\$")
 
 
 def plot_kind(path: str | Path) -> str:
-    """Return the format that a plot's file name asks for: png, svg or pdf, else an
-    `OutputError`.
+    """Return the format by the ending of a plot's path: png, svg or pdf.
+
+    Raises:
+        OutputError: the path ends otherwise.
     """
     kind = Path(path).suffix.lower().lstrip(".")
     if kind not in ("png", "svg", "pdf"):
@@ -111,7 +145,11 @@ def plot_kind(path: str | Path) -> str:
 
 
 def make_folder(path: str | Path) -> Path:
-    """Return the folder, made if need be, or raise an `OutputError`."""
+    """Return the folder at a path, which is made where it does not exist.
+
+    Raises:
+        OutputError: the folder cannot be made.
+    """
     folder = Path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -121,12 +159,18 @@ def make_folder(path: str | Path) -> Path:
 
 
 def save_figure(drawing: Figure, path: str | Path) -> None:
-    """Write a figure whole or not at all, in the format of its suffix."""
+    """Write a figure completely or not at all, in the format of the path's ending.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
     write_whole(path, figure_bytes(drawing, path))
 
 
 def figure_bytes(drawing: Figure, path: str | Path) -> bytes:
-    """Return a figure as the file that `path` will hold, in the format of its suffix."""
+    """Return the content of a figure's file, in the format of the path's ending; see
+    `plot_kind`.
+    """
     kind = plot_kind(path)
     buffer = io.BytesIO()
     # no dates inside, so that the same results give the same file
@@ -140,8 +184,11 @@ def figure_bytes(drawing: Figure, path: str | Path) -> bytes:
 
 
 def legend_above(axes: Axes, entries: Sequence[tuple[Artist, str]] = (), most: int = 4) -> None:
-    """Put the legend of `entries` (default: of the axes) above the axes, where it never lies on a
-    curve.
+    """Put a legend above the axes, where it covers no curve.
+
+    Args:
+        entries: handles and their texts; by default those of the axes.
+        most: columns of the legend at most.
     """
     handles, labels = zip(*entries) if entries else axes.get_legend_handles_labels()
     if handles:
@@ -159,5 +206,5 @@ def legend_above(axes: Axes, entries: Sequence[tuple[Artist, str]] = (), most: i
 
 
 def title_above(drawing: Figure, title: str) -> None:
-    """Put a title above everything else, to the left."""
+    """Put a title above everything else, at the left."""
     drawing.suptitle(plain(title[:90]), fontsize=9, x=0.01, ha="left")

@@ -1,4 +1,4 @@
-"""What an estimate says of each joint in a row: where it was, how sure that is, how true."""
+"""A row on each joint of an estimate: its range, its band and its errors."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ SummaryRow = TypedDict(
         "inside band": float | None,
     },
 )
-"""What `Estimate.summary` says of a joint."""
+"""The row of `Estimate.summary` on one joint."""
 
 
 def html_rows(rows: Sequence[Mapping[str, object]]) -> str:
-    """Return rows as a table of HTML, numbers to four digits."""
+    """Return rows as an HTML table, with numbers to four digits."""
     written = (
         [f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in row.values()]
         for row in rows

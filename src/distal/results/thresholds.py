@@ -1,11 +1,11 @@
-"""Thresholds by which a finished estimate and a live one are judged alike."""
+"""Thresholds by which finished and live estimates are judged alike."""
 
 SMALL = 0.05
-"""Mean of ν²/S below which a channel tests nothing: S is then not its noise but what the filter
-does not believe of it.
+"""Mean of ν²/S below which a channel tests nothing: the filter's own uncertainty, not the channel's
+noise, then makes up most of S. Source: judgement.
 """
 
 LARGE_PRIOR = 3.0
-"""A state this many prior standard deviations from its prior mean, its own doubt taken off, has
-left its prior.
+"""A state has left its prior where it differs from the prior mean by more than this many prior
+standard deviations and its own standard deviation. Source: judgement.
 """

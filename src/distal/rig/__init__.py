@@ -24,7 +24,7 @@ from distal.rig.files import (
 )
 from distal.rig.free_motion import NOTHING_NORMAL, FreeMotion
 from distal.rig.hand_tables import from_aero, from_orca, from_table, orca_order
-from distal.rig.imported import Imported
+from distal.rig.imported import Guess, Imported, name_of
 from distal.rig.insertions import Linkage, Pinned, Polynomial, Pulley, Size
 from distal.rig.joints import Joint
 from distal.rig.learned_map import (
@@ -74,6 +74,7 @@ __all__ = [
     "Description",
     "Discrepancy",
     "FreeMotion",
+    "Guess",
     "Hysteresis",
     "Imported",
     "In",
@@ -118,6 +119,7 @@ __all__ = [
     "log_factor",
     "log_unit",
     "measurand_of",
+    "name_of",
     "named",
     "number",
     "orca_order",

@@ -19,7 +19,7 @@ def speed_names(joints: Sequence[str]) -> tuple[str, ...]:
 
 
 def torque_names(joints: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the torques on the joints from outside: ``external_torque``, or
+    """Return the names of the external torques on the joints: ``external_torque``, or
     ``external_torque_JOINT``.
     """
     return (
@@ -37,7 +37,7 @@ def std_name(name: str) -> str:
 
 
 def tendon_angle_name(tendon: str) -> str:
-    """Return the name of the angle that one tendon alone gives, of the kinematic estimators:
+    """Return the name of the joint angle that a kinematic estimator computes from one tendon alone:
     ``tendon_angle_TENDON``.
     """
     return f"tendon_angle_{tendon}"

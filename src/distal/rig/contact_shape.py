@@ -1,4 +1,4 @@
-"""Which torques a force on a link makes together at the joints of its chain."""
+"""How a force on a link of a chain turns the joints of the chain together."""
 
 from __future__ import annotations
 
@@ -8,18 +8,21 @@ from distal.arrays import Floats
 from distal.rig.rig import Rig
 
 ALONE = 0.1
-"""Std of a torque that acts on one joint alone, as a share of the largest that a force makes: a
-force near an axis, or along the chain. docs/results/touch.md
+"""Std of a torque that acts on one joint alone, as a share of the largest torque that forces on
+links make [1]: such a force acts near an axis, or along the chain. Source: benchmark
+(docs/results/touch.md).
 """
 
 
 def contact_shape(rig: Rig) -> Floats:
-    """Return the covariance of the torques on all joints that contacts make, (n_joints, n_joints),
-    the largest variance being 1.
+    """Return the covariance of the external torques on all joints that contacts make, (n_joints,
+    n_joints), over a common scale [1].
 
-    With as many drives as joints the forces tell the torques apart, and each is as likely alone.
-    With fewer, a contact is a force of any direction at the end of a link, each as likely, on the
-    chain at θ = 0: Σ Jᵀ J of the links' ends.
+    With as many drives as joints the measured forces tell the torques apart, so that each torque is
+    taken as independent and equally likely: the unit matrix. With fewer drives a contact is a force
+    at the end of a link, each direction and link being equally likely, on the chain at θ = 0: Σ Jᵀ
+    J of the links' ends over its largest variance, with `ALONE`² added to each variance, or 1 for a
+    joint that no such force turns.
     """
     n = len(rig.joints)
     if len(rig.drives) >= n:

@@ -46,10 +46,10 @@ class Hysteresis(Description):
     """Dry friction inside the transmission, limit h = (constant + load · radius · Σ T)(1 + slope ·
     θ).
 
-    What reaches the tendons' springs, z, follows the measured effort U by a play operator, z⁺ =
-    clip(z, U − h, U + h) (Prandtl, 1928; Visintin, Differential Models of Hysteresis, 1994):
-    strands of a rope that rub, a cable in its sheath. It is moved by the effort, not by the drive's
-    motion: a stroke may pass before it has turned over.
+    The effort z that reaches the tendons' springs follows the measured effort U by a play operator,
+    z⁺ = clip(z, U − h, U + h) (Prandtl, 1928; Visintin, Differential Models of Hysteresis, 1994).
+    Its causes are strands of a rope that rub, or a cable in its sheath. The effort moves z, not the
+    drive's motion: a whole stroke may pass before z has gone from one side of U to the other.
     """
 
     constant: Annotated[Parameter, In("N m", "nonnegative")] = Field(
@@ -93,9 +93,9 @@ class Backlash(Description):
     """Free play between a motor's encoder and its capstan: what winds the tendons stays within ±
     width/2 of the encoder.
 
-    The capstan's position p follows the encoder's φ as a play operator, p⁺ = clip(p, φ − width/2, φ
-    + width/2): gears that stay where they are until they are pushed. With `held = false` its
-    tendons turn it within the gap, against `friction`.
+    The capstan's position p follows the encoder's position φ by a play operator, p⁺ = clip(p, φ −
+    width/2, φ + width/2): the capstan rests until the gears push it. With `held = false` the
+    tendons turn the capstan within the gap, against `friction`.
     """
 
     width: Annotated[Parameter, In("rad", "nonnegative")] = Field(
@@ -267,10 +267,10 @@ Drive = Annotated[Slider | Capstan, Field(discriminator="kind")]
 
 
 def position_unit(drive: Slider | Capstan) -> str:
-    """Return the SI unit of the drive's displacement."""
+    """Return the SI unit of a drive's position: m of a slider, rad of a capstan."""
     return "m" if drive.kind == "slider" else "rad"
 
 
 def effort_unit(drive: Slider | Capstan) -> str:
-    """Return the SI unit of what pulls the drive: force or torque."""
+    """Return the SI unit of a drive's effort: N of a slider, N m of a capstan."""
     return "N" if drive.kind == "slider" else "N m"

@@ -1,4 +1,4 @@
-"""What a rig's forces can feel of a touch, in words."""
+"""Which touches the force and tension sensors of a rig can detect, in words."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from distal.rounded import rounded
 
 
 def felt_in_words(rig: Rig) -> Iterator[str]:
-    """Yield for each joint what touch can be felt of it, and by what."""
+    """Yield a line for each joint: which touch of it can be detected, and by which sensors."""
     for j, joint in enumerate(rig.joints):
         yield f"{joint.name}: {_felt(rig, j, joint)}"
 
@@ -34,7 +34,7 @@ def _felt(rig: Rig, j: int, joint: Joint) -> str:
 
 
 def forces_of(rig: Rig, joint: str) -> list[str]:
-    """Return the names of the forces and tensions that change with a torque on a joint."""
+    """Return the names of the sensors of force and tension that a torque on a joint changes."""
     tendons = [tendon for tendon in rig.tendons if joint in tendon.joints]
     parts = {name for tendon in tendons for name in (tendon.name, tendon.drive)}
     sensors = (*rig.sensors_of("force"), *rig.sensors_of("tension"))

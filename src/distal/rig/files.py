@@ -1,4 +1,4 @@
-"""Rig files: TOML in, `Rig` out, and the shipped ones by name."""
+"""Rig files: reading them from TOML, and the rigs that come with distal."""
 
 from __future__ import annotations
 
@@ -22,8 +22,10 @@ def shipped_rigs() -> tuple[str, ...]:
 
 
 def rig_text(name: str | Path) -> tuple[str, str]:
-    """Return the text of a shipped rig or of the file at a path, and what to call it in
-    messages.
+    """Return the text of a shipped rig or of the file at a path, and its name for messages.
+
+    Raises:
+        RigError: the rig is unknown, or its file cannot be read.
     """
     shipped = shipped_rigs()
     if str(name) in shipped:
@@ -57,7 +59,9 @@ def parse_toml(text: str, source: str, error: type[DistalError]) -> dict[str, ob
 
 
 def as_rig(rig: Rig | str | Path) -> Rig:
-    """Return a rig as it is, or load it from a file or by its shipped name; errors: `load_rig`."""
+    """Return a `Rig` as it is, or load one by its shipped name or path; for errors see
+    `load_rig`.
+    """
     return rig if isinstance(rig, Rig) else load_rig(rig)
 
 

@@ -1,4 +1,6 @@
-"""What forces are like when nothing touches the joints: `distal fit` learns it."""
+"""The innovations of forces that are normal while nothing touches the joints; `distal fit` learns
+them.
+"""
 
 from __future__ import annotations
 
@@ -13,19 +15,19 @@ from distal.rig.quantities import Description
 from distal.rounded import rounded
 
 UNLIMITED = 1e300
-"""A squared speed that no drive reaches [1/s²]."""
+"""Squared speed v² that no drive reaches [1/s²]. Source: definition (no limit)."""
 
 NOTHING_NORMAL = {"at_rest": 1.0, "moving": 0.0, "fastest": UNLIMITED}
-"""In place of what is normal of a sensor, for a rig without [free_motion]."""
+"""What stands in place of `FreeMotion.of_channel` for a rig without [free_motion]."""
 
 
 class FreeMotion(Description):
     """The innovations that are normal in free motion, on logs that the fit had not seen.
 
-    A force's mean innovation stays below √(a² + b² v²) of its standard deviations in 99.7 % of the
-    time, v² = Σ (ẋ_i/spread_i)² being the squared speed of all drives that move with it. More
-    than that is a touch, or a change of the rig. In motions that are faster than the logs' no one
-    knows: the limit grows with v there.
+    The mean innovation of a force stays below √(a² + b² v²) standard deviations for 99.7 % of the
+    time, with v² = Σ (ẋ_i/spread_i)² over all drives that move with it. A larger one is a touch, or
+    a change of the rig. Where v² is above `fastest`, the largest of the logs, the limit is
+    multiplied by v/√fastest, since nothing was learned there.
     """
 
     channels: tuple[str, ...] = Field(min_length=1, description="sensors of forces and tensions")
@@ -64,15 +66,16 @@ class FreeMotion(Description):
         return self
 
     def in_words(self) -> str:
-        """Return how the fit did on logs that it had not seen."""
+        """Return a line on the errors of the angles on logs that the fit had not seen."""
         return (
             f"on {self.logs} logs left out of its fit the rig errs by "
             f"{rounded(degrees(self.rms))}°, {100 * self.inside:.0f} % inside the 95 % band"
         )
 
     def of_channel(self, name: str) -> dict[str, float]:
-        """Return what is normal of a sensor: `at_rest` a [1], `moving` b [s], up to which v² the
-        logs say so, `fastest` [1/s²]; of one that the logs lacked, the largest of each.
+        """Return what is normal of a sensor: `at_rest` a [1], `moving` b [s], and `fastest`, the
+        largest v² in the logs [1/s²]. A sensor that the logs lacked gets the largest a and b of the
+        others.
         """
         if name not in self.channels:
             at_rest = max(self.at_rest)
@@ -84,14 +87,15 @@ class FreeMotion(Description):
         return {"at_rest": at_rest, "moving": moving, "fastest": self.fastest}
 
     def usual(self, names: Sequence[str]) -> tuple[tuple[float, float], ...]:
-        """Return the normal mean of ν²/S over a second, and the correlation, of each of some
-        sensors; of one that the logs lacked, those of a filter that knows everything, 1 and 0.
+        """Return for each named sensor the largest normal mean of ν²/S over a second, and the
+        correlation of its neighbouring innovations. A sensor that the logs lacked gets 1 and 0, as
+        if the filter's model were exact.
         """
         by_name = dict(zip(self.channels, zip(self.squares, self.correlations)))
         return tuple(by_name.get(name, (1.0, 0.0)) for name in names)
 
     def of_drive(self, name: str) -> float:
-        """Return the spread of a drive's positions [SI]; of one that the logs lacked, the
-        smallest.
+        """Return the spread of a drive's positions [SI]; a drive that the logs lacked gets the
+        smallest one.
         """
         return self.spread[self.drives.index(name)] if name in self.drives else min(self.spread)

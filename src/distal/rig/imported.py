@@ -1,5 +1,5 @@
-"""A rig made from other files, and its TOML text: a guess is written with what it is as a
-comment.
+"""A rig that is made from other files, and its TOML text, in which comments mark the guessed
+values.
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ from distal.rig.rig import Rig
 
 @dataclass(frozen=True)
 class Guess:
-    """A value that the files do not give, written with a wide std, and what it is a value `of`."""
+    """A value that the files do not give and that is guessed; `of` says in words what it is a value
+    of. It has a wide std where it can have one.
+    """
 
     value: object
     of: str
@@ -23,11 +25,12 @@ class Guess:
 
 @dataclass(frozen=True)
 class Imported:
-    """A rig made from other files, and the text of its own, with a comment at each number that they
-    do not have.
+    """A rig that is made from other files.
 
-    The `notes` say what was left out, held or fitted, a line each; `missing` is what the files do
-    not say.
+    Args:
+        text: its rig file, with a comment at each guessed value.
+        notes: what was left out, held or fitted, a line each.
+        missing: what the files do not say, in words.
     """
 
     rig: Rig
@@ -37,8 +40,8 @@ class Imported:
 
     @staticmethod
     def of(raw: Mapping[str, object], title: str, source: str, notes: tuple[str, ...]) -> Imported:
-        """Return the rig of a raw description with guesses; the `source` that lacks them is named
-        in its comments.
+        """Return the rig of a raw description that has guesses in it; comments say that these are
+        not in the `source`.
         """
         rig = build_rig(cast(dict[str, object], plain_number(dict(raw))), title)
         return Imported(
@@ -50,14 +53,16 @@ class Imported:
 
 
 def name_of(name: str, otherwise: str) -> str:
-    """Return a name as a rig file takes it, `otherwise` where a part has none."""
+    """Return a name in the form that a rig file allows; `otherwise` where no character of it is
+    left.
+    """
     name = re.sub(r"[^A-Za-z0-9_-]+", "_", name).strip("_-") or otherwise
     name = name if re.match(r"[A-Za-z_]", name) else f"_{name}"
     return (f"{name}_" if name in ("std", "dot", "base") or name.endswith("_std") else name)[:64]
 
 
 def plain_number(raw: object) -> object:
-    """Return a raw description with the guesses' values."""
+    """Return a raw description with each guess replaced by its value."""
     if isinstance(raw, Guess):
         return plain_number(raw.value)
     if isinstance(raw, dict):
@@ -66,7 +71,7 @@ def plain_number(raw: object) -> object:
 
 
 def guesses(raw: object) -> Iterator[Guess]:
-    """Return the guesses in a raw description."""
+    """Yield the guesses in a raw description."""
     if isinstance(raw, Guess):
         yield raw
     elif isinstance(raw, (Mapping, list)):

@@ -10,7 +10,7 @@ from distal.rig.links import AXES, Axis, Coupling, Link, Vector
 from distal.rig.quantities import ZERO, Description, In, Name, Parameter
 
 REACH = 1.2
-"""A joint without stops is taken to turn by this either way [rad]."""
+"""Angle by which a joint without stops is taken to turn to either side [rad]. Source: judgement."""
 
 
 class Stribeck(Description):
@@ -206,5 +206,5 @@ class Joint(Description):
 
     @property
     def travel(self) -> tuple[float, float]:
-        """The range that it turns in [rad]: its stops, or ±`REACH`."""
+        """The range in which the joint turns [rad]: its stops, or ±`REACH`."""
         return self.stops or (-REACH, REACH)

@@ -1,5 +1,5 @@
-"""What logs taught by least squares: coefficients of terms of the sensors' readings, and how far to
-trust them.
+"""Maps that were learned from logs by least squares: coefficients of terms of the sensors'
+readings, and the range in which they hold.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from distal.rig.quantities import Description, In
 Row = tuple[float, ...]
 
 CONSTANT = "1"
-"""The term that is the same everywhere."""
+"""Name of the constant term."""
 
 FORMS = ("{}", "abs({})", "play({})", "slip({})")
-"""How a sensor's reading stands in a term."""
+"""Forms in which the reading of a sensor may stand in a term; see `LearnedMap`."""
 
 
 def factors(term: str) -> tuple[str, ...]:
-    """Return the variables whose product a term is, with ``*`` between them; none for the
-    constant.
+    """Return the variables whose product a term is, by ``*`` between them; the constant
+    has none.
     """
     return () if term == CONSTANT else tuple(factor.strip() for factor in term.split("*"))
 
@@ -64,23 +64,24 @@ class JointMap(Description):
 
 
 class LearnedMap(Description):
-    """Σ b_i φ_i of what the sensors read, its variance c² (φᵀ C φ + s²), and the range that it was
-    learned in.
+    """A sum Σ b_i φ_i of terms, its variance c² (φᵀ C φ + s²), and the range in which it was
+    learned.
 
-    A term φ is a product of variables: ``SENSOR`` (its reading, less `centre`, over `scale`),
-    ``abs(SENSOR)``, ``play(SENSOR)`` (that variable z after a play of half-width w = `width`),
-    ``slip(SENSOR)`` (which way it last moved, (SENSOR − z)/w, between −1 and 1), ``angle(JOINT)``
-    (what the filter itself says, likewise scaled; alone).
+    A term φ is a product of variables. ``SENSOR`` is the sensor's reading, less `centre`, over
+    `scale`; ``abs(SENSOR)`` is its magnitude; ``play(SENSOR)`` is the output z of a play operator
+    with half-width w = `width` that follows it; ``slip(SENSOR)`` is the direction in which it last
+    moved, (SENSOR − z)/w, between −1 and 1. ``angle(JOINT)`` is the angle of the filter itself,
+    scaled in the same way; it has no such forms.
     """
 
     MARGIN: ClassVar[float] = np.inf
-    """Terms go on beyond the learned range by this share of half of it; further out they stay as
-    they are there.
+    """Share of half of the learned range by which terms go on beyond its ends; further out they
+    keep the value that they have there.
     """
 
     FADE: ClassVar[float] = np.inf
-    """So many halves of the learned range beyond its end, all terms of a curve but the constant
-    count half.
+    """Distance beyond the end of the learned range, in halves of the range, at which all terms but
+    the constant have half of their weight, in a map with products of variables.
     """
 
     terms: tuple[str, ...] = Field(min_length=1, description="what is summed; '1' is the constant")
@@ -223,37 +224,37 @@ class LearnedMap(Description):
 
     @property
     def structure(self) -> tuple[object, ...]:
-        """What its function depends on beside its numbers."""
+        """What decides the equations of the map; all else is a number in them."""
         sizes = (len(self.centre), len(self.joints))
         flags = (self.tracked, self.follows)
         return type(self).__name__, self.terms, self.channels, *sizes, *flags
 
     @property
     def variables(self) -> tuple[str, ...]:
-        """Names of all variables that a term may hold."""
+        """Names of all variables that a term of the map may hold."""
         angles = [f"angle({joint.joint})" for joint in self.joints] if self.uses_angles else []
         return (*(form.format(name) for form in FORMS for name in self.channels), *angles)
 
     @property
     def margin(self) -> float:
-        """By which share of half the learned range terms go on beyond it."""
+        """Share of half of the learned range by which the map's terms go on beyond its ends."""
         return np.inf if self.follows else self.MARGIN
 
     @property
     def fades_over(self) -> float:
-        """How far outside the learned range, in halves of it, terms of a curve count half; lines do
-        not fade.
+        """Distance beyond the learned range, in halves of it, at which terms have half of their
+        weight; infinite for a map without products of variables.
         """
         return self.FADE if any(len(factors(term)) > 1 for term in self.terms) else np.inf
 
     @property
     def uses_angles(self) -> bool:
-        """Whether the filter's own angles may be variables."""
+        """Whether the filter's own angles may stand in the map's terms."""
         return len(self.centre) > len(self.channels)
 
     @property
     def used(self) -> tuple[int, ...]:
-        """Indices of the readings, then of the angles, that stand in some term."""
+        """Indices of the readings, then of the angles, that stand in some term of the map."""
         used = {factor for term in self.terms for factor in factors(term)}
         variables = [{form.format(name) for form in FORMS} for name in self.channels]
         variables += (
@@ -263,7 +264,7 @@ class LearnedMap(Description):
 
     @property
     def played(self) -> tuple[int, ...]:
-        """Indices of the channels that a play follows."""
+        """Indices of the channels whose play or slip stands in some term of the map."""
         used = {factor for term in self.terms for factor in factors(term)}
         return tuple(
             i

@@ -1,5 +1,5 @@
-"""How joints follow one another: the base, where each joint sits on the link before it, its link,
-rigid couplings.
+"""How joints follow one another in a chain: the base, the links that joints turn, and rigid
+couplings.
 """
 
 from __future__ import annotations
@@ -16,14 +16,16 @@ BASE = "base"
 """Name of what the first joint sits on."""
 
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-"""Axes by name; "-y" turns the other way."""
+"""Unit vectors of the axes by name; a name with a minus, "-y", stands for the opposite one."""
 
 Vector = tuple[float, float, float]
 
 
 def unit_vector(raw: object) -> object:
-    """Return an axis, given as "x", "y" or "z", "-x" and so on, or as three numbers, as a unit
-    vector.
+    """Return an axis as a unit vector; `raw` is "x", "y" or "z", "-x" and so on, or three numbers.
+
+    Raises:
+        UnitError: it is none of these, or has no length.
     """
     if isinstance(raw, str):
         if raw.removeprefix("-") not in AXES:

@@ -9,8 +9,8 @@ KINDS = ("joints", "drives", "tendons", "sensors")
 
 
 def name_in(items: Sequence[object], index: int) -> str | None:
-    """Return the name by which a path reaches an item of a list, a crossing by its joint; None
-    where it has none.
+    """Return the name that a path uses for an item of a list, of a crossing the name of its joint;
+    None where the item has none or shares it with another.
     """
     names = [_get(item, "name") or _get(item, "joint") for item in items]
     name = names[index] if index < len(names) else None
@@ -18,7 +18,7 @@ def name_in(items: Sequence[object], index: int) -> str | None:
 
 
 def index_of(items: Sequence[object], key: str) -> int | None:
-    """Return the index of an item that a path names by its index or its name, None where there is
+    """Return the index of the item that a path names by its index or its name; None where there is
     none.
     """
     if key.isascii() and key.isdigit() and len(key) < 10:
@@ -27,15 +27,13 @@ def index_of(items: Sequence[object], key: str) -> int | None:
 
 
 def names_in(items: Sequence[object]) -> list[str]:
-    """Return what the items of a list are called in a path: by name where they have one, else by
-    index.
-    """
+    """Return how a path calls the items of a list: by name where they have one, else by index."""
     return [name_in(items, i) or str(i) for i in range(len(items))]
 
 
 def named(root: object, path: str) -> str:
-    """Return a path with names of parts for their indices, where it has some: ``joints.pip`` for
-    ``joints.0``.
+    """Return a path with names of parts in place of their indices, where parts have names:
+    ``joints.pip`` for ``joints.0``.
     """
     return ".".join(key for key, _ in _steps(root, path))
 
@@ -46,8 +44,8 @@ def part_at(root: object, path: str) -> object:
 
 
 def _steps(root: object, path: str) -> Iterator[tuple[str, object]]:
-    """Yield each key of a path, as a name where it has one, and the part of a description, checked
-    or raw, it leads to.
+    """Yield each key of a path, as a name where it has one, with the part to which it leads, of a
+    checked or a raw description.
     """
     part = root
     for key in path.split("."):
@@ -62,11 +60,11 @@ def _steps(root: object, path: str) -> Iterator[tuple[str, object]]:
 
 
 def in_words(root: object, *paths: str) -> str:
-    """Return the names of numbers in plain words: "spring stiffness of joint pip" for
+    """Return numbers in plain words, by their paths: "spring stiffness of joint pip" for
     ``joints.0.spring.stiffness``.
 
     Numbers that differ only in their part are named together, "stiffness of all tendons"; ``*``
-    stands for all of a kind.
+    stands for all parts of a kind.
     """
     parts_of: dict[tuple[str, str, str], list[str]] = {}
     for path in paths:

@@ -14,20 +14,22 @@ from distal.rig.sensors import one_number_each
 from distal.suggestions import did_you_mean
 
 DEEPEST = 12
-"""A path has at most this many parts."""
+"""Largest number of keys in a path [1]. Source: judgement."""
 
 SPREADS = {"std", "factor", "shared"}
-"""Keys of a parameter that say how far its value may be off; one table has all of them."""
+"""Keys of a parameter that say how uncertain its value is; a new table with a std or a factor
+replaces all of them.
+"""
 
 ALL = "*"
-"""Stands for all items of a list in a path."""
+"""Key of a path that stands for all items of a list."""
 
 _LOOSE_QUANTITY = re.compile(r"^[-+]?[0-9.][0-9.eE+-]*\s*[A-Za-z%°µμ][^\"'\[\]{}=]*$")
 
 
 def parse_assignment(text: str, error: type[DistalError]) -> tuple[str, object]:
-    """Split ``path=value``, its value in TOML, or raise `error`; a quantity whose quotes a shell
-    removed is text.
+    """Return path and value of ``path=value``, or raise `error`. The value is read as TOML; a
+    quantity whose quotes a shell removed, such as ``8 mm``, is taken as text.
     """
     path, equals, value = text.partition("=")
     path = path.strip()
@@ -124,7 +126,7 @@ def _set_all(
 def _merged(old: object, new: object) -> object:
     if isinstance(old, MutableMapping) and set(old) <= set(KEYS) and "value" in old:
         if isinstance(new, MutableMapping) and new:
-            # a table that says how far the value may be off says all of it
+            # a table with a std or a factor describes the whole uncertainty
             says_spread = "std" in new or "factor" in new
             for key in SPREADS & set(old) if says_spread else ():
                 del old[key]

@@ -1,4 +1,4 @@
-"""Numbers of a description by their path, with what is allowed for them."""
+"""Numbers of a description by their path, with their unit, bound and std."""
 
 from __future__ import annotations
 
@@ -13,22 +13,24 @@ from distal.rig.rig import Rig
 from distal.suggestions import did_you_mean
 
 ROUGH = 0.5
-ROUGH_ARM = 0.2
-"""A positive number, or a moment arm, whose std is above this share of it is known to a factor
-only.
+"""Share of its value above which the std of a positive number means that the number is known to a
+factor only [1]. Source: judgement.
 """
+
+ROUGH_ARM = 0.2
+"""The same share for a moment arm [1]. Source: judgement."""
 
 
 def known_to_a_factor(path: str, value: float, std: float) -> bool:
-    """Return whether of a positive number, of some value and std, only the order of magnitude is
-    known.
+    """Return whether the positive number at a path is known to a factor only: its `std` is above
+    `ROUGH` of its `value`, of a moment arm above `ROUGH_ARM`.
     """
     return std > (ROUGH_ARM if is_arm(path) else ROUGH) * value > 0.0
 
 
 def is_arm(path: str) -> bool:
-    """Return whether a number is a moment arm: it shows in the readings as its product with the
-    angle only.
+    """Return whether the number at a path is a moment arm; readings show only its product with an
+    angle.
     """
     return (
         ".insertion." in path
@@ -43,11 +45,14 @@ class Number:
 
     Args:
         path: keys and indices joined by dots, names of parts replaced by their indices.
-        std: what is not known of its value; 0 where it has none.
+        value: in SI.
+        std: of all that is not known of the value; 0 where it has none.
+        quantity: its unit and bound.
+        is_parameter: whether it may have a std.
         hold: whether its std is for fitting only.
-        shared: the name of what it errs by together with others, and how much as a share of the
-            value; None if alone.
-        independent_std: what is not known of it alone.
+        shared: name of the error that it shares with others, and the std of that as a share of the
+            value; None if it shares none.
+        independent_std: of its own error alone.
     """
 
     path: str
@@ -61,15 +66,19 @@ class Number:
 
     @property
     def is_rough(self) -> bool:
-        """Whether it is known to a factor only and cannot be zero: its prior is then log-normal."""
+        """Whether the number is known to a factor only and must be positive: its prior is then
+        log-normal.
+        """
         return self.quantity.bound == "positive" and known_to_a_factor(
             self.path, self.value, self.std
         )
 
 
 def number(rig: Rig, path: str) -> Number:
-    """Return a number of a description by its path, as in ``--set``: parts by index or by name;
-    others are errors.
+    """Return a number of a rig by its path, which names parts by index or by name, as in ``--set``.
+
+    Raises:
+        RigError: the path leads nowhere, or to what is no number with a unit.
     """
     part: object = rig
     owner: type[BaseModel] | None = None

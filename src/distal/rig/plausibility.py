@@ -18,18 +18,22 @@ USUAL: dict[str, tuple[float, float, str]] = {
     "mass": (1e-5, 50.0, "kg"),
     "inertia": (1e-9, 10.0, "kg m^2"),
 }
-"""Usual ranges of such numbers in hands, instruments and benches, SI."""
+"""Kind of number → its usual range in hands, instruments and benches, and its SI unit."""
 
 
 SMALLEST_STD = 1e-4
-"""A std that is a smaller share of its value is probably without its unit."""
+"""A std below this share of its value was probably written without its unit [1]. Source:
+judgement.
+"""
 
 LARGEST_OFFSET = 2.0
-"""Offsets and centres of links beyond this are probably without their unit [m]."""
+"""Offsets and centres of links beyond this were probably written without their unit [m]. Source:
+judgement.
+"""
 
 
 def doubts(rig: Rig) -> list[str]:
-    """Return what is allowed in a rig but is probably a mistake, one sentence each."""
+    """Return a sentence for each value of a rig that is allowed but is probably a mistake."""
     sentences = []
     for path, name, size in _values(rig):
         low, high, unit = USUAL[name]
@@ -113,7 +117,7 @@ def doubts(rig: Rig) -> list[str]:
 
 
 def _values(rig: Rig) -> Iterator[tuple[str, str, float]]:
-    """Return path, kind and value of the numbers that have a usual size."""
+    """Yield path, kind and value [SI] of the numbers that have a usual size."""
     for joint in rig.joints:
         yield f"joints.{joint.name}.inertia", "inertia", joint.inertia.value
     for drive in rig.drives:

@@ -17,19 +17,23 @@ from distal.suggestions import did_you_mean
 from distal.units import to_si
 
 SMALLEST = 1e-20
-LARGEST = 1e12
-"""Sizes beyond which a number in a description is a mistake, and squares of it would leave what a
-computer can hold.
+"""Smallest magnitude of a number in a description that is not zero [SI]. Source: rounding
+(underflow of squares).
 """
+
+LARGEST = 1e12
+"""Largest magnitude of a number in a description [SI]. Source: rounding (overflow of squares)."""
 
 KEYS = ("value", "std", "factor", "drift", "hold", "shared")
 """Keys of a parameter that is written as a table."""
 
 SHARED_KEYS = ("name", "std")
-"""Keys of what parameters of one make err by together."""
+"""Keys of the table of an error that several parameters share."""
 
 LARGEST_FACTOR = 100.0
-"""A number that is known less well than to this factor is not known at all."""
+"""Largest ``factor`` to which a number may be known [1]; beyond it nothing is known of it. Source:
+judgement.
+"""
 
 Bound = Literal["any", "nonnegative", "positive"]
 
@@ -41,8 +45,8 @@ class Description(BaseModel):
 
 
 class Shared(Description):
-    """What parameters of one make err by together: all that name it are off by the same share of
-    their values.
+    """An error that several parameters share, as those of one make do: all parameters that name it
+    are off by the same share of their values.
 
     p_i = value_i (1 + std z) + std_i ε_i, with one z for all of a name, and an ε_i for each.
     """
@@ -52,8 +56,8 @@ class Shared(Description):
 
 
 class Parameter(Description):
-    """A physical parameter: value, the standard deviation of what is not known about it, and its
-    random walk, all SI.
+    """A physical parameter: its value, the standard deviation of its error, and its random walk,
+    all SI.
 
     The walk is `drift` per √s; None leaves its size to the estimator. With `hold` the std is a
     prior for fitting only: estimators take the value as it is. A parameter that is exactly zero
@@ -73,12 +77,12 @@ class Parameter(Description):
 
     @property
     def filter_std(self) -> float:
-        """The std that estimators go by: none where the value is held."""
+        """The std of the value that estimators use: `total_std`, or 0 where the value is held."""
         return 0.0 if self.hold else self.total_std
 
     @property
     def total_std(self) -> float:
-        """The std of all that is not known of the value, its own and what it shares."""
+        """The std of the value from its own error and the shared one together."""
         return (
             float(hypot(self.std, self.value * self.shared.std))
             if self.shared is not None
@@ -87,19 +91,21 @@ class Parameter(Description):
 
 
 ZERO = Parameter(value=0.0)
-"""Default of a parameter that a rig need not have."""
+"""Default of a parameter that a rig need not have: zero for certain. Source: definition
+(absent).
+"""
 
 
 @dataclass(frozen=True)
 class In:
-    """Annotation of a field: its SI unit and its bound; it reads bare numbers as SI and text with a
-    unit.
+    """Annotation of a field with its SI unit and its bound; it makes the field read bare numbers as
+    SI, and text with a unit.
 
     On a `Parameter` it also reads ``{ value = …, std = …, drift = …, hold = …, shared = { name = …,
-    std = … } }`` (std and drift may be percentages of the value, the shared std is a share of it;
-    ``factor = 3`` in place of a std says that the value may be three times as large or small), on a
-    pair of floats an interval [low, high], on three a vector [x, y, z]. Where `drifts` is False the
-    parameter cannot walk and shares nothing.
+    std = … } }``. There std and drift may be percentages of the value, and the shared std is a
+    share of it; ``factor = 3`` in place of a std says that the value may be three times as large or
+    small. On a pair of floats it reads an interval [low, high], on three a vector [x, y, z]. Where
+    `drifts` is False the parameter cannot walk and shares nothing.
     """
 
     si: str
@@ -172,8 +178,8 @@ class In:
         }
 
     def _within(self, raw: Mapping[str, object], value: float) -> float:
-        """Return the std of a number that is known to a factor: the logarithm's is then the
-        factor's, ln(1 + std/value).
+        """Return the std of a number that is known to a factor, (factor − 1) · value: ln(1 +
+        std/value), the std of its logarithm, is then ln(factor).
         """
         factor = to_si(raw["factor"], "")
         if "std" in raw:

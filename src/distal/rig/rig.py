@@ -25,8 +25,8 @@ from distal.units import unit_factor
 Learned = Affine | Discrepancy | Contact | None
 
 MOST_JOINTS = 32
-"""More joints than this are no finger and no instrument; their cost grows with the square of the
-number.
+"""Largest number of joints of a rig [1]; the cost grows with the square of their number. Source:
+judgement.
 """
 
 
@@ -78,6 +78,10 @@ class Rig(Description):
         "hold",
         description="what motors do whose readings are lost for a second: hold their force, up to "
         "what they may hold for hours, or relax. A hand that relaxes drops what it holds",
+    )
+    taken: tuple[Literal["length", "force"], ...] = Field(
+        (),
+        description="scales that were taken, not measured: no column of a log tells them",
     )
     provisional: str = Field(
         "",
@@ -134,7 +138,7 @@ class Rig(Description):
     def _sensor_units(cls, raw: object, info: ValidationInfo) -> object:
         """Find what each sensor measures, so that its errors are read in the right unit."""
         if any(kind not in info.data for kind in MEASURED):
-            # what the sensors measure is refused already; their own check would only repeat it
+            # a part is refused already; a check of its sensors would only repeat that
             return ()
         if not isinstance(raw, Sequence) or isinstance(raw, str):
             return raw
@@ -227,8 +231,8 @@ class Rig(Description):
         return self
 
     def reference_load(self, joint: int) -> float:
-        """Return N_ref [N]: the given reference, else preload + nominal pulls + pretensions of the
-        joint's tendons.
+        """Return the load N_ref of a joint's friction [N]: the given `reference`, else preload +
+        pretensions of its tendons + nominal forces of the sliders that pull them.
         """
         friction = self.joints[joint].friction
         if friction is not None and friction.reference is not None:
@@ -245,18 +249,22 @@ class Rig(Description):
 
     @property
     def is_chain(self) -> bool:
-        """Whether its joints move one another: one has a link, or is coupled to another."""
+        """Whether the joints of the rig move one another: one has a link, or is coupled
+        to another.
+        """
         return any(joint.link is not None or joint.coupled is not None for joint in self.joints)
 
     def parent_of(self, joint: int) -> int | None:
-        """Return the index of the joint on whose link another sits, None for the base."""
+        """Return the index of the joint on whose link a joint sits, None where it sits on
+        the base.
+        """
         name = self.joints[joint].parent
         if name is None:
             return joint - 1 if joint > 0 else None
         return None if name == BASE else [parent.name for parent in self.joints].index(name)
 
     def sharing(self) -> dict[str, dict[str, float]]:
-        """Return the shared errors: name → path of each parameter that has it → its std, as a share
+        """Return the shared errors, name → path of each parameter that has it → its std as a share
         of the value.
         """
         stds: dict[str, dict[str, float]] = {}
@@ -284,8 +292,8 @@ class Rig(Description):
     __str__ = __repr__
 
     def bare(self) -> Rig:
-        """Return a copy without what was learned from logs: no `affine`, `discrepancy`, `contact`,
-        `free_motion`.
+        """Return a copy without what was learned from logs (`affine`, `discrepancy`, `contact`,
+        `free_motion`), and without `provisional`.
         """
         learned = ("affine", "discrepancy", "contact", "free_motion")
         nothing = {**dict.fromkeys(learned), "provisional": ""}

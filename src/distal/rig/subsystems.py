@@ -1,4 +1,6 @@
-"""Which parts of a rig move without one another: the fingers of a hand."""
+"""Independent subsystems of a rig, which move without one another, such as the fingers of
+a hand.
+"""
 
 from __future__ import annotations
 
@@ -10,30 +12,31 @@ from distal.rig.rig import Rig
 from distal.rig.sensors import measurand_of
 
 KINDS = ("joints", "drives", "tendons", "sensors")
-"""What a rig has several of."""
+"""Lists of a rig."""
 
 
 @dataclass(frozen=True)
 class Subsystem:
-    """Joints that move one another, with all that pulls and measures them.
+    """Joints that move one another, with all that pulls and measures them, as a rig of their own.
 
     Args:
-        indices: kind → where each of its joints, drives, tendons and sensors stands in the whole
-            rig.
+        indices: kind → index in the whole rig of each of its joints, drives, tendons and sensors.
     """
 
     rig: Rig
     indices: dict[str, tuple[int, ...]]
 
     def whole_path(self, path: str) -> str:
-        """Return the path in the whole rig of a number of the part; both have indices of parts in
-        them.
+        """Return the path in the whole rig of a number of the subsystem; both paths name parts by
+        index.
         """
         kind, index, keys = _split(path)
         return f"{kind}.{self.indices[kind][int(index)]}.{keys}" if kind in self.indices else path
 
     def own_paths(self, paths: Sequence[str]) -> tuple[str, ...]:
-        """Return the paths in the part of those numbers of the whole rig that it has."""
+        """Return the paths in the subsystem of those `paths` of the whole rig whose part it has; a
+        path that names no part stays.
+        """
         paths_in_part = []
         for path in paths:
             kind, index, keys = _split(path)
@@ -52,10 +55,9 @@ def _split(path: str) -> tuple[str, str, str]:
 
 
 def independent_parts(rig: Rig) -> tuple[Subsystem, ...]:
-    """Return the parts of a rig that share no link, tendon, drive, coupling or common error; one if
-    all is one.
+    """Return the subsystems of a rig that share no link, tendon, drive, coupling or common error.
 
-    A rig with maps learned from logs stays whole.
+    A rig that cannot be split is returned whole, and so is a rig with a map learned from logs.
     """
     joints = rig.joint_names
     group = {name: name for name in joints}
@@ -93,7 +95,7 @@ def independent_parts(rig: Rig) -> tuple[Subsystem, ...]:
 
 
 def _joints_of(rig: Rig, path: str) -> list[str]:
-    """Return the joints that a number is about, or that what it is about moves."""
+    """Return the joints that the number at a path belongs to, or that its tendon or drive moves."""
     kind, index = path.split(".")[:2]
     part = getattr(rig, kind)[int(index)]
     if kind == "joints":

@@ -23,10 +23,11 @@ from distal.rig.quantities import ZERO, Description, In, Name, Parameter
 
 @dataclass(frozen=True)
 class Meeting:
-    """How a tendon meets a joint, in the short form and in the long one.
+    """How a tendon meets a joint, whether its description has the short form (`insertion`) or the
+    long one (`crossings`).
 
     Args:
-        path: below the tendon's own, ``insertion`` or ``crossings.k``.
+        path: of the insertion or crossing below the tendon's, ``insertion`` or ``crossings.k``.
         joints: names of the joints: one, but for a polynomial.
         side: +1 pulls the joint to +θ, −1 to −θ; 1 for a polynomial.
     """
@@ -38,8 +39,8 @@ class Meeting:
     guide: Guide | None = None
 
     def arms(self, angles: dict[str, float]) -> dict[str, float]:
-        """Return the moment arms by joint [m], positive where it pulls to +θ; a pinned tendon's are
-        those at zero.
+        """Return the moment arms by joint [m] at some `angles` [rad], positive where the tendon
+        pulls to +θ; those of a pinned tendon are always those at θ = 0.
         """
         if isinstance(self.shape, Polynomial):
             return self.shape.arms(angles)
@@ -47,15 +48,17 @@ class Meeting:
 
 
 MOST_NODES = 4
-"""More points in a sheath than this change nothing that a sensor sees (docs/results/fits.md)."""
+"""Largest number of points over which a sheath's friction is spread [1]; with more, no sensor would
+see a difference (docs/results/fits.md). Source: benchmark (benchmarks/sheaths).
+"""
 
 
 class Path(Description):
     """Friction along the tendon's way, by the capstan equation T_drive = T e^{±μβ}.
 
-    Without `nodes` all of it acts at the drive: a few pulleys there. With them it is spread over
-    the tendon's length, at points between its stretches: a cable in its sheath, which stretches
-    differently as it is drawn in and let out.
+    Without `nodes` all of the friction acts at the drive, as of a few pulleys there. With `nodes`
+    it acts at points along the tendon, as of a cable in its sheath, which stretches differently as
+    it is drawn in and let out.
     """
 
     friction: Annotated[Parameter, In("", "nonnegative")] = Field(
@@ -162,7 +165,9 @@ class Tendon(Description):
 
     @property
     def meetings(self) -> tuple[Meeting, ...]:
-        """How it meets each joint, from the base outwards."""
+        """The crossings of the tendon from the base outwards, in one form for both ways to write
+        them.
+        """
         if self.insertion is not None and self.joint is not None and self.side is not None:
             return (Meeting("insertion", (self.joint,), self.side, self.insertion),)
         return tuple(
@@ -176,17 +181,17 @@ class Tendon(Description):
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Names of the joints that it crosses, each once."""
+        """Names of the joints that the tendon crosses, each once."""
         return tuple(dict.fromkeys(name for meeting in self.meetings for name in meeting.joints))
 
     @property
     def winding(self) -> int:
-        """Which way a capstan winds it: +1 by a positive angle."""
+        """Sign of the capstan angle that winds the tendon, +1 or −1."""
         return self.meetings[0].side if self.side is None else self.side
 
     def arms(self, angles: dict[str, float] | None = None) -> dict[str, float]:
-        """Return its moment arm [m] at each joint that it crosses, positive where it pulls to +θ;
-        by default at θ = 0.
+        """Return the tendon's moment arm at each joint that it crosses [m], positive where it pulls
+        to +θ, at some `angles` by joint [rad]; by default at θ = 0.
         """
         arms = dict.fromkeys(self.joints, 0.0)
         for meeting in self.meetings:
@@ -196,11 +201,11 @@ class Tendon(Description):
 
     @property
     def total_arm(self) -> float:
-        """The sum of its moment arms, without their signs: how far it moves as all its joints turn
-        by a radian [m].
+        """The sum of the magnitudes of the tendon's moment arms: how far it moves as all its joints
+        turn by a radian [m].
 
-        At zero, or where they are largest at the ends of a polynomial's range: arms may be zero at
-        zero.
+        The arms are those at θ = 0. Where all are zero there, they are those at the ends of the
+        polynomials' ranges, whichever are larger.
         """
         positions: list[dict[str, float]] = [{}]
         for meeting in self.meetings:
@@ -210,7 +215,7 @@ class Tendon(Description):
         return totals[0] or max(totals)
 
     def shapes(self) -> Iterator[tuple[str, Pinned | Pulley | Linkage]]:
-        """Return path and shape of each crossing that has a radius."""
+        """Yield path and shape of each crossing of the tendon that has a radius."""
         for meeting in self.meetings:
             if not isinstance(meeting.shape, Polynomial):
                 yield meeting.path, meeting.shape

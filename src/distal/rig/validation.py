@@ -20,14 +20,17 @@ from distal.suggestions import did_you_mean
 Checked = TypeVar("Checked", bound=BaseModel)
 
 SHOWN = 3
-"""How many problems of a description are listed at once."""
+"""Largest number of problems of a description that one message lists [1]. Source: layout."""
 
 
 def validated(
     kind: type[Checked], raw: Mapping[str, object], source: str, error: type[DistalError]
 ) -> Checked:
-    """Check a raw description of some kind; its problems become one line of an error of that
-    kind.
+    """Return a raw description as one of class `kind`, or raise `error` with all its problems in
+    one line.
+
+    Args:
+        source: name of the description, with which the line begins.
     """
     try:
         return kind.model_validate(raw)
@@ -38,7 +41,7 @@ def validated(
 
 
 _BRIEFLY = reprlib.Repr()
-"""Shows what came in a few words: a user's table may be nested a thousand times."""
+"""It shortens what a user wrote, for messages: a table may be nested a thousand times."""
 _BRIEFLY.maxlevel = 3
 _BRIEFLY.maxstring = 60
 _BRIEFLY.maxother = 60
@@ -47,8 +50,8 @@ _BRIEFLY.maxother = 60
 def explain(
     problem: ValidationError, source: str, root: type[BaseModel], raw: Mapping[str, object]
 ) -> str:
-    """Return one line for pydantic's findings, the first few in full, the number of others; it
-    begins with the `source`.
+    """Return pydantic's findings as one line that begins with the `source`: the first `SHOWN` in
+    words, and the number of the others.
     """
     findings = problem.errors(include_url=False)
     # a list whose items are all wrong is not short of items
@@ -122,9 +125,7 @@ def _known_keys(root: type[BaseModel], location: Sequence[int | str]) -> list[st
 
 
 def models_in(field: FieldInfo | None) -> list[type[BaseModel]]:
-    """Return the descriptions that a field of a description can hold, by pydantic's account of it;
-    none for None.
-    """
+    """Return the classes of descriptions that a field of a description can hold; none for None."""
     models: list[type[BaseModel]] = []
     stack = [] if field is None else [field.annotation]
     while stack:

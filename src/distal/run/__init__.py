@@ -1,5 +1,5 @@
-"""Run an estimator over a log, over many logs or over a stream; smoothing, and the health of a
-stream.
+"""Run an estimator over a log, over many logs or over a stream; smooth an estimate; judge the
+health of a stream.
 """
 
 from distal.run.accuracy_by_hour import Hour, by_hour, plot_hours

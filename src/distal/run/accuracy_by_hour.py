@@ -1,4 +1,4 @@
-"""How an estimate does hour after hour."""
+"""The accuracy of an estimate hour after hour."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Hour:
-    """One hour of an estimate, all joints together.
+    """The accuracy in one hour, all joints together.
 
     Args:
-        index: 0 for the first.
+        index: of the hour, from 0.
         rms: RMS error [rad].
         inside: share of the samples inside the 95 % band.
         half_band: mean half-width of the band [rad].
@@ -37,7 +37,9 @@ class Hour:
 
 
 def by_hour(pieces: Iterable[PieceEstimate]) -> tuple[Hour, ...]:
-    """Return error and band of each hour; the pieces are read one by one."""
+    """Return the accuracy in each hour; the pieces are taken one by one, so that they may be a
+    generator.
+    """
     sums = defaultdict[int, np.ndarray](lambda: np.zeros(4))
     for piece in pieces:
         errors = piece.angles - piece.truths
@@ -56,11 +58,12 @@ def by_hour(pieces: Iterable[PieceEstimate]) -> tuple[Hour, ...]:
 
 
 def plot_hours(hours_of: Mapping[str, Sequence[Hour]], path: str | Path | None = None) -> Figure:
-    """Draw error, half of the band and the share inside it over the hours, a curve for each way of
-    estimating.
+    """Draw RMS error, half-width of the band and coverage over the hours, one curve for each
+    estimate, and return the figure.
 
     Args:
-        path: where to save; None only returns the figure.
+        hours_of: name of an estimate → its hours.
+        path: where to save the figure; None does not save it.
     """
     with figure(2, 1, (6.5, 4.4), sharex=True, height_ratios=(3, 2)) as (drawing, (errors, shares)):
         for k, (name, hours) in enumerate(hours_of.items()):

@@ -1,4 +1,4 @@
-"""The possible positions of a drive, from its stops or from the range of its joint."""
+"""The possible positions of a drive, by its own stops or by the range of its joint."""
 
 from __future__ import annotations
 
@@ -9,22 +9,35 @@ from math import inf, radians, sqrt
 from distal.rig import Capstan, Rig, Sensor, drive_travel
 
 BEYOND = 0.05
-"""A drive further beyond its stops than this share of its travel is not where it can be."""
+"""Share of its travel by which a drive may read beyond its stops [1]; in `motor_range` the angle by
+which a joint may be beyond its own [rad]. Source: judgement.
+"""
 
 ROOM = radians(1.5)
+"""Angle by which a joint may seem to be beyond its range, at least [rad]. Source: benchmark
+(docs/results/hands.md).
+"""
+
 ROOM_STDS = 0.7
+"""The same, added to that in stds of the joint's zero and play [1]. Source: benchmark
+(docs/results/hands.md).
+"""
+
 KNOWN = radians(8.0)
-"""A joint is beyond its range by more than the first, and so many stds of its zero and play, before
-it is said; of a motor whose zero is known to the third at the joint [rad]: docs/results/hands.md.
+"""A motor's zero counts as known if its std, at the joint, is not above this [rad]. Source:
+benchmark (docs/results/hands.md).
 """
 
 FAR = 10.0
-"""A drive without stops this many times as far as the joint could turn it is not where it can be.
+"""Number of times its joint's range by which a drive without stops may be beyond it [1]. Source:
+judgement.
 """
 
 
 def position_range(rig: Rig, sensor: Sensor) -> tuple[float, float]:
-    """Return the limits of a position sensor's values, infinite for other sensors."""
+    """Return the lowest and highest possible value of a position sensor [m, rad]; ∓1e300 for other
+    sensors.
+    """
     if sensor.measures != "position":
         return -1e300, 1e300
     drive = next(drive for drive in rig.drives if drive.name == sensor.of)
@@ -39,18 +52,19 @@ def position_range(rig: Rig, sensor: Sensor) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class RangeEnd:
-    """One end of a motor's travel: where its tendon becomes taut with the joint at its stop.
+    """One end of a motor's range: the tendon becomes taut with the joint at its stop.
 
     Args:
-        motor: its name.
-        position: index of the channel of its angle.
+        motor: name of the drive.
+        position: index of the channel of the motor's angle.
         torque: index of the channel of its torque.
-        way: 1 where readings grow towards it, else −1.
-        contact: `way` times the reading there [rad].
-        room: how far beyond it the motor may be, by what is not known of it, at the joint [rad].
-        give: stretch of its tendon per torque [rad/(N m)].
-        joint: turn of the joint for one of the motor.
-        same: readings that differ by less are one position [rad].
+        way: 1 where readings grow towards the end, else −1.
+        contact: `way` times the reading at the end [rad].
+        room: how far the joint may seem to be beyond the end, because zero and play are not known
+            exactly [rad].
+        give: turn of the motor per torque by the stretch of its tendon [rad/(N m)].
+        joint: turn of the joint per turn of the motor.
+        same: readings that differ by less count as one position [rad].
     """
 
     motor: str
@@ -65,10 +79,11 @@ class RangeEnd:
 
 
 def range_ends(rig: Rig, channels: Sequence[str]) -> tuple[RangeEnd, ...]:
-    """Return the ends of the motors whose zero is known and whose joints have stops.
+    """Return the ends of the ranges of motors whose zero is known and whose joints have stops.
 
-    In free motion a spool that slips, or a tendon that comes off, changes little that a motor
-    feels; at the end of a range it is where it cannot be. What lets a tendon out alone has no end.
+    They serve to find a spool that slipped or a tendon that came off: in free motion the torque
+    shows little of that, but at an end the motor then turns further than its joint can. Only the
+    end towards which a tendon is wound counts.
     """
     found = list[RangeEnd]()
     for drive in rig.drives:
@@ -91,8 +106,8 @@ def range_ends(rig: Rig, channels: Sequence[str]) -> tuple[RangeEnd, ...]:
                 continue
             end = max(way * reading for reading in reached)
             loose = tendon.slack.value - tendon.pretension.value / tendon.stiffness.value
-            # numbers that were found at the ends of the ranges are wrong together: there, what is
-            # not known of the ranges makes no difference
+            # zero and play were found at the ends of the ranges: an error of these ranges is in
+            # them already, and cancels at the ends
             ranges = max(part.stops_std for part in rig.joints if part.name in tendon.arms())
             stds = position_sensor.bias.total_std * joint, tendon.slack.total_std / tendon.total_arm
             unsure = sqrt(sum(max(std**2 - ranges**2, 0.0) for std in stds))
@@ -113,10 +128,10 @@ def range_ends(rig: Rig, channels: Sequence[str]) -> tuple[RangeEnd, ...]:
 
 
 def motor_range(rig: Rig, sensor: Sensor) -> tuple[float, float]:
-    """Return the limits of a capstan's angle by the ranges of its joints, play, and what is not
-    known of its zero [rad].
+    """Return the lowest and highest reading of a capstan's angle sensor [rad].
 
-    They are infinite for other sensors, and where a joint has no stops.
+    They follow from the stops of the joints, from play, and from the uncertainty of the zero; they
+    are infinite for other sensors, and where a joint has no stops.
     """
     drive = next((drive for drive in rig.drives if drive.name == sensor.of), None)
     if sensor.measures != "position" or drive is None or drive.kind != "capstan":
@@ -134,7 +149,7 @@ def motor_range(rig: Rig, sensor: Sensor) -> tuple[float, float]:
 
 def _reached(rig: Rig, sensor: Sensor) -> tuple[float, float] | None:
     """Return what a capstan's position sensor reads with its joints at their stops [rad], None
-    where one has none.
+    where a joint has no stop.
     """
     drive = next(drive for drive in rig.drives if drive.name == sensor.of)
     assert isinstance(drive, Capstan)

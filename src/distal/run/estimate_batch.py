@@ -1,5 +1,5 @@
-"""Many logs at once: on all cores, several runs side by side in vector lanes, with only current
-logs in memory.
+"""Estimates over many logs: on all cores, several runs side by side in vector lanes, with only the
+current logs in memory.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from distal.run.offline import Run, check_bounds, estimator_for, finished, prepa
 from distal.threads import one_blas_thread
 
 PER_TASK = 32
-"""Logs of one task of a cluster."""
+"""Number of logs in one task of a cluster [1]. Source: judgement."""
 
 Skip = Callable[[str, DistalError], None]
 Input = TypeVar("Input")
@@ -45,18 +45,19 @@ def estimate_batch(
     progress: Callable[[int], None] | None = None,
     skip: Skip | None = None,
 ) -> Iterator[Estimate]:
-    """Estimate the joint angle over many logs; yield the estimates in order, with the same numbers
+    """Estimate the joint angle over many logs; yield the estimates in order, with the same values
     as `estimate`.
 
     Several runs go through the compiled kernel side by side, one in each vector lane, on all cores.
-    Logs are read when their turn comes, and only current logs are in memory: covariances are not
-    kept (`Estimate.covariances` is None). Arguments that `estimate` has too mean the same there.
+    Logs are read when their turn comes, and only the current ones are in memory; covariances are
+    not kept (`Estimate.covariances` is None). Arguments that `estimate` has too mean the same
+    there.
 
     Args:
         logs: each as `estimate` takes it; may be a generator.
-        truth: where logs are read: the true angle's column.
-        homing: for how long the truth is used [s].
-        workers: threads; default one per core.
+        truth: column of the true angle, where logs are read.
+        homing: for how long the true angle is used as a reference [s].
+        workers: number of threads; default one per core.
         progress: called with the number of logs that are done.
         skip: called with source and error of a log that cannot be estimated; with None the error is
             raised.
@@ -130,12 +131,12 @@ def estimate_on_cluster(
     progress: Callable[[int], None] | None = None,
     skip: Skip | None = None,
 ) -> Iterator[Estimate]:
-    """Estimate over many logs by the workers of a Dask cluster, which read the same files; yield as
+    """Estimate over many logs on the workers of a Dask cluster, which read the same files; yield as
     `estimate_batch` does.
 
     Args:
         address: of the scheduler, ``tcp://host:8786``.
-        homing: for how long the truth is used [s].
+        homing: for how long the true angle is used as a reference [s].
 
     Raises:
         EstimationError: no scheduler answers, or a worker fails.
@@ -205,8 +206,9 @@ def _attempt(function: Callable[[Input], Output], argument: Input) -> Output | D
 
 
 def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
-    """Return the estimates of some runs of one estimator, side by side where there are lanes for
-    that.
+    """Return the estimates of some runs of one estimator, or the error of each that has none.
+
+    Runs go side by side where there are vector lanes for that.
 
     Args:
         runs: at most as many as there are lanes.

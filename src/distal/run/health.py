@@ -1,8 +1,8 @@
 """The health of a stream as one function, which Python, C, the lab and FMUs share: what is wrong
 with a sample.
 
-Ages and means are remembered from sample to sample. Limits are here, but for what a filter goes by
-too (`dead_after`).
+The function remembers ages and means from sample to sample. Its limits stand here, but for those
+that the filter uses too (`dead_after`).
 """
 
 from __future__ import annotations
@@ -45,71 +45,88 @@ HEALTH: dict[Health, str] = {
     "duplicate": "the stamp is the last one's; skipped, no estimate",
     "bad": "this is no sample; skipped, no estimate",
 }
-"""Each word and its meaning. Where several apply, the last one in this order is reported."""
+"""Each health word and its meaning. Where several apply, the last one in this order is reported."""
 
 LONGEST_GAP = 0.5
-"""After a longer gap the filter begins anew [s]."""
+"""Longest gap that the filter bridges [s]; after a longer one, and longer than three nominal
+intervals, it begins anew. Source: judgement.
+"""
 
 LARGE = 2.5
-"""Mean of ν²/S of a sensor beyond which it disagrees; of a fitted rig, that over the largest normal
-one.
+"""Mean of ν²/S beyond which a sensor disagrees [1]; for a fitted rig, the mean relative to the
+largest in its free motion. Source: judgement.
 """
 
 TOUCHED = 0.5
-"""With a larger share of a touch the joints count as touched [1]."""
+"""Share of a touch in a joint, 0 (free) to 1, beyond which the joints count as touched [1]. Source:
+judgement.
+"""
 
 MEMORY = 1.0
-"""Time over which that mean, and the share of time beyond the stops, is taken [s]."""
+"""Time constant of the mean of ν²/S, and of the share of time beyond the stops [s]. Source:
+judgement.
+"""
 
 UNKNOWN = 1.0
-"""Standard deviation of the angle beyond which it is not known [rad]."""
+"""Standard deviation beyond which the angle is not known [rad]. Source: judgement."""
 
 HURRIED = 0.2
 """If intervals are below this share of the rig's nominal interval, the unit of time is probably
-wrong.
+wrong [1]. Source: judgement.
 """
 
 WAITING = 1.5
-"""After so many nominal intervals without a sample there is a gap."""
+"""Number of nominal intervals without a sample after which there is a gap [1]. Source: judgement.
+"""
 
 OVERDUE = 2.5
-"""A sensor without a value for longer than this times its own interval is missing."""
+"""Number of its own intervals without a value after which a sensor is missing [1]. Source:
+judgement.
+"""
 
 CAPPED = 25.0
-"""Upper limit of one ν²/S: a single wild value alone does not make a sensor disagree."""
+"""Upper limit of one ν²/S [1], so that a single wild value does not make a sensor disagree. Source:
+judgement.
+"""
 
 ROUNDING = 1e-9
-"""Ages are sums of intervals, so that they may be off by this [s]."""
+"""Possible error of an age [s]. Source: rounding (an age is a sum of intervals)."""
 
 NEVER = 1e30
-"""An age that no sensor reaches, since C has no infinity without a header [s]."""
+"""An age that no sensor reaches [s], used as infinity: C has none without a header. Source:
+definition (of the exported C).
+"""
 
 NEAR = 2.0
+"""Distance before the end of its range from which on a joint counts as being there [deg]. Source:
+judgement.
+"""
+
 AWAY = 10.0
-"""A joint is at its end from less than the first before it until it is further than the second away
-[deg].
+"""Distance before the end of its range beyond which a joint has left it [deg]. Source: judgement.
 """
 
 
 @dataclass(frozen=True)
 class Watch:
-    """What is watched of an estimator.
+    """The function that judges the samples of an estimator, and the layouts of its vectors.
 
     Args:
-        memory: what is remembered: of each channel its last value, its age and for how long it has
-            been the same; of each drive's position the share of time beyond its range; of each
-            compared sensor the mean ν²/S; the pace of the stamps; of each end, in this visit, its
-            furthest reading, and how far the joint was beyond it [deg].
-        sample: what comes: whether it is the first, dt, values and mask of the channels, stds of
-            the angles, innovations, their mask and their variances, the watched states and their
-            variances, and the largest share that a touch has of a joint.
-        findings: the code of the worst word, then 1 where it holds: gap, hurried, nothing read,
-            untested, unknown; of each channel dead, stuck, missing; of each position wrong; of each
-            of the `ends` by how much the joint is beyond it [deg]; of each compared sensor large;
-            of each watched state left.
-        placed: channels that are positions of drives.
-        ends: of the travels of motors whose joints have stops.
-        watched: states that are numbers of the rig.
+        memory: layout of what is remembered. For each channel: its last value, its age, and for how
+            long it has been the same. For each drive's position: the share of time beyond its
+            range. For each compared sensor: the mean ν²/S. The pace of the stamps. For each of the
+            `ends`, in the current visit: its furthest reading, and how far the joint was beyond it
+            [deg].
+        sample: layout of the input: whether it is the first sample, dt, values and mask of the
+            channels, stds of the angles, innovations, their mask and their variances, the watched
+            states and their variances, and the largest share that a touch has of a joint.
+        findings: layout of the output: the code of the reported word, then 1 where a finding holds:
+            gap, hurried, nothing read, untested, unknown; for each channel dead, stuck, missing;
+            for each position wrong; for each compared sensor large; for each watched state left.
+            For each of the `ends` it is by how much the joint is beyond it [deg].
+        placed: indices of the channels that are positions of drives.
+        ends: ends of the ranges of motors whose joints have stops.
+        watched: indices of the states that are parameters of the rig.
         function: (memory, sample) → (memory⁺, findings).
     """
 
@@ -123,8 +140,8 @@ class Watch:
 
 
 def begun(watch: Watch) -> Floats:
-    """Return the memory before the first sample: ν²/S and the pace are one, no end was visited, all
-    else is zero.
+    """Return the memory before the first sample: mean ν²/S and pace are 1, no end was visited, all
+    else is 0.
     """
     memory = np.zeros(watch.memory.size)
     memory[watch.memory["ratio"]] = memory[watch.memory["pace"]] = 1.0
@@ -138,7 +155,7 @@ def word_code(word: Health) -> int:
 
 
 def watch_of(estimator: KernelEstimator) -> Watch:
-    """Return what is watched of an estimator."""
+    """Return the function that judges the samples of an estimator, with its layouts."""
     sensors = {sensor.name: sensor for sensor in estimator.rig.sensors}
     chosen = [sensors[name] for name in estimator.channels]
     interval = estimator.interval
@@ -221,8 +238,8 @@ def watch_of(estimator: KernelEstimator) -> Watch:
     )
     far = read * (ca.fabs(position - (low + high) / 2) > FAR * (high - low))
     wrong = ca.logic_or(outside > 0.5, far)
-    # of a rig that was fitted, large is what is large beside its own free motion, and a touch,
-    # which the filter follows, is no disagreement
+    # for a fitted rig ν²/S is relative to that of its free motion; a touch is no disagreement,
+    # since the filter follows it
     free = estimator.rig.free_motion
     usual = [1.0] * m if free is None else [square for square, _ in free.usual(estimator.measured)]
     square = ca.fmin(came["innovations"] ** 2 / (came["variances"] * _column(usual)), CAPPED)
@@ -284,8 +301,8 @@ def _at_end(
     """Return the furthest reading of this visit to an end, and how much further the joint is than
     it can be [deg], or 0.
 
-    What its torque stretches is taken off. Only on the way there: on the way back friction hides
-    the tendon's tension.
+    The stretch of the tendon by its torque is subtracted. Only readings on the way to the end
+    count: on the way back friction hides the tendon's tension.
     """
     read = mask[end.position] * mask[end.torque]
     reading = end.way * values[end.position]
@@ -313,7 +330,7 @@ WORDS: dict[str, Health] = {
     "stuck": "dead",
     "dead": "dead",
 }
-"""The word of each finding."""
+"""Finding → the health word that reports it."""
 
 
 def _column(values: Sequence[float] | Floats) -> Vector:
@@ -321,5 +338,5 @@ def _column(values: Sequence[float] | Floats) -> Vector:
 
 
 def _any(flags: Vector) -> Scalar:
-    """Return 1 where a flag is set; no flags, none is."""
+    """Return 1 where at least one flag is set, else 0."""
     return reduce(ca.fmax, ca.vertsplit(flags), ca.SX(0)) if flags.numel() else ca.SX(0)

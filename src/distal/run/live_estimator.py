@@ -1,5 +1,5 @@
-"""An estimator in a control loop: one belief, one call per sample; arrays are made before the
-first.
+"""An estimator in a control loop: one belief, one call per sample; all arrays are made before the
+first sample.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from distal.logs import LARGEST_READING, frozen
 from distal.rig import Rig, as_rig
 
 LATEST = 1e300
-"""No stamp is larger than this [s]: differences of stamps stay finite."""
+"""Largest stamp that is accepted [s]. Source: rounding (differences of stamps stay finite)."""
 
 
 @dataclass(frozen=True)
@@ -42,11 +42,11 @@ class JointContact:
     """Whether something touches a joint.
 
     Args:
-        joint: its name.
-        probability: that something does, 0 to 1; from one half on it counts as touched.
-        torque: that acts on it [N m].
-        torque_std: standard deviation of its error [N m].
-        since: for how long it has been touched [s]; 0 where it is not.
+        joint: name of the joint.
+        probability: that something touches it, 0 to 1; a touch begins above one half.
+        torque: external torque on the joint [N m].
+        torque_std: standard deviation of the torque's error [N m].
+        since: for how long the joint has been touched [s]; 0 where it is not.
     """
 
     joint: str
@@ -57,7 +57,7 @@ class JointContact:
 
 
 class LiveEstimator:
-    """Estimates the joints' angles sample by sample, with the numbers that `estimate` gives over
+    """An estimator that takes one sample after the other, with the same values as `estimate` over
     the whole log.
 
     ```python
@@ -68,10 +68,11 @@ class LiveEstimator:
 
     Args:
         rig: the description, or a shipped rig's name, or a path.
-        estimator: a name (see `ESTIMATORS`) or a ready one that is a kernel.
+        estimator: a name (see `ESTIMATORS`), or an estimator with a kernel.
+        compiled: compile the kernel where possible.
 
     Raises:
-        EstimationError: the estimator cannot run on this rig.
+        EstimationError: the estimator cannot run on this rig, or has no kernel.
     """
 
     def __init__(
@@ -109,8 +110,7 @@ class LiveEstimator:
         self._interval = chosen.interval
         mean = mean_of(self._kernel_state, self._n)
         covariance = covariance_of(self._kernel_state, self._n)
-        # what is reported is the filter's own state, or, where a map speaks of some of it, another
-        # one beside it
+        # reported is the filter's own state, or a copy of it in which maps correct some values
         has_map = bool(chosen.report.states)
         self._state, self._spread = (
             (mean.copy(), covariance.copy()) if has_map else (mean, covariance)
@@ -128,8 +128,8 @@ class LiveEstimator:
         self._warm()
 
     def _warm(self) -> None:
-        """Take two samples and forget them: what is built for the first ones would make them miss
-        their deadlines.
+        """Take two samples and forget them, so that the first real ones do not wait for what is
+        built on first use.
         """
         with suppress(EstimationError):
             for time in (0.0, self._interval):
@@ -142,12 +142,12 @@ class LiveEstimator:
         """Take in a sample and return the joint angle [rad], of several joints their `angles`.
 
         Args:
-            time: of the sample [s], after the last one's.
+            time: stamp of the sample [s], later than the last one's.
             sample: values of `channels`, SI, NaN where missing, (n_channels,).
 
         Raises:
-            EstimationError: the stamp is late, repeats or follows a gap that is too long; the
-                sample has a wrong shape or a wild value; the state is then unchanged. Or the filter
+            EstimationError: the stamp is late, repeats or follows a gap that is too long; or the
+                sample has a wrong shape or a wild value: the state is then unchanged. Or the filter
                 diverged: call `reset`.
         """
         name = self._estimator.name
@@ -216,7 +216,7 @@ class LiveEstimator:
         fill(values, mask, sample, is_read)
 
     def _report(self) -> None:
-        """Put what the maps say in the places of the filter's own."""
+        """Write the reported mean and covariance, with the learned maps, from the filter's own."""
         report = self._estimator.report
         y = self._y[None]
         n = self._n
@@ -240,8 +240,8 @@ class LiveEstimator:
         Args:
             angle: probable joint angle at that sample [rad], one number for each joint; default the
                 rig's `initial`.
-            angle_std: smallest standard deviation of that angle [rad]; the rig's std where that is
-                larger.
+            angle_std: smallest standard deviation of that angle [rad]; the rig's own counts where
+                it is larger.
 
         Raises:
             EstimationError: there are more or fewer angles than joints.
@@ -257,13 +257,13 @@ class LiveEstimator:
         self._innovations[:] = np.nan
 
     def clone(self) -> LiveEstimator:
-        """Return another one at the same belief, with arrays of its own: each goes on alone, in its
-        own thread too.
+        """Return a live estimator at the same belief, with arrays of its own, so that both go on
+        independently, also in different threads.
         """
         return _at(LiveEstimator(self.rig, self._estimator), self._belief())
 
     def __copy__(self) -> LiveEstimator:
-        """Return a clone: buffers are never shared."""
+        """Return a clone, since arrays are never shared."""
         return self.clone()
 
     def __deepcopy__(self, memo: object) -> LiveEstimator:
@@ -271,8 +271,8 @@ class LiveEstimator:
         return self.clone()
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Return how to make it again in another process: its rig, its estimator by name, and its
-        belief.
+        """Return how to make this live estimator again in another process: its rig, its estimator
+        by name, and its belief.
         """
         return _made_again, (*self._made_of, self._belief())
 
@@ -282,12 +282,12 @@ class LiveEstimator:
 
     @property
     def estimator(self) -> KernelEstimator:
-        """The estimator."""
+        """The estimator that takes in the samples."""
         return self._estimator
 
     @property
     def rig(self) -> Rig:
-        """The description."""
+        """The description of the rig that the estimator runs on."""
         return self._estimator.rig
 
     @property
@@ -297,12 +297,12 @@ class LiveEstimator:
 
     @property
     def measured(self) -> tuple[str, ...]:
-        """Names of those that have an innovation."""
+        """Names of the sensors that have an innovation."""
         return self._estimator.measured
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Names of the states."""
+        """Names of the estimator's states, (n,)."""
         return self._estimator.state_names
 
     @property
@@ -317,12 +317,12 @@ class LiveEstimator:
 
     @property
     def samples(self) -> int:
-        """Number of samples since the first or the last `reset`."""
+        """Number of samples taken in since the beginning or the last `reset`."""
         return self._samples
 
     @property
     def angle(self) -> float:
-        """Joint angle [rad].
+        """Angle of the joint [rad].
 
         Raises:
             EstimationError: there are several joints.
@@ -331,7 +331,7 @@ class LiveEstimator:
 
     @property
     def angle_std(self) -> float:
-        """Standard deviation of its error [rad].
+        """Standard deviation of the error of the joint's angle [rad].
 
         Raises:
             EstimationError: there are several joints.
@@ -345,28 +345,24 @@ class LiveEstimator:
 
     @property
     def angle_stds(self) -> Floats:
-        """Standard deviations of their errors [rad], (n_joints,)."""
+        """Standard deviations of the errors of the joints' angles [rad], (n_joints,)."""
         stds: Floats = np.sqrt(np.maximum(np.diagonal(self._spread)[self._angles], 0.0))
         return stds
 
     @property
     def added_by_maps(self) -> Floats:
-        """What learned maps add to the filter's own angles [rad], (n_joints,)."""
+        """Angles that learned maps add to the filter's own [rad], (n_joints,)."""
         added: Floats = self._joints - self._kernel_state[self._angles]
         return added
 
     @property
     def torque_names(self) -> tuple[str, ...]:
-        """Names of the estimated external torques: one for each joint that the rig allows to be
-        touched.
-        """
+        """Names of the estimated external torques, one for each joint that may be touched."""
         return self._torque_names
 
     @property
     def contacts(self) -> tuple[JointContact, ...]:
-        """Whether something touches each joint that may be touched, in the order of
-        `torque_names`.
-        """
+        """Whether something touches each joint that may be touched, one entry for each."""
         contacts = list[JointContact]()
         torques = self.external_torques
         stds = self.external_torque_stds
@@ -380,18 +376,20 @@ class LiveEstimator:
 
     @property
     def touched(self) -> float:
-        """The largest share that a touch has of a joint, 0 (free) to 1."""
+        """The largest share, 0 (free) to 1, that a touch has of a joint."""
         return float(self._kernel_state[self._shares].max(initial=0.0))
 
     @property
     def external_torques(self) -> Floats:
-        """External torques on these joints [N m]."""
+        """External torques on the joints that may be touched [N m], in the order of
+        `torque_names`.
+        """
         torques: Floats = self._state[self._torques]
         return torques
 
     @property
     def external_torque_stds(self) -> Floats:
-        """Standard deviations of their errors [N m]."""
+        """Standard deviations of the errors of the external torques [N m]."""
         stds: Floats = np.sqrt(np.maximum(np.diagonal(self._spread)[self._torques], 0.0))
         return stds
 
@@ -405,31 +403,33 @@ class LiveEstimator:
 
     @property
     def mean(self) -> Floats:
-        """State estimate, (n,), a read-only view that changes with each step."""
+        """Reported estimate of the states, (n,), a read-only view that changes with each step."""
         return self._mean
 
     @property
     def covariance(self) -> Floats:
-        """Covariance of its error, (n, n), a read-only view that changes with each step."""
+        """Reported covariance of the estimate's error, (n, n), a read-only view that changes with
+        each step.
+        """
         return self._covariance
 
     @property
     def innovations(self) -> Floats:
-        """Measured minus predicted, (m,), NaN where nothing was compared; a view that changes with
-        each step.
+        """Innovations of the last sample, measured minus predicted, (m,), NaN where nothing was
+        compared; a view that changes with each step.
         """
         return _view(self._innovations)
 
     @property
     def innovation_variances(self) -> Floats:
-        """Their variances, (m,), a view that changes with each step."""
+        """Variances of the innovations, (m,), a view that changes with each step."""
         return _view(self._y[self._m : 2 * self._m])
 
     def belief(self) -> Belief:
-        """Return a copy of the current belief, to keep.
+        """Return a copy of the current belief.
 
         Raises:
-            EstimationError: there was no sample yet.
+            EstimationError: no sample was taken in yet.
         """
         if self._samples == 0:
             raise EstimationError(f"{self._estimator.name}: no sample was taken in yet")
@@ -444,7 +444,7 @@ class LiveEstimator:
 
 
 def _seconds(name: str, time: object) -> float:
-    """Return a stamp as Python's own number; one that is too large is infinite."""
+    """Return a stamp as a float; one that is too large becomes infinite."""
     if not isinstance(time, (float, int, np.floating, np.integer)):
         raise EstimationError(f"{name}: the stamp is no time: give a finite number of seconds")
     try:

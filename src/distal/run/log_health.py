@@ -16,10 +16,10 @@ from distal.run.monitor import Monitor
 def log_health(
     log: Log, rig: Rig | str | Path, estimator: str = DEFAULT, compiled: bool = True
 ) -> tuple[str, ...]:
-    """Return the health word that `distal stream` would give to each sample of a log: see `HEALTH`.
+    """Return the health word that `distal stream` would give to each sample of a log; see `HEALTH`.
 
     Args:
-        log: sensors over time; a sensor that is not in the log counts as missing.
+        log: values of sensors over time; a sensor that is not in the log counts as missing.
 
     Raises:
         EstimationError: the estimator cannot run on this rig.

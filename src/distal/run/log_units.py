@@ -1,5 +1,5 @@
-"""What a user logs, counts, milliamperes, degrees, as samples in SI; encoders that wrap at their
-turn are unwrapped.
+"""Logged values, such as counts, milliamperes or degrees, as samples in SI; encoders that wrap
+after a turn are unwrapped.
 """
 
 from __future__ import annotations
@@ -25,32 +25,37 @@ from distal.run.monitor import Monitor, Reading
 from distal.suggestions import did_you_mean
 
 FASTEST = 10.0
-"""No motor whose rig does not say it (`servo.fastest`) turns faster than this [rad/s, m/s]."""
+"""Largest speed of a motor whose rig does not give one (`servo.fastest`) [rad/s, m/s]. Source:
+judgement.
+"""
 
 TEMPERATURE_SLOPE = -0.0011
-"""A motor's torque constant changes by this share per kelvin: that of its magnets (Nd-Fe-B, Br
-−0.11 %/K) [1/K].
+"""Relative change of a motor's torque constant per kelvin [1/K]. Source: physics (remanence of
+Nd-Fe-B magnets, −0.11 %/K).
 """
 
 REFERENCE = 25.0
-"""Temperature for which a torque constant holds [°C]."""
+"""Temperature for which a torque constant holds [°C]. Source: definition (catalogue values)."""
 
 TURN = 2 * pi
-"""Of a motor that is read in radians or degrees [rad]."""
+"""One turn of a motor that is read in radians or degrees [rad]. Source: definition (full angle)."""
 
 BOOTS = 0.05
-"""No motor restarts and answers again in less [s]: a position that leaps sooner is a wrong
-reading.
+"""Shortest time in which a motor restarts and answers again [s]; a position that jumps sooner is a
+wrong reading. Source: judgement.
 """
 
 HOTTEST = 200.0
-"""No motor that still turns is hotter, or colder than minus this [°C]."""
+"""Highest temperature of a motor that still turns [°C]; minus this is the lowest. Source:
+judgement.
+"""
 
 Values = Mapping[str, object] | Sequence[object] | Floats
 
 
 class LogUnits:
-    """Turns what is logged into samples of an estimator: by columns and units of the rig.
+    """A converter from logged values to samples of an estimator, by the columns and units of the
+    rig.
 
     ```python
     units = distal.LogUnits(rig)
@@ -58,18 +63,22 @@ class LogUnits:
     sample = units.sample(time, {"m1_position": 2048, "m1_current": 35})
     ```
 
-    An encoder that wraps is followed over its turn, both ways: the position nearest to the last one
-    is taken. Where a motor may have gone half a turn without a value, or at its first value, the
-    only turn in which its joint can be is; if there are several, `doubts` says so, and `in_doubt`
-    until it has moved so far that only one is left. A motor that counts its turns, and counts from
-    another one after a restart, is where its joint can be.
+    An encoder that wraps is followed beyond its turn in both directions: of all positions that its
+    reading may mean, the one nearest to the last is taken. This does not work at the first value,
+    nor after a silence in which the motor may have gone half a turn. Then the motor is in the only
+    turn that its joint's range allows. If several are possible, `doubts` says so, and the motor is
+    in `in_doubt` until it has moved so far that only one is left.
+
+    A motor that counts its turns may count from another one after a restart; it is then set to the
+    turn that its joint's range allows.
 
     Args:
         rig: the description, or a shipped rig's name, or a path.
         channels: sensors in a sample; default those of `LiveEstimator(rig)`, in its order.
-        turns: column or sensor → the log's number of one turn at which it wraps, 0 for one that
+        turns: column or sensor → the logged number of one turn, at which it wraps, 0 for one that
             does not; default `counts_per_turn` of those that are logged in counts.
-        temperature_slope: change of torque constants [1/K], where `sample` is told temperatures.
+        temperature_slope: relative change of torque constants with temperature [1/K], used where
+            `sample` is given temperatures.
         ranged: whether the ranges of the joints say in which turn a motor is; before a power-on
             routine they do not.
 
@@ -111,7 +120,7 @@ class LogUnits:
         self.reset()
 
     def reset(self) -> None:
-        """Forget how often encoders have turned."""
+        """Forget in which turns the encoders are."""
         self._last, self._seen, self._ahead = (np.full(len(self._sensors), nan) for _ in range(3))
         self._ahead[:] = 0.0
         self._doubts: tuple[str, ...] = ()
@@ -121,24 +130,26 @@ class LogUnits:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Of the last sample: columns whose encoder may have turned without a value, in words."""
+        """Sentences on the encoders that may have turned without a value before the last sample."""
         return self._doubts
 
     @property
     def restarts(self) -> tuple[str, ...]:
-        """Of the last sample: motors that count from another turn than before, which is made up
-        for.
+        """Motors that, at the last sample, count from another turn than before; the sample is
+        corrected for that.
         """
         return self._restarts
 
     @property
     def in_doubt(self) -> tuple[str, ...]:
-        """Motors of which it is not known in which of several turns they are."""
+        """Motors that may be in several turns."""
         return tuple(self._sensors[i].of for i in self._guessed)
 
     def followed_by(self, rig: Rig) -> LogUnits:
-        """Return the converter of another description of the same motors, in the turns in which
-        they are.
+        """Return a converter for another description of the same motors, in the turns in which they
+        are now.
+
+        Turns are kept for encoders that wrap, not for motors that count their turns.
         """
         other = LogUnits(rig, self.channels, temperature_slope=self._slope)
         other._last = self._last.copy()
@@ -183,8 +194,7 @@ class LogUnits:
             time: stamp [s].
             values: by column or sensor, where one left out is missing, or in the order of
                 `columns`.
-            temperatures: motor → its temperature [°C]; its torque constant is then that of this
-                temperature.
+            temperatures: motor → its temperature [°C], to which its torque constant is corrected.
 
         Raises:
             EstimationError: a value is no number, infinite or beyond all sensors, or has an unknown
@@ -227,7 +237,9 @@ class LogUnits:
         return np.array([_number(name, value) for name, value in zip(self.columns, values)])
 
     def _unwrapped(self, i: int, time: float, position: float, doubts: list[str]) -> float:
-        """Return a position [rad, m] in the turn in which it is."""
+        """Return a position [rad, m] in the turn in which the motor is; a doubt is appended to
+        `doubts`.
+        """
         turn = float(self._turns[i])
         last = float(self._last[i])
         gap = time - float(self._seen[i])
@@ -254,7 +266,9 @@ class LogUnits:
         return near
 
     def _possible(self, i: int, least: float, most: float) -> range:
-        """Return by how many turns positions may be off, all of them within the range."""
+        """Return the numbers of turns by which positions from `least` to `most` may be off, so that
+        all are within the range.
+        """
         turn = float(self._turns[i])
         (low, high) = self._ranges[i]
         if not isfinite(low):
@@ -262,7 +276,7 @@ class LogUnits:
         return range(ceil((low - least) / turn), floor((high - most) / turn) + 1)
 
     def _settled(self, i: int, position: float) -> float:
-        """Return by how much a guessed turn is off where only one is possible, else 0."""
+        """Return the correction of a guessed turn [rad, m] if only one turn is possible, else 0."""
         least, most = self._guessed[i]
         least = min(least, position)
         most = max(most, position)
@@ -274,11 +288,11 @@ class LogUnits:
         return float(self._turns[i]) * turns[0]
 
     def _counted_anew(self, i: int, time: float, position: float) -> float:
-        """Return a position [rad] of a motor that counts its turns: after a restart it may count
-        from another one.
+        """Return the position [rad] of a motor that counts its turns, in the turn that its joint's
+        range allows.
 
-        A position that is out of range without a jump is one where a tendon broke or a spool
-        slipped.
+        The turn changes only where a position jumps, out of range, after a silence (a restart). Out
+        of range without a jump, a tendon broke or a spool slipped.
         """
         if not isfinite(position):
             return position
@@ -295,8 +309,8 @@ class LogUnits:
         return float(self._last[i])
 
     def logged(self, channel: str, value: float) -> float:
-        """Return what the log holds where a channel is at a value in SI: a goal for a motor, in the
-        turn of its encoder.
+        """Return the logged number for a channel's value in SI, in the current turn of its encoder,
+        such as a goal for a motor.
         """
         i = self._index(channel)
         return (value - float(self._ahead[i])) / float(self._factors[i])
@@ -315,16 +329,17 @@ class LogUnits:
 
 
 class LiveInLogUnits:
-    """A `LiveEstimator` that takes what is logged and returns angles in the unit that is asked for.
+    """A `LiveEstimator` that takes logged values and returns angles in a chosen unit.
 
-    No sample makes it raise an error but one with an unknown name or without a number: see
-    `Monitor`. Where an encoder may have turned without a value, it begins anew with a band as wide
-    as the joint's range.
+    A sample raises an error only for an unknown name, for a value that is no number, or for one
+    that no sensor reaches; else see `Monitor`. Where an encoder may have turned without a value,
+    the estimator begins anew with half of the joints' largest range as standard deviation.
 
     Args:
         rig: the description, or a shipped rig's name, or a path.
         unit: of `angles` and `stds`.
         turns: see `LogUnits`.
+        compiled: compile the kernel where possible.
     """
 
     def __init__(
@@ -344,34 +359,34 @@ class LiveInLogUnits:
         self._reading: Reading | None = None
 
     def __copy__(self) -> LiveInLogUnits:
-        """Return another one that goes on alone: buffers are never shared."""
+        """Return a copy that goes on independently; arrays are never shared."""
         return deepcopy(self)
 
     @property
     def rig(self) -> Rig:
-        """The description."""
+        """The description of the rig that the estimator runs on."""
         return self._live.rig
 
     @property
     def live(self) -> LiveEstimator:
-        """The estimator behind it."""
+        """The estimator that takes in the converted samples."""
         return self._live
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Columns of a sample, in order."""
+        """Names of the logged columns of a sample, in order."""
         return self._units.columns
 
     @property
     def reading(self) -> Reading | None:
-        """The last reading, in SI, with its health; None before the first."""
+        """The last reading, in SI, with its health; None before the first sample."""
         return self._reading
 
     def step(
         self, time: float, values: Values, temperatures: Mapping[str, float] | None = None
     ) -> dict[str, float]:
-        """Take in what was logged and return joint → angle in the unit, NaN where the sample was
-        skipped.
+        """Take in logged values and return joint → angle in the chosen unit, NaN where the sample
+        was skipped.
 
         Args:
             time: stamp [s].
@@ -380,7 +395,7 @@ class LiveInLogUnits:
             temperatures: motor → its temperature [°C].
 
         Raises:
-            EstimationError: a value is no number or cannot be, or a name is unknown.
+            EstimationError: a value is no number or is beyond all sensors, or a name is unknown.
         """
         sample = self._units.sample(time, values, temperatures)
         if self._units.doubts and self._live.samples:
@@ -396,13 +411,13 @@ class LiveInLogUnits:
 
     @property
     def angles(self) -> dict[str, float]:
-        """Joint → angle in the unit, of the last reading."""
+        """Joint → angle of the last reading, in the chosen unit."""
         values = (nan,) * len(self._joints) if self._reading is None else self._reading.angles
         return {name: self._scale * value for name, value in zip(self._joints, values)}
 
     @property
     def stds(self) -> dict[str, float]:
-        """Joint → standard deviation of its error in the unit, of the last reading."""
+        """Joint → standard deviation of the error of its last angle, in the chosen unit."""
         values = (nan,) * len(self._joints) if self._reading is None else self._reading.angle_stds
         return {name: self._scale * value for name, value in zip(self._joints, values)}
 
@@ -434,7 +449,7 @@ def _check_temperature(motor: str, temperature: object) -> None:
 
 
 def _fastest(rig: Rig, sensor: Sensor) -> float:
-    """Return how fast what a sensor measures can change [rad/s, m/s]."""
+    """Return the largest speed at which a sensor's drive moves [rad/s, m/s]."""
     drive = next((drive for drive in rig.drives if drive.name == sensor.of), None)
     if drive is None or drive.servo is None or drive.servo.fastest is None:
         return FASTEST

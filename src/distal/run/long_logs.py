@@ -1,4 +1,4 @@
-"""An estimator over a log that comes in pieces: hours of it in the memory of one."""
+"""An estimator over a long log that comes in pieces, so that only one piece is in memory."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ from distal.simulation import Piece
 
 @dataclass(frozen=True)
 class PieceEstimate:
-    """What an estimator makes of one piece.
+    """The estimate over one piece of a log.
 
     Args:
-        angles: of the joints [rad], (k, n_joints).
+        log: the piece.
+        angles: estimated angles of the joints [rad], (k, n_joints).
         angle_stds: standard deviations of their errors [rad], (k, n_joints).
         truths: true angles [rad], (k, n_joints).
     """
@@ -36,10 +37,13 @@ class PieceEstimate:
 def estimate_pieces(
     pieces: Iterable[Piece], rig: Rig, estimator: str = DEFAULT, known_std: float | None = None
 ) -> Iterator[PieceEstimate]:
-    """Estimate the joints' angles piece after piece; the belief goes on from one to the next.
+    """Estimate the joints' angles piece after piece; the belief goes on from one piece to the next.
 
     Args:
-        known_std: how well the angles are known where a piece says so [rad]; None: they are not
+        pieces: of a log in time order, each with its true angles and those that are known to the
+            estimator.
+        estimator: its name.
+        known_std: standard deviation of the known angles' constant offset [rad]; None: they are not
             used. Only `adaptive` reads them.
 
     Raises:

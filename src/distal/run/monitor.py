@@ -1,5 +1,5 @@
-"""A stream's health: late, missing, dead or contradictory samples are skipped or bridged, and named
-by one word.
+"""A stream with its health: samples that are late, missing, dead or contradictory are skipped or
+bridged, and one word says so.
 """
 
 from __future__ import annotations
@@ -21,32 +21,34 @@ from distal.run.health import LONGEST_GAP, WORDS, Health, begun, watch_of, word_
 from distal.run.live_estimator import LATEST, JointContact, LiveEstimator
 
 REWOUND = 3
-"""After this many late samples in a row, each newer than the one before, the clock counts as set
-back.
+"""Number of late samples in a row, each newer than the one before, after which the clock counts as
+set back [1]. Source: judgement.
 """
 
 ANYWHERE = 0.5
-"""Standard deviation of the joint's angle where the filter begins anew [rad]."""
+"""Standard deviation of the joint's angle where the filter begins anew [rad]. Source: judgement."""
 
 LOST = 0.35
-"""An angle whose std is above this is not known [rad]: nothing is controlled with it."""
+"""Standard deviation above which an angle is not known, so that nothing is controlled with it
+[rad]. Source: judgement.
+"""
 
 UNUSABLE = frozenset({"bad", "dead"})
-"""Health of an estimate with which nothing is controlled."""
+"""The health words of readings with which nothing is controlled."""
 
 
 @dataclass(frozen=True)
 class Reading:
-    """One estimate of a stream, and its health.
+    """The estimate at one sample of a stream, and its health.
 
     Args:
         time: stamp of the sample [s].
         angles: of the joints [rad], (n_joints,); NaN where the sample was skipped.
         angle_stds: standard deviations of their errors [rad], (n_joints,).
-        health: one word.
-        detail: which sensor, how long; may be empty.
-        torques: external ones [N m], of each joint that the rig allows to be touched; NaN where the
-            sample was skipped.
+        health: one word of `HEALTH`.
+        detail: which sensor, for how long; may be empty.
+        torques: external torques [N m] on the joints that may be touched; NaN where the sample was
+            skipped.
         torque_stds: standard deviations of their errors [N m].
         contacts: whether something touches each joint that may be touched.
     """
@@ -62,16 +64,16 @@ class Reading:
 
     @property
     def angle(self) -> float:
-        """Angle of the one joint [rad].
+        """Angle of the joint [rad].
 
         Raises:
-            EstimationError: there are several.
+            EstimationError: there are several joints.
         """
         return self._only(self.angles, "angle")
 
     @property
     def angle_std(self) -> float:
-        """Standard deviation of its error [rad].
+        """Standard deviation of the error of the joint's angle [rad].
 
         Raises:
             EstimationError: there are several joints.
@@ -80,7 +82,7 @@ class Reading:
 
     @property
     def unusable(self) -> str:
-        """Why nothing is controlled with it; empty where it is known well enough."""
+        """Why a controller must not use this reading; empty where all angles are known well."""
         if isnan(self.angles[0]):
             return f"no angle: {self.health}"
         if self.health in UNUSABLE or not max(self.angle_stds) <= LOST:
@@ -96,7 +98,10 @@ class Reading:
 
 
 class Monitor:
-    """Feeds a stream to a `LiveEstimator`; no sample can make it raise an error."""
+    """Feeds a stream to a `LiveEstimator` and judges its health; no sample can make it raise an
+    error.
+
+    """
 
     def __init__(self, live: LiveEstimator) -> None:
         self._live = live
@@ -116,16 +121,18 @@ class Monitor:
         self._anew = ""
 
     def reset(self) -> None:
-        """Forget everything, the estimator's belief too: the next sample is the first."""
+        """Forget everything, also the estimator's belief: the next sample is the first."""
         self._live.reset()
         self._begin()
 
     def clone(self, live: LiveEstimator) -> Monitor:
-        """Return another one for a clone of its estimator, with the same memory."""
+        """Return a monitor with the same memory for `live`, a clone of its estimator."""
         return _with_memory(live, self._remembered())
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Return how to make it again, in another process too: its estimator, and its memory."""
+        """Return how to make this monitor again, also in another process: its estimator and its
+        memory.
+        """
         return _with_memory, (self._live, self._remembered())
 
     def _remembered(self) -> dict[str, object]:
@@ -134,17 +141,19 @@ class Monitor:
 
     @property
     def rig(self) -> Rig:
-        """The description."""
+        """The description of the rig that the estimator runs on."""
         return self._live.rig
 
     @property
     def torque_names(self) -> tuple[str, ...]:
-        """Names of the estimated external torques."""
+        """Names of the estimated external torques, one for each joint that may be touched."""
         return self._live.torque_names
 
     @property
     def contact_names(self) -> tuple[str, ...]:
-        """Names of the probabilities of a touch: ``contact``, or ``contact_JOINT``."""
+        """Names of the probabilities of a touch: ``contact``, or ``contact_JOINT`` where there are
+        several joints.
+        """
         joints = self._live.estimator.contacts
         if len(self.rig.joints) == 1:
             return ("contact",) * len(joints)
@@ -156,7 +165,8 @@ class Monitor:
         return self._live.channels
 
     def take(self, time: float, sample: Floats) -> Reading:
-        """Return the estimate at a sample, or why there is none.
+        """Return the reading at a sample: the estimate with its health, or NaN with the reason why
+        the sample was skipped.
 
         Args:
             time: stamp [s].
@@ -189,9 +199,7 @@ class Monitor:
         if not live.samples and not np.isfinite(sample).any():
             return self._skipped(time, "bad", "the first sample has no value at all")
         self._time = time
-        for _ in range(
-            2
-        ):  # where the belief led out of bounds, the filter begins anew, once, with this sample
+        for _ in range(2):  # if the filter diverges, it begins anew with this sample, once
             try:
                 live.step(time, sample)
                 break
@@ -305,8 +313,8 @@ class Monitor:
         return self._skipped(time, "late", f"{self._time - time:.3g} s")
 
     def _restart(self, why: str) -> None:
-        # where the joint went meanwhile is not known; a tendon's geometry has a second angle beyond
-        # what a joint can reach
+        # where the joint went meanwhile is not known; angles stay within the joint's reach, since
+        # beyond it a second angle fits the tendons
         angles = self._live.angles
         has_angles = self._live.samples and bool(np.all(np.abs(angles) <= LARGEST_ANGLE))
         reached = np.clip(angles, *self._reach)

@@ -1,4 +1,4 @@
-"""The only driver: it runs any estimator over a whole log."""
+"""Run any estimator over a whole log."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ from distal.rig import Rig, as_rig
 
 
 def samples_of(log: Log, channels: Sequence[str], name: str = "estimator") -> Floats:
-    """Return the values of some channels of a log, (k, n_channels).
+    """Return the values of some channels of a log, (k, n_channels), wild ones taken as missing.
 
     Raises:
-        EstimationError: a channel is not in the log, has no value at all, or the log has fewer than
-            two samples.
+        EstimationError: a channel is not in the log or has no value at all, or the log has fewer
+            than two samples.
     """
     if len(log) < 2:
         raise EstimationError(
@@ -64,8 +64,8 @@ def samples_of(log: Log, channels: Sequence[str], name: str = "estimator") -> Fl
 
 
 def without_wild(log: Log, channels: Sequence[str], samples: Floats) -> Floats:
-    """Return the samples with wild values taken as missing, and warn of each sensor that has
-    them.
+    """Return the `samples`, (k, n_channels), with wild values as NaN, and warn of each sensor that
+    has some.
     """
     wild = np.abs(samples) > LARGEST_READING
     for channel, rows in zip(channels, wild.T):
@@ -90,25 +90,27 @@ def estimate(
     compiled: bool = True,
     homing: float | None = None,
 ) -> Estimate:
-    """Estimate the joint angle over a log: `Estimator.initial` with the first value of each
-    channel, then `Estimator.step`.
+    """Estimate the joint angle over a log.
+
+    The belief is `Estimator.initial` with the first value of each channel, then that of
+    `Estimator.step` at each sample.
 
     Args:
-        log: sensors over time: a `Log`, the path of a CSV or Parquet file, or a polars or pandas
-            frame (see `read_log`).
+        log: values of sensors over time: a `Log`, the path of a file, or a polars or pandas frame
+            (see `read_log`).
         rig: the description, or a shipped rig's name, or a path.
-        estimator: a name (see `ESTIMATORS`), or anything that is an `Estimator`.
+        estimator: a name (see `ESTIMATORS`), or any `Estimator`.
         passes: how often to filter; each pass starts with the last covariance of the one before, as
             in the 2008 paper.
         truth: column or file of the true angle, if `log` is not a `Log`.
         compiled: compile kernels where possible.
-        homing: for how long the truth is used as a reference [s]; afterwards it is only compared
-            with. Filters of the displacement-driven kind read it as a sensor, `affine` learns from
-            it, the others are shifted by their mean error.
+        homing: for how long the true angle is used as a reference [s]; afterwards the estimate is
+            only compared with it. `adaptive` reads it as a sensor, `affine` learns from it, all
+            others are shifted by their mean error.
 
     Raises:
-        EstimationError: the log lacks a sensor, the estimator cannot run on this rig, or homing has
-            no reference.
+        EstimationError: the log lacks a sensor, the estimator cannot run on this rig or diverges,
+            or homing has no reference.
         LogError: the file cannot be read.
         RigError: the rig is unknown or wrong.
     """
@@ -141,12 +143,14 @@ def estimate(
 
 @dataclass(frozen=True)
 class Run:
-    """A log, ready for an estimator.
+    """A log and an estimator, ready to run.
 
     Args:
-        samples: values of its channels, (k, n_channels).
-        homing: for how long the truth is used [s], or None.
-        notes: on how the homing move was used.
+        estimator: to run over it.
+        samples: values of the estimator's channels, (k, n_channels).
+        start: belief before the first sample.
+        homing: for how long the true angle is used as a reference [s], or None.
+        notes: sentences on how the homing move was used.
     """
 
     log: Log
@@ -158,7 +162,7 @@ class Run:
 
 
 def references_of(chosen: Estimator) -> dict[str, int]:
-    """Return channel → index of the joint, for each sensor of a joint's angle that an estimator
+    """Return channel → index of the joint, for each sensor of a joint's angle that the estimator
     reads.
     """
     joints = chosen.rig.joint_names
@@ -173,7 +177,8 @@ def estimator_for(
     compiled: bool = True,
     homing: float | None = None,
 ) -> Estimator:
-    """Return the estimator to run over a log, one that reads the reference where there is homing.
+    """Return the estimator to run over a log; with `homing` [s], `adaptive` reads the reference and
+    `affine` will learn from it.
 
     Raises:
         EstimationError: it is no estimator, or cannot run on this rig, or homing has no reference.
@@ -193,8 +198,8 @@ def estimator_for(
 
 
 def known_early(log: Log, homing: float) -> Log:
-    """Return the log with the truth of only those joints that have a reference value during
-    homing.
+    """Return the log with the true angles of only those joints that have one in the first `homing`
+    s; unchanged if there are none.
     """
     early = log.time - log.time[0] < homing
     truths = {
@@ -204,7 +209,8 @@ def known_early(log: Log, homing: float) -> Log:
 
 
 def prepared(log: Log, chosen: Estimator, homing: float | None = None) -> Run:
-    """Return a log, ready for an estimator, whose truth is used during `homing` [s].
+    """Return a log and its estimator, ready to run; the true angle is the reference for the first
+    `homing` s.
 
     Raises:
         EstimationError: the log lacks a sensor.
@@ -226,10 +232,15 @@ def prepared(log: Log, chosen: Estimator, homing: float | None = None) -> Run:
 
 
 def check_bounds(run: Run, means: Floats, spreads: Floats) -> None:
-    """Raise an error if an estimate diverged: its means or variances (`spreads`), (k, n).
+    """Raise an error if an estimate diverged.
+
+    Args:
+        run: with log and estimator, for the message.
+        means: of the states, (k, n).
+        spreads: their variances, (k, n).
 
     Raises:
-        EstimationError: it diverged; the message says when.
+        DivergedError: the message says when it diverged.
     """
     bad = out_of_bounds(means, spreads, len(run.estimator.rig.joints))
     if len(bad):
@@ -252,9 +263,11 @@ def finished(
     """Return the estimate of a run.
 
     Args:
-        means: of the states, (k, n), with their variances `spreads`.
-        innovations: (k, m), with their `variances`.
-        covariances: (k, n, n), or None where they are not kept.
+        means: of the states, (k, n).
+        spreads: their variances, (k, n).
+        innovations: of the compared channels, (k, m).
+        variances: of the innovations, (k, m).
+        covariances: of the states, (k, n, n), or None where they are not kept.
     """
     log = run.log
     chosen = run.estimator
@@ -269,7 +282,7 @@ def finished(
             means[:, : len(joints)] = homed(means[:, : len(joints)], truths, early)
         truths = frozen(np.where(early[:, None], np.nan, truths))
         torques = None if torques is None else frozen(np.where(early[:, None], np.nan, torques))
-    # a reference is no sensor of the estimate: what it said is in the states
+    # innovations of a reference are left out of the estimate
     columns = [i for i, name in enumerate(chosen.measured) if name not in references]
     if references:
         innovations = innovations[:, columns]
@@ -310,20 +323,20 @@ def finished(
 
 
 def priors_of(chosen: Estimator) -> tuple[Floats | None, Floats | None]:
-    """Return prior means and stds of the states that are constants of the rig, NaN for the others;
-    else None.
+    """Return prior means and stds, (n,) each, NaN for states that are not constants of the rig;
+    (None, None) for an estimator other than `adaptive`.
     """
     return chosen.priors if isinstance(chosen, AdaptiveFilter) else (None, None)
 
 
 def with_channel(log: Log, name: str, values: Floats) -> Log:
-    """Return the log with the values [SI] of one more channel, or of one that it has."""
+    """Return the log with the channel `name` added or replaced by the `values` [SI], (k,)."""
     return replace(log, channels={**log.channels, name: values})
 
 
 def out_of_bounds(means: Floats, spreads: Floats, n_joints: int = 1) -> NDArray[np.intp]:
-    """Return the rows whose means, (k, n), are not finite or no joint's, or whose variances
-    (`spreads`) are negative.
+    """Return the indices of the rows in which an angle in `means`, (k, n), is beyond
+    `LARGEST_ANGLE`, a value is not finite, or a variance in `spreads`, (k, n), is negative.
     """
     angles = means[:, :n_joints]
     # one pass where all is well: sums are finite only if all terms are
@@ -342,7 +355,7 @@ def out_of_bounds(means: Floats, spreads: Floats, n_joints: int = 1) -> NDArray[
 
 
 def with_covariance(belief: Belief, covariance: Floats) -> Belief:
-    """Return the belief with another covariance, (n, n)."""
+    """Return the belief with another covariance of its states, (n, n)."""
     kernel_state = np.array(belief.kernel_state)
     covariance_of(kernel_state, belief.size)[:] = covariance
     return Belief(belief.time, frozen(kernel_state), belief.size, belief.samples)

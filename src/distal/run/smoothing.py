@@ -1,4 +1,4 @@
-"""A fixed-interval smoother: each estimate uses the whole log, not only what came before. Offline
+"""A fixed-interval smoother: each estimate uses the whole log, also the samples after it. Offline
 only.
 """
 
@@ -21,15 +21,15 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
     """Return the estimate of `adaptive` smoothed backwards over the log (Rauch, Tung and Striebel,
     AIAA Journal 3, 1965).
 
-    G = P_k Φᵀ (P⁻_{k+1})⁻¹, x^s_k = x_k + G (x^s_{k+1} − x⁻_{k+1}), and, as a sum of what cannot be
-    negative, P^s_k = (I − G Φ) P_k (I − G Φ)ᵀ + G (P^s_{k+1} + Q) Gᵀ with Q = P⁻_{k+1} − Φ P_k Φᵀ:
-    (28) of docs/reference/adaptive-equations.md. Φ is the whole transition of the filter's own
-    predictions: joints, what fades, plays, bridges of gaps. Rows of G are zero for states that are
-    guards of the filter (`State.smoothed`), and rows and columns for those that take a share of the
-    gain (`StateVector.slow`); P^s holds for any G.
+    G = P_k Φᵀ (P⁻_{k+1})⁻¹, x^s_k = x_k + G (x^s_{k+1} − x⁻_{k+1}), and, written so that it cannot
+    be negative, P^s_k = (I − G Φ) P_k (I − G Φ)ᵀ + G (P^s_{k+1} + Q) Gᵀ with Q = P⁻_{k+1} − Φ P_k
+    Φᵀ: (28) of docs/reference/adaptive-equations.md. Φ is the whole transition of the filter's own
+    prediction: of joints, of states that fade, of plays, and across bridged gaps. Rows of G are
+    zero for states that are guards of the filter (`State.smoothed`), and rows and columns for those
+    that take a share of the gain (`StateVector.slow`); P^s holds for any G.
 
     Raises:
-        EstimationError: the log lacks a sensor, or the sensors do not suffice.
+        EstimationError: the log lacks a sensor, the sensors do not suffice, or the filter diverged.
     """
     estimator = AdaptiveFilter(rig, compiled, trace=True, name="adaptive, smoothed")
     samples = samples_of(log, estimator.channels, estimator.name)
@@ -85,8 +85,10 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
 def correct(
     means: Floats, covariances: Floats, log: Log, rig: Rig, compiled: bool, last: NDArray[np.intp]
 ) -> None:
-    """Add the rig's discrepancy, which depends on the readings alone, to the means and covariances
-    of the rows `last`.
+    """Add the rig's discrepancy to means and covariances, in place.
+
+    The discrepancy depends on the readings alone, so that smoothing does not change it: a second
+    run of the filter, with the map, gives it. Changed are the rows `last`, those of the samples.
     """
     estimator = AdaptiveFilter(rig, compiled)
     samples = samples_of(log, estimator.channels, estimator.name)

@@ -1,4 +1,4 @@
-"""Simulation: a rig, a scenario and a seed become a log with truth."""
+"""Simulation: a rig, a scenario and a seed become a log with the truth beside the readings."""
 
 from distal.simulation.drifting_plant import Piece, simulate_pieces
 from distal.simulation.scenario import (

@@ -1,5 +1,5 @@
-"""Hours of a scenario, a piece at a time: the plant's numbers change as its schedule says, and
-memory stays as it is.
+"""Hours of a scenario, simulated piece by piece: the plant's parameters change as its schedule
+says, and the memory that is used does not grow.
 """
 
 from __future__ import annotations
@@ -26,18 +26,21 @@ from distal.simulation.simulate import SIMULATED, prepare, true_motion
 from distal.suggestions import did_you_mean
 
 PIECE = 60.0
-"""Length of a piece, within which the plant's numbers stay [s]."""
+"""Length of a piece, within which the plant's parameters are constant [s]. Source: judgement."""
 
 HOUR = 3600.0
+"""Length of an hour [s]. Source: definition (unit conversion)."""
+
 LEAST = 0.05
-"""No number falls below this share of what it was."""
+"""Least share of its first value to which a parameter of the plant may fall. Source: judgement."""
 
 
 @dataclass(frozen=True)
 class Piece:
-    """A part of a long log, whose time goes on from the piece before.
+    """A part of a long log; its time goes on from the piece before.
 
-    The joints' angles are `known` where a rezero tells them, NaN elsewhere [rad], (k, n_joints).
+    Args:
+        known: the joints' angles where a rezero gives them, NaN elsewhere [rad], (k, n_joints).
     """
 
     log: Log
@@ -49,9 +52,10 @@ def simulate_pieces(
 ) -> Iterator[Piece]:
     """Simulate hours of a scenario and yield what the sensors read, minute after minute.
 
-    A number of the plant on the scenario's ``[schedule]`` is p(t) = p (1 + rate t + w(t)), w a
-    random walk; it changes from one piece to the next. While the scenario's ``[rezero]`` lasts, its
-    drives' pulls replace the usual ones. The seed is of the sensors' errors and the random walks.
+    A parameter of the plant on the scenario's ``[schedule]`` is p(t) = p (1 + rate t + w(t)), where
+    w is a random walk; it changes from one piece to the next. During the scenario's ``[rezero]``
+    its drives' pulls replace the usual ones. The seed decides the sensors' errors and the random
+    walks.
 
     Raises:
         ScenarioError: the scenario does not fit the rig, or the motion left all bounds.
@@ -94,11 +98,11 @@ def simulate_pieces(
 
 
 def parameters_at(plant: Mechanism, path: str) -> list[int]:
-    """Return which of the plant's numbers a path by names or indices of parts names; ``*`` is all
-    parts of a kind.
+    """Return the indices of the plant's parameters that a path names. Components may stand in it by
+    name or by index; ``*`` stands for all components of a kind.
 
     Raises:
-        ScenarioError: none.
+        ScenarioError: the path names no parameter of the plant.
     """
     names = plant.parameters.names
     paths = [named(plant.rig, name) for name in names]
@@ -125,14 +129,16 @@ def _pulls(scenario: Scenario, rezero: Rezero) -> Scenario:
 
 
 def _since(rezero: Rezero, time: Floats) -> Floats:
-    """Return the time since the last rezero began [s]; the first one comes after its interval."""
+    """Return the time since the last rezero began [s], infinite before the first one, which comes
+    after `every`.
+    """
     return np.where(time >= rezero.every, np.mod(time, rezero.every), np.inf)
 
 
 def _replace(
     inputs: BodyInputs, pulls: BodyInputs, rezero: Rezero, plant: Mechanism, time: Floats
 ) -> None:
-    """Let a rezero's pulls act while it lasts, in place."""
+    """Put a rezero's pulls in place of the inputs of its drives, at the times when it lasts."""
     names = plant.rig.drive_names
     bodies = np.array([plant.n_joints + names.index(name) for name in rezero.drives])
     at = np.ix_(np.flatnonzero(_since(rezero, time) < rezero.lasts), bodies)
@@ -144,7 +150,7 @@ def _replace(
 def _read(
     motion: PlantMotion, readings: Floats, grid: Floats, errors: ErrorsByRate, scenario: Scenario
 ) -> Piece:
-    """Return what the sensors read in a piece, from its first stamp to before its last."""
+    """Return what the sensors read in a piece, from its begin up to its end, which is excluded."""
     rig = motion.plant.rig
     (begin, end) = (grid[0], grid[-1])
     times = {

@@ -1,4 +1,6 @@
-"""A plant of parts that move without one another: each part's own function, side by side."""
+"""A plant whose components move in independent groups: the function of each group, side by side in
+one.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ from distal.rig import Subsystem, independent_parts
 
 
 def parts_of_plant(mechanism: Mechanism) -> tuple[Subsystem, ...]:
-    """Return the parts of a plant that do not touch each other; none where there is only one."""
+    """Return the independent parts of a plant; none if there is only one, or if the plant has an
+    internal state.
+    """
     parts = independent_parts(mechanism.rig)
     return () if len(parts) == 1 or mechanism.parameters.inside else parts
 
@@ -24,10 +28,12 @@ def plants_apart(
     plant: Callable[[Mechanism], ca.Function],
     rubbing: list[int],
 ) -> ca.Function:
-    """Return the function of a plant, see `plant_function`, by those that `plant` gives of its
-    parts' equations.
+    """Return the function of a plant, see `plant_function`, put together from those of its
+    independent parts.
 
-    Drives that are `rubbing` have friction inside their transmission.
+    Args:
+        plant: returns the function of a part by its equations.
+        rubbing: indices of the drives with friction inside their transmission.
     """
     n = mechanism.n_bodies
     nt = mechanism.n_tendons

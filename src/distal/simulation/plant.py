@@ -1,4 +1,6 @@
-"""The plant: the full model as a kernel, and its equilibrium at the start."""
+"""The simulated plant: the rig's equations as a kernel, and the equilibrium from which it
+starts.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +20,13 @@ from distal.simulation.signal_inputs import BodyInputs
 
 
 def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
-    """Return (kernel_state, x, p) → (kernel_state⁺, y) of the plant over one interval of `count`
-    sub-steps.
+    """Return the function (kernel_state, x, p) → (kernel_state⁺, y) of the plant over one interval
+    of `count` sub-steps.
 
-    carry = (q, v, friction inside each drive's transmission, what moves inside); x = (effort, added
-    inertia, servo, dt); y = (q, v, tensions, pull on each body), the pull being what a load cell or
-    torque sensor between source and body reads: U = W − (W/g) ẍ for a hung weight.
+    The kernel state is (q, v, friction inside each drive's transmission, internal state), x is
+    (effort, added inertia, servo, dt), and y is (q, v, tensions, pull on each body). The pull is
+    what a load cell or torque sensor between source and body reads: U = W − (W/g) ẍ for a hung
+    weight.
     """
     n = mechanism.n_bodies
     rubbing = hysteretic(mechanism)
@@ -71,13 +74,15 @@ def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
 
 
 def plant_kernel(mechanism: Mechanism, count: int) -> Kernel:
-    """Return the kernel of `plant_function`, which plants of one structure share."""
+    """Return the kernel of `plant_function`; plants of one structure share it."""
     structure = structure_of("plant", mechanism, sub_steps=count)
     return kernel_of(structure, lambda: plant_function(mechanism, count))
 
 
 def settled_function(mechanism: Mechanism) -> ca.Function:
-    """Return (q, dt, p) → what moves inside after an interval at whose end the bodies are at q."""
+    """Return the function (q, dt, p) → the internal state after an interval at whose end the bodies
+    are at q.
+    """
     q = ca.SX.sym("q", mechanism.n_bodies)
     dt = ca.SX.sym("dt")
     p = mechanism.parameters.symbols
@@ -86,8 +91,8 @@ def settled_function(mechanism: Mechanism) -> ca.Function:
 
 
 def inside_function(mechanism: Mechanism) -> ca.Function:
-    """Return (q, p) → what moves inside when the plant has long stood at q: in the middle, and
-    crept as the rig says.
+    """Return the function (q, p) → the internal state of a plant that has long stood at q: plays
+    are in the middle of their bounds, and creep is as settled as the rig says.
     """
     structure = structure_of("inside", mechanism, settled=_all_settled(mechanism))
     return function_of(structure, lambda: _inside_function(mechanism))
@@ -105,8 +110,8 @@ def _settled(mechanism: Mechanism, tendon: int, name: str) -> float:
 
 
 def _all_settled(mechanism: Mechanism) -> tuple[float, ...]:
-    """Return how far each creep has settled at the start: a mechanism without memory takes it as it
-    is.
+    """Return how far each creep has settled at the start. These are numbers of a mechanism that
+    remembers no internal state, and so belong to its structure.
     """
     return tuple(_settled(mechanism, i, name) for i, name in _creeping(mechanism))
 
@@ -131,15 +136,19 @@ def hysteretic(mechanism: Mechanism) -> list[int]:
 
 
 PRESLIDING = 20.0
-"""Stiffness of friction that has not yet slipped, in those of the tendons: nearly a jump."""
+"""Stiffness of the friction inside a transmission before it slips, as a multiple of the tendons'
+stiffness. It is so large that friction sets in nearly at once. Source: judgement.
+"""
 
 RESOLVED = 0.5
-"""Largest product of that spring's frequency and the interval."""
+"""Largest product of an interval and the natural frequency of that stiffness [1]. Source:
+judgement.
+"""
 
 
 def presliding_stiffness(mechanism: Mechanism, drive: int) -> Scalar:
     """Return the stiffness of a drive's internal friction before it slips, in the drive's
-    coordinate.
+    coordinate [N/m, N m/rad].
     """
     p = mechanism.parameters
     body = mechanism.n_joints + drive
@@ -149,8 +158,8 @@ def presliding_stiffness(mechanism: Mechanism, drive: int) -> Scalar:
 
 
 def longest_interval(mechanism: Mechanism) -> float:
-    """Return the longest interval [s] that resolves the friction inside the transmissions; infinite
-    where there is none.
+    """Return the longest interval [s] that resolves the friction inside the transmissions, infinite
+    if there is none.
     """
     q = ca.SX.sym("q", mechanism.n_bodies)
     p = mechanism.parameters
@@ -166,13 +175,13 @@ def longest_interval(mechanism: Mechanism) -> float:
 
 
 def internal_friction(mechanism: Mechanism, drives: list[int]) -> tuple[ca.Function, ca.Function]:
-    """Return friction beside the tendons' springs: a stop operator of the stretch σ (Prandtl,
-    1928).
+    """Return two functions of the friction inside the transmissions of `drives`, which acts beside
+    the tendons' springs: a stop operator of their stretch σ (Prandtl, 1928).
 
-    First (q, f, p) → what it does to the bodies, −(∂σ/∂q)ᵀ f, then (q, q⁺, v⁺, f, p) → f⁺ = clip(f
-    + k_s (σ⁺ − σ), −h, h). With it, what the springs feel follows the drive's effort by the play
-    operator that `Hysteresis` describes; the friction is reached within a stretch of h/k_s, a
-    twentieth of that at which the springs alone would carry it.
+    The first is (q, f, p) → its forces on the bodies, −(∂σ/∂q)ᵀ f. The second is (q, q⁺, v⁺, f, p)
+    → f⁺ = clip(f + k_s (σ⁺ − σ), −h, h). With this friction the springs' force follows the drive's
+    effort by the play operator that `Hysteresis` describes. The friction is fully there after a
+    stretch of h/k_s, a twentieth of the stretch at which the springs alone would bear h.
     """
     n = mechanism.n_bodies
     p = mechanism.parameters
@@ -198,8 +207,8 @@ def internal_friction(mechanism: Mechanism, drives: list[int]) -> tuple[ca.Funct
 
 @dataclass(frozen=True)
 class PlantMotion:
-    """The plant's motion at the start and after every interval: its kernel's y, (k, n_y), see
-    `plant_function`.
+    """The plant's motion at the start and after every interval: the outputs y of its kernel, (k,
+    n_y), see `plant_function`.
     """
 
     plant: Mechanism
@@ -207,29 +216,33 @@ class PlantMotion:
 
     @property
     def q(self) -> Floats:
-        """Coordinates, joints first, (k, n_bodies)."""
+        """Coordinates of the bodies, joints first, (k, n_bodies) [rad, m]."""
         return self.y[:, : self.plant.n_bodies]
 
     @property
     def v(self) -> Floats:
-        """Velocities, (k, n_bodies)."""
+        """Velocities of the bodies, joints first, (k, n_bodies)."""
         return self.y[:, self.plant.n_bodies : 2 * self.plant.n_bodies]
 
     @property
     def tensions(self) -> Floats:
-        """Of the tendons [N], (k, n_tendons)."""
+        """Tensions of the tendons, (k, n_tendons) [N]."""
         n = 2 * self.plant.n_bodies
         return self.y[:, n : n + self.plant.n_tendons]
 
     @property
     def pulls(self) -> Floats:
         """What pulls the bodies: torques on the joints, then forces or torques of the drives, (k,
-        n_bodies).
+        n_bodies) [N m, N].
         """
         return self.y[:, 2 * self.plant.n_bodies + self.plant.n_tendons :]
 
     def check(self) -> None:
-        """Raise a ScenarioError where the motion left all bounds."""
+        """Check that the motion is finite and within bounds.
+
+        Raises:
+            ScenarioError: it is not.
+        """
         if not np.all(np.isfinite(self.y)) or np.abs(self.q).max() > 1e3:
             raise ScenarioError(
                 "the simulated motion left all bounds: a force without a stop or tendon that "
@@ -239,7 +252,7 @@ class PlantMotion:
 
 
 def rows_of(inputs: BodyInputs, dt: float) -> Floats:
-    """Return the samples of the plant's kernel, one for each interval of length `dt` [s]."""
+    """Return the samples x of the plant's kernel, one row for each interval of length `dt` [s]."""
     k, n = inputs.effort.shape
     servo = inputs.servo.transpose(0, 2, 1).reshape(k, 3 * n)
     return np.hstack([inputs.effort, inputs.added_inertia, servo, np.full((k, 1), dt)])
@@ -252,11 +265,14 @@ def at_rest(
     kernel: Kernel,
     parameters: Floats | None = None,
 ) -> tuple[Floats, Floats]:
-    """Return the kernel state of a plant at rest, and what its kernel (of `plant_function`) would
-    put out there, (1, n_y).
+    """Return the kernel state of a plant at rest, and the output y of its kernel there, (1, n_y).
 
-    Of the inputs the first interval counts; coordinates are `start`, (n_bodies,), the plant's
-    parameters `parameters`, (n_p,), default those of the mechanism.
+    Of the inputs only the first interval counts.
+
+    Args:
+        start: coordinates at rest, (n_bodies,).
+        kernel: of `plant_function`.
+        parameters: of the plant, (n_p,); default those of the mechanism.
     """
     n = mechanism.n_bodies
     p = mechanism.parameters.values if parameters is None else parameters
@@ -278,8 +294,8 @@ def at_rest(
 def run_plant(
     mechanism: Mechanism, inputs: BodyInputs, start: Floats, dt: float, count: int
 ) -> PlantMotion:
-    """Return the plant's motion at the start and after every interval of length `dt` [s]; see
-    `run_plants`.
+    """Return the plant's motion at the `start`, coordinates at rest, and after every interval of
+    length `dt` [s] with `count` sub-steps.
 
     Raises:
         ScenarioError: the motion left all bounds.
@@ -294,11 +310,13 @@ def run_plants(
     kernel: Kernel,
     parameters: Sequence[Floats] | None = None,
 ) -> list[PlantMotion]:
-    """Return the motions of several runs of one plant, side by side where there are lanes for that.
+    """Return the motions of several runs of one plant, side by side where there are vector lanes.
 
-    Of each run there are what acts, in intervals `dt` [s], coordinates at rest, and the
-    `parameters` of its plant, (n_p,), default those of the mechanism; the kernel is of
-    `plant_function`.
+    Args:
+        runs: (what acts in each interval, coordinates at rest) of each run.
+        dt: length of an interval [s].
+        kernel: of `plant_function`.
+        parameters: of the plant in each run, (n_p,); default those of the mechanism.
 
     Raises:
         ScenarioError: a motion left all bounds.
@@ -317,7 +335,7 @@ def run_plants(
 
 
 def resting_force(mechanism: Mechanism) -> ca.Function:
-    """Return (q, p) → the elastic forces of the tendons on the bodies at rest."""
+    """Return the function (q, p) → the elastic forces of the tendons on the bodies at rest."""
     structure = structure_of("resting force", mechanism, settled=_all_settled(mechanism))
     return function_of(structure, lambda: _resting_force(mechanism))
 
@@ -331,11 +349,11 @@ def _resting_force(mechanism: Mechanism) -> ca.Function:
 
 
 def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs) -> Floats:
-    """Return where every drive is in equilibrium with the joints held at `angles` [rad],
-    (n_joints,): all coordinates.
+    """Return the coordinates, (n_bodies,), at which every drive is in equilibrium while the joints
+    are held at `angles` [rad], (n_joints,).
 
     A slack tendon counts as if it could push, so that a drive without a pull stands where its
-    tendon is just straight. Of the inputs the first interval counts.
+    tendon is just straight. Of the inputs only the first interval counts.
 
     Raises:
         ScenarioError: a drive has no equilibrium.

@@ -1,5 +1,5 @@
-"""What sensors read of a simulated motion: first without errors (`Readings`), then with them, as
-one function.
+"""The readings of the sensors in a simulated motion: without errors (`Readings`), and with them, as
+one function (`reading_function`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ from distal.sensor_errors import SENSOR, SensorErrors, reading
 
 
 def moment_of(plant: Mechanism, y: Vector) -> Moment:
-    """Return the motion that an output y of a plant's kernel (`plant_function`) holds, (n_y,)."""
+    """Return the motion at one moment from an output y, (n_y,), of a plant's kernel
+    (`plant_function`).
+    """
     n = plant.n_bodies
     return Moment(
         plant, y[:n], y[n : 2 * n], y[2 * n : 2 * n + plant.n_tendons], y[2 * n + plant.n_tendons :]
@@ -26,7 +28,7 @@ def moment_of(plant: Mechanism, y: Vector) -> Moment:
 
 
 class Readings:
-    """What some sensors of a plant, by default all of its rig's, read without errors."""
+    """The readings without errors of some of a plant's sensors, by default of all."""
 
     def __init__(self, plant: Mechanism, sensors: Sequence[Sensor] | None = None) -> None:
         y = ca.SX.sym("y", 3 * plant.n_bodies + plant.n_tendons)
@@ -48,7 +50,9 @@ class Readings:
         )
 
     def at(self, y: Floats) -> Floats:
-        """Return the readings at outputs of the plant's kernel (k, n_y), (k, n_sensors)."""
+        """Return the readings [SI], (k, n_sensors), at outputs y, (k, n_y), of the plant's
+        kernel.
+        """
         readings: Floats = y[:, self._columns]
         if len(self._computed):
             readings[:, self._computed] = np.array(self._function(y.T)).T
@@ -56,11 +60,11 @@ class Readings:
 
 
 ErrorsByRate: TypeAlias = dict[float, tuple[list[int], SensorErrors]]
-"""Rate of sensors → which of a rig's sensors have it, and their errors."""
+"""Rate of sensors [Hz] → the indices of the sensors with this rate, and their errors."""
 
 
 def errors_by_rate(rig: Rig, seed: int) -> ErrorsByRate:
-    """Return the errors of a rig's sensors in one run."""
+    """Return the errors of a rig's sensors in the run of a seed."""
     sensors = rig.sensors
     errors = ErrorsByRate()
     rngs = np.random.default_rng(seed).spawn(len(sensors))
@@ -72,8 +76,10 @@ def errors_by_rate(rig: Rig, seed: int) -> ErrorsByRate:
 
 
 def reading_function(plant: Mechanism) -> ca.Function:
-    """Return (y, numbers, draws) → what the sensors read, without their delays; a column of
-    `SENSOR` for each sensor.
+    """Return the function (y, numbers, draws) → what the sensors read, without their delays.
+
+    The output y is that of the plant's kernel, the numbers are a column of `SENSOR` for each
+    sensor, and the draws are standard normal.
     """
     sensors = plant.rig.sensors
     y = ca.SX.sym("y", 3 * plant.n_bodies + plant.n_tendons)

@@ -24,11 +24,12 @@ from distal.units import to_si
 
 @dataclass(frozen=True)
 class BodyInputs:
-    """What acts on the bodies in each interval of a grid.
+    """What acts on the bodies in each of n intervals.
 
-    The effort is force or torque, hung weights included, and the added inertia the mass of these,
-    (n, n_bodies) each; a servo is stiffness, target and damping of a spring to a target, (n,
-    n_bodies, 3).
+    Args:
+        effort: force or torque, hung weights included, (n, n_bodies) [N m, N].
+        added_inertia: mass of hung weights, (n, n_bodies) [kg].
+        servo: stiffness, target and damping of a spring and damper to a target, (n, n_bodies, 3).
     """
 
     effort: Floats
@@ -37,11 +38,12 @@ class BodyInputs:
 
 
 def body_inputs(scenario: Scenario, mechanism: Mechanism, time: Floats) -> BodyInputs:
-    """Return the scenario's signals at each `time` [s], (n,), the starts of intervals.
+    """Return what a scenario's signals do to the bodies at each `time` [s], (n,), the starts of
+    intervals.
 
     Raises:
-        ScenarioError: the scenario names a joint or drive that the rig does not have, or pulls one
-            in a way it cannot be.
+        ScenarioError: the scenario names a joint or drive that the rig does not have, or pulls a
+            drive in a way that its kind does not allow.
     """
     rig = mechanism.rig
     _check_names(scenario.joints, rig.joint_names, "joints", "joint")
@@ -114,7 +116,7 @@ def initial_angles(scenario: Scenario, mechanism: Mechanism) -> Floats:
     `initial`.
 
     Raises:
-        ScenarioError: an unknown joint, or no angle.
+        ScenarioError: a joint is unknown or follows another one, or its angle is none.
     """
     names = mechanism.rig.joint_names
     _check_names(scenario.initial, names, "initial", "joint")
@@ -129,7 +131,7 @@ def initial_angles(scenario: Scenario, mechanism: Mechanism) -> Floats:
             angles[names.index(name)] = to_si(raw, "rad")
         except ValueError as problem:
             raise ScenarioError(f"initial.{name}: {problem}") from None
-    # coupled joints stand where the others say
+    # a coupled joint follows from the joint that it is coupled to
     placed: Floats = (
         mechanism.spread.full() @ angles[mechanism.free]
     ) + mechanism.offsets.full().ravel()

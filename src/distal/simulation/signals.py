@@ -18,18 +18,18 @@ from distal.units import to_si
 
 Interpolation = Literal["hold", "linear"]
 POSITIONS: Interpolation = "linear"
-"""How the points of positions and angles are joined where a scenario does not say it; efforts and
-loads are held.
+"""How the points of positions and angles are joined where a scenario does not say it; those of
+efforts and loads are held.
 """
 
 
 @dataclass(frozen=True)
 class Signal:
-    """A value over time: points that are held or joined by lines, plus a sine that starts at t = 0.
+    """A value over time: points that are held or joined by straight lines, plus a sine.
 
-    The points are at rising `times` [s], (n,), where equal ones make a jump, with `values` [SI],
-    (n,); the first value holds before, the last after. The sine has an amplitude [SI], a frequency
-    [Hz] and a phase [rad].
+    The points are `values` [SI], (n,), at rising `times` [s], (n,); equal times make a jump. The
+    first value holds before its time, the last one after it. The sine starts at t = 0 and has an
+    amplitude [SI], a frequency [Hz] and a phase [rad].
     """
 
     times: tuple[float, ...]

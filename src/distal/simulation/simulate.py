@@ -1,4 +1,4 @@
-"""`simulate`: a rig, a scenario and a seed become a log with truth."""
+"""Simulation without a controller: a rig, a scenario and a seed become a log with the truth."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ from distal.simulation.scenario import Scenario, load_scenario
 from distal.simulation.signal_inputs import BodyInputs, body_inputs, initial_angles
 
 MOST_STEPS = 4_000_000
+"""Largest number of intervals of one simulation, all of which are in memory. Source: judgement."""
 
 LONGEST_INTERVAL = 1e-3
-"""Longest interval over which a scenario's signals are constant [s]."""
+"""Longest interval over which a scenario's signals are constant [s]. Source: judgement."""
 
 SIMULATED = TruthSource(TruthKind.SIMULATION, "the simulation")
 """Where the truth of a simulated log comes from."""
@@ -44,8 +45,8 @@ def simulate_plant(rig: Rig | str | Path, scenario: Scenario | str | Path, seed:
 
 
 def check_open(scenario: Scenario) -> None:
-    """Refuse a scenario that a controller commands, or whose plant changes: it needs another kind
-    of run.
+    """Refuse a scenario with a controller, or one whose plant changes; these are run in another
+    way.
 
     Raises:
         ScenarioError: it has a controller, a schedule or a rezero.
@@ -67,11 +68,15 @@ def check_open(scenario: Scenario) -> None:
 
 @dataclass(frozen=True)
 class Prepared:
-    """A scenario on a rig as filters know it, before the plant runs, which has the ``[plant]``
-    values too.
+    """A scenario on a rig, ready to be simulated.
 
-    The inputs act in intervals of length `dt` [s], of `count` sub-steps each; `start` are
-    coordinates at rest, (n_bodies,).
+    Args:
+        rig: as filters know it.
+        plant: equations of the plant, which has the scenario's ``[plant]`` values, too.
+        inputs: what acts on the bodies in each interval.
+        start: coordinates at rest, (n_bodies,) [rad, m].
+        dt: length of an interval [s].
+        count: number of sub-steps in an interval.
     """
 
     rig: Rig
@@ -89,8 +94,8 @@ def prepare(
     seed: int = 0,
     period: float | None = None,
 ) -> Prepared:
-    """Return a scenario on a rig, ready to run; see `simulate`. The seed is only checked; `period`
-    as for `timing` [s].
+    """Return a scenario on a rig, ready to be simulated. The seed is only checked; the `period` [s]
+    is that of `timing`.
 
     Raises:
         ScenarioError: the scenario does not fit the rig.
@@ -111,9 +116,11 @@ def prepare(
 def timing(
     plant: Mechanism, scenario: Scenario, period: float | None = None
 ) -> tuple[float, int, int]:
-    """Return the length of an interval [s], the number of intervals, and the sub-steps of each.
+    """Return the length of an interval [s], the number of intervals in a scenario, and the number
+    of sub-steps in each.
 
-    Whole intervals fill a `period` [s], by default that between two samples of the fastest sensor.
+    Whole intervals fill a `period` [s], by default the time between two samples of the fastest
+    sensor.
 
     Raises:
         ScenarioError: the scenario is too short or too long.
@@ -133,16 +140,18 @@ def timing(
 
 
 def intervals_of(plant: Mechanism, filled: float) -> tuple[float, int]:
-    """Return the length of an interval [s], so that whole ones fill the time `filled` [s], and the
-    sub-steps of each.
+    """Return the length of an interval [s] and the number of sub-steps in it. A whole number of
+    intervals fills the time `filled` [s].
     """
     dt = filled / ceil(filled / min(LONGEST_INTERVAL, longest_interval(plant)) - 1e-9)
     return dt, max(2, 2 * substeps(plant, dt))
 
 
 def sampled(prepared: Prepared, motion: PlantMotion, seed: int) -> Log:
-    """Return what the sensors read of a motion."""
-    # several plants of one structure move together: its numbers are those of the plant itself
+    """Return the log of a motion: what the sensors read, and the truth. The seed decides the
+    sensors' errors.
+    """
+    # in a batch one mechanism stands for all plants of a structure: here are this run's own values
     motion = PlantMotion(prepared.plant, motion.y)
     rig = prepared.plant.rig
     duration = prepared.scenario.duration
@@ -169,10 +178,10 @@ def sampled(prepared: Prepared, motion: PlantMotion, seed: int) -> Log:
 
 
 def true_motion(motion: PlantMotion, grid: Floats, stamps: Floats) -> dict[str, Floats]:
-    """Return the truth of a log: angles, torques on the joints, positions and forces of drives,
-    tensions, (k,) each.
+    """Return the truth of a log by name: angles and torques of joints, positions and forces of
+    drives, tensions, (k,) each.
 
-    The motion is at the times `grid`, the log at the `stamps`, (k,) [s].
+    The motion is at the times `grid` [s], the log has the `stamps` [s], (k,).
     """
     rig = motion.plant.rig
     nj = motion.plant.n_joints
@@ -191,7 +200,9 @@ def true_motion(motion: PlantMotion, grid: Floats, stamps: Floats) -> dict[str, 
 
 
 def stamps_of(rig: Rig, duration: float) -> Floats:
-    """Return the stamps at which any of a rig's sensors is sampled in a `duration` [s], (k,)."""
+    """Return the stamps at which at least one of a rig's sensors is sampled in a `duration` [s],
+    (k,).
+    """
     rates = {sensor.rate for sensor in rig.sensors} or {100.0}
     stamps = [np.round(np.arange(0.0, duration - 1e-9, 1.0 / rate), 9) for rate in rates]
     return np.unique(np.concatenate(stamps))

@@ -1,4 +1,4 @@
-"""Many simulations at once: all cores, runs of one plant side by side in vector lanes."""
+"""Many simulations at once, on all cores, with runs of one plant side by side in vector lanes."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ def simulate_batch(
     workers: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Iterator[Log]:
-    """Simulate many scenarios, or one with many seeds, and yield the logs in their order, those
-    that `simulate` gives.
+    """Simulate many scenarios, or one with many seeds, and yield the logs in their order. Each log
+    is the one that `simulate` gives.
 
-    A scenario that comes again with another seed moves again only once: the same motion, other
-    errors of the sensors. Scenarios of one plant run side by side, one in each vector lane. Only
-    what is in work is in memory.
+    The runs are taken in groups, one run for each vector lane. In a group, scenarios of one plant
+    run side by side, and a scenario that comes with several seeds moves only once: the motion is
+    the same, the sensors' errors differ. Only what is in work is in memory.
 
     Args:
         jobs: (scenario, seed) of each run; may be a generator.
-        workers: threads; default one per core.
+        workers: number of threads; default one per core.
         progress: called with the number of runs that are done.
 
     Raises:
@@ -67,10 +67,10 @@ def _batch(
 
 
 def _group(rig: Rig, jobs: list[Job]) -> list[Log | Exception]:
-    """Return the logs of some runs: one motion for each scenario, those of the same plant side by
-    side.
+    """Return the logs of some runs: there is one motion for each scenario, and those of the same
+    plant are simulated side by side.
 
-    What a job cannot do stands in its place, and ends the list.
+    If a job fails, its error stands in the place of its log and ends the list.
     """
     distinct: list[tuple[Scenario | str | Path, Prepared]] = []
     which: list[int] = []

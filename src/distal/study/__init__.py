@@ -1,4 +1,6 @@
-"""Design studies: many designs, rigs as built of each, and what they say of a requirement."""
+"""Design studies: many designs of a rig, rigs as built of each design, and the share of these that
+meets a requirement.
+"""
 
 from distal.study.description import Plan, Study, load_study, plan_of, shipped_studies
 from distal.study.design_space import Axis, Space, space_of

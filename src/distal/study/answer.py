@@ -1,5 +1,5 @@
-"""What a study's rows say: the share of rigs as built that meet the requirement, what matters, and
-the worst cases.
+"""The answer of a study, from its rows: the share of rigs as built that meet the requirement, what
+matters, and the worst cases.
 """
 
 from __future__ import annotations
@@ -23,22 +23,26 @@ from distal.study.storage import Columns
 from distal.study.words import BINS, parts_of, setting_in_words, words_of
 
 MOST_AXES = 3
-"""Parts are told by so many of the numbers that vary."""
+"""Largest number of axes along which the space of designs is split into regions [1]. Source:
+judgement.
+"""
 
 MOST_SAMPLES = 20_000
-"""More rigs than this are not needed for the indices."""
+"""Largest number of rigs from which the Sobol indices are computed [1]. Source: judgement."""
 
 CASES = 3
-"""Worst cases that are shown."""
+"""Number of worst cases that are shown [1]. Source: layout."""
 
 POINTS = 500
-"""Points of a trace."""
+"""Number of points to which a curve is thinned out; fewer than twice as many remain [1]. Source:
+layout.
+"""
 
 
 @dataclass(frozen=True)
 class Influence:
-    """How much of the variance of the RMS error one column alone explains: first-order Sobol index
-    ± `half` (95 %).
+    """Which share of the variance of the rigs' RMS errors one column alone explains: a first-order
+    Sobol `index` ± `half` (95 %) [1].
     """
 
     name: str
@@ -49,7 +53,9 @@ class Influence:
 
 @dataclass(frozen=True)
 class Region:
-    """A part of the space of designs, in words, and the share of rigs there."""
+    """A part of the space of designs, in words, and the share of rigs in it that meet the
+    requirement.
+    """
 
     where: str
     proportion: Proportion
@@ -57,8 +63,8 @@ class Region:
 
 @dataclass(frozen=True)
 class Case:
-    """A run that is among the worst: time [s], the joint's true angle, its estimate and half of the
-    95 % band [°], (k,).
+    """One of the runs with the largest errors: time [s], the joint's true angle, its estimate and
+    the half-width of the 95 % band [°], (k,) each.
     """
 
     words: str
@@ -70,17 +76,20 @@ class Case:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a study says.
+    """The answer of a study.
 
     Args:
+        sentence: the answer in short.
+        overall: share of the rigs that meet the requirement in all scenarios that are asked.
         scenarios: name → share of the rigs that meet the requirement in it, of the scenarios that
             are asked.
-        influences: which numbers matter, most first; empty where SALib is not installed or nothing
-            varies.
-        needs: of everything that varies, whether it is needed.
-        regions: parts of the space, best first.
-        problems: errors of runs → how many had them.
-        measures: name → mean over all runs.
+        influences: which numbers matter, most first; empty where SALib is not installed, nothing
+            varies, or fewer than 100 rigs have an error.
+        needs: whether each thing that varies is needed.
+        regions: parts of the space of designs, best first.
+        worst: the runs with the largest errors.
+        problems: message of an error → number of runs that it ended.
+        measures: name (see `MEASURES`) → mean over all runs that did not fail.
     """
 
     sentence: str
@@ -95,7 +104,10 @@ class Answer:
 
 
 def answer_of(plan: Plan, space: Space, columns: Columns) -> Answer:
-    """Return what the rows of a finished study say, which are sorted by design, seed and scenario.
+    """Return the answer of a finished study.
+
+    Args:
+        columns: its rows, sorted by design, seed and scenario.
 
     Raises:
         StudyError: rows are missing, or every run failed.
@@ -138,9 +150,9 @@ def answer_of(plan: Plan, space: Space, columns: Columns) -> Answer:
 
 
 def influences_of(plan: Plan, space: Space, columns: Columns, rms: Floats) -> tuple[Influence, ...]:
-    """Return which numbers matter for the `rms` error of rigs [°], (n,), most first.
+    """Return which numbers influence the RMS error `rms` of the rigs [°], (n,), most first.
 
-    They are first-order Sobol indices by RBD-FAST (Tarantola et al., 2006; SALib).
+    The influences are first-order Sobol indices by RBD-FAST (Tarantola et al., 2006; SALib).
     """
     try:
         with warnings.catch_warnings():
@@ -178,8 +190,8 @@ def influences_of(plan: Plan, space: Space, columns: Columns, rms: Floats) -> tu
 def _regions(
     plan: Plan, space: Space, columns: Columns, good: Bools, influences: Sequence[Influence]
 ) -> tuple[Region, ...]:
-    """Return the shares in parts of the space along its choices and the numbers of it that matter,
-    best first.
+    """Return regions of the space of designs with their shares of rigs, best first. The space is
+    split along choices and along numbers whose influence is larger than its uncertainty.
     """
     order = [influence.name for influence in influences]
     significant = {influence.name for influence in influences if influence.index > influence.half}

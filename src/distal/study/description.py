@@ -20,6 +20,7 @@ from distal.simulation.simulate import prepare
 from distal.suggestions import did_you_mean
 
 MOST_DESIGNS = 1_000_000
+"""Largest number of designs in a study [1]. Source: judgement."""
 
 Share = Annotated[float, In("", "positive")]
 
@@ -102,8 +103,8 @@ class Study(Description):
 
 @dataclass(frozen=True)
 class Plan:
-    """A study with all that it names, to be sent to other computers; the rig has the values of the
-    study's ``set``.
+    """A study with its rig and scenarios loaded, to be sent to other computers; the rig has the
+    values of the study's ``set``.
     """
 
     study: Study
@@ -112,7 +113,7 @@ class Plan:
 
     @property
     def digest(self) -> str:
-        """What tells this study from any other, as hexadecimal digits."""
+        """Hash of the study, its rig and its scenarios, 32 hexadecimal digits."""
         parts = [
             self.study.model_dump(),
             self.rig.model_dump(),
@@ -135,13 +136,13 @@ def shipped_studies() -> tuple[str, ...]:
 
 
 def load_study(name: str | Path) -> Plan:
-    """Load a study by a shipped study's name (see `shipped_studies`) or from a TOML file, with rig
-    and scenarios.
+    """Load a study with its rig and scenarios, by a shipped study's name (see `shipped_studies`) or
+    from a TOML file.
 
     Raises:
-        StudyError: it is unknown, cannot be read, or its description is wrong.
+        StudyError: the study is unknown, cannot be read, or its description is wrong.
         RigError: its rig is unknown or wrong.
-        ScenarioError: a scenario of it is.
+        ScenarioError: one of its scenarios is unknown or wrong.
     """
     shipped = shipped_studies()
     path = Path(name)
@@ -163,13 +164,16 @@ def load_study(name: str | Path) -> Plan:
 
 
 def plan_of(raw: Mapping[str, object], source: str = "study", beside: Path | None = None) -> Plan:
-    """Check a raw study and load what it names; paths are relative to the folder `beside`, if there
-    is one.
+    """Check a raw study and load the rig and the scenarios that it names.
+
+    Args:
+        source: name of the study in messages.
+        beside: folder to which its paths are relative; default the current one.
 
     Raises:
         StudyError: something is wrong; one line that says where, what came and what is allowed.
         RigError: its rig is unknown or wrong.
-        ScenarioError: a scenario of it is.
+        ScenarioError: one of its scenarios is unknown or wrong.
     """
     study = validated(Study, raw, source, StudyError)
 

@@ -1,4 +1,6 @@
-"""The designs of a study: what varies, and how designs fill the space of it."""
+"""The space of a study's designs: one axis for each thing that varies, and the designs that fill
+it.
+"""
 
 from __future__ import annotations
 
@@ -23,29 +25,35 @@ Value = float | str | bool
 Design = Mapping[str, Value]
 
 ESTIMATOR = "estimator"
+"""Path in ``vary`` that stands for the estimator."""
+
 FEEDBACK = "feedback"
-"""Paths that stand for the estimator, and for what feeds back a controller: encoder, ratio or an
-estimator.
+"""Path in ``vary`` that stands for what feeds back a controller: `ENCODER`, `RATIO`, `COMMAND` or
+an estimator.
 """
 
 POINTS = 5
-"""Points of a range in a grid."""
+"""Default number of points of a range in a grid [1]. Source: judgement."""
 
 KEYS = ("from", "to", "scale", "points")
-"""Keys of a range."""
+"""Keys of the table of a range."""
 
 MOST_CHUNKS = 100_000
+"""Largest number of chunks in a study [1]. Source: judgement."""
 
 
 @dataclass(frozen=True)
 class Axis:
-    """Something that varies.
+    """One thing that varies in a study: a choice or a range.
 
     Args:
-        path: of a number of the rig, of a sensor (``sensors.u1``), or ``estimator``.
-        unit: SI, of numbers; so are low and high.
-        choices: what it may be; empty for a range.
-        points: of a range, in a grid.
+        path: of a number of the rig, of a sensor (``sensors.u1``), ``estimator`` or ``feedback``.
+        unit: SI unit of `choices` that are numbers, of `low` and of `high`.
+        choices: values that it may have; empty for a range.
+        low: lower end of a range.
+        high: upper end of a range.
+        scale: whether a range is filled evenly in its values or in their logarithms.
+        points: number of points of a range in a grid.
     """
 
     path: str
@@ -57,7 +65,9 @@ class Axis:
     points: int = POINTS
 
     def at(self, share: float) -> Value:
-        """Return the value at a share of the way, from 0 to 1."""
+        """Return the value [SI] at a `share` of the way along the axis, from 0 (low end, first
+        choice) to 1 (high end, last choice).
+        """
         if self.choices:
             return self.choices[min(int(share * len(self.choices)), len(self.choices) - 1)]
         if self.scale == "log":
@@ -101,8 +111,8 @@ def _axis(rig: Rig, path: str, raw: object) -> Axis:
 
 
 def _unit(rig: Rig, path: str) -> str:
-    """Return the SI unit of a number; ``*`` stands for all parts of a kind, and a std has the unit
-    of its number.
+    """Return the SI unit of a number: ``*`` in its path stands for all parts of a kind, a std has
+    the unit of its number, a shared std has none.
     """
     keys = path.replace(ALL, "0")
     if keys.endswith(".shared.std"):
@@ -112,7 +122,9 @@ def _unit(rig: Rig, path: str) -> str:
 
 
 def _check_smooth(rig: Rig, path: str) -> None:
-    """Refuse a range of what is written into a compiled kernel: every design would need its own."""
+    """Refuse a range of a number that is a constant of compiled kernels: each design would need its
+    own.
+    """
     keys = path.replace(ALL, "0").removesuffix(".std").removesuffix(".shared")
     fixed = (
         not number(rig, keys).is_parameter
@@ -162,7 +174,12 @@ def _range(path: str, raw: Mapping[str, object], unit: str) -> Axis:
 
 @dataclass(frozen=True)
 class Space:
-    """All designs of a study: `shares` says how far along each axis each design is, (n, n_axes)."""
+    """All designs of a study.
+
+    Args:
+        axes: what varies.
+        shares: how far along each axis each design is, from 0 to 1, (n, n_axes).
+    """
 
     axes: tuple[Axis, ...]
     shares: Floats
@@ -174,14 +191,17 @@ class Space:
         return map(self.design, range(len(self)))
 
     def design(self, index: int) -> dict[str, Value]:
-        """Return what varies in a design: path → value, SI."""
+        """Return the design with this `index`: path → value [SI]."""
         return {
             axis.path: axis.at(float(share)) for axis, share in zip(self.axes, self.shares[index])
         }
 
     def chunks(self, runs_per_design: int, size: int = 48) -> list[tuple[int, ...]]:
-        """Return the designs in parts of about `size` runs, those with the same choices beside each
-        other.
+        """Return the indices of the designs in chunks of about `size` runs; designs with the same
+        choices are next to each other.
+
+        Raises:
+            StudyError: there would be more than `MOST_CHUNKS` chunks.
         """
         columns = [i for i, axis in enumerate(self.axes) if axis.choices]
         counts = np.array([len(self.axes[i].choices) for i in columns])
@@ -198,7 +218,7 @@ class Space:
 
 
 def space_of(plan: Plan) -> Space:
-    """Return the designs of a study; the same study always has the same.
+    """Return the space of a study's designs; the same study always has the same designs.
 
     Raises:
         StudyError: what varies is wrong, or a grid has too many designs.

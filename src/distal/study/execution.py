@@ -1,5 +1,5 @@
-"""A study's chunks, worked off by processes of this computer or by a Dask cluster: the same list,
-the same function.
+"""Run the chunks of a study by processes of this computer or by a Dask cluster; both call the same
+function on the same list.
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ Progress = Callable[[int, int], None]
 Chunk = tuple[int, tuple[int, ...]]
 
 FIRST_RUNS = 20
-"""Where so many runs fail alike at the beginning, the others would."""
+"""Number of runs after which a new study, but for a grid, stops where all of them failed by the
+same error [1]. Source: judgement.
+"""
 
 
 def run_study(
@@ -35,16 +37,17 @@ def run_study(
     scheduler: str | None = None,
     progress: Progress | None = None,
 ) -> None:
-    """Run what is not there yet of a study; rows are written as chunks end.
+    """Run those chunks of a study whose rows its folder lacks; rows are written as chunks end.
 
     Args:
-        workers: processes here; default one per core.
+        workers: number of processes on this computer; default one per core.
         scheduler: address of a Dask scheduler, ``tcp://host:8786``, whose workers run the chunks
             instead.
         progress: called with the number of runs that are done and of all.
 
     Raises:
-        StudyError: a worker ended, or the scheduler is not there or has another version.
+        StudyError: the first runs all failed by the same error, a worker ended, or the scheduler is
+            not there or has another version.
         OutputError: rows cannot be written.
     """
     runs_per_design = plan.study.seeds * len(plan.scenarios)
@@ -64,7 +67,7 @@ def run_study(
         _by_dask(plan, chunks, scheduler) if scheduler else _by_processes(plan, chunks, count)
     ):
         if held is not None:
-            # what all runs fail by is told before the rest is run, and leaves no rows behind
+            # an error of all first runs ends the study before the others begin; no row is written
             held.append((number, rows))
             problems = [str(text) for _, part in held for text in part["problem"]]
             if set(problems) == {problems[0]} and problems[0]:
@@ -115,12 +118,12 @@ def _by_processes(plan: Plan, chunks: Sequence[Chunk], workers: int) -> Iterator
 
 
 _PLAN: list[Plan] = []
-"""What a process of the pool works on."""
+"""The plan that a process of the pool works on."""
 
 
 def _begin(plan: Plan) -> None:
-    """Prepare a process of the pool: it ends with the one that started it, and leaves signals to
-    that.
+    """Prepare a process of the pool: it ends when its parent has ended, and ignores SIGINT, which
+    its parent handles.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _PLAN[:] = [plan]

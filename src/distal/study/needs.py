@@ -15,7 +15,10 @@ from distal.study.words import parts_of, words_of
 
 
 class Verdict(Enum):
-    """What rows say of one thing that varies."""
+    """Whether one thing that varies is needed, as far as the rows say.
+
+    `SOME`: some of its choices or parts meet the requirement. `NOT_ENOUGH`: none does.
+    """
 
     NEEDED = "needed"
     NOT_NEEDED = "not needed"
@@ -26,12 +29,13 @@ class Verdict(Enum):
 
 @dataclass(frozen=True)
 class Need:
-    """Whether something that varies is needed, in words.
+    """Whether one thing that varies is needed.
 
     Args:
         name: path of what varies.
-        shares: each choice, or part of its range, with the best share of rigs that meet the
-            requirement there.
+        text: the verdict in words.
+        shares: each choice, or part of a range, in words, with the share of rigs that meet the
+            requirement there, see `needs_of`.
     """
 
     name: str
@@ -41,10 +45,10 @@ class Need:
 
 
 def needs_of(plan: Plan, space: Space, columns: Columns, good: Bools) -> tuple[Need, ...]:
-    """Return of everything that varies whether it is needed.
+    """Return for each thing that varies whether it is needed.
 
-    A choice meets the requirement if it does in some part of what else varies: a design is free to
-    be there.
+    A choice, or part of a range, is judged by the best share of rigs that it reaches: alone, or
+    together with one choice or part of another axis, since a designer may choose that too.
 
     Args:
         good: which rigs meet the requirement in all scenarios, (n,).
@@ -67,8 +71,8 @@ def needs_of(plan: Plan, space: Space, columns: Columns, good: Bools) -> tuple[N
 
 
 def _best(good: Bools, inside: Bools, others: Sequence[Bools]) -> Proportion:
-    """Return the share of rigs in a part where it is best: all of it, or where one other thing is
-    as it is best.
+    """Return the share of rigs that meet the requirement with the highest lower end of its
+    interval: of all rigs in a part, or of those that are also in one part of another axis.
     """
     cells = [inside, *(inside & other for other in others)]
     shares = [proportion(good[cell]) for cell in cells if cell.sum() >= FEWEST]
@@ -107,8 +111,8 @@ def _need(plan: Plan, axis: Axis, shares: Sequence[tuple[str, Proportion]]) -> N
 
 
 def needs_in_short(plan: Plan, needs: Sequence[Need]) -> str:
-    """Return which sensors are needed and which are not, for a sentence; empty where nothing is
-    certain.
+    """Return which sensors are surely needed and which surely are not, in words; empty where none
+    is.
     """
     sensors = [
         need for need in needs if need.name.startswith("sensors.") and need.name.count(".") == 1

@@ -1,4 +1,4 @@
-"""Rigs as built: plants that are drawn from what a rig's description does not know."""
+"""Rigs as built: plants whose parameters are drawn from the stds of a rig's description."""
 
 from __future__ import annotations
 
@@ -11,16 +11,19 @@ import numpy as np
 from distal.rig import Rig, known_to_a_factor, named, number, parameters_below
 
 KINDS = ("joints", "drives", "tendons", "sensors")
+"""Lists of a rig whose parts have parameters."""
 
 
 @dataclass(frozen=True)
 class Draw:
-    """Something that one rig as built differs by from its description.
+    """One random number of a rig as built: the error of a parameter, or an error that several
+    parameters share.
 
     Args:
-        name: of the number, by names of parts, or of what several have in common.
-        std: of a number in SI, of what is common as a share.
-        common: whether it is what several err by together.
+        name: path of the parameter with names of parts, or name of the shared error.
+        std: of a parameter in SI, of a shared error as a share of the values.
+        paths: of the parameters that it changes.
+        common: whether it is a shared error.
     """
 
     name: str
@@ -30,13 +33,15 @@ class Draw:
 
 
 def draws_of(rig: Rig) -> tuple[Draw, ...]:
-    """Return what is drawn of a rig: every number with a std, and what several err by together."""
+    """Return what is drawn for a rig as built: the error of each parameter with a std, and each
+    shared error. Nominal forces are not drawn.
+    """
     draws = list[Draw]()
     common = dict[str, tuple[float, list[str]]]()
     for kind in KINDS:
         for i, part in enumerate(getattr(rig, kind)):
             for path, parameter in parameters_below(part, f"{kind}.{i}"):
-                if path.endswith(".nominal_force"):  # what filters take where they measure none
+                if path.endswith(".nominal_force"):  # filters take it where no force is read
                     continue
                 if parameter.std > 0.0:
                     draws.append(Draw(named(rig, path), parameter.std, (path,)))
@@ -48,19 +53,22 @@ def draws_of(rig: Rig) -> tuple[Draw, ...]:
 
 
 def scores(draws: Sequence[Draw], seed: Sequence[int]) -> dict[str, float]:
-    """Return how many standard deviations each draw is off; a draw's number depends on its name and
-    the seed alone.
+    """Return by how many standard deviations each draw is off: name → standard normal number. The
+    number depends on the draw's name and the seed alone.
     """
     keys = ([*seed, crc32(draw.name.encode())] for draw in draws)
     return {draw.name: float(np.random.default_rng(key).normal()) for draw, key in zip(draws, keys)}
 
 
 def built_values(rig: Rig, draws: Sequence[Draw], score: Mapping[str, float]) -> dict[str, float]:
-    """Return path → value of a rig as built, where `score` says how many standard deviations each
-    draw is off.
+    """Return path → value [SI] of a rig as built.
 
-    p = value (1 + σ z) + σ_own ε; what cannot be negative is drawn from the normal distribution cut
-    at zero, and what is known to a factor only from the log-normal one, as filters take them.
+    p = value (1 + σ z) + σ_own ε. A parameter that cannot be negative is drawn from the normal
+    distribution cut at zero; one that is known to a factor only (`known_to_a_factor`) is drawn from
+    the log-normal distribution, as filters assume.
+
+    Args:
+        score: name of a draw → its standard normal number, z or ε.
     """
     values: dict[str, float] = {}
     for draw in sorted(draws, key=lambda draw: not draw.common):

@@ -7,13 +7,15 @@ from dataclasses import dataclass
 from distal.arrays import Bools
 
 FEWEST = 20
-"""A part of the space with fewer rigs says nothing."""
+"""Smallest number of rigs in a part of the space for which a share is stated [1]. Source:
+judgement.
+"""
 
 
 @dataclass(frozen=True)
 class Proportion:
-    """How many rigs meet the requirement, and their share with its 95 % interval of Wilson
-    (1927).
+    """The share of `rigs` that meet the requirement, `met` of them, with its 95 % interval from
+    `low` to `high` (Wilson, 1927).
     """
 
     rigs: int

@@ -41,23 +41,35 @@ Outcome = Estimate | ClosedLoop | DistalError
 
 MEASURES = ("rms_deg", "worst_deg", "within", "inside", "half_band_deg")
 """What is measured of a run: RMS and largest error [°], shares of the time within the limit and
-inside the 95 % band, and the mean half-width of that band [°].
+inside the 95 % band, and the mean half-width of that band [°]. In a closed loop the error is the
+true angle's distance from its reference; the band is always judged by the estimate.
 """
 
 STEPS = 4
-"""Sub-steps of a plant are a multiple of this: stiffer designs then share few kernels."""
+"""The number of sub-steps of a plant is a multiple of this, so that designs of different stiffness
+share few kernels [1]. Source: judgement.
+"""
 
 NOMINAL = -1
-"""The seed of a plant that is as the rig says."""
+"""Seed of the plant that is as the rig says, without drawn errors [1]. Source: definition (a
+marker).
+"""
 
 BUILT = "built: "
-"""Columns of what a rig as built is off by, in standard deviations, begin with it."""
+"""Beginning of the names of columns that hold the draws of a rig as built, in standard
+deviations.
+"""
 
 
 @dataclass(frozen=True)
 class Task:
-    """One run of a study: a design and its index, which rig as built (or `NOMINAL`), and the index
-    of a scenario.
+    """One run of a study.
+
+    Args:
+        index: of the design.
+        design: path → value [SI].
+        seed: number of the rig as built, or `NOMINAL`.
+        scenario: index of the scenario.
     """
 
     index: int
@@ -71,8 +83,8 @@ _TURNS = Lock()  # threads of a process take turns
 
 
 def run_chunk(plan: Plan, designs: Sequence[int]) -> Rows:
-    """Return the rows of some designs: one for each design, rig as built and scenario; an error of
-    a run is a row.
+    """Return the rows of some designs, given by their indices: one row for each design, rig as
+    built and scenario. A run that fails has a row too, with its error as ``problem``.
     """
     with _TURNS, one_blas_thread():
         begun = time.perf_counter()
@@ -113,7 +125,7 @@ def _row(plan: Plan, task: Task, outcome: Outcome) -> dict[str, Cell]:
         _, truth, estimate, half = curves
         errors = wrong = np.abs(estimate - truth)
         if isinstance(outcome, ClosedLoop) and asked.joint in outcome.references:
-            # in a closed loop it is the true angle that is asked for something, the reference
+            # in a closed loop the requirement is on the true angle: it is to follow the reference
             errors = np.abs(truth - outcome.references[asked.joint])
         within = float(np.mean(errors <= asked.within))
         rms, worst, width = np.rad2deg(
@@ -126,8 +138,8 @@ def _row(plan: Plan, task: Task, outcome: Outcome) -> dict[str, Cell]:
 
 
 def curves_of(outcome: Outcome, j: int) -> tuple[Floats, Floats, Floats, Floats] | None:
-    """Return time [s], true angle, estimate and half of the band [rad] of a run; None where there
-    are none.
+    """Return time [s], true angle, estimate and half-width of the 95 % band [rad] of a run, (k,)
+    each, of the joint with index `j`; None where the run failed or has no true angle.
     """
     if isinstance(outcome, ClosedLoop):
         return (
@@ -146,10 +158,11 @@ def _seeds(plan: Plan, task: Task) -> tuple[int, int, int]:
 
 
 def run_tasks(plan: Plan, tasks: Sequence[Task], homing: float | None = None) -> list[Outcome]:
-    """Return the estimates or closed loops of some runs, or why there is none, in their order.
+    """Return the estimate or closed loop of each task, or the error that ended it, in the order of
+    the tasks.
 
     Args:
-        homing: for how long the true angle is used [s], or None.
+        homing: for how long the estimator is given the true angle at the start [s], or None.
     """
     outcomes: dict[int, Outcome] = {}
     rigs = [
@@ -229,7 +242,7 @@ def _groups(alike: Sequence[Lane]) -> Iterator[Sequence[Lane]]:
 
 @dataclass(frozen=True)
 class _Setup:
-    """A design in a scenario, ready for the rigs as built of it.
+    """A design in a scenario, prepared for all rigs as built of it.
 
     Args:
         rig: as filters know it.

@@ -1,5 +1,5 @@
-"""The folder of a study: its rows, a small Parquet file for each chunk, written whole as chunks
-end.
+"""The folder of a study, which holds its rows: a small Parquet file for each chunk, written whole
+when the chunk ends.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ if TYPE_CHECKING:
 Columns = dict[str, NDArray[np.generic]]
 
 LABEL = "study.json"
-"""Which study a folder is of."""
+"""Name of the file that says to which study a folder belongs."""
 
 
 @dataclass(frozen=True)
 class Folder:
-    """Where a study's rows and its answer are; `texts` are the columns that hold text."""
+    """The folder of a study's rows and its answer; `texts` are the columns that hold text."""
 
     path: Path
     texts: frozenset[str]
 
     def done(self) -> set[int]:
-        """Return the numbers of the chunks whose rows are there."""
+        """Return the numbers of the chunks whose rows are in the folder."""
         matches = (
             re.fullmatch(r"(\d+)\.parquet", file.name) for file in (self.path / "rows").iterdir()
         )
@@ -64,8 +64,8 @@ class Folder:
         )
 
     def gather(self) -> Path:
-        """Write all rows into one file, ``rows.parquet``, by design, seed and scenario, and return
-        where it is.
+        """Write the rows of all chunks into one file, ``rows.parquet``, sorted by design, seed and
+        scenario, and return its path.
         """
         import pyarrow as pa
         import pyarrow.parquet as pq
@@ -81,8 +81,8 @@ class Folder:
         return self.path / "rows.parquet"
 
     def read(self) -> Columns:
-        """Return the gathered rows: column → values; what was not asked is -1 in ``met``, 1 for
-        yes, 0 for no.
+        """Return the gathered rows, column → values. In ``met`` 1 stands for yes, 0 for no, and -1
+        where the requirement does not ask for the scenario.
 
         Raises:
             StudyError: there are no rows.
@@ -110,11 +110,13 @@ def _bytes(table: pyarrow.Table) -> bytes:
 
 
 def open_folder(plan: Plan, path: str | Path) -> Folder:
-    """Return a study's folder, made if need be; one that holds rows of the same study goes on.
+    """Return a study's folder, which is made if it does not exist; the rows of this study that it
+    holds are kept.
 
     Raises:
-        StudyError: it is a folder of another study, or pyarrow is not installed.
-        OutputError: it cannot be made or written.
+        StudyError: the folder is of another study or another version of distal, or pyarrow is not
+            installed.
+        OutputError: the folder cannot be made or written.
     """
     try:
         import pyarrow  # noqa: F401

@@ -1,5 +1,5 @@
-"""What narrows the band most: another sensor, a number that is known better, or a calibration at a
-known angle.
+"""Suggestions: which change narrows the band of a rig most, another sensor, a number that is known
+better, or a calibration at a known angle.
 """
 
 from __future__ import annotations
@@ -20,25 +20,36 @@ from distal.study.plants import draws_of
 from distal.study.runs import NOMINAL, Task, run_tasks
 
 BETTER = 0.5
-"""A number that is known better has this share of its std, a better sensor of its errors."""
+"""Share of its std that a better known number keeps, and of its errors a better sensor [1]. Source:
+judgement.
+"""
 
 KNOWN = 2.0
-"""A calibration: the joint's angle is known for so long at the start [s]."""
+"""Time at the start for which the joint's angle is known in a calibration [s]. Source:
+judgement.
+"""
 
 PLANTS = 24
-"""Rigs as built that check an option."""
+"""Number of rigs as built on which each option is simulated [1]. Source: judgement."""
 
 SAME = 0.05
-"""A band, or an error, that changes by less than this share of it is the same."""
+"""Bands, or errors, that differ by a smaller share than this count as the same [1]. Source:
+judgement.
+"""
 
 NOISE = 0.1
-"""Noise of a tension sensor where the rig has no force sensor to compare with [N]."""
+"""Noise std of an added tension sensor or load cell where the rig has no force sensor to copy it
+from [N]. Source: judgement.
+"""
 
 
 @dataclass(frozen=True)
 class Option:
-    """Something that could be done, the rig with it, and for how long the angle is known at the
-    start [s], or None.
+    """Something that could be done.
+
+    Args:
+        rig: the rig with it.
+        homing: for how long the angle is known at the start [s], or None.
     """
 
     words: str
@@ -48,12 +59,13 @@ class Option:
 
 @dataclass(frozen=True)
 class Suggestion:
-    """What an option brings.
+    """What an option brings, by the samples after the first `KNOWN` seconds.
 
     Args:
         band: mean half-width of the 95 % band by the filter's covariance, on one nominal log of
             each scenario [rad].
-        squares: mean square error of each plant that is drawn, NaN where it failed, (n,) [rad²].
+        squares: mean square error of each rig as built over all scenarios, NaN where a run failed,
+            (n,) [rad²].
     """
 
     words: str
@@ -62,23 +74,23 @@ class Suggestion:
 
     @property
     def error(self) -> float:
-        """RMS error over the plants [rad]."""
+        """RMS error over the rigs as built that did not fail [rad]."""
         return float(np.sqrt(np.nanmean(self.squares)))
 
 
 def suggestions(
     plan: Plan, progress: Callable[[int, int], None] | None = None
 ) -> tuple[Suggestion, list[Suggestion], float]:
-    """Return the rig as it is, each option, best by the band first, and Kendall's τ of the ranks by
-    band and by error.
+    """Return the rig as it is, the options (narrowest band first), and Kendall's τ between their
+    ranks by band and by error.
 
-    Options that change nothing are equal in rank: a band or an error by less than `SAME`, or an
-    error by less than twice the standard error of the difference between the same plants with and
-    without the option.
+    In these ranks an option that changes nothing is equal to the rig as it is: its band or its
+    error differs by less than `SAME`, or its error by less than twice the standard error of the
+    difference between the same plants with and without the option.
 
     Raises:
-        StudyError: the estimator of the study has no covariance to go by, or the rig cannot be
-            estimated.
+        StudyError: the study's estimator is not the default one, whose covariance is needed, or the
+            rig cannot be estimated.
     """
     from scipy.stats import kendalltau
 
@@ -103,7 +115,9 @@ def suggestions(
 
 
 def _identified(base: Suggestion, change: Suggestion) -> float:
-    """Return the error of an option as far as its plants tell it from the rig as it is."""
+    """Return the RMS error of an option [rad], or that of the rig as it is where its plants do not
+    show a difference.
+    """
     differences = change.squares - base.squares
     differences = differences[np.isfinite(differences)]
     unsure = 2.0 * np.std(differences) / np.sqrt(max(len(differences), 1))
@@ -116,7 +130,7 @@ def _identified(base: Suggestion, change: Suggestion) -> float:
 
 
 def options_of(rig: Rig) -> list[Option]:
-    """Return what could be done; the first is to leave the rig as it is."""
+    """Return the options for a rig; the first one leaves the rig as it is."""
     options = [Option("as it is", rig)]
     groups = dict[str, dict[str, object]]()
     for draw in draws_of(rig):
@@ -152,7 +166,7 @@ def options_of(rig: Rig) -> list[Option]:
 
 
 def _with_sensors(rig: Rig) -> list[Option]:
-    """Return the rig with sensors that it has not."""
+    """Return options that add sensors which the rig does not have."""
     noise = (
         min((sensor.noise for sensor in rig.sensors_of("force") if sensor.si == "N"), default=NOISE)
         or NOISE

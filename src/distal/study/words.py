@@ -1,4 +1,4 @@
-"""What varies in a study, in words: a column, a value, the parts of a range."""
+"""Words for what varies in a study: a column, a value, the parts of a range."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ from distal.study.design_space import ESTIMATOR, FEEDBACK, Axis, Value
 from distal.study.runs import BUILT
 
 BINS = 4
-"""A range is split into so many parts."""
+"""Number of parts into which a range is split [1]. Source: judgement."""
 
 PREFIXES = ((1e3, 1e3, "k"), (0.1, 1.0, ""), (1e-4, 1e-3, "m"), (0.0, 1e-6, "µ"))
-"""From which size on a unit has a prefix, how many of it are one with that prefix, and the prefix.
+"""Prefixes of units, largest first: the smallest size that is written with it, its factor, its
+letter.
 """
 
 
 def words_of(plan: Plan, name: str) -> str:
-    """Return what a column is, in words."""
+    """Return in words what a column of the rows holds."""
     path = name.removeprefix(BUILT)
     if path in (ESTIMATOR, FEEDBACK):
         return path
@@ -38,7 +39,9 @@ def words_of(plan: Plan, name: str) -> str:
 
 
 def quantity(value: float, unit: str) -> str:
-    """Return a value in its SI unit as people write it."""
+    """Return a value in its SI `unit` as text, with a prefix such as k or m; an angle in
+    degrees.
+    """
     if unit == "rad":
         return f"{rounded(degrees(value), 3)}°"
     if value == 0.0 or not unit.startswith(tuple("mNsHV")):  # kg has its prefix already
@@ -48,8 +51,10 @@ def quantity(value: float, unit: str) -> str:
 
 
 def parts_of(plan: Plan, axis: Axis, values: NDArray[np.generic]) -> list[tuple[str, Bools]]:
-    """Return parts of an axis, each in words with the rigs that are in it; each rig has one of the
-    `values`, (n,).
+    """Return the parts of an axis: words for each, and which rigs are in it, (n,).
+
+    Args:
+        values: what each rig has on this axis, (n,).
     """
     name = words_of(plan, axis.path)
     if axis.choices:
@@ -68,7 +73,7 @@ def parts_of(plan: Plan, axis: Axis, values: NDArray[np.generic]) -> list[tuple[
 
 
 def setting_in_words(name: str, setting: Value, unit: str) -> str:
-    """Return in words what something that varies is in a design."""
+    """Return in words which `setting` a design has for what is called `name`."""
     if isinstance(setting, bool):
         return f"{'with' if setting else 'without'} {name}"
     return f"{name} {setting}" if isinstance(setting, str) else f"{name} {quantity(setting, unit)}"

@@ -1,5 +1,5 @@
-"""The adaptive filter: docs/reference/adaptive-equations.md has its equations, `filter` the whole
-of it on one page.
+"""The adaptive filter: docs/reference/adaptive-equations.md has its equations, `filter_function`
+all its steps in order.
 """
 
 from distal.estimators.adaptive.estimator import AdaptiveFilter, state_vector

@@ -1,10 +1,10 @@
-"""What friction makes of a force, by how its drive moves: against its motion, or anything up to its
-limit while it sticks.
+"""The friction in a drive's force, by how the drive moves: against its motion, or anything up to
+its limit while it sticks.
 
-Equations (18) to (21). A drive that moves has friction against its motion. One that sticks has any
-friction up to its limit: where the rig declares friction, its mean residual is compared with the
-limits and only what is beyond them counts (a clipped residual); where friction is unknown, it keeps
-the sign that it had, and a sample counts little.
+Equations (18) to (21). A drive that moves has friction against its motion. A drive that sticks may
+have any friction up to its limit. Where the rig declares friction, the mean residual of a sticking
+drive is compared with the limits, and only the part beyond them counts (a clipped residual). Where
+it declares none, friction keeps the sign that it had, and a sample counts little.
 """
 
 from __future__ import annotations
@@ -20,54 +20,65 @@ from distal.kernels.mask import is_read
 
 MOTION_SPAN = MOTION_TIME / 2.5
 """Time over which a drive's motion is compared with its sensor's noise [s]: one sample at 100 Hz.
+Source: judgement.
 """
 
 SLOW_DECLARED = 0.6
-SLOW_UNKNOWN = 0.8
-"""A drive that moves by so many stds of its sensor in `MOTION_SPAN` sticks half: with friction
-declared, and not [1].
+"""Motion in `MOTION_SPAN`, in stds of the position sensor, at which a drive with declared friction
+counts as half stuck [1]. Source: judgement.
 """
+
+SLOW_UNKNOWN = 0.8
+"""The same for a drive without declared friction [1]. Source: judgement."""
 
 CLEAR_STICK = 0.15
-"""A drive that sticks by less than this clearly moves."""
+"""A drive whose `stuck` is below this clearly moves [1]. Source: benchmark (benchmarks/guards)."""
 
 TURNING = 0.5
-CLEAR_DIRECTION = 0.9
-"""Its direction, −1 to 1, is remembered beyond the first of these, and is clear beyond the second.
+"""Size of the direction, 0 to 1, beyond which its sign is remembered [1]. Source: benchmark
+(benchmarks/guards).
 """
 
+CLEAR_DIRECTION = 0.9
+"""Size of the direction, 0 to 1, beyond which it is clear [1]. Source: judgement."""
+
 SHARP_BEND = 10.0
-"""A bend of this many standard deviations of its sensor between two samples halves the direction.
+"""Bend between two samples, in stds of the position sensor, that halves the direction [1]. Source:
+benchmark (benchmarks/guards).
 """
 
 TURNING_DECLARED = 3.0
-"""Where friction is declared, it is unsure for so many times as long while its drive turns back
-[1].
+"""Factor on `Robustness.turning_time`, for which friction is unsure while a drive turns back, where
+friction is declared [1]. Source: benchmark (benchmarks/guards).
 """
 
 MEAN_TIME = 0.1
-"""Time constant of the mean residual of a force whose drive sticks [s]."""
+"""Time constant of the mean residual of a force whose drive sticks [s]. Source: benchmark
+(benchmarks/guards).
+"""
 
 STICK_STD = 0.42
-"""Standard deviation of a tension within its friction's limits, as a share of the limit; 0.58 if it
-were uniform [1].
+"""Standard deviation of a tension within its friction's limits, as a share of the limit [1]; 0.58
+if it were uniform. Source: benchmark (benchmarks/guards).
 """
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """How a force is compared. With slopes r_x of the residual, l_x of the limit and a_x of its
-    asymmetry, the slope of what is expected is −r_x + c_l l_x + c_a a_x.
+    """The comparison of a force with its prediction, friction included.
+
+    With slopes r_x of the residual, l_x of the limit and a_x of its asymmetry, the slope of what is
+    expected is −r_x + c_l l_x + c_a a_x.
 
     Args:
         innovation: measured minus expected.
-        variance: of the innovation without the state's.
+        variance: of the innovation, without the part from the state's covariance.
         memory: what is remembered of the drive: its mean residual where the rig declares friction,
             else its last clear direction times the time since then [s].
         by_limit: c_l.
         by_asymmetry: c_a.
-        counts: 1 where its innovation belongs to a likelihood: a guess at the friction of a drive
-            that hardly moves does not, since its variance is part of the guess.
+        counts: 1 where the innovation belongs to a likelihood. It does not in a fit while the drive
+            hardly moves, since its friction is then a guess and so is the variance.
     """
 
     innovation: Scalar
@@ -85,10 +96,11 @@ class Residual:
     Args:
         value: measured minus expected, without friction.
         limit: friction limit, the mean of both directions.
-        asymmetry: by how much it is larger against motion to +, and smaller against motion to −.
+        asymmetry: by how much the limit is larger against motion to +, and smaller against motion
+            to −.
         variance: of the sensor and of the drive's position.
-        limit_variance: of the limit by the state's, l_x P l_xᵀ.
-        value_variance: of the residual by the state's, r_x P r_xᵀ.
+        limit_variance: of the limit, from the state's covariance, l_x P l_xᵀ.
+        value_variance: of the residual, from the state's covariance, r_x P r_xᵀ.
         memory: what is remembered of the drive's force.
         mask: of the force, see `distal.kernels.mask`.
     """
@@ -105,12 +117,12 @@ class Residual:
 
 @dataclass(frozen=True)
 class DriveMotion:
-    """How a drive moves.
+    """The motion of a drive, as far as friction depends on it.
 
     Args:
-        stuck: 0 where it clearly moves to 1 where it does not, (18).
+        stuck: 0 where the drive clearly moves to 1 where it does not, (18).
         direction: −1 to 1, (19).
-        clear: 1 where it clearly moves in one direction.
+        clear: 1 where the drive clearly moves in one direction.
     """
 
     stuck: Scalar
@@ -119,11 +131,14 @@ class DriveMotion:
 
 
 def motion_of(drive: Drive, noise: Scalar, dt: Scalar, slow: float) -> DriveMotion:
-    """Return how a drive moves: mean motion over `MOTION_SPAN` against what its sensor's noise
-    alone would show.
+    """Return the motion of a drive: its mean motion over `MOTION_SPAN` compared with what its
+    sensor's noise alone would show.
 
-    The `noise` is the variance of its position sensor, `dt` the interval [s], `slow` is
-    `SLOW_DECLARED` or `SLOW_UNKNOWN`.
+    Args:
+        drive: what is known of it after a reading.
+        noise: variance of its position sensor.
+        dt: length of the interval [s].
+        slow: `SLOW_DECLARED` or `SLOW_UNKNOWN`.
     """
     mean = MOTION_SPAN * drive.speed
     square = MOTION_SPAN**2 * drive.square
@@ -140,10 +155,12 @@ def motion_of(drive: Drive, noise: Scalar, dt: Scalar, slow: float) -> DriveMoti
 def compared(
     context: FilterContext, index: int, drive: Drive, residual: Residual, dt: Scalar
 ) -> Comparison:
-    """Return how a drive's force is compared after an interval `dt` [s]."""
+    """Return the comparison of the force of the drive with that `index`, after an interval `dt`
+    [s].
+    """
     sensor = context.position_sensor(index)
     if sensor is None:
-        # nobody knows how it moves: any friction up to its limit
+        # its motion is not measured: any friction up to its limit
         return Comparison(residual.value, residual.variance + residual.limit**2, residual.memory)
     noise = context.noise(sensor)
     force = context.force_sensor(index)

@@ -1,8 +1,7 @@
-"""Track the drives: where each is and how it moves, from readings that may be missing or wild.
+"""Track the drives: the position and motion of each, from readings that may be missing or wild.
 Equations (1) to (6).
 
-What is remembered of a drive: position, doubt, mean and mean square speed, variance of the
-position, time without a reading.
+`Drive` says what is remembered of each.
 """
 
 from __future__ import annotations
@@ -29,7 +28,9 @@ from distal.expressions import Expression, Scalar, Vector
 from distal.kernels.mask import is_bridge, is_read, is_there, rows_left
 
 MOTION_TIME = 0.025
-"""Time constant of the mean motion of a drive [s]: two to five samples at 100 to 200 Hz."""
+"""Time constant of the mean motion of a drive [s]: two to five samples at 100 to 200 Hz. Source:
+judgement.
+"""
 
 REMEMBERED = (
     "position",
@@ -42,27 +43,28 @@ REMEMBERED = (
     "shift_std",
     "effort",
 )
-"""Names of the numbers that are remembered of each drive, see `Drive`."""
+"""Names of the values that are remembered of each drive, see `Drive`."""
 
 PULL_STD = 0.1
-"""Share of a drive's pull that is not known where a jump is judged by it: stiffness and angle [1].
+"""Share of a drive's pull that is not known when a jump is judged by it, because of stiffness and
+angle [1]. Source: judgement.
 """
 
 WANDERING = 1.0
-"""Where no reading comes back, a drive's position becomes unknown by a usual one (`UNKNOWN_PLACE`)
-in this time [s].
+"""Time in which the std of a drive's position grows by `UNKNOWN_POSITION` where no reading comes
+back [s]. Source: judgement.
 """
 
 LEAST_DOUBT = 0.25
-"""A jump that no force judges leaves the position in doubt by at least this share of (1 − Π) times
-the jump squared [1].
+"""After a jump that no force judges, smallest share of (1 − Π) times the squared jump that is added
+to the variance of the position [1]. Source: judgement.
 """
 
 MEMORY = len(REMEMBERED)
-"""How many numbers are remembered of each drive."""
+"""Number of values that are remembered of each drive."""
 
 TRACKED = (*REMEMBERED, "bend", "variance")
-"""Names of the numbers that are known of each drive after a reading."""
+"""Names of the values that are known of each drive after a reading."""
 
 
 @dataclass(frozen=True)
@@ -71,16 +73,17 @@ class Drive:
 
     Args:
         position: that its sensor reads or should read, at the end of the interval [m, rad].
-        doubt: for how long readings have been far from where they should be [s].
-        speed: mean, over `MOTION_TIME`.
+        doubt: for how long readings have been far from the expected position [s].
+        speed: mean speed, over `MOTION_TIME`.
         square: mean square speed.
-        unknown: variance of the position beyond the sensor's noise: grows while it is missing.
+        unknown: variance of the position beyond the sensor's noise; it grows while readings are
+            missing.
         lost: time since the last good reading [s].
-        shift: by which the zero of its sensor has jumped [m, rad].
-        shift_std: std of that, where nothing says whether the drive jumped or the zero [m, rad].
-        effort: what its force sensor read last [N, N m].
-        bend: change of displacement between two intervals: what a straight line between samples
-            leaves out.
+        shift: by which the zero of the position sensor has jumped [m, rad].
+        shift_std: std of `shift`, where nothing says whether the drive or the zero jumped [m, rad].
+        effort: last reading of the drive's force sensor [N, N m].
+        bend: change of displacement from one interval to the next, of which a straight line between
+            samples misses a share.
         variance: of the position, for the filter: noise, what is unknown, what a straight line
             misses.
     """
@@ -99,8 +102,8 @@ class Drive:
 
 
 class Tracks(Generic[Expression]):
-    """All drives' numbers as one vector: what is remembered of each, drive by drive, then bends,
-    then variances.
+    """All drives' `TRACKED` values as one vector: those that are remembered, drive by drive, then
+    all bends, then all variances.
     """
 
     def __init__(self, vector: Expression, n_drives: int) -> None:
@@ -109,17 +112,17 @@ class Tracks(Generic[Expression]):
 
     @staticmethod
     def size(n_drives: int) -> int:
-        """Return the length of the vector."""
+        """Return the length of the vector for `n_drives` drives."""
         return len(TRACKED) * n_drives
 
     def __getitem__(self, drive: int) -> Drive:
-        """Return one drive's numbers."""
+        """Return what is known of one drive."""
         parameters = [self.vector[MEMORY * drive + i] for i in range(MEMORY)]
         parameters += [self.vector[(MEMORY + i) * self._n + drive] for i in range(2)]
         return Drive(**dict(zip(TRACKED, parameters)))
 
     def of(self, drive: int) -> Expression:
-        """Return one drive's numbers as a vector, `TRACKED`."""
+        """Return what is known of one drive as a vector, in the order of `TRACKED`."""
         first = MEMORY * drive
         n = self._n
         parts = self.vector[first : first + MEMORY], self.vector[MEMORY * n + drive]
@@ -128,28 +131,29 @@ class Tracks(Generic[Expression]):
 
     @property
     def memory(self) -> Expression:
-        """What is remembered for the next interval, (MEMORY n_drives,)."""
+        """The values that are remembered for the next interval, (MEMORY n_drives,)."""
         return self.vector[: MEMORY * self._n]
 
     @property
     def variances(self) -> Expression:
-        """Variances of the positions, (n_drives,)."""
+        """Variances of the drives' positions, (n_drives,)."""
         return self.vector[(MEMORY + 1) * self._n :]
 
 
 def remembered_position(drive: int, name: str) -> int:
-    """Return where a number of a drive, one of `REMEMBERED`, stands in what is remembered of all
-    drives in turn.
+    """Return the index of a drive's value, named as in `REMEMBERED`, in the vector of all that is
+    remembered.
     """
     return MEMORY * drive + REMEMBERED.index(name)
 
 
 @dataclass(frozen=True)
 class Silence:
-    """What it means that a drive's reading is missing for long, all scalars.
+    """What the filter assumes of a drive whose reading is missing for long, all scalars.
 
-    It may not come back after a time `dead` [s]; then the position becomes unknown, its std as fast
-    as `wandering` [m/s, rad/s].
+    Args:
+        dead: time without a reading after which the sensor may not come back [s].
+        wandering: growth of the std of the position after that time [m/s, rad/s].
     """
 
     dead: Scalar
@@ -157,8 +161,8 @@ class Silence:
 
 
 def tracking(states: StateVector) -> ca.Function:
-    """Return (mean, memory, x, p) → tracks of all drives; see `Tracks`. A drive that nothing
-    measures has zeros.
+    """Return the function (mean, memory, x, p) → tracks of all drives; see `Tracks`. A drive that
+    nothing measures has zeros.
     """
     context = states.context
     n = context.n_drives
@@ -189,16 +193,20 @@ READING = (
     "variance",
     "effort",
 )
-"""What is read of each drive, and what its force says; see `track` and `ForceEvidence`."""
+"""Names of the values that are read of each drive and of its force; see `track` and
+`ForceEvidence`.
+"""
 
 
 def _judged(context: FilterContext, drive: int) -> bool:
-    """Return whether a drive's force says if a jump is real."""
+    """Return whether a drive's force can tell a real jump of its position from a wild reading."""
     return context.force_sensor(drive) is not None and context.robustness.guards_displacements
 
 
 def _readings(states: StateVector) -> ca.Function:
-    """Return (mean, memory, x, p) → what is read of each drive, a column each; see `READING`."""
+    """Return the function (mean, memory, x, p) → the readings of each drive and of its force, one
+    column per drive; see `READING`.
+    """
     context = states.context
     n = context.n_drives
     p = context.mechanism.parameters.symbols
@@ -257,10 +265,11 @@ def _readings(states: StateVector) -> ca.Function:
 
 
 def _track(robustness: Robustness, judged: bool, follows: bool) -> ca.Function:
-    """Return (memory, `READING`, dt) → what is known of one drive after a reading, `TRACKED`; the
-    same for all alike.
+    """Return the function (memory, `READING`, dt) → what is known of one drive after a reading,
+    `TRACKED`.
 
-    Its force may be able to say if a jump is real (`judged`), and the joints may follow the drives.
+    Drives for which `judged` is alike share it: whether the drive's force can tell a real jump from
+    a wild reading. With `follows` the joints follow a jump within one interval.
     """
     memory = ca.SX.sym("memory", MEMORY)
     readings = ca.SX.sym("readings", len(READING))
@@ -298,15 +307,16 @@ def track(
     silence: Silence | None = None,
     force_evidence: ForceEvidence | None = None,
 ) -> Drive:
-    """Return a drive after a reading; one that is missing is bridged by the mean speed, which
-    fades.
+    """Return what is known of a drive after a reading; a missing reading is bridged by the mean
+    speed, which fades.
 
-    A reading that is far from where the mean speed leads is a real jump with a chance Π, else wild:
-    its force says so where it has one, and the longer it stays, the likelier it is real. The
-    position is the mean of both, with their variance.
+    A reading that is far from the position expected by the mean speed is a real jump with a chance
+    Π, else wild. The drive's force gives the chance where it is read, and the longer readings stay
+    far away, the likelier the jump is real. The position is the mean of both possibilities, with
+    their variance.
 
     Args:
-        memory: of the last interval, (MEMORY,).
+        memory: from the last interval, (MEMORY,).
         reading: displacement [m, rad].
         mask: of the reading, see `distal.kernels.mask`.
         noise: variance of the sensor's random error.

@@ -1,4 +1,4 @@
-"""`adaptive`: right when the model is wrong, and honest about how sure it is."""
+"""`adaptive`: the filter that also estimates what is uncertain in the rig."""
 
 from __future__ import annotations
 
@@ -40,8 +40,9 @@ def state_vector(
     kinds: tuple[Kind, ...] = KINDS,
     folded: bool = False,
 ) -> StateVector:
-    """Return the states of a filter; kept, since one rig estimates many logs and its functions take
-    0.1 s to build.
+    """Return the states of a filter.
+
+    They are cached, since one rig estimates many logs and their functions take 0.1 s to build.
 
     Raises:
         EstimationError: the sensors do not suffice.
@@ -52,7 +53,7 @@ def state_vector(
 
 
 def usual_guards(rig: Rig) -> Robustness:
-    """Return the guards of a rig's filter unless others are given."""
+    """Return the guards that a rig's filter has where none are given."""
     return Robustness.usual(len(rig.joints), rig.free_motion is not None)
 
 
@@ -63,19 +64,20 @@ class AdaptiveFilter(KernelEstimator):
     Args:
         compiled: compile its kernel where possible, see `Kernel`.
         robustness: the guards against a wrong model and bad sensors; default `Robustness.usual`.
+        name: of the estimator, for messages.
         references: sensors of joints' angles that are read too, while they are known (homing,
             fitting).
-        inputs: numbers of the description that are inputs of its kernel and no states (fitting).
+        inputs: parameters of the description that are inputs of its kernel and no states (fitting).
         resolution: largest product of sub-step and a joint's own frequency; default `RESOLUTION`,
             on a chain `CHAIN_RESOLUTION`.
         trace: let the kernel put out what a smoother needs.
-        kinds: kinds of states that there may be; each returns the blocks of a rig.
-        line: a map of the readings whose angles are reported in place of the filter's own and of
-            its discrepancy.
+        kinds: functions that give the blocks of states of a rig, one for each kind of state.
+        line: a map whose angles are reported in place of the filter's own, also in place of its
+            discrepancy.
         folded: write all numbers but the equations' parameters into the kernel, for C elsewhere.
 
     Raises:
-        EstimationError: the sensors do not suffice.
+        EstimationError: the sensors do not suffice, or a map was learned from other sensors.
     """
 
     def __init__(
@@ -157,8 +159,8 @@ class AdaptiveFilter(KernelEstimator):
         )
 
     def _reporting(self, function: ca.Function) -> ca.Function:
-        """Return the filter with what its maps say among its outputs; only a discrepancy is added
-        to its own.
+        """Return the filter with the values of its maps among its outputs; a discrepancy is added
+        to the filter's own angle, other maps replace it.
         """
         if not self._maps:
             return function
@@ -177,43 +179,47 @@ class AdaptiveFilter(KernelEstimator):
         )
 
     def prior_function(self) -> ca.Function:
-        """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first
-        sample.
+        """Return the function (values, mask, p) → (mean, covariance's diagonal, memory) before the
+        first sample.
         """
         return prior_function(self._states, self._maps, self.positions, len(self._p), self.touched)
 
     def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
-        """Return which directions of joint space the sensors do not see, where there are any."""
+        """Return a sentence on the directions of joint space that the sensors do not see, if there
+        are any.
+        """
         return () if self.unseen is None else (self.unseen,)
 
     @cached_property
     def unseen(self) -> str | None:
-        """What the sensors cannot tell of the joints, in a sentence; None where they see every
-        direction.
+        """A sentence on the directions of joint space that the sensors do not see; None where they
+        see all, or the rig has one joint.
         """
         seen = directions(self.rig)
         return seen.text if len(seen.missed) and len(self.rig.joints) > 1 else None
 
     @property
     def bridged(self) -> int:
-        """Number of displacements, the first of the channels: they cross gaps in a straight
-        line.
+        """Number of displacements, which are the first channels and are interpolated along a
+        straight line over a gap.
         """
         return len(self._states.context.channels.positions)
 
     @property
     def discrepancy(self) -> Discrepancy | None:
-        """What is added to the angle, as learned; None where nothing is."""
+        """The learned map that is added to the angles; None where there is none."""
         return next((learned for learned in self._maps if isinstance(learned, Discrepancy)), None)
 
     @property
     def contact(self) -> Contact | None:
-        """The torque from outside, as learned; None where it is the filter's own."""
+        """The learned map that gives the external torques; None where the filter's own are
+        reported.
+        """
         return next((learned for learned in self._maps if isinstance(learned, Contact)), None)
 
     def with_map(self, learned: LearnedMap) -> AdaptiveFilter:
-        """Return the same filter, kernel included, with other coefficients of the same terms of one
-        of its maps.
+        """Return the same filter, kernel included, with other coefficients in one of its maps; the
+        map's terms must be the same.
         """
         changed = copy(self)
         changed._maps = tuple(
@@ -243,15 +249,15 @@ class AdaptiveFilter(KernelEstimator):
         )
 
     def states_of(self, rig: Rig) -> StateVector:
-        """Return the states of this filter for a rig with other numbers."""
+        """Return the states of this filter for a rig with other values."""
         context = self._states.context
         inputs = context.mechanism.parameters.inputs
         references = context.channels.angles
         return state_vector(rig, references, inputs, context.robustness, self._states.kinds)
 
     def _structure(self, trace: bool) -> Structure | None:
-        """Return what the kernel depends on; None where numbers are folded into it, and with kinds
-        of states by others, whose code may change.
+        """Return what the kernel depends on; None, so that it is not shared, where numbers are
+        folded into it or a kind of state comes from outside the package.
         """
         context = self._states.context
         if context.mechanism.parameters.folded:
@@ -276,8 +282,8 @@ class AdaptiveFilter(KernelEstimator):
 
     @property
     def positions(self) -> tuple[int | None, ...]:
-        """For each channel where in the kernel state its drive's position stands; None for one that
-        is read as it comes.
+        """Index in the kernel state of the drive's position, for each position channel; None for
+        the channels of tensions and forces, whose readings are used as they are.
         """
         context = self._states.context
         channels = context.channels
@@ -291,15 +297,17 @@ class AdaptiveFilter(KernelEstimator):
 
     @property
     def touched(self) -> tuple[int, ...]:
-        """Where in the kernel state the share stands that a touch has of each joint."""
+        """Indices in the kernel state of the share, 0 (free) to 1, that a touch has of each joint
+        that may be touched.
+        """
         at = adaptive_layout(self._states)["torques"].start + TORQUE["share"].start
         joints = range(len(self._states.context.touchable))
         return tuple(at + TORQUE.size * k for k in joints)
 
     @property
     def contacts(self) -> dict[str, list[int]]:
-        """Joint → where in the kernel state stand the probability of a touch, and since when it is
-        [s].
+        """Joint → indices in the kernel state of the probability of a touch, and of the time for
+        which it has lasted [s].
         """
         at = adaptive_layout(self._states)["torques"].start
         parts = ("probability", "since")
@@ -311,35 +319,35 @@ class AdaptiveFilter(KernelEstimator):
 
     @property
     def substeps(self) -> int:
-        """Sub-steps of the joints in one interval."""
+        """Number of sub-steps of the joints in one interval."""
         return self._states.context.substeps(self._resolution)
 
     @property
     def state_kinds(self) -> tuple[StateKind, ...]:
-        """What each state is, (n,)."""
+        """The kind of each state, (n,)."""
         return self._states.state_kinds
 
     @property
     def state_parts(self) -> tuple[str, ...]:
-        """The part that each state is of, (n,): a joint, drive, tendon or sensor by its name, a
-        number by its path.
+        """The component of each state, (n,): the name of a joint, drive, tendon or sensor, or the
+        path of a parameter.
         """
         return self._states.state_parts
 
     @property
     def states(self) -> StateVector:
-        """The state vector: its blocks, their priors and what they do."""
+        """The state vector: its blocks, with their priors and effects."""
         return self._states
 
     @property
     def parts(self) -> tuple[Apart, ...]:
-        """Its parts that do not touch each other; none where there is only one."""
+        """The independent subsystems of the filter; empty where there is only one."""
         return subsystems_of(self._states)
 
     @cached_property
     def priors(self) -> tuple[Floats, Floats]:
-        """Prior means and stds of the states that are numbers of the rig, NaN for the others, (n,)
-        each.
+        """Prior means and stds of the states that are constants of the rig or of its sensors, NaN
+        for the others, (n,) each.
         """
         states = self._states
         means, stds = (

@@ -1,5 +1,5 @@
-"""What every part of the filter asks: the rig's equations, the sensors that are read, the guards,
-and a sample's values.
+"""A rig as all steps of the filter see it: its equations, the sensors that are read, the guards,
+and the values of a sample.
 """
 
 from __future__ import annotations
@@ -19,42 +19,51 @@ from distal.model import RESOLUTION, Mechanism, joint_frequency
 from distal.rig import Sensor, contact_shape, drive_travel, gain_of
 
 DERIVED = "filter."
-"""Begins the names of the filter's inputs that are no parameters of the equations."""
+"""Beginning of the names of the filter's inputs that are no parameters of the equations."""
 
 MOST_TRAVELS = 20.0
-"""A drive is never this many times its travel away from the middle of it."""
+"""Largest distance of a drive from the middle of its travel, in travels [1]. Source: judgement."""
 
 
 FOLLOWS = 2.0
-"""A joint with so many radians of its own oscillation in one interval follows a jump within it; a
-quarter turn is π/2.
+"""Phase of a joint's own oscillation in one interval, above which the joint follows a jump within
+it [rad]; a quarter turn is π/2. Source: judgement.
 """
 
 SETTLES = 30.0
-"""With so many radians of it in one interval a joint's own oscillation is over: following it would
-take 50 sub-steps.
+"""Phase of a joint's own oscillation in one interval, above which the oscillation is over within it
+[rad]: to follow it would take 50 sub-steps. Source: judgement.
 """
 
 LONGEST_SUBSTEP = 2.5e-3
-"""Longest sub-step of the joints alone [s]: their own modes are slow (docs/results/numerics.md)."""
+"""Longest sub-step of the joints alone [s]: their own modes are slow. Source: benchmark
+(docs/results/numerics.md).
+"""
 
 CHAIN_RESOLUTION = 1.5
-"""The same as `RESOLUTION` for chains: no sensor sees their fastest mode
-(docs/explanation/numerics.md).
+"""Largest product of sub-step and natural frequency on a chain, in place of `RESOLUTION` [1]: no
+sensor sees its fastest mode. Source: benchmark (docs/explanation/numerics.md).
 """
 
 MOST_JOINT_SUBSTEPS = 50
-"""More sub-steps than this would cost more than they bring: a stiffer joint follows its tendons."""
+"""Largest number of sub-steps in an interval [1]: more would cost more than they bring, since a
+stiffer joint follows its tendons. Source: judgement.
+"""
 
 SETTLING_SUBSTEPS = 8
-"""Where the joints come to rest within an interval, they do so at so many positions of the drives
-along it.
+"""Number of sub-steps in an interval within which the joints come to rest [1]: they rest at as many
+positions of the drives along it. Source: judgement.
 """
 
 
 @dataclass(frozen=True)
 class FilterContext:
-    """A rig as the filter reads it: its equations, the sensors that are read, and the guards."""
+    """A rig as the filter reads it.
+
+    Args:
+        mechanism: its equations.
+        channels: the sensors that are read.
+    """
 
     mechanism: Mechanism
     channels: Channels
@@ -72,12 +81,12 @@ class FilterContext:
 
     @property
     def width(self) -> int:
-        """Numbers in a sample x = (dt, values, mask)."""
+        """Length of a sample x = (dt, values, mask)."""
         return 1 + 2 * len(self.channels.names)
 
     @cached_property
     def touchable(self) -> tuple[int, ...]:
-        """The joints on which a torque may act that the rig does not declare, by their indices."""
+        """Indices of the joints on which a torque may act that the rig does not declare."""
         if not self.robustness.opens_torques:
             return ()
         joints = enumerate(self.mechanism.rig.joints)
@@ -86,8 +95,8 @@ class FilterContext:
         )
 
     def moved_by(self, joint: int) -> dict[int, tuple[str, str]]:
-        """Return drive → the names of r_d/r_j at a joint that it moves, and of the joint's share of
-        that motion.
+        """Return drive → names of the ratio r_d/r_j and of the joint's share, see `ratios`, for
+        each drive that moves a joint.
         """
         name = self.mechanism.rig.joints[joint].name
         return {
@@ -96,7 +105,8 @@ class FilterContext:
         }
 
     def ratios(self, joint: int) -> dict[int, tuple[float, float]]:
-        """Return drive → r_d/r_j at a joint that it moves, and the joint's share of that motion.
+        """Return drive → the ratio r_d/r_j and the joint's share of the drive's motion, for each
+        drive that moves a joint.
 
         Of all motions of the joints that would follow the drive, the smallest has the shares r_j²/Σ
         r².
@@ -118,8 +128,11 @@ class FilterContext:
         return found
 
     def by_torque(self, joint: int, sensor: Sensor) -> float:
-        """Return by how much a force or tension changes for a torque on one joint, drives at rest
-        [1/m, or 1]: r_d/r_j times the joint's share of the drive's motion; of a tension 1/r_j.
+        """Return the change of a force or tension by a torque on one joint, with drives at rest
+        [1/m, or 1].
+
+        It is r_d/r_j times the joint's share of the drive's motion; of a tension 1/r_j times that
+        share.
         """
         rig = self.mechanism.rig
         ratios = self.ratios(joint)
@@ -138,8 +151,8 @@ class FilterContext:
         return ratio * share / (lever if sensor.measures == "tension" else 1.0)
 
     def forces_by_torque(self, joint: int) -> dict[str, str]:
-        """Return force or tension → the name of its change by a torque on a joint that it moves
-        with.
+        """Return force or tension → name of its `by_torque`, for those that a torque on the joint
+        changes.
         """
         forces = (*self.channels.forces, *self.channels.tensions)
         name = self.mechanism.rig.joints[joint].name
@@ -150,9 +163,12 @@ class FilterContext:
         }
 
     def by_contact(self, joint: int) -> dict[str, float]:
-        """Return force or tension → by how much it changes for a torque on a joint and those that
-        contacts make with it, √(a_τᵀ C_τ a_τ) over the joint's own √C_τ, with a_τ of `by_torque`;
-        where it changes at all.
+        """Return force or tension → its change by a contact's torque on a joint, with the torques
+        on other joints that come with it.
+
+        The change is √(a_τᵀ C_τ a_τ) over the joint's own √C_τ, with a_τ of `by_torque` and C_τ the
+        `contact_shape`. Where the joint's row of C_τ times a_τ is 0, it is the root of the sum of
+        a_τ². Forces that do not change are left out.
         """
         shape = self.contact_shape
         changes = dict[str, float]()
@@ -167,8 +183,8 @@ class FilterContext:
 
     @cached_property
     def contact_shape(self) -> Floats:
-        """The covariance of the torques that contacts make on the joints that may be touched, zero
-        for others, (n_joints, n_joints) [1].
+        """Covariance of the torques that contacts make on the joints that may be touched, zero for
+        others, (n_joints, n_joints) [1].
         """
         may = np.zeros(self.n_joints)
         may[list(self.touchable)] = 1.0
@@ -176,38 +192,38 @@ class FilterContext:
 
     @property
     def contact_structure(self) -> tuple[object, ...]:
-        """What a kernel depends on of what contacts do."""
+        """What the structure of a kernel depends on in contacts."""
         loaded = (self.contact_shape != 0.0).tolist()
         return self.touchable, loaded, [list(self.by_contact(joint)) for joint in self.touchable]
 
     def loaded_with(self, joint: int, other: int) -> str:
-        """Return the name of an entry of `contact_shape`."""
+        """Return the name of the entry of `contact_shape` for two joints."""
         return f"joints.{joint}.loaded_with.{self.mechanism.rig.joints[other].name}"
 
     @cached_property
     def frequency(self) -> float:
-        """The joints' largest natural frequency [rad/s]."""
+        """The largest natural frequency of the joints [rad/s]."""
         return joint_frequency(self.mechanism)
 
     @cached_property
     def joints_follow(self) -> bool:
-        """Whether a joint follows a jump of its drive within one interval: its own frequency times
-        that is large.
+        """Whether a joint follows a jump of its drive within one interval: `frequency` times the
+        interval is above `FOLLOWS`.
         """
         return self.frequency * self.channels.interval > FOLLOWS
 
     @cached_property
     def joints_settle(self) -> bool:
-        """Whether the joints come to rest within one interval: it is long against their own
-        oscillation.
+        """Whether the joints come to rest within one interval: `frequency` times the interval is
+        above `SETTLES`.
         """
         return self.frequency * self.channels.interval > SETTLES
 
     def substeps(self, resolution: float | None) -> int:
-        """Return the sub-steps of the joints in one interval.
+        """Return the number of sub-steps of the joints in one interval.
 
-        A `resolution` is the largest product of sub-step and a joint's own frequency; None for
-        `RESOLUTION`, of a chain `CHAIN_RESOLUTION`.
+        The `resolution` is the largest product of sub-step and a joint's own frequency; None stands
+        for `RESOLUTION`, on a chain `CHAIN_RESOLUTION`.
         """
         mechanism = self.mechanism
         if resolution is None:
@@ -231,34 +247,35 @@ class FilterContext:
         return sensor_for(self.channels.forces, self.mechanism.rig.drives[drive].name)
 
     def value(self, x: Vector, sensor: Sensor) -> Scalar:
-        """Return what a sensor reads in a sample x, without its known offset and gain; what 0
-        stands for where missing.
+        """Return the reading of a sensor in a sample x, less its known offset and divided by its
+        known gain; meaningless where it is missing.
         """
         return self.corrected(sensor, x[1 + self.channels.names.index(sensor.name)])
 
     def reading(self, x: VectorNode, name: str) -> VectorNode:
-        """Return what the sensor of that name reads in a sample x."""
+        """Return the reading of the sensor of that name in a sample x, as it comes."""
         return x[1 + self.channels.names.index(name)]
 
     def corrected(self, sensor: Sensor, reading: Scalar) -> Scalar:
-        """Return a reading without the sensor's known offset and gain."""
+        """Return a reading less the sensor's known offset, divided by its known gain."""
         path = self.path(sensor)
         offset = reading - self.number(f"{path}.bias")
         return offset / self.number(f"{path}.gain") if has_gain(sensor) else offset
 
     def mask(self, x: Vector, sensor: Sensor) -> Scalar:
-        """Return the mask of a sensor's value in a sample x, see `distal.kernels.mask`; a wild
-        value is missing.
+        """Return the mask of a sensor's value in a sample x, see `distal.kernels.mask`; a value
+        that is not `credible` is missing.
         """
         k = self.channels.names.index(sensor.name)
         width = len(self.channels.names)
         return x[1 + width + k] * self.credible(sensor, x[1 + k])
 
     def credible(self, sensor: Sensor, reading: Scalar) -> Scalar:
-        """Return 1 where a drive could be where its sensor says, 0 where the `reading` is wild.
+        """Return 1 where a drive could be where its sensor reads, else 0.
 
-        Geometry is not defined at a position `MOST_TRAVELS` times the travel away, so that no later
-        guard would stop it. What measures no position is always credible.
+        It could not be more than `MOST_TRAVELS` times its travel away, where the tendons' geometry
+        is not defined, so that no later guard would stop the `reading`. A sensor of anything but a
+        position is always credible.
         """
         if sensor.measures != "position" or not self.robustness.asks_positions:
             return 1
@@ -266,8 +283,8 @@ class FilterContext:
         return ca.fabs(reading - self.number(f"{path}.centre")) <= self.number(f"{path}.farthest")
 
     def possible_positions(self, sensor: Sensor) -> tuple[float, float]:
-        """Return the middle of what a position sensor can read, and how far away it can:
-        `MOST_TRAVELS` of its drive.
+        """Return the middle of what a position sensor can read, and the largest distance from it:
+        `MOST_TRAVELS` times its drive's travel and the sensor's errors.
         """
         drives = self.mechanism.rig.drive_names
         low, high = drive_travel(self.mechanism.rig, drives.index(sensor.of))
@@ -276,11 +293,13 @@ class FilterContext:
         return centre, away
 
     def number(self, path: str) -> Scalar:
-        """Return a number of the description, or one that follows from it, see `filter_numbers`."""
+        """Return a parameter of the description by its path, or a number that follows from it, see
+        `filter_inputs`.
+        """
         return self.mechanism.parameters[self._name(path)]
 
     def parameters(self, p: VectorNode, paths: Sequence[str]) -> VectorNode:
-        """Return such numbers of the filter's inputs `p`."""
+        """Return several such values, see `number`, from the filter's inputs `p`."""
         return self.mechanism.parameters.of(p, [self._name(path) for path in paths])
 
     def _name(self, path: str) -> str:
@@ -292,8 +311,8 @@ class FilterContext:
         return self.number(f"{path}.noise") ** 2 + self.number(f"{path}.rounding")
 
     def bias_std(self, sensor: Sensor) -> float:
-        """Return how unsure a sensor's offset is: nothing where the offset is an input of the
-        filter (a fit).
+        """Return the std of a sensor's offset; 0 where the offset is an input of the filter (a
+        fit).
         """
         return (
             0.0
@@ -302,8 +321,8 @@ class FilterContext:
         )
 
     def gain_std(self, sensor: Sensor) -> float:
-        """Return how unsure a sensor's gain is, as a share of it: nothing where it is an input of
-        the filter (a fit).
+        """Return the std of a sensor's gain, as a share of the gain; 0 where the gain is an input
+        of the filter (a fit).
         """
         gain = gain_of(sensor)
         is_input = f"{self.path(sensor)}.gain" in self.mechanism.parameters.inputs
@@ -318,13 +337,13 @@ class FilterContext:
         return f"sensors.{self.mechanism.rig.sensor_names.index(name)}"
 
     def unmodelled(self, joint: int) -> Scalar:
-        """Return the random torque of a joint that the model lacks, as the std of ω that it makes
+        """Return the random torque on a joint that the model lacks, as the std of ω that it makes
         in 1 s [rad/s].
         """
         return self.robustness.unmodelled * self.number(f"joints.{joint}.unmodelled")
 
     def declares_friction(self, drive: int) -> bool:
-        """Return whether the rig declares friction at a drive: more than
+        """Return whether the rig declares friction at a drive: at least
         `Robustness.declared_friction` at its load.
         """
         part = self.mechanism.rig.drives[drive]
@@ -344,5 +363,5 @@ class FilterContext:
 
 
 def has_gain(sensor: Sensor) -> bool:
-    """Return whether a sensor has a gain: those of forces and torques do."""
+    """Return whether a sensor has a gain: sensors of forces and torques do."""
     return "gain" in type(sensor).model_fields

@@ -1,8 +1,8 @@
-"""The adaptive filter, whole: an interval, then a sample. The equations are those of
-docs/reference/adaptive-equations.md.
+"""All steps of the adaptive filter in their order: an interval, then a sample. The equations are
+those of docs/reference/adaptive-equations.md.
 
-The kernel state is the mean, the covariance, what is remembered of each drive's motion, and of each
-drive's force.
+The kernel state is the mean, the covariance, and what is remembered of each drive's motion, of
+forces, and of torques on the joints.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from distal.kernels import Layout, kernel_state_layout
 
 
 def adaptive_layout(states: StateVector) -> Layout:
-    """Return the layout of the kernel state: mean, covariance, what is remembered of each drive's
-    motion, of forces, and of torques on the joints.
+    """Return the layout of the kernel state: mean, covariance, and what is remembered of each
+    drive's motion, of forces, and of torques on the joints.
     """
     context = states.context
     drives = MEMORY * context.n_drives
@@ -41,11 +41,12 @@ def adaptive_layout(states: StateVector) -> Layout:
 def adaptive_function(
     states: StateVector, resolution: float | None = None, trace: bool = False
 ) -> ca.Function:
-    """Return (kernel_state, x, p) → (kernel_state⁺, y) of the displacement-driven filter; y =
-    (innovations, variances).
+    """Return the function (kernel_state, x, p) → (kernel_state⁺, y) of the displacement-driven
+    filter; y = (innovations, variances).
 
-    The `resolution` is of the joints' motion; see `FilterContext.substeps`. With `trace` the
-    predicted mean, its covariance and the transition stand behind y, for smoothing.
+    Args:
+        resolution: of the joints' motion; see `FilterContext.substeps`.
+        trace: append the predicted mean, its covariance and the transition to y, for smoothing.
     """
     nd = states.context.n_drives
     context = states.context
@@ -95,8 +96,8 @@ def adaptive_function(
 def _bounded(
     states: StateVector, mean: VectorNode, covariance: MatrixNode, tracks: VectorNode, p: VectorNode
 ) -> None:
-    """Keep states above their lowest values, and angles as unsure as stops and zeros that jumped
-    make them, in place.
+    """Keep states above their lowest values, and the variances of angles above those that stops and
+    jumped zeros leave, in place.
     """
     for at, lowest in enumerate(states.lowest):
         if np.isfinite(lowest):

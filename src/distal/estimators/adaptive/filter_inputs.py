@@ -1,6 +1,6 @@
-"""The numbers that are inputs of the filter's kernel beside the parameters of the equations.
+"""The inputs of the filter's kernel beside the parameters of the equations.
 
-Rigs that differ in these have the same kernel.
+Rigs that differ only in these values have the same kernel.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ def states_of_rig(
     kinds: Sequence[Kind] = KINDS,
     folded: bool = False,
 ) -> StateVector:
-    """Return the states of a filter, all numbers of the rig being inputs of its kernel.
+    """Return the states of a filter, with all values of the rig as inputs of its kernel.
 
-    They are made twice: what follows from the states themselves are inputs too. What is no
-    parameter of the equations is a constant where it is to be `folded`.
+    The states are made twice, since values that follow from the states themselves are inputs too.
+    With `folded`, inputs that are no parameters of the equations become constants.
     """
 
     def context_with(parameters: Mapping[str, float]) -> FilterContext:
@@ -47,8 +47,8 @@ def states_of_rig(
 
 
 def parameters_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
-    """Yield the numbers of a description that the filter reads beside the equations' parameters,
-    by name.
+    """Yield name and value of each quantity of a description that the filter reads beside the
+    equations' parameters.
     """
     rig = context.mechanism.rig
     channels = context.channels

@@ -1,4 +1,4 @@
-"""What is believed before the first sample, from the rig and from what that sample reads."""
+"""The belief before the first sample, from the rig and from that sample's readings."""
 
 from __future__ import annotations
 
@@ -18,12 +18,14 @@ from distal.regression import carried_size, first_memory
 from distal.rig import LearnedMap, Sensor
 
 UNEXPLAINED_AT_FIRST = 0.25
-"""Mean square of what a force leaves unexplained, as long as nothing is known of it: it may be off
-by as much as it is unsure [1].
+"""Mean square of a force's mean innovation, in stds, before anything is known of it [1]. Source:
+judgement.
 """
 
 Read = Callable[[Sensor, Scalar], Scalar]
-"""Gives a sensor's first value, or what it is given where that is missing."""
+"""Function that returns a sensor's first value, or its second argument where that value
+is missing.
+"""
 
 
 def prior_function(
@@ -33,17 +35,18 @@ def prior_function(
     inputs: int,
     touched: Sequence[int] = (),
 ) -> ca.Function:
-    """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first sample.
+    """Return the function (values, mask, p) → (mean, covariance's diagonal, memory) before the
+    first sample.
 
-    The drives rest where the first sample says; what a play passes on is the first reading of its
-    effort.
+    Drives are at rest at the positions of the first sample; the effort that a play transmits is the
+    first reading of its drive's effort.
 
     Args:
-        maps: that are reported.
-        positions: for each channel where in the kernel state its drive's position stands, None for
-            what is read.
+        maps: learned maps that are reported.
+        positions: for each channel the index in the kernel state of its drive's position, None for
+            readings used as they are.
         inputs: length of p.
-        touched: where in the kernel state stands what share a touch has of each joint.
+        touched: indices in the kernel state of the share that a touch has of each joint.
     """
     context = states.context
     names = context.channels.names
@@ -94,8 +97,8 @@ def prior_function(
 
 
 def _memory(context: FilterContext, read: Read, is_there: Callable[[Sensor], Scalar]) -> Vector:
-    """Return what is remembered of the drives and their forces; a position is unknown where none
-    `is_there`.
+    """Return what is remembered of the drives and their forces at the first sample; the position of
+    a drive is unknown where `is_there` is 0.
     """
     lengths = touch_layout(context)
     memory = ca.SX.zeros(MEMORY * context.n_drives + sum(lengths.values()))
@@ -117,8 +120,8 @@ def _memory(context: FilterContext, read: Read, is_there: Callable[[Sensor], Sca
 def _by_affine_map(
     context: FilterContext, values: Vector, mask: Vector, mean: Vector, variances: Vector
 ) -> None:
-    """Let the map that logs taught say the start, where it knows it better than the rig, in
-    position.
+    """Replace the start of the angles by that of the affine map learned from logs, where it is more
+    certain than the rig's, in place.
     """
     affine = context.mechanism.rig.affine
     names = context.channels.names
@@ -134,8 +137,8 @@ def _by_affine_map(
 
 
 def _begin(context: FilterContext, read: Read) -> Begin:
-    """Return what is read at the first sample; `read` gives a sensor's value, or what it is given
-    where that is missing.
+    """Return the readings of the first sample; `read` gives a sensor's value, or its second
+    argument where that is missing.
     """
     drives = range(context.n_drives)
     cells = {sensor.of: sensor for sensor in context.channels.tensions}

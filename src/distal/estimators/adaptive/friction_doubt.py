@@ -1,8 +1,8 @@
-"""How uncertain the friction limits of joints are whose friction is known to a factor only.
+"""The uncertainty of friction limits of joints whose friction is known to a factor only.
 
-A joint that sticks in the mean has no slopes: its readings would then be explained by wrong
-stiffnesses, although the friction is what is wrong. So the slopes are those of the expectation over
-the limit, as with an uncertain torque, (10).
+At the mean of its limit a joint that sticks has zero slopes: readings that wrong friction causes
+would then be explained by wrong stiffnesses. So the slopes are those of the expectation over the
+limit, as with an uncertain torque, (10).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from distal.expressions import Matrix, Scalar, Vector
 
 
 def doubted_frictions(states: StateVector) -> dict[int, list[int]]:
-    """Return joint → indices of its friction's states, for joints whose friction is known to a
+    """Return joint → indices of the states of its friction, for joints whose friction is known to a
     factor only.
     """
     p = states.context.mechanism.parameters
@@ -33,7 +33,8 @@ def doubted_frictions(states: StateVector) -> dict[int, list[int]]:
 def friction_stds(
     states: StateVector, q: Vector, v: Vector, mean: Vector, covariance: Matrix
 ) -> dict[int, Scalar]:
-    """Return joint → std of its friction limit by what is not known of it [N m], at q and v.
+    """Return joint → std of its friction limit [N m], at q and v, from the uncertainty of its
+    friction.
 
     It is at a symbolic `mean`, (n,), with a `covariance`, (n, n).
     """

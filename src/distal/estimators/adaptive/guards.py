@@ -1,5 +1,5 @@
-"""Guards: outliers of positions and forces, jumps, lost positions. Equations (1), (2), (12), (16),
-(23); numbers in `tuning`.
+"""Guards against outliers of positions and forces, jumps, and lost positions. Equations (1), (2),
+(12), (16), (23); values in `tuning`.
 """
 
 from __future__ import annotations
@@ -12,16 +12,19 @@ from distal.estimators.adaptive.tuning import Robustness
 from distal.expressions import Scalar
 
 STILL_LOST = 3
-"""Power with which a lost position comes to move its joint: one missing sample does no harm."""
+"""Power in (12) with which a lost position moves its joint [1], so that one missing sample does no
+harm. Source: judgement.
+"""
 
 
 def is_far(robustness: Robustness, away: Scalar, motion: Scalar, noise: Scalar) -> Scalar:
-    """Return 1 where a displacement is farther from where it should be than the recent motion can
-    have led: (1).
+    """Return 1 where a displacement is farther from the expected one than the recent motion can
+    explain: (1).
 
-    It is `away` [m, rad] from where the mean speed leads; `motion` is the mean square of the recent
-    motion and what is unknown of the position [m², rad²], `noise` the variance of the sensor's
-    random error.
+    Args:
+        away: distance from the displacement expected by the mean speed [m, rad].
+        motion: mean square of the recent motion, and what is unknown of the position [m², rad²].
+        noise: variance of the sensor's random error.
     """
     if not robustness.guards_displacements:
         return ca.SX(0)
@@ -29,21 +32,23 @@ def is_far(robustness: Robustness, away: Scalar, motion: Scalar, noise: Scalar) 
 
 
 MOST_EVIDENCE = 50.0
-"""Logarithm of odds beyond which nothing becomes likelier: e⁵⁰ is certain."""
+"""Largest logarithm of odds [1]: e⁵⁰ is certain. Source: rounding (overflow of the exponential
+function).
+"""
 
 
 def jump_evidence(change: Scalar, expected: Scalar, variance: Scalar, least: float = 0.5) -> Scalar:
     """Return the logarithm of the likelihood ratio of a real jump to a wild reading, from the
-    change of its force: (2).
+    change of the drive's force: (2).
 
     A light slider rings after a jump: it may be seen anywhere from half to twice as far as its
-    force says. A joint that follows within one interval leaves no force behind: then from none of
-    it to twice as far.
+    force says. A joint that follows within one interval leaves no change of force; then `least` is
+    0, and it may be seen from nowhere to twice as far.
 
     Args:
         change: of the force since the last position that was believed [N, N m].
-        expected: change that the jump would make, ∂F/∂s times it.
-        variance: of the difference of both.
+        expected: change that the jump would make, ∂F/∂s times the jump.
+        variance: of the difference of `change` and `expected`.
         least: smallest share of the expected change that a real jump may show.
     """
     ratio = change * expected / ca.fmax(expected * expected, 1e-300)
@@ -56,10 +61,11 @@ def jump_evidence(change: Scalar, expected: Scalar, variance: Scalar, least: flo
 def chance_of_jump(
     robustness: Robustness, doubt: Scalar, evidence: Scalar, judged: Scalar
 ) -> Scalar:
-    """Return the chance that a reading that is far away is a real jump, after it has been there for
-    `doubt` s: (2).
+    """Return the chance that a far reading is a real jump, after readings have been far for `doubt`
+    s: (2).
 
-    The `evidence` is of the force, see `jump_evidence`; `judged` is 1 where there is any.
+    The `evidence` is that of the force, see `jump_evidence`; `judged` is 1 where there is a force,
+    else 0.
     """
     time = ca.if_else(judged, robustness.persistence, robustness.persistence_alone)
     odds = ca.fmin(
@@ -70,26 +76,27 @@ def chance_of_jump(
 
 
 def followed_share(robustness: Robustness, lost: Scalar) -> Scalar:
-    """Return how far a joint has followed a drive whose position is lost for a time [s], from 0 to
-    1: (12).
+    """Return the share, 0 to 1, of a drive's motion that its joint has followed, after the position
+    was `lost` for a time [s]: (12).
     """
     return (lost / (lost + robustness.follow_time)) ** STILL_LOST
 
 
 def extra_variance(robustness: Robustness, lost: Scalar, unknown: Scalar) -> Scalar:
-    """Return the variance to add to a position that is long lost, so that its force does not speak
-    of the joint: (16).
+    """Return the variance to add to a position that has been lost for long, so that its force does
+    not correct the joint: (16).
 
-    The joint went where the drive went: its error and the position's are one, and cancel in the
-    tension. The filter, to which they are independent, would otherwise share the residual between
-    them. The position is `lost` for so long [s], with the variance `unknown` [m², rad²].
+    The joint went where the drive went: both positions have the same error, which cancels in the
+    tension. The filter takes these errors as independent and would otherwise divide the residual
+    between them. The position has been `lost` for so long [s], and has the variance `unknown` [m²,
+    rad²].
     """
     return robustness.followed_variance * followed_share(robustness, lost) * unknown
 
 
 def robust_variance(robustness: Robustness, variance: Scalar, innovation: Scalar) -> Scalar:
-    """Return the `variance` S' = S max(1, ν²/(c S)), c = `wild_force`: a wild `innovation` ν counts
-    less, (23).
+    """Return the `variance` S' = S max(1, ν²/(c S)), c = `wild_force`, by which a wild `innovation`
+    ν counts less, (23).
     """
     if not isfinite(robustness.wild_force):
         return variance

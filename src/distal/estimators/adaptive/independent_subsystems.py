@@ -1,8 +1,7 @@
-"""One filter of parts that move without one another: each part's own filter, side by side in one
-kernel.
+"""One filter of independent subsystems: the filter of each, side by side in one kernel.
 
-The covariance between parts is zero and stays so; what one part costs, and what its sensors say,
-does not touch the others.
+The covariance between subsystems is zero and stays zero. Neither the time that one subsystem costs
+nor its sensors affect the others.
 """
 
 from __future__ import annotations
@@ -27,14 +26,17 @@ from distal.rig import Subsystem, independent_parts
 
 @dataclass(frozen=True)
 class Apart:
-    """A part of a rig with its own state vector, and where its numbers stand in those of the whole.
+    """An independent subsystem with its own state vector, and the indices of its values among those
+    of the whole filter.
 
     Args:
-        at: of its states, (n,).
+        states: its state vector.
+        at: indices of its states, (n,).
+        drives: of its drives.
         inputs: of its inputs x = (dt, values, mask).
         parameters: of its model's parameters.
         compared: of its innovations.
-        forces: of the forces that are asked for a touch.
+        forces: of its forces that are asked for a touch, among all that are.
         touchable: of its joints that may be touched, among all that may be.
     """
 
@@ -50,7 +52,7 @@ class Apart:
 
 @lru_cache(maxsize=32)
 def subsystems_of(states: StateVector) -> tuple[Apart, ...]:
-    """Return the parts of a filter that do not touch each other; none where there is only one."""
+    """Return the independent subsystems of a filter; none where there is only one."""
     mechanism = states.context.mechanism
     parts = independent_parts(mechanism.rig)
     if len(parts) == 1 or mechanism.parameters.inside:
@@ -96,8 +98,8 @@ def _apart(states: StateVector, part: Subsystem) -> Apart:
 
 
 def _whole_name(part: Subsystem, at: Sequence[int], name: str) -> str:
-    """Return the name among the whole filter's inputs of one of a part's, whose states stand `at`
-    those of the whole.
+    """Return the name among the whole filter's inputs for an input of a subsystem, whose states
+    have the indices `at` in the whole.
     """
     derived = name.startswith(DERIVED)
     path = name.removeprefix(DERIVED)
@@ -110,7 +112,9 @@ def _whole_name(part: Subsystem, at: Sequence[int], name: str) -> str:
 
 
 def _keys(states: StateVector) -> list[tuple[object, str, int]]:
-    """Return for each state its kind, what it is of, and which of several of that kind it is."""
+    """Return for each state its kind, its component, and its number among several of that kind and
+    component.
+    """
     counts = Counter[tuple[object, str]]()
     keys = list[tuple[object, str, int]]()
     for kind, part in zip(states.state_kinds, states.state_parts):
@@ -144,16 +148,17 @@ def _channels(part: Subsystem, channels: Channels) -> Channels:
 
 
 def _stretches(which: Indices, size: int) -> Indices:
-    """Return where the numbers of some things stand that have `size` numbers each."""
+    """Return the indices of the values of some objects that have `size` values each."""
     return (size * which[:, None] + np.arange(size)).ravel()
 
 
 def filter_by_parts(
     states: StateVector, filters: Sequence[tuple[Apart, ca.Function]], layout: Layout, trace: bool
 ) -> ca.Function:
-    """Return (kernel_state, x, p) → (kernel_state⁺, y) of a rig from the filters of its parts.
+    """Return the function (kernel_state, x, p) → (kernel_state⁺, y) of a rig from the filters of
+    its subsystems.
 
-    With `trace` the predicted mean, its covariance and the transition stand behind y.
+    With `trace` the predicted mean, its covariance and the transition are appended to y.
     """
     context = states.context
     n = len(states)

@@ -1,5 +1,5 @@
-"""Let what moves inside the rig follow the bodies over an interval: plays are pushed by their
-bounds, tendons creep. (15b)
+"""Move the internal states of the rig over an interval: plays follow their bounds, tendons creep.
+(15b)
 
 docs/reference/adaptive-equations.md, section 5, "Plays inside the rig".
 """
@@ -22,12 +22,12 @@ from distal.model import clip_moments
 
 TINY_STD = 1e-12
 """Added to the standard deviation of a position, so that its moments stay finite where it is
-certain [m, rad].
+certain [m, rad]. Source: rounding (division by zero).
 """
 
 
 def follow(states: StateVector, prediction: Prediction, interval: Interval) -> None:
-    """Move everything inside to where it is at the end of an interval, in place."""
+    """Move all internal states to the end of an interval, in place."""
     state = prediction.state
     covariance = prediction.covariance
     transition = prediction.transition
@@ -47,8 +47,8 @@ def follow(states: StateVector, prediction: Prediction, interval: Interval) -> N
 
 
 def _ordered(states: StateVector) -> list[BacklashOrSheathState | Strained]:
-    """Return what moves inside in the order in which it moves: points of a sheath from end to end
-    and back.
+    """Return the internal states in the order in which they move: points of a sheath from end to
+    end and back.
     """
     mechanism = states.context.mechanism
     order = list[BacklashOrSheathState | Strained]()
@@ -70,11 +70,11 @@ def _ordered(states: StateVector) -> list[BacklashOrSheathState | Strained]:
 
 
 def following_function(states: StateVector, block: BacklashOrSheathState | Strained) -> ca.Function:
-    """Return (state, variance, tracks, x, p) → (mean, slopes, added variance) of one number inside,
-    after an interval.
+    """Return the function (state, variance, tracks, x, p) → (mean, slopes, added variance) of one
+    internal state after an interval.
 
-    A play: the moments of clip(x_i, x_min, x_max) of a normal x_i (`clip_moments`). A strain: the
-    model's, with its slopes.
+    For a play they are the moments of clip(x_i, x_min, x_max) of a normal x_i (`clip_moments`); for
+    a strain of creep, the model's value with its slopes.
     """
     context = states.context
     n = len(states)

@@ -1,5 +1,5 @@
-"""What the steps of the algorithm hand to each other: an interval with its sample, and what is
-predicted for its end.
+"""The data that the steps of the filter hand to each other: an interval with its sample, and the
+prediction for its end.
 """
 
 from __future__ import annotations
@@ -11,11 +11,13 @@ from distal.expressions import MatrixNode, VectorNode
 
 @dataclass(frozen=True)
 class Interval:
-    """An interval that ends with a sample x = (dt, values, mask), symbolic, with the model's
-    parameters p.
+    """An interval that ends with a sample, all symbolic.
 
-    There are the tracks of the drives at its end, see `Tracks`, and the memory of their motion from
-    its start.
+    Args:
+        tracks: of the drives at its end, see `Tracks`.
+        memory: what was remembered of the drives at its start.
+        x: the sample (dt, values, mask).
+        p: the model's parameters.
     """
 
     tracks: VectorNode
@@ -26,10 +28,12 @@ class Interval:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What is predicted for the end of an interval, symbolic; the steps change it in place.
+    """The prediction for the end of an interval, symbolic; the steps change it in place.
 
-    It is the mean of the state, (n,), the covariance of its error, (n, n), and Φ, the transition
-    from the start, (n, n).
+    Args:
+        state: predicted mean, (n,).
+        covariance: of its error, (n, n).
+        transition: Φ from the start of the interval, (n, n).
     """
 
     state: VectorNode

@@ -1,8 +1,8 @@
-"""Move the joints: measured displacements move the tendons, the tendons move the joints. Equations
-(7) to (10).
+"""Move the joints over an interval: measured displacements move the tendons, the tendons move the
+joints. Equations (7) to (10).
 
 The precise sensor is the input: tensions follow from the joints' angles and the measured
-displacements, so that sliders, their ringing and their stops leave the state.
+displacements, so that sliders, their ringing and their stops are no part of the state.
 """
 
 from __future__ import annotations
@@ -22,19 +22,21 @@ from distal.model import Kick, responses
 
 @dataclass(frozen=True)
 class Moved:
-    """The joints after an interval, symbolic.
+    """The joints after an interval, symbolic, with slopes.
 
-    They move with fewer numbers than there are states: their own motion, the states that enter the
-    model, and the positions of the drives. What changes a drive's position alone, such as its
-    sensor's curve, moves the joints as the position does.
+    The slopes are by fewer values than there are states: by the joints' own motion, the states that
+    enter the model, and the positions of the drives. A state that changes only a drive's position,
+    such as the curve of its sensor, moves the joints as that position does.
 
     Args:
         angles: θ, (n_joints,).
         speeds: ω, (n_joints,).
-        slopes: of θ and ω by the numbers that they move with, transposed, (numbers, 2 n_joints).
-        chosen: which states are among these numbers; the drives' positions come behind them.
-        positions: which states change a drive's position, and its slopes by these, of each drive.
-        speed_variances: what an uncertain torque adds to those of ω beyond its slope, (n_joints,).
+        slopes: of θ and ω by these values, transposed, (values, 2 n_joints).
+        chosen: indices of the states among these values; the drives' positions come after them.
+        positions: for each drive, the indices of the states that change its position, and its
+            slopes by these.
+        speed_variances: added to the variances of ω by uncertain torques, beyond their slopes,
+            (n_joints,).
         rates: mean speed of each drive over the interval, (n_drives,).
     """
 
@@ -47,8 +49,8 @@ class Moved:
     rates: VectorNode
 
     def across(self, matrix: MatrixNode) -> MatrixNode:
-        """Return a matrix (k, n) times the slopes of what the joints move with by the states,
-        transposed, (k, numbers).
+        """Return a matrix, (k, n), times the transposed slopes of the values that move the joints
+        by the states, (k, values).
         """
         by_position = [
             ca.mtimes(matrix[:, at], slopes) if at else ca.MX(matrix.size1(), 1)
@@ -60,7 +62,7 @@ class Moved:
 def moved(
     states: StateVector, count: int, mean: VectorNode, covariance: MatrixNode, interval: Interval
 ) -> Moved:
-    """Return the joints after an interval, moved by `count` sub-steps with their slopes."""
+    """Return the joints after an interval of `count` sub-steps, with their slopes."""
     context = states.context
     memory = interval.memory
     tracks = interval.tracks
@@ -111,8 +113,8 @@ def moved(
 
 
 def _acting(states: StateVector) -> list[int]:
-    """Return which states beside the joints' motion enter the model: its parameters, torques,
-    responses.
+    """Return the indices of the states beside the joints' motion that enter the model: as
+    parameters, torques or responses.
     """
     state = ca.SX.sym("state", len(states))
     nj = states.context.n_joints
@@ -121,7 +123,7 @@ def _acting(states: StateVector) -> list[int]:
 
 
 def _changing(expression: Vector, state: Vector) -> list[int]:
-    """Return which states change an expression."""
+    """Return the indices of the states that change an expression."""
     return sorted({int(i) for i in ca.jacobian(expression, state).sparsity().get_triplet()[1]})
 
 
@@ -138,12 +140,12 @@ def _position_slopes(states: StateVector) -> Matrix:
 
 
 def _interval(states: StateVector, count: int) -> ca.Function:
-    """Return what an interval needs before its sub-steps.
+    """Return the values that are the same for all sub-steps of an interval.
 
-    (mean, P, memory, tracks, x, p) → positions of the drives at its start, their speeds, external
-    torques, slopes of the positions with respect to states (`_place_slopes`); then, the same for
-    all sub-steps, stds of torques and friction limits, the model's parameters, the responses of the
-    bodies, and, where a state changes them, slopes of the joints' responses.
+    The function is (mean, P, memory, tracks, x, p) → positions of the drives at its start, their
+    speeds, external torques, slopes of the positions by states (`_position_slopes`); stds of
+    torques and friction limits, the model's parameters, the responses of the bodies, and, where a
+    state changes them, slopes of the joints' responses.
     """
     context = states.context
     n = len(states)
@@ -206,8 +208,8 @@ def _interval(states: StateVector, count: int) -> ca.Function:
 
 
 def _responding(states: StateVector) -> list[int]:
-    """Return which states change the responses a_ω and b_F of a joint: its inertia and damping act
-    through them alone.
+    """Return the indices of the states that change the responses a_ω and b_F of a joint: its
+    inertia and damping act through them alone.
     """
     mechanism = states.context.mechanism
     state = ca.SX.sym("state", len(states))
@@ -220,11 +222,11 @@ def _responding(states: StateVector) -> list[int]:
 
 
 def _substep(states: StateVector) -> ca.Function:
-    """Return one sub-step of the joints with its slopes, the drives moving as they were measured
-    to.
+    """Return one sub-step of the joints with its slopes; the drives move as measured.
 
-    (q, v, τ, h, σ_τ, p, response, …, the rig's own p) → (q⁺, v⁺, ∂ω⁺/∂θ, ∂ω⁺/∂ω, slopes of ω⁺ by
-    all else that the joints move with, variance added to ω); slopes are transposed.
+    The function is (q, v, τ, h, σ_τ, p, response, …, the rig's own p) → (q⁺, v⁺, ∂ω⁺/∂θ, ∂ω⁺/∂ω,
+    slopes of ω⁺ by all other values that move the joints, variance added to ω); slopes are
+    transposed.
     """
     context = states.context
     nd = states.context.n_drives

@@ -1,5 +1,5 @@
-"""One sub-step of the joints, and the slopes of their speeds: one by one, or all at once where they
-carry one another.
+"""One sub-step of the joints and the slopes of their speeds: joint by joint, or all at once in a
+chain.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from distal.model import (
 
 TINY_STD = 1e-9
 """Added to the standard deviation of a joint's speed so that its moments stay finite where no time
-passes [rad/s].
+passes [rad/s]. Source: rounding (division by zero).
 """
 
 
@@ -34,15 +34,15 @@ passes [rad/s].
 class Moving:
     """The bodies after a sub-step, and the slopes of the joints' speeds.
 
-    Where an external torque can occur, or the friction is known to a factor only, mean and motion
-    are exact, but slopes and the variance left over are those of the expectation over it
-    (`soft_moments`): a stuck joint may be moved by a hand, or may not be stuck, though its
-    linearisation says that it cannot move.
+    Mean and motion are exact. Where an external torque can occur, or the friction is known to a
+    factor only, the slopes and the remaining variance are those of the expectation over torque and
+    friction (`soft_moments`): a hand may move a joint that sticks, or the joint may not stick,
+    although the linearisation says that it cannot move.
 
     Args:
         q: coordinates, (n_bodies,).
         v: velocities, (n_bodies,).
-        by_place: ∂ω⁺/∂q, (n_joints, n_bodies).
+        by_position: ∂ω⁺/∂q, (n_joints, n_bodies).
         by_speed: ∂ω⁺/∂ω, (n_joints, n_joints).
         by_parameter: ∂ω⁺/∂p, (n_joints, n_p).
         by_torque: ∂ω⁺/∂τ, (n_joints, n_joints).
@@ -68,13 +68,15 @@ def moving(
     pushed: Sequence[int],
     doubted: Sequence[int],
 ) -> Moving:
-    """Return the bodies after a sub-step, the drives moving as they were measured to.
+    """Return the bodies after a sub-step; the drives move as measured.
 
     Args:
-        kick: its symbols; the joints' efforts are `torques`.
-        torques: on the joints from outside, symbols, (n_joints,).
-        stds: standard deviations of these and of friction limits, together, symbols, (n_joints,).
-        pushed: indices of the joints on which such a torque can act.
+        context: the rig as the filter reads it.
+        kick: symbols of the sub-step; the joints' efforts are `torques`.
+        torques: external torques on the joints, symbols, (n_joints,).
+        stds: standard deviations of external torque and friction limit together, symbols,
+            (n_joints,).
+        pushed: indices of the joints on which an external torque can act.
         doubted: indices of the joints whose friction is known to a factor only.
     """
     alone = context.mechanism.chain is None and not context.joints_settle
@@ -117,7 +119,8 @@ def _all_at_once(
     pushed: Sequence[int],
     doubted: Sequence[int],
 ) -> Moving:
-    """Return the same of a chain: slopes of an implicit equation, for the joints that slip.
+    """Return the bodies of a chain after a sub-step: slopes of an implicit equation, for the joints
+    that slip.
 
     Z dω⁺ = −∂(Z ω⁺ + h τ_f − b_z).
     """

@@ -1,7 +1,7 @@
-"""What is compared: measured forces, tensions and angles against what follows from the state.
+"""The comparison of measured forces, tensions and angles with those that follow from the state.
 Equations (16) and (17).
 
-A sensor of any other kind says itself what it reads, see `distal.rig.sensors`.
+A sensor of any other kind gives its own expected reading, see `distal.rig.sensors`.
 """
 
 from __future__ import annotations
@@ -21,37 +21,43 @@ from distal.kernels.layout import Layout
 from distal.model import Moment
 
 TIE = 0.3
-"""How closely the transmitted effort fits the tendons' pull, in standard deviations of the effort's
-sensor.
+"""Standard deviation of the transmitted effort around the tendons' pull, in those of the effort's
+sensor [1]. Source: benchmark (benchmarks/guards).
 """
 
 NOMINAL_TIME = 1.0
-"""Time over which an unmeasured pull's departure from its nominal value lasts [s]."""
+"""Time for which an unmeasured pull keeps its departure from its nominal value [s]. Source:
+judgement.
+"""
 
 ROW = Layout(residual=1, limit=1, asymmetry=1, variance=1, mask=1, lasting=1)
-"""Numbers of a row, as in `Row`."""
+"""Layout of the values of a row, as in `MeasurementRow`. Source: definition (layout of a
+vector).
+"""
 
 SLOPED = ("residual", "limit", "asymmetry")
-"""Those of them that move with the state."""
+"""Names of the values of a row that change with the state."""
 
 
 @dataclass(frozen=True)
 class MeasurementRow:
-    """One force, tension or angle to compare, as expressions of a symbolic state.
+    """One force, tension, angle or other reading to compare, as expressions of a symbolic state.
 
     Args:
         name: of its sensor, or of the drive where the pull is only nominal.
-        residual: measured minus expected without friction.
+        residual: measured minus expected, without friction.
         variance: of the sensor and of the drive's position.
-        mask: 0 where it does not count, else see `distal.kernels.mask`.
+        mask: 0 where the row does not count, else see `distal.kernels.mask`.
         limit: friction limit of the drive, the mean of both directions.
         asymmetry: by how much the limit is larger against motion to +, and smaller against motion
             to −.
         drive: index of the drive whose friction is in it, or None.
         measured: whether a sensor measures it; else the pull is nominal.
-        trusted: a reference, which is never taken as wild.
-        lasting: so many samples tell as much of the joints' speeds as one (16b), where it
-            `compares_motion`.
+        trusted: whether it is a reference, which is never taken as wild.
+        lasting: number of samples that tell as much of the joints' speeds as one (16b), where the
+            row `compares_motion`.
+        compares_motion: whether it is of a sensor such as an IMU, whose reading may depend on the
+            joints' speeds.
     """
 
     name: str
@@ -70,11 +76,12 @@ class MeasurementRow:
 def measurement_rows_of(
     states: StateVector, state: Vector, tracks: Tracks[ca.SX], rates: Vector, x: Vector
 ) -> list[MeasurementRow]:
-    """Return what is compared: U = Σ T ∂ℓ/∂s + B_d ṡ + friction of each drive, measured tensions, a
-    reference's angle.
+    """Return the rows to compare: U = Σ T ∂ℓ/∂s + B_d ṡ + friction of each drive, measured
+    tensions, a reference's angle, other sensors.
 
     Args:
         state: symbolic, (n,).
+        tracks: of the drives.
         rates: mean speed of each drive over the interval, (n_drives,).
         x: the sample.
     """
@@ -157,8 +164,8 @@ def measurement_rows_of(
 
 
 def away_from_stops(context: FilterContext, drive: int, position: Scalar) -> Scalar:
-    """Return 1 where the `position` of a drive is certainly not at a stop: there the contact force
-    is unknown, (17).
+    """Return 1 where the `position` of a drive is certainly not at a stop, since the contact force
+    there is unknown, else 0: (17).
     """
     part = context.mechanism.rig.drives[drive]
     sensor = context.position_sensor(drive)
@@ -175,7 +182,7 @@ def away_from_stops(context: FilterContext, drive: int, position: Scalar) -> Sca
 
 @dataclass(frozen=True)
 class MeasurementSlopes:
-    """Slopes of a row by the state, (n, 1) each."""
+    """Slopes of a row's residual, limit and asymmetry by the state, (n, 1) each."""
 
     residual: VectorNode
     limit: VectorNode
@@ -184,7 +191,12 @@ class MeasurementSlopes:
 
 @dataclass(frozen=True)
 class RowAt:
-    """A row at a state: what is compared, its numbers (a `ROW`), and their slopes."""
+    """A row at a state.
+
+    Args:
+        values: its values, in the layout `ROW`.
+        slopes: their slopes by the state.
+    """
 
     row: MeasurementRow
     values: VectorNode
@@ -193,8 +205,10 @@ class RowAt:
 
 @dataclass(frozen=True)
 class Rows:
-    """What is compared, as one function (state, tracks, rates, x, p) → `ROW` and `Slopes` of each
-    row.
+    """All rows to compare, as one function of the state.
+
+    Args:
+        function: (state, tracks, rates, x, p) → values (`ROW`) and slopes of each row.
     """
 
     rows: Sequence[MeasurementRow]
@@ -202,7 +216,7 @@ class Rows:
 
     @classmethod
     def of(cls, states: StateVector) -> Rows:
-        """Return what is compared, as a function of the state."""
+        """Return the rows of a state vector."""
         context = states.context
         state = ca.SX.sym("state", len(states))
         vector = ca.SX.sym("tracks", Tracks.size(context.n_drives))
@@ -229,8 +243,8 @@ class Rows:
     def at(
         self, state: VectorNode, tracks: VectorNode, rates: VectorNode, x: VectorNode, p: VectorNode
     ) -> list[RowAt]:
-        """Return each row with its values and slopes; `tracks` and `rates` are as in `Moved` and
-        `Interval`.
+        """Return each row with its values and slopes at a `state`; `tracks` are as in `Interval`,
+        `rates` as in `Moved`.
         """
         outputs = self.function(state=state, tracks=tracks, rates=rates, x=x, p=p)
         return [

@@ -1,5 +1,5 @@
-"""What the rig's equations say at given positions of its bodies, as one function that several steps
-of the filter share.
+"""The rig's equations at given positions of its bodies, as one function that several steps of the
+filter share.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from distal.estimators.adaptive.filter_context import FilterContext
 
 
 def mechanics_function(context: FilterContext) -> ca.Function:
-    """Return (q, v, p) → tensions, pulls on the bodies, their dampings, friction limits and
-    asymmetries, slopes by q.
+    """Return the function (q, v, p) → tensions, pulls on the bodies, their dampings, friction
+    limits and asymmetries, slopes of tensions and of pulls by q.
     """
     mechanism = context.mechanism
     q = ca.SX.sym("q", mechanism.n_bodies)

@@ -1,4 +1,4 @@
-"""Predict mean and covariance: angles and speeds as they moved, all else stays, fades or walks.
+"""Predict mean and covariance: angles and speeds move, all other states stay, fade or walk.
 Equations (11) to (13).
 """
 
@@ -20,10 +20,10 @@ from distal.expressions import MatrixNode, Scalar, ScalarNode, Vector, VectorNod
 def predicted(
     states: StateVector, mean: VectorNode, covariance: MatrixNode, moved: Moved, interval: Interval
 ) -> tuple[VectorNode, MatrixNode]:
-    """Return mean and covariance after the joints have moved and what walks has walked: equations
-    (10) to (12).
+    """Return mean and covariance after the joints have moved and the walks of an interval:
+    equations (10) to (12).
 
-    Only angles and speeds move: the rest of the covariance stays, but for walks.
+    Only angles and speeds move; the rest of the covariance stays, but for walks.
     """
     context = states.context
     n = len(states)
@@ -64,8 +64,8 @@ def _corner(context: FilterContext) -> ca.Function:
     """Return (M P Mᵀ, S_drives, added to ω, tracks, memory, x, p) → the covariance of angles and
     speeds.
 
-    Positions err by their variances, unknown torques and unmodelled ones shake the speeds, lost
-    positions may have been followed.
+    Added are the variances of the drives' positions, of uncertain and unmodelled torques, and of
+    the motion that joints may have made with drives whose positions are lost.
     """
     nj = context.n_joints
     nd = context.n_drives
@@ -115,13 +115,18 @@ def _corner(context: FilterContext) -> ca.Function:
 
 
 def followed_variance(context: FilterContext, joint: int, tracks: Vector, memory: Vector) -> Scalar:
-    """Return the variance of θ by `tracks` of drives, and `memory`, whose position is not known:
-    the joint follows at its arm.
+    """Return the variance of θ of a joint because it may have followed drives whose positions are
+    not known. Equation (12).
 
-    What an unknown position does within one interval is small, but it stays wrong until it is
-    measured
-    again: the longer it is missing, the more the joint has followed it. One missing sample does no
-    harm. Equation (12).
+    The effect of an unknown position within one interval is small, but it lasts until the position
+    is measured again: the longer it is missing, the more the joint has followed. One missing sample
+    does no harm.
+
+    Args:
+        context: the rig as the filter reads it.
+        joint: index of the joint.
+        tracks: of the drives, after the interval.
+        memory: what was remembered of the drives before it.
     """
     total = ca.SX(0)
     drives = Tracks(tracks, context.n_drives)
@@ -135,8 +140,8 @@ def followed_variance(context: FilterContext, joint: int, tracks: Vector, memory
 def shifted_variance(
     context: FilterContext, joint: int, tracks: VectorNode, p: VectorNode
 ) -> ScalarNode:
-    """Return the variance of θ by drives of which nobody knows whether they jumped or the zeros of
-    their sensors: (31).
+    """Return the variance of θ from drives of which it is not known whether they or the zeros of
+    their sensors jumped: (31).
     """
     total = ca.MX(0)
     drives = Tracks(tracks, context.n_drives)
@@ -151,10 +156,10 @@ def revert(
     opened: Mapping[int, ScalarNode],
     interval: Interval,
 ) -> None:
-    """Let what fades fade towards zero over an interval, in place: x⁺ = f x, variance σ² (1 − f²)
+    """Let the states that fade do so over an interval, in place: x⁺ = f x, variance σ² (1 − f²)
     added. Equation (13).
 
-    To σ² of the torque on a joint is added the variance that is `opened` (13b).
+    For the external torque on a joint, the variance that is `opened` is added to σ² (13b).
     """
     sample = ca.SX.sym("x", states.context.width)
     fadings = states.fadings(sample[0])
@@ -187,8 +192,8 @@ def _open_together(
     opened: Mapping[int, ScalarNode],
     interval: Interval,
 ) -> None:
-    """Add what contacts make together of the torques on two joints to their covariance, in place.
-    Equation (13b).
+    """Add the covariance of two joints' torques that the same contact makes, in place. Equation
+    (13b).
     """
     context = states.context
     covariance = prediction.covariance
@@ -209,8 +214,8 @@ def _open_together(
 
 
 def set_row(covariance: MatrixNode, at: int, row: VectorNode, variance: ScalarNode) -> None:
-    """Replace a row and a column of a covariance by `row`, (n, 1), with `variance` on the diagonal,
-    in place.
+    """Replace row and column `at` of a covariance by `row`, (n, 1), with `variance` on the
+    diagonal, in place.
     """
     covariance[:, at] = row
     covariance[at, :] = row.T

@@ -1,5 +1,5 @@
-"""Between two slack tendons no force tells where a joint is, but it lies within the play that they
-leave: (26b).
+"""Between two slack tendons no force tells where a joint is, but the joint lies within the play
+that they leave: (26b).
 """
 
 from __future__ import annotations
@@ -18,18 +18,21 @@ from distal.expressions import MatrixNode, VectorNode
 from distal.kernels.mask import is_there
 
 LIMIT_STDS = 3.0
-"""A force is no larger than it is read to be, so many stds of its sensor added [1]."""
+"""Number of stds of its sensor that is added to a force to have its largest possible value [1].
+Source: judgement.
+"""
 
 
 def within_play(
     states: StateVector, mean: VectorNode, covariance: MatrixNode, interval: Interval
 ) -> tuple[VectorNode, MatrixNode]:
-    """Return mean and covariance with what the plays say: (26b).
+    """Return mean and covariance after joints between slack tendons are held within their plays:
+    (26b).
 
     A drive that pulls with no more than U_most stretches each tendon of a pair by no more than
-    U_most/(r k), so that the joint lies within a width w. Where the filter is less sure than if all
-    positions of that were alike, w²/12, it is as sure as that. The rule says the same at every
-    sample, so that it is counted once.
+    U_most/(r k), so that the joint lies within a width w. A variance above w²/12, that of a uniform
+    distribution over w, is reduced to it. The same rule holds at every sample, so that repeating it
+    reduces the variance no further. It changes angles, speeds and external torques only.
     """
     updates = Downdate(covariance)
     parameters = dict.fromkeys(range(2 * states.context.n_joints, len(states)), 0.0)
@@ -52,8 +55,8 @@ def within_play(
 
 
 def slack_pairs(context: FilterContext) -> Iterator[tuple[int, int, int]]:
-    """Yield drive and tendons of each pair that may be slack on both sides, of drives whose
-    position and force are read.
+    """Yield drive and both tendons, by index, of each pair that may be slack on both sides, for
+    drives whose position and force are read.
     """
     rig = context.mechanism.rig
     p = context.mechanism.parameters
@@ -75,11 +78,10 @@ def slack_pairs(context: FilterContext) -> Iterator[tuple[int, int, int]]:
 
 
 def slack_pair_function(states: StateVector, drive: int, pair: list[int]) -> ca.Function:
-    """Return (state, tracks, x, p) → how far from the middle of its play a joint is, the width,
-    whether they are known.
+    """Return the function (state, tracks, x, p) → the joint's distance from the middle of its play,
+    the play's width, whether both are known, and the distance's slope by the state.
 
-    The last is the slope of the first by the state, (n, 1), sparse. Both are measured along a
-    tendon [m].
+    Distance and width are measured along a tendon [m]; the slope is (n, 1), sparse.
     """
     context = states.context
     mechanism = states.context.mechanism

@@ -1,5 +1,5 @@
-"""Whether a stop holds a joint, as the filter judges it from its mean; of a kick
-`distal.model.stops` says it.
+"""Whether a stop holds a joint, by the filter's mean; within a time step, `distal.model.stops` says
+it.
 """
 
 from __future__ import annotations
@@ -10,12 +10,14 @@ from distal.estimators.adaptive.states import StateVector
 from distal.expressions import MatrixNode, ScalarNode, VectorNode
 
 UNSURE = 2.0
-"""A joint that is fewer standard deviations than this before a stop may be held by it, (24b)."""
+"""Distance of a joint before a stop, in stds of its angle, below which the stop may hold it, (24b)
+[1]. Source: judgement.
+"""
 
 
 def depths_in_stops(states: StateVector, mean: VectorNode, p: VectorNode) -> dict[int, ScalarNode]:
-    """Return joint → how deep its angle is in its stop, negative before it [rad]; joints without
-    stops are left out.
+    """Return joint → depth of its angle in its stop, negative before it [rad]; joints without stops
+    are left out.
 
     It is at a `mean`, (n,), with the kernel's parameters p.
     """
@@ -32,10 +34,12 @@ def depths_in_stops(states: StateVector, mean: VectorNode, p: VectorNode) -> dic
 def sure_of_stops(
     states: StateVector, mean: VectorNode, covariance: MatrixNode, p: VectorNode
 ) -> list[ScalarNode]:
-    """Return of each drive 0 where it is not known whether a stop holds a joint that it moves, else
-    1; with one joint 1.
+    """Return for each drive 0 where it is uncertain whether a stop holds a joint that the drive
+    moves, else 1.
 
-    It is at a `mean`, (n,), and `covariance`, (n, n), with the kernel's parameters p.
+    It is uncertain where a joint is before its stop by less than `UNSURE` stds. With a single joint
+    it is always 1. It is at a `mean`, (n,), and `covariance`, (n, n), with the kernel's parameters
+    p.
     """
     rig = states.context.mechanism.rig
     sure = [ca.MX(1.0) for _ in rig.joints]

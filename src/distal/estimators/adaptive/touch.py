@@ -1,11 +1,11 @@
-"""Touched or free: a torque from outside may act on a joint once its forces say so.
+"""Find whether something touches a joint: an external torque may act on it once its forces say so.
 
 Equations (13b), (29), (30), (32) and (33).
 
-The mean innovation of each force is compared with what is normal in free motion. What is more than
-that opens the variance of a torque on the joints that the force moves (a test of the innovations
-against a jump of a state: Willsky and Jones, IEEE TAC 21, 1976). While it is open, the size of the
-torque itself keeps it open, so that it fits a light touch and a wall alike.
+The mean innovation of each force is compared with what is normal in free motion. The part beyond
+that opens the variance of an external torque on the joints that the force moves (a test of the
+innovations against a jump of a state: Willsky and Jones, IEEE TAC 21, 1976). Then the size of the
+torque itself keeps the variance open, so that a light touch and a wall are both followed.
 """
 
 from __future__ import annotations
@@ -25,85 +25,108 @@ from distal.kernels.layout import Layout
 from distal.rig import Sensor
 
 EVIDENCE_TIME = 0.05
-"""Time constant of the mean innovation of a force [s]."""
+"""Time constant of the mean innovation of a force [s]. Source: judgement."""
 
 OPENED = 3.0
-"""So many times the part of a force that is not normal is the std of what opens [1]: a torque that
-changes within its correlation time is followed at once. docs/results/touch.md
+"""Std of the torque that is opened, per part of a force that is not normal [1], so that a torque
+that changes within its correlation time is followed at once. Source: benchmark
+(docs/results/touch.md).
 """
 
 CLOSING_TIME = 0.3
-"""Time constant with which the opened std is forgotten [s]: docs/results/touch.md."""
+"""Time constant with which the opened std is forgotten [s]. Source: benchmark
+(docs/results/touch.md).
+"""
 
 CLEARLY = 3.0
+"""Number of times the smallest torque that is felt, beyond which a torque is clear and may come
+back [1]. Source: benchmark (docs/results/touch.md).
+"""
+
 LASTING_TIME = 2.4
-"""A torque beyond so many times the smallest that is felt [1] may come back: its std is forgotten
-with this time constant [s]. docs/results/touch.md
+"""Time constant with which the std of a clear torque is forgotten [s]. Source: benchmark
+(docs/results/touch.md).
 """
 
 PACE_TIME = 0.1
-"""For so long after a fast motion its forces are less sure [s]."""
+"""Time constant with which a fast motion is forgotten, after which forces are less certain [s].
+Source: judgement.
+"""
 
 USUAL_TIME = 2.5
-"""Time constant of what is usual of a force where no log says what is normal [s]."""
+"""Time constant of the mean square of a force's mean innovation, where no log says what is normal
+[s]. Source: judgement.
+"""
 
 UNEXPLAINED = 0.7
+"""Smallest mean innovation, in stds, that is not normal where no log says what is [1]. Source:
+benchmark (docs/results/chains.md, "Something happens").
+"""
+
 UNUSUAL = 4.0
-"""Without such logs, normal is the larger of so many stds and so many times what is usual [1]:
-docs/results/chains.md, "Something happens".
+"""Mean innovation, in those that are usual, that is not normal where no log says what is [1].
+Source: benchmark (docs/results/chains.md, "Something happens").
 """
 
 TOUCHING = 4.0
-"""A torque of so many times the smallest that is felt is a touch with a probability of one half
-[1]: with 2 a finger reports 46 touches in 10 min of free motion, with 4 none (benchmarks
-false_touches).
+"""Torque, in the smallest that is felt, at which a touch has a probability of one half [1]: with 2
+a finger reports 46 touches in 10 min of free motion, with 4 none. Source: benchmark
+(benchmarks/false_touches).
 """
 
 STILL = 0.06
-"""A touch ends where its probability falls below this, at twice the smallest torque [1]."""
+"""Probability below which a touch ends [1]: that of twice the smallest torque that is felt. Source:
+judgement.
+"""
 
 SURE = 3.0
-"""A force is no larger than it is read to be, so many stds of its sensor added [1]."""
+"""Number of stds of its sensor that is added to a force to have its largest possible value [1].
+Source: judgement.
+"""
 
 SMALLEST_TORQUE = 1e-30
-"""Square of a torque that is none, so that nothing is divided by zero [(N m)²]."""
+"""Square of a torque that counts as zero [(N m)²]. Source: rounding (division by zero)."""
 
 NORMAL = ("at_rest", "moving", "fastest")
-"""Names of what is normal of a force in free motion, see `FreeMotion`."""
+"""Names of the values that say what is normal of a force in free motion, see `FreeMotion`."""
 
 DRIVE = Layout(friction=1, pace=1)
-"""What is remembered of a drive's force: of its friction (see `Comparison`), and the largest recent
-square of its speed over the spread of its positions [1/s²].
+"""Layout of what is remembered of a drive's force: of its friction (see `Comparison`), and the
+largest recent square of its speed over the spread of its positions [1/s²]. Source: definition
+(layout of a vector).
 """
 
 FORCE = Layout(mean=1, force=1, usual=1)
-"""What is remembered of a force or tension that is compared: its mean innovation in stds [1] and as
-a force [N, N m], and the mean square of the first [1].
+"""Layout of what is remembered of a force or tension that is compared: its mean innovation in stds
+[1] and as a force [N, N m], and the mean square of the first [1]. Source: definition (layout of a
+vector).
 """
 
 TORQUE = Layout(opened=1, clear=1, share=1, probability=1, since=1)
-"""What is remembered of the torque on a joint: the variance that opened, that of a clear touch [(N
-m)²], the share of it that a touch has, 0 (free) to 1, how probable a touch is, and for how long it
-has been [s].
+"""Layout of what is remembered of the torque on a joint: the opened variance and that of a clear
+touch [(N m)²], the share of a touch, 0 (free) to 1, its probability, and for how long it has lasted
+[s]. Source: definition (layout of a vector).
 """
 
 
 WEIGHED = ("excess", "normal", "most", "used")
-"""What of the evidence of a force weighs on a torque, behind what the torques explain of it."""
+"""Names of the parts of the evidence of a force that `opening_function` weighs, after what the
+torques explain of it.
+"""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What one force says of a touch.
+    """The evidence of a touch in one force.
 
     Args:
         mean: its mean innovation, in stds.
-        force: the same as a force [N, N m].
-        usual: mean square of the first.
-        excess: square of the part of it that is not normal [N², (N m)²].
+        force: its mean innovation as a force [N, N m].
+        usual: mean square of `mean`.
+        excess: square of the part of `force` that is not normal [N², (N m)²].
         normal: square of the largest mean innovation that is normal [N², (N m)²].
         most: square of the largest force that may act, by what is read [N², (N m)²].
-        used: 1 where it is read.
+        used: 1 where the force is read, else 0.
     """
 
     mean: ScalarNode
@@ -121,8 +144,8 @@ class Remembered:
     in place.
 
     Args:
-        drives: a `DRIVE` for each.
-        forces: a `FORCE` for each that is asked for a touch, by its sensor's name.
+        drives: a `DRIVE` for each drive.
+        forces: a `FORCE` for each force or tension that is asked for a touch, by its sensor's name.
         torques: a `TORQUE` for each joint that may be touched, by its index.
     """
 
@@ -132,7 +155,7 @@ class Remembered:
 
     @classmethod
     def of(cls, context: FilterContext, layout: Layout, kernel_state: VectorNode) -> Remembered:
-        """Return what a kernel state remembers."""
+        """Return what a kernel state remembers, as symbols by name."""
         names = [sensor.name for sensor in compared_forces(context)]
         torques = _each(TORQUE, layout.part(kernel_state, "torques"), len(context.touchable))
         forces = _each(FORCE, layout.part(kernel_state, "evidence"), len(names))
@@ -144,7 +167,7 @@ class Remembered:
 
     @property
     def opened(self) -> dict[int, ScalarNode]:
-        """The variance that is open of the torque on each joint [(N m)²]."""
+        """Joint → the open variance of the external torque on it [(N m)²]."""
         return {joint: torque["opened"] for joint, torque in self.torques.items()}
 
     @property
@@ -153,7 +176,7 @@ class Remembered:
         return reduce(ca.fmax, (torque["since"] > 0 for torque in self.torques.values()), ca.MX(0))
 
     def joined(self) -> dict[str, VectorNode]:
-        """Return the parts of a kernel state."""
+        """Return the parts of a kernel state that hold what is remembered."""
         return {
             "forces": ca.vertcat(*(DRIVE.joined(**drive) for drive in self.drives)),
             "evidence": ca.vertcat(ca.MX(0, 1), *(FORCE.joined(**f) for f in self.forces.values())),
@@ -169,7 +192,9 @@ def _each(layout: Layout, vector: VectorNode, count: int) -> list[dict[str, Scal
 
 
 def compared_forces(context: FilterContext) -> tuple[Sensor, ...]:
-    """Return the forces and tensions that are compared, if a touch is looked for at all."""
+    """Return the sensors of forces and tensions that are asked for a touch; none where no joint may
+    be touched.
+    """
     if not context.touchable:
         return ()
     forces = (*context.channels.forces, *context.channels.tensions)
@@ -177,8 +202,8 @@ def compared_forces(context: FilterContext) -> tuple[Sensor, ...]:
 
 
 def paced(states: StateVector, kept: Remembered, interval: Interval) -> ScalarNode:
-    """Return Σ of the largest recent squares of the drives' speeds over their spreads, (29); what
-    is remembered of each changes in place.
+    """Return Σ of the largest recent squares of the drives' speeds over their spreads, (29); the
+    square of each drive changes in place.
     """
     fade = ca.exp(-2 * interval.x[0] / PACE_TIME)
     total = ca.MX(0)
@@ -191,10 +216,12 @@ def paced(states: StateVector, kept: Remembered, interval: Interval) -> ScalarNo
 
 
 def evidence_function(context: FilterContext) -> ca.Function:
-    """Return (kept, ν, S, used, pace, U, σ, normal, dt) → the parts of `Evidence` of a force: (30).
+    """Return the function (kept, ν, S, used, pace, U, σ, normal, dt) → the parts of `Evidence` of a
+    force: (30).
 
-    The mean z̄ of ν/√S over `EVIDENCE_TIME` is compared with z_w of (29) of logs in free
-    motion, by `normal` = (z_a, z_b, n_m). One sample alone never exceeds it.
+    The mean z̄ of ν/√S over `EVIDENCE_TIME` is compared with z_w of (29), which follows from
+    `normal` = (z_a, z_b, n_m), learned from logs in free motion. Each ν/√S is limited, so that at
+    intervals below 35 ms one sample alone never exceeds z_w.
     """
     kept = ca.SX.sym("kept", FORCE.size)
     normal = ca.SX.sym("normal", len(NORMAL))
@@ -270,15 +297,16 @@ def open_torques(
 
 
 def opening_function(count: int) -> ca.Function:
-    """Return (kept, τ_ext, weighed, b, dt) → what is remembered of a torque by some forces: (32),
-    (33).
+    """Return the function (kept, τ_ext, weighed, b, dt) → what is remembered of the torque on a
+    joint, by several forces: (32), (33).
 
-    A force U that changes by a_τ for a unit of torque on a joint changes by b = √(a_τᵀ C_τ a_τ)
-    over the joint's own √C_τ for one with what contacts make beside it. It feels one beyond
-    √(normal)/b; all together beyond τ₀, 1/τ₀² = Σ b²/normal. The torques explain Σ a_τ τ_ext of
-    each force, z² = Σ explained²/normal of all. The opened variance is the largest of what it was,
-    fading, of `OPENED`² Σ excess/b², and of τ₀² (z² − 1); that of a clear torque fades slowly. No
-    torque is larger than the forces that are read hold: Σ √most/b.
+    A unit of torque on a joint changes a force U by a_τ. The torque of a contact, with those on
+    other joints that come with it, changes U by b = √(a_τᵀ C_τ a_τ) over the joint's own √C_τ, per
+    unit of torque on the joint. The force shows a torque beyond √(normal)/b; all forces together
+    show one beyond τ₀, 1/τ₀² = Σ b²/normal. The estimated torques explain Σ a_τ τ_ext of each
+    force, and z² = Σ explained²/normal over all. The opened variance is the largest of three: its
+    last value, fading; `OPENED`² Σ excess/b²; and τ₀² (z² − 1). That of a clear torque fades
+    slowly. No torque is larger than the measured forces allow: Σ √most/b.
     """
     kept = ca.SX.sym("kept", TORQUE.size)
     by_contact = ca.SX.sym("b", count)
@@ -312,7 +340,7 @@ def opening_function(count: int) -> ca.Function:
 
 
 def touch_layout(context: FilterContext) -> dict[str, int]:
-    """Return the lengths of what is remembered of forces and torques, for the kernel state."""
+    """Return the lengths of the parts of the kernel state that remember forces and torques."""
     return {
         "forces": DRIVE.size * context.n_drives,
         "evidence": FORCE.size * len(compared_forces(context)),

@@ -1,5 +1,5 @@
-"""Play: what a drive's transmission passes on follows the measured effort by its hysteresis.
-Equations (14) and (15).
+"""The effort that a drive's transmission passes on follows the measured effort by a play operator
+(hysteresis). Equations (14) and (15).
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from distal.kernels.mask import is_read
 from distal.model import clip_moments
 
 CREST = 2.0
-"""A play is moved by the crests of the noise: its limits are wider by this many of its standard
-deviations.
+"""Number of stds of the effort's noise by which the limits of a play are widened [1], since crests
+of the noise would move it. Source: benchmark (benchmarks/guards).
 """
 
 TINY_STD = 1e-9
 """Added to the standard deviation of x_z, so that its moments stay finite where it is certain [N, N
-m].
+m]. Source: rounding (division by zero).
 """
 
 
@@ -34,13 +34,19 @@ def play(
     remembered: ScalarNode,
     interval: Interval,
 ) -> ScalarNode:
-    """Let what a drive transmits follow the measured effort by its play, in place; return the
-    effort to remember.
+    """Let the effort that a drive transmits follow its measured effort by the play, in place;
+    return the effort to remember.
 
     x_z⁺ = mean of clip(x_z, U − B_d ṡ − H, U − B_d ṡ + H) of a normal x_z (`clip_moments`): where
-    it is free, it and its uncertainty stay; where it is held at a limit, it is as certain as the
-    limit. Noise of U does not wear it down. The drives' mean speeds over the interval are `rates`,
-    (n_drives,); `remembered` is their smoothed effort.
+    x_z is between the limits, it and its uncertainty stay; at a limit it is as certain as the
+    limit. U is smoothed, so that its noise does not move the play.
+
+    Args:
+        drive: index of the drive.
+        prediction: is changed.
+        rates: mean speed of each drive over the interval, (n_drives,).
+        remembered: the drive's smoothed effort.
+        interval: with its sample.
     """
     state = prediction.state
     covariance = prediction.covariance
@@ -63,7 +69,9 @@ def play(
 def smoothed_effort(
     context: FilterContext, block: Transmitted, remembered: Scalar, x: Vector
 ) -> Scalar:
-    """Return a drive's effort in a sample x, smoothed with the one `remembered`, 0 for none yet."""
+    """Return a drive's effort in a sample x, smoothed with the `remembered` one, which is 0 before
+    the first.
+    """
     effort = context.value(x, block.sensor)
     following = remembered + context.number(block.weight_name) * (effort - remembered)
     return ca.if_else(
@@ -74,8 +82,8 @@ def smoothed_effort(
 
 
 def play_function(states: StateVector, drive: int) -> ca.Function:
-    """Return (state, variance of z, tracks, rates, effort, x, p) → (z⁺, slopes, added variance, is
-    it read, effort⁺).
+    """Return the function (state, variance of z, tracks, rates, effort, x, p) → (z⁺, slopes, added
+    variance, whether the effort is read, effort⁺).
     """
     context = states.context
     n = len(states)

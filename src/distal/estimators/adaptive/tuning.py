@@ -1,9 +1,9 @@
-"""The tuning of the filter: how fast unknowns may change, how fast it learns, and when a reading is
-an outlier.
+"""The tuning of the filter: how fast unknowns may change, how fast they are learned, and when a
+reading is an outlier.
 
 `Robustness` is one frozen description; `Robustness.none()` leaves the textbook filter.
-docs/explanation/adaptive-guards.md says where each number stands in the algorithm, `guards` has
-what is computed with those on wild readings and lost drives.
+docs/explanation/adaptive-guards.md says where each value enters the algorithm; `guards` has the
+equations for wild readings and lost drives.
 """
 
 from __future__ import annotations
@@ -16,48 +16,50 @@ from distal.estimators.dead_sensors import DEAD
 
 @dataclass(frozen=True)
 class Robustness:
-    """The numbers of the guards; each default says its unit, its meaning, and where it was
-    measured.
+    """The values of the guards; the text under each default says where it was measured.
 
     Args:
-        wild_displacement: a reading farther than this times the recent motion from where it should
-            be is wild [1].
-        real_jump: chance that a reading that is far from where it should be is a real jump, if
-            nothing else is known [1].
-        persistence: a jump that stays for so long is 100 times as likely real; where a force can
-            judge it [s].
+        wild_displacement: distance of a reading from the expected one, in recent motions, beyond
+            which the reading is wild [1].
+        real_jump: chance that a far reading is a real jump, if nothing else is known [1].
+        persistence: time after which a jump that stays is 100 times as likely real, where a force
+            can judge it [s].
         persistence_alone: the same where no force can [s].
         bend_share: share of the bend between samples that a straight line may miss [1].
         follow_time: time in which the joint follows a drive whose position is not known [s].
-        followed_variance: how often the variance of a position that is lost is added to its force
+        followed_variance: factor with which the variance of a lost position is added to its force
             [1].
-        wild_force: a squared innovation beyond this times its variance counts less [1].
-        sticking_time: for so long friction of a drive that sticks is the same [s].
-        turning_time: the same while a drive turns back [s].
-        beyond_time: for so long what a force beyond its drive's friction tells counts as one sample
-            [s]; 0: each does.
+        wild_force: squared innovation, in its variances, beyond which an innovation counts less
+            [1].
+        sticking_time: time for which friction of a drive that sticks stays the same [s].
+        turning_time: time for which it stays the same while a drive turns back [s].
+        beyond_time: time in which all samples of a force beyond its drive's friction count as one
+            [s]; 0: each counts.
         unknown_friction: std of friction that the rig does not declare, in those of the drive's
-            force sensor [1]; 0: not looked for.
+            force sensor [1]; 0: not estimated.
         unknown_friction_walk: its random walk, in the same unit per √s.
-        declared_friction: a drive with more friction than this at its nominal load declares it [N].
-        learning_time: for so long what a force tells of a parameter counts as one sample [s] (24).
-        learning_time_guarded: the same of a force whose drive declares no friction [s].
-        creep_learning_time: the same for the creep of a tendon, of all forces [s].
-        reference_time: the same of a joint's own angle and the numbers of the rig [s]; 0: each
-            does.
+        declared_friction: a drive with at least this friction at its nominal load declares it [N].
+        learning_time: time in which all samples of a force count as one for the parameters [s]
+            (24).
+        learning_time_guarded: the same for a force whose drive declares no friction [s].
+        creep_learning_time: time in which all samples of all forces count as one for the creep of a
+            tendon [s].
+        reference_time: time in which all samples of a reference angle count as one for the
+            parameters [s]; 0: each counts.
         parameter_walk: random walk of a parameter without a `drift`, in its standard deviations per
             √s.
         unmodelled: share of the rig's `unmodelled` torque that is added [1].
-        angle_walk: random walk of the joints' angles, which a stuck joint's model does not have
+        angle_walk: random walk of the joints' angles, which the model of a stuck joint lacks
             [rad/√s].
-        dead_time: a position that is silent for so long, and for five intervals, may not come back
-            [s].
-        opens_torques: a torque that the rig does not declare may act on a joint once forces say so
-            (29).
-        zeros_jump: the zero of a position sensor may jump, where the drive's force contradicts a
-            jump of the drive (2b).
-        moving_only: count only forces of drives that clearly move where friction is declared, as a
-            fit does.
+        dead_time: time without a value, if it is also five intervals, after which a position may
+            not come back [s].
+        opens_torques: whether an external torque that the rig does not declare may act on a joint
+            once forces say so (29).
+        zeros_jump: whether the zero of a position sensor may jump, where the drive's force
+            contradicts a jump of the drive (2b).
+        moving_only: where friction is declared, let only forces of drives that clearly move count,
+            as a fit does.
+        asks_positions: whether positions that no drive can have are taken as missing.
     """
 
     wild_displacement: float = 6.0
@@ -129,9 +131,7 @@ class Robustness:
     moving_only: bool = False
     """docs/explanation/learning.md, "The criterion\""""
     asks_positions: bool = True
-    """Whether positions that no drive can have are missing; a fit leaves them out before: rigs of a
-    kind share its kernel.
-    """
+    """a fit leaves such positions out before, so that rigs of a kind share its kernel"""
 
     @property
     def guards_displacements(self) -> bool:
@@ -140,11 +140,10 @@ class Robustness:
 
     @classmethod
     def none(cls) -> Robustness:
-        """Return no guards: the textbook filter, right where the model is and the sensors err as
-        described.
+        """Return no guards: the textbook filter, right where the model is right and the sensors err
+        as described.
 
-        At a stop a force is still left out, since its contact force is part of no model of the
-        joint.
+        At a stop a force is still left out, since no model of the joint contains its contact force.
         """
         return cls(
             wild_displacement=inf,
@@ -163,11 +162,14 @@ class Robustness:
 
     @classmethod
     def usual(cls, n_joints: int, felt: bool = False) -> Robustness:
-        """Return the guards that a rig gets unless others are given; `felt` where logs said what is
-        normal of its forces in free motion.
+        """Return the guards that a rig gets where none are given.
 
         In a chain several forces depend on each joint, so that one sample of each counts more
         (docs/explanation/chains.md).
+
+        Args:
+            n_joints: number of joints.
+            felt: whether logs said what is normal of the rig's forces in free motion.
         """
         if n_joints == 1:
             return cls(opens_torques=felt)
@@ -185,7 +187,7 @@ class Robustness:
 
     @classmethod
     def fitting(cls) -> Robustness:
-        """Return the guards of a fit: it takes friction as the rig says, and goes by drives that
-        clearly move.
+        """Return the guards of a fit: friction is as the rig says, and only drives that clearly
+        move count.
         """
         return cls(unknown_friction=0.0, moving_only=True, asks_positions=False)

@@ -1,4 +1,4 @@
-"""Update: what is compared corrects the state, one row after the other. Equations (22) to (26)."""
+"""Update the state by the comparisons, one row after the other. Equations (22) to (26)."""
 
 from __future__ import annotations
 
@@ -30,13 +30,15 @@ from distal.kernels.layout import Layout
 from distal.kernels.mask import is_there, share_used
 
 SINCE = Layout(residual=1, limit=1, asymmetry=1, residual_variance=1, limit_variance=1, memory=1)
-"""Changes of a row since the prior by the rows before it, variances of residual and limit by the
-state's (r_x P r_xᵀ, l_x P l_xᵀ), and what is remembered of the drive.
+"""Layout of the changes of a row since the prior by the rows before it, the variances of its
+residual and limit from the state's covariance (r_x P r_xᵀ, l_x P l_xᵀ), and what is remembered of
+its drive. Source: definition (layout of a vector).
 """
 
 SMALLEST_VARIANCE = 1e-30
-"""A row that tells nothing has no variance (a drive without a force sensor, its tendons slack): 0/0
-is 0, in float too.
+"""Smallest variance of a row's innovation [SI²], so that 0/0 is 0, also in float, for a row that
+tells nothing (a drive without a force sensor, its tendons slack). Source: rounding (division by
+zero).
 """
 
 
@@ -47,12 +49,12 @@ def updated(
     kept: Remembered,
     interval: Interval,
 ) -> tuple[VectorNode, MatrixNode, VectorNode]:
-    """Return mean, covariance, and (innovations, variances) after a sample; what is remembered
-    changes in place.
+    """Return mean, covariance, and (innovations, variances) after a sample; `kept` changes in
+    place.
 
-    For each row with slope A of what is expected: ν, S = A P Aᵀ + R', S' by `robust_variance`, m⁺ =
-    m + P Aᵀ ν/S', P⁺ = P − P Aᵀ A P/S', but where states take a share of the gain only: equations
-    (22) to (26).
+    For each row with slope A of the expected value: ν, S = A P Aᵀ + R', S' by `robust_variance`, m⁺
+    = m + P Aᵀ ν/S', P⁺ = P − P Aᵀ A P/S'. States that take only a share of the gain change by
+    equations (24) and (25).
 
     Args:
         prediction: for the sample; it is not changed.
@@ -128,13 +130,13 @@ def updated(
         if shares:
             change[list(shares)] *= taken
         if row.drive is not None:
-            # a mean residual moves with the state; a time does not
+            # a mean residual (friction declared) changes with the state; a remembered time does not
             declared = states.context.declares_friction(row.drive)
             kept.drives[row.drive]["friction"] = comparison.memory + (
                 along(slopes.residual, change) if declared else 0
             )
         if row.measured and row.name in kept.forces:
-            # a position that is lost says nothing of torques
+            # a force whose drive's position is lost tells nothing of torques
             position_is_read = 1 if row.drive is None else Tracks(tracks, nd)[row.drive].lost == 0
             path = states.context.path_of(row.name)
             outputs = watch(
@@ -157,7 +159,7 @@ def updated(
         innovations.append(shown)
         spreads.append(spread + variance)
     if kept.torques:
-        # nor does what else lasts (biases, zeros)
+        # nor do other constants (biases, zeros) change while something touches a joint
         mean[fixed] += touched * (prior[fixed] - mean[fixed])
     open_torques(states, evidence, kept, mean, interval)
     measured = [k for k, at in enumerate(rows) if at.row.measured]
@@ -166,10 +168,11 @@ def updated(
 
 
 def comparison_function(states: StateVector, row: MeasurementRow) -> ca.Function:
-    """Return (values, since, track, dt, p) → the parts of `Comparison` of one row.
+    """Return the function (values, since, track, dt, p) → the parts of `Comparison` of one row.
 
-    Values are its `ROW` at the prior, since is a `SINCE`, track is of its drive, zeros where it has
-    none.
+    Args:
+        row: whose `values` at the prior are in the layout `ROW`; `since` is in the layout `SINCE`,
+            and `track` is of its drive, zeros where it has none.
     """
     context = states.context
     values = ca.SX.sym("values", ROW.size)
@@ -202,10 +205,10 @@ def comparison_function(states: StateVector, row: MeasurementRow) -> ca.Function
 
 
 def weights(robustness: Robustness, trusted: bool) -> ca.Function:
-    """Return (S, ν, mask, counts) → (1/S' where it is used, its root, ν to show), see
-    `robust_variance`.
+    """Return the function (S, ν, mask, counts) → (1/S' where the row is used, the root of that, the
+    innovation to report), see `robust_variance`.
 
-    What is not compared (its drive at a stop) has no innovation to show.
+    A row that does not count (its drive is at a stop) reports NaN as its innovation.
     """
     spread, innovation, mask, counts = (ca.SX.sym(name) for name in ("S", "nu", "mask", "counts"))
     positive = ca.fmax(spread, SMALLEST_VARIANCE)

@@ -1,5 +1,5 @@
-"""The zero of a position sensor that jumps: a tendon slips on its spool, an encoder loses counts.
-Equation (2b).
+"""A position sensor whose zero jumps, because a tendon slips on its spool or an encoder loses
+counts. Equation (2b).
 """
 
 from __future__ import annotations
@@ -12,26 +12,26 @@ from distal.estimators.adaptive.tuning import Robustness
 from distal.expressions import Scalar
 
 SHOWS = 0.25
-"""A drive that jumps changes its force by at least this share of what it would if its joint stood
-still [1].
+"""Smallest change of its force by which a drive shows its jump, as a share of that with its joint
+at rest [1]. Source: judgement.
 """
 
 LONGEST_SLIP = 3.0
-"""A drive that sticks and slips jumps by less than so many stds of its force, friction included,
-over its stiffness [1].
+"""Longest jump of a drive that sticks and slips, in stds of its force, friction included, over its
+stiffness [1]. Source: judgement.
 """
 
 SOONEST_STOP = 0.01
-"""No drive starts, moves far and stops within so short an interval [s]."""
+"""Longest interval in which no drive starts, moves far and stops [s]. Source: judgement."""
 
 SETTLED_TIME = 1.2
-"""Time constant with which it is settled that a zero jumped [s]: had the drive moved, its force
-would stay unexplained.
+"""Time constant with which the doubt whether zero or drive jumped fades [s]: had the drive moved,
+its force would stay unexplained. Source: judgement.
 """
 
 GOES_ON = 0.25
-"""A drive that goes on after a step does so by at least this share of it from one sample to the
-next [1].
+"""Smallest step from one sample to the next of a drive that goes on after a jump, as a share of the
+jump [1]. Source: judgement.
 """
 
 
@@ -40,11 +40,12 @@ class ForceEvidence:
     """What the force of a drive says of a jump of its position, all scalars.
 
     Args:
-        missing: what is read less what is expected where the mean speed leads, U − F [N, N m].
+        missing: measured minus expected at the position that the mean speed leads to, U − F [N, N
+            m].
         mask: of the force, see `distal.kernels.mask`.
         stiffness: change of the drive's pull with its position, ∂F/∂s.
-        variance: of how far both may differ where there was no jump: noise, friction, and what is
-            not known of the pull.
+        variance: of U − F where there was no jump: noise, friction, and the uncertainty of the
+            pull.
         effort: what is read, U.
         least: smallest share of the change of the pull that a real jump may show.
     """
@@ -59,11 +60,16 @@ class ForceEvidence:
 
 def zero_jumped(force: ForceEvidence, jump: Scalar, effort: Scalar, time: Scalar) -> Scalar:
     """Return 1 where a `jump` of a reading is one of its sensor's zero, since the drive's force
-    does not show it: (2b).
+    does not show it, else 0: (2b).
 
-    The force read `effort` before, and `time` is since the last good reading [s]. A joint that
-    follows within an interval leaves no force behind: then only an interval in which no drive
-    starts and stops can tell.
+    A joint that follows within an interval leaves no change of force (`force.least` is 0). Then the
+    time must also be at most `SOONEST_STOP`, in which no drive moves far and stops.
+
+    Args:
+        force: evidence of the drive's force.
+        jump: of the reading [m, rad].
+        effort: last reading of the force before [N, N m].
+        time: since the last good reading of the position [s].
     """
     pull = force.stiffness * jump
     silent = ca.logic_and(
@@ -75,12 +81,17 @@ def zero_jumped(force: ForceEvidence, jump: Scalar, effort: Scalar, time: Scalar
 def kept_shift(
     robustness: Robustness, shift: Scalar, raw: Scalar, doubted: Scalar, read: Scalar
 ) -> Scalar:
-    """Return by which a sensor's zero is still displaced at a reading that is `raw` from where its
-    drive should be: (2b).
+    """Return the shift of a sensor's zero that remains at a new reading: (2b).
 
-    It came back where the reading without the shift is nearer. It was a motion and no jump where a
-    second reading, after one that is `doubted`, goes on in the same direction. Nothing changes
-    where nothing is `read`.
+    The zero came back, and the shift is 0, where |`raw`| is below half of |`raw` − `shift`|. The
+    jump was a motion of the drive, and the shift is 0, where the second reading goes on in the same
+    direction. Without a reading the shift stays.
+
+    Args:
+        shift: so far [m, rad].
+        raw: reading as it comes, less the expected position [m, rad].
+        doubted: 1 where the reading before was far from its expected position.
+        read: 1 where there is a reading.
     """
     if not robustness.zeros_jump:
         return shift

@@ -1,4 +1,4 @@
-"""Formats of logs, a file each; the list of them is in `registry`."""
+"""Formats of logs, one file for each; the list of them is in `registry`."""
 
 from distal.logs.formats.csv import write_csv
 from distal.logs.formats.format import Format, Message

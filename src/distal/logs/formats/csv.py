@@ -1,4 +1,4 @@
-"""CSV files: every line is a row, none is lost, none is joined with another."""
+"""CSV files: every line is one row; no line is skipped, and none is joined with another."""
 
 from __future__ import annotations
 
@@ -17,27 +17,38 @@ from distal.logs.formats.format import Format
 from distal.logs.memory_limit import check_memory, memory_limit
 
 SEPARATORS = (",", ";", "\t")
+"""Characters that may separate the cells of a file: comma, semicolon, tab."""
 
 SEPARATOR = "\0"
-"""Between the cells of a file whose quotes were taken off: a text has no such byte."""
+"""Character between cells after the quotes are taken off; no text has a zero byte."""
 
 COPIES = 3
+"""Copies of the file that are in memory while it is read, and one more where it has quotes. Source:
+benchmark (benchmarks/csv_readers).
+"""
+
 CELL = 16
-"""Memory that reading takes: copies of the file, one more where it has quotes, and bytes for each
-cell; more than `python -m benchmarks.csv_readers` measures.
+"""Memory that each cell takes besides the copies of the file [bytes]; this is more than was
+measured. Source: benchmark (benchmarks/csv_readers).
 """
 
 BLOCK = 1 << 16
-"""So much is taken apart at once: more is slower, since it leaves the processor's cache [bytes]."""
+"""Length of the text that is split into cells at once [bytes]; longer blocks leave the processor's
+cache and are slower. Source: judgement.
+"""
 
 
 def read_csv(path: Path, columns: Sequence[str] | None = None) -> Cells:
-    """Return the cells of a CSV with a header as text, whichever `columns` are needed: each is
-    taken apart as it is read.
+    """Return the cells of a CSV file with a header, as text.
+
+    All columns stay available, since a column is split off the text only when it is asked for.
+
+    Args:
+        columns: not used; it is there because all formats are read by the same call.
 
     Raises:
-        LogError: it cannot be read or is no text, the header repeats a name, a row is short, long
-            or blank, or a quote is left open.
+        LogError: the file cannot be read or is no text, the header repeats a name, a row is short,
+            long or blank, or a quote is left open.
     """
     try:
         size = path.stat().st_size
@@ -48,7 +59,7 @@ def read_csv(path: Path, columns: Sequence[str] | None = None) -> Cells:
         check_memory(path, COPIES * len(data), f"has more than {len(data) / 1e9:.1f} GB")
     except OSError as problem:
         raise LogError(f"{path}: cannot be read ({problem.strerror or problem})") from None
-    # each of these is a copy of a large file where something is taken off, else none
+    # each of these lines copies the file only where it takes something off
     data = data.removeprefix(b"\xef\xbb\xbf")
     size = len(data)
     blank = data[: size - len(data.lstrip(b"\r\n"))]
@@ -84,7 +95,7 @@ def read_csv(path: Path, columns: Sequence[str] | None = None) -> Cells:
 
 
 def _blocks(data: bytes, at: int = 0) -> Iterator[bytes]:
-    """Return whole lines of a text, without the last line's end."""
+    """Yield whole lines of a text, some at a time, each time without the last line's end."""
     while at < len(data):
         end = data.find(b"\n", at + BLOCK)
         end = len(data) if end < 0 else end
@@ -118,8 +129,8 @@ def _check_text(path: Path, data: bytes, above: int) -> None:
 
 
 def _without_quotes(path: Path, data: bytes, separator: str, above: int) -> bytes:
-    """Return the text without its quotes; a quote ends in the line in which it begins, or the file
-    is refused.
+    """Return the text without its quotes; raise a `LogError` where a quoted cell goes on in the
+    next line.
     """
     lines = (line.removesuffix(b"\n").decode() for line in io.BytesIO(data))
     reader = csv.reader(lines, delimiter=separator, strict=True)
@@ -159,8 +170,10 @@ def _checked_rows(path: Path, data: bytes, separator: bytes, width: int, above: 
 
 
 def write_csv(columns: Mapping[str, NDArray[np.generic]]) -> bytes:
-    """Return columns as the content of a file; NaN is an empty cell, and a number has the digits
-    that tell it.
+    """Return columns as the content of a CSV file.
+
+    NaN becomes an empty cell; a number has as many digits as are needed to read the same number
+    again.
     """
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")

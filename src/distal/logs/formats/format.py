@@ -1,4 +1,4 @@
-"""What a format of logs is: tables, or messages with topics."""
+"""What a format of logs offers: a table, or messages with topics."""
 
 from __future__ import annotations
 
@@ -14,10 +14,13 @@ from distal.logs.cells import Cells
 
 @dataclass(frozen=True)
 class Message:
-    """One message of a recording: when it was `recorded` and the stamp in its header, if it has one
-    [ns], and its fields.
+    """One message of a recording.
 
-    `read` gives a field, None where it is not there; those of JSON may be looked for by name alone.
+    Args:
+        recorded: when the message was recorded [ns].
+        stamp: stamp in the message's header [ns], None where it has none.
+        read: function from a field's path to its content, None where the message lacks the field.
+        json: whether the message is JSON, whose fields may be looked for by name without a topic.
     """
 
     topic: str
@@ -29,19 +32,22 @@ class Message:
 
 @dataclass(frozen=True)
 class Format:
-    """A format of logs: a table is read by `read`, a recording of topics by `messages`.
+    """A format of logs: `read` reads a table, `messages` reads a recording of topics.
 
     Args:
-        endings: of the names of its files, in lower case.
-        read: path and the columns that are needed (None: all) → the table; columns that are not
-            needed may be left out.
-        messages: path and a set → the messages; the topics that are there are put into the set.
-        write: columns → the content of a file; None where results cannot be written so.
-        package: without which nothing can be written, and the extra of distal that installs it, or
-            None.
-        apart: whether files are read in a process of its own: where compiled code reads them, a
-            damaged one may end it.
-        folder: the file by which a folder is a log of this format, None where none is.
+        endings: endings of the names of its files, in lower case.
+        read: function from a path and the needed columns (None: all) to the table; columns that are
+            not needed may be left out.
+        messages: function from a path and a set to the messages; it adds the names of the
+            recording's topics to the set.
+        write: function from columns to the content of a file; None where results cannot be written
+            in this format.
+        package: package without which nothing can be written, and the extra of distal that installs
+            it; None where no package is needed.
+        apart: whether files are read in a process of their own. Formats that are read by compiled
+            code need this, since a damaged file may end the process.
+        folder: name of the file that marks a folder as a log of this format; None where no folder
+            is one.
     """
 
     endings: tuple[str, ...]

@@ -1,6 +1,4 @@
-"""HDF5 files: each data set of one number, or of a vector, per row is a column, by its path in the
-file.
-"""
+"""HDF5 files: each data set with a number or a vector per row gives columns named by its path."""
 
 from __future__ import annotations
 
@@ -18,16 +16,21 @@ from distal.logs.memory_limit import check_memory
 from distal.logs.vectors import numbered
 
 WIDEST_VECTOR = 256
-"""Numbers of a row beyond which a data set is an image or the like, and no column."""
+"""Longest vector per row that is read as columns; a wider data set is an image or the like. Source:
+judgement.
+"""
 
 
 def read_hdf5(path: Path, columns: Sequence[str] | None) -> Cells:
-    """Return columns (None: all) of an HDF5 file; those of a vector are ``group/name.0``,
-    ``group/name.1`` and so on.
+    """Return columns of an HDF5 file; those of a vector are ``group/name.0``, ``group/name.1`` and
+    so on.
+
+    Args:
+        columns: names of the columns that are needed; None needs all.
 
     Raises:
-        LogError: it is not such a file, its columns have different lengths, they take more memory
-            than is allowed, or h5py is missing.
+        LogError: the file is not HDF5 or is damaged, its columns have different lengths, they take
+            more memory than is allowed, or h5py is missing.
     """
     try:
         import h5py
@@ -69,7 +72,9 @@ def read_hdf5(path: Path, columns: Sequence[str] | None) -> Cells:
 
 
 def _is_column(part: Any) -> bool:
-    """Return whether something in a file is a data set with a number, or few, in each row."""
+    """Return whether a member of a file is a data set with one number or a vector of at most
+    `WIDEST_VECTOR` in each row.
+    """
     shape = getattr(part, "shape", None)
     if shape is None or part.dtype.kind not in "iuf" or len(shape) not in (1, 2):
         return False

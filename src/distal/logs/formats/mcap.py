@@ -1,4 +1,4 @@
-"""MCAP: recordings of messages, JSON or those of ROS 2."""
+"""MCAP files: recordings of messages in JSON or of ROS 2."""
 
 from __future__ import annotations
 
@@ -16,8 +16,10 @@ from distal.logs.messages import find
 
 
 def read_mcap(path: Path, topics: set[str]) -> Iterator[Message]:
-    """Yield the messages of a file, as they were recorded; names of its topics are put into
-    `topics`.
+    """Yield the messages of an MCAP file in the order in which they were recorded.
+
+    Args:
+        topics: a set, into which the names of the topics are put.
     """
     try:
         from mcap.reader import make_reader
@@ -33,14 +35,14 @@ def read_mcap(path: Path, topics: set[str]) -> Iterator[Message]:
                 2 * chunk.uncompressed_size,
                 f"its header says {chunk.uncompressed_size:,} bytes in a chunk",
             )
-        # as they were recorded: a clock that was set back is then seen
+        # in the order of recording, which shows where a clock was set back
         for schema, channel, message in reader.iter_messages(log_time_order=False):
             if channel.message_encoding == "json":
                 topics.add(channel.topic)
                 try:
                     read = json.loads(message.data)
                 except (ValueError, RecursionError):
-                    continue  # one message that is none costs itself only
+                    continue  # a message that is no JSON is skipped
                 yield Message(channel.topic, message.log_time, None, partial(find, read), json=True)
             elif channel.message_encoding == "cdr" and schema is not None:
                 topics.add(channel.topic)
@@ -51,7 +53,7 @@ def read_mcap(path: Path, topics: set[str]) -> Iterator[Message]:
 
 
 def _typestore(path: Path, schema: Any) -> Any:
-    """Return what can read messages of ROS 2 in an MCAP file, which holds their definitions."""
+    """Return the reader of a schema's messages of ROS 2; an MCAP file holds their definitions."""
     try:
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
     except ImportError:

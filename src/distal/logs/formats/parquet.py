@@ -1,4 +1,4 @@
-"""Parquet files: the columns that are asked for, after a look at what their header says they
+"""Parquet files: only the needed columns are read, after the header says how much memory they
 take.
 """
 
@@ -20,20 +20,27 @@ from distal.logs.memory_limit import check_memory
 from distal.logs.vectors import component_names_in, numbered
 
 WIDEST = 16
-"""Bytes of a cell whose size the header does not say, such as text."""
+"""Assumed size of a cell whose size the header does not say, such as text [bytes]. Source:
+judgement.
+"""
 
 COPIES = 3
-"""Times that a column is in memory while it is read and turned into numbers."""
+"""Copies of a column that are in memory while it is read and turned into numbers. Source:
+judgement.
+"""
 
 TEXTS = ("string", "large_string", "string_view")
-"""Arrow's kinds of text."""
+"""Names of Arrow's types of text."""
 
 
 def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
-    """Return columns (None: all) of a Parquet file as far as it has them.
+    """Return those of the needed columns that a Parquet file has.
+
+    Args:
+        columns: names of the columns that are needed; None needs all.
 
     Raises:
-        LogError: it is not such a file, what is asked for takes more memory than is allowed or is
+        LogError: the file is not Parquet, the columns take more memory than is allowed or hold
             neither numbers nor dates nor text, or pyarrow is missing.
     """
     try:
@@ -69,7 +76,7 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
             check_memory(
                 path, COPIES * size, f"its header says {rows:,} rows of {len(chosen)} columns"
             )
-            # a text that is the same in all rows is then held once
+            # a text that many rows share is then held in memory once
             texts = [name for name, kind in kinds.items() if str(kind) in TEXTS]
             file = pyarrow.parquet.ParquetFile(source, read_dictionary=texts)
             table = file.read(columns=chosen, use_threads=False)
@@ -83,7 +90,7 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
                 1,
                 [*(n for n in schema.names if n not in dict(vectors.values())), *vectors],
             )
-        except MemoryError:  # Arrow's own is one of its other errors, too
+        except MemoryError:  # Arrow's memory error is one of both kinds
             raise
         except (pyarrow.ArrowException, OSError, KeyError, UnicodeDecodeError) as problem:
             raise LogError(
@@ -92,8 +99,10 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
 
 
 def _vectors(path: Path, file: Any) -> dict[str, tuple[str, int]]:
-    """Return name → column and position of each number in a column of vectors, all of the length of
-    the first.
+    """Return, for each number of each column of vectors, its name → the column and the number's
+    position.
+
+    The first row's vector says how many numbers there are.
     """
     from pyarrow import types
 
@@ -113,7 +122,7 @@ def _vectors(path: Path, file: Any) -> dict[str, tuple[str, int]]:
 
 
 def _of_vectors(path: Path, name: str, column: Any, position: int) -> Column:
-    """Return one number of each vector of a column."""
+    """Return the number at one position of each vector of a column."""
     import pyarrow.compute
 
     chunks = column.combine_chunks()
@@ -128,7 +137,7 @@ def _of_vectors(path: Path, name: str, column: Any, position: int) -> Column:
 
 
 def _bytes_of(kind: Any) -> int:
-    """Return how many bytes a cell of a column takes at least."""
+    """Return the least size of a cell of an Arrow type [bytes]."""
     try:
         return max(int(kind.bit_width) // 8, 1)
     except ValueError:
@@ -136,8 +145,8 @@ def _bytes_of(kind: Any) -> int:
 
 
 def _column(path: Path, name: str, column: Any) -> Column:
-    """Return a column of Arrow: whole numbers stay whole where none is missing, dates keep their
-    unit.
+    """Return the cells of an Arrow column; whole numbers stay whole where none is missing, dates
+    keep their unit.
     """
     import pyarrow.compute
     from pyarrow import types
@@ -169,7 +178,7 @@ def _column(path: Path, name: str, column: Any) -> Column:
 
 
 def write_parquet(columns: Mapping[str, NDArray[np.generic]]) -> bytes:
-    """Return columns as the content of a file."""
+    """Return columns as the content of a Parquet file."""
     import pyarrow
     import pyarrow.parquet
 

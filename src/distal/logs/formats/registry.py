@@ -1,4 +1,4 @@
-"""The formats of logs: a new one is a file beside this one, and an entry here."""
+"""The list of the formats of logs; a new format is a file beside this one and an entry here."""
 
 from __future__ import annotations
 
@@ -13,17 +13,19 @@ from distal.logs.formats.parquet import PARQUET
 from distal.logs.formats.rosbag import ROSBAG
 
 FORMATS = (CSV, PARQUET, HDF5, MCAP, ROSBAG)
+"""All formats of logs, in the order in which a path is compared with them."""
 
 TABLES = tuple(ending for kind in FORMATS if kind.read is not None for ending in kind.endings)
-"""Endings of the names of tables."""
+"""Endings of the names of files that hold tables."""
 
 
 def format_of(path: str | Path) -> Format:
-    """Return the format of a log by its name, of a folder by what is in it; a name without a known
-    ending is CSV.
+    """Return the format of a log by the ending of its name, or by the file that marks a folder.
+
+    A path without a known ending is taken for CSV.
     """
     path = Path(path)
-    with suppress(OSError, ValueError):  # no name that a file could have; reading it says so
+    with suppress(OSError, ValueError):  # no file can have such a name; reading it raises the error
         for kind in FORMATS:
             if path.suffix.lower() in kind.endings or (
                 kind.folder is not None and (path / kind.folder).is_file()

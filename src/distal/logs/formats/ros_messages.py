@@ -1,4 +1,4 @@
-"""Messages of ROS, in bags and in MCAP files."""
+"""Stamps and fields of ROS messages, which are in bags and in MCAP files."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ import numpy as np
 
 
 def stamp_of(message: object) -> int | None:
-    """Return the stamp of a message's header [ns], None where it has none."""
+    """Return the stamp in a ROS message's header [ns], or None where it has none."""
     stamp = getattr(getattr(message, "header", None), "stamp", None)
     return None if stamp is None else int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 def field(message: object, path: str) -> object:
-    """Return a field of a message of ROS, ``wrench.force.z`` or ``position[0]``; None if it is not
-    there.
+    """Return the field of a ROS message at a path such as ``wrench.force.z`` or ``position[0]``.
+
+    The result is None where the message lacks the field.
     """
     for part in _parts(path):
         if isinstance(part, int):

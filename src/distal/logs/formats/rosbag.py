@@ -1,4 +1,4 @@
-"""Bags of ROS 1, a file, and of ROS 2, a folder."""
+"""Bags of ROS 1, which are files, and of ROS 2, which are folders."""
 
 from __future__ import annotations
 
@@ -12,8 +12,11 @@ from distal.logs.formats.ros_messages import field, stamp_of
 
 
 def read_rosbag(path: Path, topics: set[str]) -> Iterator[Message]:
-    """Yield the messages of a bag, or of the database in it; names of its topics are put into
-    `topics`.
+    """Yield the messages of a bag.
+
+    Args:
+        path: the bag, or the database (``.db3``) in the folder of a ROS 2 bag.
+        topics: a set, into which the names of the topics are put.
     """
     path = path.parent if path.suffix.lower() == ".db3" else path
     try:

@@ -1,1 +1,1 @@
-"""The parts of a rig on paper."""
+"""The components of a rig in a drawing: drives, tendons, joints and sensors."""

@@ -1,4 +1,4 @@
-"""Moment arms: as numbers in a table, and as curves where they change with the angle."""
+"""Moment arms in a drawing: as a table, and as curves where they change with the angle."""
 
 from __future__ import annotations
 
@@ -18,17 +18,18 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Changing = dict[tuple[int, int], tuple[Floats, Floats]]
+"""(tendon, joint) → angles [rad] and moment arms [m], (POINTS,) each."""
 
 POINTS = 61
-"""Angles at which an arm that changes is drawn."""
+"""Number of angles at which a moment arm that changes is drawn. Source: layout."""
 
 MOST_CURVES = 12
-"""More curves than this in one picture cannot be told apart."""
+"""Curves of moment arms in one picture at most; more cannot be told apart. Source: layout."""
 
 
 def changing_arms(rig: Rig) -> Changing:
-    """Return (tendon, joint) → angles [rad] and arms [m], of those that change with the joint's own
-    angle.
+    """Return (tendon, joint) → angles [rad] and moment arms [m], for the arms that change with the
+    joint's own angle.
     """
     mechanism = Mechanism(rig)
     changing = Changing()
@@ -60,8 +61,12 @@ def _columns(rig: Rig) -> tuple[float, list[float]]:
 
 
 def draw_table(sheet: Sheet, rig: Rig, arms: Floats, at: Point) -> Point:
-    """Write `arms`, (n_tendons, n_joints) [m], as a table below and right of a corner; return the
-    opposite corner.
+    """Write moment arms as a table below and to the right of the corner `at`; return the opposite
+    corner.
+
+    Args:
+        arms: moment arms at zero angle [m], (n_tendons, n_joints).
+        at: left upper corner [in].
     """
     first, widths = _columns(rig)
     sheet.write((at[0], at[1] - 0.08), "Moment arms at zero [mm]; + pulls to +θ", bold=True)
@@ -87,7 +92,7 @@ def draw_table(sheet: Sheet, rig: Rig, arms: Floats, at: Point) -> Point:
 
 
 def draw_curves(axes: Axes, rig: Rig, changing: Changing) -> None:
-    """Draw the arms of `changing_arms` over the joint's own angle."""
+    """Draw the moment arms of `changing_arms` over the joint's own angle."""
     for (i, j), (angles, arms) in list(changing.items())[:MOST_CURVES]:
         label = (
             rig.tendons[i].name

@@ -1,7 +1,7 @@
-"""Drives on paper: a motor with its spool, or a slider on its rail, in a column to the left of the
-joints.
+"""Drives in a drawing: a motor with its spool, or a slider on its rail, in a column to the left of
+the joints.
 
-`lines` is what is written beside a drive, for its badges.
+In all functions, `lines` is the text beside a drive, whose badges are repeated on the drawn drive.
 """
 
 from __future__ import annotations
@@ -17,17 +17,19 @@ from distal.results import FAINT, INK, PALE, SOFT, WHITE
 from distal.rig import Capstan, Rig, Slider
 
 RAIL = 1.1
-"""Length of a slider's rail with the motor at its end [in]."""
+"""Length of a slider's rail with the motor at its end [in]. Source: layout."""
 
 HALF = 0.12
-"""Half of a slider's carriage [in]."""
+"""Half the length of a slider's carriage [in]. Source: layout."""
 
 TRAVEL = 0.4
-"""A longer way between a slider's stops is drawn shorter [in]."""
+"""Longest distance between a slider's stops in the drawing [in]; longer ones are drawn to another
+scale. Source: layout.
+"""
 
 
 def drive_lines(rig: Rig, drive: Slider | Capstan) -> list[DrawnLine]:
-    """Return what is written beside a drive: name, sizes, sensors."""
+    """Return the lines of text beside a drive: its name, sizes and sensors."""
     lines = [DrawnLine(drive.name, bold=True)]
     unit = "m"
     if isinstance(drive, Capstan):
@@ -45,8 +47,13 @@ def drive_lines(rig: Rig, drive: Slider | Capstan) -> list[DrawnLine]:
 def draw_capstan(
     sheet: Sheet, drive: Capstan, lines: Sequence[DrawnLine], at: Point, scale: float, way: int
 ) -> None:
-    """Draw a motor seen along its shaft, at a scale [in/m]; `way` is +1 where a positive angle
-    turns counter-clockwise.
+    """Draw a motor with its spool, seen along the shaft.
+
+    Args:
+        at: centre of the spool [in].
+        scale: scale of the drawing [in/m].
+        way: +1 where a positive angle turns counter-clockwise on paper, −1 where it turns
+            clockwise.
     """
     from matplotlib.patches import FancyBboxPatch
 
@@ -73,7 +80,11 @@ def draw_capstan(
 
 
 def motor_half(drive: Capstan, scale: float) -> float:
-    """Return half the side of a motor's flange [in], at a scale [in/m]."""
+    """Return half the side of a motor's flange [in].
+
+    Args:
+        scale: scale of the drawing [in/m].
+    """
     return max(1.15 * scale * drive.radius.value, 0.2)
 
 
@@ -85,10 +96,13 @@ def draw_slider(
     lanes: Sequence[float],
     scale: float,
 ) -> float:
-    """Draw a carriage on its rail, pulled from the left, at a scale [in/m], and return where its
-    tendons begin [in].
+    """Draw a carriage on its rail, pulled from the left; return the horizontal position at which
+    its tendons begin [in].
 
-    The rail ends at `right`; `lanes` are the heights of the tendons [in].
+    Args:
+        right: right end of the rail [in].
+        lanes: heights of the tendons [in].
+        scale: scale of the drawing [in/m].
     """
     x, y = right
     left = x - RAIL
@@ -113,8 +127,10 @@ def draw_slider(
 
 
 def glyph_width(rig: Rig, scale: float) -> float:
-    """Return the width of the column of drives, without what is written beside them [in], at a
-    scale [in/m].
+    """Return the width of the column of drives without the text beside them [in].
+
+    Args:
+        scale: scale of the drawing [in/m].
     """
     return max(
         2 * motor_half(d, scale) + 0.45 if isinstance(d, Capstan) else RAIL + BADGE

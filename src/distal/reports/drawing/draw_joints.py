@@ -1,8 +1,8 @@
-"""Joints on paper: pulleys, pins and cams at their radius, link, springs, stops, sensors, and what
-is written of them.
+"""Joints in a drawing: pulleys, pins and cams of their true radius, links, springs, stops, sensors,
+and the text on them.
 
-Here a joint stands in inches, `scale` is in inches per metre, and `lines` is what is written of a
-joint, for its badges.
+In all functions, positions of joints are in inches, `scale` is in inches per metre, and `lines` is
+the text on a joint, whose badges are repeated on the drawn joint.
 """
 
 from __future__ import annotations
@@ -22,14 +22,16 @@ from distal.results import FAINT, INK, PALE, SOFT, WHITE
 from distal.rig import Joint, Linkage, Meeting, Polynomial, Rig
 
 REACH = pi / 3
-"""So far to both sides a cam shows its arms; between them it is closed smoothly [rad]."""
+"""Angle on both sides within which a cam's outline shows its moment arms [rad]; outside it the
+outline is closed smoothly. Source: layout.
+"""
 
 LINK = 10.0
-"""Width of a link [pt]."""
+"""Width of a link [pt]. Source: layout."""
 
 
 def meetings_at(rig: Rig, joint: Joint) -> list[Meeting]:
-    """Return how tendons meet a joint."""
+    """Return the meetings of tendons with a joint; each says how a tendon acts on it."""
     return [
         meeting
         for tendon in rig.tendons
@@ -39,8 +41,12 @@ def meetings_at(rig: Rig, joint: Joint) -> list[Meeting]:
 
 
 def joint_lines(rig: Rig, index: int, turn: int) -> list[DrawnLine]:
-    """Return what is written of a joint; `turn` is +1 where a positive angle turns
-    counter-clockwise on paper.
+    """Return the lines of text on a joint: its name, axis, sizes and sensors.
+
+    Args:
+        index: index of the joint.
+        turn: +1 where a positive angle turns counter-clockwise on paper, −1 where it turns
+            clockwise.
     """
     joint = rig.joints[index]
     texts = list[str]()
@@ -68,7 +74,7 @@ def joint_lines(rig: Rig, index: int, turn: int) -> list[DrawnLine]:
 
 
 def _sizes(rig: Rig, joint: Joint) -> list[str]:
-    """Return the sizes of what tendons meet at a joint, each kind once."""
+    """Return the sizes of the insertions at a joint, one text for each kind."""
     kinds: dict[tuple[str, str], list[float]] = {}
     for meeting in meetings_at(rig, joint):
         shape = meeting.shape
@@ -87,7 +93,7 @@ def _sizes(rig: Rig, joint: Joint) -> list[str]:
 
 
 def axis_name(axis: tuple[float, float, float]) -> str:
-    """Return the name of a joint's axis, a unit vector."""
+    """Return the name of a joint's axis, given as a unit vector: x, −y, or its components."""
     for k, name in enumerate("xyz"):
         if abs(abs(axis[k]) - 1.0) < 1e-9:
             return f"{'−' if axis[k] < 0 else ''}{name}"
@@ -95,7 +101,9 @@ def axis_name(axis: tuple[float, float, float]) -> str:
 
 
 def draw_link(sheet: Sheet, stand: Stand, ends: Sequence[Point]) -> None:
-    """Draw the link that a joint turns, to its ends: the joints on it, or its tip."""
+    """Draw the link that a joint turns, from the joint to each of the `ends`: the joints on it, or
+    its tip.
+    """
     for end in ends:
         sheet.bar([stand.centre, end], PALE if stand.described else WHITE, LINK, order=1.0)
     if stand.mass_at is None:
@@ -112,8 +120,8 @@ def draw_link(sheet: Sheet, stand: Stand, ends: Sequence[Point]) -> None:
 
 
 def draw_coupling(sheet: Sheet, leader: Point, follower: Point, ratio: float) -> None:
-    """Draw a rigid coupling of two joints as a belt; it is crossed where their ratio is
-    negative.
+    """Draw a rigid coupling of two joints as a belt, which is crossed where the `ratio` of their
+    angles is negative.
     """
     for way in (1, -1):
         first = Wheel(leader, min(max(0.12 * abs(ratio), 0.06), 0.24), way)
@@ -134,8 +142,13 @@ def draw_joint(
     around: float,
     lines: Sequence[DrawnLine],
 ) -> None:
-    """Draw what turns about a joint's axis, its springs and sensors, at a scale [in/m]; stops stand
-    `around` it [in].
+    """Draw what turns about a joint's axis, its springs and sensors.
+
+    Args:
+        index: index of the joint.
+        stand: where the joint is drawn.
+        scale: scale of the drawing [in/m].
+        around: radius at which its stops are drawn [in].
     """
     joint = rig.joints[index]
     centre = stand.centre
@@ -177,8 +190,8 @@ def draw_joint(
 
 
 def _draw_stops(sheet: Sheet, stops: tuple[float, float], stand: Stand, around: float) -> None:
-    """Draw the range of a joint as an arc between two blocks, which the middle of its link meets
-    there.
+    """Draw the range of a joint as an arc between two blocks, which the middle of its link meets at
+    the stops.
     """
     from matplotlib.patches import Wedge
 
@@ -197,8 +210,8 @@ def _draw_stops(sheet: Sheet, stops: tuple[float, float], stand: Stand, around: 
 
 
 def _draw_wheels(sheet: Sheet, rig: Rig, joint: Joint, stand: Stand, scale: float) -> None:
-    """Draw a joint's pulleys, largest first; cams and polynomials with the arm that they have
-    there.
+    """Draw a joint's pulleys, the largest first; for other insertions, a dashed circle with the
+    moment arm at zero angle.
     """
     meetings = meetings_at(rig, joint)
     wheels = dict.fromkeys(
@@ -219,8 +232,9 @@ def _draw_wheels(sheet: Sheet, rig: Rig, joint: Joint, stand: Stand, scale: floa
 def _draw_cam(
     sheet: Sheet, joint: Joint, cams: Sequence[Meeting], stand: Stand, scale: float
 ) -> None:
-    """Draw a pulley that is not round: at each position the arm of the angle at which a tendon
-    leaves it there.
+    """Draw the outline of a pulley that is not round.
+
+    Its radius in a direction is the moment arm at the angle at which a tendon leaves the cam there.
     """
     from matplotlib.patches import Polygon
 
@@ -254,13 +268,13 @@ def _draw_cam(
 
 
 def draw_pin(sheet: Sheet, stand: Stand, pin: Point) -> None:
-    """Draw the lever to a pin that a tendon ends at [in]."""
+    """Draw the lever from a joint to the `pin` at which a tendon ends [in]."""
     sheet.bar([stand.centre, pin], FAINT, 6.0, order=2.1)
     sheet.disc(pin, 0.035, WHITE, order=4.4)
 
 
 def coil(start: Point, end: Point) -> list[Point]:
-    """Return a spring as a zigzag between two points, 0.06 in to each side [in]."""
+    """Return the points of a spring between two points, a zigzag of 0.06 in to each side [in]."""
     length = dist(start, end) or 1.0
     teeth = max(6, 2 * round(length / 0.16))
     (x, y), along = start, ((end[0] - start[0]) / length, (end[1] - start[1]) / length)

@@ -1,5 +1,5 @@
-"""Tendons on paper: from the drive past a spring and the base to the joints, each in its colour and
-dash.
+"""Tendons in a drawing: from the drive past a spring and the base to the joints, each with its
+colour and dash.
 """
 
 from __future__ import annotations
@@ -17,15 +17,17 @@ from distal.results import COLOURS, DASHES, WHITE
 from distal.rig import Linkage, Pinned, Rig, Tendon
 
 BESIDE = 0.026
-"""Distance of tendons that lie side by side on equal pulleys [in]."""
+"""Distance between tendons that lie side by side on equal pulleys [in]. Source: layout."""
 
 SPRING = 0.46
-"""Length of a tendon's spring [in]."""
+"""Length of a tendon's spring [in]. Source: layout."""
 
 
 def wheels(rig: Rig, stands: Sequence[Stand], scale: float) -> list[list[Wheel]]:
-    """Return the circles and pins that each tendon goes past, from the base outwards [in], at a
-    scale [in/m].
+    """Return for each tendon the circles and pins that it passes, from the base outwards [in].
+
+    Args:
+        scale: scale of the drawing [in/m].
     """
     names = rig.joint_names
     taken: dict[tuple[int, int, int], int] = {}
@@ -36,7 +38,7 @@ def wheels(rig: Rig, stands: Sequence[Stand], scale: float) -> list[list[Wheel]]
             for name, arm in meeting.arms({}).items():
                 j = names.index(name)
                 stand = stands[j]
-                # what pulls counter-clockwise goes round clockwise on its way outwards
+                # a tendon that pulls counter-clockwise goes round clockwise on its way outwards
                 way = -stand.turn if arm >= 0 else stand.turn
                 wheel = Wheel(stand.centre, abs(arm) * scale, way)
                 if isinstance(meeting.shape, Pinned):
@@ -53,7 +55,7 @@ def wheels(rig: Rig, stands: Sequence[Stand], scale: float) -> list[list[Wheel]]
 
 
 def tendon_lines(rig: Rig, tendon: Tendon) -> list[DrawnLine]:
-    """Return what is written of a tendon below its line: sizes and sensors."""
+    """Return the lines of text below a tendon: its sizes and sensors."""
     sizes = f"k {label_of(tendon.stiffness.value, 'N/m')}"
     if not tendon.pretension.absent:
         sizes += f", T₀ {label_of(tendon.pretension.value, 'N')}"
@@ -80,13 +82,14 @@ def draw_tendon(
     eye: Point,
     past: Sequence[Wheel],
 ) -> None:
-    """Draw a tendon with its spring, its name above it and its numbers below.
+    """Draw a tendon with its spring, its name above it and its sizes below.
 
     Args:
-        start: the spool that it is wound on, or its end at a carriage.
-        level: left and right end of the part that is level [in].
-        eye: where it goes through the base [in].
-        past: the circles and pins after that.
+        index: index of the tendon.
+        start: the spool on which it is wound, or its end at a carriage.
+        level: left and right end of its level part [in].
+        eye: point at which it passes through the base [in].
+        past: the circles and pins that it passes after the base.
     """
     tendon = rig.tendons[index]
     colour = COLOURS[index % len(COLOURS)]
@@ -102,7 +105,7 @@ def draw_tendon(
         begin = [*(start.point(-start.way * 0.1 * k) for k in reversed(range(14))), *begin]
     end = [distal, (right, y), *route([Wheel(eye), *past], wrap)]
     for way in ([*begin, proximal], end):
-        # paper on both sides, so that it is seen which of two that cross is in front
+        # a white edge shows which of two crossing tendons is in front
         sheet.line(way, WHITE, 2.8, zorder=3.9, solid_capstyle="butt")
         sheet.line(way, colour, 1.5, ls=dash, zorder=4.0)
     sheet.line(coil(proximal, distal), colour, 1.3, zorder=4.0)
@@ -118,7 +121,9 @@ def draw_tendon(
 
 
 def lane_room(rig: Rig) -> tuple[float, float]:
-    """Return the width of what is written of tendons, and the distance of their lines [in]."""
+    """Return the width of the text on tendons, and the distance between neighbouring tendons
+    [in].
+    """
     blocks = [tendon_lines(rig, tendon) for tendon in rig.tendons]
     names = [width_of(tendon.name, SIZE, True) for tendon in rig.tendons]
     lines = [line.width for block in blocks for line in block]

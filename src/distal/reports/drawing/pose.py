@@ -1,4 +1,6 @@
-"""Where the joints of a rig stand on paper: its zero pose, each joint seen along its own axis."""
+"""Where the joints of a rig stand in a drawing: in the zero pose, each joint seen along its own
+axis.
+"""
 
 from __future__ import annotations
 
@@ -12,25 +14,25 @@ from distal.reports.drawing.sheet import Point
 from distal.rig import Joint, Rig
 
 APART = 3.4
-"""Distance of joints that stand at one position, in the largest moment arm."""
+"""Distance between joints that would stand at one point [largest moment arms]. Source: layout."""
 
 STUB = 2.6
-"""Length of a link that the rig does not describe, in the largest moment arm."""
+"""Length of a link that the rig does not describe [largest moment arms]. Source: layout."""
 
 
 @dataclass(frozen=True)
 class Stand:
-    """Where a joint stands on paper, in metres, or in inches once it is scaled; x points to the
-    right, y up.
+    """Where a joint stands on paper, in metres, or in inches after `scaled`; x points right, y up.
 
     Args:
-        centre: its axis.
-        turn: +1 where a positive angle turns counter-clockwise on paper, −1 clockwise.
+        centre: position of the joint's axis.
+        turn: +1 where a positive angle turns counter-clockwise on paper, −1 where it turns
+            clockwise.
         parent: index of the joint on whose link it sits, None for the base.
-        drawn_apart: whether it is drawn away from its position, where another joint stands.
-        towards: direction of its link at zero [rad].
+        drawn_apart: whether it is drawn away from its position because another joint stands there.
+        towards: direction of its link at zero angle [rad].
         reach: length of its link.
-        mass_at: where the centre of mass is, None where nothing is said of it.
+        mass_at: position of the centre of mass, None where the rig does not give it.
         described: whether the rig describes the link.
     """
 
@@ -45,13 +47,13 @@ class Stand:
 
     @property
     def tip(self) -> Point:
-        """The end of its link."""
+        """Position of the end of the joint's link."""
         return self.centre[0] + self.reach * cos(self.towards), self.centre[1] + self.reach * sin(
             self.towards
         )
 
     def scaled(self, scale: float) -> Stand:
-        """Return it in other units of length."""
+        """Return the stand with its lengths multiplied by `scale`."""
         centre = scale * self.centre[0], scale * self.centre[1]
         mass_at = (
             None if self.mass_at is None else (scale * self.mass_at[0], scale * self.mass_at[1])
@@ -60,15 +62,16 @@ class Stand:
 
 
 View = tuple[Floats, Floats, int]
-"""What points right on paper, what points up, and how a positive angle turns: +1 counter-clockwise.
+"""Unit vector that points right on paper, unit vector that points up, and +1 where a positive angle
+turns counter-clockwise (−1 where clockwise).
 """
 
 
 def views_of(rig: Rig) -> list[View]:
-    """Return how each joint is seen: along its axis.
+    """Return for each joint the view along its axis.
 
-    Joints with parallel axes are seen from one side. The others are seen so that +θ turns as at the
-    first joint: a tendon that stays on one side of all joints does so on paper.
+    Joints with parallel axes are seen from the same side. The others are seen so that +θ turns as
+    at the first joint; a tendon that stays on one side of all joints then does so on paper, too.
     """
     views: list[View] = []
     for joint in rig.joints:
@@ -84,8 +87,8 @@ def views_of(rig: Rig) -> list[View]:
 
 
 def view_along(axis: tuple[float, float, float]) -> View:
-    """Return how an axis, a unit vector, is seen: about y, x points right and z up, and +θ turns
-    clockwise.
+    """Return the view along an axis, given as a unit vector; for the axis y, x points right, z
+    points up and +θ turns clockwise.
     """
     a = np.asarray(axis)
     right = np.array([1.0, 0.0, 0.0]) - a[0] * a
@@ -99,7 +102,11 @@ def view_along(axis: tuple[float, float, float]) -> View:
 
 
 def stands(rig: Rig, arm: float) -> list[Stand]:
-    """Return where the joints stand, with the largest moment arm [m]."""
+    """Return where the joints stand on paper, in metres.
+
+    Args:
+        arm: largest moment arm [m], by which undescribed lengths are chosen.
+    """
     views = views_of(rig)
     centres: list[Point] = []
     apart: list[bool] = []
@@ -114,7 +121,7 @@ def stands(rig: Rig, arm: float) -> list[Stand]:
         moved = False
         near = 0.3 if parent is not None else 2.0
         while any(hypot(position[0] - x, position[1] - y) < near * arm for x, y in centres):
-            # on the base below the others, on a link further out
+            # joints on the base are moved down, joints on a link outwards
             position = (
                 (position[0] + APART * arm, position[1])
                 if parent is not None
@@ -148,7 +155,9 @@ def stands(rig: Rig, arm: float) -> list[Stand]:
 
 
 def _on_paper(vector: Floats, view: View) -> Point:
-    """Return a vector on paper; one that points out of it is laid down to the right."""
+    """Return a vector as seen on paper; a vector that points mostly towards the reader is drawn to
+    the right at its full length.
+    """
     across = float(vector @ view[0])
     up = float(vector @ view[1])
     length = float(np.linalg.norm(vector))
@@ -183,7 +192,7 @@ def gravity_on_paper(rig: Rig) -> tuple[Floats, float] | None:
     """Return the direction of free fall on paper, (right, up, towards the reader), and its size
     [m/s²].
 
-    None where it moves nothing.
+    The result is None where the rig has no weight.
     """
     if any(joint.gravity is not None for joint in rig.joints):
         return np.array([0.0, -1.0, 0.0]), 9.80665
@@ -194,8 +203,8 @@ def gravity_on_paper(rig: Rig) -> tuple[Floats, float] | None:
     ):
         return None
     for k, angle in reversed(list(enumerate(rig.base.orientation))):
-        # turned by roll, pitch and yaw about the world's axes, and here back again, the last one
-        # first
+        # the base is turned by roll, pitch and yaw about the world's axes; gravity is turned back
+        # by these angles, the last one first
         i = (k + 1) % 3
         j = (k + 2) % 3
         c = cos(angle)

@@ -1,4 +1,4 @@
-"""The way of a tendon past pulleys: straight lines that touch circles, and arcs between them."""
+"""The route of a tendon past pulleys: straight lines that touch circles, and arcs between them."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ from math import asin, atan2, cos, hypot, pi, sin
 from distal.reports.drawing.sheet import Point
 
 WRAP = 1.0
-"""How far a tendon lies on the last pulley before it is fixed [rad]."""
+"""Angle over which a tendon lies on its last pulley [rad]. Source: layout."""
 
 
 @dataclass(frozen=True)
 class Wheel:
-    """A circle that a tendon goes round, from the drive outwards.
+    """A circle that a tendon passes, or a point.
 
     Args:
-        radius: zero for a point.
-        way: +1 counter-clockwise, −1 clockwise, the way outwards; the tendon pulls it the other way
-            round.
+        centre: centre of the circle.
+        radius: radius of the circle, zero for a point.
+        way: direction in which the tendon goes round on its way outwards, +1 counter-clockwise, −1
+            clockwise; its pull turns the wheel the other way.
     """
 
     centre: Point
@@ -28,13 +29,13 @@ class Wheel:
     way: int = 1
 
     def point(self, heading: float) -> Point:
-        """Return where a tendon that heads in some direction [rad] touches it."""
+        """Return the point at which a straight tendon with a `heading` [rad] touches the wheel."""
         arm = self.way * self.radius
         return self.centre[0] + arm * sin(heading), self.centre[1] - arm * cos(heading)
 
 
 def route_heading(first: Wheel, last: Wheel) -> float:
-    """Return the direction of the straight line that leaves one circle and meets the next one
+    """Return the direction of the straight line that leaves one wheel and touches the next one
     [rad].
     """
     across = last.centre[0] - first.centre[0]
@@ -42,14 +43,16 @@ def route_heading(first: Wheel, last: Wheel) -> float:
     apart = hypot(across, up)
     if apart == 0.0:
         return 0.0
-    # circles that lie in one another have no such line: then the nearest to it
+    # circles of which one lies in the other have no such line: the nearest direction is taken
     ratio = (first.way * first.radius - last.way * last.radius) / apart
     return atan2(up, across) + asin(min(max(ratio, -1.0), 1.0))
 
 
 def route(wheels: Sequence[Wheel], wrap: float) -> list[Point]:
-    """Return the points of a tendon's way past at least two circles; on the last one it ends after
-    some wrap [rad].
+    """Return the points of a tendon's route past at least two wheels.
+
+    Args:
+        wrap: angle over which the tendon lies on the last wheel [rad].
     """
     headings = [route_heading(first, last) for first, last in pairwise(wheels)]
     points = [wheels[0].point(headings[0])]

@@ -1,5 +1,5 @@
-"""A sheet of paper in inches: text whose size is known before it is drawn, and an edge that follows
-what stands on it.
+"""A sheet of paper in inches: the size of a text is known before it is drawn, and the sheet is cut
+to its content at the end.
 """
 
 from __future__ import annotations
@@ -19,26 +19,28 @@ if TYPE_CHECKING:
     from matplotlib.patches import Patch
 
 Point = tuple[float, float]
+"""Position on the sheet, to the right and up [in]."""
+
 Box = tuple[float, float, float, float]
 """Left, bottom, right, top [in]."""
 
 SIZE = 7.0
-"""Of text [pt]."""
+"""Size of text [pt]. Source: layout."""
 
 PITCH = 0.13
-"""From one line of text to the next [in]."""
+"""Distance from one line of text to the next [in]. Source: layout."""
 
 BADGE = 0.072
-"""Radius of a sensor's badge [in]."""
+"""Radius of a sensor's badge [in]. Source: layout."""
 
 MARGIN = 0.14
-"""Around all that is drawn [in]."""
+"""Margin around all that is drawn [in]. Source: layout."""
 
 
 @dataclass(frozen=True)
 class DrawnLine:
-    """A line of text beside a part: bold for its name, with a sensor's badge of one letter in front
-    of it.
+    """A line of text beside a component; names are bold, and a sensor has a badge of one letter
+    before its name.
     """
 
     text: str
@@ -47,13 +49,18 @@ class DrawnLine:
 
     @property
     def width(self) -> float:
-        """How much room it takes [in]."""
+        """Width of the line with its badge [in]."""
         return width_of(self.text, SIZE, self.bold) + (3.0 * BADGE if self.badge else 0.0)
 
 
 @lru_cache(maxsize=4096)
 def width_of(text: str, size: float, bold: bool = False) -> float:
-    """Return the width of a line of text [in] in a size [pt]."""
+    """Return the width of a line of text [in].
+
+    Args:
+        size: size of the text [pt].
+        bold: whether the text is bold.
+    """
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextPath
 
@@ -65,22 +72,30 @@ def width_of(text: str, size: float, bold: bool = False) -> float:
 
 
 def on_circle(centre: Point, radius: float, angle: float) -> Point:
-    """Return the point of a circle of a radius [in] at an angle, counter-clockwise from the right
-    [rad].
+    """Return the point of a circle at an angle.
+
+    Args:
+        radius: radius of the circle [in].
+        angle: angle from the right, counter-clockwise [rad].
     """
     return centre[0] + radius * cos(angle), centre[1] + radius * sin(angle)
 
 
 def arc(centre: Point, radius: float, start: float, end: float) -> list[Point]:
-    """Return points along an arc of a radius [in] from its start to its end, angles from the right
+    """Return points along an arc from the angle `start` to the angle `end`, both from the right
     [rad].
+
+    Args:
+        radius: radius of the arc [in].
     """
     count = 2 + int(abs(end - start) / 0.06)
     return [on_circle(centre, radius, start + (end - start) * k / count) for k in range(count + 1)]
 
 
 class Sheet:
-    """A figure to draw on in inches, without an edge until `cut`; y points up."""
+    """A figure on which things are drawn at positions in inches; y points up, and `cut` gives it
+    its size.
+    """
 
     def __init__(self) -> None:
         self.figure: Figure
@@ -94,17 +109,17 @@ class Sheet:
         self._taken: list[Box] = []
 
     def reserve(self, *points: Point) -> None:
-        """Keep points inside the sheet."""
+        """Extend the sheet so that the points are on it."""
         for k in (0, 1):
             self.low[k] = min(self.low[k], *(point[k] for point in points))
             self.high[k] = max(self.high[k], *(point[k] for point in points))
 
     def take(self, box: Box) -> None:
-        """Keep labels out of a box."""
+        """Mark a box as taken, so that no label is written there."""
         self._taken.append(box)
 
     def is_free(self, box: Box) -> bool:
-        """Return whether nothing is written in a box."""
+        """Return whether no part of a box is taken."""
         return not any(
             box[0] < b[2] and b[0] < box[2] and box[1] < b[3] and b[1] < box[3] for b in self._taken
         )
@@ -123,10 +138,10 @@ class Sheet:
         """Write one line of text.
 
         Args:
-            at: its left end, middle or right end, on its middle line [in].
-            size: of the font [pt].
-            ha: "left", "center" or "right".
-            clear: whether paper is left free around its letters, where lines pass behind.
+            at: left end, middle or right end of the text, on its middle line [in].
+            size: size of the text [pt].
+            ha: which of these `at` is: "left", "center" or "right".
+            clear: whether the letters have a white outline, for text in front of lines.
         """
         from matplotlib.patheffects import withStroke
 
@@ -146,8 +161,11 @@ class Sheet:
         self.axes.text(*at, plain(text), **look, path_effects=effects)
 
     def write_near(self, at: Point, away: Point, text: str) -> None:
-        """Write a label beside a point, further away from it, by a unit vector, where other text
-        stands already.
+        """Write a label beside a point.
+
+        Args:
+            away: unit vector along which the label is moved away from the point until it covers no
+                other text.
         """
         ha = "left" if away[0] > 0.35 else "right" if away[0] < -0.35 else "center"
         position = at
@@ -158,7 +176,9 @@ class Sheet:
         self.write(position, text, ha=ha, clear=True)
 
     def block(self, at: Point, lines: Sequence[DrawnLine]) -> None:
-        """Write lines below one another, from the left end of the first one's middle line."""
+        """Write lines below one another; `at` is the left end of the first line, at its middle
+        height.
+        """
         for k, line in enumerate(lines):
             x = at[0]
             y = at[1] - k * PITCH
@@ -168,12 +188,16 @@ class Sheet:
             self.write((x, y), line.text, bold=line.bold)
 
     def badge(self, at: Point, letter: str) -> None:
-        """Mark a sensor: a small circle with the letter of what it measures."""
+        """Draw a sensor's badge: a small circle with the letter of the measured quantity."""
         self.disc(at, BADGE - 0.016, WHITE, order=8.0)
         self.write(at, letter, size=5.5, ha="center")
 
     def mark(self, lines: Sequence[DrawnLine], positions: Mapping[str, Point]) -> None:
-        """Repeat the badges of some lines on the part that they are of, each in its place there."""
+        """Repeat the badges of lines on the drawn component.
+
+        Args:
+            positions: letter of a badge → where it is drawn.
+        """
         for letter, at in positions.items():
             if any(line.badge == letter for line in lines):
                 self.badge(at, letter)
@@ -181,8 +205,11 @@ class Sheet:
     def line(
         self, points: Sequence[Point], colour: str = INK, width: float = 0.8, **look: object
     ) -> None:
-        """Draw a line of some width [pt] through points; `look` are properties of matplotlib's
-        `Line2D`.
+        """Draw a line through points.
+
+        Args:
+            width: width of the line [pt].
+            look: properties of matplotlib's `Line2D`.
         """
         self.reserve(*points)
         xs, ys = zip(*points)
@@ -195,14 +222,17 @@ class Sheet:
         )
 
     def bar(self, points: Sequence[Point], colour: str, width: float, order: float) -> None:
-        """Draw a bar of some width [pt] with round ends and a thin edge; a higher order lies in
-        front.
+        """Draw a bar through points, with round ends and a thin edge.
+
+        Args:
+            width: width of the bar [pt].
+            order: a bar of higher order lies in front.
         """
         self.line(points, SOFT, width + 1.2, solid_capstyle="round", zorder=order)
         self.line(points, colour, width, solid_capstyle="round", zorder=order + 0.05)
 
     def patch(self, shape: Patch, *corners: Point) -> None:
-        """Put a shape on the sheet, and keep its corners inside."""
+        """Add a shape of matplotlib, and extend the sheet to its corners."""
         self.axes.add_patch(shape)
         if corners:
             self.reserve(*corners)
@@ -216,8 +246,12 @@ class Sheet:
         order: float = 2.0,
         **look: object,
     ) -> None:
-        """Draw a circle of a radius [in]; a higher order lies in front, `look` are properties of
-        matplotlib's `Circle`.
+        """Draw a circle.
+
+        Args:
+            radius: radius of the circle [in].
+            order: a circle of higher order lies in front.
+            look: properties of matplotlib's `Circle`.
         """
         from matplotlib.patches import Circle
 
@@ -230,8 +264,10 @@ class Sheet:
         self.patch(shape, (x - radius, y - radius), (x + radius, y + radius))
 
     def box(self, low: Point, high: Point, colour: str, order: float) -> None:
-        """Draw a rectangle by its corners left and below, and right and above; a higher order lies
-        in front.
+        """Draw a rectangle by its left lower and right upper corners.
+
+        Args:
+            order: a rectangle of higher order lies in front.
         """
         from matplotlib.patches import Rectangle
 
@@ -244,7 +280,11 @@ class Sheet:
         )
 
     def arrow(self, points: Sequence[Point], colour: str = INK, width: float = 0.9) -> None:
-        """Draw a line of some width [pt] with a head at its last point."""
+        """Draw a line through points, with a head at the last one.
+
+        Args:
+            width: width of the line [pt].
+        """
         from matplotlib.patches import Polygon
 
         self.line(points, colour, width, zorder=5.0)
@@ -261,7 +301,7 @@ class Sheet:
         self.patch(Polygon(ends, facecolor=colour, edgecolor="none", zorder=5.0), *ends)
 
     def cut(self) -> None:
-        """Give the figure the size of what stands on it."""
+        """Give the figure the size of what is on it, with a margin."""
         low = [v - MARGIN for v in self.low]
         high = [v + MARGIN for v in self.high]
         self.figure.set_size_inches(high[0] - low[0], high[1] - low[1])
@@ -270,8 +310,12 @@ class Sheet:
         self.axes.set_ylim(low[1], high[1])
 
     def panel(self, corner: Point, width: float, height: float) -> Axes:
-        """Return new axes on the sheet by their corner left and below, width and height; called
-        after `cut`.
+        """Return new axes on the sheet; this is called after `cut`.
+
+        Args:
+            corner: left lower corner of the axes [in].
+            width: width of the axes [in].
+            height: height of the axes [in].
         """
         (x0, x1), (y0, y1) = self.axes.get_xlim(), self.axes.get_ylim()
         w = x1 - x0

@@ -1,4 +1,4 @@
-"""A rig of an Aero Hand from the constants of the user's own installed SDK, which is asked and not
+"""A rig of an Aero Hand from the user's own copy of its SDK: the SDK is called, nothing of it is
 copied.
 """
 
@@ -20,13 +20,21 @@ from distal.rig.hand_tables.row import Row
 from distal.rig.imported import Imported
 
 PACKAGE = "aero_open_sdk"
+"""Name of the SDK's package."""
+
 NAMES = ("_JOINT_NAMES", "_JOINT_LOWER_LIMITS", "_JOINT_UPPER_LIMITS", "_ACTUATIONS_NAMES")
+"""Constants that are read from the SDK: names of joints, ends of their ranges [°], names
+of motors.
+"""
+
 SMALLEST = 1e-6
-"""Turns of a motor for one of a joint below which the motor does not move it."""
+"""Change of a motor's angle per change of a joint's below which the motor does not move the joint
+[1]. Source: rounding (differences of the SDK's results).
+"""
 
 
 def from_aero(folder: str | Path | None = None) -> Imported:
-    """Return the rig of an Aero Hand: its SDK is asked how far each motor turns for each joint.
+    """Return the rig of an Aero Hand: its SDK computes how far each motor turns for each joint.
 
     Args:
         folder: of the package `aero_open_sdk`, or where it was cloned; None for the installed one.
@@ -104,8 +112,8 @@ def _root(folder: str | Path | None) -> Path:
 
 
 def _constants(path: Path) -> dict[str, list[object]]:
-    """Return the lists of names and ranges that stand in a file, without running it: it would ask
-    for a serial port.
+    """Return the lists of names and ranges that stand in a file. The file is not run, since it
+    would open a serial port.
     """
     try:
         tree = ast.parse(read_text(path, RigError))

@@ -13,18 +13,20 @@ from distal.rig.imported import Guess, Imported, name_of
 Raw = dict[str, object]
 
 NARROWEST = radians(7.0)
-"""Some joint of a hand turns by more [rad]; a turn in radians that is read as degrees is 6.3°."""
+"""Some joint of a hand has a wider range than this [rad]; if none has, radians were read as
+degrees, since a whole turn of 2π would be 6.3°. Source: definition (a whole turn in radians).
+"""
 
 
 def hand_of(rows: Sequence[Row], title: str, source: str, notes: Sequence[str] = ()) -> Imported:
     """Return the rig of a hand; what its rows do not say is a guess with a std, and is listed.
 
-    Each joint hangs on the base: without links no weight of one moves another. A motor of one joint
-    whose way back is a tendon has two on its spool, which may be slack; else its one tendon crosses
-    all its joints, and springs bring them back.
+    Each joint sits on the base, without a link, so that no weight of one acts on another. A motor
+    of one joint whose row has `back` = "tendon" has two tendons on its spool, which may be slack.
+    Any other motor has one tendon over all of its joints, and springs bring these back.
 
     Raises:
-        RigError: a joint is described twice in different words, or rows contradict each other.
+        RigError: no joint has a motor, or rows contradict each other.
     """
     joints = dict[str, list[Row]]()
     motors = dict[str, list[Row]]()
@@ -78,7 +80,7 @@ def hand_of(rows: Sequence[Row], title: str, source: str, notes: Sequence[str] =
 
 
 def _time(column: str) -> Raw:
-    """Return the time of a log; its unit stands behind its name."""
+    """Return the time column of a log; its unit stands in brackets behind its name."""
     name, _, unit = column.rstrip(" ])").partition(" [")
     return {"column": name, "unit": unit or "s"}
 
@@ -94,7 +96,7 @@ def current_of(motor: str) -> str:
 
 
 def in_degrees(angle: float) -> str:
-    """Return an angle [rad] as a rig file has it."""
+    """Return an `angle` [rad] as text in degrees, as a rig file has it."""
     return f"{round(degrees(angle), 6) + 0.0:.8g} deg"
 
 
@@ -147,8 +149,8 @@ def _drive(name: str, rows: Sequence[Row]) -> Raw:
 
 
 def _tendons(motor: str, rows: Sequence[Row]) -> list[Raw]:
-    """Return two tendons of a motor whose joint is brought back by one of them, else its one tendon
-    over all its joints.
+    """Return the tendons of a motor: two where a tendon brings its only joint back, else one over
+    all of its joints.
     """
     pair = len(rows) == 1 and rows[0].back == "tendon"
     if not pair:
@@ -200,8 +202,8 @@ def _arm(row: Row) -> object:
 
 
 def _winds(rows: Sequence[Row]) -> int:
-    """Return the sign of a motor's reading: it winds a tendon over joints as it grows, unless none
-    grows with it.
+    """Return the sign with which the motor's reading counts as winding its tendon: +1 where some
+    joint's angle grows with the reading, else −1.
     """
     return max(row.direction for row in rows)
 

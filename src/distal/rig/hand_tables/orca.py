@@ -16,28 +16,37 @@ from distal.rig.imported import Imported
 from distal.units import to_si
 
 REVISED = 21
-"""Of `hardware_version`: the revision to which the keys that end in _v21 belong."""
+"""Number that `hardware_version` has for the revision to which the keys that end in _v21 belong
+[1]. Source: definition (files of orca_core).
+"""
 
 NARROWEST = 7.0
-"""Some joint of a hand turns by more [°]; a whole turn in radians is 6.3."""
+"""Some joint of a hand has a wider range than this [°]; if none has, the ranges are in radians,
+since a whole turn of 2π would read as 6.3°. Source: definition (a whole turn in radians).
+"""
 
 LOST = 0.92
-"""A motor's travel from stop to stop also stretches the tendons and takes up their play: the ratio
-is about this share.
+"""Ratio of motor to joint as a share of the ratio of their travels [1]: a motor's travel from stop
+to stop also stretches the tendons and takes up their play. Source: judgement.
 """
 
 LOST_STD = 0.06
-"""How well that share is known."""
+"""Std of `LOST` [1]. Source: judgement."""
 
 CALIBRATED_ZERO_STD = radians(4.0)
-"""How well a calibration against the stops says where a joint's zero is, at the motor [rad]."""
+"""Std of the motor's angle at a joint's zero after a calibration against the stops [rad]. Source:
+judgement.
+"""
 
 
 def from_orca(config: str | Path, calibration: str | Path | None = None) -> Imported:
     """Return the rig of an ORCA hand from the files that its own software reads.
 
-    A config has the joints' ranges and the signed map of its motors; a calibration where the motors
-    met the stops. Radii are guesses: only their ratio follows from the motors' travel.
+    The radii in it are guesses: only their ratio follows from the motors' travel.
+
+    Args:
+        config: file with the joints' ranges and the signed map of joints to motors.
+        calibration: file that says where the motors met the stops.
 
     Raises:
         RigError: a file cannot be read or has no such entries; says which and what is needed.
@@ -101,7 +110,7 @@ def from_orca(config: str | Path, calibration: str | Path | None = None) -> Impo
 
 
 def orca_order(config: str | Path) -> list[list[str]]:
-    """Return the joints that an ORCA hand's own calibration moves at one time, in its order:
+    """Return the joints that an ORCA hand's own calibration moves at one time, in its order; for
     `RoutineOptions.order`.
 
     Raises:

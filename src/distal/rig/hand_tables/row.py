@@ -9,12 +9,13 @@ from typing import Literal
 from distal.errors import RigError
 
 MOST_COUNTS = 1e9
-"""No encoder has more counts in one turn."""
+"""Largest number of counts of an encoder in one turn [1]. Source: judgement."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """A joint that a motor's tendon moves; None is what nobody knows.
+    """A joint that a motor's tendon moves, or that follows another; None stands for what is not
+    known.
 
     Args:
         joint: its name.
@@ -24,16 +25,16 @@ class Row:
         spool_radius: of the motor [m].
         joint_radius: of the pulley at the joint [m].
         direction: +1 where the joint's angle grows as the motor's reading grows.
-        back: what brings the joint back: a second "tendon" on the same spool, or a "spring".
+        back: whether a second "tendon" on the same spool or a "spring" brings the joint back.
         zero: what the motor reads while the joint is at zero [rad].
-        zero_std: how well that is known [rad].
-        ratio_std: how well the ratio of both radii is known, a share.
+        zero_std: std of that reading [rad].
+        ratio_std: std of the ratio of both radii, as a share.
         unit: of what the motor reads, "rad" or "deg", where it does not log counts.
         counts: of the encoder in one turn; None for a log in `unit`.
         torque_constant: of the motor [N m/A].
         follows: a joint to which it is coupled rigidly.
-        ratio: turns of it for one turn of that.
-        range_std: how well each end of its range is known [rad].
+        ratio: turns of this joint for one turn of the joint that it follows.
+        range_std: std of each end of its range [rad].
         position_column: what the motor's reading is called in logs.
         current_column: what its current is called.
         time_column: what the time is called; one for all.

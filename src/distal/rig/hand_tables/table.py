@@ -41,11 +41,14 @@ WORDS = {"back": ("tendon", "spring"), "unit": ("rad", "deg")}
 """Words that may stand in a column."""
 
 COUNTED = ("count", "counts")
-"""Units of a `zero` that is the reading of an encoder, whose turn has `counts`."""
+"""Units of a `zero` that is given in counts of an encoder, with `counts` in one turn."""
 
 NEEDED = ("joint", "low", "high")
+"""Columns that a table must have."""
+
 _HEADER = re.compile(r"^\s*([A-Za-z_ ]+?)\s*(?:[\[(]\s*(.*?)\s*[\])])?\s*$")
 MOST_ROWS = 200
+"""Largest number of lines in a table, with the line of names [1]. Source: judgement."""
 
 
 def from_table(path: str | Path) -> Imported:

@@ -1,5 +1,5 @@
-"""Where a tendon crosses one of several joints: which joint, on which side, and its friction
-there.
+"""A tendon that crosses one of several joints: which joint, on which side, and its
+friction there.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 Size: TypeAlias = "Callable[[str], Scalar]"
 """Name of one of an insertion's numbers → its symbol or value.
 
-An insertion's `elongation` takes these, its side (+1 pulls the joint to +θ, −1 to −θ), angles [rad]
-and the displacement x [m] of the tendon's proximal end, away from the joint, and returns what they
-add to the tendon's free length l [m].
+The method `elongation` of an insertion takes such a function, its side (+1 pulls the joint to +θ,
+−1 to −θ), the angles of its joints [rad] and the displacement x [m] of the tendon's proximal end,
+away from the joint. It returns what angles and displacement add to the tendon's free length l [m].
 """
 
 

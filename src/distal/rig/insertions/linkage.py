@@ -15,12 +15,14 @@ if TYPE_CHECKING:
     from distal.expressions import Scalar
 
 NEWTON_STEPS = 12
-"""Iterations of the inverse of the excursion: it is nearly a straight line."""
+"""Number of Newton's iterations that invert the excursion, which is nearly linear [1]. Source:
+judgement.
+"""
 
 
 def growth(u: Scalar, slope: Scalar, curvature: Scalar) -> Scalar:
-    """Return the arm at u [rad] over that at the centre: 1 + s u + c u², with `slope` s and
-    `curvature` c.
+    """Return the moment arm at u [rad] over the arm at the centre: 1 + s u + c u², with `slope` s
+    and `curvature` c.
     """
     return 1 + u * (slope + u * curvature)
 
@@ -34,7 +36,7 @@ class Linkage(Description):
     """
 
     DRAWN: ClassVar[str] = "cam r"
-    """What a drawing writes before its radius."""
+    """What a drawing writes before the radius."""
 
     kind: Literal["linkage"]
     radius: Annotated[Parameter, In("m", "positive")] = Field(
@@ -54,8 +56,8 @@ class Linkage(Description):
         return self.radius.value * float(growth(u, self.slope.value, self.curvature.value))
 
     def excursion(self, size: Size, angle: Scalar) -> Scalar:
-        """Return how far it draws its tendon from 0 to an angle θ: r [u + s u²/2 + c u³/3], u = θ −
-        θ_c, less that at 0.
+        """Return how far the linkage draws in its tendon as the joint turns from 0 to `angle` θ
+        [m]: r [u + s u²/2 + c u³/3] with u = θ − θ_c, less the same at θ = 0.
         """
         centre = size("centre")
         slope = size("slope")
@@ -69,14 +71,14 @@ class Linkage(Description):
     def elongation(
         self, size: Size, side: int, angles: Sequence[Scalar], displacement: Scalar
     ) -> Scalar:
-        """Return ℓ − l, what the joint's angle, the only one of `angles`, and the drive's
-        displacement add; see `Size`.
+        """Return ℓ − l [m], by how much the angle of the joint (the only one of `angles`) and the
+        `displacement` of the drive lengthen the tendon's way; see `Size`.
         """
         return displacement - side * self.excursion(size, angles[0])
 
     def angle_at(self, size: Size, side: int, elongated: Scalar, displacement: Scalar) -> Scalar:
-        """Return the angle θ [rad] at which ℓ − l is `elongated` at a displacement x: the inverse
-        of `elongation`.
+        """Return the angle θ [rad] at which ℓ − l is `elongated` [m] at a `displacement` x [m]: the
+        inverse of `elongation`.
         """
         desired = side * (displacement - elongated)
         radius = size("radius")

@@ -21,7 +21,7 @@ class Pinned(Description):
     """
 
     DRAWN: ClassVar[str] = "pin at r"
-    """What a drawing writes before its radius."""
+    """What a drawing writes before the radius."""
 
     kind: Literal["pinned"]
     radius: Annotated[Parameter, In("m", "positive")] = Field(description="axis to insertion, r")
@@ -30,19 +30,17 @@ class Pinned(Description):
     )
 
     def arm(self, angle: float) -> float:
-        """Return the moment arm [m] at an angle of 0, whatever the angle: a pin is described by its
-        radius.
-        """
+        """Return the moment arm at θ = 0 [m], the radius of the pin, whatever the `angle`."""
         return self.radius.value
 
     def elongation(
         self, size: Size, side: int, angles: Sequence[Scalar], displacement: Scalar
     ) -> Scalar:
-        """Return ℓ − l, what the joint's angle, the only one of `angles`, and the drive's
-        displacement add; see `Size`.
+        """Return ℓ − l [m], by how much the angle of the joint (the only one of `angles`) and the
+        `displacement` of the drive lengthen the tendon's way; see `Size`.
 
-        Mend: the paper prints "− r sin θ" for both tendons; the second insertion is opposite, so it
-        moves the other way.
+        Mend: the paper prints "− r sin θ" for both tendons. The second insertion is opposite to the
+        first, so that it moves the other way and the sign is `side`.
         """
         (angle,), radius, free_length = angles, size("radius"), size("free_length")
         # (4) and (5) multiplied out: ℓ² = A² − 2 side r A sin θ + 2 r² (1 − cos θ), A = l + x, has
@@ -54,8 +52,8 @@ class Pinned(Description):
         return ca.sqrt(square) - free_length
 
     def angle_at(self, size: Size, side: int, elongated: Scalar, displacement: Scalar) -> Scalar:
-        """Return the angle θ [rad] at which ℓ − l is `elongated` at a displacement x: the inverse
-        of `elongation`.
+        """Return the angle θ [rad] at which ℓ − l is `elongated` [m] at a `displacement` x [m]: the
+        inverse of `elongation`.
 
         Squaring (4) gives r cos θ + side · A sin θ = (2r² + A² − ℓ²)/(2r) with A = l + x, a shifted
         sine. Where no angle fits (the drive moved further than the insertion can follow), the

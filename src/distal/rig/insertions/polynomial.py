@@ -25,14 +25,15 @@ class Term(Description):
 
 
 HIGHEST_POWER = 9
+"""Largest power of an angle in a term [1]. Source: judgement."""
 
 
 class Polynomial(Description):
     """A crossing whose excursion is a polynomial in several angles: ℓ = l + x − scale · (e(θ) −
     e(0)).
 
-    Outside `range` the tendon goes on in a straight line, with the arm that it has at the end of
-    it.
+    Outside of `range` the excursion goes on as a straight line, with the moment arm at the end of
+    the range.
     """
 
     kind: Literal["polynomial"]
@@ -74,8 +75,8 @@ class Polynomial(Description):
         return self
 
     def arms(self, angles: dict[str, float]) -> dict[str, float]:
-        """Return the moment arms, positive where it pulls to +θ, by joint [m]; one without an angle
-        is at 0.
+        """Return the moment arms by joint [m], positive where the tendon pulls to +θ, at `angles`
+        by joint [rad], each limited to its range; a joint without an angle is at 0.
         """
         at = [
             min(max(angles.get(name, 0.0), low), high)
@@ -93,21 +94,21 @@ class Polynomial(Description):
     def elongation(
         self, size: Size, side: int, angles: Sequence[Scalar], displacement: Scalar
     ) -> Scalar:
-        """Return ℓ − l = x − scale · (e(θ) − e(0)), what the angles and the drive's displacement x
-        add; see `Size`.
+        """Return ℓ − l = x − scale · (e(θ) − e(0)) [m], by how much the `angles` θ and the
+        `displacement` x of the drive lengthen the tendon's way; see `Size`.
 
-        The side is 1: the signs of its terms say to which side it pulls.
+        The `side` is not used: the signs of the terms say to which side the tendon pulls.
         """
         coefficients = [size(f"terms.{k}.coefficient") for k in range(len(self.terms))]
         zero = self._excursion(coefficients, [ca.SX(0)] * len(angles))
         return displacement - size("scale") * (self._excursion(coefficients, angles) - zero)
 
     def _excursion(self, coefficients: Sequence[Scalar], angles: Sequence[Scalar]) -> Scalar:
-        """Return e(θ) = Σ c Π θ_j^{n_j}; outside its range e(θ_c) + Σ a_j (θ_j − θ_c,j), with θ_c
-        at the end of the range.
+        """Return e(θ) = Σ c Π θ_j^{n_j}. Outside of the range it is e(θ_c) + Σ a_j (θ_j − θ_c,j),
+        where θ_c is θ limited to the range.
 
-        a_j is the arm at the end of θ_j's own range with the other angles in the middle of theirs:
-        no length jumps, and no arm grows beyond what it is somewhere in the range.
+        a_j is the moment arm at the end of θ_j's own range with the other angles in the middle of
+        theirs. So no length jumps, and no arm grows beyond what it is somewhere in the range.
         """
         clipped = [
             ca.fmin(ca.fmax(angle, low), high) for angle, (low, high) in zip(angles, self.range)
@@ -125,7 +126,7 @@ class Polynomial(Description):
         return total
 
     def _slope(self, coefficients: Sequence[Scalar], at: Sequence[Scalar], joint: int) -> Scalar:
-        """Return ∂e/∂θ_j at given angles."""
+        """Return ∂e/∂θ_j of a `joint` j at given angles."""
         total = ca.SX(0)
         for term, coefficient in zip(self.terms, coefficients):
             power = term.powers[joint]

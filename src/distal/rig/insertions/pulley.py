@@ -18,26 +18,26 @@ class Pulley(Description):
     """The tendon wraps round a pulley at the joint: ℓ = l + x ∓ r θ."""
 
     DRAWN: ClassVar[str] = "pulley r"
-    """What a drawing writes before its radius."""
+    """What a drawing writes before the radius."""
 
     kind: Literal["pulley"]
     radius: Annotated[Parameter, In("m", "positive")] = Field(description="radius of the pulley, r")
 
     def arm(self, angle: float) -> float:
-        """Return the moment arm at any angle [m]."""
+        """Return the moment arm [m], the same at any `angle`."""
         return self.radius.value
 
     def elongation(
         self, size: Size, side: int, angles: Sequence[Scalar], displacement: Scalar
     ) -> Scalar:
-        """Return ℓ − l, what the joint's angle, the only one of `angles`, and the drive's
-        displacement add; see `Size`.
+        """Return ℓ − l [m], by how much the angle of the joint (the only one of `angles`) and the
+        `displacement` of the drive lengthen the tendon's way; see `Size`.
         """
         return displacement - side * size("radius") * angles[0]
 
     def angle_at(self, size: Size, side: int, elongated: Scalar, displacement: Scalar) -> Scalar:
-        """Return the angle θ [rad] at which ℓ − l is `elongated` at a displacement x: the inverse
-        of `elongation`.
+        """Return the angle θ [rad] at which ℓ − l is `elongated` [m] at a `displacement` x [m]: the
+        inverse of `elongation`.
         """
         return side * (displacement - elongated) / size("radius")
 

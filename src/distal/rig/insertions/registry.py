@@ -15,12 +15,12 @@ Shape = Pinned | Pulley | Linkage | Polynomial
 """How a tendon meets a joint."""
 
 Insertion = Annotated[Pinned | Pulley | Linkage, Field(discriminator="kind")]
-"""How it meets the only joint that it crosses."""
+"""How a tendon that crosses only one joint meets it."""
 
 Crossing = Annotated[
     CrossedPinned | CrossedPulley | CrossedLinkage | Polynomial, Field(discriminator="kind")
 ]
-"""How it meets one joint (a polynomial: several), where it crosses more than one."""
+"""How a tendon that crosses several joints meets one of them (a polynomial: several)."""
 
 KINDS = tuple(get_args(shape.model_fields["kind"].annotation)[0] for shape in get_args(Shape))
 """What ``kind`` may be in a rig file."""

@@ -1,5 +1,5 @@
-"""A rig from a MuJoCo model: joints and links as they are there, tendons by what MuJoCo says of
-their lengths.
+"""A rig from a MuJoCo model: joints and links are taken as they are, tendons from the lengths that
+MuJoCo computes.
 """
 
 from distal.rig.mjcf.bodies import joint_name, tendon_name

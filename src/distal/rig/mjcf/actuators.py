@@ -15,10 +15,12 @@ if TYPE_CHECKING:
 
 
 def driven_tendons(model: mujoco.MjModel) -> tuple[dict[int, str], list[str]]:
-    """Return names of the tendons that an actuator pulls, by index, and what is left out, in words.
+    """Return index → name of the tendons that an actuator pulls, and what is left out, in words.
 
-    In a model without actuators all tendons that are no springs are pulled. None, or a muscle, is a
-    `RigError`.
+    In a model without actuators all tendons that are no springs count as pulled.
+
+    Raises:
+        RigError: no tendon is pulled, or one is pulled by a muscle.
     """
     mujoco = mujoco_module()
     if not model.ntendon:

@@ -1,5 +1,5 @@
-"""Joints and links of a model, as a chain in which all frames are parallel where all angles are
-zero.
+"""Joints and links of a model, as a chain whose frames are all parallel where all angles
+are zero.
 """
 
 from __future__ import annotations
@@ -24,17 +24,19 @@ if TYPE_CHECKING:
 
 
 SMALLEST_INERTIA = 1e-9
-"""Of a joint to which the model gives no armature [kg m²]: its link's inertia is what counts."""
+"""Inertia of a joint to which the model gives no armature, beside its link's [kg m²]. Source:
+rounding (an inertia of zero).
+"""
 
 FRICTION_RADIUS = 1e-3
-"""`frictionloss` does not grow with the tensions: as friction of an axle it is nearly all preload
-[m].
+"""Radius of the axle of a joint with `frictionloss` [m]. This friction does not grow with the
+tensions, so the radius is small and nearly all of the load is preload. Source: judgement.
 """
 
 
 @dataclass(frozen=True)
 class Units:
-    """What a unit of the model is, its length in metres; mass and time are kilograms and
+    """Units of a model: metres in its unit of `length`; masses are in kilograms, times in
     seconds.
     """
 
@@ -52,18 +54,18 @@ class Units:
 
 
 def joint_name(model: mujoco.MjModel, joint: int) -> str:
-    """Return what a joint is called in the rig."""
+    """Return the name of a joint in the rig."""
     return name_of(model.joint(joint).name, f"joint{joint}")
 
 
 def tendon_name(model: mujoco.MjModel, tendon: int) -> str:
-    """Return what a tendon is called in the rig."""
+    """Return the name of a tendon in the rig."""
     return name_of(model.tendon(tendon).name, f"tendon{tendon}")
 
 
 def carried_by(model: mujoco.MjModel, joints: Sequence[int]) -> list[int]:
-    """Return for each body the joint that moves it last, of those that are kept, −1 where none
-    does.
+    """Return for each body the last one of the kept `joints` on its way from the base, −1 where
+    there is none.
     """
     carrier = [-1] * model.nbody
     for body in range(1, model.nbody):
@@ -75,8 +77,8 @@ def carried_by(model: mujoco.MjModel, joints: Sequence[int]) -> list[int]:
 def parent_of(
     model: mujoco.MjModel, joint: int, joints: Sequence[int], carrier: Sequence[int]
 ) -> int:
-    """Return the joint on whose link another sits, of those that are kept, −1 for none; `carrier`
-    is by `carried_by`.
+    """Return which of the kept `joints` turns the link on which a joint sits, −1 for none;
+    `carrier` is by `carried_by`.
     """
     body = int(model.jnt_bodyid[joint])
     above = carrier[int(model.body_parentid[body])]
@@ -86,8 +88,8 @@ def parent_of(
 def described_joints(
     model: mujoco.MjModel, joints: Sequence[int], units: Units
 ) -> tuple[dict[str, object], list[dict[str, object]]]:
-    """Return the raw base and joints, in the model's order: axes, positions, links, armature,
-    damping, friction, stops.
+    """Return the raw base and the raw joints, in the model's order, with axes, positions, links,
+    armature, damping, friction and stops.
     """
     mujoco = mujoco_module()
     data = mujoco.MjData(model)

@@ -1,5 +1,5 @@
-"""Which joints of a model are the rig's: those that turn, that are asked for, and that driven
-tendons move.
+"""The choice of the joints of a model that become the rig's: they turn, are asked for, and driven
+tendons move them.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 def turning_joints(
     model: mujoco.MjModel, chain: str | None, joints: Sequence[str] | None
 ) -> list[int]:
-    """Return the indices of the joints that turn about one axis, of those that are asked for; see
-    `from_mujoco`.
+    """Return the indices of those joints that turn about one axis and are asked for; for `chain`
+    and `joints` see `from_mujoco`.
     """
     mujoco = mujoco_module()
     turning = [
@@ -64,10 +64,14 @@ def other_joints(
     driven: Mapping[int, str],
     turned: Mapping[int, Sequence[int]],
 ) -> list[str]:
-    """Return, in words, which joints outside the choice, `hinges`, a driven tendon moves too; they
-    must be hinges as well.
+    """Return notes on joints outside of the choice `hinges` that driven tendons turn too.
 
-    Of those in the choice each driven tendon turns the ones in `turned`.
+    Args:
+        driven: index → name of each driven tendon.
+        turned: index of each driven tendon → which joints of the choice it turns.
+
+    Raises:
+        RigError: such a joint is no hinge.
     """
     mujoco = mujoco_module()
     kinds = {
@@ -99,8 +103,8 @@ def other_joints(
 
 
 def check_base(model: mujoco.MjModel, first: int, chain: str | None) -> None:
-    """Raise a `RigError` where the base of a chain floats, below the first joint that is kept,
-    unless it is asked for.
+    """Raise a `RigError` where the base of the `first` kept joint floats, unless a `chain` is asked
+    for.
     """
     body = int(model.jnt_bodyid[first])
     free = int(mujoco_module().mjtJoint.mjJNT_FREE)
@@ -118,8 +122,8 @@ def check_base(model: mujoco.MjModel, first: int, chain: str | None) -> None:
 def kept_joints(
     hinges: Sequence[int], turned: Mapping[int, Sequence[int]], coupled: Sequence[Coupled]
 ) -> list[int]:
-    """Return those of the `hinges` that tendons turn (see `other_joints`), and those coupled to one
-    of these.
+    """Return those of the `hinges` that tendons turn (`turned` as in `other_joints`), and those
+    that are coupled to one of these.
     """
     kept = {hinges[k] for joints in turned.values() for k in joints}
     for coupling in coupled:

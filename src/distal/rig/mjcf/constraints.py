@@ -1,5 +1,5 @@
-"""How stiff limits and couplings of a model's joints are: MuJoCo's give way, those of light joints
-by degrees.
+"""Stiffness of the limits and couplings of a model's joints; in MuJoCo they give way, those of
+light joints by degrees.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ if TYPE_CHECKING:
     import mujoco
 
 RETURN_TIME = 1e-3
-"""In this time a joint leaves a stop that a correction of a filter has put it into [s]; MuJoCo
-takes twice solref's.
+"""Time constant with which a joint leaves a stop into which a correction of a filter has put it
+[s]; in MuJoCo it is twice that of `solref`. Source: judgement.
 """
 
 
 def stiffness_at_rest(
     model: mujoco.MjModel, solref: Floats, solimp: Floats, inverse_inertia: float
 ) -> float:
-    """Return the stiffness of a constraint in the model's units, at rest and beyond the width of
-    `solimp`.
+    """Return the stiffness of a constraint at rest, beyond the width of `solimp`, in the model's
+    units.
 
-    K = k/((1 − d) A), k = 1/(T ζ)² or −solref[0], d = d_max, A the inverse inertia: MuJoCo's
-    documentation, "Computation", where a force f = (a_ref − a)/R, R = A (1 − d)/d, a_ref =
-    −(d/d_max²) k r at rest. `inverse_inertia` is A.
+    It is K = k/((1 − d) A), with k = 1/(T ζ)² or −solref[0], d = d_max and A the `inverse_inertia`.
+    This follows from MuJoCo's documentation, "Computation": the force is f = (a_ref − a)/R with R =
+    A (1 − d)/d and a_ref = −(d/d_max²) k r at rest.
     """
     time = float(solref[0])
     ratio = float(solref[1])
@@ -39,7 +39,7 @@ def stiffness_at_rest(
 
 
 def described_stop(model: mujoco.MjModel, joint: int, units: Units) -> dict[str, float]:
-    """Return the raw stiffness and damping of a joint's stops, those of its limits in MuJoCo."""
+    """Return stiffness and damping of a joint's stops, raw, by the joint's limits in MuJoCo."""
     inverse = float(model.dof_invweight0[int(model.jnt_dofadr[joint])])
     stiffness = (
         stiffness_at_rest(model, model.jnt_solref[joint], model.jnt_solimp[joint], inverse)

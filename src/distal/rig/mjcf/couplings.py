@@ -1,4 +1,4 @@
-"""Joints that a model's equalities couple to others."""
+"""Couplings between joints, by the equalities of a model."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Coupled:
-    """θ_follower = ratio θ_leader + offset [rad]; of their indices the leader's is the lower one.
+    """A coupling θ_follower = ratio θ_leader + offset [rad]; the leader has the lower index.
 
-    The stiffness is that with which the follower is held there, in the model's units.
+    The `stiffness` holds the follower there, in the model's units.
     """
 
     leader: int
@@ -32,10 +32,11 @@ class Coupled:
 
 
 def couplings(model: mujoco.MjModel) -> tuple[list[Coupled], list[str]]:
-    """Return the couplings of joints, and what of the model's equalities is left out, in words.
+    """Return the couplings of joints, and which of the model's equalities are left out or changed,
+    in words.
 
-    MuJoCo: q₁ − q₁₀ = Σ a_k (q₂ − q₂₀)^k; a bent one is replaced by the nearest straight line over
-    the range.
+    In MuJoCo q₁ − q₁₀ = Σ a_k (q₂ − q₂₀)^k; where this is curved, the nearest straight line over
+    the range replaces it.
     """
     mujoco = mujoco_module()
     coupled = list[Coupled]()
@@ -78,8 +79,11 @@ def couplings(model: mujoco.MjModel) -> tuple[list[Coupled], list[str]]:
 def softened(
     coupled: Sequence[Coupled], springs: Mapping[int, Mapping[str, float]], units: Units
 ) -> list[Coupled]:
-    """Return the couplings as their followers' springs leave them: K (ρ θ_l + o − θ_f) = k (θ_f −
-    θ₀) at rest.
+    """Return the couplings with ratio and offset at rest, where the spring of each follower pulls
+    against the coupling: K (ρ θ_l + o − θ_f) = k (θ_f − θ₀).
+
+    Args:
+        springs: index of a joint → its raw return spring.
     """
     soft = list[Coupled]()
     for pair in coupled:
@@ -98,8 +102,8 @@ def softened(
 def kept_range(
     model: mujoco.MjModel, leader: int, coupled: Sequence[Coupled]
 ) -> tuple[float, float] | None:
-    """Return the range that a joint and those that follow it leave one another, None where there is
-    none.
+    """Return the range of a leading joint in which it and all joints that follow it are within
+    their limits [rad], None where none has limits.
     """
     ends = [range_of(model, leader)] if model.jnt_limited[leader] else []
     for coupling in coupled:

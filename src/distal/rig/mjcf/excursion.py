@@ -1,4 +1,6 @@
-"""The lowest polynomial in the joints' angles that says how a tendon's length changes."""
+"""The polynomial of lowest degree in the joints' angles that gives the change of a
+tendon's length.
+"""
 
 from __future__ import annotations
 
@@ -12,24 +14,25 @@ from numpy.typing import NDArray
 from distal.arrays import Bools, Floats
 
 ENOUGH = 0.01
-"""A polynomial is taken where it leaves less of each moment arm than this, as RMS over poses that
-it was not made with.
+"""A polynomial is accepted where its RMS error of each moment arm, over poses to which it was not
+fitted, is at most this share of the largest arm [1]. Source: judgement.
 """
 
 HIGHEST_DEGREE = 5
+"""Highest degree of polynomials that are tried [1]. Source: judgement."""
 
 NEARLY = 1.25
-"""A higher degree that leaves no less than the lower one's error divided by this is not worth its
-terms.
+"""Where no degree reaches `ENOUGH`, the lowest one is taken whose error is at most so many times
+the least one [1]. Source: judgement.
 """
 
 SHORTER = 1.02
-"""A shorter polynomial may leave so much more than the whole one where that does not reach
-`ENOUGH`.
+"""Where no degree reaches `ENOUGH`, leaving out terms may make the error so many times as large
+[1]. Source: judgement.
 """
 
 KEPT_OUT = 3
-"""One pose in so many is kept to judge by."""
+"""One pose in so many is not fitted and serves to judge the fit [1]. Source: judgement."""
 
 
 @dataclass(frozen=True)
@@ -38,11 +41,12 @@ class Excursion:
 
     Args:
         powers: n_j of each term, (n_terms, n_joints).
-        coefficients: c of each term.
-        length_rms: what it leaves of the length, RMS over poses that it was not made with.
-        arm_rms: what it leaves of each joint's moment arm, as a share of the largest, RMS.
-        arm_most: the same, but what 92 % of the poses stay below, of the worst joint: on others it
-            is then 90 %.
+        coefficients: c of each term, (n_terms,).
+        length_rms: RMS error of the length, over poses to which the polynomial was not fitted.
+        arm_rms: RMS error of each joint's moment arm over these poses, as a share of the largest
+            arm, (n_joints,).
+        arm_most: below this share are 92 % of the errors of the worst joint's moment arm on these
+            poses, and about 90 % on further poses.
     """
 
     powers: NDArray[np.int64]
@@ -53,22 +57,21 @@ class Excursion:
 
     @property
     def degree(self) -> int:
-        """The highest sum of powers."""
+        """The degree of the polynomial, its highest sum of powers."""
         return int(self.powers.sum(axis=1).max())
 
 
 def fit_excursion(angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
-    """Return the lowest polynomial that reaches `ENOUGH`; where none does, the lowest that is
-    nearly the best.
+    """Return the polynomial of lowest degree that reaches `ENOUGH`; where none does, the lowest
+    that is nearly the best.
 
-    Lengths and moment arms are fitted together, each as a share of its size, by least squares. Of
-    the terms of a degree, those are taken that are needed for this: each time the one that explains
-    most of what is left (orthogonal matching pursuit: Pati, Rezaiifar, Krishnaprasad, Asilomar
-    1993).
+    Lengths and moment arms are fitted together, each as a share of its size, by least squares. Then
+    only the terms that the accuracy needs are kept: one by one, the term that explains most of what
+    is left is taken (orthogonal matching pursuit: Pati, Rezaiifar, Krishnaprasad, Asilomar 1993).
 
     Args:
         angles: of the joints that the tendon crosses [rad], (k, n_joints).
-        lengths: of the tendon less that with all of these at zero, (k,).
+        lengths: of the tendon, less the length with all of these joints at zero, (k,).
         arms: ∂length/∂angle, (k, n_joints).
     """
     fits = list[Excursion]()
@@ -94,7 +97,7 @@ def _shortened(
         gains[chosen] = -1.0
         chosen.append(int(gains.argmax()))
         left = desired - rows[:, chosen] @ np.linalg.lstsq(rows[:, chosen], desired, rcond=None)[0]
-        # a joint without a term has all of its moment arm left: no need to fit anew
+        # with a joint that has no term the error is too large in any case
         if np.all(full.powers[chosen].any(axis=0)):
             shorter = _fitted(full.powers[sorted(chosen)], angles, lengths, arms)
             if shorter.arm_rms.max() <= enough:
@@ -133,7 +136,7 @@ def _equations(
     powers: NDArray[np.int64], angles: Floats, lengths: Floats, arms: Floats
 ) -> tuple[Floats, Floats]:
     """Return rows and right sides of the least squares: lengths and moment arms of the poses that
-    are not kept.
+    are fitted.
     """
     used = ~_judged(angles)
     size = np.abs(arms).max(axis=0)
@@ -164,5 +167,5 @@ def _fitted(powers: NDArray[np.int64], angles: Floats, lengths: Floats, arms: Fl
 
 
 def sizes(names: Sequence[str], shares: Floats) -> str:
-    """Return the shares that are left of each joint's moment arm in words."""
+    """Return in words the `shares` of the joints' moment arms that a polynomial leaves."""
     return ", ".join(f"{100 * share:.2g} % at {name}" for name, share in zip(names, shares))

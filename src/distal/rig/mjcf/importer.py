@@ -24,10 +24,14 @@ if TYPE_CHECKING:
     import mujoco
 
 LOOKED_AT = 200
-"""Random poses by which it is found which joints a tendon turns."""
+"""Number of random poses by which it is found which joints a tendon turns [1]. Source:
+judgement.
+"""
 
 LARGEST_ARM = 1.0
-"""A moment arm above this is no tendon's [m]: the model's unit of length is another."""
+"""Largest moment arm of a tendon [m]; where one is larger, the model's unit of length is no metre.
+Source: judgement.
+"""
 
 
 def from_mujoco(
@@ -39,9 +43,8 @@ def from_mujoco(
     """Return a rig with the joints, links, springs and tendons of a MuJoCo model.
 
     Only joints that a driven tendon turns, or that are coupled to one of these, are kept; all
-    others are held where the model has them. What MuJoCo says of a tendon's length becomes pulleys,
-    or the lowest polynomial that leaves less than 1 % of each moment arm. Angles are those of the
-    model.
+    others are held where the model has them. The lengths of a tendon become pulleys, or the lowest
+    polynomial that leaves at most 1 % of each moment arm. Angles are those of the model.
 
     Args:
         model: the model, or the path of its file.
@@ -123,8 +126,8 @@ def _complete(
     units: Units,
     coupled: Sequence[Coupled],
 ) -> None:
-    """Add springs and couplings to the joints; stops of a joint that follows become those of its
-    leader.
+    """Add springs, stops and couplings to the described joints, in place; the stops of a joint that
+    follows become those of its leader.
     """
     for j, raw in zip(kept, described):
         if j in springs:

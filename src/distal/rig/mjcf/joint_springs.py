@@ -1,6 +1,4 @@
-"""Springs of a model, its joints' own and those that are tendons, as the return spring of a
-joint.
-"""
+"""Springs of a model, those of joints and those that are tendons, as return springs of joints."""
 
 from __future__ import annotations
 
@@ -18,10 +16,12 @@ if TYPE_CHECKING:
 
 
 POINTS = 41
-"""Angles at which a spring's torque is taken."""
+"""Number of angles at which the torque of a spring is computed [1]. Source: judgement."""
 
 FARTHEST = 100.0
-"""A spring is relaxed at so many ranges of its joint from the middle, at most."""
+"""Largest distance from the middle of a joint's range at which its spring is relaxed, in ranges
+[1]. Source: rounding (roots of a nearly constant torque).
+"""
 
 
 def spring_tendons(model: mujoco.MjModel) -> list[int]:
@@ -34,8 +34,8 @@ def joint_springs(
 ) -> tuple[dict[int, dict[str, float]], list[str]]:
     """Return the raw return spring of each joint that has one, and what is left out, in words.
 
-    The torque of all that pulls at one joint alone is taken over its range and fitted by −(k x + q
-    x² + c x³), x = θ − θ₀.
+    The torques of all springs that act on one joint alone are added over its range, and −(k x + q
+    x² + c x³) with x = θ − θ₀ is fitted to the sum.
     """
     springs = dict[int, dict[str, float]]()
     left = list[str]()
@@ -73,7 +73,7 @@ def joint_springs(
 
 
 def _as_spring(angles: Floats, torque: Floats) -> dict[str, float]:
-    """Return the spring whose torque over the range is nearest; its stiffness where it is relaxed
+    """Return the spring whose torque over the range is nearest; where it is relaxed, its stiffness
     is not negative.
     """
     span = float(angles[-1] - angles[0])
@@ -103,7 +103,7 @@ def _as_spring(angles: Floats, torque: Floats) -> dict[str, float]:
                 for name, size in spring.items()
                 if size or name == "stiffness"
             }
-    # pulled the same all over the range: a weak spring far away
+    # the torque does not fall over the range: a weak spring that is relaxed far away
     mean = float(np.mean(torque))
     weak = abs(mean) / (FARTHEST * span)
     return {"stiffness": weak, "rest_angle": float(middle + mean / weak)}

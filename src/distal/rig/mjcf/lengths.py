@@ -1,4 +1,4 @@
-"""Lengths of tendons that a vendor gives, beside those of a rig."""
+"""Comparison of the lengths of tendons that a vendor gives with those of a rig."""
 
 from __future__ import annotations
 
@@ -13,18 +13,24 @@ from distal.rig.rig import Rig
 from distal.rig.tendons import Tendon
 
 DIFFERS = 0.05
-"""Moment arms that differ by more than this share are named."""
+"""Moment arms that differ by more than this share of the larger one count as different [1]. Source:
+judgement.
+"""
 
 MOST_ANGLE = 7.0
-"""No joint turns further [rad]: larger angles are degrees."""
+"""Largest angle in a table [rad], just above a whole turn; larger ones are degrees. Source:
+judgement.
+"""
 
 
 @dataclass(frozen=True)
 class Disagreement:
-    """How a tendon's moment arm at a joint, mean over a table and positive where it pulls to +θ,
-    differs from the table's.
+    """How the moment arm of a tendon at a joint differs between a rig and a table.
 
-    The `other` arm is the table's, by least squares; `rms` is that of the length's difference [m].
+    Args:
+        rms: std of the difference of the tendon's length between both [m].
+        arm: moment arm of the rig, mean over the table's angles, positive where it pulls to +θ [m].
+        other: moment arm of the table by least squares, with the same sign [m].
     """
 
     tendon: str
@@ -35,16 +41,20 @@ class Disagreement:
 
     @property
     def differs(self) -> bool:
-        """Whether the arms differ by more than a twentieth of the larger one."""
+        """Whether the arms of rig and table differ by more than `DIFFERS` of the larger one."""
         return abs(self.arm - self.other) > DIFFERS * max(abs(self.arm), abs(self.other))
 
 
 def compare_lengths(rig: Rig, table: Mapping[str, ArrayLike]) -> tuple[Disagreement, ...]:
-    """Return how lengths in a table differ from the rig's, by tendon and joint; how the table
-    counts lengths is free.
+    """Return how the lengths in a table differ from the rig's, by tendon and joint; lengths may be
+    counted from any zero.
 
-    It has the angle of each joint [rad] and the length of some tendons [m], by name, (k,) each.
-    Joints without a column are at zero; a joint and a tendon must be there.
+    Args:
+        table: name of a joint → its angles [rad], (k,), and name of a tendon → its lengths [m],
+            (k,). Joints without a column are at zero; at least one joint and one tendon are needed.
+
+    Raises:
+        RigError: the table lacks these, its columns differ in length, or its angles are no radians.
     """
     columns = {name: np.asarray(values, dtype=float) for name, values in table.items()}
     joints = [joint.name for joint in rig.joints if joint.name in columns]
@@ -80,8 +90,8 @@ def compare_lengths(rig: Rig, table: Mapping[str, ArrayLike]) -> tuple[Disagreem
 
 
 def _drawn(tendon: Tendon, angles: dict[str, float]) -> float:
-    """Return how far a tendon is drawn in from zero to given angles: ∫ Σ arm_j(s θ) θ_j ds, exact
-    up to degree 11.
+    """Return how far a tendon is drawn in from zero to given angles [m]: ∫ Σ arm_j(s θ) θ_j ds over
+    s from 0 to 1, exact for polynomials up to degree 11.
     """
     positions, weights = np.polynomial.legendre.leggauss(6)
     total = 0.0

@@ -1,4 +1,4 @@
-"""MuJoCo models from files, also from those whose meshes are somewhere else."""
+"""MuJoCo models from files, even where the files of their meshes are missing."""
 
 from __future__ import annotations
 
@@ -15,7 +15,11 @@ if TYPE_CHECKING:
 
 
 def mujoco_module() -> ModuleType:
-    """Return the module `mujoco`, or raise a `RigError` where it is not installed."""
+    """Return the module `mujoco`.
+
+    Raises:
+        RigError: it is not installed.
+    """
     try:
         return importlib.import_module("mujoco")
     except ImportError:
@@ -25,8 +29,11 @@ def mujoco_module() -> ModuleType:
 
 
 def load_model(path: str | Path) -> mujoco.MjModel:
-    """Load a MuJoCo model from an XML file; meshes that are not there are left out, since they only
-    draw it.
+    """Load a MuJoCo model from an XML file. Where files of meshes are missing, the model is loaded
+    without any mesh, since these only draw it.
+
+    Raises:
+        RigError: there is no such file, or MuJoCo refuses it.
     """
     package = mujoco_module()
     path = Path(path)

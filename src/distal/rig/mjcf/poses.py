@@ -1,4 +1,4 @@
-"""What MuJoCo says of lengths and moment arms of tendons, at poses over the joints' ranges."""
+"""Lengths and moment arms of tendons, as MuJoCo computes them, at poses over the joints' ranges."""
 
 from __future__ import annotations
 
@@ -17,21 +17,24 @@ if TYPE_CHECKING:
 
 
 UNLIMITED = (-np.pi / 2, np.pi / 2)
-"""Range of a joint to which the model gives none [rad]."""
+"""Range of a joint to which the model gives none [rad]. Source: judgement."""
 
 CROSSED = 1e-3
-"""A tendon crosses a joint if it turns it by more than this share of what it does to the joint it
-turns most.
+"""A tendon crosses a joint where its moment arm is larger than this share of its largest one [1].
+Source: judgement.
 """
 
 
 @dataclass(frozen=True)
 class Poses:
-    """Lengths, (k, n_tendons), and moment arms ∂length/∂angle, (k, n_tendons, n_joints), at poses,
-    in the model's units.
+    """Lengths and moment arms of tendons at k poses, in the model's units.
 
-    The angles of the joints are (k, n_joints). Where a tendon touches a surface or leaves it, the
-    number of points of its path, `wraps`, (k, n_tendons), changes.
+    Args:
+        angles: of the joints [rad], (k, n_joints).
+        lengths: of the tendons, (k, n_tendons).
+        arms: ∂length/∂angle, (k, n_tendons, n_joints).
+        wraps: number of points of each tendon's path, (k, n_tendons); it changes where the tendon
+            touches a surface or leaves it.
     """
 
     angles: Floats
@@ -49,8 +52,8 @@ def range_of(model: mujoco.MjModel, joint: int) -> tuple[float, float]:
 
 
 def tendon_slopes(model: mujoco.MjModel, data: mujoco.MjData) -> Floats:
-    """Return ∂length/∂q of all tendons by data with their lengths, (n_tendons, n_v); MuJoCo keeps
-    it dense or sparse.
+    """Return ∂length/∂q of all tendons from `data` in which their lengths are computed, (n_tendons,
+    n_v); MuJoCo keeps it dense or sparse.
     """
     flat = np.asarray(data.ten_J).ravel()
     owner = model if hasattr(model, "ten_J_rownnz") else data
@@ -66,8 +69,8 @@ def tendon_slopes(model: mujoco.MjModel, data: mujoco.MjData) -> Floats:
 
 
 def at_poses(model: mujoco.MjModel, joints: Sequence[int], angles: Floats) -> Poses:
-    """Return lengths and moment arms of all tendons at angles [rad], (k, n_joints); other joints
-    stay where they are.
+    """Return lengths and moment arms of all tendons at `angles` of some joints [rad], (k,
+    n_joints); other joints stay where the model has them.
     """
     mujoco = mujoco_module()
     data = mujoco.MjData(model)
@@ -88,21 +91,21 @@ def at_poses(model: mujoco.MjModel, joints: Sequence[int], angles: Floats) -> Po
 
 
 def rest_lengths(model: mujoco.MjModel, joints: Sequence[int]) -> Floats:
-    """Return all tendons' lengths with some joints at zero, from where a drive's displacement
-    counts, (n_tendons,).
+    """Return the lengths of all tendons with some joints at zero, (n_tendons,); displacements of
+    drives count from these.
     """
     lengths: Floats = at_poses(model, joints, np.zeros((1, len(joints)))).lengths[0]
     return lengths
 
 
 def over_ranges(model: mujoco.MjModel, joints: Sequence[int], count: int, seed: int = 0) -> Poses:
-    """Return lengths and moment arms at random angles within the joints' ranges."""
+    """Return lengths and moment arms at a `count` of random poses within the joints' ranges."""
     ends = np.array([range_of(model, j) for j in joints])
     drawn = np.random.default_rng(seed).uniform(size=(count, len(joints)))
     return at_poses(model, joints, ends[:, 0] + drawn * (ends[:, 1] - ends[:, 0]))
 
 
 def turned_by(poses: Poses, tendon: int) -> list[int]:
-    """Return which of the joints of some poses a tendon turns."""
+    """Return which of the joints of some poses a tendon turns, by their positions in `poses`."""
     size = np.abs(poses.arms[:, tendon]).max(axis=0)
     return [k for k, arm in enumerate(size) if arm > CROSSED * max(float(size.max()), 1e-12)]

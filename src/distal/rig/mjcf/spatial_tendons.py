@@ -26,16 +26,20 @@ if TYPE_CHECKING:
     import mujoco
 
 POSES = 3000
-"""At how many random poses a tendon is looked at."""
+"""Number of random poses at which the lengths of a tendon are computed [1]. Source: judgement."""
 
 SMALLEST_SHARE = 1e-6
-"""Terms that never make more than this share of a tendon's excursion are not written."""
+"""Terms that are never larger than this share of a tendon's excursion are left out [1]. Source:
+judgement.
+"""
 
 
 def described_drive(
     model: mujoco.MjModel, tendon: int, name: str, units: Units
 ) -> dict[str, object]:
-    """Return the raw drive of a tendon; a tendon's `frictionloss` rubs there."""
+    """Return the raw drive of a tendon; the tendon's `frictionloss` becomes friction of
+    the drive.
+    """
     constant = float(np.ravel(model.tendon_frictionloss[tendon])[0]) * units.force
     friction: dict[str, object] = {"load": PATH_FRICTION}
     if constant > 0.0:
@@ -57,11 +61,11 @@ def described_tendon(
     stiffness: Guess,
     units: Units,
 ) -> tuple[dict[str, object], float, list[str]]:
-    """Return a raw tendon, what its polynomial leaves of its length [m, RMS], and that where it is
-    much, in words.
+    """Return a raw tendon, the RMS error that its polynomial leaves of its length [m], and a note
+    where its moment arms are not exact.
 
-    What is left of the moment arms on 92 % of the poses is the std of their scale. Tendon and drive
-    have one name.
+    The std of the polynomial's `scale`, or of the pulleys' radii, is what 92 % of the errors of its
+    moment arms stay below, at least `ENOUGH`. Tendon and drive have one name.
     """
     poses = over_ranges(model, joints, POSES, seed=1)
     lengths = poses.lengths[:, tendon] - rest_lengths(model, joints)[tendon]
@@ -113,10 +117,11 @@ def described_tendon(
 def described_sensors(
     tendons: Mapping[str, float], joints: Sequence[str]
 ) -> list[dict[str, object]]:
-    """Return raw sensors: displacement and force of each drive, and an encoder at each joint for
-    learning.
+    """Return the raw sensors: displacement and force of each drive, and an encoder at each joint
+    for learning.
 
-    The tendons are by name, with what their polynomial leaves of their length [m].
+    Args:
+        tendons: name → RMS error that the polynomial leaves of the tendon's length [m].
     """
     sensors: list[dict[str, object]] = []
     for name, left in tendons.items():

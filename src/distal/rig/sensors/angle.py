@@ -10,7 +10,7 @@ from distal.rig.sensors.measurand import Measurand, Motion, Parts, Role
 
 
 class Angle(Measurand):
-    """θ of a joint [rad]."""
+    """The angle θ of a joint [rad]."""
 
     name = "angle"
     of = "joints"
@@ -21,7 +21,7 @@ class Angle(Measurand):
     def read(
         self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
     ) -> Scalar:
-        """Return the angle."""
+        """Return the angle of the joint."""
         return motion.angle(part)
 
     def travel(self, sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:

@@ -51,8 +51,8 @@ class SensorBase(Description):
 
     @classmethod
     def _counting(cls, raw: Mapping[str, object]) -> tuple[str, float] | None:
-        """Return the unit in which a log may count instead of SI, and what one of it is, None where
-        there is none.
+        """Return the unit in which the log may count instead of SI, and its size in SI; None where
+        there is no such unit.
         """
         return None
 
@@ -82,5 +82,5 @@ class SensorBase(Description):
 
     @property
     def log_column(self) -> str:
-        """The column of the log that holds this sensor."""
+        """The column of the log that holds the sensor's readings."""
         return self.column or self.name

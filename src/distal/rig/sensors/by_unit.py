@@ -153,7 +153,7 @@ class TorqueSensor(SensorBase):
         if isinstance(unit := raw.get("unit"), str) and unit not in COUNTS:
             unit_factor(
                 unit, "N m"
-            )  # where it is none, that is said, and not what is written in it
+            )  # a wrong unit is refused here, before the errors that are written in it
         return None
 
     @model_validator(mode="after")
@@ -176,7 +176,9 @@ class TorqueSensor(SensorBase):
 
     @property
     def logged(self) -> tuple[str, float]:
-        """SI unit of what the log holds, and what one of it is as a torque at the capstan [N m]."""
+        """SI unit of what the log holds (N m, A or N), and the torque at the capstan [N m] that one
+        such unit stands for.
+        """
         if self.torque_constant is not None:
             return "A", self.torque_constant
         if self.torque_constant_motor is not None:

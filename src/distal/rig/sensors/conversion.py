@@ -12,21 +12,21 @@ from distal.units import unit_factor
 
 
 def gain_of(sensor: Sensor) -> Parameter:
-    """Return what a sensor reads for one unit of what it measures; exactly 1 for displacements and
-    angles.
+    """Return the gain of a sensor, its reading per unit of what it measures; exactly 1 but for
+    forces and torques.
     """
     return sensor.gain if isinstance(sensor, (ForceSensor, TorqueSensor)) else Parameter(value=1.0)
 
 
 def step_of(sensor: Sensor) -> float:
-    """Return the quantisation step of what a sensor measures, behind its gear: its `resolution` is
-    that before it.
+    """Return the quantisation step of what a sensor measures [SI], behind its gear: `resolution` is
+    that before the gear.
     """
     return sensor.resolution / (sensor.gear if isinstance(sensor, AngleSensor) else 1.0)
 
 
 def log_factor(sensor: Sensor) -> float:
-    """Return by what a log's numbers are multiplied to be SI, its sign left out.
+    """Return the factor from a log's numbers to SI, without the sensor's `sign`.
 
     Raises:
         UnitError: the unit is unknown or has the wrong dimension.
@@ -49,5 +49,5 @@ def log_factor(sensor: Sensor) -> float:
 
 
 def log_unit(sensor: Sensor) -> str:
-    """Return the unit of a log's numbers."""
+    """Return the unit of a sensor's numbers in the log."""
     return sensor.unit or (sensor.logged[0] if isinstance(sensor, TorqueSensor) else sensor.si)

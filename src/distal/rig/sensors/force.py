@@ -1,4 +1,4 @@
-"""What a drive exerts: of a slider a force, of a capstan a torque."""
+"""The effort of a drive: the force of a slider, the torque of a capstan."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from distal.rig.sensors.measurand import Measurand, Motion, Part, Parts, Role
 
 
 class Force(Measurand):
-    """U of a slider [N], τ of a capstan's motor [N m]."""
+    """The effort of a drive: force U of a slider [N], torque τ of a capstan's motor [N m]."""
 
     name = "force"
     of = "drives"
@@ -22,26 +22,28 @@ class Force(Measurand):
         return effort_unit(part)  # type: ignore[arg-type]
 
     def letter(self, part: Part) -> str:
-        """Return τ of a capstan, else U."""
+        """Return τ for a capstan, else U."""
         return "τ" if isinstance(part, Capstan) else "U"
 
     def read(
         self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
     ) -> Scalar:
-        """Return what the drive exerts."""
+        """Return the effort of the drive."""
         return motion.effort(part)
 
     def travel(self, sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
-        """Return from no force to the largest that is likely; a capstan's motor turns both ways."""
+        """Return the range of likely efforts: from 0 to `largest_effort` of a slider, the same to
+        both sides of a capstan.
+        """
         largest = largest_effort(rig, part)
         return (-largest, largest) if rig.drives[part].kind == "capstan" else (0.0, largest)
 
 
 def largest_effort(rig: Parts, drive: int) -> float:
-    """Return the largest effort that a drive is likely to exert: its limit, else twice what
-    stretches its tendons at rest.
+    """Return the largest effort that a drive is likely to exert [N, N m]: its limit; without one
+    twice its nominal force or twice the pretensions of its tendons, whichever is larger.
 
-    At least `LEAST`: a sensor's range is never empty.
+    Without a limit it is at least `LEAST`, so that the range of a sensor is never empty.
     """
     part = rig.drives[drive]
     if part.limit is not None:
@@ -52,4 +54,4 @@ def largest_effort(rig: Parts, drive: int) -> float:
 
 
 LEAST = 1.0
-"""The range of a force sensor is at least this [N]."""
+"""Smallest force up to which the range of a force sensor reaches [N]. Source: judgement."""

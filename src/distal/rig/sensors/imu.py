@@ -24,14 +24,16 @@ VALUES = {
     for kind, unit in (("rate", "rad/s"), ("force", "m/s^2"))
     for axis in "xyz"
 }
-"""What it gives, and the unit of each."""
+"""Names of the numbers of an inertial measurement unit → their SI units."""
 
 RANGES = {"rate": 35.0, "force": 20.0}
-"""How far its numbers go either way, as those of common ones: 2000 °/s, 2 g."""
+"""Largest magnitude of a rate [rad/s] and of a specific force [m/s²] of common units: 2000 °/s and
+2 g. Source: judgement.
+"""
 
 GROUP = ("name", "column", "noise", "bias", "numbers")
-"""Keys of a table that each of its numbers has for itself: `noise` and `bias` are tables by `rate`
-and `force`.
+"""Keys of a unit's table that are not the same for all of its numbers; `noise` and `bias` are
+tables by `rate` and `force`.
 """
 
 
@@ -84,7 +86,9 @@ class Accelerometer(ImuSensor):
 
 
 class Imu(Measurand):
-    """Rᵀ ω and −Rᵀ g of a link, with R the turn by the mounting angle about the joint's axis."""
+    """Angular velocity Rᵀ ω [rad/s] and specific force −Rᵀ g [m/s²] of a link, with R the turn by
+    the mounting angle about the joint's axis.
+    """
 
     name = "imu"
     of = "joints"
@@ -93,10 +97,10 @@ class Imu(Measurand):
     badge = "ω"  # the numbers of an accelerometer have their own unit
 
     def values(self, raw: Mapping[str, object]) -> list[Mapping[str, object]]:
-        """Return a sensor for each of its numbers, all six or those that the table names.
+        """Return a sensor for each number of the unit, all six or those that the table names.
 
         Raises:
-            ValueError: it names what an IMU has not.
+            ValueError: the table names a number that no unit has.
         """
         if "number" in raw:
             return [{**raw, "si": VALUES.get(str(raw["number"]), "rad/s")}]
@@ -139,7 +143,7 @@ class Imu(Measurand):
     def read(
         self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
     ) -> Scalar:
-        """Return the number in the unit's frame."""
+        """Return the sensor's number in the frame of the unit."""
         assert isinstance(sensor, ImuSensor)
         kind, axis = sensor.number.split("_")
         vector = motion.turning(part) if kind == "rate" else -motion.falling(part)
@@ -147,14 +151,14 @@ class Imu(Measurand):
         return turned(vector, motion.axis(part), -mounting)["xyz".index(axis)]
 
     def travel(self, sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
-        """Return what such sensors commonly measure."""
+        """Return the range that common units measure."""
         assert isinstance(sensor, ImuSensor)
         largest = RANGES[sensor.number.split("_")[0]]
         return -largest, largest
 
 
 def turned(vector: Vector, axis: Sequence[float], angle: Scalar) -> Vector:
-    """Return a vector turned about a unit axis a by an angle α [rad], (3,) (Rodrigues).
+    """Return a `vector` v turned about a unit `axis` a by an `angle` α [rad], (3,) (Rodrigues).
 
     v cos α + (a × v) sin α + a (a·v)(1 − cos α)
     """

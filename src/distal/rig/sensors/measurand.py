@@ -1,5 +1,5 @@
-"""A kind of measurement: of which part it is, in which unit, what it reads of a motion, and who
-uses it.
+"""A kind of measurement: the parts that it is of, its unit, what it reads of a motion, and which
+estimators use it.
 
 A sensor of a new kind is one file beside this one, and a line in `registry`.
 """
@@ -23,29 +23,29 @@ Part: TypeAlias = Slider | Capstan | Tendon | Joint
 
 
 class Parts(Protocol):
-    """A rig, as far as sensors are of its parts."""
+    """The parts of a rig that sensors measure."""
 
     @property
     def joints(self) -> Sequence[Joint]:
-        """The joints."""
+        """The joints of the rig."""
 
     @property
     def drives(self) -> Sequence[Slider | Capstan]:
-        """The drives."""
+        """The drives of the rig."""
 
     @property
     def tendons(self) -> Sequence[Tendon]:
-        """The tendons."""
+        """The tendons of the rig."""
 
 
 class Motion(Protocol):
-    """What a mechanism does at a moment; parts by index, SI."""
+    """What a mechanism does at a moment, in SI; parts are given by their indices."""
 
     def angle(self, joint: int) -> Scalar:
         """Return a joint's angle [rad]."""
 
     def torque(self, joint: int) -> Scalar:
-        """Return the torque on a joint from outside [N m]."""
+        """Return the external torque on a joint [N m]."""
 
     def position(self, drive: int) -> Scalar:
         """Return a drive's position [m, rad]."""
@@ -73,27 +73,28 @@ class Role(Enum):
     """What estimators do with a measurement."""
 
     POSITION = "position"
-    """It moves the model: the position of a drive."""
+    """The position of a drive, by which the model is moved."""
 
     EFFORT = "effort"
-    """What a displacement-driven filter compares: a drive's force or torque."""
+    """The effort of a drive; displacement-driven filters compare it with what they predict."""
 
     TENSION = "tension"
-    """What it compares too: a tendon's tension."""
+    """The tension of a tendon; displacement-driven filters compare it, too."""
 
     COMPARED = "compared"
-    """What only `adaptive` compares; other estimators do not read it."""
+    """A reading that only `adaptive` compares; other estimators do not read it."""
 
     REFERENCE = "reference"
-    """Measured at a joint: estimators compare with it or home by it, and do not need it."""
+    """A reading at a joint: estimates are compared with it or homed by it, and do not need it."""
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """A number that a reading depends on and that is not known for certain.
+    """An uncertain number, beside bias and gain, on which a reading depends.
 
     Args:
-        name: as a state; sensors with the same name share it.
+        name: of the state that stands for it; sensors with the same name share it.
+        number: its value and std.
     """
 
     name: str
@@ -104,24 +105,26 @@ class Measurand(ABC):
     """A kind of measurement."""
 
     name: ClassVar[str]
-    """What a rig file calls it."""
+    """Name of the kind in a rig file."""
 
     of: ClassVar[Literal["drives", "tendons", "joints"]]
-    """Of which parts it is."""
+    """Kind of the parts that it measures."""
 
     role: ClassVar[Role]
-    """What estimators do with it."""
+    """What estimators do with its readings."""
 
     si: ClassVar[str]
+    """SI unit, where it does not depend on the part."""
+
     badge: ClassVar[str]
-    """Unit and letter, where they do not depend on the part."""
+    """Letter of its badge in a drawing, where it does not depend on the part."""
 
     def unit(self, part: Part) -> str:
-        """Return the SI unit in which its errors are given."""
+        """Return the SI unit of a sensor's readings and errors at a part."""
         return self.si
 
     def letter(self, part: Part) -> str:
-        """Return the letter of its badge in a drawing."""
+        """Return the letter of a sensor's badge in a drawing, at a part."""
         return self.badge
 
     @abstractmethod
@@ -131,21 +134,25 @@ class Measurand(ABC):
         """Return what a sensor without errors reads [SI].
 
         Args:
-            unknowns: values of `unknowns` by name; one that is missing has the rig's.
+            part: index of the part that the sensor is of.
+            unknowns: name → value of the sensor's `unknowns`; for a name that is missing the value
+                of the rig is taken.
         """
 
     @abstractmethod
     def travel(self, sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
-        """Return the ends of what it measures [SI], over which its linearity is defined."""
+        """Return the lowest and the highest value that a sensor measures [SI], between which its
+        linearity error is defined.
+        """
 
     def unknowns(self, sensor: SensorBase) -> tuple[Unknown, ...]:
-        """Return the numbers beside bias and gain that its reading depends on and that are not
-        known for certain.
+        """Return the uncertain numbers, beside bias and gain, on which a sensor's reading
+        depends.
         """
         return ()
 
     def values(self, raw: Mapping[str, object]) -> list[Mapping[str, object]]:
-        """Return the sensors of one number each that a table of a rig file stands for, still
-        unchecked.
+        """Return the sensors of one number each, still unchecked, for which a table of a rig file
+        stands.
         """
         return [raw]

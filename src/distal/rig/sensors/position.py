@@ -12,8 +12,8 @@ from distal.rig.sensors.measurand import Measurand, Motion, Part, Parts, Role
 
 
 class Position(Measurand):
-    """s of a slider [m], φ of a capstan [rad]; of a command s + lag ṡ, since it is ahead of where
-    the drive is.
+    """The position of a drive: s of a slider [m], φ of a capstan [rad]. A sensor with a `lag` is a
+    command, which is ahead of the drive: it reads s + lag ṡ.
     """
 
     name = "position"
@@ -21,30 +21,32 @@ class Position(Measurand):
     role = Role.POSITION
 
     def unit(self, part: Part) -> str:
-        """Return m or rad."""
+        """Return m for a slider, rad for a capstan."""
         return position_unit(part)  # type: ignore[arg-type]
 
     def letter(self, part: Part) -> str:
-        """Return φ of a capstan, else x."""
+        """Return φ for a capstan, else x."""
         return "φ" if isinstance(part, Capstan) else "x"
 
     def read(
         self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
     ) -> Scalar:
-        """Return the position of the drive, or of what commands it."""
+        """Return the position of the drive, or the command that it follows."""
         position = motion.position(part)
         return position + sensor.lag * motion.rate(part) if sensor.lag > 0.0 else position
 
     def travel(self, sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
-        """Return the drive's stops, or what it can use, see `drive_travel`."""
+        """Return the range of the drive, see `drive_travel`."""
         return drive_travel(rig, part)
 
 
 def drive_travel(rig: Parts, drive: int) -> tuple[float, float]:
-    """Return the ends of a drive's travel: its stops, or what it can use [m, rad].
+    """Return the lowest and the highest position of a drive [m, rad]: its stops, or what its tendon
+    lets it use.
 
-    Without stops: ±`REACH` of the joint about the position that the nominal force stretches the
-    tendon to; of a tendon over several joints what their own stops allow.
+    Without stops, the tendon's joints decide: of a tendon at one joint ±`REACH`, of a tendon over
+    several joints the stops of each. The range of a slider lies about the displacement T/k at its
+    nominal force T.
     """
     part = rig.drives[drive]
     if part.stops is not None:

@@ -1,4 +1,4 @@
-"""All kinds of sensors: another one is a file beside this one and a line in `MEASURANDS`, with its
+"""All kinds of sensors. A further one is a file beside this one, a line in `MEASURANDS`, and its
 class in `Sensor`.
 """
 
@@ -22,7 +22,7 @@ from distal.suggestions import did_you_mean
 MEASURANDS: dict[str, Measurand] = {
     kind.name: kind for kind in (Position(), Force(), Tension(), Angle(), Torque(), Imu())
 }
-"""What can be measured, by the name in a rig file."""
+"""Name in a rig file → what can be measured."""
 
 Sensor = Annotated[
     LengthSensor | AngleSensor | ForceSensor | TorqueSensor | Gyroscope | Accelerometer,
@@ -31,27 +31,31 @@ Sensor = Annotated[
 """A sensor of one number."""
 
 UNITS = ("m", "rad", "N", "N m", *dict.fromkeys(VALUES.values()))
-"""By which pydantic tells the classes of sensors apart."""
+"""SI units, by which pydantic tells the classes of sensors apart."""
 
 REFERENCES = frozenset(name for name, kind in MEASURANDS.items() if kind.role is Role.REFERENCE)
-"""What is measured at a joint: references, which estimators compare with or home by, and do not
-need.
+"""Names of what is measured at a joint: estimators compare with these references or home by them,
+and do not need them.
 """
 
 MEASURED = {
     of: tuple(n for n, kind in MEASURANDS.items() if kind.of == of)
     for of in ("drives", "tendons", "joints")
 }
-"""What can be measured of each kind of part."""
+"""Kind of part → names of what can be measured of it."""
 
 
 def checked_parts(
     raw: object, index: int, parts: Mapping[str, Sequence[Part]]
 ) -> list[Mapping[str, object]]:
-    """Return a raw table as sensors of one number each, with the SI unit of each.
+    """Return the sensors of one number each for which a raw table stands, with their SI units.
+
+    Args:
+        index: of the table in the rig file, for messages.
+        parts: kind → the parts of the rig.
 
     Raises:
-        ValueError: it names no part, or one that cannot be measured so.
+        ValueError: the table names no part, or one of which this cannot be measured.
     """
     if not isinstance(raw, Mapping):
         raise ValueError(f"{index}: a sensor is a table, {raw!r} came")
@@ -86,8 +90,8 @@ def checked_parts(
 
 
 def one_number_each(tables: Sequence[object]) -> list[object]:
-    """Return raw tables of sensors with those of several numbers written out, as far as they can be
-    understood.
+    """Return raw tables of sensors, with each table that stands for several sensors replaced by
+    these; a table that cannot be understood stays.
     """
     sensors = list[object]()
     for table in tables:
@@ -97,14 +101,16 @@ def one_number_each(tables: Sequence[object]) -> list[object]:
                 [table] if kind is None or not isinstance(table, Mapping) else kind.values(table)
             )
         except ValueError:
-            sensors.append(table)  # what is wrong in it is said when it is checked
+            sensors.append(table)  # it is refused when it is checked
     return sensors
 
 
 def _elsewhere(
     of: object, kind: Measurand, parts: Mapping[str, Sequence[Part]], names: list[str]
 ) -> str:
-    """Return a hint where a sensor's part is of another kind, else names that may be meant."""
+    """Return a hint for a message: a sensor's part is of another kind, or names that may
+    be meant.
+    """
     for kind_of_part, measurands in MEASURED.items():
         if of in [part.name for part in parts[kind_of_part]]:
             allowed = " or ".join(f"'{name}'" for name in measurands)
@@ -115,7 +121,7 @@ def _elsewhere(
 
 
 def measurand_of(sensor: Sensor) -> Measurand:
-    """Return what a sensor measures."""
+    """Return the kind of measurement of a sensor."""
     return MEASURANDS[sensor.measures]
 
 
@@ -126,5 +132,7 @@ def part_of(sensor: Sensor, rig: Parts) -> int:
 
 
 def travel_of(sensor: Sensor, rig: Parts) -> tuple[float, float]:
-    """Return the ends of what a sensor measures [SI], over which its linearity is defined."""
+    """Return the lowest and the highest value that a sensor measures [SI], between which its
+    linearity error is defined.
+    """
     return measurand_of(sensor).travel(sensor, rig, part_of(sensor, rig))

@@ -11,7 +11,7 @@ from distal.rig.sensors.measurand import Measurand, Motion, Parts, Role
 
 
 class Tension(Measurand):
-    """T of a tendon, at the joint's end of its path [N]."""
+    """The tension T of a tendon at the joint's end of its path [N]."""
 
     name = "tension"
     of = "tendons"
@@ -22,11 +22,13 @@ class Tension(Measurand):
     def read(
         self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
     ) -> Scalar:
-        """Return the tension."""
+        """Return the tension of the tendon."""
         return motion.tension(part)
 
     def travel(self, sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
-        """Return from slack to what the tendon's drive is likely to pull."""
+        """Return the range from slack, 0, to the largest force with which the drive is likely to
+        pull [N].
+        """
         drive = next(
             i for i, drive in enumerate(rig.drives) if drive.name == rig.tendons[part].drive
         )

@@ -1,4 +1,4 @@
-"""The torque on a joint from outside: a reference."""
+"""The external torque on a joint: a reference."""
 
 from __future__ import annotations
 
@@ -9,14 +9,16 @@ from distal.rig.sensors.base import SensorBase
 from distal.rig.sensors.measurand import Measurand, Motion, Parts, Role
 
 WIDEST = 3.0
-"""A torque from outside is within so many of its standard deviations."""
+"""Half-width of the range of a torque sensor in stds of the external torque [1]. Source:
+judgement.
+"""
 
 LEAST = 0.01
-"""The range of a torque sensor reaches at least this far either way [N m]."""
+"""Smallest half-width of the range of a torque sensor [N m]. Source: judgement."""
 
 
 class Torque(Measurand):
-    """τ_ext on a joint [N m]."""
+    """The external torque τ_ext on a joint [N m]."""
 
     name = "torque"
     of = "joints"
@@ -27,10 +29,10 @@ class Torque(Measurand):
     def read(
         self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
     ) -> Scalar:
-        """Return the torque."""
+        """Return the external torque."""
         return motion.torque(part)
 
     def travel(self, sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
-        """Return `WIDEST` of the stds that the rig gives the torque, either way."""
+        """Return ± `WIDEST` stds of the external torque by the rig, at least ± `LEAST`."""
         largest = max(WIDEST * rig.joints[part].external_torque.std, LEAST)
         return -largest, largest

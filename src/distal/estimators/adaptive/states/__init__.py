@@ -1,4 +1,4 @@
-"""The kinds of states of the adaptive filter, one file each, and the vector that they make up."""
+"""The kinds of states of the adaptive filter, one file for each, and the vector that they form."""
 
 from distal.estimators.adaptive.states.parameter import UncertainParameter, uncertain_parameters
 from distal.estimators.adaptive.states.registry import KINDS, Kind

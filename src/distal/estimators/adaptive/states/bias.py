@@ -20,12 +20,12 @@ from distal.sensor_errors import systematic_variance
 
 @dataclass(frozen=True)
 class SensorBias(OfSensor):
-    """b, which stays, or walks by the bias's `drift`; that of a reference of a joint's angle walks
-    within its std.
+    """The offset b of a sensor, which stays, or walks by the bias's `drift`.
 
-    A reference's bias that walks is a first-order Gauss–Markov process: e^{−dt/T} of it is left
-    after dt, T = 2 σ²/drift². It is what the model's angle and the joint's differ by, so that a
-    moment's reference tells less than a long one.
+    The offset of a reference of a joint's angle stays within its std instead: with a `drift` it is
+    a first-order Gauss–Markov process, of which e^{−dt/T} is left after dt, T = 2 σ²/drift². It is
+    the difference between the model's angle and the joint's, so that a short reference tells less
+    than a long one.
     """
 
     quantity: ClassVar[str] = "bias"
@@ -33,7 +33,7 @@ class SensorBias(OfSensor):
 
     @property
     def stds(self) -> Floats:
-        """Bias and linearity together."""
+        """Prior standard deviation of b, from bias and linearity together."""
         linearity = np.sqrt(systematic_variance(self.sensor))
         return np.array([float(np.hypot(self.context.bias_std(self.sensor), linearity))])
 
@@ -43,7 +43,7 @@ class SensorBias(OfSensor):
 
     @property
     def walk(self) -> float:
-        """The bias's `drift` per √s; 0 for a reference's, which fades instead."""
+        """The bias's `drift` per √s; 0 for a reference, which fades instead."""
         return (
             0.0
             if self._wanders or self.sensor.bias.drift is None
@@ -51,14 +51,14 @@ class SensorBias(OfSensor):
         )
 
     def inputs(self) -> Iterator[tuple[str, float]]:
-        """Yield std and drift of a reference that wanders."""
+        """Yield std and drift of a reference with a drift."""
         if self._wanders:
             path = f"{self.context.path(self.sensor)}.bias"
             yield f"{path}.std", float(self.stds[0])
             yield f"{path}.drift", float(self.sensor.bias.drift or 0.0)
 
     def fading(self, dt: Scalar) -> Fading | None:
-        """Return e^{−dt drift²/(2 σ²)} and σ of a reference that wanders, None for others."""
+        """Return e^{−dt drift²/(2 σ²)} and σ for a reference with a drift, None for others."""
         if not self._wanders:
             return None
         path = f"{self.context.path(self.sensor)}.bias"
@@ -67,14 +67,14 @@ class SensorBias(OfSensor):
         return Fading(ca.exp(-dt * drift**2 / (2 * std**2)), std)
 
     def sensor_error(self, sensor: Sensor, reading: Scalar, values: Vector) -> Scalar:
-        """Return b where it is this sensor's."""
+        """Return b if it is the offset of this sensor, else 0."""
         return values[0] if sensor.name == self.sensor.name else 0
 
 
 @dataclass(frozen=True)
 class SensorGain(OfSensor):
-    """γ, by which share a sensor of force or tension reads too much; it stays. A force tells little
-    of it.
+    """The gain error γ of a sensor of force or tension, as a share of its reading; it stays. Forces
+    tell little of it.
     """
 
     quantity: ClassVar[str] = "gain"
@@ -83,17 +83,17 @@ class SensorGain(OfSensor):
 
     @property
     def stds(self) -> Floats:
-        """The std of its `gain`, as a share of it [1]."""
+        """Prior standard deviation of γ: that of the sensor's `gain`, as a share of it [1]."""
         return np.array([self.context.gain_std(self.sensor)])
 
     def sensor_error(self, sensor: Sensor, reading: Scalar, values: Vector) -> Scalar:
-        """Return γ times the reading where it is this sensor's."""
+        """Return γ times the reading if it is the gain error of this sensor, else 0."""
         return values[0] * reading if sensor.name == self.sensor.name else 0
 
 
 def sensor_biases(context: FilterContext) -> list[State]:
-    """Return a block for the offset and one for the gain of each compared sensor that errs
-    systematically in them.
+    """Return a block for the offset and one for the gain of each compared sensor in which these are
+    uncertain.
     """
     blocks = [
         error(context, sensor)

@@ -1,4 +1,4 @@
-"""Friction at a drive that the rig does not know of."""
+"""Friction at a drive for which the rig declares none."""
 
 from __future__ import annotations
 
@@ -18,11 +18,10 @@ from distal.sensor_errors import variance
 
 @dataclass(frozen=True)
 class UnknownFriction(OfDrive, ZeroMean):
-    """What is added to the friction limit of a drive that declares none; its size follows its force
-    sensor's noise σ.
+    """An addition to the friction limit of a drive for which the rig declares no friction.
 
-    It is not smoothed: friction at one time says little of another time
-    (docs/explanation/adaptive-guards.md).
+    Its size follows the noise σ of the drive's force sensor. It is not smoothed: friction at one
+    time tells little of another time (docs/explanation/adaptive-guards.md).
     """
 
     quantity: ClassVar[str] = "friction"
@@ -33,18 +32,18 @@ class UnknownFriction(OfDrive, ZeroMean):
 
     @property
     def stds(self) -> Floats:
-        """`Robustness.unknown_friction` σ [N, N m]."""
+        """Prior standard deviation: `Robustness.unknown_friction` σ [N, N m]."""
         return np.array(
             [self.context.robustness.unknown_friction * float(np.sqrt(variance(self.sensor)))]
         )
 
     @property
     def walk(self) -> float:
-        """`Robustness.unknown_friction_walk` σ per √s."""
+        """Random walk: `Robustness.unknown_friction_walk` σ per √s."""
         return self.context.robustness.unknown_friction_walk * float(np.sqrt(variance(self.sensor)))
 
     def friction(self, drive: int, values: Vector) -> Scalar:
-        """Return it where it is this drive's [N, N m]."""
+        """Return the addition [N, N m] if it is that of this drive, else 0."""
         return values[0] if drive == self.drive else 0
 
 

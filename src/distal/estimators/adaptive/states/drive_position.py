@@ -1,4 +1,4 @@
-"""The position of a drive that no sensor measures: its force tells of it."""
+"""The position of a drive that no sensor measures; the drive's force tells of it."""
 
 from __future__ import annotations
 
@@ -16,14 +16,16 @@ from distal.expressions import Scalar, Vector
 from distal.rig import drive_travel
 
 POSITION_WALK = 1.0
-"""Random walk of a drive's position that nothing measures, in its travel per √s: it may cross it
-within a second.
+"""Random walk of a drive's position that nothing measures, in its travel [1/√s]: the drive may
+cross it within a second. Source: judgement.
 """
 
 
 @dataclass(frozen=True)
 class UnmeasuredPosition(OfDrive):
-    """s of a drive without a position sensor: anywhere on its travel, and it walks."""
+    """The position s of a drive without a position sensor: anywhere on its travel at first; then it
+    walks.
+    """
 
     quantity: ClassVar[str] = "position"
     kind: ClassVar[StateKind] = StateKind.POSITION
@@ -34,23 +36,23 @@ class UnmeasuredPosition(OfDrive):
 
     @property
     def means(self) -> Floats:
-        """The middle of the travel [m, rad]."""
+        """Prior mean: the middle of the travel [m, rad]."""
         return np.array([sum(self._travel) / 2])
 
     @property
     def stds(self) -> Floats:
-        """That of a uniform distribution over the travel [m, rad]."""
+        """Prior standard deviation: that of a uniform distribution over the travel [m, rad]."""
         low, high = self._travel
         return np.array([(high - low) / np.sqrt(12.0)])
 
     @property
     def walk(self) -> float:
-        """`PLACE_WALK` travels per √s."""
+        """Random walk: `POSITION_WALK` travels per √s."""
         low, high = self._travel
         return (high - low) * POSITION_WALK
 
     def position(self, drive: int, values: Vector) -> Scalar | None:
-        """Return s where it is this drive's [m, rad]."""
+        """Return s [m, rad] if it is that of this drive, else None."""
         return values[0] if drive == self.drive else None
 
 

@@ -1,4 +1,4 @@
-"""A torque on a joint that nobody measures, such as a hand's or a contact's."""
+"""A torque on a joint that no sensor measures, such as that of a hand or a contact."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from distal.rig import torque_names
 
 @dataclass(frozen=True)
 class ExternalTorqueState(ZeroMean):
-    """τ_ext, a first-order Gauss–Markov process: e^{−dt/T} of it is left after dt.
+    """The external torque τ_ext on a joint, a first-order Gauss–Markov process: e^{−dt/T} of it is
+    left after dt.
 
     Where the rig declares none it is zero until a touch opens its variance, (13b).
     """
@@ -30,17 +31,17 @@ class ExternalTorqueState(ZeroMean):
 
     @property
     def part(self) -> str:
-        """The joint's name."""
+        """Name of the joint."""
         return self.context.mechanism.rig.joints[self.joint].name
 
     @property
     def names(self) -> tuple[str, ...]:
-        """``external_torque``, with the joint's name where there are several."""
+        """Name of the state: ``external_torque``, with the joint's name where there are several."""
         return (torque_names(self.context.mechanism.rig.joint_names)[self.joint],)
 
     @property
     def stds(self) -> Floats:
-        """The rig's ``external_torque.std`` [N m]."""
+        """Prior standard deviation: the rig's ``external_torque.std`` [N m]."""
         return np.array([self.context.mechanism.rig.joints[self.joint].external_torque.std])
 
     def prior(self) -> tuple[Prior | None, Prior | None]:
@@ -48,20 +49,20 @@ class ExternalTorqueState(ZeroMean):
         return None, self._number("std")
 
     def fading(self, dt: Scalar) -> Fading:
-        """Return e^{−dt/T} and the std [N m]."""
+        """Return e^{−dt/T}, and the std after a long time [N m]."""
         return Fading(ca.exp(-dt / self._number("correlation_time")), self._number("std"))
 
     def _number(self, key: str) -> Scalar:
         return self.context.number(f"joints.{self.joint}.external_torque.{key}")
 
     def torque(self, joint: int, values: Vector) -> Scalar:
-        """Return τ_ext where it is this joint's [N m]."""
+        """Return τ_ext [N m] if it is that of this joint, else 0."""
         return values[0] if joint == self.joint else 0
 
 
 def external_torques(context: FilterContext) -> list[State]:
-    """Return a block for each joint on which a torque can act: one that is declared, or that forces
-    may tell of.
+    """Return a block for each joint on which a torque can act: where the rig declares one, or where
+    forces may show one.
     """
     joints = context.mechanism.rig.joints
     blocks = list[State]()

@@ -1,5 +1,5 @@
-"""What moves inside a rig, unseen: the far side of a backlash, points of a cable in its sheath, the
-creep of a tendon.
+"""Internal states of a rig, which no sensor sees: the far side of a backlash, points of a cable in
+its sheath, the creep of a tendon.
 """
 
 from __future__ import annotations
@@ -21,18 +21,20 @@ from distal.model import Mechanism
 from distal.rig import Rig
 
 LEAST_TENSION = 1.0
-"""A tendon is taken to carry this at the start where it reads less [N]: it only says how unsure the
-start is.
+"""Smallest tension that is assumed at the start [N]; it only sets the uncertainty of the start.
+Source: judgement.
 """
 
 UNKNOWN_TENSION = 10.0
-"""The same for one whose tension nobody tells, neither sensor nor pretension."""
+"""Tension that is assumed at the start where neither sensor nor pre-tension nor nominal force gives
+one [N]. Source: judgement.
+"""
 
 
 @dataclass(frozen=True)
 class Inside(ZeroMean):
-    """One number of the model's `inside`: it is a parameter that moves (`following`) from the first
-    reading on.
+    """One of the model's internal states: a parameter of its equations that moves (see
+    `internal_motion.follow`) from the first reading on.
     """
 
     context: FilterContext
@@ -40,7 +42,7 @@ class Inside(ZeroMean):
 
     @property
     def _keys(self) -> tuple[str, int, str, str]:
-        """Its name by keys: drives or tendons, the index among them, the part of that, and the last
+        """Keys of its name: drives or tendons, the index among them, the part of that, and the last
         key.
         """
         kind, index, part, *keys = self.name.split(".")
@@ -48,7 +50,7 @@ class Inside(ZeroMean):
 
     @property
     def kind(self) -> StateKind:
-        """Backlash, sheath or creep."""
+        """Kind of the state: backlash, sheath or creep."""
         drive_or_tendon, _, part, _ = self._keys
         if drive_or_tendon == "drives":
             return StateKind.BACKLASH
@@ -67,21 +69,19 @@ class Inside(ZeroMean):
 
     @property
     def point(self) -> int:
-        """Which point of a sheath it is, from the drive to the joint; 0 of anything else."""
+        """Number of the point in a sheath, from the drive to the joint; 0 for any other state."""
         return int(self._keys[3]) if self.kind is StateKind.SHEATH else 0
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The path, with the names of its parts: ``backlash_DRIVE``, ``sheath_TENDON_k``,
-        ``creep_TENDON``.
-        """
+        """Name of the state: ``backlash_DRIVE``, ``sheath_TENDON_k`` or ``creep_TENDON``."""
         if self.kind is StateKind.SHEATH:
             return (f"sheath_{self.part}_{self.point}",)
         return (f"{self._keys[2]}_{self.part}",)
 
     @property
     def stds(self) -> Floats:
-        """As where nothing is read; see `first`."""
+        """Prior standard deviation where nothing is read at the first sample; see `first`."""
         n = self.context.n_drives
         nt = self.context.mechanism.n_tendons
         begin = self.first(Begin([0.0] * n, [None] * n, [None] * nt))
@@ -90,7 +90,7 @@ class Inside(ZeroMean):
         return np.array([float(ca.Function("std", [p.symbols], [begin[1]])(p.values))])
 
     def parameters(self, values: Vector, p: Vector) -> Vector:
-        """Return the parameters with this number."""
+        """Return the model's parameters with this state's value among them."""
         changed = ca.SX(p)
         changed[self.context.mechanism.parameters.names.index(self.name)] = values[0]
         return changed
@@ -106,15 +106,17 @@ class Inside(ZeroMean):
 
 @dataclass(frozen=True)
 class BacklashOrSheathState(Inside):
-    """A far side of a backlash, or a point in a sheath [m, rad]."""
+    """The far side of a backlash, or a point in a sheath [m, rad]."""
 
     @property
     def which(self) -> int:
-        """Its index among the mechanism's plays."""
+        """Index among the mechanism's plays."""
         return self.context.mechanism.plays.index(self.name)
 
     def first(self, begin: Begin) -> tuple[Scalar, Scalar]:
-        """Return where it is and how unsure that is: in the middle of where it can be."""
+        """Return mean and standard deviation at the first sample: in the middle of where
+        it can be.
+        """
         index = self.index
         mechanism = self.context.mechanism
         if self.kind is StateKind.BACKLASH:
@@ -149,17 +151,19 @@ class BacklashOrSheathState(Inside):
 
 @dataclass(frozen=True)
 class Strained(Inside):
-    """The slow part of a tendon's stretch [m]; it creeps over minutes."""
+    """The slow part of a tendon's stretch [m], which creeps over minutes."""
 
     learning: ClassVar[Learning] = Learning.AS_CREEP
 
     @property
     def which(self) -> int:
-        """Its index among the mechanism's strains."""
+        """Index among the mechanism's strains."""
         return self.context.mechanism.strains.index(self.name)
 
     def first(self, begin: Begin) -> tuple[Scalar, Scalar]:
-        """Return what of it has come, ``settled`` of γ T/k_t, and how unsure that is."""
+        """Return mean and standard deviation at the first sample: the share ``settled`` of γ T/k_t
+        has crept already.
+        """
         index = self.index
         path = self.name.rpartition(".")[0]
         share = self._value(f"{path}.share")
@@ -172,7 +176,9 @@ class Strained(Inside):
 
 
 def _tension(context: FilterContext, tendon: int, begin: Begin) -> Scalar:
-    """Return a tendon's tension at the first sample as far as its drive tells it [N]."""
+    """Return a tendon's tension at the first sample [N]: as read, from its drive's effort, or as
+    likely.
+    """
     mechanism = context.mechanism
     path = f"tendons.{tendon}"
     part = mechanism.rig.tendons[tendon]
@@ -191,14 +197,16 @@ def _tension(context: FilterContext, tendon: int, begin: Begin) -> Scalar:
 
 
 def likely_tension(rig: Rig, tendon: int) -> float:
-    """Return the tension that a tendon has at the start where nothing reads it [N]."""
+    """Return the likely tension of a tendon at the start where nothing reads it [N]: pre-tension,
+    else nominal force, else `UNKNOWN_TENSION`.
+    """
     part = rig.tendons[tendon]
     drive = next(drive for drive in rig.drives if drive.name == part.drive)
     return part.pretension.value or abs(drive.nominal_force.value) or UNKNOWN_TENSION
 
 
 def inside(context: FilterContext) -> Sequence[State]:
-    """Return a block for everything that moves inside the rig."""
+    """Return a block for each internal state of the rig."""
     mechanism = context.mechanism
     plays = [BacklashOrSheathState(context, name) for name in mechanism.plays]
     return [*plays, *(Strained(context, name) for name in mechanism.strains)]

@@ -16,13 +16,15 @@ from distal.rig import Joint, angle_names, speed_names
 
 START_SPEED = 0.3
 """Standard deviation of a joint's speed at the first sample [rad/s]: a log may begin within a
-motion.
+motion. Source: judgement.
 """
 
 
 @dataclass(frozen=True)
 class JointMotion(State):
-    """θ of all joints, then ω of all: prediction moves them by the model, see `prediction`."""
+    """The angles θ of all joints, then the speeds ω of all; prediction moves them by the model, see
+    `prediction`.
+    """
 
     context: FilterContext
 
@@ -32,7 +34,7 @@ class JointMotion(State):
 
     @property
     def kinds(self) -> tuple[StateKind, ...]:
-        """Angles, then speeds, (2 n_joints,)."""
+        """Kinds of the states: angles, then speeds, (2 n_joints,)."""
         n = len(self._joints)
         return (StateKind.ANGLE,) * n + (StateKind.SPEED,) * n
 
@@ -49,19 +51,21 @@ class JointMotion(State):
 
     @property
     def means(self) -> Floats:
-        """Each joint's `initial` angle [rad], at rest."""
+        """Prior means: each joint's `initial` angle [rad], then zeros for the speeds."""
         return np.array(
             [*(joint.initial.value for joint in self._joints), *(0.0 for _ in self._joints)]
         )
 
     @property
     def stds(self) -> Floats:
-        """The std of `initial` [rad], and `START_SPEED` [rad/s]."""
+        """Prior standard deviations: those of `initial` [rad], then `START_SPEED` [rad/s]."""
         return np.array(
             [*(joint.initial.std for joint in self._joints), *(START_SPEED for _ in self._joints)]
         )
 
     def prior(self) -> tuple[Prior | None, Prior | None]:
-        """Return the same with each `initial` as a fit varies it."""
+        """Return the prior means as expressions of each `initial`, which a fit may vary; None for
+        the standard deviations.
+        """
         angles = [self.context.number(f"joints.{j}.initial") for j in range(len(self._joints))]
         return ca.vertcat(*angles, ca.SX.zeros(len(angles))), None

@@ -1,5 +1,5 @@
-"""The systematic error of a position sensor: a smooth curve over the drive's travel, the same
-whenever it comes back.
+"""The systematic error of a position sensor: a smooth curve over the drive's travel, the same at
+every return to a position.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from distal.rig import Sensor
 from distal.sensor_errors import LINEARITY_STD
 
 BASIS = 6
-"""Basis functions of a sensor's linearity over its travel: more changed no error on the logs of
-`make accuracy`.
+"""Number of basis functions of a sensor's linearity over its travel [1]: more changed no error on
+the logs of `make accuracy`. Source: benchmark (benchmarks/accuracy).
 """
 
 SMOOTHNESS = 3.0
-"""Order at which the prior of the basis falls off: half waves over the travel;
-`distal.sensor_errors` draws curves so.
+"""Order j₀ at which the prior of the weights decreases, in half waves over the travel [1];
+`distal.sensor_errors` draws curves so. Source: judgement.
 """
 
 
 @dataclass(frozen=True)
 class Linearity(State):
-    """Weights w_j of the error Σ w_j cos(π j ξ), ξ = 0 … 1 over the travel.
+    """The weights w_j of a position sensor's error Σ w_j cos(π j ξ), ξ = 0 … 1 over the travel.
 
-    A Gaussian process over the travel with a squared-exponential spectrum: the stds of w_j fall off
-    as exp(−(j/j₀)²/2), scaled so that the mean variance over the travel is that of the linearity. A
-    bias with a std adds to the constant. A posture that lasts is one position of the curve:
-    references teach it slowly.
+    The error is a Gaussian process over the travel with a squared-exponential spectrum: the stds of
+    w_j decrease as exp(−(j/j₀)²/2), scaled so that the mean variance over the travel is that of the
+    linearity. The variance of a bias adds to that of the constant weight. A posture that lasts
+    shows only one point of the curve, so that references teach it slowly.
     """
 
     kind: ClassVar[StateKind] = StateKind.LINEARITY
@@ -50,17 +50,17 @@ class Linearity(State):
 
     @property
     def part(self) -> str:
-        """The sensor's name."""
+        """Name of the sensor."""
         return self.sensor.name
 
     @property
     def names(self) -> tuple[str, ...]:
-        """``linearity_SENSOR_j``, one for each weight."""
+        """Names of the weights: ``linearity_SENSOR_j``."""
         return tuple(f"linearity_{self.sensor.name}_{j}" for j in range(len(self.stds)))
 
     @property
     def means(self) -> Floats:
-        """The sensor's known `curve`, else zeros [m, rad]."""
+        """Prior means of the weights: the sensor's known `curve`, else zeros [m, rad]."""
         weights = np.zeros(len(self.stds))
         curve = getattr(self.sensor, "curve", ())
         weights[: len(curve)] = curve[: len(weights)]
@@ -68,7 +68,7 @@ class Linearity(State):
 
     @cached_property
     def stds(self) -> Floats:
-        """Prior standard deviations of the weights [m, rad]; none where the sensor has no
+        """Prior standard deviations of the weights [m, rad]; empty where the sensor has no
         systematic error.
         """
         sensor = self.sensor
@@ -82,9 +82,9 @@ class Linearity(State):
         return stds
 
     def position_error(self, drive: int, reading: Scalar, values: Vector) -> Scalar:
-        """Return Σ w_j cos(π j ξ) where it is this drive's sensor [m, rad].
+        """Return the error Σ w_j cos(π j ξ) of this drive's sensor [m, rad], 0 for another drive.
 
-        By cos(π (j + 1) ξ) = 2 cos(π ξ) cos(π j ξ) − cos(π (j − 1) ξ): one cosine for all
+        By cos(π (j + 1) ξ) = 2 cos(π ξ) cos(π j ξ) − cos(π (j − 1) ξ) one cosine suffices
         (Chebyshev).
         """
         count = len(self.stds)
@@ -100,7 +100,7 @@ class Linearity(State):
 
 
 def linearities(context: FilterContext) -> list[State]:
-    """Return a block for each position sensor that errs systematically."""
+    """Return a block for each position sensor with a systematic error."""
     sensors = ((i, context.position_sensor(i)) for i in range(context.n_drives))
     blocks = [Linearity(context, i, sensor) for i, sensor in sensors if sensor is not None]
     return [block for block in blocks if len(block.stds)]

@@ -1,6 +1,4 @@
-"""Parameters of the model that are not known for certain: every one with a std that shows in the
-sensors.
-"""
+"""Uncertain parameters of the model: every one with a std whose effect sensors can show."""
 
 from __future__ import annotations
 
@@ -21,30 +19,45 @@ from distal.rig import in_words, known_to_a_factor, named, number
 from distal.sensor_errors import variance
 
 SMALLEST_VALUE = 0.01
-"""A parameter that cannot be negative is kept above this share of its std."""
+"""Lower limit of a parameter that cannot be negative, as a share of its std [1]. Source:
+judgement.
+"""
 
 SMALLEST_FACTOR = 0.05
-"""A common factor is kept above this."""
+"""Lower limit of a common factor [1]. Source: judgement."""
 
 UNSEEN = 0.03
-"""Friction of a drive whose std is below this share of its force sensor's noise does not show."""
+"""Std of a drive's friction, as a share of the noise of its force sensor, below which the friction
+has no visible effect [1]. Source: judgement.
+"""
 
 
 Acts = Literal["value", "factor", "deviation"]
-"""How a state enters the parameters: it is one's value, it multiplies the values of all, or it is
-added to one's value.
+"""How a state enters the parameters: it is the value of one, it multiplies the values of all, or it
+is added to the value of one.
 """
 
 
 @dataclass(frozen=True)
 class UncertainParameter(State):
-    """One parameter, or what several err by together: value times factor, plus deviation.
+    """One uncertain parameter, or what several parameters err by together: value times factor, plus
+    deviation.
 
-    A stiffness or damping of a tendon is a factor even where it is alone; the factor is a state "…
-    factor", and the deviation, where there is both, one "… deviation". The path is by names of
-    parts, with ".factor" or ".deviation" behind it where the state is that; the indices are those
-    of the parameters in the model's vector, which it enters as `acts` says. A `doubted` one
-    is friction of a joint that is known to a factor only.
+    A stiffness or damping of a tendon is estimated as a factor even where it is alone.
+
+    Args:
+        name: of the state, in words; a factor is "… factor", a deviation beside a factor "…
+            deviation".
+        path: of the parameter, by names of components, with ".factor" or ".deviation" after it
+            where the state is that.
+        indices: of the parameters in the model's vector.
+        acts: how the state enters them.
+        mean: prior mean.
+        std: prior standard deviation.
+        walk: random walk per √s.
+        lowest: the state is kept at or above this.
+        unidentified: whether only a reference angle teaches it.
+        doubted: whether it is friction of a joint that is known to a factor only.
     """
 
     kind: ClassVar[StateKind] = StateKind.PARAMETER
@@ -64,31 +77,33 @@ class UncertainParameter(State):
 
     @property
     def part(self) -> str:
-        """The path of the parameter, or of the factor."""
+        """Path of the parameter, factor or deviation."""
         return self.path
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What the parameter, or the factor, is called in words."""
+        """Name of the state, in words."""
         return (self.name,)
 
     @property
     def structure(self) -> tuple[object, ...]:
-        """Which parameters it enters, how, and whether it is doubted."""
+        """What the structure of a kernel depends on: which parameters the state enters, how, and
+        whether it is doubted.
+        """
         return self.indices, self.acts, self.doubted
 
     @property
     def means(self) -> Floats:
-        """Its prior mean."""
+        """Prior mean, (1,)."""
         return np.array([self.mean])
 
     @property
     def stds(self) -> Floats:
-        """Its prior standard deviation."""
+        """Prior standard deviation, (1,)."""
         return np.array([self.std])
 
     def parameters(self, values: Vector, p: Vector) -> Vector:
-        """Return the parameters with this one's value, or these times their factor."""
+        """Return the model's parameters with this state's value, factor or deviation."""
         changed = ca.SX(p)
         z = values[0]
         for i in self.indices:
@@ -97,14 +112,14 @@ class UncertainParameter(State):
 
 
 def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
-    """Return the uncertain parameters as blocks, those without effect on a displacement-driven
-    joint left out.
+    """Return the uncertain parameters as blocks, without those that have no effect on a
+    displacement-driven joint.
 
-    What several share comes after what is one's alone, and what one that shares errs by on top
-    comes last: a deviation is added to what the factor has made. A parameter that cannot be
-    negative has its prior cut at zero: mean and variance are those of the cut normal, but one that
-    is known to a factor only (a std up to the value) keeps its mean, or is multiplied by a state of
-    mean 1, whose std is that of its logarithm.
+    First come values, then factors that several parameters share, then deviations of single ones,
+    which are added to what the factor has made. A parameter that cannot be negative has its prior
+    cut at zero: mean and variance are those of the cut normal distribution. A parameter that is
+    known to a factor only (a std up to its value) keeps its mean instead, or is multiplied by a
+    state of mean 1, whose std is that of its logarithm.
     """
     p = context.mechanism.parameters
     rig = context.mechanism.rig
@@ -209,8 +224,8 @@ def _bounded(context: FilterContext, name: str) -> bool:
 
 
 def _without_effect(context: FilterContext, name: str, std: float) -> bool:
-    """Return whether a parameter's std cannot be seen: a drive's inertia and stops, friction far
-    below the noise.
+    """Return whether a parameter's std has no visible effect: inertia and stops of a drive,
+    friction far below the noise.
     """
     if not name.startswith("drives."):
         return False
@@ -227,7 +242,9 @@ def _without_effect(context: FilterContext, name: str, std: float) -> bool:
 
 
 def cut_normal(mean: float, std: float) -> tuple[float, float]:
-    """Return mean and std of a normal distribution cut at zero, whose own are `mean` and `std`."""
+    """Return mean and std of the normal distribution with `mean` and `std` after it is cut at zero;
+    the same where zero is more than 4 stds away.
+    """
     lower = -mean / std
     if lower < -4.0:
         return mean, std

@@ -1,6 +1,4 @@
-"""What a reading depends on and nobody knows for certain, such as the angle at which an IMU is
-mounted.
-"""
+"""Uncertain quantities of a reading, such as the angle at which an IMU is mounted."""
 
 from __future__ import annotations
 
@@ -18,7 +16,7 @@ from distal.rig import Parameter, measurand_of
 
 @dataclass(frozen=True)
 class UnknownOfReading(State):
-    """A number that one or several readings depend on and ask for by its name; it stays."""
+    """An uncertain quantity that one or several readings depend on, by its name; it stays."""
 
     lasting: ClassVar[bool] = True
 
@@ -27,27 +25,27 @@ class UnknownOfReading(State):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Its name, (1,)."""
+        """Name of the state, (1,)."""
         return (self.name,)
 
     @property
     def means(self) -> Floats:
-        """The rig's value."""
+        """Prior mean: the rig's value, (1,)."""
         return np.array([self.number.value])
 
     @property
     def stds(self) -> Floats:
-        """The rig's std."""
+        """Prior standard deviation: the rig's, (1,)."""
         return np.array([self.number.filter_std])
 
     def unknowns(self, values: Vector) -> dict[str, Scalar]:
-        """Return the number by its name."""
+        """Return name → the quantity."""
         return {self.name: values[0]}
 
 
 def unknowns_of_readings(context: FilterContext) -> list[State]:
-    """Return a block for each number that readings depend on and whose std is not zero; sensors
-    share those of one name.
+    """Return a block for each quantity of readings whose std is not zero; sensors share those of
+    the same name.
     """
     unknowns = [unknown for s in context.channels.others for unknown in measurand_of(s).unknowns(s)]
     values = {

@@ -1,4 +1,4 @@
-"""The kinds of states beside the joints': a new kind is a file beside this one, and an entry
+"""The kinds of states beside the joints' motion: a new kind is a file in this folder and an entry
 here.
 """
 
@@ -19,7 +19,7 @@ from distal.estimators.adaptive.states.state import State
 from distal.estimators.adaptive.states.transmission import transmissions
 
 Kind = Callable[[FilterContext], Sequence[State]]
-"""Returns the blocks of one kind that a rig has."""
+"""Function that returns the blocks of one kind that a rig has."""
 
 KINDS: tuple[Kind, ...] = (
     external_torques,
@@ -32,4 +32,4 @@ KINDS: tuple[Kind, ...] = (
     sensor_biases,
     unknowns_of_readings,
 )
-"""Their order is that of the state vector, after the joints."""
+"""All kinds; their order is that of the state vector, after the joints' motion."""

@@ -1,9 +1,8 @@
-"""What a kind of state is: a block of numbers that the filter does not know, and what they do.
+"""The base of all kinds of states: a block of unknown values and their effects.
 
-A block says its names, its prior, how it fades and walks, and what it adds: to the model's
-parameters, to the torque on a joint, to the position of a drive, to friction, to what a sensor
-reads. Each of these has the default "nothing". `StateVector` puts blocks side by side and adds up
-what they do.
+A block has names and a prior, says how its values fade and walk, and what they add: to the model's
+parameters, to the torque on a joint, to the position of a drive, to friction, to the reading of a
+sensor. The default of each is "nothing". `StateVector` joins blocks and sums up their effects.
 """
 
 from __future__ import annotations
@@ -23,11 +22,13 @@ from distal.expressions import Scalar, Vector
 from distal.rig import Sensor
 
 Prior: TypeAlias = Vector | float
-"""Numbers of a block, (k,), expressions of what a fit varies; one number stands for all."""
+"""Prior means or standard deviations of a block, (k,), as expressions of what a fit varies; one
+number stands for all.
+"""
 
 
 class Learning(Enum):
-    """How much of the gain a state takes, see `StateVector.gain_shares`."""
+    """The share of the gain that a state takes, see `StateVector.gain_shares`."""
 
     AT_ONCE = "at once"
     """All of it."""
@@ -50,8 +51,8 @@ class Fading:
     f_i²).
 
     Args:
-        factor: what is left of it, f.
-        std: standard deviation that it has after a long time, σ_i.
+        factor: share of the state that is left, f_i.
+        std: standard deviation of the state after a long time, σ_i.
     """
 
     factor: Scalar
@@ -60,10 +61,12 @@ class Fading:
 
 @dataclass(frozen=True)
 class Begin:
-    """What is read at a log's first sample.
+    """The readings of a log's first sample.
 
-    It is the positions of the drives [m, rad], 0 where nothing is read, their efforts [N, N m], and
-    the tensions of the tendons [N]; None where no sensor is.
+    Args:
+        positions: of the drives [m, rad], 0 where nothing is read.
+        efforts: of the drives [N, N m], None without a sensor.
+        tensions: of the tendons [N], None without a sensor.
     """
 
     positions: Sequence[Scalar]
@@ -72,44 +75,46 @@ class Begin:
 
 
 class State(ABC):
-    """A block of the state vector; `values` are those of the block, symbolic, (k,)."""
+    """A block of the state vector; in its methods `values` are the block's own values, symbolic,
+    (k,).
+    """
 
     considered: ClassVar[bool] = False
-    """Whether its uncertainty counts but it is never estimated (Schmidt, 1966)."""
+    """Whether its uncertainty counts but its value is never estimated (Schmidt, 1966)."""
     lasting: ClassVar[bool] = False
-    """Whether it is a number of the rig or of a sensor; others are meant to move."""
+    """Whether it is a constant of the rig or of a sensor; other states are meant to move."""
     learning: ClassVar[Learning] = Learning.AT_ONCE
-    """How much of the gain it takes."""
+    """The share of the gain that it takes."""
     smoothed: ClassVar[bool] = True
-    """Whether a smoother may change it by what came later; a guard's state stays as the filter had
-    it.
+    """Whether a smoother may change it by later samples; the state of a guard stays as the filter
+    had it.
     """
 
     @property
     @abstractmethod
     def names(self) -> tuple[str, ...]:
-        """Names of its numbers, (k,)."""
+        """Names of the block's values, (k,)."""
 
     @property
     def kind(self) -> StateKind:
-        """What it is."""
+        """Kind of the block's values, where all are of one kind."""
         return StateKind.OTHER
 
     @property
     def part(self) -> str:
-        """The part of the rig that it is of: a joint, drive, tendon or sensor by its name, a number
-        by its path.
+        """The component that the block belongs to: the name of a joint, drive, tendon or sensor, or
+        the path of a parameter.
         """
         return ""
 
     @property
     def kinds(self) -> tuple[StateKind, ...]:
-        """What each of its numbers is, (k,)."""
+        """Kind of each value, (k,)."""
         return (self.kind,) * len(self.names)
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """The part that each of its numbers is of, (k,)."""
+        """Component of each value, (k,)."""
         return (self.part,) * len(self.names)
 
     @property
@@ -130,107 +135,113 @@ class State(ABC):
 
     @property
     def structure(self) -> tuple[object, ...]:
-        """What a kernel depends on beside its names and its kind."""
+        """What the structure of a kernel depends on in this block, beside its names and
+        its kind.
+        """
         return ()
 
     def inputs(self) -> Iterator[tuple[str, float]]:
-        """Yield numbers that follow from its own, by name: inputs of the filter's kernel, see
-        `FilterContext.number`.
+        """Yield name and value of the inputs of the filter's kernel that follow from this block,
+        see `FilterContext.number`.
         """
         return iter(())
 
     @property
     def walk(self) -> float:
-        """Standard deviation that each of its numbers gains as a random walk, per √s."""
+        """Standard deviation that each value gains as a random walk, per √s."""
         return 0.0
 
     @property
     def lowest(self) -> float:
-        """Its numbers are kept at or above this."""
+        """Lower limit at which each value is kept."""
         return -np.inf
 
     @property
     def unidentified(self) -> bool:
-        """Whether forces and displacements do not tell it: only a joint's own angle teaches it."""
+        """Whether forces and displacements do not tell the values; then only a reference angle
+        teaches them.
+        """
         return False
 
     def first(self, begin: Begin) -> tuple[Scalar, Scalar] | None:
-        """Return mean and standard deviation at the first sample, where its readings tell them;
-        None where they do not.
+        """Return mean and standard deviation at the first sample, where its readings give them,
+        else None.
         """
         return None
 
     def fading(self, dt: Scalar) -> Fading | None:
-        """Return how its numbers fade over an interval of length `dt` [s], None where they stay."""
+        """Return how the values fade over an interval of length `dt` [s]; None where they stay."""
         return None
 
     def parameters(self, values: Vector, p: Vector) -> Vector:
-        """Return the model's parameters, `p` so far, (n_p,), with what this block's `values` say,
+        """Return the model's parameters `p`, (n_p,), after this block's `values` have entered them,
         linearly.
         """
         return p
 
     def torque(self, joint: int, values: Vector) -> Scalar:
-        """Return what its `values` add to the torque on a joint [N m]."""
+        """Return what `values` add to the torque on a joint [N m]."""
         return 0
 
     def position(self, drive: int, values: Vector) -> Scalar | None:
-        """Return the position of a drive that nothing measures by its `values` [m, rad], None
-        where it does not say.
+        """Return the position of a drive that nothing measures [m, rad] by `values`, None where
+        this block does not hold it.
         """
         return None
 
     def position_error(self, drive: int, reading: Scalar, values: Vector) -> Scalar:
-        """Return what its `values` add to the `reading` of a drive's position sensor [m, rad]."""
+        """Return what `values` add to the `reading` of a drive's position sensor [m, rad]."""
         return 0
 
     def friction(self, drive: int, values: Vector) -> Scalar:
-        """Return what its `values` add to the friction limit of a drive [N, N m]."""
+        """Return what `values` add to the friction limit of a drive [N, N m]."""
         return 0
 
     def force(self, drive: int, values: Vector) -> Scalar:
-        """Return what its `values` add to the force that is expected at a drive [N, N m]."""
+        """Return what `values` add to the expected force of a drive [N, N m]."""
         return 0
 
     def unknowns(self, values: Vector) -> dict[str, Scalar]:
-        """Return numbers that readings depend on, by name, see `Measurand.unknowns`."""
+        """Return name → value of the quantities that readings depend on, see
+        `Measurand.unknowns`.
+        """
         return {}
 
     def sensor_error(self, sensor: Sensor, reading: Scalar, values: Vector) -> Scalar:
-        """Return what its `values` add to the `reading` of a sensor of force, tension or angle."""
+        """Return what `values` add to the `reading` of a sensor of force, tension or angle."""
         return 0
 
 
 class ZeroMean(State):
-    """A block whose numbers are expected to be zero."""
+    """A block whose prior means are zero."""
 
     @property
     def means(self) -> Floats:
-        """Zeros, (k,)."""
+        """Prior means: zeros, (k,)."""
         return np.zeros(len(self.names))
 
 
 class OfPart(State):
-    """A number of a part of the rig; its name is ``QUANTITY_PART``."""
+    """A single value of a component of the rig; its name is ``QUANTITY_PART``."""
 
     quantity: ClassVar[str]
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Its name, (1,)."""
+        """Name of the state, (1,)."""
         return (f"{self.quantity}_{self.part}",)
 
 
 @dataclass(frozen=True)
 class OfDrive(OfPart):
-    """A number of a drive."""
+    """A single value of a drive."""
 
     context: FilterContext
     drive: int
 
     @property
     def part(self) -> str:
-        """The drive's name."""
+        """Name of the drive."""
         return self.context.mechanism.rig.drives[self.drive].name
 
 
@@ -245,5 +256,5 @@ class OfSensor(OfPart, ZeroMean):
 
     @property
     def part(self) -> str:
-        """The sensor's name."""
+        """Name of the sensor."""
         return self.sensor.name

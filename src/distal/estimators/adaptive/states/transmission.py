@@ -1,4 +1,6 @@
-"""What a drive's transmission passes on where it has hysteresis, and what its play leaves out."""
+"""The effort that a drive's transmission passes on where it has hysteresis, and the error of its
+play operator.
+"""
 
 from __future__ import annotations
 
@@ -19,14 +21,12 @@ from distal.rig import Hysteresis, Sensor, SliderHysteresis
 from distal.sensor_errors import variance
 
 CALM = 8.0
-"""A play's effort is smoothed until its noise is below the limit over this:
-docs/reference/adaptive-equations.md, (14).
-"""
+"""Limit of a play over the noise of its smoothed effort, at least, (14) [1]. Source: judgement."""
 
 
 @dataclass(frozen=True)
 class Transmitted(OfDrive):
-    """z, the effort that a play passes on; `play` moves it."""
+    """The effort z that a play operator passes on; `transmission_play.play` moves it."""
 
     quantity: ClassVar[str] = "transmitted"
     kind: ClassVar[StateKind] = StateKind.TRANSMITTED
@@ -35,18 +35,22 @@ class Transmitted(OfDrive):
 
     @property
     def means(self) -> Floats:
-        """The nominal force; the first reading takes its place [N, N m]."""
+        """Prior mean: the nominal force [N, N m]; the first reading replaces it."""
         return np.array([self.context.mechanism.rig.drives[self.drive].nominal_force.value])
 
     @property
     def stds(self) -> Floats:
-        """Anywhere within the limits h of the play, h/√3, and the sensor's noise [N, N m]."""
+        """Prior standard deviation [N, N m]: anywhere within the limits h of the play, h/√3, and
+        the sensor's noise.
+        """
         return np.array(
             [float(np.hypot(self.limit / np.sqrt(3.0), np.sqrt(variance(self.sensor))))]
         )
 
     def prior(self) -> tuple[Prior | None, Prior | None]:
-        """Return the std with the sensor's noise as a fit varies it [N, N m]."""
+        """Return the prior standard deviation [N, N m] as an expression of the sensor's noise,
+        which a fit may vary; None for the mean.
+        """
         limit = self.context.number(self.limit_name)
         return None, ca.sqrt(limit**2 / 3.0 + self.context.noise(self.sensor))
 
@@ -67,7 +71,9 @@ class Transmitted(OfDrive):
 
     @cached_property
     def limit(self) -> float:
-        """Limit h of the play [N, N m] at pre-tension, with the joints where they start."""
+        """Limit h of the play [N, N m] at pre-tension, with the joints at their `initial`
+        angles.
+        """
         mechanism = self.context.mechanism
         tensions = ca.DM([tendon.pretension.value for tendon in mechanism.rig.tendons])
         angles = [joint.initial.value for joint in mechanism.rig.joints]
@@ -80,8 +86,8 @@ class Transmitted(OfDrive):
 
 @dataclass(frozen=True)
 class TransmissionError(OfDrive, ZeroMean):
-    """What one play leaves out of a transmission: considered, since no state of the model is behind
-    it.
+    """The part of a transmission's hysteresis that one play operator leaves out: considered, since
+    the model has no state for it.
     """
 
     quantity: ClassVar[str] = "transmission_error"
@@ -92,7 +98,7 @@ class TransmissionError(OfDrive, ZeroMean):
 
     @property
     def stds(self) -> Floats:
-        """``hysteresis.error`` [N, N m]."""
+        """Prior standard deviation: ``hysteresis.error`` [N, N m]."""
         return np.array([self.hysteresis.error])
 
     def prior(self) -> tuple[Prior | None, Prior | None]:
@@ -109,19 +115,22 @@ class TransmissionError(OfDrive, ZeroMean):
         return self.context.number(f"drives.{self.drive}.hysteresis.{key}")
 
     def fading(self, dt: Scalar) -> Fading:
-        """Return e^{−dt/T} with T = ``hysteresis.error_time``, and the std [N, N m]."""
+        """Return e^{−dt/T} with T = ``hysteresis.error_time``, and the std after a long time [N, N
+        m].
+        """
         return Fading(ca.exp(-dt / self._number("error_time")), self._number("error"))
 
     def force(self, drive: int, values: Vector) -> Scalar:
-        """Return minus the error where it is this drive's: what is transmitted lacks it [N, N
-        m].
+        """Return minus the error [N, N m] if it is that of this drive, else 0: the transmitted
+        effort lacks it.
         """
         return -values[0] if drive == self.drive else 0
 
 
 def reading_weight(limit: float, noise: float) -> float:
-    """Return the weight of a new reading of a drive's effort, 1 where its variance `noise` is small
-    against the play's `limit`: (14).
+    """Return the weight of a new reading of a drive's effort in its smoothed value: (14).
+
+    It is 1 where the reading's variance `noise` is small against the square of the play's `limit`.
     """
     ratio = min((limit / CALM) ** 2 / noise, 1.0)
     return 2.0 * ratio / (1.0 + ratio)

@@ -1,4 +1,4 @@
-"""The state vector: blocks side by side, and the sums of what they do."""
+"""The state vector: blocks one after the other, and the sums of their effects."""
 
 from __future__ import annotations
 
@@ -18,9 +18,11 @@ from distal.rig import Sensor
 
 
 class StateVector:
-    """All blocks of a rig; the layout of the state, (n,), follows from their order.
+    """All blocks of a rig; their order gives the layout of the state, (n,).
 
-    Beside the joints' motion they are of some `kinds`, default all.
+    Args:
+        context: the rig as the filter reads it.
+        kinds: kinds of states beside the joints' motion; default all.
     """
 
     def __init__(self, context: FilterContext, kinds: Sequence[Kind] = KINDS) -> None:
@@ -57,7 +59,7 @@ class StateVector:
 
     @property
     def structure(self) -> tuple[object, ...]:
-        """What a kernel depends on of the states: all but their numbers."""
+        """What the structure of a kernel depends on in the states: all but their values."""
         walks = self.walks > 0.0
         bounded = np.isfinite(self.lowest)
         flags = tuple(zip(walks.tolist(), bounded.tolist()))
@@ -69,7 +71,7 @@ class StateVector:
         return len(self.names)
 
     def inputs(self) -> Iterator[tuple[str, float]]:
-        """Yield the numbers of the states that are inputs of the filter's kernel, by name."""
+        """Yield name and value of the inputs of the filter's kernel that follow from the states."""
         for i in range(len(self)):
             yield f"state.{i}.mean", self.means[i]
             yield f"state.{i}.std", self.stds[i]
@@ -98,11 +100,13 @@ class StateVector:
     def gain_shares(
         self, drive: int | None, reference: bool, interval: Scalar
     ) -> dict[int, Scalar]:
-        """Return index → share of the gain of the states that do not take all of it (24).
+        """Return index → share of the gain, for the states that do not take all of it (24).
 
-        What is compared is the force of a drive, or none's; or a reference, a joint's own angle,
-        which tells of parameters what forces do not. The `interval` is the filter's nominal one
-        [s].
+        Args:
+            drive: index of the drive whose force is compared, None for any other reading.
+            reference: whether a joint's own angle is compared, which tells of parameters what
+                forces do not.
+            interval: nominal interval of the filter [s].
         """
         guards = self.context.robustness
         declared = drive is None or self.context.declares_friction(drive)
@@ -111,7 +115,7 @@ class StateVector:
         if time > 0.0 and not reference:
             slow = dict.fromkeys(self._parameters, ca.fmin(1.0, interval / time))
         if reference and guards.reference_time > 0.0:
-            # a joint that rests shows one posture for a long time
+            # the many samples of a joint at rest show only one posture
             share = ca.fmin(1.0, interval / guards.reference_time)
             slow = dict.fromkeys([*self._parameters, *self._curves], share)
         if guards.creep_learning_time > 0.0 and not reference:
@@ -131,18 +135,16 @@ class StateVector:
         )
 
     def indices(self, block: State) -> range:
-        """Return where a block's numbers stand."""
+        """Return the indices of a block's values in the state."""
         stretch = self._slices[id(block)]
         return range(stretch.start, stretch.stop)
 
     def _values(self, state: Vector) -> Iterator[tuple[State, Vector]]:
-        """Yield each block with its numbers of a state."""
+        """Yield each block with its values in a state."""
         return ((block, state[self._slices[id(block)]]) for block in self.blocks)
 
     def fadings(self, dt: Scalar) -> list[tuple[int, Fading]]:
-        """Return index and fading of every number that fades over an interval of length `dt`
-        [s].
-        """
+        """Return index and fading of every value that fades over an interval of length `dt` [s]."""
         every = ((block, block.fading(dt)) for block in self.blocks)
         return [
             (i, fading)
@@ -169,8 +171,8 @@ class StateVector:
         )
 
     def position(self, drive: int, reading: Scalar, state: Vector) -> Scalar:
-        """Return the position of a drive [m, rad]: its `reading` less what its sensor errs by, or
-        the state for it.
+        """Return the position of a drive [m, rad]: its `reading` less the error of its sensor, or
+        the state that holds the position.
         """
         for block, values in self._values(state):
             position = block.position(drive, values)
@@ -188,7 +190,7 @@ class StateVector:
         )
 
     def force(self, drive: int, state: Vector) -> Scalar:
-        """Return what a `state` adds to the force that is expected at a drive [N, N m]."""
+        """Return what a `state` adds to the expected force of a drive [N, N m]."""
         return sum((block.force(drive, values) for block, values in self._values(state)), ca.SX(0))
 
     def sensor_error(self, sensor: Sensor, reading: Scalar, state: Vector) -> Scalar:
@@ -199,7 +201,7 @@ class StateVector:
         return sum(errors, ca.SX(0))
 
     def unknowns(self, state: Vector) -> dict[str, Scalar]:
-        """Return the numbers that readings depend on, by name."""
+        """Return name → value of the quantities that readings depend on."""
         return {
             name: number
             for block, values in self._values(state)
@@ -207,7 +209,9 @@ class StateVector:
         }
 
     def transmitted(self, drive: int) -> tuple[int, Transmitted] | None:
-        """Return index and block of what a drive's play passes on, None where it has no play."""
+        """Return index and block of the effort that a drive's play passes on, None where it has no
+        play.
+        """
         for block in self.blocks:
             if isinstance(block, Transmitted) and block.drive == drive:
                 return self.indices(block)[0], block
