@@ -55,7 +55,7 @@ def written(folder: Path, episodes: int) -> Path:
 
 CHANGES = {
     "log.time.column": "timestamp",
-    "sensors.motor_angle.column": "observation.state.place",
+    "sensors.motor_angle.column": "observation.state.position",
     "sensors.motor_torque.column": "observation.state.torque",
 }
 """Of `capstan-joint`, so that it reads the dataset."""

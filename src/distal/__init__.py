@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         learn_discrepancy,
         observability,
     )
+    from distal.from_logs import RigFromLogs, rig_from_logs
     from distal.homing import at_known_angle, homing_filter
     from distal.inverse import Commands, Inverse, LiveInverse
     from distal.lab import lab_page
@@ -62,6 +63,7 @@ __all__ = [
     "LogUnits",
     "Monitor",
     "Rig",
+    "RigFromLogs",
     "Scenario",
     "at_known_angle",
     "closed_loop",
@@ -85,6 +87,7 @@ __all__ = [
     "observability",
     "plot_estimates",
     "read_log",
+    "rig_from_logs",
     "scenario_rig",
     "shipped_rigs",
     "shipped_scenarios",
@@ -107,6 +110,7 @@ _NAMES = {
         "learn_discrepancy",
         "observability",
     ),
+    "from_logs": ("RigFromLogs", "rig_from_logs"),
     "homing": ("at_known_angle", "homing_filter"),
     "inverse": ("Commands", "Inverse", "LiveInverse"),
     "lab": ("lab_page",),

@@ -21,10 +21,11 @@ from distal.cli import (
     estimate_command,
     export_command,
     fit_command,
+    from_logs_command,
     lab_command,
+    learn_command,
     reproduce_command,
     rig_commands,
-    rig_import_commands,
     simulate_command,
     stream_command,
     study_command,
@@ -49,6 +50,7 @@ app = typer.Typer(
 app.command("estimate")(estimate_command.estimate_command)
 app.command("view")(view_command.view_command)
 app.command("lab")(lab_command.lab_command)
+app.command("learn")(learn_command.learn_command)
 app.command("fit")(fit_command.fit_command)
 app.command("calibrate")(calibrate_command.calibrate_command)
 app.command("simulate")(simulate_command.simulate_command)
@@ -62,7 +64,7 @@ app.command("export-c")(export_command.export_command)
 app.command("export-fmu")(export_command.fmu_command)
 app.command("reproduce")(reproduce_command.reproduce_command)
 app.command("rigs")(rig_commands.list_rigs_command)
-app.add_typer(rig_import_commands.app, name="rig")
+app.add_typer(from_logs_command.app, name="rig")
 app.command("scenarios")(simulate_command.list_scenarios_command)
 app.add_typer(simulate_command.app, name="scenario")
 app.command("doctor")(doctor_command.doctor_command)

@@ -156,7 +156,7 @@ def fit_command(
             line.save(out, text, provisional=PROVISIONAL)
             say(f"wrote {out} with it (--estimator affine); the fit replaces it")
 
-    with _progress() as show:
+    with fit_progress() as show:
         result = fitted_to(
             read,
             description,
@@ -189,7 +189,7 @@ def fit_command(
 
 
 @contextmanager
-def _progress() -> Iterator[Callable[[Doing], None]]:
+def fit_progress() -> Iterator[Callable[[Doing], None]]:
     """Show one bar for the whole fit on a terminal; elsewhere print a line now and then."""
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -252,14 +252,14 @@ def _say(result: Fit) -> None:
             else ""
         )
         say(f"not determined by these logs: {', '.join(undetermined[:MOST_NAMES])}{more}")
-    _say_scores(result)
+    say_scores(result)
     for line in result.advice()[:MOST_DOUBTS]:
         say(line)
     if result.interrupted:
         say("interrupted: these are the best values so far")
 
 
-def _say_scores(result: Fit) -> None:
+def say_scores(result: Fit) -> None:
     """Print a table that compares what is written with all other candidates."""
     scores = result.scores()
     if not scores:

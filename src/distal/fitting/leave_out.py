@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import radians
 
 import numpy as np
 
@@ -22,11 +23,16 @@ from distal.run import estimate
 class Score:
     """The RMS error of an estimator on a log [rad], the share of samples inside its 95 % band, and
     the band's mean half-width [rad].
+
+    Of each joint `joint_rms` has the RMS error and `joint_halves` the mean half-width of the band
+    [rad]; both are empty where there is no band.
     """
 
     rms: float
     inside: float
     half: float
+    joint_rms: tuple[float, ...] = ()
+    joint_halves: tuple[float, ...] = ()
 
 
 WRITTEN = "as written, chosen without each log"
@@ -205,4 +211,12 @@ def _score(log: Log, rig: Rig, estimator: str, homing: float | None) -> Score | 
         estimated = estimate(log, rig, estimator, compiled=False, homing=homing)
     except DistalError:
         return None
-    return Score(estimated.rms_error(), estimated.inside_band(), estimated.half_width())
+    summary = estimated.summary()
+    halves = estimated.stds_of_band * estimated.angle_stds.mean(axis=0)
+    return Score(
+        estimated.rms_error(),
+        estimated.inside_band(),
+        estimated.half_width(),
+        tuple(radians(row["RMS error [deg]"] or 0.0) for row in summary),
+        tuple(float(half) for half in halves),
+    )

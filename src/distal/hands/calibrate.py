@@ -26,7 +26,7 @@ from distal.hands.part_fit import part_values
 from distal.hands.sweeps import Sweep, sweeps_of
 from distal.logs import Log, Source, read_log, write_whole
 from distal.regression import servos_of
-from distal.rig import Rig, as_rig, independent_parts
+from distal.rig import Rig, as_rig, check_scales, independent_parts
 
 BRIDGED = 0.1
 """Longest gap in the readings of a channel that is filled by interpolation [s]. Source: judgement.
@@ -97,6 +97,7 @@ def calibrate(
 
     Raises:
         LogError: the log cannot be read, or no motor sweeps in it.
+        CommandError: the rig's scale of force was taken.
         FitError: the rig has sliders, a unit in the log is wrong, or no rig with these motors moves
             as the log does.
     """
@@ -107,6 +108,7 @@ def calibrate(
             f"'{rig.name}': {', '.join(sliders)} are sliders; a power-on routine is for motors "
             "that wind tendons"
         )
+    check_scales(rig, "a calibration by the motors' torques", "torque")
     log = _bridged(log if isinstance(log, Log) else read_log(log, rig))
     sweeps, stopped = _sweeps(log, rig, {} if stopped is None else stopped)
     check_units(rig, sweeps, log.source)

@@ -15,7 +15,7 @@ from distal.hands.starts import is_pair
 from distal.hands.sweeps import FEWEST, sweep_channels_of
 from distal.inverse.goal_gate import GoalGate
 from distal.logs import Log
-from distal.rig import Capstan, Rig, independent_parts
+from distal.rig import Capstan, Rig, check_scales, independent_parts
 from distal.suggestions import did_you_mean
 
 OF_PAIR = 0.15
@@ -400,8 +400,10 @@ def _check(rig: Rig, options: RoutineOptions) -> None:
     """Check the options before anything moves.
 
     Raises:
-        CommandError: a number is out of its range, or a limit is of no motor.
+        CommandError: a number is out of its range, a limit is of no motor, or the rig's scale of
+            force was taken.
     """
+    check_scales(rig, "a power-on routine with limits of torque", "torque")
     motors = rig.drive_names
     limits = (
         options.limits

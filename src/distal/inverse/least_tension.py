@@ -6,7 +6,7 @@ from math import inf
 
 from distal.errors import CommandError
 from distal.inverse.setpoint_function import FARTHEST
-from distal.rig import Rig
+from distal.rig import Rig, check_scales
 from distal.rounded import rounded
 from distal.units import to_si
 
@@ -28,8 +28,10 @@ def least_tension_of(value: float | str, rig: Rig) -> float:
         rig: whose tendons shall keep it.
 
     Raises:
-        CommandError: the value is no tension of 0 N or more, or stretches a tendon too far.
+        CommandError: the value is no tension of 0 N or more, stretches a tendon too far, or the
+            rig's scale of force was taken.
     """
+    check_scales(rig, "a command that keeps tendons taut", "tension")
     try:
         tension = to_si(value, "N")
     except ValueError as problem:

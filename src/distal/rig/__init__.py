@@ -58,6 +58,7 @@ from distal.rig.sensors import (
     travel_of,
 )
 from distal.rig.subsystems import Subsystem, independent_parts
+from distal.rig.taken_scales import check_scales, scales_in_words
 from distal.rig.tendons import Creep, Meeting, Tendon
 from distal.rig.validation import validated
 
@@ -99,6 +100,7 @@ __all__ = [
     "angle_names",
     "as_rig",
     "build_rig",
+    "check_scales",
     "compare_lengths",
     "contact_shape",
     "doubts",
@@ -131,6 +133,7 @@ __all__ = [
     "position_unit",
     "read_text",
     "rig_text",
+    "scales_in_words",
     "set_value",
     "shipped_rigs",
     "speed_names",

@@ -1,0 +1,262 @@
+"""Rigs from logs alone: columns, structure and mistakes, by the command and the file that it
+writes.
+
+`python -m benchmarks.from_logs structure --rigs 80 --first-seed 5000` draws rigs of all families
+(`strangers.drawn_rigs`), writes three logs of each as CSV, runs `distal rig from-logs`, and
+compares the tendons in its file with those of the plant. `python -m benchmarks.from_logs columns`
+gives the same logs other headers: with units, without, in five languages, shuffled.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.report import table
+from benchmarks.strangers.drawn import logs_of
+from benchmarks.strangers.drawn_rigs import Drawn, drawn_rig
+from distal import load_rig
+from distal.from_logs import rig_from_logs
+
+Floats = NDArray[np.float64]
+Log = dict[str, Floats]
+
+LEARNED = 3
+"""Logs that a rig is found from."""
+
+COUNTS = 4096.0
+"""Of an encoder in one turn."""
+
+
+def drawn_logs(seed: int) -> tuple[Drawn, list[Log]]:
+    """Return a drawn rig and its logs: time, x0, u0, … in SI, and joint0, … in rad."""
+    rig = drawn_rig(seed, False)
+    logs, _ = logs_of(rig, seed)
+    joints = [joint["name"] for joint in rig.raw["joints"]]
+    return rig, [
+        {"time": log.time, **log.channels, **dict(zip(joints, log.truth.values()))}
+        for log in logs[:LEARNED]
+    ]
+
+
+def write(columns: Mapping[str, Floats], path: Path) -> None:
+    """Write a log as CSV."""
+    cells = np.column_stack(list(columns.values()))
+    np.savetxt(path, cells, delimiter=",", header=",".join(columns), comments="", fmt="%.9g")
+
+
+def crossings_of_plant(rig: Drawn) -> dict[str, Counter[tuple[str, int]]]:
+    """Return drive → how often a tendon of it crosses a joint on a side."""
+    found: dict[str, Counter[tuple[str, int]]] = {}
+    for tendon in rig.raw["tendons"]:
+        of_drive = found.setdefault(tendon["drive"].replace("drive", "x"), Counter())
+        of_drive.update((c["joint"], c["side"]) for c in tendon.get("crossings", [tendon]))
+    return found
+
+
+def crossings_of_file(path: Path) -> dict[str, Counter[tuple[str, int]]]:
+    """Return the same of a rig file, by the column of each drive's position."""
+    rig = load_rig(path)
+    columns = {s.of: s.log_column for s in rig.sensors if s.measures == "position"}
+    found: dict[str, Counter[tuple[str, int]]] = {}
+    for tendon in rig.tendons:
+        of_drive = found.setdefault(columns[tendon.drive], Counter())
+        of_drive.update((joint, 1 if arm > 0 else -1) for joint, arm in tendon.arms().items())
+    return found
+
+
+def structure_of(seed: int) -> tuple[str, str]:
+    """Return the kind of a drawn rig, and what the command made of its logs: right, wrong, cannot
+    be told, or refused.
+    """
+    rig, logs = drawn_logs(seed)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        paths = [folder / f"run_{k}.csv" for k in range(len(logs))]
+        for log, path in zip(logs, paths):
+            write({n if n[0] != "j" else f"{n} [rad]": c for n, c in log.items()}, path)
+        out = folder / "own.toml"
+        done = subprocess.run(
+            ["distal", "rig", "from-logs", *map(str, paths), "--out", str(out)],
+            capture_output=True,
+            text=True,
+        )
+        if done.returncode:
+            return rig.kind, f"refused: {done.stderr.strip().splitlines()[-1][:100]}"
+        if crossings_of_file(out) == crossings_of_plant(rig):
+            return rig.kind, "right"
+        return rig.kind, "cannot be told" if "cannot be told" in done.stdout else "wrong"
+
+
+def structure(rigs: int, first: int) -> None:
+    """Print how many structures are right, by family."""
+    rows: dict[str, Counter[str]] = {}
+    for seed in range(first, first + rigs):
+        kind, outcome = structure_of(seed)
+        rows.setdefault(kind, Counter())[outcome.partition(":")[0]] += 1
+        if outcome != "right":
+            print(seed, kind, outcome, file=sys.stderr)
+    outcomes = ("right", "cannot be told", "wrong", "refused")
+    every = sum(rows.values(), Counter())
+    cells = [(kind, *(str(rows[kind][o]) for o in outcomes)) for kind in sorted(rows)]
+    cells.append(("all", *(str(every[o]) for o in outcomes)))
+    table("from-logs-structure", f"{rigs} rigs from {first} on", ["rig", *outcomes], cells)
+
+
+Style = Callable[[str, bool], tuple[str, float]]
+"""Name of a column in the plant's log, and whether its drive turns → its header and the factor of
+its values.
+"""
+
+
+def _named(
+    time: tuple[str, float],
+    position: Mapping[bool, tuple[str, float]],
+    effort: tuple[str, float],
+    angle: tuple[str, float],
+) -> Style:
+    def style(name: str, turns: bool) -> tuple[str, float]:
+        number = name[-1]
+        header, factor = (
+            time
+            if name == "time"
+            else position[turns]
+            if name[0] == "x"
+            else effort
+            if name[0] == "u"
+            else angle
+        )
+        return header.format(n=number), factor
+
+    return style
+
+
+DEGREE = 180.0 / np.pi
+STYLES: dict[str, Style] = {
+    "units in brackets": _named(
+        ("time [s]", 1.0),
+        {True: ("motor{n} [deg]", DEGREE), False: ("slider{n} [mm]", 1e3)},
+        ("force{n} [N]", 1.0),
+        ("joint{n} [deg]", DEGREE),
+    ),
+    "units at the end": _named(
+        ("time_ms", 1e3),
+        {True: ("m{n}_pos_rad", 1.0), False: ("m{n}_pos_mm", 1e3)},
+        ("m{n}_current_mA", 1e3),
+        ("pip{n}_deg", DEGREE),
+    ),
+    "ticks": _named(
+        ("timestamp_us", 1e6),
+        {True: ("enc{n}_ticks", COUNTS * 100 / (2 * np.pi)), False: ("enc{n}_ticks", 1e7)},
+        ("cur{n}_mA", 1e3),
+        ("camera_joint{n}_deg", DEGREE),
+    ),
+    "symbols": _named(
+        ("t", 1.0), {True: ("phi{n}", 1.0), False: ("x{n}", 1.0)}, ("u{n}", 1.0), ("theta{n}", 1.0)
+    ),
+    "camel case": _named(
+        ("timeStamp", 1.0),
+        {True: ("motorPosition{n}", 1.0), False: ("motorPosition{n}", 1.0)},
+        ("motorCurrent{n}", 1.0),
+        ("jointAngle{n}", 1.0),
+    ),
+    "German": _named(
+        ("zeit_s", 1.0),
+        {True: ("antrieb{n} [deg]", DEGREE), False: ("antrieb{n} [mm]", 1e3)},
+        ("kraft{n} [N]", 1.0),
+        ("gelenk{n} [deg]", DEGREE),
+    ),
+    "French": _named(
+        ("temps [s]", 1.0),
+        {True: ("moteur{n}_deg", DEGREE), False: ("moteur{n}_mm", 1e3)},
+        ("courant{n}_mA", 1e3),
+        ("articulation{n}_deg", DEGREE),
+    ),
+    "Spanish": _named(
+        ("tiempo", 1.0),
+        {True: ("posicion_motor{n}", 1.0), False: ("posicion_motor{n}", 1.0)},
+        ("fuerza{n}", 1.0),
+        ("angulo{n}", 1.0),
+    ),
+    "Italian": _named(
+        ("tempo", 1.0),
+        {True: ("posizione_motore{n}", 1.0), False: ("posizione_motore{n}", 1.0)},
+        ("corrente{n}", 1.0),
+        ("angolo_giunto{n}", 1.0),
+    ),
+}
+"""Ways in which builders name the columns of a log."""
+
+
+def true_role(name: str) -> str:
+    """Return the role of a column of the plant's log."""
+    if name == "time":
+        return "time"
+    return {"x": "position", "u": "effort"}.get(name[0], "angle")
+
+
+def columns(rigs: int, first: int) -> None:
+    """Print how many columns get the right role, by the way in which they are named."""
+    rows: dict[str, Counter[str]] = {}
+    for k, seed in enumerate(range(first, first + rigs)):
+        rig, logs = drawn_logs(seed)
+        turns = rig.raw["drives"][0]["kind"] == "capstan"
+        rng = np.random.default_rng(seed)
+        name = list(STYLES)[k % len(STYLES)]
+        renamed = []
+        order = rng.permutation(len(logs[0]))
+        for log in logs:
+            made = {}
+            for i in order:
+                column = list(log)[i]
+                header, factor = STYLES[name](column, turns)
+                values = log[column] * factor
+                made[header] = np.round(values) if "ticks" in header else values
+            renamed.append(made)
+        roles = {STYLES[name](column, turns)[0]: true_role(column) for column in logs[0]}
+        with tempfile.TemporaryDirectory() as folder:
+            paths = [Path(folder) / f"{i}.csv" for i in range(len(renamed))]
+            for made, path in zip(renamed, paths):
+                write(made, path)
+            counted = rows.setdefault(name, Counter())
+            try:
+                found = rig_from_logs(paths).columns
+            except Exception as problem:
+                counted["refused"] += len(roles)
+                print(seed, name, str(problem)[:150], file=sys.stderr)
+                continue
+        for column in found:
+            if column.role == roles[column.header]:
+                counted["right"] += 1
+            else:
+                counted["wrong" if column.sureness == "sure" else "wrong, doubted"] += 1
+                print(seed, name, column.in_words, file=sys.stderr)
+    outcomes = ("right", "wrong, doubted", "wrong", "refused")
+    cells = [(name, *(str(rows[name][o]) for o in outcomes)) for name in rows]
+    every = sum(rows.values(), Counter())
+    cells.append(("all", *(str(every[o]) for o in outcomes)))
+    table("from-logs-columns", f"roles of columns, {rigs} rigs", ["headers", *outcomes], cells)
+
+
+def main() -> None:
+    """Run a part."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("part", choices=("structure", "columns"))
+    parser.add_argument("--rigs", type=int, default=80)
+    parser.add_argument("--first-seed", type=int, default=5000)
+    arguments = parser.parse_args()
+    {"structure": structure, "columns": columns}[arguments.part](
+        arguments.rigs, arguments.first_seed
+    )
+
+
+if __name__ == "__main__":
+    main()

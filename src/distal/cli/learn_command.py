@@ -1,0 +1,154 @@
+"""`distal learn`: from logs to angles, without a rig file."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Sequence
+from math import degrees
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from typer import Option
+
+from distal.cli.console import say, table
+from distal.cli.fit_command import fit_progress, say_scores
+from distal.cli.from_logs_command import (
+    DrivesOption,
+    IgnoreOption,
+    JointsOption,
+    LogsArgument,
+    found_in,
+    say_found,
+)
+from distal.cli.paths import (
+    check_command_outputs,
+    check_ending,
+    check_new,
+    to_file,
+    to_folder,
+    write_each,
+)
+from distal.errors import RigError
+
+if TYPE_CHECKING:
+    from distal.fitting import Fit
+    from distal.logs import Log
+
+MOST_ADVICE = 4
+"""Number of sentences of advice that are printed at most. Source: layout."""
+
+NOISY = 0.5
+"""Ratio of the noise of a reference to the error beside it, from which on it is said to limit what
+can be known [1]. Source: judgement.
+"""
+
+
+def learn_command(
+    logs: LogsArgument,
+    out: Annotated[Path, Option(help="Where to write what was learned (.toml).")] = Path(
+        "learned.toml"
+    ),
+    rig: Annotated[
+        Path | None, Option(help="A rig file to begin with, in place of what the logs show.")
+    ] = None,
+    truth: JointsOption = None,
+    drive: DrivesOption = None,
+    ignore: IgnoreOption = None,
+    report: Annotated[
+        Path | None, Option(help="Folder for the answer as a page; default: beside --out.")
+    ] = None,
+) -> None:
+    """Learn from logs how well the joints can be known from the motors: rig, fit and an answer."""
+    from distal.fitting import fit
+    from distal.logs import read_log
+    from distal.reports import FIT_PAGES, fit_report
+    from distal.rig import build_rig, load_rig, parse_toml
+
+    folder = report if report is not None else out.with_name(f"{out.stem}_page")
+    outputs = [*to_file("--out", out), *to_folder("--report", folder, FIT_PAGES)]
+    check_command_outputs(outputs, logs=list(logs), rig=None if rig is None else str(rig))
+    check_ending(out, "a rig file")
+    check_new(out)
+    say(f"reading {len(logs)} log{'s' if len(logs) > 1 else ''}")
+    if rig is None:
+        found = found_in(logs, truth, drive, ignore, out.stem)
+        say_found(found)
+        text = found.text
+    else:
+        text = rig.read_text(encoding="utf-8")
+        load_rig(rig)  # raises where it is none
+    description = build_rig(parse_toml(text, str(out), RigError), out.stem)
+    read = [read_log(path, description) for path in logs]
+    # a job that is ended keeps the best so far, as by Ctrl-C
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with fit_progress() as show:
+        result = fit(read, description, progress=show)
+    _answer(result, read)
+
+    def save() -> None:
+        result.save(out, text)
+        say(f"wrote {out}: distal estimate LOG --rig {out} gives angles, export-c firmware")
+
+    def save_report() -> None:
+        say(f"wrote {fit_report(result, read, folder)}")
+
+    write_each(save, save_report)
+    if result.interrupted:
+        raise typer.Exit(130)
+
+
+def _answer(result: Fit, logs: Sequence[Log]) -> None:
+    """Print how well the joints can be known, what limits that, and what to log next."""
+    import numpy as np
+
+    from distal.fitting import WRITTEN
+
+    scores = [
+        score
+        for comparison in result.compared
+        if (score := comparison.scores.get(WRITTEN)) is not None
+    ]
+    if scores:
+        errors = np.sqrt(np.mean(np.square([score.joint_rms for score in scores]), axis=0))
+        halves = np.mean([score.joint_halves for score in scores], axis=0)
+        rows = [
+            (joint, f"{degrees(error):.3f}", f"±{degrees(half):.3f}")
+            for joint, error, half in zip(result.rig.joint_names, errors, halves)
+        ]
+        columns = ["joint", "RMS error [°]", "95 % band [°]"]
+        table("how well the joints are known from the motors, on logs left out", columns, rows)
+        say_scores(result)
+        for line in _limits(result, float(np.mean(errors))):
+            say(line)
+    else:
+        say(
+            f"{len(logs)} logs with known angles are too few to leave one out; with three the "
+            "answer has errors on logs that were not learned from"
+        )
+    for line in result.advice()[:MOST_ADVICE]:
+        say(line)
+    undetermined = [part.name for part in result.fitted if not part.identified and not part.noise]
+    if undetermined:
+        say(
+            f"log next: slow motions under other loads, and over the whole range; these logs do "
+            f"not tell {', '.join(undetermined[:MOST_ADVICE])}"
+        )
+
+
+def _limits(result: Fit, error: float) -> list[str]:
+    """Return sentences on what limits the angle."""
+    lines = []
+    if result.reference_std > NOISY * error:
+        lines.append(
+            f"the reference's own noise ({degrees(result.reference_std):.2g}°) is much of this "
+            "error: a better camera or encoder would show how good the estimate is"
+        )
+    read = {sensor.of for sensor in result.rig.sensors if sensor.measures == "force"}
+    without = [name for name in result.rig.drive_names if name not in read]
+    if without:
+        lines.append(
+            f"no force is read of {', '.join(without)}: stretch and friction are not seen, so "
+            "that the band contains them; a current or a load cell would tell them"
+        )
+    return lines

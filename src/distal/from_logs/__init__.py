@@ -1,0 +1,5 @@
+"""A rig from logs: columns, structure and sizes."""
+
+from distal.from_logs.rig_from_logs import RigFromLogs, rig_from_logs
+
+__all__ = ["RigFromLogs", "rig_from_logs"]

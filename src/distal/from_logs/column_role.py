@@ -1,0 +1,62 @@
+"""What a column of a log is found to be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from distal.from_logs.column_names import Role
+from distal.from_logs.column_values import ValueEvidence
+
+Sureness = Literal["sure", "likely", "a guess"]
+
+
+@dataclass(frozen=True)
+class ColumnRole:
+    """What a column is.
+
+    Args:
+        header: as the logs have it.
+        role: time, position or effort of a drive, angle of a joint, command, or other.
+        part: name of the drive or joint, empty for time and other.
+        unit: of its values, as a rig file has it; empty where it has none.
+        si: SI unit of its dimension; "count" for an encoder's counts.
+        sureness: of the role.
+        unit_sureness: of the unit.
+        evidence: why, in a line.
+        values: what its values say.
+    """
+
+    header: str
+    role: Role
+    part: str
+    unit: str
+    si: str
+    sureness: Sureness
+    unit_sureness: Sureness
+    evidence: str
+    values: ValueEvidence
+
+    @property
+    def in_words(self) -> str:
+        """All of it in a line."""
+        of = f" of {self.part}" if self.part else ""
+        unit = f" in {self.unit}" if self.unit else ""
+        doubt = "" if self.unit_sureness == "sure" or not self.unit else f" ({self.unit_sureness})"
+        return f"{self.header}: {self.role}{of}{unit}{doubt}, {self.sureness}: {self.evidence}"
+
+
+@dataclass(frozen=True)
+class Overrides:
+    """What a user says of columns.
+
+    Args:
+        truth: headers of joints' reference angles.
+        drives: header of a drive's position → its unit, or empty.
+        ignore: headers that are none of this.
+    """
+
+    truth: tuple[str, ...] = ()
+    drives: Mapping[str, str] = ()  # type: ignore[assignment]
+    ignore: tuple[str, ...] = ()

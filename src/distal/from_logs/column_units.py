@@ -1,0 +1,124 @@
+"""The unit of a column: as its header says it, else by the size of its values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from distal.from_logs.column_names import NameEvidence
+from distal.from_logs.column_role import ColumnRole, Sureness
+from distal.from_logs.column_scores import MANY_COUNTS
+
+LARGEST_RADIANS = 12.6
+"""Angles over a wider range are in degrees: two turns. Source: judgement."""
+
+
+LARGEST_JOINT = 6.3
+"""The same for a joint: one turn. Source: physics (a joint turns less than once)."""
+
+
+LARGEST_AMPERES = 10.0
+"""Currents over a wider range are in mA. Source: judgement."""
+
+
+LARGEST_METRES = 0.5
+"""Displacements over a wider range are in mm. Source: physics (a hand's drives travel less)."""
+
+
+def with_unit(column: ColumnRole, name: NameEvidence, drives: Mapping[str, str]) -> ColumnRole:
+    """Return a column with its unit: as its header says it, else by the size of its values."""
+    if column.role == "other":
+        return column
+    if drives.get(column.header):
+        unit = drives[column.header]
+        counted = unit in ("count", "counts", "tick", "ticks")
+        si = "count" if counted else "m" if unit in ("m", "mm", "cm", "um") else "rad"
+        return replace(column, unit="count" if counted else unit, si=si, unit_sureness="sure")
+    if name.unit is not None and name.si is not None:
+        return replace(column, unit=name.unit, si=name.si, unit_sureness="sure")
+    unit, si, sureness = _unit_by_size(column)
+    return replace(column, unit=unit, si=si, unit_sureness=sureness)
+
+
+def _unit_by_size(column: ColumnRole) -> tuple[str, str, Sureness]:
+    """Return the unit of a column whose header has none, by its role, its words and its range."""
+    width = column.values.width
+    words = set(column.header.lower().replace("_", " ").replace(".", " ").split())
+    if column.role == "time":
+        return "s", "s", "likely"
+    if column.role == "angle":
+        if width > LARGEST_JOINT:
+            return "deg", "rad", "likely"
+        return "rad", "rad", "a guess"
+    if column.role == "effort":
+        if words & {"torque", "tau", "drehmoment", "couple", "coppia", "u"}:
+            return "N m", "N m", "likely"
+        if words & {"cur", "curr", "current", "strom", "courant", "corriente", "corrente", "i"}:
+            return ("mA" if width > LARGEST_AMPERES else "A"), "A", "a guess"
+        return "N", "N", "likely" if words & {"force", "f", "kraft", "tension"} else "a guess"
+    if column.values.turn is not None and column.values.is_whole:
+        return "count", "count", "likely"
+    if column.values.is_whole and width > MANY_COUNTS:
+        return "count", "count", "likely"
+    if words & {"x", "disp", "displacement", "slider", "weg"}:
+        return ("mm" if width > LARGEST_METRES else "m"), "m", "likely"
+    if width < 0.1 and not words & {"phi"}:
+        return "m", "m", "a guess"
+    return ("deg" if width > LARGEST_RADIANS else "rad"), "rad", "a guess"
+
+
+def with_common_units(columns: Sequence[ColumnRole]) -> list[ColumnRole]:
+    """Return columns of one role in the unit of the surest of them, where theirs is a guess."""
+    result = list(columns)
+    for i, column in enumerate(columns):
+        if column.unit_sureness != "a guess" or column.role in ("other", "time"):
+            continue
+        alike = [
+            other
+            for other in columns
+            if other.role == column.role
+            and other.si
+            and other.values.width > 0.0
+            and (column.role != "effort" or other.si == column.si)
+        ]
+        widest = max(alike, key=lambda other: other.values.width)
+        surest = next((other for other in alike if other.unit_sureness != "a guess"), widest)
+        result[i] = replace(column, unit=surest.unit, si=surest.si)
+    return result
+
+
+def with_torques(columns: Sequence[ColumnRole]) -> list[ColumnRole]:
+    """Return columns in which an effort of a motor that turns is a torque where that is a guess."""
+    turning = {c.part for c in columns if c.role == "position" and c.si != "m"}
+    return [
+        replace(column, unit="N m", si="N m")
+        if column.role == "effort"
+        and column.si == "N"
+        and column.unit_sureness == "a guess"
+        and column.part in turning
+        else column
+        for column in columns
+    ]
+
+
+TAKEN_FORCES = {"mA": "cN", "A": "daN"}
+"""Unit of a current → that of a force which is taken for it where a drive moves in a line, 10 N for
+an ampere. Source: judgement (small lead screws).
+"""
+
+
+def with_forces_of_sliders(columns: Sequence[ColumnRole]) -> list[ColumnRole]:
+    """Return columns in which the current of a drive that moves in a line is a force of a taken
+    scale; where a header gives its unit in brackets it stays, and cannot be used.
+    """
+    in_line = {c.part for c in columns if c.role == "position" and c.si == "m"}
+    changed = []
+    for column in columns:
+        unit = TAKEN_FORCES.get(column.unit) if column.part in in_line else None
+        if column.role != "effort" or unit is None:
+            changed.append(column)
+        elif column.header.rstrip().endswith("]"):
+            changed.append(replace(column, role="other", part=""))
+        else:
+            changed.append(replace(column, unit=unit, si="N", unit_sureness="a guess"))
+    return changed

@@ -1,0 +1,93 @@
+"""What each column of some logs is: its role, its unit, whose it is, and how sure that is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from distal.arrays import Floats
+from distal.errors import LogError
+from distal.from_logs.column_names import CLEAR, NameEvidence, Role, name_evidence
+from distal.from_logs.column_parts import named_columns
+from distal.from_logs.column_role import ColumnRole, Overrides, Sureness
+from distal.from_logs.column_scores import (
+    CLEARLY,
+    LIKELY,
+    find_commands,
+    find_joints,
+    scores_of,
+    time_column,
+)
+from distal.from_logs.column_units import (
+    with_common_units,
+    with_forces_of_sliders,
+    with_torques,
+    with_unit,
+)
+from distal.from_logs.column_values import ValueEvidence, unwrapped, value_evidence
+from distal.from_logs.raw_log import RawLog, common_columns
+from distal.suggestions import did_you_mean
+
+
+def column_roles(logs: Sequence[RawLog], overrides: Overrides) -> list[ColumnRole]:
+    """Return what each column is that all logs have, in their order.
+
+    Raises:
+        LogError: they share no columns, none is a time, or an override names a column that is not
+            there.
+    """
+    headers = common_columns(logs)
+    drives = dict(overrides.drives)
+    for header in (*overrides.truth, *drives, *overrides.ignore):
+        if header not in headers:
+            raise LogError(
+                f"there is no column '{header}' in all logs{did_you_mean(header, headers)}"
+            )
+    names = {header: name_evidence(header) for header in headers}
+    values = {header: value_evidence([log.columns[header] for log in logs]) for header in headers}
+    time = time_column(logs, headers, names)
+    scores = {header: scores_of(header, time, names, values) for header in headers}
+    for header in overrides.truth:
+        scores[header] = dict.fromkeys(CLEAR, 0.0) | {"angle": 99.0}
+    for header in drives:
+        scores[header] = dict.fromkeys(CLEAR, 0.0) | {"position": 99.0}
+    for header in overrides.ignore:
+        scores[header] = dict.fromkeys(CLEAR, 0.0) | {"other": 99.0}
+    overruled = {*overrides.truth, *drives, *overrides.ignore}
+    find_commands(logs, scores, overruled)
+    find_joints(logs, scores, names, overruled)
+    roles = [_role(header, scores[header], names[header], values[header]) for header in headers]
+    roles = [with_unit(column, names[column.header], drives) for column in roles]
+    return with_forces_of_sliders(with_torques(named_columns(with_common_units(roles), names)))
+
+
+def _role(
+    header: str, scores: Mapping[Role, float], name: NameEvidence, values: ValueEvidence
+) -> ColumnRole:
+    """Return the best role of a column, with how sure it is."""
+    ordered = sorted(scores, key=lambda role: -scores[role])
+    role: Role = ordered[0] if scores[ordered[0]] > 0.0 else "other"
+    margin = scores[ordered[0]] - max(scores[ordered[1]], 0.0)
+    sureness: Sureness = "a guess"
+    if margin >= CLEARLY:
+        sureness = "sure"
+    elif margin >= LIKELY:
+        sureness = "likely"
+    reasons = [f"values from {values.low:.4g} to {values.high:.4g}"]
+    if values.is_constant:
+        reasons = ["its value never changes"]
+    elif values.turn is not None:
+        reasons.append(f"wraps after {values.turn:.6g}")
+    elif values.step > 0.0:
+        reasons.append(f"in steps of {values.step:.3g}")
+    elif values.noise > 0.0:
+        reasons.append(f"noise {values.noise:.2g}")
+    if name.scores[role] > 0.0 and name.scores[role] >= LIKELY:
+        reasons.insert(0, "its name says so")
+    return ColumnRole(header, role, "", "", "", sureness, "a guess", ", ".join(reasons), values)
+
+
+def in_si(column: ColumnRole, values: Floats, factor: float) -> Floats:
+    """Return a column's values without wraps, times the factor of its unit."""
+    if column.values.turn is not None:
+        values = unwrapped(values, column.values.turn)
+    return values * factor

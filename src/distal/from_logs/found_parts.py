@@ -1,0 +1,57 @@
+"""Drives and joints as logs show them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from distal.arrays import Floats
+from distal.from_logs.column_role import ColumnRole
+from distal.from_logs.motion_data import MotionData
+from distal.from_logs.sizes import DriveSizes
+from distal.from_logs.structure import DriveStructure
+
+
+@dataclass(frozen=True)
+class FoundDrive:
+    """A drive with its columns, what it moves, and its sizes; `index` is its column in the data."""
+
+    name: str
+    index: int
+    position: ColumnRole
+    effort: ColumnRole | None
+    structure: DriveStructure
+    sizes: DriveSizes
+
+
+@dataclass(frozen=True)
+class FoundJoint:
+    """A joint with its column; where it follows another rigidly, that and the ratio."""
+
+    name: str
+    angle: ColumnRole
+    follows: str | None = None
+    ratio: float = 1.0
+
+
+def pulls_of(joint: int, drives: Sequence[FoundDrive]) -> list[tuple[FoundDrive, float]]:
+    """Return the drives that move a joint, each with its moment arm there [m]."""
+    return [
+        (drive, float(drive.sizes.arms[drive.structure.joints.index(joint)]))
+        for drive in drives
+        if joint in drive.structure.joints
+    ]
+
+
+def torque_of(pulls: Sequence[tuple[FoundDrive, float]], log: MotionData) -> Floats:
+    """Return the torque of tendons on a joint, Σ r T, (n_samples,) [N m], by the drives of `pulls`
+    with their moment arms r [m].
+    """
+    total = np.zeros(len(log.time))
+    for drive, arm in pulls:
+        sizes = drive.sizes
+        factor = sizes.effort_sign * sizes.winding * sizes.torque_constant / sizes.lever
+        total += arm * factor * log.efforts[:, drive.index]
+    return total

@@ -1,0 +1,97 @@
+"""The columns of some logs as drives, efforts and joints in SI, at a common lower rate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+
+from distal.arrays import Floats
+from distal.from_logs.column_role import ColumnRole
+from distal.from_logs.columns import in_si
+from distal.from_logs.raw_log import RawLog
+from distal.regression import played
+from distal.units import unit_factor
+
+MOST_SAMPLES = 1500
+"""Samples of a log that are used: more say nothing new of sizes. Source: judgement."""
+
+TURNED = 0.01
+"""A drive has a direction after this share of its range. Source: judgement."""
+
+ASSUMED_COUNTS = 4096.0
+"""Counts of an encoder in one turn where no log shows a wrap. Source: judgement (usual
+encoders).
+"""
+
+
+def factor_of_column(column: ColumnRole) -> float:
+    """Return the factor of a column to SI; counts become radians by an assumed or a seen turn."""
+    if column.si == "count":
+        return 2.0 * pi / counts_of(column)
+    return unit_factor(column.unit, column.si) if column.unit else 1.0
+
+
+def counts_of(column: ColumnRole) -> float:
+    """Return the counts of an encoder in one turn."""
+    return column.values.turn or ASSUMED_COUNTS
+
+
+@dataclass(frozen=True)
+class MotionData:
+    """One log.
+
+    Args:
+        source: its name.
+        time: [s], (n_samples,).
+        positions: of the drives [m or rad], (n_samples, n_drives).
+        directions: which way each drive last moved, −1 to 1, (n_samples, n_drives).
+        efforts: of the drives [N, N m or A], NaN without a sensor, (n_samples, n_drives).
+        angles: of the joints by their references [rad], NaN where not known, (n_samples, n_joints).
+    """
+
+    source: str
+    time: Floats
+    positions: Floats
+    directions: Floats
+    efforts: Floats
+    angles: Floats
+
+
+def motion_data(log: RawLog, columns: Sequence[ColumnRole]) -> MotionData:
+    """Return a log as drives, efforts and joints, missing positions held."""
+    stamp = next(column for column in columns if column.role == "time")
+    drives = [column for column in columns if column.role == "position"]
+    joints = [column for column in columns if column.role == "angle"]
+    efforts = {column.part: column for column in columns if column.role == "effort"}
+    stride = max(1, log.rows // MOST_SAMPLES)
+    time = log.columns[stamp.header] * factor_of_column(stamp)
+
+    def smooth(column: ColumnRole | None) -> Floats:
+        if column is None:
+            return np.full(len(time[::stride]), np.nan)
+        values = in_si(column, log.columns[column.header], factor_of_column(column))
+        present = np.isfinite(values)
+        if column.role != "angle" and present.any():
+            values = np.interp(np.arange(len(values)), np.flatnonzero(present), values[present])
+        kernel = np.ones(stride) / stride
+        padded = np.pad(values, (stride // 2, stride - 1 - stride // 2), mode="edge")
+        return np.asarray(np.convolve(padded, kernel, mode="valid")[::stride])
+
+    positions = np.column_stack([smooth(column) for column in drives])
+    widths = [max(TURNED * float(np.ptp(values)), 1e-12) for values in positions.T]
+    directions = np.column_stack(
+        [(values - played(values, half)) / half for values, half in zip(positions.T, widths)]
+    )
+    return MotionData(
+        log.source,
+        time[::stride] - time[0],
+        positions,
+        directions,
+        np.column_stack([smooth(efforts.get(column.part)) for column in drives]),
+        np.column_stack([smooth(column) for column in joints])
+        if joints
+        else np.empty((len(positions), 0)),
+    )

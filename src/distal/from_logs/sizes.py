@@ -1,0 +1,206 @@
+"""Sizes of drives and tendons by what a drive moves: arms, stiffness, pre-tension, friction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite
+
+import numpy as np
+
+from distal.arrays import Floats
+from distal.from_logs.column_role import ColumnRole
+from distal.from_logs.motion_data import MotionData
+from distal.from_logs.structure import DriveStructure
+
+ASSUMED_RADIUS = 8e-3
+"""Radius of a spool where no log knows a length [m]. Source: judgement (small hands)."""
+
+ASSUMED_CONSTANT = 0.5
+"""Torque constant where currents are all that is read [N m/A]. Source: judgement (small servos)."""
+
+LARGEST_RATIO = 4.0
+"""A drive that turns more often than this per turn of a joint has a gear. Source: judgement."""
+
+USUAL_RATIO = 1.0
+"""Radius of a joint's pulley over that of a spool behind a gear. Source: judgement."""
+
+TWO_SIDED = 0.2
+"""Efforts of both signs, the smaller above this share of the larger: two tendons on one spool.
+Source: judgement.
+"""
+
+CLEAR = 2.0
+"""A compliance counts that is so many standard errors above zero. Source: judgement."""
+
+SHARE_OF_PAIR = 1.5
+"""Pre-tension of two tendons on one spool per usual difference of their tensions [1]. Source:
+judgement (both stay taut above a half).
+"""
+
+SOFTEST = 2e3
+"""Least stiffness of a usual tendon [N/m]. Source: judgement (braided lines)."""
+
+STIFFEST = 2e5
+"""Largest stiffness of a usual tendon [N/m]. Source: judgement (short steel ropes)."""
+
+ASSUMED_STIFFNESS = 2e4
+"""Stiffness of a tendon where no log tells it [N/m]. Source: judgement (braided lines)."""
+
+
+@dataclass(frozen=True)
+class DriveSizes:
+    """A drive and its tendons in SI, after gear and signs.
+
+    Args:
+        is_slider: whether it moves in a line.
+        gear: turns of what is read for one turn of the drive, 1 for a slider.
+        lever: radius of the spool, 1 for a slider [m].
+        is_pair: whether two tendons on one spool pull to both sides.
+        winding: +1 where its tendon is wound by positive positions.
+        position_sign: of its column.
+        effort_sign: of its column.
+        torque_constant: of a current [N m/A], 1 where force or torque are read.
+        arms: moment arms, positive where the tendon pulls to a positive angle [m], (n_joints,).
+        arm_stds: standard errors as shares, (n_joints,).
+        stiffness: of a tendon [N/m].
+        stiffness_std: as a share; NaN where the logs do not know it.
+        tension: usual tension [N].
+        pretension: at zero angles and zero position [N].
+        slack: there [m], 0 where the tendon is taut.
+        friction: in the drive [N or N m], NaN where no effort is read.
+        damping: of the drive [N s/m or N m s/rad], the same.
+    """
+
+    is_slider: bool
+    gear: float
+    lever: float
+    is_pair: bool
+    winding: int
+    position_sign: int
+    effort_sign: int
+    torque_constant: float
+    arms: Floats
+    arm_stds: Floats
+    stiffness: float
+    stiffness_std: float
+    tension: float
+    pretension: float
+    slack: float
+    friction: float
+    damping: float
+
+
+def drive_sizes(
+    logs: Sequence[MotionData],
+    drive: int,
+    structure: DriveStructure,
+    position: ColumnRole,
+    effort: ColumnRole | None,
+    is_opposed: bool,
+) -> DriveSizes:
+    """Return the sizes of a drive and its tendons.
+
+    Args:
+        logs: all of them.
+        drive: index of the drive.
+        structure: what it moves.
+        position: its column.
+        effort: that of its effort, None where there is none.
+        is_opposed: whether there are more drives than joints, so that each pulls one tendon.
+    """
+    is_slider = position.si == "m"
+    ratio = float(np.max(np.abs(structure.ratios)))
+    gear = 1.0
+    if not is_slider and ratio > LARGEST_RATIO:
+        gear = float(round(ratio / USUAL_RATIO))
+    lever = 1.0 if is_slider else ASSUMED_RADIUS
+    efforts = np.concatenate([log.efforts[:, drive] for log in logs])
+    is_read = effort is not None and bool(np.isfinite(efforts).all())
+    knows = is_read and abs(structure.compliance) > CLEAR * structure.compliance_std
+    constant = 1.0
+    if effort is not None and effort.si == "A":
+        constant = ASSUMED_CONSTANT
+    reversed_effort = -1 if knows and structure.compliance < 0.0 else 1
+    pulls = reversed_effort * efforts * constant
+    low, high = np.quantile(pulls, [0.05, 0.95]) if is_read else (float("nan"), float("nan"))
+    smaller, larger = sorted([abs(low), abs(high)])
+    both = is_read and low < 0.0 < high and smaller > TWO_SIDED * larger
+    is_pair = not is_slider and (both if is_read else not is_opposed)
+    mean = float(np.mean(pulls)) if is_read else 1.0
+    # a single tendon only pulls: where its pull is negative, positions let it out
+    winding = 1 if is_pair or mean >= 0.0 else -1
+    position_sign = 1
+    effort_sign = reversed_effort
+    if is_slider:
+        position_sign = winding
+        effort_sign = winding * reversed_effort
+        winding = 1
+    share = 2.0 if is_pair else 1.0
+    stiffness = float("nan")
+    if knows:
+        stiffness = constant * gear / (share * abs(structure.compliance) * lever**2)
+    stiffness_std = (
+        max(2.0 * abs(structure.compliance_std / structure.compliance), 0.2) if knows else 0.0
+    )
+    if knows and effort is not None and effort.si == "A":
+        # the scale of force is free: it is chosen so that the tendon is a usual one
+        usual = float(np.clip(stiffness, SOFTEST, STIFFEST))
+        constant *= usual / stiffness
+        pulls = pulls * usual / stiffness
+        stiffness = usual
+    if not isfinite(stiffness):
+        stiffness = ASSUMED_STIFFNESS
+        stiffness_std = float("nan")
+    tension = float(np.quantile(np.abs(pulls), 0.9)) / lever if is_read else 10.0
+    arms = position_sign * winding * structure.ratios / gear * lever
+    zero = position_sign * winding * structure.zero / gear * lever
+    friction, damping = (
+        _friction(logs, drive, structure) if is_read else (float("nan"), float("nan"))
+    )
+    return DriveSizes(
+        is_slider=is_slider,
+        gear=gear,
+        lever=lever,
+        is_pair=is_pair,
+        winding=winding,
+        position_sign=position_sign,
+        effort_sign=effort_sign,
+        torque_constant=constant,
+        arms=arms,
+        arm_stds=np.maximum(2.0 * np.abs(structure.ratio_stds / structure.ratios), 0.02),
+        stiffness=stiffness,
+        stiffness_std=stiffness_std,
+        tension=tension,
+        pretension=SHARE_OF_PAIR * tension if is_pair else max(-zero * stiffness, 0.0),
+        slack=0.0 if is_pair or not is_read else max(zero, 0.0),
+        friction=friction * constant,
+        damping=reversed_effort * damping * constant * gear,
+    )
+
+
+def _friction(
+    logs: Sequence[MotionData], drive: int, structure: DriveStructure
+) -> tuple[float, float]:
+    """Return half of the difference of efforts between both directions, and what grows with speed,
+    all else equal.
+    """
+    columns = list[Floats]()
+    target = list[Floats]()
+    for log in logs:
+        usable = np.isfinite(log.angles).all(axis=1)
+        matrix = np.column_stack(
+            [
+                log.angles[usable][:, list(structure.joints)],
+                log.positions[usable, drive],
+                log.directions[usable, drive],
+                np.gradient(log.positions[:, drive], log.time)[usable],
+            ]
+        )
+        effort = log.efforts[usable, drive]
+        columns.append(matrix - matrix.mean(axis=0))
+        target.append(effort - effort.mean())
+    matrix = np.vstack(columns)
+    size = np.maximum(matrix.std(axis=0), 1e-300)
+    solution = np.linalg.lstsq(matrix / size, np.concatenate(target), rcond=None)[0] / size
+    return float(abs(solution[-2])), float(solution[-1])

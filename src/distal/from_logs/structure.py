@@ -1,0 +1,274 @@
+"""Which drive moves which joints, by least squares on logs left out.
+
+At rest a drive at s with effort e pulls its tendon over joints at θ:
+
+    s = c + Σ_j a_j θ_j + b e + g d
+
+with a_j the moment arm over the lever of the drive, b the compliance of the tendon at the drive, d
+in [−1, 1] the direction in which the drive last moved (friction along the cable), and c its zero,
+which may differ from log to log. A drive is regressed on the joints, not the other way round: the
+references of joints have the smaller errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from distal.arrays import Bools, Floats
+from distal.from_logs.motion_data import MotionData
+
+BLOCKS = 6
+"""Parts of a log whose errors are compared in pairs. Source: judgement."""
+
+MOST_JOINTS_AT_ONCE = 5
+"""With more joints, those are tried together that alone explain a drive best. Source: judgement."""
+
+WITHIN = 2.0
+"""A smaller set of joints is taken where its error is within so many standard errors of the least.
+Source: reference (Hastie, Tibshirani and Friedman 2009, section 7.10, with two in place of one).
+"""
+
+SMALLEST_SHARE = 0.05
+"""A joint whose motion moves the drive by less than this share of its range is not crossed. Source:
+judgement.
+"""
+
+EXPLAINED = 0.5
+"""A drive moves joints if they explain at least this share of its variance. Source: judgement."""
+
+FEWEST = 30
+"""Samples of known angles that a log needs. Source: judgement."""
+
+
+@dataclass(frozen=True)
+class DriveStructure:
+    """What one drive moves.
+
+    Args:
+        joints: indices of the joints.
+        ratios: a of each of them [m/rad or 1].
+        ratio_stds: their standard errors over logs left out.
+        compliance: b [m/N, rad/(N m) or rad/A]; NaN without a sensor of effort.
+        compliance_std: its standard error.
+        hysteresis: g [m or rad].
+        zero: mean of c over the logs.
+        zero_spread: standard deviation of c between logs.
+        residual: RMS of what is left on logs left out.
+        explained: share of the drive's variance that is explained there.
+        rival: the other set of joints whose error is within two standard errors, if there is one.
+    """
+
+    joints: tuple[int, ...]
+    ratios: Floats
+    ratio_stds: Floats
+    compliance: float
+    compliance_std: float
+    hysteresis: float
+    zero: float
+    zero_spread: float
+    residual: float
+    explained: float
+    rival: tuple[int, ...] | None
+
+
+@dataclass(frozen=True)
+class _Fold:
+    """A log for one drive: columns of the regression without a constant, and the drive."""
+
+    angles: Floats
+    others: Floats
+    target: Floats
+
+
+def drive_structure(
+    logs: Sequence[MotionData], drive: int, free: Sequence[int]
+) -> DriveStructure | None:
+    """Return what a drive moves of the joints that are `free`, by their indices; None where no log
+    knows their angles.
+    """
+    folds = _folds(logs, drive)
+    if not folds:
+        return None
+    candidates = _candidates(folds, free)
+    errors = {joints: _block_errors(folds, joints) for joints in candidates}
+    best = min(errors, key=lambda joints: float(np.mean(errors[joints])))
+    near = [joints for joints in candidates if _is_within(errors[joints], errors[best])]
+    chosen = min(near, key=lambda joints: (len(joints), float(np.mean(errors[joints]))))
+    chosen = _without_small(folds, chosen)
+    rivals = [joints for joints in near if len(joints) == len(chosen) and joints != chosen]
+    return _described(folds, chosen, rivals[0] if rivals else None)
+
+
+def as_rival(logs: Sequence[MotionData], drive: int, structure: DriveStructure) -> DriveStructure:
+    """Return what a drive moves if it moves its rival set of joints."""
+    assert structure.rival is not None
+    return _described(_folds(logs, drive), structure.rival, structure.joints)
+
+
+def _folds(logs: Sequence[MotionData], drive: int) -> list[_Fold]:
+    folds = []
+    for log in logs:
+        effort = log.efforts[:, drive]
+        regressors = [log.directions[:, drive]]
+        if np.isfinite(effort).all():
+            regressors.append(effort)
+        usable = np.isfinite(log.angles).all(axis=1)
+        if usable.sum() < FEWEST:
+            continue
+        folds.append(
+            _Fold(
+                log.angles[usable],
+                np.column_stack(regressors)[usable],
+                log.positions[usable, drive],
+            )
+        )
+    if len(folds) == 1:
+        return [_part(folds[0], rows) for rows in _blocks(len(folds[0].target), BLOCKS)]
+    return folds
+
+
+def _part(fold: _Fold, rows: Bools) -> _Fold:
+    return _Fold(fold.angles[rows], fold.others[rows], fold.target[rows])
+
+
+def _blocks(n: int, count: int) -> list[Bools]:
+    """Return masks of parts of n samples that follow each other."""
+    part = np.minimum(np.arange(n) * count // max(n, 1), count - 1)
+    return [part == k for k in range(count)]
+
+
+def _candidates(folds: Sequence[_Fold], free: Sequence[int]) -> list[tuple[int, ...]]:
+    """Return the sets of joints that a drive may move."""
+    joints = list(free)
+    if len(joints) > MOST_JOINTS_AT_ONCE:
+        alone = {j: float(np.mean(_block_errors(folds, (j,)))) for j in joints}
+        joints = sorted(sorted(joints, key=lambda j: alone[j])[:MOST_JOINTS_AT_ONCE])
+    return [chosen for size in range(1, len(joints) + 1) for chosen in combinations(joints, size)]
+
+
+def _centred(fold: _Fold, joints: Sequence[int]) -> tuple[Floats, Floats]:
+    """Return columns and target of a log about their means: each log has a zero of its own."""
+    columns = np.column_stack([fold.angles[:, list(joints)], fold.others])
+    return columns - columns.mean(axis=0), fold.target - fold.target.mean()
+
+
+def _solve(folds: Sequence[_Fold], joints: Sequence[int]) -> Floats:
+    """Return the coefficients of least squares over several logs."""
+    parts = [_centred(fold, joints) for fold in folds]
+    columns = np.vstack([matrix for matrix, _ in parts])
+    target = np.concatenate([values for _, values in parts])
+    size = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-300)
+    return np.asarray(np.linalg.lstsq(columns / size, target, rcond=None)[0] / size)
+
+
+def _block_errors(folds: Sequence[_Fold], joints: Sequence[int]) -> Floats:
+    """Return mean squared errors of parts of each log, by the coefficients of the other logs."""
+    errors = []
+    for k, fold in enumerate(folds):
+        training = [other for i, other in enumerate(folds) if i != k] or [fold]
+        columns, target = _centred(fold, joints)
+        squared = (target - columns @ _solve(training, joints)) ** 2
+        errors += [float(np.mean(squared[rows])) for rows in _blocks(len(squared), BLOCKS)]
+    return np.array(errors)
+
+
+def _is_within(errors: Floats, least: Floats) -> bool:
+    """Return whether errors are within `WITHIN` standard errors of the least, in pairs."""
+    difference = errors - least
+    standard_error = float(np.std(difference)) / np.sqrt(max(len(difference) - 1, 1))
+    return bool(np.mean(difference) <= WITHIN * standard_error)
+
+
+def _without_small(folds: Sequence[_Fold], joints: tuple[int, ...]) -> tuple[int, ...]:
+    """Return joints without those whose motion hardly moves the drive; the largest stays."""
+    coefficients = _solve(folds, joints)[: len(joints)]
+    widths = np.ptp(np.vstack([fold.angles for fold in folds]), axis=0)[list(joints)]
+    moved = np.abs(coefficients) * widths
+    range_of_drive = float(np.ptp(np.concatenate([fold.target for fold in folds])))
+    kept = tuple(j for j, way in zip(joints, moved) if way > SMALLEST_SHARE * range_of_drive)
+    return kept or (joints[int(np.argmax(moved))],)
+
+
+def _described(
+    folds: Sequence[_Fold], joints: tuple[int, ...], rival: tuple[int, ...] | None
+) -> DriveStructure:
+    """Return the coefficients of all logs, and their scatter over logs left out."""
+    n = len(joints)
+    coefficients = _solve(folds, joints)
+    jackknife = np.array(
+        [_solve([f for i, f in enumerate(folds) if i != k], joints) for k in range(len(folds))]
+    )
+    count = len(folds)
+    variances = (count - 1) / count * np.sum((jackknife - jackknife.mean(axis=0)) ** 2, axis=0)
+    stds = np.sqrt(variances)
+    zeros = [
+        float(
+            np.mean(
+                fold.target
+                - np.column_stack([fold.angles[:, list(joints)], fold.others]) @ coefficients
+            )
+        )
+        for fold in folds
+    ]
+    has_effort = folds[0].others.shape[1] > 1
+    residual = np.sqrt(np.mean(_block_errors(folds, joints)))
+    total = np.std(np.concatenate([fold.target - fold.target.mean() for fold in folds]))
+    return DriveStructure(
+        joints,
+        coefficients[:n],
+        stds[:n],
+        float(coefficients[n + 1]) if has_effort else float("nan"),
+        float(stds[n + 1]) if has_effort else float("nan"),
+        float(coefficients[n]),
+        float(np.mean(zeros)),
+        float(np.std(zeros)),
+        float(residual),
+        float(1.0 - residual**2 / max(total**2, 1e-300)),
+        rival,
+    )
+
+
+LONGEST_LAG = 0.3
+"""Largest lag of a reference that is looked for [s]. Source: judgement."""
+
+LAG_STEP = 0.005
+"""Step of that search [s]. Source: judgement."""
+
+GAIN = 0.8
+"""A lag counts where it leaves less than this share of the residual [1]. Source: judgement."""
+
+
+def reference_lag(logs: Sequence[MotionData], joint: int) -> float:
+    """Return how much later a joint's reference is than the drives [s], 0 where no lag makes them
+    agree clearly better.
+    """
+    lags = np.arange(-LONGEST_LAG, LONGEST_LAG + LAG_STEP / 2, LAG_STEP)
+    residuals = np.array([_joint_residual(logs, joint, float(lag)) for lag in lags])
+    best = int(np.argmin(residuals))
+    usual = residuals[len(lags) // 2]
+    return float(lags[best]) if residuals[best] < GAIN * usual else 0.0
+
+
+def _joint_residual(logs: Sequence[MotionData], joint: int, lag: float) -> float:
+    """Return what the drives, their directions and efforts leave of a joint that is moved back in
+    time [rad].
+    """
+    columns = []
+    targets = []
+    for log in logs:
+        angle = np.interp(log.time + lag, log.time, log.angles[:, joint], left=np.nan, right=np.nan)
+        efforts = log.efforts[:, np.isfinite(log.efforts).all(axis=0)]
+        usable = np.isfinite(angle)
+        matrix = np.column_stack([log.positions, log.directions, efforts])[usable]
+        if len(matrix) > 1:
+            columns.append(matrix - matrix.mean(axis=0))
+            targets.append(angle[usable] - angle[usable].mean())
+    matrix = np.vstack(columns)
+    size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
+    target = np.concatenate(targets)
+    coefficients = np.linalg.lstsq(matrix / size, target, rcond=1e-9)[0]
+    return float(np.sqrt(np.mean((target - matrix / size @ coefficients) ** 2)))

@@ -1,0 +1,109 @@
+"""What columns are, by their names, units and values."""
+
+import numpy as np
+import pytest
+
+from distal.errors import LogError
+from distal.from_logs.column_names import name_evidence
+from distal.from_logs.column_role import Overrides
+from distal.from_logs.columns import column_roles
+from distal.from_logs.raw_log import RawLog
+from tests.from_logs.logs import finger
+
+NO_OVERRIDES = Overrides(drives={})
+
+
+@pytest.mark.parametrize(
+    ("header", "role", "unit", "subject"),
+    [
+        ("x_mcp_f", "position", None, "mcp_f"),
+        ("F_mcp_f", "effort", None, "mcp_f"),
+        ("F_a", "effort", None, "a"),
+        ("cur_l_mA", "effort", "mA", "l"),
+        ("Strom links [mA]", "effort", "mA", "links"),
+        ("couple_moteur (mN m)", "effort", "mN m", ""),
+        ("posición_motor_2 [ticks]", "position", "count", "2"),
+        ("Gelenkwinkel", "angle", None, "Gelenkwinkel".lower()),
+        ("joint_pos", "angle", None, ""),
+        ("motor_angle_deg", "position", "deg", ""),
+        ("theta_true_deg", "angle", "deg", ""),
+        ("tau_true_Nm", "other", "N m", ""),
+        ("zeit_ms", "time", "ms", ""),
+        ("ms", "time", "ms", ""),
+        ("soll_position", "command", None, ""),
+        ("lc1_g", "effort", "gf", "1_g"),
+        ("supply [V]", "other", "V", "supply"),
+    ],
+)
+def test_a_name_says_role_unit_and_whose_it_is(
+    header: str, role: str, unit: str | None, subject: str
+) -> None:
+    found = name_evidence(header)
+    best = max(found.scores, key=lambda each: found.scores[each])
+    if header == "Gelenkwinkel":  # a compound is no word that is known: nothing speaks for it
+        assert found.scores[best] == 0.0
+        return
+    assert best == role
+    assert found.unit == unit
+    if header != "lc1_g":
+        assert found.subject == subject
+
+
+def test_a_finger_is_read_without_a_rig() -> None:
+    logs = [RawLog(f"{k}", finger(k)) for k in range(2)]
+    found = {c.header: c for c in column_roles(logs, NO_OVERRIDES)}
+    assert found["t_ms"].role == "time"
+    assert [found[f"x_{n}_mm"].role for n in "abc"] == ["position"] * 3
+    assert [found[f"F_{n}"].role for n in "abc"] == ["effort"] * 3
+    assert [found[f"F_{n}"].part for n in "abc"] == ["a", "b", "c"]
+    assert [found[f"{n}_deg"].role for n in ("mcp", "pip")] == ["angle"] * 2
+    assert found["x_a_mm"].unit == "mm"
+    assert found["F_a"].unit == "N"
+    assert "likely" in found["F_a"].in_words  # no header says newtons
+
+
+def test_current_by_size_alone_is_a_guess_and_said() -> None:
+    columns = finger(1)
+    columns["current_a"] = columns.pop("F_a") * 40.0
+    columns["motor_a_deg"] = columns.pop("x_a_mm") * 10.0
+    found = {c.header: c for c in column_roles([RawLog("one", columns)], NO_OVERRIDES)}
+    assert found["current_a"].unit == "mA"
+    assert "mA (a guess)" in found["current_a"].in_words
+
+
+def test_a_current_of_a_drive_in_a_line_is_a_force_of_a_taken_scale() -> None:
+    columns = finger(1)
+    columns["cur_a_mA"] = columns.pop("F_a") * 40.0
+    columns["F_b [mA]"] = columns.pop("F_b") * 40.0
+    found = {c.header: c for c in column_roles([RawLog("one", columns)], NO_OVERRIDES)}
+    assert (found["cur_a_mA"].role, found["cur_a_mA"].unit) == ("effort", "cN")
+    assert found["F_b [mA]"].role == "other"  # its header says what a slider's sensor cannot read
+
+
+def test_a_command_is_told_from_the_position_that_follows_it() -> None:
+    columns = finger(2)
+    position = columns["x_a_mm"]
+    ahead = np.concatenate([position[10:], np.full(10, position[-1])])
+    smooth = np.convolve(np.pad(ahead, 5, mode="edge"), np.ones(11) / 11, mode="valid")
+    columns["y_a"] = np.round(smooth, 6)
+    found = {c.header: c for c in column_roles([RawLog("one", columns)], NO_OVERRIDES)}
+    assert found["x_a_mm"].role == "position"
+    assert found["y_a"].role in ("command", "other")
+
+
+def test_what_a_user_says_overrules() -> None:
+    logs = [RawLog("one", finger(3))]
+    said = Overrides(truth=("x_a_mm",), drives={"mcp_deg": "deg"}, ignore=("F_b",))
+    found = {c.header: c for c in column_roles(logs, said)}
+    assert found["x_a_mm"].role == "angle"
+    assert found["mcp_deg"].role == "position"
+    assert found["F_b"].role == "other"
+    with pytest.raises(LogError, match=r"no column 'x_a_m'.*x_a_mm"):
+        column_roles(logs, Overrides(truth=("x_a_m",), drives={}))
+
+
+def test_without_a_time_it_says_so() -> None:
+    columns = finger(4)
+    columns["t_ms"] = np.random.default_rng(0).normal(size=len(columns["t_ms"]))
+    with pytest.raises(LogError, match="none is the time"):
+        column_roles([RawLog("one", columns)], NO_OVERRIDES)

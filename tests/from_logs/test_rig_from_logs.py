@@ -1,0 +1,129 @@
+"""A rig from logs alone: structure, signs, sizes, and the mistakes that it names."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import distal
+from distal.from_logs import rig_from_logs
+from tests.from_logs.logs import finger, written
+
+ARMS = ((8e-3, 6e-3), (8e-3, -5e-3), (-9e-3, -4e-3))
+
+
+def arms_of(rig: distal.Rig) -> dict[str, dict[str, float]]:
+    return {tendon.name: tendon.arms() for tendon in rig.tendons}
+
+
+def test_arms_signs_stiffness_and_noise_are_those_of_the_plant(tmp_path: Path) -> None:
+    found = rig_from_logs(written([finger(k) for k in range(3)], tmp_path))
+    arms = arms_of(found.rig)
+    for name, expected in zip("abc", ARMS):
+        assert [arms[name]["mcp"], arms[name]["pip"]] == pytest.approx(expected, rel=0.02)
+    assert found.rig.tendons[0].stiffness.value == pytest.approx(9e3, rel=0.1)
+    assert found.rig.sensors[0].noise == pytest.approx(np.hypot(5e-6, 0.05 / 9e3), rel=0.2)
+    assert found.rig.taken == ()
+    assert found.rig.log.time.unit == "ms"
+    assert "not in the logs: friction of joints" in found.text
+    path = tmp_path / "own.toml"
+    path.write_text(found.text)
+    assert distal.load_rig(path) == found.rig
+
+
+@pytest.mark.parametrize("mirrored", ["x_b_mm", "F_b"])
+def test_a_column_that_counts_the_other_way_in_all_logs_gets_a_sign(
+    tmp_path: Path, mirrored: str
+) -> None:
+    logs = [finger(k) for k in range(3)]
+    for log in logs:
+        log[mirrored] = -log[mirrored]
+    rig = rig_from_logs(written(logs, tmp_path)).rig
+    signs = {sensor.log_column: sensor.sign for sensor in rig.sensors}
+    assert signs[mirrored] == -1
+    assert signs["x_a_mm"] == 1
+    assert list(arms_of(rig)["b"].values()) == pytest.approx(ARMS[1], rel=0.02)
+
+
+def test_a_rig_of_motors_with_currents_takes_both_scales(tmp_path: Path) -> None:
+    logs = []
+    for k in range(3):
+        log = finger(k)
+        for name in "abc":
+            log[f"m_{name}_deg"] = np.rad2deg(log.pop(f"x_{name}_mm") / 5.0)
+            log[f"cur_{name}_mA"] = 30.0 * log.pop(f"F_{name}")
+        logs.append({name: log[name] for name in sorted(log, key=lambda name: name != "t_ms")})
+    found = rig_from_logs(written(logs, tmp_path))
+    assert found.rig.taken == ("length", "force")
+    radius = found.rig.drives[0].radius.value  # type: ignore[union-attr]
+    tendon = found.rig.tendons[0]
+    assert tendon.arms()["mcp"] / radius == pytest.approx(8.0 / 5.0, rel=0.02)
+    with pytest.raises(distal.DistalError, match=r"needs a true tension.*torque constant"):
+        distal.Inverse(found.rig)
+
+
+def without(log: dict[str, np.ndarray], name: str) -> dict[str, np.ndarray]:
+    return {key: value for key, value in log.items() if key != name}
+
+
+def swapped(log: dict[str, np.ndarray], a: str, b: str) -> dict[str, np.ndarray]:
+    return log | {a: log[b], b: log[a]}
+
+
+MISTAKES = {
+    "x_a_mm and x_b_mm are swapped": lambda log: swapped(log, "x_a_mm", "x_b_mm"),
+    "mcp_deg and pip_deg are swapped": lambda log: swapped(log, "mcp_deg", "pip_deg"),
+    "x_c_mm counts the other way": lambda log: log | {"x_c_mm": -log["x_c_mm"]},
+    "t_ms steps by 0.01": lambda log: log | {"t_ms": log["t_ms"] / 1e3},
+    "in radians, where the others are in degrees": lambda log: (
+        log | {name: np.deg2rad(log[name]) for name in ("mcp_deg", "pip_deg")}
+    ),
+    "mcp_deg is in radians": lambda log: log | {"mcp_deg": np.deg2rad(log["mcp_deg"])},
+    "x_a_mm never changes": lambda log: log | {"x_a_mm": 0.0 * log["x_a_mm"] + 1.0},
+    "is it of another rig": lambda log: finger(1, ((6e-3, 8e-3), (9e-3, -3e-3), (-5e-3, -7e-3))),
+}
+
+
+@pytest.mark.parametrize("words", list(MISTAKES))
+def test_a_mistake_in_one_log_is_named_and_nothing_is_written(tmp_path: Path, words: str) -> None:
+    logs = [finger(k) for k in range(3)]
+    logs[1] = MISTAKES[words](logs[1])
+    with pytest.raises(distal.DistalError, match=words):
+        rig_from_logs(written(logs, tmp_path))
+
+
+def test_a_late_reference_missing_rows_and_wraps_are_named(tmp_path: Path) -> None:
+    logs = [finger(k) for k in range(3)]
+    for log in logs:
+        log["mcp_deg"] = np.concatenate([np.full(8, log["mcp_deg"][0]), log["mcp_deg"][:-8]])
+    notes = rig_from_logs(written(logs, tmp_path)).notes
+    assert any("mcp_deg is 8" in note and "later" in note for note in notes)
+    gaps = [finger(0), finger(1), {n: np.delete(c, slice(300, 500)) for n, c in finger(2).items()}]
+    assert any("rows are missing" in note for note in rig_from_logs(written(gaps, tmp_path)).notes)
+    for log in gaps:
+        log["enc_a"] = np.mod(np.round(100 * log.pop("x_a_mm")), 512.0)
+    with pytest.raises(distal.DistalError, match="enc_a wraps after 512"):
+        rig_from_logs(written(gaps, tmp_path))
+
+
+def test_two_joints_that_move_almost_alike_cannot_be_told_apart(tmp_path: Path) -> None:
+    """The logs do not say which joint the second slider moves; it says so, and what would."""
+    logs = []
+    for k in range(3):
+        log = finger(k, ((8e-3,), (-8e-3,), (9e-3,)), noise=1.5e-3)
+        wander = 1.5 * np.sin(1.3 * log["t_ms"] / 1e3 + k)
+        log["pip_deg"] = 0.9 * log["mcp_deg"] + wander
+        logs.append({name: c for name, c in log.items() if not name.startswith("F_")})
+    found = rig_from_logs(written(logs, tmp_path))
+    assert any("cannot be told" in line and "moves alone" in line for line in found.untellable)
+    assert {name for tendon in found.rig.tendons for name in tendon.joints} == {"mcp", "pip"}
+
+
+def test_no_reference_and_no_drive_say_what_helps(tmp_path: Path) -> None:
+    log = finger(0)
+    paths = written([without(without(log, "mcp_deg"), "pip_deg")], tmp_path)
+    with pytest.raises(distal.DistalError, match=r"no column is taken as a joint's angle.*--truth"):
+        rig_from_logs(paths)
+    paths = written([{name: log[name] for name in ("t_ms", "mcp_deg", "pip_deg")}], tmp_path)
+    with pytest.raises(distal.DistalError, match=r"drive's position.*--drive"):
+        rig_from_logs(paths)
