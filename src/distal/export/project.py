@@ -15,7 +15,7 @@ from distal.export.outputs import comment, filled
 from distal.export.plant_source import c_plant
 from distal.export.source import Exported, c_filter
 from distal.logs import check_outputs, outputs_in, write_together
-from distal.rig import Rig
+from distal.rig import Rig, check_scales
 
 MARK = "distal export-c"
 """Text that every exported file contains; a file with it may be replaced."""
@@ -48,6 +48,7 @@ def export_c(
             `LiveInverse`.
 
     Raises:
+        CommandError: commands are asked for, and the rig's scale of force was taken.
         ExportError: the name is no C identifier, the estimator or the plant cannot be written in C,
             or commands are asked for beside another estimator than `adaptive`.
         EstimationError: the estimator cannot run on this rig.
@@ -68,6 +69,7 @@ def export_c(
         c_of_plant = c_plant(rig, f"{name}_plant")
         files |= {f"{name}_plant.h": c_of_plant.header, f"{name}_plant.c": c_of_plant.source}
     if command:
+        check_scales(rig, "a command in C that keeps tendons taut", "tension")
         c_of_command = c_command(rig, f"{name}_command", name, Plain(single))
         files |= {
             f"{name}_command.h": c_of_command.header,

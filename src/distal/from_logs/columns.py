@@ -68,10 +68,11 @@ def _role(
     role: Role = ordered[0] if scores[ordered[0]] > 0.0 else "other"
     margin = scores[ordered[0]] - max(scores[ordered[1]], 0.0)
     sureness: Sureness = "a guess"
-    if margin >= CLEARLY:
-        sureness = "sure"
-    elif margin >= LIKELY:
-        sureness = "likely"
+    if values.is_constant or role == "time" or name.scores[role] > 0.0:
+        if margin >= CLEARLY:
+            sureness = "sure"
+        elif margin >= LIKELY:
+            sureness = "likely"
     reasons = [f"values from {values.low:.4g} to {values.high:.4g}"]
     if values.is_constant:
         reasons = ["its value never changes"]

@@ -38,6 +38,9 @@ SMALLEST_INERTIA = 1e-7
 SMALLEST_DAMPING = 1e-6
 """Damping of a joint below which the logs do not show it [N m s/rad]. Source: judgement."""
 
+ZERO_OF_REFERENCE = "0.1 deg"
+"""How well a temporary encoder or a camera is aligned: no log shows that. Source: judgement."""
+
 BEFORE_START = 0.3
 """A spring rests so far before the range of its joint [rad]. Source: judgement."""
 
@@ -328,4 +331,5 @@ def _reference(joint: FoundJoint, rates: Mapping[str, float]) -> Raw:
         "unit": joint.angle.unit,
         "rate": _number(rates[joint.angle.header]),
         "noise": _noise(joint.angle),
+        "bias": Guess({"value": 0.0, "std": ZERO_OF_REFERENCE}, "zeros of references"),
     }

@@ -32,7 +32,7 @@ WITHIN = 2.0
 Source: reference (Hastie, Tibshirani and Friedman 2009, section 7.10, with two in place of one).
 """
 
-SMALLEST_SHARE = 0.05
+SMALLEST_SHARE = 0.12
 """A joint whose motion moves the drive by less than this share of its range is not crossed. Source:
 judgement.
 """
