@@ -10,7 +10,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-
 from benchmarks.strangers.hands_plants import GEAR, TORQUE_CONSTANT, bowden_log
 
 FOLDER = Path(__file__).parents[1] / "examples" / "finger_logs"
