@@ -32,7 +32,7 @@ from distal.regression import (
     seen,
     student,
 )
-from distal.rig import Affine, LearnedMap, Rig, angle_names
+from distal.rig import PLAYS, Affine, LearnedMap, Rig, angle_names
 from distal.sensor_errors import variance
 from distal.threads import one_blas_thread
 
@@ -320,7 +320,11 @@ def start_of(
         far = ca.fmax(far, ca.fmax(affine.low[i] - reading, reading - affine.high[i]) / half)
         complete = ca.logic_and(complete, is_read(mask))
     # the state of a play is within its half-width of its reading; a direction is +1 or −1
-    plays = {f"play({name})": (name, width) for name, width in zip(affine.channels, affine.width)}
+    plays = {
+        f"{play}({name})": (name, ratio * width)
+        for name, width in zip(affine.channels, affine.width)
+        for play, ratio in PLAYS.items()
+    }
     plain = [
         i
         for i, term in enumerate(affine.terms)

@@ -11,16 +11,21 @@ import numpy as np
 from distal.arrays import Floats
 from distal.regression.learn_map import Kind, Terms
 from distal.regression.random_effects import row_of, rows_of_groups
-from distal.rig import CONSTANT, Affine, Discrepancy, JointMap, LearnedMap
+from distal.rig import CONSTANT, PLAYS, Affine, Discrepancy, JointMap, LearnedMap
 
 DEAD_BAND = 6.0
 """Half-width of the play operator that gives a drive's direction of motion, in standard deviations
 of the position sensor's random error. Source: judgement.
 """
 
-PLAYS = (0.1, 0.3, 0.8)
-"""Half-widths of the play operators that are tried, in standard deviations of the reading. Source:
-judgement.
+WIDTHS = (0.1, 0.3, 0.8)
+"""Half-widths of single play operators that are tried, in standard deviations of the reading.
+Source: judgement.
+"""
+
+NARROWEST = 0.03
+"""Half-width of the narrowest of several play operators, in standard deviations of the reading.
+Source: judgement.
 """
 
 DIRECTIONS_HELP = 0.95
@@ -50,9 +55,14 @@ def affine_kind(
         for name, terms in ((line, linear), (directions, turning))
         for suffix, pooled in (("", False), (", all logs as one", True))
     ]
-    for width in PLAYS:
+    for width in WIDTHS:
         name = f"a straight line, with a play of {width:g} std, all logs as one"
         sets.append(Terms(name, playing, width, pooled=True))
+    several = (*linear, *(f"{play}({name})" for name in positions for play in PLAYS))
+    every = (*linear, *(f"{play}({name})" for name in channels for play in PLAYS))
+    for terms, of in ((several, "positions"), (every, "all readings")):
+        name = f"a straight line, with plays of {len(PLAYS)} widths of {of}, all logs as one"
+        sets.append(Terms(name, terms, NARROWEST, pooled=True))
     channels = tuple(channels)
     joints = tuple(joints)
     return Kind(

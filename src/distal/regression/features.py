@@ -18,7 +18,7 @@ import numpy as np
 from distal.arrays import Bools, Floats
 from distal.expressions import Scalar
 from distal.kernels import Feed, Kernel, advance
-from distal.rig import CONSTANT, LearnedMap, factors
+from distal.rig import CONSTANT, PLAYS, LearnedMap, factors
 
 Value = TypeVar("Value", Floats, ca.SX)
 """The values of a term over a log, (k,), or its CasADi symbol."""
@@ -120,7 +120,7 @@ def drawn_in(learned: LearnedMap, samples: Samples) -> Floats:
 def variables(
     learned: LearnedMap,
     scaled: Sequence[Value],
-    plays: Mapping[int, Value],
+    plays: Mapping[tuple[int, float], Value],
     widths: Sequence[Scalar],
     magnitude: Callable[[Value], Value] = np.abs,
 ) -> dict[str, Value]:
@@ -138,9 +138,11 @@ def variables(
     for i, name in enumerate(learned.channels):
         values[name] = scaled[i]
         values[f"abs({name})"] = magnitude(scaled[i])
-        if i in plays:
-            values[f"play({name})"] = plays[i]
-            values[f"slip({name})"] = (scaled[i] - plays[i]) / widths[i]
+        for play, ratio in PLAYS.items():
+            if (i, ratio) in plays:
+                values[f"{play}({name})"] = plays[i, ratio]
+        if (i, 1.0) in plays:
+            values[f"slip({name})"] = (scaled[i] - plays[i, 1.0]) / widths[i]
     for joint, angle in zip(learned.joints, scaled[m:]):
         values[f"angle({joint.joint})"] = angle
     return values
@@ -185,7 +187,9 @@ def design(learned: LearnedMap, samples: Samples) -> Floats:
         samples.every[:, : len(learned.centre)] - middle
     )
     scaled = (inner - np.asarray(learned.centre)) / np.asarray(learned.scale)
-    plays = {i: played(scaled[:, i], learned.width[i]) for i in learned.played}
+    plays = {
+        (i, ratio): played(scaled[:, i], ratio * learned.width[i]) for i, ratio in learned.played
+    }
     values = variables(learned, list(scaled.T), plays, learned.width)
     phi = np.column_stack(columns(learned.terms, values, np.ones(len(scaled))))
     if np.isfinite(learned.fades_over):

@@ -139,8 +139,10 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
         inner = (1 + learned.margin) / ca.fmax(1 + learned.margin, furthest)
         follows = [ca.if_else(excess < 1 + learned.margin, 1, 0) for excess in away]
     after = {
-        i: ca.fmin(ca.fmax(plays[at], scaled[i] - half_play[i]), scaled[i] + half_play[i])
-        for at, i in enumerate(learned.played)
+        (i, ratio): ca.fmin(
+            ca.fmax(plays[at], scaled[i] - ratio * half_play[i]), scaled[i] + ratio * half_play[i]
+        )
+        for at, (i, ratio) in enumerate(learned.played)
     }
     widths = [half_play[i] for i in range(m)]
     phi = ca.vertcat(
@@ -171,7 +173,7 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
         gains.append(share * (1 + (slopes[m + j] if n > m else 0)))
         variances.append(variance)
     outputs = [ca.vertcat(*column) for column in (values, gains, variances)]
-    outputs += [far, ca.vertcat(*readings, *aged, *(after[i] for i in learned.played))]
+    outputs += [far, ca.vertcat(*readings, *aged, *(after[play] for play in learned.played))]
     outputs = ca.substitute(outputs, [share_in], [inner])
     outputs = ca.substitute(outputs, [symbols], [ca.vertcat(*readings, angles)[:n]])
     return ca.Function(
@@ -189,8 +191,11 @@ def first_memory(learned: LearnedMap, values: Vector, mask: Vector) -> Vector:
     (low, high) = limits(learned)
     held = [ca.if_else(is_read(mask[i]), values[i], learned.centre[i]) for i in range(m)]
     ages = [ca.if_else(is_read(mask[i]), 0.0, UNREAD_AGE) for i in range(m)]
-    inside = {i: ca.fmin(ca.fmax(held[i], float(low[i])), float(high[i])) for i in learned.played}
-    plays = [(reading - learned.centre[i]) / learned.scale[i] for i, reading in inside.items()]
+    plays = [
+        (ca.fmin(ca.fmax(held[i], float(low[i])), float(high[i])) - learned.centre[i])
+        / learned.scale[i]
+        for i, _ in learned.played
+    ]
     return ca.vertcat(*held, *ages, *plays)
 
 

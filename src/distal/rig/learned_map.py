@@ -17,7 +17,12 @@ Row = tuple[float, ...]
 CONSTANT = "1"
 """Name of the constant term."""
 
-FORMS = ("{}", "abs({})", "play({})", "slip({})")
+PLAYS = {"play": 1.0, "play3": 3.0, "play9": 9.0, "play27": 27.0}
+"""Name of a play operator in a term → its half-width, in half-widths of `LearnedMap.width`: a sum
+of them is a Prandtl–Ishlinskii operator. Source: definition (the names).
+"""
+
+FORMS = ("{}", "abs({})", *(f"{name}({{}})" for name in PLAYS), "slip({})")
 """Forms in which the reading of a sensor may stand in a term; see `LearnedMap`."""
 
 
@@ -69,9 +74,10 @@ class LearnedMap(Description):
 
     A term φ is a product of variables. ``SENSOR`` is the sensor's reading, less `centre`, over
     `scale`; ``abs(SENSOR)`` is its magnitude; ``play(SENSOR)`` is the output z of a play operator
-    with half-width w = `width` that follows it; ``slip(SENSOR)`` is the direction in which it last
-    moved, (SENSOR − z)/w, between −1 and 1. ``angle(JOINT)`` is the angle of the filter itself,
-    scaled in the same way; it has no such forms.
+    with half-width w = `width` that follows it; ``play3``, ``play9`` and ``play27`` are the same
+    with half-widths 3 w, 9 w and 27 w; ``slip(SENSOR)`` is the direction in which it last moved,
+    (SENSOR − z)/w, between −1 and 1. ``angle(JOINT)`` is the angle of the filter itself, scaled in
+    the same way; it has no such forms.
     """
 
     MARGIN: ClassVar[float] = np.inf
@@ -263,13 +269,16 @@ class LearnedMap(Description):
         return tuple(i for i, names in enumerate(variables) if used & names)
 
     @property
-    def played(self) -> tuple[int, ...]:
-        """Indices of the channels whose play or slip stands in some term of the map."""
+    def played(self) -> tuple[tuple[int, float], ...]:
+        """The play operators that the map's terms need: index of the channel, and half-width in
+        half-widths of `width`.
+        """
         used = {factor for term in self.terms for factor in factors(term)}
         return tuple(
-            i
+            (i, ratio)
             for i, name in enumerate(self.channels)
-            if f"play({name})" in used or f"slip({name})" in used
+            for play, ratio in PLAYS.items()
+            if f"{play}({name})" in used or (ratio == 1.0 and f"slip({name})" in used)
         )
 
 

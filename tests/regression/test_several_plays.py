@@ -1,0 +1,91 @@
+"""Sums of play operators (Prandtl–Ishlinskii) as maps: learned, and the same sample by sample."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from distal.regression import (
+    Samples,
+    affine_kind,
+    fit_coefficients,
+    left_out_errors,
+    map_coefficients_of,
+    map_function,
+    memory_size,
+    predict,
+)
+from distal.regression.learn_map import choose_terms
+from distal.rig import PLAYS
+
+Floats = NDArray[np.float64]
+NOISE = np.array([1e-4, 1e-3])
+
+
+def naive_play(values: Floats, half: float) -> Floats:
+    """Return what a play of a half-width makes of values, one after the other."""
+    out = np.empty(len(values))
+    z = values[0]
+    for k, value in enumerate(values):
+        z = min(max(z, value - half), value + half)
+        out[k] = z
+    return out
+
+
+def hysteretic(seed: int) -> Samples:
+    """Return a log in which the angle is a line of a motor's position and of three plays of it."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, 30.0, 0.02)
+    knots = np.concatenate([[0.0], np.cumsum(rng.uniform(0.4, 1.4, 60))])
+    position = np.interp(time, knots, rng.uniform(-1.0, 1.0, 61))
+    angle = 0.5 * position
+    for weight, half in ((0.2, 0.04), (0.15, 0.12), (0.1, 0.35)):
+        angle = angle + weight * naive_play(position, half)
+    effort = rng.normal(0.0, 1.0, len(time))
+    readings = np.column_stack([position + rng.normal(0.0, 1e-4, len(time)), effort])
+    empty = np.zeros((len(time), 0))
+    return Samples(f"{seed}", time, readings, empty, angle[:, None], np.zeros((len(time), 1)), 0.02)
+
+
+LOGS = [hysteretic(seed) for seed in range(3)]
+KIND = affine_kind(("motor", "current"), ("motor",), ("joint",), NOISE)
+
+
+def rms(name: str) -> float:
+    terms = next(terms for terms in KIND.sets if name in terms.name)
+    errors = left_out_errors(LOGS, KIND, terms, range(3), None)
+    return float(np.sqrt(np.mean([np.mean(of_log[0][0] ** 2) for of_log in errors])))
+
+
+def test_several_widths_describe_what_one_cannot() -> None:
+    chosen = choose_terms(LOGS, KIND, range(3), None)
+    assert "plays of 4 widths" in chosen.name
+    assert rms("4 widths of positions") < 0.4 * rms("a play of 0.3 std")
+    assert rms("4 widths of positions") < 0.2 * rms("a straight line of what")
+
+
+@pytest.mark.parametrize("which", ["of positions", "of all readings"])
+def test_sample_by_sample_it_is_the_same_as_over_a_log(which: str) -> None:
+    terms = next(terms for terms in KIND.sets if terms.name.count(which))
+    learned = fit_coefficients(LOGS[:2], KIND, terms)
+    log = LOGS[2].part(np.arange(len(LOGS[2].time)) < 300)
+    assert len(learned.played) == len(PLAYS) * (1 if which == "of positions" else 2)
+    function = map_function(learned, 2, [False, False])
+    scaled = (log.readings[0] - np.asarray(learned.centre)) / np.asarray(learned.scale)
+    memory = np.zeros(memory_size(learned))
+    memory[:2] = log.readings[0]
+    memory[4:] = [scaled[i] for i, _ in learned.played]
+    expected = predict(learned, log)
+    for k, reading in enumerate(log.readings):
+        x = np.concatenate([[0.02], reading, np.ones(2)])
+        value, _, variance, _, after = function(
+            memory, x, np.zeros(2), np.zeros(1), map_coefficients_of(learned)
+        )
+        memory = np.array(after).ravel()
+        assert float(value) == pytest.approx(expected.values[k], abs=1e-12)
+        assert float(variance) == pytest.approx(expected.variances[k], rel=1e-9)
+
+
+def test_the_widths_are_those_of_their_names() -> None:
+    terms = next(terms for terms in KIND.sets if "4 widths of positions" in terms.name)
+    learned = fit_coefficients(LOGS, KIND, terms)
+    assert learned.played == tuple((0, ratio) for ratio in (1.0, 3.0, 9.0, 27.0))
