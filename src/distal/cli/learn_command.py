@@ -88,10 +88,10 @@ def learn_command(
 
     def save() -> None:
         result.save(out, text)
-        say(f"wrote {out}: distal estimate LOG --rig {out} gives angles, export-c firmware")
+        say(f"wrote {out}; next: distal estimate LOG --rig {out}, distal lab {out}, export-c")
 
     def save_report() -> None:
-        say(f"wrote {fit_report(result, read, folder)}")
+        say(f"wrote {fit_report(result, read, folder)}: the same as a page with curves")
 
     write_each(save, save_report)
     if result.interrupted:
@@ -128,12 +128,28 @@ def _answer(result: Fit, logs: Sequence[Log]) -> None:
         )
     for line in result.advice()[:MOST_ADVICE]:
         say(line)
+    if scores:
+        say(_verdict(result, float(np.mean(errors)), float(np.mean(halves))))
     undetermined = [part.name for part in result.fitted if not part.identified and not part.noise]
     if undetermined:
         say(
             f"log next: slow motions under other loads, and over the whole range; these logs do "
             f"not tell {', '.join(undetermined[:MOST_ADVICE])}"
         )
+
+
+def _verdict(result: Fit, error: float, half: float) -> str:
+    """Return the answer in a line: error and band on logs left out, beside least squares."""
+    from distal.regression import YARDSTICKS
+
+    straight = [rms for name, rms, _ in result.scores() if name in YARDSTICKS]
+    beside = ""
+    if straight:
+        beside = f"; the best least squares err by {degrees(min(straight)):.3g}°"
+    return (
+        f"answer: the joints are known to ±{degrees(half):.2g}° (95 %), with an RMS error of "
+        f"{degrees(error):.2g}° on logs left out{beside}"
+    )
 
 
 def _limits(result: Fit, error: float) -> list[str]:

@@ -45,6 +45,7 @@ class ValueEvidence:
         is_constant: whether it has one value only.
         missing: share of samples without a value.
         changes: share of samples at which it has a new value.
+        stays: largest number of samples in a row with one value.
         turn: counts after which it wraps, None where it does not.
     """
 
@@ -56,6 +57,7 @@ class ValueEvidence:
     is_constant: bool
     missing: float
     changes: float
+    stays: int
     turn: float | None
 
     @property
@@ -87,8 +89,15 @@ def value_evidence(columns: Sequence[Floats]) -> ValueEvidence:
         is_constant=high - low <= SAME * max(abs(low), abs(high), 1e-300),
         missing=1.0 - len(pooled) / sum(len(column) for column in columns),
         changes=float(np.mean(first != 0.0)) if len(first) else 0.0,
+        stays=max(_longest_run(values) for values in present),
         turn=_turn(present, high - low),
     )
+
+
+def _longest_run(values: Floats) -> int:
+    """Return the largest number of values in a row that are equal."""
+    ends = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0, [True]]))
+    return int(np.max(np.diff(ends), initial=0))
 
 
 def _step(values: Floats) -> float:

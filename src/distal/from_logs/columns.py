@@ -25,6 +25,7 @@ from distal.from_logs.column_units import (
 )
 from distal.from_logs.column_values import ValueEvidence, unwrapped, value_evidence
 from distal.from_logs.raw_log import RawLog, common_columns
+from distal.logs import name_and_unit
 from distal.suggestions import did_you_mean
 
 
@@ -36,28 +37,37 @@ def column_roles(logs: Sequence[RawLog], overrides: Overrides) -> list[ColumnRol
             there.
     """
     headers = common_columns(logs)
-    drives = dict(overrides.drives)
-    for header in (*overrides.truth, *drives, *overrides.ignore):
-        if header not in headers:
-            raise LogError(
-                f"there is no column '{header}' in all logs{did_you_mean(header, headers)}"
-            )
+    drives = {_header(name, headers): unit for name, unit in overrides.drives.items()}
+    truth = [_header(name, headers) for name in overrides.truth]
+    ignored = [_header(name, headers) for name in overrides.ignore]
     names = {header: name_evidence(header) for header in headers}
     values = {header: value_evidence([log.columns[header] for log in logs]) for header in headers}
     time = time_column(logs, headers, names)
     scores = {header: scores_of(header, time, names, values) for header in headers}
-    for header in overrides.truth:
+    for header in truth:
         scores[header] = dict.fromkeys(CLEAR, 0.0) | {"angle": 99.0}
     for header in drives:
         scores[header] = dict.fromkeys(CLEAR, 0.0) | {"position": 99.0}
-    for header in overrides.ignore:
+    for header in ignored:
         scores[header] = dict.fromkeys(CLEAR, 0.0) | {"other": 99.0}
-    overruled = {*overrides.truth, *drives, *overrides.ignore}
+    overruled = {*truth, *drives, *ignored}
     find_commands(logs, scores, overruled)
     find_joints(logs, scores, names, overruled)
     roles = [_role(header, scores[header], names[header], values[header]) for header in headers]
     roles = [with_unit(column, names[column.header], drives) for column in roles]
     return with_forces_of_sliders(with_torques(named_columns(with_common_units(roles), names)))
+
+
+def _header(name: str, headers: Sequence[str]) -> str:
+    """Return the header of a column by that, or by its name without the unit.
+
+    Raises:
+        LogError: no column of all logs is called so.
+    """
+    for header in headers:
+        if name in (header, name_and_unit(header)[0]):
+            return header
+    raise LogError(f"there is no column '{name}' in all logs{did_you_mean(name, headers)}")
 
 
 def _role(

@@ -14,6 +14,7 @@ from distal.from_logs.joint_balance import JointBalance, joint_balance
 from distal.from_logs.motion_data import MotionData, counts_of
 from distal.from_logs.sizes import ASSUMED_RADIUS, DriveSizes
 from distal.from_logs.stops import joint_stops
+from distal.logs import name_and_unit
 from distal.rig import Guess
 
 Raw = dict[str, object]
@@ -40,6 +41,12 @@ SMALLEST_DAMPING = 1e-6
 
 ZERO_OF_REFERENCE = "0.1 deg"
 """How well a temporary encoder or a camera is aligned: no log shows that. Source: judgement."""
+
+RESTING = 20
+"""Samples in a row with one value, from which on a sensor is quantised [1]. Source: judgement."""
+
+ABOVE_NOISE = 1.1
+"""Least step of such a sensor per its noise [1]. Source: judgement."""
 
 BEFORE_START = 0.3
 """A spring rests so far before the range of its joint [rad]. Source: judgement."""
@@ -92,8 +99,7 @@ def _knows_force(effort: ColumnRole | None) -> bool:
 
 def column_of(column: ColumnRole) -> str:
     """Return a column as a rig file names it: a unit in square brackets is the log's own."""
-    name, _, unit = column.header.partition(" [")
-    return name if unit.endswith("]") else column.header
+    return name_and_unit(column.header)[0]
 
 
 def _number(value: float, unit: str = "") -> object:
@@ -149,9 +155,9 @@ def _dynamics(balance: JointBalance | None) -> Raw:
         "damping": Guess({"value": "2e-4 N m s", "std": "80 %"}, "damping of joints"),
     }
     if balance is not None and balance.inertia > SMALLEST_INERTIA:
-        raw["inertia"] = _about(balance.inertia, 0.4, "kg m^2")
+        raw["inertia"] = _about(balance.inertia, 1.0, "kg m^2")
     if balance is not None and balance.damping > SMALLEST_DAMPING:
-        raw["damping"] = _about(balance.damping, 0.6, "N m s")
+        raw["damping"] = _about(balance.damping, 1.0, "N m s")
     return raw
 
 
@@ -206,7 +212,7 @@ def _drive(drive: FoundDrive) -> Raw:
         raw["radius"] = Guess(_number(1e3 * ASSUMED_RADIUS, "mm"), "lengths: radii of spools")
     per_speed = "kg/s" if sizes.is_slider else "N m s"
     if sizes.damping > 0.0:
-        raw["damping"] = _about(sizes.damping, 0.8, per_speed)
+        raw["damping"] = _about(sizes.damping, 1.0, per_speed)
     elif not sizes.is_slider:
         raw["damping"] = Guess("1e-3 N m s", "damping of motors")
     friction: Raw = {"constant": constant, "load": {"value": 0.06, "std": 0.04}}
@@ -284,15 +290,13 @@ def _drive_sensors(drive: FoundDrive, rates: Mapping[str, float]) -> list[Raw]:
     position |= {
         "sign": sizes.position_sign,
         "rate": _number(rates[column.header]),
-        "noise": _noise(column),
+        **_errors(column),
     }
     if sizes.is_pair:
         position["bias"] = {
             "value": _number(drive.structure.zero / sizes.gear, "rad"),
             "std": _number(max(drive.structure.zero_spread / sizes.gear, SURE_ZERO), "rad"),
         }
-    if column.values.step > 0.0 and column.si != "count":
-        position["resolution"] = _number(column.values.step, column.unit)
     if drive.effort is None:
         return [position]
     effort = drive.effort
@@ -311,9 +315,22 @@ def _drive_sensors(drive: FoundDrive, rates: Mapping[str, float]) -> list[Raw]:
     force |= {
         "sign": sizes.effort_sign,
         "rate": _number(rates[effort.header]),
-        "noise": _noise(effort),
+        **_errors(effort),
     }
     return [position, force]
+
+
+def _errors(column: ColumnRole) -> Raw:
+    """Return noise and resolution of a column; one that stays at a value has steps above its
+    noise, so that nobody takes it for a dead sensor.
+    """
+    errors: Raw = {"noise": _noise(column)}
+    step = column.values.step
+    if column.values.stays >= RESTING:
+        step = max(step, ABOVE_NOISE * column.values.noise)
+    if step > 0.0 and column.si != "count":
+        errors["resolution"] = _number(step, column.unit)
+    return errors
 
 
 def _noise(column: ColumnRole) -> object:

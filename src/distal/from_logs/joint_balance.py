@@ -17,6 +17,7 @@ from scipy.signal import savgol_filter
 
 from distal.arrays import Floats
 from distal.from_logs.found_parts import FoundDrive, torque_of
+from distal.from_logs.least_squares import SHOWN, scaled_solution
 from distal.from_logs.motion_data import MotionData
 
 WINDOW = 0.12
@@ -32,7 +33,7 @@ RESTS = 0.02
 @dataclass(frozen=True)
 class JointBalance:
     """Stiffness K [N m/rad], the torque at zero angle −K θ₀ [N m], damping b [N m s/rad] and
-    inertia I [kg m²] of a joint; any may be negative where the logs do not show it.
+    inertia I [kg m²] of a joint; the last two are 0 where the logs do not show them.
     """
 
     stiffness: float
@@ -58,9 +59,11 @@ def joint_balance(
     torques = np.concatenate([values for _, values in parts])
     if len(torques) < matrix.shape[1]:
         return None
-    size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
-    solution = np.linalg.lstsq(matrix / size, torques, rcond=1e-9)[0] / size
-    stiffness, offset, damping, inertia, _ = (float(value) for value in solution)
+    still, left_still = scaled_solution(matrix[:, [0, 1, 4]], torques)
+    moving, left_moving = scaled_solution(matrix, torques)
+    if left_moving > SHOWN * left_still:
+        return JointBalance(float(still[0]), float(still[1]), 0.0, 0.0)
+    stiffness, offset, damping, inertia, _ = (float(value) for value in moving)
     return JointBalance(stiffness, offset, damping, inertia)
 
 

@@ -263,14 +263,15 @@ def _unmoved(
 def _in_words(drive: FoundDrive, joints: Sequence[FoundJoint]) -> str:
     structure = drive.structure
     sizes = drive.sizes
+    unit, factor = ("mm", 1e3) if sizes.is_slider else ("rad", 1.0)
     parts = [
-        f"{'+' if ratio > 0 else '-'}{joints[j].name} ({abs(ratio):.3g} ± {std:.1g})"
+        f"{joints[j].name} ({factor * ratio:+.4g} ± {factor * std:.1g} {unit} for each rad)"
         for j, ratio, std in zip(structure.joints, structure.ratios, structure.ratio_stds)
     ]
     kind = "one tendon"
     if sizes.is_pair:
         kind = "two tendons on its spool" if drive.effort else "two tendons on its spool (a guess)"
     return (
-        f"{drive.name} moves {', '.join(parts)} by {kind}; that is "
+        f"{drive.name} moves {', '.join(parts)} by {kind}; this explains "
         f"{100 * structure.explained:.2f} % of its motion"
     )

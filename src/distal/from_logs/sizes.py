@@ -10,6 +10,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.from_logs.column_role import ColumnRole
+from distal.from_logs.least_squares import SHOWN, scaled_solution
 from distal.from_logs.motion_data import MotionData
 from distal.from_logs.structure import DriveStructure
 
@@ -201,6 +202,9 @@ def _friction(
         columns.append(matrix - matrix.mean(axis=0))
         target.append(effort - effort.mean())
     matrix = np.vstack(columns)
-    size = np.maximum(matrix.std(axis=0), 1e-300)
-    solution = np.linalg.lstsq(matrix / size, np.concatenate(target), rcond=None)[0] / size
-    return float(abs(solution[-2])), float(solution[-1])
+    efforts = np.concatenate(target)
+    still, left_still = scaled_solution(matrix[:, :-1], efforts)
+    moving, left_moving = scaled_solution(matrix, efforts)
+    if left_moving > SHOWN * left_still:
+        return float(abs(still[-1])), 0.0
+    return float(abs(moving[-2])), float(moving[-1])

@@ -5,7 +5,7 @@ from distal.logs.data_frames import pandas_frame, polars_frame
 from distal.logs.datasets import da_vinci_grasper
 from distal.logs.episodes import Episode, episodes_of, is_dataset
 from distal.logs.formats import TABLES
-from distal.logs.header_units import header
+from distal.logs.header_units import header, name_and_unit
 from distal.logs.log import LARGEST_READING, Log, frozen
 from distal.logs.log_files import (
     check_format,
@@ -55,6 +55,7 @@ __all__ = [
     "is_recording",
     "keep_elsewhere",
     "mujoco_recorder",
+    "name_and_unit",
     "open_recording",
     "open_table",
     "outputs_in",

@@ -21,9 +21,9 @@ def scales_in_words(rig: Rig) -> str:
     which = " and ".join(rig.taken)
     wanting = "; ".join(SETTLED_BY[scale] for scale in rig.taken)
     return (
-        f"the scale of {which} was taken, not measured: angles do not depend on it, forces, "
-        f"torques and stiffnesses do. What settles it is {wanting}; correct it in the rig file and "
-        "remove it from 'taken'"
+        f"the scale of {which} is assumed, not measured: angles do not depend on it, forces, "
+        f"torques and stiffnesses do. One measurement settles it: {wanting}. Correct it in the rig "
+        "file and remove it from 'taken'"
     )
 
 
@@ -43,7 +43,7 @@ def check_scales(rig: Rig, purpose: str, needs: Literal["tension", "torque"]) ->
     if lacking:
         raise CommandError(
             f"{purpose} needs a true {needs}, but the scale of {' and '.join(lacking)} of "
-            f"'{rig.name}' was taken, not measured. Measure "
+            f"'{rig.name}' is assumed, not measured. Measure "
             f"{'; '.join(SETTLED_BY[scale] for scale in lacking)}; correct it in the rig file and "
             "remove it from 'taken'"
         )
