@@ -105,5 +105,11 @@ def test_what_a_user_says_overrules() -> None:
 def test_without_a_time_it_says_so() -> None:
     columns = finger(4)
     columns["t_ms"] = np.random.default_rng(0).normal(size=len(columns["t_ms"]))
+    with pytest.raises(LogError, match=r"one: 't_ms' goes back after sample \d+"):
+        column_roles([RawLog("one", columns)], NO_OVERRIDES)
+    columns["column"] = columns.pop("t_ms")
     with pytest.raises(LogError, match="none is the time"):
+        column_roles([RawLog("one", columns)], NO_OVERRIDES)
+    columns["sample"] = np.arange(len(columns["column"]), dtype=float)
+    with pytest.raises(LogError, match="'sample' counts rows"):
         column_roles([RawLog("one", columns)], NO_OVERRIDES)

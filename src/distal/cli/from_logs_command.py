@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -91,5 +92,5 @@ def from_logs_command(
     found = found_in(logs, truth, drive, ignore, out.stem)
     say_found(found)
     write_whole(out, found.text)
-    say(f"wrote {out}; guesses are marked in it. Next: distal fit {' '.join(map(str, logs))}")
-    say(f"  --rig {out} --out {out.stem}_fitted.toml")
+    asked = shlex.join(["distal", "fit", *map(str, logs), "--rig", str(out), "--out"])
+    say(f"wrote {out}; guesses are marked in it. Next: {asked} {out.stem}_fitted.toml")

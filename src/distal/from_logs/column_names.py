@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
-from unicodedata import normalize
+from unicodedata import combining, normalize
 
 from distal.errors import UnitError
 from distal.units import unit_factor
@@ -48,6 +48,30 @@ WEAK: Mapping[Role, str] = {
     "command": "des des_ ziel cible objetivo obiettivo",
     "other": "z quality conf confidence count_rows",
 }
+
+GREEK = {"θ": "theta", "φ": "phi", "ϕ": "phi", "τ": "tau", "ω": "omega", "α": "alpha", "β": "beta"}
+"""Letters of symbols, as words."""
+
+RATES = frozenset(
+    [
+        "vel",
+        "velocity",
+        "speed",
+        "geschwindigkeit",
+        "vitesse",
+        "velocidad",
+        "velocita",
+        "omega",
+        "acc",
+        "accel",
+        "dot",
+        "rate",
+    ]
+)
+"""A column with one of these words is a rate of change, whatever it is a rate of."""
+
+COMMANDS = frozenset(CLEAR["command"].split()) | {"des"}
+"""A column with one of these words is a command, also where it names a motor or a joint."""
 
 ROLE_WORDS = frozenset(
     word
@@ -120,6 +144,15 @@ UNITS: Mapping[str, tuple[str, str]] = {
     "counts": ("count", "count"),
     "count": ("count", "count"),
     "cnt": ("count", "count"),
+    "nmm": ("N mm", "N m"),
+    "gram": ("gf", "N"),
+    "grams": ("gf", "N"),
+    "lb": ("lbf", "N"),
+    "lbs": ("lbf", "N"),
+    "kp": ("kgf", "N"),
+    "kgcm": ("kgf cm", "N m"),
+    "steps": ("count", "count"),
+    "min": ("min", "s"),
     "v": ("V", "V"),
     "mv": ("mV", "V"),
     "c": ("degC", "K"),
@@ -146,8 +179,9 @@ LETTERS = "smgAN"
 """Units of one letter as they stand at the end of a name: `F_a` is a force of a, `i_A` is in A."""
 
 _BRACKETS = re.compile(r"^(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
+_LIKE_UNIT = re.compile(r"[^\W\d_][^\d_]{0,11}")
 _ENDING = re.compile(r"^(?:(.*)[_ ./-])?([A-Za-z°]+)$")
-_TOKEN = re.compile(r"[A-Z]?[a-zäöüáéíóúàèß°]+|[A-Z]+(?![a-z])|\d+")
+_TOKEN = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+|[^\W\da-zA-Z_]+")
 
 
 @dataclass(frozen=True)
@@ -159,17 +193,21 @@ class NameEvidence:
         unit: as a rig file has it, None where the name has none.
         si: SI unit of its dimension.
         subject: what is left of the name without these words: which drive or joint.
+        unknown_unit: what stands in brackets where a unit stands, and is none that is known.
     """
 
     scores: Mapping[Role, float]
     unit: str | None
     si: str | None
     subject: str
+    unknown_unit: str = ""
 
 
 def words_of(name: str) -> list[str]:
     """Return the words of a name in lower case: `posMotor_2` gives pos, motor, 2."""
-    plain = normalize("NFKD", name).encode("ascii", "ignore").decode()
+    for letter, word in GREEK.items():
+        name = name.replace(letter, f" {word} ")
+    plain = "".join(letter for letter in normalize("NFKD", name) if not combining(letter))
     return [word.lower() for word in _TOKEN.findall(plain)]
 
 
@@ -201,6 +239,10 @@ def name_evidence(header: str) -> NameEvidence:
     elif any(word in JOINTS for word in telling):
         scores["angle"] += scores["position"]
         scores["position"] = 0.0
+    if any(word in RATES for word in telling) or "/s" in bracket.replace(" ", ""):
+        scores = dict.fromkeys(scores, 0.0) | {"other": 2.0 * CLEAR_WORD}
+    elif any(word in COMMANDS for word in telling):
+        scores = dict.fromkeys(scores, 0.0) | {"command": 2.0 * CLEAR_WORD}
     if found is not None:
         for role in scores:
             if role in OF_UNIT[found[1]]:
@@ -215,6 +257,7 @@ def name_evidence(header: str) -> NameEvidence:
         found[0] if found else None,
         found[1] if found else None,
         "_".join(kept),
+        bracket if unit is None and _LIKE_UNIT.fullmatch(bracket) else "",
     )
 
 

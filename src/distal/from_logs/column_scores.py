@@ -56,6 +56,9 @@ def time_column(
     logs: Sequence[RawLog], headers: Sequence[str], names: Mapping[str, NameEvidence]
 ) -> str:
     """Return the column that increases from row to row in all logs, by its name a time."""
+    for header in headers:
+        if names[header].scores["time"] >= CLEARLY:
+            check_increasing(header, logs)
     increasing = [
         header
         for header in headers
@@ -74,7 +77,28 @@ def time_column(
         strictly = float(np.mean(steps > 0.0))
         return names[header].scores["time"] - names[header].scores["other"] + strictly - is_index
 
-    return max(increasing, key=score)
+    best = max(increasing, key=score)
+    steps = np.concatenate([np.diff(log.columns[best]) for log in logs])
+    if np.all(steps == 1.0) and names[best].scores["time"] <= 0.0:
+        raise LogError(
+            f"'{best}' counts rows, and no other column is a time: add one, such as 'time [s]'"
+        )
+    return best
+
+
+def check_increasing(header: str, logs: Sequence[RawLog]) -> None:
+    """Raise a `LogError` where a column that is called a time goes back or lacks values."""
+    for log in logs:
+        stamps = log.columns[header]
+        if not np.isfinite(stamps).all():
+            row = int(np.flatnonzero(~np.isfinite(stamps))[0])
+            raise LogError(f"{log.source}: '{header}' has no value in sample {row + 1}")
+        back = np.flatnonzero(np.diff(stamps) < 0.0)
+        if len(back):
+            raise LogError(
+                f"{log.source}: '{header}' goes back after sample {back[0] + 1}, from "
+                f"{stamps[back[0]]:g} to {stamps[back[0] + 1]:g}; a log is one run"
+            )
 
 
 def scores_of(

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from distal.errors import LogError, UnitError
 from distal.from_logs.column_names import NameEvidence
 from distal.from_logs.column_role import ColumnRole, Sureness
 from distal.from_logs.column_scores import MANY_COUNTS
+from distal.units import unit_factor
 
 LARGEST_RADIANS = 12.6
 """Angles over a wider range are in degrees: two turns. Source: judgement."""
@@ -25,19 +27,42 @@ LARGEST_METRES = 0.5
 """Displacements over a wider range are in mm. Source: physics (a hand's drives travel less)."""
 
 
+def check_unit(column: ColumnRole, name: NameEvidence) -> None:
+    """Raise a `LogError` where a column that is used has a unit in brackets that is not known."""
+    if name.unknown_unit and column.role != "other":
+        raise LogError(
+            f"column '{column.header}': the unit '{name.unknown_unit}' is not known; rename the "
+            "column with one like mm, deg, N, N mm, mA or counts, or leave it out by --ignore"
+        )
+
+
 def with_unit(column: ColumnRole, name: NameEvidence, drives: Mapping[str, str]) -> ColumnRole:
     """Return a column with its unit: as its header says it, else by the size of its values."""
     if column.role == "other":
         return column
     if drives.get(column.header):
         unit = drives[column.header]
-        counted = unit in ("count", "counts", "tick", "ticks")
-        si = "count" if counted else "m" if unit in ("m", "mm", "cm", "um") else "rad"
-        return replace(column, unit="count" if counted else unit, si=si, unit_sureness="sure")
+        if unit in ("count", "counts", "tick", "ticks"):
+            return replace(column, unit="count", si="count", unit_sureness="sure")
+        return replace(column, unit=unit, si=_si_of(unit, column.header), unit_sureness="sure")
     if name.unit is not None and name.si is not None:
         return replace(column, unit=name.unit, si=name.si, unit_sureness="sure")
     unit, si, sureness = _unit_by_size(column)
     return replace(column, unit=unit, si=si, unit_sureness=sureness)
+
+
+def _si_of(unit: str, header: str) -> str:
+    """Return the SI unit of a drive's position in some unit."""
+    for si in ("m", "rad"):
+        try:
+            unit_factor(unit, si)
+        except UnitError:
+            continue
+        return si
+    raise LogError(
+        f"--drive '{header}={unit}': a drive is read in a length or an angle, such as mm or "
+        f"deg, or in ticks; '{unit}' is none of these"
+    )
 
 
 def _unit_by_size(column: ColumnRole) -> tuple[str, str, Sureness]:

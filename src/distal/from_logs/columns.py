@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from distal.arrays import Floats
 from distal.errors import LogError
@@ -18,25 +19,26 @@ from distal.from_logs.column_scores import (
     time_column,
 )
 from distal.from_logs.column_units import (
+    check_unit,
     with_common_units,
     with_forces_of_sliders,
     with_torques,
     with_unit,
 )
 from distal.from_logs.column_values import ValueEvidence, unwrapped, value_evidence
-from distal.from_logs.raw_log import RawLog, common_columns
+from distal.from_logs.raw_log import RawLog
 from distal.logs import name_and_unit
 from distal.suggestions import did_you_mean
 
 
 def column_roles(logs: Sequence[RawLog], overrides: Overrides) -> list[ColumnRole]:
-    """Return what each column is that all logs have, in their order.
+    """Return what each column of some logs is, which have the same columns, in their order.
 
     Raises:
-        LogError: they share no columns, none is a time, or an override names a column that is not
-            there.
+        LogError: none is a time, a unit is not known, or an override names a column that is not
+            there, or the time.
     """
-    headers = common_columns(logs)
+    headers = list(logs[0].columns)
     drives = {_header(name, headers): unit for name, unit in overrides.drives.items()}
     truth = [_header(name, headers) for name in overrides.truth]
     ignored = [_header(name, headers) for name in overrides.ignore]
@@ -51,9 +53,17 @@ def column_roles(logs: Sequence[RawLog], overrides: Overrides) -> list[ColumnRol
     for header in ignored:
         scores[header] = dict.fromkeys(CLEAR, 0.0) | {"other": 99.0}
     overruled = {*truth, *drives, *ignored}
+    if time in overruled:
+        raise LogError(f"'{time}' is the only column that increases: it is the time")
     find_commands(logs, scores, overruled)
     find_joints(logs, scores, names, overruled)
     roles = [_role(header, scores[header], names[header], values[header]) for header in headers]
+    for column in roles:
+        check_unit(column, names[column.header])
+    roles = [
+        replace(column, sureness="sure") if column.header in overruled else column
+        for column in roles
+    ]
     roles = [with_unit(column, names[column.header], drives) for column in roles]
     return with_forces_of_sliders(with_torques(named_columns(with_common_units(roles), names)))
 
@@ -62,12 +72,12 @@ def _header(name: str, headers: Sequence[str]) -> str:
     """Return the header of a column by that, or by its name without the unit.
 
     Raises:
-        LogError: no column of all logs is called so.
+        LogError: no column is called so.
     """
     for header in headers:
         if name in (header, name_and_unit(header)[0]):
             return header
-    raise LogError(f"there is no column '{name}' in all logs{did_you_mean(name, headers)}")
+    raise LogError(f"there is no column '{name}' in these logs{did_you_mean(name, headers)}")
 
 
 def _role(

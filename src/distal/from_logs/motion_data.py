@@ -18,6 +18,9 @@ from distal.units import unit_factor
 MOST_SAMPLES = 1500
 """Samples of a log that are used: more say nothing new of sizes. Source: judgement."""
 
+BRIDGED = 2.0
+"""Intervals of a reference over which it is interpolated [1]. Source: judgement."""
+
 TURNED = 0.01
 """A drive has a direction after this share of its range. Source: judgement."""
 
@@ -73,9 +76,20 @@ def motion_data(log: RawLog, columns: Sequence[ColumnRole]) -> MotionData:
         if column is None:
             return np.full(len(time[::stride]), np.nan)
         values = in_si(column, log.columns[column.header], factor_of_column(column))
-        present = np.isfinite(values)
-        if column.role != "angle" and present.any():
-            values = np.interp(np.arange(len(values)), np.flatnonzero(present), values[present])
+        present = np.flatnonzero(np.isfinite(values))
+        if len(present) < 2:
+            return np.full(len(time[::stride]), np.nan)
+        rows = np.arange(len(values))
+        bridged = np.interp(rows, present, values[present])
+        if column.role == "angle":
+            # a slow camera is bridged between its samples, a gap is not
+            nearest = np.abs(
+                rows - present[np.searchsorted(present, rows).clip(0, len(present) - 1)]
+            )
+            before = present[(np.searchsorted(present, rows, side="right") - 1).clip(0)]
+            nearest = np.minimum(nearest, np.abs(rows - before))
+            bridged[nearest > BRIDGED * np.median(np.diff(present))] = np.nan
+        values = bridged
         kernel = np.ones(stride) / stride
         padded = np.pad(values, (stride // 2, stride - 1 - stride // 2), mode="edge")
         return np.asarray(np.convolve(padded, kernel, mode="valid")[::stride])

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from distal.arrays import Floats
-from distal.errors import DistalError, LogError
-from distal.logs import Episode, Source, open_table
+from distal.errors import LogError
+from distal.logs import Column, Episode, Source, open_table
+
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+
+MOSTLY = 0.5
+"""Share of numbers above which a column is one of numbers [1]. Source: judgement."""
+
+NOTHING = np.full(1, np.nan)
+"""What a log has of a column that it lacks. Source: definition."""
 
 FEWEST_ROWS = 50
 """A log with fewer rows than this shows nothing of a rig. Source: judgement."""
@@ -44,39 +53,72 @@ def read_raw(path: Source) -> RawLog:
     """
     cells = open_table(path)
     source = str(path) if isinstance(path, (str, Path, Episode)) else str(cells.path)
+    if cells.rows < FEWEST_ROWS:
+        raise LogError(
+            f"{source}: {cells.rows} rows are too few to learn a rig from; {FEWEST_ROWS} at least"
+        )
     columns = dict[str, Floats]()
     texts = list[str]()
     for name in cells.names:
         try:
-            values = cells.values([name])[name]
-        except DistalError:
-            texts.append(name)
-            continue
-        if np.isfinite(values).any():
-            columns[name] = values
-        else:
+            columns[name] = cells.values([name])[name]
+        except LogError:
+            if _is_mostly_numeric(cells.column(name)):
+                raise
             texts.append(name)
     log = RawLog(source, columns, tuple(texts))
     if not columns:
         raise LogError(f"{source}: no column holds numbers; a log has a header and rows of numbers")
-    if log.rows < FEWEST_ROWS:
-        raise LogError(
-            f"{source}: {log.rows} rows are too few to learn a rig from; {FEWEST_ROWS} at least"
-        )
     return log
 
 
-def common_columns(logs: Sequence[RawLog]) -> list[str]:
-    """Return the headers that all logs have, in the order of the first.
+def _is_mostly_numeric(column: Column) -> bool:
+    """Return whether most cells of a column are numbers, so that another cell is a mistake."""
+    if not isinstance(column, list):
+        return column.dtype.kind in "iuf"
+    count = sum(_NUMBER.fullmatch(cell.strip()) is not None for cell in column)
+    return count > MOSTLY * len(column)
+
+
+def without_repeats(log: RawLog, time: str) -> RawLog:
+    """Return a log with the first of the rows that have one stamp."""
+    first = np.concatenate([[True], np.diff(log.columns[time]) > 0.0])
+    if first.all():
+        return log
+    return replace(log, columns={name: values[first] for name, values in log.columns.items()})
+
+
+def with_same_columns(logs: Sequence[RawLog]) -> tuple[list[RawLog], dict[str, str]]:
+    """Return logs that all have the same columns, NaN where a log lacks one, and header → the logs
+    that lack it.
 
     Raises:
-        LogError: they have fewer than two in common; says which are in which.
+        LogError: two logs have fewer than two columns in common; says which are in which.
     """
-    shared = [name for name in logs[0].columns if all(name in log.columns for log in logs[1:])]
-    if len(shared) >= 2:
-        return shared
-    other = next(log for log in logs if len(set(log.columns) & set(logs[0].columns)) < 2)
-    raise LogError(
-        f"{other.source} has the columns {', '.join(other.columns)}; {logs[0].source} has "
-        f"{', '.join(logs[0].columns)}: logs of one rig have the same columns"
-    )
+    for log in logs[1:]:
+        if len(set(log.columns) & set(logs[0].columns)) < 2:
+            raise LogError(
+                f"{log.source} has the columns {', '.join(log.columns)}; {logs[0].source} has "
+                f"{', '.join(logs[0].columns)}: logs of one rig have the same columns"
+            )
+    headers = dict.fromkeys(name for log in logs for name in log.columns)
+    headers = {
+        name: None
+        for name in headers
+        if any(np.isfinite(log.columns.get(name, NOTHING)).any() for log in logs)
+    }
+    lacking = dict[str, str]()
+    for name in headers:
+        without = [
+            log.source for log in logs if not np.isfinite(log.columns.get(name, NOTHING)).any()
+        ]
+        if without:
+            lacking[name] = ", ".join(without)
+    filled = [
+        replace(
+            log,
+            columns={name: log.columns.get(name, np.full(log.rows, np.nan)) for name in headers},
+        )
+        for log in logs
+    ]
+    return filled, lacking

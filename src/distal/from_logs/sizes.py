@@ -69,6 +69,7 @@ class DriveSizes:
         tension: usual tension [N].
         pretension: at zero angles and zero position [N].
         slack: there [m], 0 where the tendon is taut.
+        zero_spread: standard deviation of the drive's zero between logs, at the tendon [m].
         friction: in the drive [N or N m], NaN where no effort is read.
         damping: of the drive [N s/m or N m s/rad], the same.
     """
@@ -88,6 +89,7 @@ class DriveSizes:
     tension: float
     pretension: float
     slack: float
+    zero_spread: float
     friction: float
     damping: float
 
@@ -129,8 +131,10 @@ def drive_sizes(
     both = is_read and low < 0.0 < high and smaller > TWO_SIDED * larger
     is_pair = not is_slider and (both if is_read else not is_opposed)
     mean = float(np.mean(pulls)) if is_read else 1.0
-    # a single tendon only pulls: where its pull is negative, positions let it out
-    winding = 1 if is_pair or mean >= 0.0 else -1
+    # a single tendon only pulls: where its pull is negative, positions let it out; a load cell
+    # that was tared reads both signs and says nothing of that
+    is_negative = high < 0.0 if is_slider else mean < 0.0
+    winding = -1 if is_read and is_negative and not is_pair else 1
     position_sign = 1
     effort_sign = reversed_effort
     if is_slider:
@@ -174,6 +178,7 @@ def drive_sizes(
         stiffness_std=stiffness_std,
         tension=tension,
         pretension=SHARE_OF_PAIR * tension if is_pair else max(-zero * stiffness, 0.0),
+        zero_spread=structure.zero_spread / gear * lever,
         slack=0.0 if is_pair or not is_read else max(zero, 0.0),
         friction=friction * constant,
         damping=reversed_effort * damping * constant * gear,
@@ -190,6 +195,8 @@ def _friction(
     target = list[Floats]()
     for log in logs:
         usable = np.isfinite(log.angles).all(axis=1)
+        if not usable.any():
+            continue
         matrix = np.column_stack(
             [
                 log.angles[usable][:, list(structure.joints)],

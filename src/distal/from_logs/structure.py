@@ -24,21 +24,26 @@ from distal.from_logs.motion_data import MotionData
 BLOCKS = 6
 """Parts of a log whose errors are compared in pairs. Source: judgement."""
 
+
 MOST_JOINTS_AT_ONCE = 5
 """With more joints, those are tried together that alone explain a drive best. Source: judgement."""
+
 
 WITHIN = 2.0
 """A smaller set of joints is taken where its error is within so many standard errors of the least.
 Source: reference (Hastie, Tibshirani and Friedman 2009, section 7.10, with two in place of one).
 """
 
+
 SMALLEST_SHARE = 0.12
 """A joint whose motion moves the drive by less than this share of its range is not crossed. Source:
 judgement.
 """
 
+
 EXPLAINED = 0.5
 """A drive moves joints if they explain at least this share of its variance. Source: judgement."""
+
 
 FEWEST = 30
 """Samples of known angles that a log needs. Source: judgement."""
@@ -58,7 +63,7 @@ class DriveStructure:
         zero: mean of c over the logs.
         zero_spread: standard deviation of c between logs.
         residual: RMS of what is left on logs left out.
-        explained: share of the drive's variance that is explained there.
+        explained: share of the drive's variance that the joints alone explain there.
         rival: the other set of joints whose error is within two standard errors, if there is one.
     """
 
@@ -216,6 +221,8 @@ def _described(
     ]
     has_effort = folds[0].others.shape[1] > 1
     residual = np.sqrt(np.mean(_block_errors(folds, joints)))
+    alone = [_Fold(fold.angles, fold.others[:, :0], fold.target) for fold in folds]
+    by_joints = np.sqrt(np.mean(_block_errors(alone, joints)))
     total = np.std(np.concatenate([fold.target - fold.target.mean() for fold in folds]))
     return DriveStructure(
         joints,
@@ -227,48 +234,6 @@ def _described(
         float(np.mean(zeros)),
         float(np.std(zeros)),
         float(residual),
-        float(1.0 - residual**2 / max(total**2, 1e-300)),
+        float(1.0 - by_joints**2 / max(total**2, 1e-300)),
         rival,
     )
-
-
-LONGEST_LAG = 0.3
-"""Largest lag of a reference that is looked for [s]. Source: judgement."""
-
-LAG_STEP = 0.005
-"""Step of that search [s]. Source: judgement."""
-
-GAIN = 0.8
-"""A lag counts where it leaves less than this share of the residual [1]. Source: judgement."""
-
-
-def reference_lag(logs: Sequence[MotionData], joint: int) -> float:
-    """Return how much later a joint's reference is than the drives [s], 0 where no lag makes them
-    agree clearly better.
-    """
-    lags = np.arange(-LONGEST_LAG, LONGEST_LAG + LAG_STEP / 2, LAG_STEP)
-    residuals = np.array([_joint_residual(logs, joint, float(lag)) for lag in lags])
-    best = int(np.argmin(residuals))
-    usual = residuals[len(lags) // 2]
-    return float(lags[best]) if residuals[best] < GAIN * usual else 0.0
-
-
-def _joint_residual(logs: Sequence[MotionData], joint: int, lag: float) -> float:
-    """Return what the drives, their directions and efforts leave of a joint that is moved back in
-    time [rad].
-    """
-    columns = []
-    targets = []
-    for log in logs:
-        angle = np.interp(log.time + lag, log.time, log.angles[:, joint], left=np.nan, right=np.nan)
-        efforts = log.efforts[:, np.isfinite(log.efforts).all(axis=0)]
-        usable = np.isfinite(angle)
-        matrix = np.column_stack([log.positions, log.directions, efforts])[usable]
-        if len(matrix) > 1:
-            columns.append(matrix - matrix.mean(axis=0))
-            targets.append(angle[usable] - angle[usable].mean())
-    matrix = np.vstack(columns)
-    size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
-    target = np.concatenate(targets)
-    coefficients = np.linalg.lstsq(matrix / size, target, rcond=1e-9)[0]
-    return float(np.sqrt(np.mean((target - matrix / size @ coefficients) ** 2)))

@@ -1,6 +1,7 @@
 """Read, check and write logs, which are time series of sensor readings."""
 
 from distal.logs.atomic_writes import keep_elsewhere, write_together, write_whole
+from distal.logs.cells import Column
 from distal.logs.data_frames import pandas_frame, polars_frame
 from distal.logs.datasets import da_vinci_grasper
 from distal.logs.episodes import Episode, episodes_of, is_dataset
@@ -35,6 +36,7 @@ __all__ = [
     "MEMORY_VARIABLE",
     "SAMPLE_TOPIC",
     "TABLES",
+    "Column",
     "Episode",
     "Log",
     "MessageReader",

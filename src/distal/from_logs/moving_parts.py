@@ -1,0 +1,173 @@
+"""The joints and drives that logs show, and what they cannot tell of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from distal.errors import RigError
+from distal.from_logs.column_role import ColumnRole
+from distal.from_logs.found_parts import FoundDrive, FoundJoint
+from distal.from_logs.motion_data import MotionData
+from distal.from_logs.sizes import drive_sizes
+from distal.from_logs.structure import EXPLAINED, DriveStructure, as_rival, drive_structure
+
+WELL_EXPLAINED = 0.85
+"""Share of a drive's variance that joints explain, below which that is doubted [1]. Source:
+judgement.
+"""
+
+RIGID = 0.01
+"""A joint follows another rigidly if what a line leaves is below this share of its range. Source:
+judgement.
+"""
+
+
+def joints_of(references: Sequence[ColumnRole], logs: Sequence[MotionData]) -> list[FoundJoint]:
+    """Return the joints; one that is a line of another one before it follows that rigidly."""
+    angles = np.vstack([log.angles for log in logs])
+    angles = angles[np.isfinite(angles).all(axis=1)]
+    joints = list[FoundJoint]()
+    for j, column in enumerate(references):
+        follows = None
+        for i, before in enumerate(joints):
+            if before.follows is not None or len(angles) < 10:
+                continue
+            slope, offset = np.polyfit(angles[:, i], angles[:, j], 1)
+            residuals = angles[:, j] - slope * angles[:, i] - offset
+            if np.sqrt(np.mean(residuals**2)) < RIGID * np.ptp(angles[:, j]):
+                follows = FoundJoint(column.part, column, before.name, float(slope))
+                break
+        joints.append(follows or FoundJoint(column.part, column))
+    return joints
+
+
+def drives_of(
+    columns: Sequence[ColumnRole],
+    joints: Sequence[FoundJoint],
+    free: Sequence[int],
+    logs: Sequence[MotionData],
+) -> tuple[list[FoundDrive], list[str], list[str]]:
+    """Return the drives that move joints, what cannot be told of them, and which were left out."""
+    positions = [column for column in columns if column.role == "position"]
+    efforts = {column.part: column for column in columns if column.role == "effort"}
+    structures = dict[int, DriveStructure]()
+    left = []
+    for d, column in enumerate(positions):
+        structure = drive_structure(logs, d, free)
+        if structure is None or structure.explained < EXPLAINED:
+            left.append(f"{column.header} moves none of the joints that are known: left out")
+            continue
+        structures[d] = structure
+        if structure.explained < WELL_EXPLAINED:
+            left.append(
+                f"{column.header}: the joints explain {100 * structure.explained:.0f} % of its "
+                "motion only; are its unit and the references right?"
+            )
+    _move_all(structures, free, logs)
+    untellable = [
+        _rival(positions[d], structure, joints)
+        for d, structure in structures.items()
+        if structure.rival is not None
+    ]
+    if not structures:
+        raise RigError(
+            "no drive moves with the joints that are known; are these logs of one rig, and the "
+            "columns right?"
+        )
+    moved = {j for structure in structures.values() for j in structure.joints}
+    is_opposed = len(structures) > len(moved)
+    drives = [
+        FoundDrive(
+            positions[d].part,
+            d,
+            positions[d],
+            efforts.get(positions[d].part),
+            structure,
+            drive_sizes(
+                logs, d, structure, positions[d], efforts.get(positions[d].part), is_opposed
+            ),
+        )
+        for d, structure in structures.items()
+    ]
+    return drives, untellable, left
+
+
+def _move_all(
+    structures: dict[int, DriveStructure], free: Sequence[int], logs: Sequence[MotionData]
+) -> None:
+    """Let a drive that may as well move a joint which none moves be the one that moves it."""
+    for joint in free:
+        if any(joint in structure.joints for structure in structures.values()):
+            continue
+        for d, structure in structures.items():
+            elsewhere = {j for e, other in structures.items() if e != d for j in other.joints}
+            is_free = set(structure.joints) <= elsewhere
+            if structure.rival is not None and joint in structure.rival and is_free:
+                structures[d] = as_rival(logs, d, structure)
+                break
+
+
+def _rival(column: ColumnRole, structure: DriveStructure, joints: Sequence[FoundJoint]) -> str:
+    assert structure.rival is not None
+    chosen, rival = (
+        " and ".join(joints[j].name for j in indices)
+        for indices in (structure.joints, structure.rival)
+    )
+    return (
+        f"{column.header}: cannot be told whether it moves {chosen} or {rival}; a log in which it "
+        "moves alone for 5 s would tell"
+    )
+
+
+SHORTEST_ARM = 5e-4
+"""Least moment arm of a hand or an instrument [m]. Source: judgement."""
+
+LONGEST_ARM = 0.1
+"""Largest moment arm of a hand or an instrument [m]. Source: judgement."""
+
+
+def check_arms(joints: Sequence[FoundJoint], drives: Sequence[FoundDrive]) -> None:
+    """Raise a `RigError` where a moment arm of a drive that is read in metres cannot be."""
+    for drive in drives:
+        if not drive.sizes.is_slider:
+            continue
+        for j, arm in zip(drive.structure.joints, np.abs(drive.sizes.arms)):
+            if not SHORTEST_ARM <= arm <= LONGEST_ARM:
+                raise RigError(
+                    f"{drive.position.header} moves by {1e3 * arm:.4g} mm for each rad of "
+                    f"{joints[j].angle.header}; a hand's arms are {1e3 * SHORTEST_ARM:g} to "
+                    f"{1e3 * LONGEST_ARM:g} mm. Is the unit of one of them right?"
+                )
+
+
+def check_moved(
+    joints: Sequence[FoundJoint], free: Sequence[int], drives: Sequence[FoundDrive]
+) -> None:
+    """Raise a `RigError` where no drive moves a joint that is free."""
+    moved = {j for drive in drives for j in drive.structure.joints}
+    unmoved = [joints[j].angle.header for j in free if j not in moved]
+    if unmoved:
+        raise RigError(
+            f"no drive moves {', '.join(unmoved)}; is that a joint of this rig? If not, leave its "
+            "column out by --ignore"
+        )
+
+
+def drive_in_words(drive: FoundDrive, joints: Sequence[FoundJoint]) -> str:
+    """Return what a drive moves, in a line."""
+    structure = drive.structure
+    sizes = drive.sizes
+    unit, factor = ("mm", 1e3) if sizes.is_slider else ("rad", 1.0)
+    parts = [
+        f"{joints[j].name} ({factor * ratio:+.4g} ± {factor * std:.1g} {unit} for each rad)"
+        for j, ratio, std in zip(structure.joints, structure.ratios, structure.ratio_stds)
+    ]
+    kind = "one tendon"
+    if sizes.is_pair:
+        kind = "two tendons on its spool" if drive.effort else "two tendons on its spool (a guess)"
+    return (
+        f"{drive.name} moves {', '.join(parts)} by {kind}; this explains "
+        f"{100 * structure.explained:.2f} % of its motion"
+    )

@@ -1,0 +1,134 @@
+"""The raw description of a joint: its start, friction, stops, what it needs of its tendons."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import degrees
+
+import numpy as np
+
+from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulls_of
+from distal.from_logs.joint_balance import JointBalance, joint_balance
+from distal.from_logs.motion_data import MotionData
+from distal.from_logs.raw_values import Raw, about, number
+from distal.from_logs.stops import joint_stops
+from distal.rig import Guess
+
+SURE_START = 3.0
+"""Logs that begin at one angle do so within this [deg]. Source: judgement."""
+
+
+SCATTER = 0.5
+"""Standard deviation of the first angle per range of the logs' first angles. Source: judgement."""
+
+
+SPREAD = 0.2
+"""Standard deviation of a spring's rest angle per distance from the logs' angles. Source:
+judgement.
+"""
+
+
+SMALLEST_INERTIA = 1e-7
+"""Inertia of a joint below which the logs do not show it [kg m²]. Source: judgement."""
+
+
+SMALLEST_DAMPING = 1e-6
+"""Damping of a joint below which the logs do not show it [N m s/rad]. Source: judgement."""
+
+
+BEFORE_START = 0.3
+"""A spring rests so far before the range of its joint [rad]. Source: judgement."""
+
+
+def raw_joint(
+    j: int,
+    joint: FoundJoint,
+    drives: Sequence[FoundDrive],
+    logs: Sequence[MotionData],
+    tension: float,
+) -> Raw:
+    """Return a joint.
+
+    Args:
+        j: index of the joint.
+        joint: its column.
+        drives: all of them.
+        logs: all of them.
+        tension: usual tension of a tendon [N].
+    """
+    balance = joint_balance(j, pulls_of(j, drives), logs)
+    raw: Raw = {"name": joint.name, "parent": "base", **_dynamics(balance)}
+    if joint.follows is not None:
+        return raw | {"coupled": {"joint": joint.follows, "ratio": number(joint.ratio)}}
+    raw["initial"] = _initial(j, logs)
+    raw["friction"] = Guess(
+        {
+            "coefficient": {"value": 0.1, "std": 0.08},
+            "radius": "3 mm",
+            "preload": {"value": number(tension, "N"), "std": "60 %"},
+        },
+        "friction of joints",
+    )
+    stops = joint_stops(j, drives, logs)
+    if stops is not None:
+        raw["stops"] = [number(degrees(angle), "deg") for angle in stops]
+        raw["stops_std"] = "0.5 deg"
+    spring = _spring(j, drives, logs, balance)
+    return raw if spring is None else raw | {"spring": spring}
+
+
+def _initial(j: int, logs: Sequence[MotionData]) -> Raw:
+    """Return where logs begin, with how much that differs from log to log."""
+    firsts = [log.angles[np.isfinite(log.angles[:, j]), j][:1] for log in logs]
+    angles = np.degrees(np.concatenate(firsts))
+    return {
+        "value": number(float(np.mean(angles)), "deg"),
+        "std": number(max(SURE_START, SCATTER * float(np.ptp(angles))), "deg"),
+    }
+
+
+def _dynamics(balance: JointBalance | None) -> Raw:
+    """Return inertia and damping of a joint, as the logs show them or as guesses."""
+    raw: Raw = {
+        "inertia": Guess("1e-5 kg m^2", "inertia of joints"),
+        "damping": Guess({"value": "2e-4 N m s", "std": "80 %"}, "damping of joints"),
+    }
+    if balance is not None and balance.inertia > SMALLEST_INERTIA:
+        raw["inertia"] = about(balance.inertia, 1.0, "kg m^2")
+    if balance is not None and balance.damping > SMALLEST_DAMPING:
+        raw["damping"] = about(balance.damping, 1.0, "N m s")
+    return raw
+
+
+def _spring(
+    j: int,
+    drives: Sequence[FoundDrive],
+    logs: Sequence[MotionData],
+    balance: JointBalance | None,
+) -> object:
+    """Return the spring of a joint; None where the tendons need none."""
+    pulls = pulls_of(j, drives)
+    sides = [arm for drive, arm in pulls if not drive.sizes.is_pair]
+    pulls_one_way = len(sides) == len(pulls) and len({arm > 0.0 for arm in sides}) == 1
+    angles = np.concatenate([log.angles[:, j] for log in logs])
+    low = float(np.nanmin(angles))
+    high = float(np.nanmax(angles))
+    side = 1.0 if pulls[0][1] > 0.0 else -1.0
+    nearest, farthest = (low, high) if side > 0.0 else (high, low)
+    if balance is not None and balance.stiffness > 0.0:
+        rest_angle = -balance.offset / balance.stiffness
+        holds = side * (nearest - rest_angle) > 0.0
+        if holds or not pulls_one_way:
+            spread = max(SPREAD * abs(degrees(nearest - rest_angle)), 5.0)
+            angle = {"value": number(degrees(rest_angle), "deg"), "std": number(spread, "deg")}
+            return {"stiffness": about(balance.stiffness, 0.4, "N m/rad"), "rest_angle": angle}
+    if not pulls_one_way:
+        return None
+    tension = float(np.median([drive.sizes.tension for drive, _ in pulls]))
+    rest_angle = nearest - side * BEFORE_START
+    stiffness = abs(pulls[0][1]) * tension / max(abs(farthest - rest_angle), 0.1)
+    guess = {
+        "stiffness": about(stiffness, 0.6, "N m/rad"),
+        "rest_angle": {"value": number(degrees(rest_angle), "deg"), "std": "15 deg"},
+    }
+    return Guess(guess, "springs that bring joints back")

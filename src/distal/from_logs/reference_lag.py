@@ -1,0 +1,60 @@
+"""How much later a reference is than the drives: two clocks, or a slow camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from distal.from_logs.motion_data import MotionData
+
+LONGEST_LAG = 0.3
+"""Largest lag of a reference that is looked for [s]. Source: judgement."""
+
+
+LAG_STEP = 0.005
+"""Step of that search [s]. Source: judgement."""
+
+
+GAIN = 0.8
+"""A lag counts where it leaves less than this share of the residual [1]. Source: judgement."""
+
+
+def reference_lag(logs: Sequence[MotionData], joint: int) -> float:
+    """Return how much later a joint's reference is than the drives [s], 0 where no lag makes them
+    agree clearly better.
+    """
+    lags = np.arange(-LONGEST_LAG, LONGEST_LAG + LAG_STEP / 2, LAG_STEP)
+    residuals = np.array([_joint_residual(logs, joint, float(lag)) for lag in lags])
+    best = int(np.argmin(residuals))
+    usual = residuals[len(lags) // 2]
+    return float(lags[best]) if residuals[best] < GAIN * usual else 0.0
+
+
+def _joint_residual(logs: Sequence[MotionData], joint: int, lag: float) -> float:
+    """Return what the drives, their directions and efforts leave of a joint that is moved back in
+    time [rad].
+    """
+    columns = []
+    targets = []
+    for log in logs:
+        there = np.isfinite(log.angles[:, joint])
+        if there.sum() < 2:
+            continue
+        stamps = log.time[there]
+        angle = np.interp(
+            log.time + lag, stamps, log.angles[there, joint], left=np.nan, right=np.nan
+        )
+        efforts = log.efforts[:, np.isfinite(log.efforts).all(axis=0)]
+        usable = np.isfinite(angle)
+        matrix = np.column_stack([log.positions, log.directions, efforts])[usable]
+        if len(matrix) > 1:
+            columns.append(matrix - matrix.mean(axis=0))
+            targets.append(angle[usable] - angle[usable].mean())
+    if not columns:
+        return 0.0
+    matrix = np.vstack(columns)
+    size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
+    target = np.concatenate(targets)
+    coefficients = np.linalg.lstsq(matrix / size, target, rcond=1e-9)[0]
+    return float(np.sqrt(np.mean((target - matrix / size @ coefficients) ** 2)))
