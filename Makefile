@@ -108,6 +108,9 @@ accuracy: $(STAMP)
 	$(BIN)/python -m benchmarks.hand_page
 	$(BIN)/python -m benchmarks.newcomers --longer --busy 8
 	$(BIN)/python -m benchmarks.fit_command named
+	$(BIN)/python -m benchmarks.from_logs structure
+	$(BIN)/python -m benchmarks.from_logs columns --rigs 36
+	$(BIN)/python -m benchmarks.from_logs rigs --rigs 20
 	$(BIN)/python -m benchmarks.fit_command lacking --rigs 60 --candidates
 	$(BIN)/python -m benchmarks.searches
 	$(BIN)/python -m benchmarks.strangers.drawn --starts 0 --processes 2

@@ -4,7 +4,9 @@ writes.
 `python -m benchmarks.from_logs structure --rigs 80 --first-seed 5000` draws rigs of all families
 (`strangers.drawn_rigs`), writes three logs of each as CSV, runs `distal rig from-logs`, and
 compares the tendons in its file with those of the plant. `python -m benchmarks.from_logs columns`
-gives the same logs other headers: with units, without, in five languages, shuffled.
+gives the same logs other headers: with units, without, in five languages, shuffled. `python -m
+benchmarks.from_logs rigs` fits the rig from logs and the hand-written one by the command, and
+judges what they wrote on logs that no fit has seen, beside the best least squares.
 """
 
 from __future__ import annotations
@@ -15,16 +17,20 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Mapping
+from copy import deepcopy
 from pathlib import Path
 
 import numpy as np
+import tomlkit
 from numpy.typing import NDArray
 
 from benchmarks.report import table
 from benchmarks.strangers.drawn import logs_of
 from benchmarks.strangers.drawn_rigs import Drawn, drawn_rig
-from distal import load_rig
+from distal import estimate, load_rig, read_log
+from distal.estimators import affine_samples
 from distal.from_logs import rig_from_logs
+from distal.regression import YARDSTICKS, yardstick_error
 
 Floats = NDArray[np.float64]
 Log = dict[str, Floats]
@@ -36,14 +42,16 @@ COUNTS = 4096.0
 """Of an encoder in one turn."""
 
 
-def drawn_logs(seed: int) -> tuple[Drawn, list[Log]]:
-    """Return a drawn rig and its logs: time, x0, u0, … in SI, and joint0, … in rad."""
+def drawn_logs(seed: int, every: bool = False) -> tuple[Drawn, list[Log]]:
+    """Return a drawn rig and its logs: time, x0, u0, … in SI, and joint0, … in rad; those to learn
+    from, or `every` one.
+    """
     rig = drawn_rig(seed, False)
     logs, _ = logs_of(rig, seed)
     joints = [joint["name"] for joint in rig.raw["joints"]]
     return rig, [
         {"time": log.time, **log.channels, **dict(zip(joints, log.truth.values()))}
-        for log in logs[:LEARNED]
+        for log in (logs if every else logs[:LEARNED])
     ]
 
 
@@ -246,16 +254,107 @@ def columns(rigs: int, first: int) -> None:
     table("from-logs-columns", f"roles of columns, {rigs} rigs", ["headers", *outcomes], cells)
 
 
+def hand_written(rig: Drawn, path: Path) -> None:
+    """Write the rig file of somebody who knows the rig, with the columns of these logs."""
+    raw = deepcopy(rig.raw)
+    for sensor in raw["sensors"]:
+        if sensor["measures"] == "angle":
+            sensor["column"] = f"{sensor['of']} [rad]"
+    raw["log"] = {"time": {"column": "time", "unit": "s"}}
+    path.write_text(tomlkit.dumps(raw), encoding="utf-8")
+
+
+def fitted_errors(rig: Path, training: list[Path], judged: list[Path]) -> tuple[float, float]:
+    """Return the RMS error of a rig that the command fits [deg], and the share inside the band."""
+    out = rig.with_name(f"{rig.stem}_fitted.toml")
+    asked = ["distal", "fit", *map(str, training), "--rig", str(rig), "--out", str(out)]
+    done = subprocess.run(asked, capture_output=True, text=True)
+    if done.returncode:
+        print(done.stderr.strip()[-200:], file=sys.stderr)
+        return float("nan"), float("nan")
+    description = load_rig(out)
+    squares = []
+    inside = []
+    for path in judged:
+        result = estimate(read_log(path, description), description)
+        squares.append(result.rms_error() ** 2)
+        inside.append(result.inside_band())
+    return float(np.rad2deg(np.sqrt(np.mean(squares)))), float(np.mean(inside))
+
+
+def rigs_of(seed: int) -> dict[str, float]:
+    """Return the errors of both rigs of a seed, and of the least squares that its logs choose."""
+    rig, logs = drawn_logs(seed, every=True)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        paths = [folder / f"run_{k}.csv" for k in range(len(logs))]
+        for log, path in zip(logs, paths):
+            write({n if n[0] != "j" else f"{n} [rad]": c for n, c in log.items()}, path)
+        training, judged = paths[:LEARNED], paths[LEARNED:]
+        own, hand = folder / "own.toml", folder / "hand.toml"
+        own.write_text(rig_from_logs(training).text, encoding="utf-8")
+        hand_written(rig, hand)
+        found = dict(zip(("own", "own_inside"), fitted_errors(own, training, judged)))
+        found |= dict(zip(("hand", "hand_inside"), fitted_errors(hand, training, judged)))
+        description = load_rig(own)
+        samples = [affine_samples(read_log(path, description), description) for path in paths]
+        learned, others = samples[:LEARNED], samples[LEARNED:]
+        folds = range(LEARNED)
+        errors = {
+            yardstick: np.mean(
+                [
+                    yardstick_error(yardstick, [learned[i] for i in folds if i != k], learned[k])
+                    for k in folds
+                ]
+            )
+            for yardstick in YARDSTICKS
+        }
+        best = min(errors, key=lambda each: errors[each])
+        squares = [yardstick_error(best, learned, log) ** 2 for log in others]
+        return found | {"least squares": float(np.rad2deg(np.sqrt(np.mean(squares))))}
+
+
+def rigs(count: int, first: int) -> None:
+    """Print the errors of rigs from logs beside hand-written ones."""
+    cells = []
+    found = []
+    for seed in range(first, first + count):
+        errors = rigs_of(seed)
+        found.append(errors)
+        kind = drawn_rig(seed, False).kind
+        row = (errors["own"], errors["hand"], errors["least squares"])
+        cells.append(
+            (f"{seed}", kind, *(f"{e:.3f}" for e in row), f"{100 * errors['own_inside']:.0f}")
+        )
+        print(*cells[-1], sep=" | ", file=sys.stderr)
+    by_hand = np.array([errors["own"] / errors["hand"] for errors in found])
+    by_squares = np.array([errors["own"] / errors["least squares"] for errors in found])
+    inside = 100 * np.mean([errors["own_inside"] for errors in found])
+    print(
+        f"beside hand-written: median {np.nanmedian(by_hand):.2f}, worst {np.nanmax(by_hand):.2f}; "
+        f"beside least squares: median {np.nanmedian(by_squares):.2f}, worst "
+        f"{np.nanmax(by_squares):.2f}; inside {inside:.0f} %"
+    )
+    columns = [
+        "seed",
+        "rig",
+        "from logs [°]",
+        "hand-written [°]",
+        "least squares [°]",
+        "inside [%]",
+    ]
+    table("from-logs-rigs", f"{count} rigs from {first} on", columns, cells)
+
+
 def main() -> None:
     """Run a part."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("part", choices=("structure", "columns"))
+    parser.add_argument("part", choices=("structure", "columns", "rigs"))
     parser.add_argument("--rigs", type=int, default=80)
     parser.add_argument("--first-seed", type=int, default=5000)
     arguments = parser.parse_args()
-    {"structure": structure, "columns": columns}[arguments.part](
-        arguments.rigs, arguments.first_seed
-    )
+    parts = {"structure": structure, "columns": columns, "rigs": rigs}
+    parts[arguments.part](arguments.rigs, arguments.first_seed)
 
 
 if __name__ == "__main__":

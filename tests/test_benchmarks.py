@@ -33,6 +33,7 @@ SMALLEST: dict[str, tuple[str, ...]] = {
     "false_alarms": ("--first-seed", "1", "--rigs", "1"),
     "motor_faults": ("--episodes", "1"),
     "out_of_reach": ("--cases", "1"),
+    "from_logs": ("columns", "--rigs", "1"),
     "fit_command": ("lacking", "--rigs", "1", "--first-seed", "300"),
 }
 
