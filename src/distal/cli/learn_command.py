@@ -129,27 +129,13 @@ def _answer(result: Fit, logs: Sequence[Log]) -> None:
     for line in result.advice()[:MOST_ADVICE]:
         say(line)
     if scores:
-        say(_verdict(result, float(np.mean(errors)), float(np.mean(halves))))
+        say(f"answer: {result.answer()}")
     undetermined = [part.name for part in result.fitted if not part.identified and not part.noise]
     if undetermined:
         say(
             f"log next: slow motions under other loads, and over the whole range; these logs do "
             f"not tell {', '.join(undetermined[:MOST_ADVICE])}"
         )
-
-
-def _verdict(result: Fit, error: float, half: float) -> str:
-    """Return the answer in a line: error and band on logs left out, beside least squares."""
-    from distal.regression import YARDSTICKS
-
-    straight = [rms for name, rms, _ in result.scores() if name in YARDSTICKS]
-    beside = ""
-    if straight:
-        beside = f"; the best least squares err by {degrees(min(straight)):.3g}°"
-    return (
-        f"answer: the joints are known to ±{degrees(half):.2g}° (95 %), with an RMS error of "
-        f"{degrees(error):.2g}° on logs left out{beside}"
-    )
 
 
 def _limits(result: Fit, error: float) -> list[str]:

@@ -21,6 +21,7 @@ from distal.fitting.learned_maps import MapFit
 from distal.fitting.leave_out import WRITTEN, Compared, Fold
 from distal.fitting.map_samples import reference_offset, reference_std
 from distal.logs import Log, shown, write_whole
+from distal.regression import YARDSTICKS
 from distal.rig import Rig
 from distal.rounded import rounded
 
@@ -229,6 +230,28 @@ class Fit:
             rms, inside = np.mean([(score.rms, score.inside) for score in ran], axis=0)
             rows.append((name, float(rms), float(inside)))
         return sorted(rows, key=lambda row: (row[0] != WRITTEN, row[1]))
+
+    def answer(self) -> str:
+        """Return in a line how well the joints are known: error and band on held-out logs, beside
+        the best least squares; empty without held-out logs.
+        """
+        scores = [
+            score
+            for comparison in self.compared
+            if (score := comparison.scores.get(WRITTEN)) is not None
+        ]
+        if not scores:
+            return ""
+        error = np.rad2deg(np.sqrt(np.mean([score.rms**2 for score in scores])))
+        half = np.rad2deg(np.mean([score.half for score in scores]))
+        squares = [rms for name, rms, _ in self.scores() if name in YARDSTICKS]
+        beside = ""
+        if squares:
+            beside = f"; the best least squares err by {rounded(np.rad2deg(min(squares)))}°"
+        return (
+            f"on logs left out the joints are known to ±{rounded(half)}° (95 %), with an RMS error "
+            f"of {rounded(error)}°{beside}"
+        )
 
     def advice(self) -> list[str]:
         """Return sentences on what to know before the rig is used: doubts, errors that no score

@@ -16,7 +16,7 @@ from distal.reports.fitting_figures import draw_residuals, draw_traces
 from distal.reports.page import heading, html_table, page, paragraph, picture, svg_of
 from distal.reports.rig_drawing import rig_svg
 from distal.results import Estimate, make_folder
-from distal.rig import named
+from distal.rig import named, scales_in_words
 from distal.run import estimate
 
 MOST_TRACES = 8
@@ -78,8 +78,10 @@ def fit_report(fit: Fit, logs: Sequence[Log], out: str | Path) -> Path:
         if fit.homing is None
         else f" A reference is used for the first {fit.homing:g} s, then only compared with."
     )
+    answer = fit.answer()
+    summary = f"{answer[:1].upper()}{answer[1:]}. " if answer else ""
     lead = (
-        f"{fit.samples} samples of {fit.learned_from}, "
+        f"{summary}{fit.samples} samples of {fit.learned_from}, "
         f"fitted by the rig's equations, or by its filter's innovations.{use}"
     )
     path = folder / FIT_PAGES[0]
@@ -174,6 +176,8 @@ def _error(rms: float, inside: float) -> tuple[str, str]:
 
 def _doubts(fit: Fit) -> list[str]:
     lines = fit.advice()
+    if fit.rig.taken:
+        lines.append(scales_in_words(fit.rig).rstrip("."))
     if not lines:
         return []
     return [
@@ -187,15 +191,18 @@ def _left_out(fit: Fit) -> list[str]:
         return []
 
     rows = [
-        (escape(name), f"{np.rad2deg(rms):.3f}", "–" if np.isnan(inside) else f"{inside:.0%}")
+        (
+            escape(name),
+            f"{np.rad2deg(rms):.3f}",
+            "–" if np.isnan(inside) else f"{100 * inside:.0f} %",
+        )
         for name, rms, inside in fit.scores()
     ]
     text = (
         "Each log was estimated by what the others teach alone: all of the fit was done without "
         "it, "
-        "and all choices were made anew. Least squares have no prior, no band and no limits, and "
-        "no "
-        "rig file can hold them: they show what physics is worth."
+        "and all choices were made anew. Least squares have no prior, no band and no limits: "
+        "they show what physics is worth."
     )
     of_all = html_table(
         ("what gives the angle", "RMS error [°]", "inside the 95 % band"), rows, values=(1, 2)
