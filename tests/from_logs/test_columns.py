@@ -113,3 +113,9 @@ def test_without_a_time_it_says_so() -> None:
     columns["sample"] = np.arange(len(columns["column"]), dtype=float)
     with pytest.raises(LogError, match="'sample' counts rows"):
         column_roles([RawLog("one", columns)], NO_OVERRIDES)
+
+
+def test_words_of_datasets_name_no_drive() -> None:
+    assert name_evidence("observation.state.motor_position_deg").subject == ""
+    found = name_evidence("action.finger_deg")
+    assert max(found.scores, key=lambda each: found.scores[each]) == "command"

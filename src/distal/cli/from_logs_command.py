@@ -15,10 +15,13 @@ from distal.errors import RigError
 
 if TYPE_CHECKING:
     from distal.from_logs import RigFromLogs
+    from distal.logs import Episode
 
 LogsArgument = Annotated[
     list[Path],
-    Argument(help="Logs with the same columns (CSV, Parquet, HDF5), some with the joints' angles."),
+    Argument(
+        help="Logs with the same columns (CSV, Parquet, HDF5, LeRobot datasets), some with the joints' angles."
+    ),
 ]
 JointsOption = Annotated[
     str | None,
@@ -49,8 +52,17 @@ def found_in(
             raise RigError(f"--drive is a column and its unit, such as m1=ticks; '{text}' came")
         drives[column] = unit
     return rig_from_logs(
-        list(logs), truth=_listed(truth), drives=drives, ignore=_listed(ignore), name=name
+        sources_of(logs), truth=_listed(truth), drives=drives, ignore=_listed(ignore), name=name
     )
+
+
+def sources_of(logs: list[Path]) -> list[Path | Episode]:
+    """Return logs, each dataset as its episodes."""
+    from distal.logs import episodes_of, is_dataset
+
+    return [
+        source for path in logs for source in (episodes_of(path) if is_dataset(path) else [path])
+    ]
 
 
 def _listed(text: str | None) -> list[str]:

@@ -20,6 +20,7 @@ from distal.cli.from_logs_command import (
     LogsArgument,
     found_in,
     say_found,
+    sources_of,
 )
 from distal.cli.paths import (
     check_command_outputs,
@@ -79,7 +80,7 @@ def learn_command(
         text = rig.read_text(encoding="utf-8")
         load_rig(rig)  # raises where it is none
     description = build_rig(parse_toml(text, str(out), RigError), out.stem)
-    read = [read_log(path, description) for path in logs]
+    read = [read_log(source, description) for source in sources_of(logs)]
     # a job that is ended keeps the best so far, as by Ctrl-C
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with fit_progress() as show:

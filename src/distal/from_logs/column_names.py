@@ -30,7 +30,7 @@ CLEAR: Mapping[Role, str] = {
     "angle": "theta angle winkel angulo angolo truth true camera cam kamera camara mocap vicon "
     "optitrack fiducial aruco goniometer gonio joint gelenk articulation articulacion giunto tag",
     "command": "cmd command goal target setpoint sp soll sollwert consigne consigna comando "
-    "desired befehl",
+    "desired befehl action",
     "other": "temp temperature temperatur volt voltage spannung voltaje pwm duty battery index idx "
     "frame seq row id status state mode flag error err speed vel velocity geschwindigkeit vitesse "
     "velocidad velocita omega acc accel gyro humidity pressure rpm unnamed checksum",
@@ -81,6 +81,9 @@ ROLE_WORDS = frozenset(
     if not (group is WEAK and role == "angle")
 )
 """Words that say what is measured, not of what."""
+
+EMPTY_WORDS = frozenset(["observation", "state", "states", "data", "msg", "value", "reading"])
+"""Words that say neither what is measured nor of what."""
 
 DRIVES = frozenset(
     [
