@@ -253,7 +253,9 @@ def name_evidence(header: str) -> NameEvidence:
             else:
                 scores[role] -= 2.0 * CLEAR_WORD if unit else CLEAR_WORD
     kept = [
-        word for i, word in enumerate(words) if word not in ROLE_WORDS or (i > 0 and len(word) == 1)
+        word
+        for i, word in enumerate(words)
+        if word not in ROLE_WORDS | EMPTY_WORDS or (i > 0 and len(word) == 1)
     ]
     return NameEvidence(
         scores,
