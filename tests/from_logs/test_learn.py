@@ -41,8 +41,10 @@ def test_a_rig_file_that_goes_on(logs: list[Path], tmp_path: Path) -> None:
     assert "# not in the logs: friction of joints" in out.read_text()
     log = distal.read_log(logs[0], rig)
     assert distal.estimate(log, rig, compiled=False).rms_error() < 0.05
-    code, said = run("rig", "check", out)
-    assert code == 0, said
+    for words in (("rig", "check", out), ("estimate", logs[0], "--rig", out, "--no-what-if")):
+        code, said = run(*words)
+        assert code == 0, said
+        assert "the scale of length and force is assumed, not measured" in said
     code, said = run("rig", "from-logs", *logs, "--out", out)
     assert code != 0
     assert "exists already" in said

@@ -391,10 +391,14 @@ def _describe(log: Log, rig: Rig) -> None:
     """Print what was read: samples, time, rate, missing readings and gaps."""
     import numpy as np
 
+    from distal.rig import scales_in_words
+
     span = f"{log.time[0]:g} to {log.time[-1]:g} s, {log.rate:.4g} Hz"
     say(f"read {log.source}: {len(log)} samples, {span}; rig: {rig.name}")
     if rig.free_motion is not None:
         say(f"  {rig.free_motion.in_words()}")
+    if rig.taken:
+        say(f"  {scales_in_words(rig)}")
     if log.stamps is not None:
         begins = np.datetime64(int(log.stamps[0]), "ns").astype("datetime64[ms]")
         say(

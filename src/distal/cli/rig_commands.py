@@ -56,6 +56,7 @@ def check_command(rig: RigArgument, set_: SetOption = None) -> None:
         in_words,
         load_rig,
         parameters_below,
+        scales_in_words,
         step_of,
     )
 
@@ -70,6 +71,8 @@ def check_command(rig: RigArgument, set_: SetOption = None) -> None:
     counts = [
         (len(parts), name) for name, parts in zip(("joint", "drive", "tendon", "sensor"), lists)
     ]
+    if description.taken:
+        say(f"  {scales_in_words(description)}")
     say("  " + ", ".join(f"{number} {name}{'s' if number != 1 else ''}" for number, name in counts))
     for kind, parts in zip(("joints", "drives", "tendons", "sensors"), lists):
         for at, part in ((f"{kind}.{i}", part) for i, part in enumerate(parts)):
