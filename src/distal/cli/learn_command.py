@@ -124,8 +124,8 @@ def _answer(result: Fit, logs: Sequence[Log]) -> None:
             say(line)
     else:
         say(
-            f"{len(logs)} logs with known angles are too few to leave one out; with three the "
-            "answer has errors on logs that were not learned from"
+            "with three logs of known angles the answer has errors on logs that were not learned "
+            f"from; {len(logs)} came"
         )
     for line in result.advice()[:MOST_ADVICE]:
         say(line)
