@@ -125,6 +125,23 @@ def test_what_all_logs_lack_is_the_encoders_up_to_two_of_its_stds(rig: Rig) -> N
     np.testing.assert_allclose(second.targets, 0.0, atol=1e-15)
 
 
+def test_the_zero_of_a_reference_that_is_held_is_the_joints(rig: Rig) -> None:
+    """The map corrects what all logs lack, and the band still has the std of the zero."""
+    held = rig.with_values(
+        {f"sensors.{rig.sensors.index(s)}.bias.hold": True for s in rig.sensors_of("angle")}
+    )
+    offset = np.deg2rad(0.35)
+    (first, _) = without_offset([lacking(offset), lacking(offset)], held)
+    np.testing.assert_allclose(first.targets, offset)
+    learned = held.discrepancy
+    assert learned is not None
+    read = log(TruthSource(TruthKind.SENSOR, "column 'x'"))
+    wider = with_reference_error(learned, held, [read])
+    before = learned.band[0] * learned.joints[0].std
+    assert learned.band[0] * wider.joints[0].std == pytest.approx(np.hypot(before, offset))
+    assert reference_offset(held, read) == pytest.approx(offset)
+
+
 @pytest.mark.parametrize(
     ("kind", "homing", "taken"),
     [("sensor", None, True), ("file", None, False), ("sensor", 1.0, False)],

@@ -180,7 +180,7 @@ def with_reference_error(learned: LearnedMap, rig: Rig, logs: Sequence[Log]) -> 
     """
     if not any(log.truth_kind is TruthKind.SENSOR for log in logs):
         return learned
-    offsets = {sensor.of: sensor.bias.filter_std for sensor in reversed(rig.sensors_of("angle"))}
+    offsets = {sensor.of: sensor.bias.total_std for sensor in reversed(rig.sensors_of("angle"))}
     joints = tuple(
         joint.model_copy(
             update={"std": float(np.hypot(joint.std, offsets.get(joint.joint, 0.0) / band))}
@@ -247,7 +247,7 @@ def reference_offset(rig: Rig, log: Log) -> float:
     """
     if log.truth_kind is not TruthKind.SENSOR:
         return 0.0
-    return max((sensor.bias.filter_std for sensor in rig.sensors_of("angle")), default=0.0)
+    return max((sensor.bias.total_std for sensor in rig.sensors_of("angle")), default=0.0)
 
 
 def _sensors(rig: Rig) -> tuple[Sensor, ...]:

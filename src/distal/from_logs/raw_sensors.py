@@ -105,5 +105,8 @@ def reference(joint: FoundJoint, rates: Mapping[str, float]) -> Raw:
         "unit": joint.angle.unit,
         "rate": number(rates[joint.angle.header]),
         "noise": _noise(joint.angle),
-        "bias": Guess({"value": 0.0, "std": ZERO_OF_REFERENCE}, "zeros of references"),
+        # no log tells another zero of the joint, so that of its reference is kept; the band has it
+        "bias": Guess(
+            {"value": 0.0, "std": ZERO_OF_REFERENCE, "hold": True}, "zeros of references"
+        ),
     }
