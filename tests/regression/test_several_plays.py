@@ -1,5 +1,7 @@
 """Sums of play operators (Prandtl–Ishlinskii) as maps: learned, and the same sample by sample."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -15,7 +17,7 @@ from distal.regression import (
     predict,
 )
 from distal.regression.learn_map import choose_terms
-from distal.rig import PLAYS
+from distal.rig import LAGS, PLAYS
 
 Floats = NDArray[np.float64]
 NOISE = np.array([1e-4, 1e-3])
@@ -63,17 +65,18 @@ def test_several_widths_describe_what_one_cannot() -> None:
     assert rms("4 widths of positions") < 0.2 * rms("a straight line of what")
 
 
-@pytest.mark.parametrize("which", ["of positions", "of all readings"])
+@pytest.mark.parametrize("which", ["of positions, all", "of all readings", "positions and lags"])
 def test_sample_by_sample_it_is_the_same_as_over_a_log(which: str) -> None:
     terms = next(terms for terms in KIND.sets if terms.name.count(which))
     learned = fit_coefficients(LOGS[:2], KIND, terms)
     log = LOGS[2].part(np.arange(len(LOGS[2].time)) < 300)
-    assert len(learned.played) == len(PLAYS) * (1 if which == "of positions" else 2)
+    assert len(learned.played) == len(PLAYS) * (2 if which == "of all readings" else 1)
+    assert len(learned.lagged) == len(LAGS) * (2 if "lags" in which else 0)
     function = map_function(learned, 2, [False, False])
     scaled = (log.readings[0] - np.asarray(learned.centre)) / np.asarray(learned.scale)
     memory = np.zeros(memory_size(learned))
     memory[:2] = log.readings[0]
-    memory[4:] = [scaled[i] for i, _ in learned.played]
+    memory[4:] = [scaled[i] for i, _ in (*learned.played, *learned.lagged)]
     expected = predict(learned, log)
     for k, reading in enumerate(log.readings):
         x = np.concatenate([[0.02], reading, np.ones(2)])
@@ -83,6 +86,36 @@ def test_sample_by_sample_it_is_the_same_as_over_a_log(which: str) -> None:
         memory = np.array(after).ravel()
         assert float(value) == pytest.approx(expected.values[k], abs=1e-12)
         assert float(variance) == pytest.approx(expected.variances[k], rel=1e-9)
+
+
+def delayed(seed: int) -> Samples:
+    """Return a log in which the angle follows a motor late, by two lags of other speeds."""
+    log = hysteretic(seed)
+    position = log.readings[:, 0]
+    angle = np.zeros(len(position))
+    for weight, constant in ((0.5, 0.05), (0.4, 0.8)):
+        z = position[0]
+        for k, value in enumerate(position):
+            z += (1.0 - np.exp(-(0.02 if k else 0.0) / constant)) * (value - z)
+            angle[k] += weight * z
+    return replace(log, targets=angle[:, None])
+
+
+def test_lags_describe_a_joint_that_follows_late() -> None:
+    """A naive loop over the samples gives the angle; the map finds its two weights."""
+    logs = [delayed(seed) for seed in range(3)]
+    chosen = choose_terms(logs, KIND, range(3), None)
+    assert "lags" in chosen.name
+    terms = next(
+        terms for terms in KIND.sets if terms.name.startswith("a straight line, with lags")
+    )
+    learned = fit_coefficients(logs, KIND, terms)
+    weights = np.array(learned.joints[0].coefficients) / np.asarray(learned.scale)[0]
+    by_name = dict(zip(terms.terms, weights))
+    assert by_name["lag(motor)"] == pytest.approx(0.5, abs=0.01)
+    assert by_name["lag16(motor)"] == pytest.approx(0.4, abs=0.01)
+    assert by_name["lag4(motor)"] == pytest.approx(0.0, abs=0.01)
+    assert {round(constant, 6) for _, constant in learned.lagged} == {0.05, 0.2, 0.8}
 
 
 def test_the_widths_are_those_of_their_names() -> None:

@@ -32,7 +32,7 @@ from distal.regression import (
     seen,
     student,
 )
-from distal.rig import PLAYS, Affine, LearnedMap, Rig, angle_names
+from distal.rig import LAGS, PLAYS, Affine, LearnedMap, Rig, angle_names
 from distal.sensor_errors import variance
 from distal.threads import one_blas_thread
 
@@ -299,8 +299,8 @@ def learned_alone(window: Samples, kind: Kind) -> LearnedMap:
 def start_of(
     affine: Affine, joint: int, readings: Mapping[str, tuple[Scalar, Scalar]]
 ) -> tuple[Scalar, Scalar]:
-    """Return angle and variance of a joint at the first readings, at which the states of the plays
-    are unknown.
+    """Return angle and variance of a joint at the first readings, at which the states of plays and
+    lags are unknown.
 
     Outside the learned range the standard deviation grows; from `START_REACH` on, or with a missing
     reading, the variance is `NOWHERE`.
@@ -319,19 +319,20 @@ def start_of(
         half = max((affine.high[i] - affine.low[i]) / 2, 1e-12)
         far = ca.fmax(far, ca.fmax(affine.low[i] - reading, reading - affine.high[i]) / half)
         complete = ca.logic_and(complete, is_read(mask))
-    # the state of a play is within its half-width of its reading; a direction is +1 or −1
-    plays = {
+    # the state of a play is within its half-width of its reading, that of a lag is the reading
+    # where the drive rests; a direction is +1 or −1
+    states = {
         f"{play}({name})": (name, ratio * width)
         for name, width in zip(affine.channels, affine.width)
-        for play, ratio in PLAYS.items()
+        for play, ratio in (*PLAYS.items(), *dict.fromkeys(LAGS, 0.0).items())
     }
     plain = [
         i
         for i, term in enumerate(affine.terms)
-        if term == "1" or term in affine.channels or term in plays
+        if term == "1" or term in affine.channels or term in states
     ]
     turns = [i for i in range(len(affine.terms)) if i not in plain]
-    named = [plays.get(affine.terms[i], (affine.terms[i], 0.0)) for i in plain]
+    named = [states.get(affine.terms[i], (affine.terms[i], 0.0)) for i in plain]
     column = ca.vertcat(*(1 if name == "1" else phi[name] for name, _ in named))
     covariance = np.asarray(learned.covariance)[np.ix_(plain, plain)]
     coefficients = np.asarray(learned.coefficients)

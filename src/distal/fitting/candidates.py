@@ -282,7 +282,10 @@ def line_candidate(training: Training, line: MapFit, base: Candidate) -> Candida
     ]
     folds = folds_of([training.groups[i] for i in base.data])
     kind = affine_of(training.rig)
-    samples = list(base.data.values())
+    samples = [
+        _with_readings_of(filtered_log, straight)
+        for filtered_log, straight in zip(base.data.values(), among)
+    ]
     error = _rms(among, left_out_errors(among, kind, line.terms, folds, None))
     ranges = discrepancy_of(training.rig, samples)
 
@@ -328,6 +331,14 @@ def _at_times_of(samples: Samples, straight: Samples) -> Samples:
     has_target = np.isin(straight.time, samples.time[np.isfinite(samples.targets).any(axis=1)])
     targets = np.where(has_target[:, None], straight.targets, np.nan)
     return replace(straight, targets=targets, reference_std=samples.reference_std)
+
+
+def _with_readings_of(samples: Samples, straight: Samples) -> Samples:
+    """Return samples of a filter with the readings as logged, which those of `straight` are; the
+    filter's own are positions of drives, without the biases that the fit found.
+    """
+    rows = np.searchsorted(straight.time, samples.time)
+    return replace(samples, readings=straight.readings[np.minimum(rows, len(straight.time) - 1)])
 
 
 def _with_reference_error(map_fit: MapFit, training: Training) -> MapFit:

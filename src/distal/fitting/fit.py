@@ -23,6 +23,7 @@ from distal.fitting.leave_out import (
     with_written,
 )
 from distal.fitting.log_checks import check_logs
+from distal.fitting.map_samples import OFFSETS
 from distal.fitting.progress import Progress, of_part
 from distal.fitting.result import Fit
 from distal.fitting.touched_logs import touched_logs
@@ -133,17 +134,18 @@ def fit(
     def of_fold(remaining: Sequence[Log], fold: int) -> Learned:
         return learn(remaining, rig, options, of_part(progress, fold, parts), tried)
 
-    # without homing an encoder's own offset is in errors on held-out logs, and would choose
-    by_folds = homing is not None
+    # without homing an encoder's own offset is in errors on held-out logs, and must not choose
+    doubts = [sensor.bias.filter_std for sensor in rig.sensors_of("angle")]
+    offset = 0.0 if homing is not None else OFFSETS * max(doubts, default=0.0)
     done = []
     asked = 0
     if enough and "discrepancy" in learned.maps and not learned.interrupted:
         done = leave_out(read, rig, folds, of_fold, homing)
         asked = parts - 1
-        if by_folds and len(done) == asked:
-            best = candidate_by_folds(done, judged.candidates, judged.chosen)
+        if len(done) == asked:
+            best = candidate_by_folds(done, judged.candidates, judged.chosen, offset)
             learned = learned_by(judged, best) if best is not judged.chosen else learned
-        done = with_written(done, by_folds)
+        done = with_written(done, offset)
         learned = _with_free_motion(learned, done, read, folds)
     learned = replace(learned, doubts=(*_touched(aside), *learned.doubts))
     for line in far_from_priors(learned.parameters.fitted, learned.parameters.problem):

@@ -102,19 +102,31 @@ def leave_out(
 
 
 def candidate_by_folds(
-    folds: Sequence[Fold], candidates: Sequence[Candidate], preferred: Candidate
+    folds: Sequence[Fold],
+    candidates: Sequence[Candidate],
+    preferred: Candidate,
+    offset: float,
 ) -> Candidate:
     """Return the candidate that errs clearly less than the `preferred` one on held-out logs, or
     else the preferred one.
 
     The cost of a candidate is √(RMS on held-out logs · RMS beyond what it had seen), each the mean
     over all folds: twice the error within the range of the logs weighs as much as twice the error
-    beyond it.
+    beyond it. The errors must differ by more than the `offset` may explain, which the reference has
+    on all logs [rad]; a preferred candidate that cannot run on some log errs infinitely.
     """
-    costs = _costs(folds)
-    best = min(candidates, key=lambda each: costs.get(each.name, np.inf), default=preferred)
-    usual = costs.get(preferred.name, np.inf)
-    return best if costs.get(best.name, np.inf) < CLEARLY * usual else preferred
+    errors = _errors(folds)
+    unknown = (np.inf, np.inf)
+
+    def cost(candidate: Candidate) -> float:
+        rms, beyond = errors.get(candidate.name, unknown)
+        return float(np.sqrt(rms * beyond))
+
+    best = min(candidates, key=cost, default=preferred)
+    rms = errors.get(best.name, unknown)[0]
+    usual = errors.get(preferred.name, unknown)[0]
+    is_better = cost(best) < CLEARLY * cost(preferred)
+    return best if is_better and usual > np.hypot(rms, offset) else preferred
 
 
 CLEARLY = 0.9
@@ -123,9 +135,11 @@ no smaller difference. Source: judgement.
 """
 
 
-def _costs(folds: Sequence[Fold]) -> dict[str, float]:
-    """Return the mean cost of each candidate that has a score on every held-out log, by name."""
-    costs = dict[str, float]()
+def _errors(folds: Sequence[Fold]) -> dict[str, tuple[float, float]]:
+    """Return the mean RMS error on held-out logs of each candidate that has a score on all, and
+    that beyond what it had seen [rad], by name.
+    """
+    errors = dict[str, tuple[float, float]]()
     for name in {each.name: None for fold in folds for each in fold.learned.candidates}:
         scores = [comparison.scores.get(name) for fold in folds for comparison in fold.compared]
         beyond = [
@@ -135,25 +149,20 @@ def _costs(folds: Sequence[Fold]) -> dict[str, float]:
             if each.name == name and fold.compared
         ]
         if scores and None not in scores and np.isfinite(beyond).all():
-            rms = np.mean([score.rms for score in scores if score is not None])
-            costs[name] = float(np.sqrt(rms * np.mean(beyond)))
-    return costs
+            rms = float(np.mean([score.rms for score in scores if score is not None]))
+            errors[name] = rms, float(np.mean(beyond))
+    return errors
 
 
-def with_written(folds: Sequence[Fold], by_folds: bool) -> list[Fold]:
+def with_written(folds: Sequence[Fold], offset: float) -> list[Fold]:
     """Return the folds with the score `WRITTEN` added: that of the candidate which the fit would
-    write without the fold's logs.
-
-    This is the candidate that the fold's own training logs prefer, or, with `by_folds`, the one
-    that `candidate_by_folds` chooses from all other folds.
+    write without the fold's logs, which `candidate_by_folds` chooses from all other folds.
     """
     written = []
     for k, fold in enumerate(folds):
         others = [*folds[:k], *folds[k + 1 :]]
-        chosen = fold.learned.candidates[0]
-        if by_folds:
-            chosen = candidate_by_folds(others, fold.learned.candidates, chosen)
-        name = chosen.name
+        candidates = fold.learned.candidates
+        name = candidate_by_folds(others, candidates, candidates[0], offset).name
         compared = tuple(
             replace(each, scores={WRITTEN: each.scores.get(name), **each.scores})
             for each in fold.compared

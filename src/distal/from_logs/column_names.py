@@ -44,7 +44,8 @@ WEAK: Mapping[Role, str] = {
     "effort": "i moment par fx fz n ma cell zelle",
     "angle": "q ref reference mcp pip dip cmc wrist elbow finger thumb index knee yaw pitch roll "
     "jaw hand poignet doigt muneca dedo polso dito handgelenk daumen ist measured flex flexion "
-    "abd abduction",
+    "abd abduction tilt inclination bend bending orientation deflection heading neck shoulder "
+    "hip ankle toe trunk neigung beugung inclinaison inclinacion inclinazione",
     "command": "des des_ ziel cible objetivo obiettivo",
     "other": "z quality conf confidence count_rows",
 }
@@ -154,7 +155,9 @@ UNITS: Mapping[str, tuple[str, str]] = {
     "lbs": ("lbf", "N"),
     "kp": ("kgf", "N"),
     "kgcm": ("kgf cm", "N m"),
+    "step": ("count", "count"),
     "steps": ("count", "count"),
+    "pulses": ("count", "count"),
     "min": ("min", "s"),
     "v": ("V", "V"),
     "mv": ("mV", "V"),

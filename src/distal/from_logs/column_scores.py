@@ -124,7 +124,9 @@ def scores_of(
     if evidence.roughness < SMOOTH:
         scores["effort"] -= SPEAKS
     usual = max(other.changes for name, other in values.items() if name != time)
-    if evidence.missing > 0.05 or (evidence.changes < SLOW * usual and evidence.step == 0.0):
+    is_slow = evidence.changes < SLOW * usual and evidence.step == 0.0
+    is_named_drive = names[header].scores["position"] > names[header].scores["angle"]
+    if (evidence.missing > 0.05 or is_slow) and not is_named_drive:
         scores["angle"] += SPEAKS
     return scores
 
@@ -188,7 +190,8 @@ def find_joints(
     names: Mapping[str, NameEvidence],
     overruled: Collection[str],
 ) -> None:
-    """Tell joints from drives where no name does: joints follow drives.
+    """Tell joints from drives where no name does: beside columns that names call drives an angle
+    is a joint's, and the other way round; else joints follow drives.
 
     Args:
         logs: all of them.
@@ -202,12 +205,17 @@ def find_joints(
         if header not in overruled
         and best_role(scores[header]) in ("position", "angle")
         and abs(scores[header]["position"] - scores[header]["angle"]) < LIKELY
+        and abs(names[header].scores["position"] - names[header].scores["angle"]) < LIKELY
         and names[header].si in (None, "rad")
     ]
     movers = [h for h in scores if best_role(scores[h]) in ("position", "angle")]
+    named = {best_role(names[header].scores) for header in movers if header not in unclear}
     log = max(logs, key=lambda log: log.rows)
     columns = {header: _standard(log.columns[header]) for header in movers}
     for header in unclear:
+        if len(named & {"position", "angle"}) == 1:
+            scores[header]["angle" if "position" in named else "position"] += LIKELY
+            continue
         leads = 0.0
         for other in movers:
             a = columns[header]

@@ -11,7 +11,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.regression.learn_map import Kind, Terms
 from distal.regression.random_effects import row_of, rows_of_groups
-from distal.rig import CONSTANT, PLAYS, Affine, Discrepancy, JointMap, LearnedMap
+from distal.rig import CONSTANT, LAGS, PLAYS, Affine, Discrepancy, JointMap, LearnedMap
 
 DEAD_BAND = 6.0
 """Half-width of the play operator that gives a drive's direction of motion, in standard deviations
@@ -60,8 +60,15 @@ def affine_kind(
         sets.append(Terms(name, playing, width, pooled=True))
     several = (*linear, *(f"{play}({name})" for name in positions for play in PLAYS))
     every = (*linear, *(f"{play}({name})" for name in channels for play in PLAYS))
-    for terms, of in ((several, "positions"), (every, "all readings")):
-        name = f"a straight line, with plays of {len(PLAYS)} widths of {of}, all logs as one"
+    lags = tuple(f"{lag}({name})" for name in channels for lag in LAGS)
+    plays = f"plays of {len(PLAYS)} widths of"
+    for terms, adds in (
+        ((*linear, *lags), "lags"),
+        (several, f"{plays} positions"),
+        ((*several, *lags), f"{plays} positions and lags"),
+        (every, f"{plays} all readings"),
+    ):
+        name = f"a straight line, with {adds}, all logs as one"
         sets.append(Terms(name, terms, NARROWEST, pooled=True))
     channels = tuple(channels)
     joints = tuple(joints)

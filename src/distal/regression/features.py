@@ -18,7 +18,7 @@ import numpy as np
 from distal.arrays import Bools, Floats
 from distal.expressions import Scalar
 from distal.kernels import Feed, Kernel, advance
-from distal.rig import CONSTANT, PLAYS, LearnedMap, factors
+from distal.rig import CONSTANT, LAGS, PLAYS, LearnedMap, factors
 
 Value = TypeVar("Value", Floats, ca.SX)
 """The values of a term over a log, (k,), or its CasADi symbol."""
@@ -121,6 +121,7 @@ def variables(
     learned: LearnedMap,
     scaled: Sequence[Value],
     plays: Mapping[tuple[int, float], Value],
+    lags: Mapping[tuple[int, float], Value],
     widths: Sequence[Scalar],
     magnitude: Callable[[Value], Value] = np.abs,
 ) -> dict[str, Value]:
@@ -129,7 +130,8 @@ def variables(
     Args:
         learned: the map.
         scaled: the scaled readings, then the scaled angles of the filter.
-        plays: index of a channel → its scaled reading after a play operator.
+        plays: index of a channel and half-width → its scaled reading after that play operator.
+        lags: index of a channel and time constant [s] → its scaled reading after that lag.
         widths: half-widths of these play operators, (m,).
         magnitude: the function |·| of such values.
     """
@@ -141,6 +143,9 @@ def variables(
         for play, ratio in PLAYS.items():
             if (i, ratio) in plays:
                 values[f"{play}({name})"] = plays[i, ratio]
+        for lag, constant in LAGS.items():
+            if (i, constant) in lags:
+                values[f"{lag}({name})"] = lags[i, constant]
         if (i, 1.0) in plays:
             values[f"slip({name})"] = (scaled[i] - plays[i, 1.0]) / widths[i]
     for joint, angle in zip(learned.joints, scaled[m:]):
@@ -176,6 +181,25 @@ def played(values: Floats, half: float) -> Floats:
     return after
 
 
+@cache
+def _lag() -> Kernel:
+    """Return the kernel of a first-order lag, (z, (dt, x), T) → (z⁺, z⁺)."""
+    z, constant = (ca.SX.sym(name) for name in ("z", "T"))
+    x = ca.SX.sym("x", 2)
+    after = z + (1.0 - ca.exp(-x[0] / constant)) * (x[1] - z)
+    return Kernel(ca.Function("lag", [z, x, constant], [after, after]))
+
+
+def lagged(values: Floats, time: Floats, constant: float) -> Floats:
+    """Return readings `values` x, (k,), after a first-order lag: z⁺ = z + (1 − e^{−dt/T}) (x − z)
+    with T = `constant` [s] and dt between stamps of `time` [s], (k,).
+    """
+    steps = np.diff(time, prepend=time[:1])
+    feed = Feed(values[:1], np.column_stack([steps, values]), np.array([constant]))
+    after: Floats = advance(_lag(), feed).ys[:, 0]
+    return after
+
+
 def design(learned: LearnedMap, samples: Samples) -> Floats:
     """Return the values of the terms over a whole log, (k, n).
 
@@ -190,7 +214,11 @@ def design(learned: LearnedMap, samples: Samples) -> Floats:
     plays = {
         (i, ratio): played(scaled[:, i], ratio * learned.width[i]) for i, ratio in learned.played
     }
-    values = variables(learned, list(scaled.T), plays, learned.width)
+    lags = {
+        (i, constant): lagged(scaled[:, i], samples.time, constant)
+        for i, constant in learned.lagged
+    }
+    values = variables(learned, list(scaled.T), plays, lags, learned.width)
     phi = np.column_stack(columns(learned.terms, values, np.ones(len(scaled))))
     if np.isfinite(learned.fades_over):
         fading = np.array([term != CONSTANT for term in learned.terms])

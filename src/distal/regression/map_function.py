@@ -47,9 +47,9 @@ judgement.
 
 def memory_size(learned: LearnedMap) -> int:
     """Return the length of a map's memory: the last readings, their ages, and the states of its
-    play operators.
+    play operators and lags.
     """
-    return 2 * len(learned.channels) + len(learned.played)
+    return 2 * len(learned.channels) + len(learned.played) + len(learned.lagged)
 
 
 def carried_size(learned: LearnedMap, touched: Sequence[int]) -> int:
@@ -117,7 +117,7 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     parameters = ca.SX.sym("numbers", sum(sizes))
     centre, scale, low, high, rate, half_play, distance, reach, *parts = _split(parameters, sizes)
     share, spread, band, extrapolation, homed_low, homed_high, *of_joints = parts
-    held, ages, plays = _split(memory, [m, m, k])
+    held, ages, plays, lags = _split(memory, [m, m, k, len(learned.lagged)])
     is_present = [is_read(x[1 + width + i]) for i in range(m)]
     aged = [ca.if_else(is_present[i], 0, ages[i] + x[0]) for i in range(m)]
     readings = [
@@ -144,10 +144,13 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
         )
         for at, (i, ratio) in enumerate(learned.played)
     }
+    late = {
+        (i, constant): lags[at] + (1 - ca.exp(-x[0] / constant)) * (scaled[i] - lags[at])
+        for at, (i, constant) in enumerate(learned.lagged)
+    }
     widths = [half_play[i] for i in range(m)]
-    phi = ca.vertcat(
-        *columns(learned.terms, variables(learned, scaled, after, widths, ca.fabs), ca.SX(1))
-    )
+    named = variables(learned, scaled, after, late, widths, ca.fabs)
+    phi = ca.vertcat(*columns(learned.terms, named, ca.SX(1)))
     z = (symbols[:m] - centre[:m]) / scale[:m]
     far = ca.fmax(0, ca.sqrt(ca.fmax(_form(distance, z), 0)) / reach - 1)
     for i in range(n):
@@ -173,7 +176,7 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
         gains.append(share * (1 + (slopes[m + j] if n > m else 0)))
         variances.append(variance)
     outputs = [ca.vertcat(*column) for column in (values, gains, variances)]
-    outputs += [far, ca.vertcat(*readings, *aged, *(after[play] for play in learned.played))]
+    outputs += [far, ca.vertcat(*readings, *aged, *after.values(), *late.values())]
     outputs = ca.substitute(outputs, [share_in], [inner])
     outputs = ca.substitute(outputs, [symbols], [ca.vertcat(*readings, angles)[:n]])
     return ca.Function(
@@ -194,7 +197,7 @@ def first_memory(learned: LearnedMap, values: Vector, mask: Vector) -> Vector:
     plays = [
         (ca.fmin(ca.fmax(held[i], float(low[i])), float(high[i])) - learned.centre[i])
         / learned.scale[i]
-        for i, _ in learned.played
+        for i, _ in (*learned.played, *learned.lagged)
     ]
     return ca.vertcat(*held, *ages, *plays)
 

@@ -29,6 +29,7 @@ from distal.rig.insertions import Linkage, Pinned, Polynomial, Pulley, Size
 from distal.rig.joints import Joint
 from distal.rig.learned_map import (
     CONSTANT,
+    LAGS,
     PLAYS,
     Affine,
     Contact,
@@ -67,6 +68,7 @@ __all__ = [
     "ALL",
     "CONSTANT",
     "COUNTS",
+    "LAGS",
     "NOTHING_NORMAL",
     "PLAYS",
     "REFERENCES",

@@ -22,7 +22,10 @@ PLAYS = {"play": 1.0, "play3": 3.0, "play9": 9.0, "play27": 27.0}
 of them is a Prandtl–Ishlinskii operator. Source: definition (the names).
 """
 
-FORMS = ("{}", "abs({})", *(f"{name}({{}})" for name in PLAYS), "slip({})")
+LAGS = {"lag": 0.05, "lag4": 0.2, "lag16": 0.8}
+"""Name of a first-order lag in a term → its time constant [s]. Source: definition (the names)."""
+
+FORMS = ("{}", "abs({})", *(f"{name}({{}})" for name in (*PLAYS, *LAGS)), "slip({})")
 """Forms in which the reading of a sensor may stand in a term; see `LearnedMap`."""
 
 
@@ -76,8 +79,9 @@ class LearnedMap(Description):
     `scale`; ``abs(SENSOR)`` is its magnitude; ``play(SENSOR)`` is the output z of a play operator
     with half-width w = `width` that follows it; ``play3``, ``play9`` and ``play27`` are the same
     with half-widths 3 w, 9 w and 27 w; ``slip(SENSOR)`` is the direction in which it last moved,
-    (SENSOR − z)/w, between −1 and 1. ``angle(JOINT)`` is the angle of the filter itself, scaled in
-    the same way; it has no such forms.
+    (SENSOR − z)/w, between −1 and 1. ``lag(SENSOR)``, ``lag4`` and ``lag16`` follow it with the
+    time constants of `LAGS`: z⁺ = z + (1 − e^{−dt/T}) (SENSOR − z). ``angle(JOINT)`` is the angle
+    of the filter itself, scaled in the same way; it has no such forms.
     """
 
     MARGIN: ClassVar[float] = np.inf
@@ -279,6 +283,19 @@ class LearnedMap(Description):
             for i, name in enumerate(self.channels)
             for play, ratio in PLAYS.items()
             if f"{play}({name})" in used or (ratio == 1.0 and f"slip({name})" in used)
+        )
+
+    @property
+    def lagged(self) -> tuple[tuple[int, float], ...]:
+        """The first-order lags that the map's terms need: index of the channel, and time constant
+        [s].
+        """
+        used = {factor for term in self.terms for factor in factors(term)}
+        return tuple(
+            (i, constant)
+            for i, name in enumerate(self.channels)
+            for lag, constant in LAGS.items()
+            if f"{lag}({name})" in used
         )
 
 
