@@ -16,7 +16,7 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from copy import deepcopy
 from pathlib import Path
 
@@ -28,8 +28,9 @@ from benchmarks.report import table
 from benchmarks.strangers.drawn import logs_of
 from benchmarks.strangers.drawn_rigs import Drawn, drawn_rig
 from distal import estimate, load_rig, read_log
+from distal.errors import DistalError
 from distal.estimators import affine_samples
-from distal.from_logs import rig_from_logs
+from distal.from_logs import ColumnRole, rig_from_logs
 from distal.regression import YARDSTICKS, yardstick_error
 
 Floats = NDArray[np.float64]
@@ -119,89 +120,221 @@ def structure(rigs: int, first: int) -> None:
     table("from-logs-structure", f"{rigs} rigs from {first} on", ["rig", *outcomes], cells)
 
 
-Style = Callable[[str, bool], tuple[str, float]]
-"""Name of a column in the plant's log, and whether its drive turns → its header and the factor of
-its values.
+Style = Mapping[str, tuple[str, str]]
+"""Kind of a column (time, turn, slide, torque, force, angle) → its header and the unit in it; a
+column without a unit in its header is in SI.
 """
 
+FACTORS = {
+    "s": 1.0,
+    "ms": 1e3,
+    "us": 1e6,
+    "rad": 1.0,
+    "deg": 180.0 / np.pi,
+    "m": 1.0,
+    "mm": 1e3,
+    "N": 1.0,
+    "N m": 1.0,
+    "A": 1.0,
+    "mA": 1e3,
+    "turn counts": COUNTS * 100 / (2 * np.pi),
+    "servo counts": COUNTS / (2 * np.pi),
+    "slide counts": 1e7,
+}
+"""Unit → its size of one in SI; of an ampere one newton (metre) of the plant."""
 
-def _named(
-    time: tuple[str, float],
-    position: Mapping[bool, tuple[str, float]],
-    effort: tuple[str, float],
-    angle: tuple[str, float],
+ALIKE = {
+    "mA": ("mA", "cN"),
+    "A": ("A", "daN"),
+    "turn counts": ("count",),
+    "servo counts": ("count",),
+    "slide counts": ("count",),
+}
+"""Unit of a style → how a rig file may have it; else it is itself."""
+
+
+def _style(
+    time: tuple[str, str],
+    turn: tuple[str, str],
+    slide: tuple[str, str],
+    torque: tuple[str, str],
+    force: tuple[str, str],
+    angle: tuple[str, str],
 ) -> Style:
-    def style(name: str, turns: bool) -> tuple[str, float]:
-        number = name[-1]
-        header, factor = (
-            time
-            if name == "time"
-            else position[turns]
-            if name[0] == "x"
-            else effort
-            if name[0] == "u"
-            else angle
-        )
-        return header.format(n=number), factor
-
-    return style
+    named = {"time": time, "turn": turn, "slide": slide, "torque": torque, "force": force}
+    return {**named, "angle": angle}
 
 
-DEGREE = 180.0 / np.pi
 STYLES: dict[str, Style] = {
-    "units in brackets": _named(
-        ("time [s]", 1.0),
-        {True: ("motor{n} [deg]", DEGREE), False: ("slider{n} [mm]", 1e3)},
-        ("force{n} [N]", 1.0),
-        ("joint{n} [deg]", DEGREE),
+    "units in brackets": _style(
+        ("time [s]", "s"),
+        ("motor{n} [deg]", "deg"),
+        ("slider{n} [mm]", "mm"),
+        ("force{n} [N]", "N"),
+        ("force{n} [N]", "N"),
+        ("joint{n} [deg]", "deg"),
     ),
-    "units at the end": _named(
-        ("time_ms", 1e3),
-        {True: ("m{n}_pos_rad", 1.0), False: ("m{n}_pos_mm", 1e3)},
-        ("m{n}_current_mA", 1e3),
-        ("pip{n}_deg", DEGREE),
+    "units at the end": _style(
+        ("time_ms", "ms"),
+        ("m{n}_pos_rad", "rad"),
+        ("m{n}_pos_mm", "mm"),
+        ("m{n}_current_mA", "mA"),
+        ("m{n}_current_mA", "mA"),
+        ("pip{n}_deg", "deg"),
     ),
-    "ticks": _named(
-        ("timestamp_us", 1e6),
-        {True: ("enc{n}_ticks", COUNTS * 100 / (2 * np.pi)), False: ("enc{n}_ticks", 1e7)},
-        ("cur{n}_mA", 1e3),
-        ("camera_joint{n}_deg", DEGREE),
+    "ticks": _style(
+        ("timestamp_us", "us"),
+        ("enc{n}_ticks", "turn counts"),
+        ("enc{n}_ticks", "slide counts"),
+        ("cur{n}_mA", "mA"),
+        ("cur{n}_mA", "mA"),
+        ("camera_joint{n}_deg", "deg"),
     ),
-    "symbols": _named(
-        ("t", 1.0), {True: ("phi{n}", 1.0), False: ("x{n}", 1.0)}, ("u{n}", 1.0), ("theta{n}", 1.0)
+    "symbols": _style(
+        ("t", "s"),
+        ("phi{n}", "rad"),
+        ("x{n}", "m"),
+        ("u{n}", "N m"),
+        ("u{n}", "N"),
+        ("theta{n}", "rad"),
     ),
-    "camel case": _named(
-        ("timeStamp", 1.0),
-        {True: ("motorPosition{n}", 1.0), False: ("motorPosition{n}", 1.0)},
-        ("motorCurrent{n}", 1.0),
-        ("jointAngle{n}", 1.0),
+    "camel case": _style(
+        ("timeStamp", "s"),
+        ("motorPosition{n}", "rad"),
+        ("motorPosition{n}", "m"),
+        ("motorCurrent{n}", "A"),
+        ("motorCurrent{n}", "A"),
+        ("jointAngle{n}", "rad"),
     ),
-    "German": _named(
-        ("zeit_s", 1.0),
-        {True: ("antrieb{n} [deg]", DEGREE), False: ("antrieb{n} [mm]", 1e3)},
-        ("kraft{n} [N]", 1.0),
-        ("gelenk{n} [deg]", DEGREE),
+    "German": _style(
+        ("zeit_s", "s"),
+        ("antrieb{n} [deg]", "deg"),
+        ("antrieb{n} [mm]", "mm"),
+        ("kraft{n} [N]", "N"),
+        ("kraft{n} [N]", "N"),
+        ("gelenk{n} [deg]", "deg"),
     ),
-    "French": _named(
-        ("temps [s]", 1.0),
-        {True: ("moteur{n}_deg", DEGREE), False: ("moteur{n}_mm", 1e3)},
-        ("courant{n}_mA", 1e3),
-        ("articulation{n}_deg", DEGREE),
+    "French": _style(
+        ("temps [s]", "s"),
+        ("moteur{n}_deg", "deg"),
+        ("moteur{n}_mm", "mm"),
+        ("courant{n}_mA", "mA"),
+        ("courant{n}_mA", "mA"),
+        ("articulation{n}_deg", "deg"),
     ),
-    "Spanish": _named(
-        ("tiempo", 1.0),
-        {True: ("posicion_motor{n}", 1.0), False: ("posicion_motor{n}", 1.0)},
-        ("fuerza{n}", 1.0),
-        ("angulo{n}", 1.0),
+    "Spanish": _style(
+        ("tiempo", "s"),
+        ("posicion_motor{n}", "rad"),
+        ("posicion_motor{n}", "m"),
+        ("fuerza{n}", "N"),
+        ("fuerza{n}", "N"),
+        ("angulo{n}", "rad"),
     ),
-    "Italian": _named(
-        ("tempo", 1.0),
-        {True: ("posizione_motore{n}", 1.0), False: ("posizione_motore{n}", 1.0)},
-        ("corrente{n}", 1.0),
-        ("angolo_giunto{n}", 1.0),
+    "Italian": _style(
+        ("tempo", "s"),
+        ("posizione_motore{n}", "rad"),
+        ("posizione_motore{n}", "m"),
+        ("corrente{n}", "A"),
+        ("corrente{n}", "A"),
+        ("angolo_giunto{n}", "rad"),
     ),
 }
 """Ways in which builders name the columns of a log."""
+
+OTHER_STYLES: dict[str, Style] = {
+    "smart servos": _style(
+        ("Time(s)", "s"),
+        ("present_position_{n}", "servo counts"),
+        ("present_position_{n}", "slide counts"),
+        ("present_current_{n}", "mA"),
+        ("present_current_{n}", "mA"),
+        ("aruco_{n}_deg", "deg"),
+    ),
+    "slashes": _style(
+        ("Zeit/ms", "ms"),
+        ("Motorwinkel{n}/°", "deg"),
+        ("Seilweg{n}/mm", "mm"),
+        ("Strom{n}/mA", "mA"),
+        ("Seilkraft{n}/N", "N"),
+        ("Gelenkwinkel{n}/°", "deg"),
+    ),
+    "a laboratory's": _style(
+        ("time_sec", "s"),
+        ("motor_angle_{n}_rad", "rad"),
+        ("tendon_displacement_{n}_mm", "mm"),
+        ("motor_torque_{n}_Nm", "N m"),
+        ("load_cell_{n}_N", "N"),
+        ("mocap_angle_{n}_rad", "rad"),
+    ),
+    "joint states": _style(
+        ("stamp", "s"),
+        ("motor_{n}.position", "rad"),
+        ("motor_{n}.position", "m"),
+        ("motor_{n}.effort", "N m"),
+        ("motor_{n}.effort", "N"),
+        ("joint_{n}.position", "rad"),
+    ),
+    "short": _style(
+        ("ts", "s"),
+        ("M{n} (deg)", "deg"),
+        ("M{n} (mm)", "mm"),
+        ("I{n} (mA)", "mA"),
+        ("F{n} (N)", "N"),
+        ("th{n} (deg)", "deg"),
+    ),
+    "French, other words": _style(
+        ("horodatage_ms", "ms"),
+        ("position_moteur_{n} (rad)", "rad"),
+        ("course_cable_{n} (mm)", "mm"),
+        ("intensite_{n} (mA)", "mA"),
+        ("effort_{n} (N)", "N"),
+        ("angle_articulation_{n} (°)", "deg"),
+    ),
+    "Spanish, other words": _style(
+        ("marca_de_tiempo [ms]", "ms"),
+        ("giro_motor_{n} [deg]", "deg"),
+        ("carrera_{n} [mm]", "mm"),
+        ("intensidad_{n} [mA]", "mA"),
+        ("tension_cable_{n} [N]", "N"),
+        ("flexion_{n} [deg]", "deg"),
+    ),
+    "Italian, other words": _style(
+        ("istante_ms", "ms"),
+        ("rotazione_motore{n}_rad", "rad"),
+        ("corsa{n}_mm", "mm"),
+        ("coppia{n}_Nm", "N m"),
+        ("trazione{n}_N", "N"),
+        ("angolo_dito{n}_rad", "rad"),
+    ),
+    "words": _style(
+        ("seconds", "s"),
+        ("spool {n} angle", "rad"),
+        ("actuator {n} displacement", "m"),
+        ("actuator {n} torque", "N m"),
+        ("tendon {n} tension", "N"),
+        ("knuckle {n} flexion", "rad"),
+    ),
+    "without names": _style(
+        ("c0", "s"),
+        ("a{n}", "rad"),
+        ("a{n}", "m"),
+        ("b{n}", "N m"),
+        ("b{n}", "N"),
+        ("d{n}", "rad"),
+    ),
+}
+"""Other ways, which no word list was made from; `columns --other`."""
+
+
+def kind_of(name: str, turns: bool) -> str:
+    """Return the kind of a column of the plant's log, whose drives turn or slide."""
+    if name == "time":
+        return "time"
+    if name[0] == "x":
+        return "turn" if turns else "slide"
+    if name[0] == "u":
+        return "torque" if turns else "force"
+    return "angle"
 
 
 def true_role(name: str) -> str:
@@ -211,25 +344,36 @@ def true_role(name: str) -> str:
     return {"x": "position", "u": "effort"}.get(name[0], "angle")
 
 
-def columns(rigs: int, first: int) -> None:
-    """Print how many columns get the right role, by the way in which they are named."""
+def outcome_of(column: ColumnRole, role: str, unit: str) -> str:
+    """Return whether role and unit of a column are right, wrong and doubted, or wrong."""
+    if column.role != role:
+        return "wrong" if column.sureness == "sure" else "wrong, doubted"
+    if column.unit in ALIKE.get(unit, (unit,)):
+        return "right"
+    return "wrong, doubted" if column.unit_sureness == "a guess" else "wrong"
+
+
+def columns(rigs: int, first: int, styles: Mapping[str, Style]) -> None:
+    """Print how many columns get the right role and unit, by the way in which they are named."""
     rows: dict[str, Counter[str]] = {}
     for k, seed in enumerate(range(first, first + rigs)):
         rig, logs = drawn_logs(seed)
         turns = rig.raw["drives"][0]["kind"] == "capstan"
         rng = np.random.default_rng(seed)
-        name = list(STYLES)[k % len(STYLES)]
+        name = list(styles)[k % len(styles)]
+        order = rng.permutation(list(logs[0]))
+        named = {}
+        for column in order:
+            header, unit = styles[name][kind_of(column, turns)]
+            named[column] = (header.format(n=column[-1]), unit)
         renamed = []
-        order = rng.permutation(len(logs[0]))
         for log in logs:
             made = {}
-            for i in order:
-                column = list(log)[i]
-                header, factor = STYLES[name](column, turns)
-                values = log[column] * factor
-                made[header] = np.round(values) if "ticks" in header else values
+            for column, (header, unit) in named.items():
+                values = log[column] * FACTORS[unit]
+                made[header] = np.round(values) if "counts" in unit else values
             renamed.append(made)
-        roles = {STYLES[name](column, turns)[0]: true_role(column) for column in logs[0]}
+        expected = {header: (true_role(column), unit) for column, (header, unit) in named.items()}
         with tempfile.TemporaryDirectory() as folder:
             paths = [Path(folder) / f"{i}.csv" for i in range(len(renamed))]
             for made, path in zip(renamed, paths):
@@ -237,21 +381,25 @@ def columns(rigs: int, first: int) -> None:
             counted = rows.setdefault(name, Counter())
             try:
                 found = rig_from_logs(paths).columns
-            except Exception as problem:
-                counted["refused"] += len(roles)
-                print(seed, name, str(problem)[:150], file=sys.stderr)
+            except DistalError as problem:
+                counted["asked" if "--drive" in str(problem) else "refused"] += len(named)
+                print(seed, name, str(problem)[:300], file=sys.stderr)
                 continue
         for column in found:
-            if column.role == roles[column.header]:
-                counted["right"] += 1
-            else:
-                counted["wrong" if column.sureness == "sure" else "wrong, doubted"] += 1
-                print(seed, name, column.in_words, file=sys.stderr)
-    outcomes = ("right", "wrong, doubted", "wrong", "refused")
+            outcome = outcome_of(column, *expected[column.header])
+            counted[outcome] += 1
+            if outcome != "right":
+                print(seed, name, expected[column.header], column.in_words, file=sys.stderr)
+    outcomes = ("right", "wrong, doubted", "wrong", "asked", "refused")
     cells = [(name, *(str(rows[name][o]) for o in outcomes)) for name in rows]
     every = sum(rows.values(), Counter())
     cells.append(("all", *(str(every[o]) for o in outcomes)))
-    table("from-logs-columns", f"roles of columns, {rigs} rigs", ["headers", *outcomes], cells)
+    table(
+        "from-logs-columns",
+        f"roles and units of columns, {rigs} rigs from {first} on",
+        ["headers", *outcomes],
+        cells,
+    )
 
 
 def hand_written(rig: Drawn, path: Path) -> None:
@@ -352,8 +500,13 @@ def main() -> None:
     parser.add_argument("part", choices=("structure", "columns", "rigs"))
     parser.add_argument("--rigs", type=int, default=80)
     parser.add_argument("--first-seed", type=int, default=5000)
+    parser.add_argument("--other", action="store_true", help="columns: other ways of naming them")
     arguments = parser.parse_args()
-    parts = {"structure": structure, "columns": columns, "rigs": rigs}
+    if arguments.part == "columns":
+        styles = OTHER_STYLES if arguments.other else STYLES
+        columns(arguments.rigs, arguments.first_seed, styles)
+        return
+    parts = {"structure": structure, "rigs": rigs}
     parts[arguments.part](arguments.rigs, arguments.first_seed)
 
 

@@ -1,5 +1,6 @@
 """A rig from logs: columns, structure and sizes."""
 
+from distal.from_logs.column_role import ColumnRole
 from distal.from_logs.rig_from_logs import RigFromLogs, rig_from_logs
 
-__all__ = ["RigFromLogs", "rig_from_logs"]
+__all__ = ["ColumnRole", "RigFromLogs", "rig_from_logs"]

@@ -23,7 +23,7 @@ WEAK_WORD = 1.2
 CLEAR: Mapping[Role, str] = {
     "time": "t time zeit temps tiempo tempo stamp timestamp clock stempel secs seconds millis",
     "position": "enc encoder ticks tick counts count disp displacement weg recorrido x phi "
-    "posmotor motorpos servopos",
+    "posmotor motorpos servopos stroke travel hub course carrera corsa",
     "effort": "force kraft fuerza forza effort load loadcell tension zug cur curr current strom "
     "courant corriente corrente torque drehmoment couple coppia tau f u lc fsr amps traction "
     "tensione",
@@ -45,10 +45,13 @@ WEAK: Mapping[Role, str] = {
     "angle": "q ref reference mcp pip dip cmc wrist elbow finger thumb index knee yaw pitch roll "
     "jaw hand poignet doigt muneca dedo polso dito handgelenk daumen ist measured flex flexion "
     "abd abduction tilt inclination bend bending orientation deflection heading neck shoulder "
-    "hip ankle toe trunk neigung beugung inclinaison inclinacion inclinazione",
+    "hip ankle toe trunk th knuckle neigung beugung inclinaison inclinacion inclinazione",
     "command": "des des_ ziel cible objetivo obiettivo",
     "other": "z quality conf confidence count_rows",
 }
+
+SHORTEST_PART = 3
+"""Number of letters of the shortest word that a compound is made of. Source: judgement."""
 
 GREEK = {"θ": "theta", "φ": "phi", "ϕ": "phi", "τ": "tau", "ω": "omega", "α": "alpha", "β": "beta"}
 """Letters of symbols, as words."""
@@ -82,6 +85,11 @@ ROLE_WORDS = frozenset(
     if not (group is WEAK and role == "angle")
 )
 """Words that say what is measured, not of what."""
+
+WORDS = frozenset(
+    word for group in (CLEAR, WEAK) for text in group.values() for word in text.split()
+)
+"""All words of these tables."""
 
 EMPTY_WORDS = frozenset(["observation", "state", "states", "data", "msg", "value", "reading"])
 """Words that say neither what is measured nor of what."""
@@ -181,6 +189,11 @@ OF_UNIT: Mapping[str, tuple[Role, ...]] = {
 }
 """SI unit → the roles that a column in it can have."""
 
+OF_FIRST_ROLE = 2.5
+"""How much a unit of lengths or counts speaks for a drive's position, beside a command. Source:
+judgement.
+"""
+
 LETTERS = "smgAN"
 """Units of one letter as they stand at the end of a name: `F_a` is a force of a, `i_A` is in A."""
 
@@ -210,11 +223,24 @@ class NameEvidence:
 
 
 def words_of(name: str) -> list[str]:
-    """Return the words of a name in lower case: `posMotor_2` gives pos, motor, 2."""
+    """Return the words of a name in lower case: `posMotor_2` gives pos, motor, 2; `Motorwinkel`
+    gives motor, winkel.
+    """
     for letter, word in GREEK.items():
         name = name.replace(letter, f" {word} ")
     plain = "".join(letter for letter in normalize("NFKD", name) if not combining(letter))
-    return [word.lower() for word in _TOKEN.findall(plain)]
+    return [part for word in _TOKEN.findall(plain) for part in _without_compounds(word.lower())]
+
+
+def _without_compounds(word: str) -> tuple[str, ...]:
+    """Return the two words that a word is made of, or itself."""
+    if word in WORDS:
+        return (word,)
+    for i in range(SHORTEST_PART, len(word) - SHORTEST_PART + 1):
+        parts = word[:i], word[i:]
+        if all(part in WORDS for part in parts):
+            return parts
+    return (word,)
 
 
 def name_evidence(header: str) -> NameEvidence:
@@ -251,7 +277,9 @@ def name_evidence(header: str) -> NameEvidence:
         scores = dict.fromkeys(scores, 0.0) | {"command": 2.0 * CLEAR_WORD}
     if found is not None:
         for role in scores:
-            if role in OF_UNIT[found[1]]:
+            if role == OF_UNIT[found[1]][0]:
+                scores[role] += OF_FIRST_ROLE if found[1] in ("m", "count") else 1.0
+            elif role in OF_UNIT[found[1]]:
                 scores[role] += 1.0
             else:
                 scores[role] -= 2.0 * CLEAR_WORD if unit else CLEAR_WORD

@@ -15,6 +15,9 @@ from distal.from_logs.raw_joints import raw_joint
 from distal.from_logs.raw_sensors import drive_sensors, reference
 from distal.from_logs.raw_values import Raw, column_of
 
+TRUTH = "true_"
+"""Beginning of the columns in which a log has its own truth. Source: `distal.logs.Log.columns`."""
+
 
 def raw_description(
     title: str,
@@ -49,7 +52,7 @@ def raw_description(
         "tendons": [tendon for drive in drives for tendon in raw_tendons(drive, joints)],
         "sensors": [
             *(sensor for drive in drives for sensor in drive_sensors(drive, rates)),
-            *(reference(joint, rates) for joint in joints),
+            *(reference(joint, rates) for joint in joints if not _is_truth(joint.angle)),
         ],
     }
 
@@ -57,6 +60,11 @@ def raw_description(
 def log_time(time: ColumnRole) -> Raw:
     """Return where a log has its time."""
     return {"column": column_of(time), "unit": time.unit}
+
+
+def _is_truth(column: ColumnRole) -> bool:
+    """Return whether a log's own truth is in a column, which a rig file needs not name."""
+    return column.header.startswith(TRUTH)
 
 
 def _knows_force(effort: ColumnRole | None) -> bool:

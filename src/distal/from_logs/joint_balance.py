@@ -29,6 +29,17 @@ FEWEST = 5
 RESTS = 0.02
 """Speed below which a joint has no direction, per largest speed [1]. Source: judgement."""
 
+INDEPENDENT = 10.0
+"""So many samples, whose errors are alike, count as one. Source: judgement."""
+
+CLEAR_INERTIA = 4.0
+"""Inertia counts that is so many standard errors above zero [1]. Source: benchmark
+(`benchmarks.from_logs rigs`, seeds 7301 to 7304: 4 to 27 with inertia in the plant, else below 2.5).
+"""
+
+INERTIA = 3
+"""Column of the inertia in `_rows`. Source: definition."""
+
 
 @dataclass(frozen=True)
 class JointBalance:
@@ -61,10 +72,21 @@ def joint_balance(
         return None
     still, left_still = scaled_solution(matrix[:, [0, 1, 4]], torques)
     moving, left_moving = scaled_solution(matrix, torques)
-    if left_moving > SHOWN * left_still:
-        return JointBalance(float(still[0]), float(still[1]), 0.0, 0.0)
     stiffness, offset, damping, inertia, _ = (float(value) for value in moving)
+    std = left_moving * _relative_error(matrix, INERTIA)
+    if left_moving > SHOWN * left_still and inertia < CLEAR_INERTIA * std:
+        return JointBalance(float(still[0]), float(still[1]), 0.0, 0.0)
     return JointBalance(stiffness, offset, damping, inertia)
+
+
+def _relative_error(matrix: Floats, column: int) -> float:
+    """Return the standard error of the coefficient of a column per RMS of what is left, where
+    `INDEPENDENT` samples count as one.
+    """
+    size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
+    scaled = matrix / size
+    covariance = np.linalg.pinv(scaled.T @ scaled / INDEPENDENT)
+    return float(np.sqrt(covariance[column, column]) / size[column])
 
 
 def _rows(

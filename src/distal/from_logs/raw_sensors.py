@@ -14,10 +14,6 @@ SURE_ZERO = 0.01
 """Least standard deviation of the zero of a drive with two tendons [rad]. Source: judgement."""
 
 
-ZERO_OF_REFERENCE = "0.1 deg"
-"""How well a temporary encoder or a camera is aligned: no log shows that. Source: judgement."""
-
-
 RESTING = 20
 """Samples in a row with one value, from which on a sensor is quantised [1]. Source: judgement."""
 
@@ -96,7 +92,9 @@ def _noise(column: ColumnRole) -> object:
 
 
 def reference(joint: FoundJoint, rates: Mapping[str, float]) -> Raw:
-    """Return the reference sensor of a joint; `rates` are the columns' samples per second [Hz]."""
+    """Return the reference sensor of a joint, whose zero is that of the joint: no log tells
+    another; `rates` are the columns' samples per second [Hz].
+    """
     return {
         "name": f"{joint.name}_reference",
         "measures": "angle",
@@ -105,8 +103,4 @@ def reference(joint: FoundJoint, rates: Mapping[str, float]) -> Raw:
         "unit": joint.angle.unit,
         "rate": number(rates[joint.angle.header]),
         "noise": _noise(joint.angle),
-        # no log tells another zero of the joint, so that of its reference is kept; the band has it
-        "bias": Guess(
-            {"value": 0.0, "std": ZERO_OF_REFERENCE, "hold": True}, "zeros of references"
-        ),
     }
