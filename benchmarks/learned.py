@@ -1,10 +1,10 @@
 """Rigs that `distal learn` writes from logs alone, beside least squares and boosted trees.
 
 `python -m benchmarks.learned plants [--first-seed 8000] [--only finger-2n]` draws logs of plants
-that share no code with `distal.model` (`benchmarks.touch`), runs `distal learn` on their calibration
-logs without a rig file, reads the file that it wrote, and judges it on logs of free motion that
-nothing has seen. Beside it stands the yardstick that errs least on each calibration log by the rest
-of them: least squares, the same with lags or with plays, and boosted trees.
+that share no code with `distal.model` (`benchmarks.touch`), runs `distal learn` on their
+calibration logs without a rig file, reads the file that it wrote, and judges it on logs of free
+motion that nothing has seen. Beside it stands the yardstick that errs least on each calibration log
+by the rest of them: least squares, the same with lags or with plays, and boosted trees.
 """
 
 from __future__ import annotations

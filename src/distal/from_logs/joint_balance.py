@@ -34,7 +34,8 @@ INDEPENDENT = 10.0
 
 CLEAR_INERTIA = 4.0
 """Inertia counts that is so many standard errors above zero [1]. Source: benchmark
-(`benchmarks.from_logs rigs`, seeds 7301 to 7304: 4 to 27 with inertia in the plant, else below 2.5).
+(`benchmarks.from_logs rigs`, seeds 7301 to 7304: 4 to 27 with inertia in the plant, else below
+2.5).
 """
 
 INERTIA = 3
