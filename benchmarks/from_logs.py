@@ -46,14 +46,22 @@ COUNTS = 4096.0
 def drawn_logs(seed: int, every: bool = False) -> tuple[Drawn, list[Log]]:
     """Return a drawn rig and its logs: time, x0, u0, … in SI, and joint0, … in rad; those to learn
     from, or `every` one.
+
+    In logs to judge by, the angles are exact, about the zeros of the encoders of the others: no log
+    tells where else a joint may have its zero.
     """
     rig = drawn_rig(seed, False)
     logs, _ = logs_of(rig, seed)
     joints = [joint["name"] for joint in rig.raw["joints"]]
-    return rig, [
-        {"time": log.time, **log.channels, **dict(zip(joints, log.truth.values()))}
-        for log in (logs if every else logs[:LEARNED])
-    ]
+    made = []
+    for log in logs if every else logs[:LEARNED]:
+        angles = dict(zip(joints, log.truth.values()))
+        if not log.truth_kind.by_sensor:
+            angles = {
+                name: angle + offset for (name, angle), offset in zip(angles.items(), rig.offsets)
+            }
+        made.append({"time": log.time, **log.channels, **angles})
+    return rig, made
 
 
 def write(columns: Mapping[str, Floats], path: Path) -> None:

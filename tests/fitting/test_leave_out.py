@@ -14,13 +14,14 @@ from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 from distal import Log, estimate, load_rig, simulate
 from distal.fitting.candidates import (
     AFFINE_MAP,
+    AFFINE_WITHIN,
     AS_GIVEN,
     BY_EQUATIONS,
     Candidate,
     Training,
     best_of,
     filter_candidate,
-    line_candidate,
+    line_candidates,
     line_map,
 )
 from distal.fitting.fit_options import Options
@@ -130,14 +131,17 @@ def test_maps_learn_from_numbers_that_have_not_seen_the_log(
     assert parameters_without(whole, others, [0, 0]) == [whole]
 
 
+@pytest.mark.parametrize("name", [AFFINE_WITHIN, AFFINE_MAP])
 @pytest.mark.parametrize("replaced", [True, False])
 def test_a_line_replaces_the_filters_angle_only_where_that_errs_clearly_more(
-    replaced: bool, others: list[Log], alone: Learned
+    replaced: bool, name: str, others: list[Log], alone: Learned
 ) -> None:
     training = Training(tuple(others), ("0", "1"), finger_rig().bare(), OPTIONS)
     physics, line = filter_candidate("numbers", training, alone.parameters), line_map(training)
-    straight = line_candidate(training, line, physics)
-    assert straight.name == AFFINE_MAP
+    ways = {each.name: each for each in line_candidates(training, line, physics)}
+    straight = ways[name]
+    assert straight.rig.discrepancy is not None
+    assert straight.rig.discrepancy.follows == (name == AFFINE_MAP)
     physics = replace(
         physics, error=straight.error * (1.01 if replaced else 0.99), beyond=straight.beyond
     )

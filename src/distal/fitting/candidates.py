@@ -47,6 +47,11 @@ Each candidate but the affine map has a correction map (`discrepancy`) for the e
 AFFINE_MAP = "affine map"
 """Name of the candidate that reports the angle of the map `affine`."""
 
+AFFINE_WITHIN = "affine map, beyond the logs the filter"
+"""Name of the candidate that reports that angle within the range of the logs, and beyond it moves
+as the filter does.
+"""
+
 BY_EQUATIONS = "parameters by its equations"
 """Name of the candidate whose parameters are estimated by the rig's equations."""
 
@@ -268,12 +273,12 @@ def line_map(training: Training) -> MapFit:
     )
 
 
-def line_candidate(training: Training, line: MapFit, base: Candidate) -> Candidate:
-    """Return the candidate that reports the angle of the affine map `line` within the range of the
+def line_candidates(training: Training, line: MapFit, base: Candidate) -> list[Candidate]:
+    """Return the candidates that report the angle of the affine map `line` within the range of the
     logs.
 
-    Beyond this range either the affine map goes on, or the angle moves as the filter of the
-    candidate `base` does, whichever errs less in the outer part of held-out logs.
+    Beyond this range the affine map goes on (`AFFINE_MAP`), or the angle moves as the filter of the
+    candidate `base` does (`AFFINE_WITHIN`).
     """
     frame = base.maps["discrepancy"]
     among = [
@@ -300,17 +305,24 @@ def line_candidate(training: Training, line: MapFit, base: Candidate) -> Candida
 
         return learned
 
-    ways = [
-        (errors_beyond(samples, ranges, folds, None, learner(follows)), follows)
-        for follows in (False, True)
-    ]
-    beyond, follows = min((_rms(samples, errors, error), follows) for errors, follows in ways)
-    learned = as_discrepancy(line.learned, frame.learned, follows)
-    where = "" if follows else "within the range of the logs "
-    note = f"discrepancy: {where}the angle is that of affine: {line.notes[0].partition(': ')[2]}"
-    map_fit = replace(frame.with_map(learned), notes=(note, *frame.notes[1:]), terms=line.terms)
-    maps = {map_fit.table: map_fit}
-    return replace(base, name=AFFINE_MAP, rig=map_fit.rig, maps=maps, error=error, beyond=beyond)
+    def described_by(name: str, follows: bool) -> Candidate:
+        errors = errors_beyond(samples, ranges, folds, None, learner(follows))
+        learned = as_discrepancy(line.learned, frame.learned, follows)
+        where = "" if follows else "within the range of the logs "
+        note = (
+            f"discrepancy: {where}the angle is that of affine: {line.notes[0].partition(': ')[2]}"
+        )
+        map_fit = replace(frame.with_map(learned), notes=(note, *frame.notes[1:]), terms=line.terms)
+        return replace(
+            base,
+            name=name,
+            rig=map_fit.rig,
+            maps={map_fit.table: map_fit},
+            error=error,
+            beyond=_rms(samples, errors, error),
+        )
+
+    return [described_by(AFFINE_WITHIN, False), described_by(AFFINE_MAP, True)]
 
 
 def best_of(candidates: Sequence[Candidate]) -> Candidate:

@@ -11,6 +11,7 @@ import numpy as np
 
 from distal.fitting.candidates import (
     AFFINE_MAP,
+    AFFINE_WITHIN,
     AS_GIVEN,
     BY_EQUATIONS,
     BY_FILTER,
@@ -19,7 +20,7 @@ from distal.fitting.candidates import (
     best_of,
     filter_candidate,
     groups_among,
-    line_candidate,
+    line_candidates,
     line_map,
 )
 from distal.fitting.fit_options import Options
@@ -258,7 +259,7 @@ def _judged(
     candidates = (
         filters
         if training.options.homing is not None
-        else [*filters, line_candidate(training, line, base)]
+        else [*filters, *line_candidates(training, line, base)]
     )
     return best_of(candidates), candidates
 
@@ -285,7 +286,7 @@ def _as_given(chosen: Candidate, candidates: Sequence[Candidate]) -> list[str]:
     fitted = [
         candidate.error
         for candidate in candidates
-        if candidate.parameters is not None and candidate.name != AFFINE_MAP
+        if candidate.parameters is not None and candidate.name not in (AFFINE_MAP, AFFINE_WITHIN)
     ]
     if not fitted or chosen.parameters is not None:
         return []

@@ -88,7 +88,7 @@ def mistakes(
     if sentences:
         return sentences
     odd = odd_log(data, drives, joints)
-    return [] if odd is None else [odd]
+    return [] if odd is None or not odd.stops else [odd.text]
 
 
 def remarks(
@@ -96,7 +96,11 @@ def remarks(
 ) -> list[str]:
     """Return a sentence for each thing in the logs that a rig can be written in spite of."""
     lines = list(_gaps(raw, columns))
+    drives = [column.header for column in columns if column.role == "position"]
     joints = [column.header for column in columns if column.role == "angle"]
+    odd = odd_log(data, drives, joints)
+    if odd is not None:
+        lines.append(odd.text)
     for j, name in enumerate(joints):
         lag = reference_lag(data, j)
         if abs(lag) > LATE:

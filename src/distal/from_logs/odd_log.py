@@ -27,6 +27,11 @@ LIKE_OTHERS = 2.5
 Source: judgement.
 """
 
+OF_ANOTHER_RIG = 0.1
+"""Residual of a log by the others, per RMS of a drive's motion, from which on nothing is learned
+from it [1]. Source: judgement (moment arms that differ by a tenth).
+"""
+
 FACTORS = {
     180.0 / pi: "in degrees, where the others are in radians",
     pi / 180.0: "in radians, where the others are in degrees",
@@ -47,8 +52,20 @@ class _Change:
     log: MotionData
 
 
-def odd_log(logs: Sequence[MotionData], drives: Sequence[str], joints: Sequence[str]) -> str | None:
-    """Return a sentence on the log that is not like the others, None where all are alike.
+@dataclass(frozen=True)
+class OddLog:
+    """A log that is not like the others: a sentence on it, and whether a rig must not be learned
+    from all of them.
+    """
+
+    text: str
+    stops: bool
+
+
+def odd_log(
+    logs: Sequence[MotionData], drives: Sequence[str], joints: Sequence[str]
+) -> OddLog | None:
+    """Return the log that is not like the others, None where all are alike.
 
     Args:
         logs: with known angles.
@@ -71,10 +88,18 @@ def odd_log(logs: Sequence[MotionData], drives: Sequence[str], joints: Sequence[
         if np.all(
             _residual(unsuspected, [change.log]) < LIKE_OTHERS * np.maximum(alone[worst], 1e-12)
         ):
-            return f"{usable[worst].source}: {change.text}; correct the file"
-    return (
+            return OddLog(f"{usable[worst].source}: {change.text}; correct the file", True)
+    unlike = float(np.max(_residual(unsuspected, [usable[worst]])))
+    if unlike < OF_ANOTHER_RIG:
+        return OddLog(
+            f"{usable[worst].source} differs from the other logs by {100 * unlike:.0f} % of a "
+            "drive's motion: slack, a load, or a changed tendon",
+            False,
+        )
+    return OddLog(
         f"{usable[worst].source} does not agree with the other logs: is it of another rig, or was "
-        "a tendon changed? Leave it out"
+        "a tendon changed? Leave it out",
+        True,
     )
 
 
