@@ -68,6 +68,11 @@ FAR = 1.5
 map. Source: judgement.
 """
 
+LEADS = 3.0
+"""Ratio of a filter's angle error without a map to that of the affine map, above which the filter
+does not lead beyond the logs. Source: judgement.
+"""
+
 
 def groups_among(logs: Sequence[Log], options: Options) -> tuple[str, ...]:
     """Return the group of each log, whose logs are held out together: its unit with the option
@@ -278,7 +283,8 @@ def line_candidates(training: Training, line: MapFit, base: Candidate) -> list[C
     logs.
 
     Beyond this range the affine map goes on (`AFFINE_MAP`), or the angle moves as the filter of the
-    candidate `base` does (`AFFINE_WITHIN`).
+    candidate `base` does (`AFFINE_WITHIN`), unless that filter errs more than `LEADS` times as much
+    without its map.
     """
     frame = base.maps["discrepancy"]
     among = [
@@ -322,7 +328,10 @@ def line_candidates(training: Training, line: MapFit, base: Candidate) -> list[C
             beyond=_rms(samples, errors, error),
         )
 
-    return [described_by(AFFINE_WITHIN, False), described_by(AFFINE_MAP, True)]
+    candidates = [described_by(AFFINE_MAP, True)]
+    if mean_rms(base.data) < LEADS * error:
+        candidates.insert(0, described_by(AFFINE_WITHIN, False))
+    return candidates
 
 
 def best_of(candidates: Sequence[Candidate]) -> Candidate:

@@ -134,6 +134,11 @@ def _felt(estimator: AdaptiveFilter, normal: Mapping[str, float]) -> tuple[float
 
 def closed_filter(rig: Rig) -> AdaptiveFilter:
     """Return the filter of a rig without its maps, in which no touch is ever found."""
+    return AdaptiveFilter(untouched(rig.bare()), compiled=False)
+
+
+def untouched(rig: Rig) -> Rig:
+    """Return a rig whose filter never finds a touch."""
     forces = tuple(s.name for s in rig.sensors if s.measures in ("force", "tension"))
     drives = tuple(rig.drive_names)
     never = FreeMotion(
@@ -149,7 +154,7 @@ def closed_filter(rig: Rig) -> AdaptiveFilter:
         spread=(1.0,) * len(drives),
         logs=1,
     )
-    return AdaptiveFilter(rig.bare().model_copy(update={"free_motion": never}), compiled=False)
+    return rig.model_copy(update={"free_motion": never})
 
 
 def _mean(values: Floats, log: Log, time: float) -> Floats:

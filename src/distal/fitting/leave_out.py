@@ -13,6 +13,7 @@ from distal.estimators import affine_samples
 from distal.fitting.candidates import Candidate
 from distal.fitting.fitted_parameter import described
 from distal.fitting.learn import Learned
+from distal.fitting.learn_free_motion import untouched
 from distal.logs import Log, shown, true_angles
 from distal.regression import YARDSTICKS, splits, yardstick_error
 from distal.rig import Rig
@@ -216,8 +217,11 @@ def _yardsticks(log: Log, remaining: Sequence[Log], rig: Rig) -> dict[str, Score
 
 
 def _score(log: Log, rig: Rig, estimator: str, homing: float | None) -> Score | None:
+    # logs of a fit are of free motion, and without the normal forces of it, which these very logs
+    # are to show, a filter that lacks physics takes what it lacks for touches
+    free = untouched(rig) if estimator == "adaptive" and homing is None else rig
     try:
-        estimated = estimate(log, rig, estimator, compiled=False, homing=homing)
+        estimated = estimate(log, free, estimator, compiled=False, homing=homing)
     except DistalError:
         return None
     summary = estimated.summary()
