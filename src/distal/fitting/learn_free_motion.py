@@ -138,8 +138,10 @@ def closed_filter(rig: Rig) -> AdaptiveFilter:
 
 
 def untouched(rig: Rig) -> Rig:
-    """Return a rig whose filter never finds a touch."""
+    """Return a rig whose filter never finds a touch; without forces none does."""
     forces = tuple(s.name for s in rig.sensors if s.measures in ("force", "tension"))
+    if not forces:
+        return rig
     drives = tuple(rig.drive_names)
     never = FreeMotion(
         channels=forces,

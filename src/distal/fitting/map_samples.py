@@ -65,6 +65,9 @@ LEAST_FREE = 0.1
 Source: judgement.
 """
 
+LARGEST_ANGLE = 100.0
+"""Angle beyond which a filter has left all bounds [rad]. Source: judgement (sixteen turns)."""
+
 
 def filtered(
     logs: Sequence[Log],
@@ -99,7 +102,7 @@ def filtered(
         except DistalError as problem:
             refused.append(f"discrepancy: {shown(log.source)} is left out: {problem}")
             continue
-        if not np.isfinite(samples.angles).all():
+        if not np.all(np.abs(samples.angles) < LARGEST_ANGLE):  # NaN is not below it either
             refused.append(
                 f"discrepancy: {shown(log.source)} is left out: adaptive left all bounds on it"
             )

@@ -8,6 +8,7 @@ import numpy as np
 
 from distal.errors import RigError
 from distal.from_logs.column_role import ColumnRole
+from distal.from_logs.drive_helps import drive_helps
 from distal.from_logs.found_parts import FoundDrive, FoundJoint
 from distal.from_logs.motion_data import MotionData
 from distal.from_logs.sizes import drive_sizes
@@ -56,7 +57,8 @@ def drives_of(
     left = []
     for d, column in enumerate(positions):
         structure = drive_structure(logs, d, free)
-        if structure is None or structure.explained < EXPLAINED:
+        moves = structure is not None and structure.explained >= EXPLAINED
+        if structure is None or not (moves or drive_helps(logs, d)):
             left.append(f"{column.header} moves none of the joints that are known: left out")
             continue
         structures[d] = structure
