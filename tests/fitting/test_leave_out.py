@@ -27,6 +27,7 @@ from distal.fitting.candidates import (
 from distal.fitting.fit_options import Options
 from distal.fitting.jackknife import parameters_without
 from distal.fitting.learn import Learned, learn
+from distal.fitting.learn_free_motion import untouched
 from distal.fitting.leave_out import leave_out
 from distal.fitting.map_samples import discrepancy_of, filtered, partly_homed
 from distal.fitting.parameter_estimates import ParameterEstimates
@@ -288,3 +289,29 @@ def test_a_rig_as_it_came_keeps_its_numbers(others: list[Log]) -> None:
 
 def _exact(samples: Samples) -> Samples:
     return replace(samples, targets=1e-6 + 0.0 * samples.targets)
+
+
+def test_a_filter_that_leaves_all_bounds_is_no_candidate(
+    others: list[Log], alone: Learned, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    map_samples = import_module("distal.fitting.map_samples")
+    run = map_samples._filtered
+
+    def wild(*arguments: object) -> Samples:
+        samples = run(*arguments)
+        return replace(samples, angles=samples.angles + 1e90)
+
+    monkeypatch.setattr(map_samples, "_filtered", wild)
+    rigs = [finger_rig().bare()] * len(others)
+    data, refused = filtered(others, rigs, None, False)
+    assert not data
+    assert all("left all bounds" in line for line in refused)
+
+
+def test_without_forces_no_touch_is_looked_for_and_none_need_be_closed() -> None:
+    rig = finger_rig().bare()
+    without = rig.model_copy(
+        update={"sensors": tuple(s for s in rig.sensors if s.measures != "force")}
+    )
+    assert untouched(without) is without
+    assert untouched(rig).free_motion is not None

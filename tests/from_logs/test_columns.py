@@ -120,3 +120,15 @@ def test_words_of_datasets_name_no_drive() -> None:
     assert name_evidence("observation.state.motor_position_deg").subject == ""
     found = name_evidence("action.finger_deg")
     assert max(found.scores, key=lambda each: found.scores[each]) == "command"
+
+
+@pytest.mark.parametrize(
+    ("header", "unit"),
+    [("motorCurrentA", "A"), ("corrente1", "A"), ("fuerza1", "N"), ("tau2", "N m"), ("u1", "N")],
+)
+def test_the_unit_of_an_effort_without_one_is_that_of_its_word(header: str, unit: str) -> None:
+    columns = finger(1)
+    columns[header] = columns.pop("F_a") / 10.0
+    found = {c.header: c for c in column_roles([RawLog("1", columns)], NO_OVERRIDES)}
+    assert found[header].role == "effort"
+    assert found[header].unit == {"A": "daN"}.get(unit, unit)  # of a drive in a line: a force

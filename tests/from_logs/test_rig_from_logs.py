@@ -122,8 +122,72 @@ def test_two_joints_that_move_almost_alike_cannot_be_told_apart(tmp_path: Path) 
 def test_no_reference_and_no_drive_say_what_helps(tmp_path: Path) -> None:
     log = finger(0)
     paths = written([without(without(log, "mcp_deg"), "pip_deg")], tmp_path)
-    with pytest.raises(distal.DistalError, match=r"no column is taken as a joint's angle.*--truth"):
+    said = r"no column is taken as a joint's angle.*--truth.*x_a_mm goes from .* mm with a noise of"
+    with pytest.raises(distal.DistalError, match=said):
         rig_from_logs(paths)
     paths = written([{name: log[name] for name in ("t_ms", "mcp_deg", "pip_deg")}], tmp_path)
     with pytest.raises(distal.DistalError, match=r"drive's position.*--drive"):
         rig_from_logs(paths)
+
+
+def test_a_log_that_differs_a_little_is_said_and_learned_from(tmp_path: Path) -> None:
+    logs = [finger(k) for k in range(3)]
+    logs[1] = finger(1, ((8.6e-3, 6e-3), (8e-3, -5e-3), (-9e-3, -4e-3)))
+    notes = rig_from_logs(written(logs, tmp_path)).notes
+    assert any("run_1.csv differs from the other logs by" in note for note in notes)
+
+
+def test_a_logs_own_truth_is_a_reference_that_the_rig_file_need_not_name(tmp_path: Path) -> None:
+    logs = [finger(k) for k in range(3)]
+    for log in logs:
+        for name in ("mcp", "pip"):
+            log[f"true_theta_{name}"] = np.deg2rad(log.pop(f"{name}_deg"))
+    paths = written(logs, tmp_path)
+    rig = rig_from_logs(paths).rig
+    assert list(rig.joint_names) == ["mcp", "pip"]
+    assert not rig.sensors_of("angle")
+    log = distal.read_log(paths[0], rig)
+    np.testing.assert_allclose(log.truth["theta_mcp"], logs[0]["true_theta_mcp"], atol=1e-8)
+
+
+def test_inertia_and_damping_that_stand_clear_of_their_errors_are_written(tmp_path: Path) -> None:
+    """The torque of two tendons accelerates the joint: I = 2 g m², b = 0.03 N m s."""
+    logs = []
+    for k in range(3):
+        log = finger(k, ((8e-3,), (-8e-3,)))
+        time = log["t_ms"] / 1e3
+        angle = 0.5 * np.sin(2.0 * time + k) + 0.1 * np.sin(9.0 * time)
+        speed = np.cos(2.0 * time + k) + 0.9 * np.cos(9.0 * time)
+        acceleration = -2.0 * np.sin(2.0 * time + k) - 8.1 * np.sin(9.0 * time)
+        torque = 2e-3 * acceleration + 0.03 * speed
+        rng = np.random.default_rng(k)
+        made = {"t_ms": log["t_ms"]}
+        for name, side in (("a", 1.0), ("b", -1.0)):
+            tension = 12.0 + side * torque / 16e-3
+            pulled = side * 8e-3 * angle + tension / 9e3
+            made[f"x_{name}_mm"] = 1e3 * (pulled + rng.normal(0.0, 5e-6, len(time)))
+            made[f"F_{name}"] = tension + rng.normal(0.0, 0.05, len(time))
+        made["mcp_deg"] = np.rad2deg(angle) + rng.normal(0.0, 0.02, len(time))
+        logs.append(made)
+    joint = rig_from_logs(written(logs, tmp_path)).rig.joints[0]
+    assert joint.inertia.value == pytest.approx(2e-3, rel=0.1)
+    assert joint.damping.value == pytest.approx(0.03, rel=0.1)
+
+
+def test_a_drive_stays_that_tells_of_a_joint_which_does_not_tell_of_it(tmp_path: Path) -> None:
+    """A soft body: its tilt is a sum of what three motors do, and none follows from the tilt."""
+    logs = []
+    for k in range(3):
+        rng = np.random.default_rng(k)
+        time = np.arange(0.0, 20.0, 0.01)
+        motors = [np.sin(rate * time + rng.uniform(0.0, 6.0)) for rate in (1.0, 1.7, 2.3)]
+        tilt = 20.0 * motors[0] + 9.0 * motors[1] + 9.0 * motors[2]
+        names = [f"motor{i} [rad]" for i in (1, 2, 3)]
+        columns = {"t [s]": time, **dict(zip(names, motors))}
+        idle = np.sin(3.1 * time + rng.uniform(0.0, 6.0))
+        columns["motor4 [rad]"] = idle
+        columns["tilt [deg]"] = tilt + rng.normal(0.0, 0.3, len(time))
+        logs.append(columns)
+    found = rig_from_logs(written(logs, tmp_path))
+    assert len(found.rig.drives) == 3
+    assert any("motor4 [rad] moves none of the joints" in note for note in found.notes)

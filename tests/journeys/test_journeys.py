@@ -207,3 +207,33 @@ def test_a_dataset_of_robot_learning(seed: int, shell: Shell) -> None:
     shell.run("distal estimate dataset --rig mine.toml --out estimates")
     for i in range(2):
         assert (shell.folder / "estimates" / f"episode_{i:06d}.csv").is_file()
+
+
+def test_logs_alone(shell: Shell) -> None:
+    """From an archive of logs to live angles and C, with no key of a rig file typed."""
+    for path in (Path(__file__).parents[2] / "examples" / "finger_logs").glob("*.csv"):
+        lines = path.read_text(encoding="utf-8").splitlines()[:801]
+        (shell.folder / path.name).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    said = shell.run(
+        """
+        distal learn run_0.csv run_1.csv run_2.csv --out finger.toml
+        distal rig check finger.toml
+        distal estimate unseen.csv --rig finger.toml -e adaptive --no-what-if --out estimate.csv
+        distal stream --rig finger.toml < unseen.csv > stream.csv
+        distal export-c finger.toml --out firmware --name finger
+        """
+    )
+    assert "wrote finger.toml" in said
+    name = "theta"
+    offline = column(shell.folder / "estimate.csv", name)
+    np.testing.assert_allclose(column(shell.folder / "stream.csv", name), offline, atol=1e-9)
+    if COMPILES:
+        shell.run(
+            """
+            cd firmware
+            cc -std=c99 -O2 -fno-math-errno replay.c finger.c -lm -o replay
+            ./replay ../unseen.csv > ../replayed.csv
+            """
+        )
+        replayed = column(shell.folder / "replayed.csv", name)
+        np.testing.assert_allclose(replayed, offline, atol=1e-7)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from distal.errors import LogError, UnitError
-from distal.from_logs.column_names import NameEvidence
+from distal.from_logs.column_names import NameEvidence, words_of
 from distal.from_logs.column_role import ColumnRole, Sureness
 from distal.from_logs.column_scores import MANY_COUNTS
 from distal.units import unit_factor
@@ -25,6 +25,11 @@ LARGEST_AMPERES = 10.0
 
 LARGEST_METRES = 0.5
 """Displacements over a wider range are in mm. Source: physics (a hand's drives travel less)."""
+
+FORCES = frozenset(
+    ["force", "f", "kraft", "fuerza", "forza", "tension", "traction", "trazione", "tensione", "zug"]
+)
+"""Words of a force, where a header has no unit."""
 
 
 def check_unit(column: ColumnRole, name: NameEvidence) -> None:
@@ -68,7 +73,7 @@ def _si_of(unit: str, header: str) -> str:
 def _unit_by_size(column: ColumnRole) -> tuple[str, str, Sureness]:
     """Return the unit of a column whose header has none, by its role, its words and its range."""
     width = column.values.width
-    words = set(column.header.lower().replace("_", " ").replace(".", " ").split())
+    words = set(words_of(column.header))
     if column.role == "time":
         return "s", "s", "likely"
     if column.role == "angle":
@@ -76,11 +81,11 @@ def _unit_by_size(column: ColumnRole) -> tuple[str, str, Sureness]:
             return "deg", "rad", "likely"
         return "rad", "rad", "a guess"
     if column.role == "effort":
-        if words & {"torque", "tau", "drehmoment", "couple", "coppia", "u"}:
+        if words & {"torque", "tau", "drehmoment", "couple", "coppia"}:
             return "N m", "N m", "likely"
         if words & {"cur", "curr", "current", "strom", "courant", "corriente", "corrente", "i"}:
             return ("mA" if width > LARGEST_AMPERES else "A"), "A", "a guess"
-        return "N", "N", "likely" if words & {"force", "f", "kraft", "tension"} else "a guess"
+        return "N", "N", "likely" if words & FORCES else "a guess"
     if column.values.turn is not None and column.values.is_whole:
         return "count", "count", "likely"
     if column.values.is_whole and width > MANY_COUNTS:

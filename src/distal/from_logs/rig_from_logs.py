@@ -80,8 +80,9 @@ def rig_from_logs(
     if not references:
         raise RigError(
             f"no column is taken as a joint's angle ({_all(columns)}); name one by --truth. "
-            "Without an angle from a camera or a temporary encoder no log tells which joints there "
-            "are"
+            f"{_drives_alone(columns)}. Without an angle from a camera or a temporary encoder no "
+            "log tells which joints there are, which drive moves which, and how far: three logs of "
+            "40 s with one would"
         )
     unsure = [c.header for c in (*positions, *references) if c.sureness == "a guess"]
     if unsure:
@@ -125,6 +126,17 @@ def rig_from_logs(
         tuple(notes),
         imported.missing,
     )
+
+
+def _drives_alone(columns: Sequence[ColumnRole]) -> str:
+    """Return what logs without references show: range and noise of positions and efforts."""
+    shown = [
+        f"{column.header} goes from {column.values.low:.4g} to {column.values.high:.4g} "
+        f"{column.unit} with a noise of {column.values.noise:.2g} {column.unit}"
+        for column in columns
+        if column.role in ("position", "effort")
+    ]
+    return f"The logs show: {', '.join(shown)}"
 
 
 def _all(columns: Sequence[ColumnRole]) -> str:
