@@ -13,9 +13,14 @@ from mypy import api
 
 ROOT = Path(__file__).parents[1]
 BENCHMARKS = sorted(
-    path.stem
-    for path in (ROOT / "benchmarks").glob("*.py")
-    if "__main__" in path.read_text(encoding="utf-8")
+    [
+        *(
+            path.stem
+            for path in (ROOT / "benchmarks").glob("*.py")
+            if "__main__" in path.read_text(encoding="utf-8")
+        ),
+        "real",
+    ]
 )
 
 GONE = ("attr-defined", "call-arg", "name-defined")
@@ -34,6 +39,7 @@ SMALLEST: dict[str, tuple[str, ...]] = {
     "motor_faults": ("--episodes", "1"),
     "out_of_reach": ("--cases", "1"),
     "from_logs": ("columns", "--rigs", "1"),
+    "learned": ("plants", "--only", "wrist-instrument"),
     "fit_command": ("lacking", "--rigs", "1", "--first-seed", "300"),
 }
 

@@ -26,6 +26,16 @@ LARGEST_AMPERES = 10.0
 LARGEST_METRES = 0.5
 """Displacements over a wider range are in mm. Source: physics (a hand's drives travel less)."""
 
+SMALLEST_TURN = 0.1
+"""Range of a drive's position below which it is in metres, since no motor of a hand turns by so few
+radians [1]. Source: judgement.
+"""
+
+SMALLEST_TRAVEL = 3.0
+"""Range of a position called x from which on it is in millimetres; a smaller one may be an angle
+[1]. Source: judgement.
+"""
+
 FORCES = frozenset(
     ["force", "f", "kraft", "fuerza", "forza", "tension", "traction", "trazione", "tensione", "zug"]
 )
@@ -90,9 +100,11 @@ def _unit_by_size(column: ColumnRole) -> tuple[str, str, Sureness]:
         return "count", "count", "likely"
     if column.values.is_whole and width > MANY_COUNTS:
         return "count", "count", "likely"
-    if words & {"x", "disp", "displacement", "slider", "weg"}:
+    if words & {"disp", "displacement", "slider", "weg"}:
         return ("mm" if width > LARGEST_METRES else "m"), "m", "likely"
-    if width < 0.1 and not words & {"phi"}:
+    if "x" in words and not SMALLEST_TURN < width < SMALLEST_TRAVEL:
+        return ("mm" if width > SMALLEST_TRAVEL else "m"), "m", "likely"
+    if width < SMALLEST_TURN and not words & {"phi"}:
         return "m", "m", "a guess"
     return ("deg" if width > LARGEST_RADIANS else "rad"), "rad", "a guess"
 
