@@ -31,11 +31,6 @@ SMALLEST_TURN = 0.1
 radians [1]. Source: judgement.
 """
 
-SMALLEST_TRAVEL = 3.0
-"""Range of a position called x from which on it is in millimetres; a smaller one may be an angle
-[1]. Source: judgement.
-"""
-
 FORCES = frozenset(
     ["force", "f", "kraft", "fuerza", "forza", "tension", "traction", "trazione", "tensione", "zug"]
 )
@@ -102,8 +97,8 @@ def _unit_by_size(column: ColumnRole) -> tuple[str, str, Sureness]:
         return "count", "count", "likely"
     if words & {"disp", "displacement", "slider", "weg"}:
         return ("mm" if width > LARGEST_METRES else "m"), "m", "likely"
-    if "x" in words and not SMALLEST_TURN < width < SMALLEST_TRAVEL:
-        return ("mm" if width > SMALLEST_TRAVEL else "m"), "m", "likely"
+    if "x" in words and not SMALLEST_TURN < width < LARGEST_RADIANS:  # else it may be an angle
+        return ("mm" if width > LARGEST_RADIANS else "m"), "m", "likely"
     if width < SMALLEST_TURN and not words & {"phi"}:
         return "m", "m", "a guess"
     return ("deg" if width > LARGEST_RADIANS else "rad"), "rad", "a guess"
