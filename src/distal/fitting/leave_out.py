@@ -157,7 +157,8 @@ def _errors(folds: Sequence[Fold]) -> dict[str, tuple[float, float]]:
 
 def with_written(folds: Sequence[Fold], offset: float) -> list[Fold]:
     """Return the folds with the score `WRITTEN` added: that of the candidate which the fit would
-    write without the fold's logs, which `candidate_by_folds` chooses from all other folds.
+    write without the fold's logs, which `candidate_by_folds` chooses from all other folds with the
+    error `offset` of the reference [rad].
     """
     written = []
     for k, fold in enumerate(folds):
