@@ -13,10 +13,14 @@ import tempfile
 from pathlib import Path
 
 from benchmarks.learned import COLUMNS, row_of
-from benchmarks.real import grasper, trunks
+from benchmarks.real import grasper, neck, trunks
 from benchmarks.report import table
 
-SETS = {"trunk-stack": trunks.splits, "da_vinci_grasper": grasper.splits}
+SETS = {
+    "Data-and-Results": neck.splits,
+    "da_vinci_grasper": grasper.splits,
+    "trunk-stack": trunks.splits,
+}
 """Name of a folder in `DISTAL_REAL` → function that yields the splits of its logs."""
 
 

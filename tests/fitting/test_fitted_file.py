@@ -131,7 +131,7 @@ def test_other_models_widen_the_report_alone(found: Found) -> None:
 
 def test_the_candidates_are_of_each_kind(found: Found) -> None:
     names = [candidate.name for candidate in found.candidates]
-    assert len(set(names)) == len(names) == 4
+    assert len(set(names)) == len(names) == 5
     assert sum("play" in name for name in names) == 1
 
 

@@ -23,11 +23,11 @@ def drive_helps(logs: Sequence[MotionData], drive: int) -> bool:
     on logs that were left out.
     """
     every = range(logs[0].positions.shape[1])
-    others = [d for d in every if d != drive]
+    remaining = [d for d in every if d != drive]
     usable = [log for log in logs if np.isfinite(log.angles).all(axis=1).sum() > len(every)]
-    if len(usable) < 2 or not others:
+    if len(usable) < 2 or not remaining:
         return False
-    ratios = _errors(usable, others) / np.maximum(_errors(usable, list(every)), 1e-12)
+    ratios = _errors(usable, remaining) / np.maximum(_errors(usable, list(every)), 1e-12)
     return bool(np.max(ratios) > HELPS)
 
 

@@ -62,9 +62,10 @@ def affine_kind(
     every = (*linear, *(f"{play}({name})" for name in channels for play in PLAYS))
     lags = tuple(f"{lag}({name})" for name in channels for lag in LAGS)
     plays = f"plays of {len(PLAYS)} widths of"
+    # of alike errors the first is taken: plays stay right at other speeds, lags need not
     for terms, adds in (
-        ((*linear, *lags), "lags"),
         (several, f"{plays} positions"),
+        ((*linear, *lags), "lags"),
         ((*several, *lags), f"{plays} positions and lags"),
         (every, f"{plays} all readings"),
     ):
