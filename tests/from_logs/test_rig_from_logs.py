@@ -150,8 +150,13 @@ def test_a_logs_own_truth_is_a_reference_that_the_rig_file_need_not_name(tmp_pat
     np.testing.assert_allclose(log.truth["theta_mcp"], logs[0]["true_theta_mcp"], atol=1e-8)
 
 
-def test_inertia_and_damping_that_stand_clear_of_their_errors_are_written(tmp_path: Path) -> None:
-    """The torque of two tendons accelerates the joint: I = 2 g m², b = 0.03 N m s."""
+@pytest.mark.parametrize("disturbance", [0.0, 0.04])
+def test_inertia_and_damping_that_stand_clear_of_their_errors_are_written(
+    tmp_path: Path, disturbance: float
+) -> None:
+    """The torque of two tendons accelerates the joint: I = 2 g m², b = 0.03 N m s; a random torque
+    as large as theirs [N m] hides them from the residual alone.
+    """
     logs = []
     for k in range(3):
         log = finger(k, ((8e-3,), (-8e-3,)))
@@ -159,8 +164,8 @@ def test_inertia_and_damping_that_stand_clear_of_their_errors_are_written(tmp_pa
         angle = 0.5 * np.sin(2.0 * time + k) + 0.1 * np.sin(9.0 * time)
         speed = np.cos(2.0 * time + k) + 0.9 * np.cos(9.0 * time)
         acceleration = -2.0 * np.sin(2.0 * time + k) - 8.1 * np.sin(9.0 * time)
-        torque = 2e-3 * acceleration + 0.03 * speed
         rng = np.random.default_rng(k)
+        torque = 2e-3 * acceleration + 0.03 * speed + disturbance * rng.normal(size=len(time))
         made = {"t_ms": log["t_ms"]}
         for name, side in (("a", 1.0), ("b", -1.0)):
             tension = 12.0 + side * torque / 16e-3
@@ -170,8 +175,8 @@ def test_inertia_and_damping_that_stand_clear_of_their_errors_are_written(tmp_pa
         made["mcp_deg"] = np.rad2deg(angle) + rng.normal(0.0, 0.02, len(time))
         logs.append(made)
     joint = rig_from_logs(written(logs, tmp_path)).rig.joints[0]
-    assert joint.inertia.value == pytest.approx(2e-3, rel=0.1)
-    assert joint.damping.value == pytest.approx(0.03, rel=0.1)
+    assert joint.inertia.value == pytest.approx(2e-3, rel=0.15)
+    assert joint.damping.value == pytest.approx(0.03, rel=0.15)
 
 
 def test_a_drive_stays_that_tells_of_a_joint_which_does_not_tell_of_it(tmp_path: Path) -> None:
