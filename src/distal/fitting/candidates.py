@@ -25,9 +25,11 @@ from distal.fitting.missing_terms import MissingTerm
 from distal.fitting.parameter_estimates import ParameterEstimates
 from distal.logs import Log, true_angles
 from distal.regression import (
+    Blend,
     Errors,
     Learner,
     Samples,
+    Terms,
     as_discrepancy,
     errors_beyond,
     fit_coefficients,
@@ -47,9 +49,9 @@ Each candidate but the affine map has a correction map (`discrepancy`) for the e
 AFFINE_MAP = "affine map"
 """Name of the candidate that reports the angle of the map `affine`."""
 
-AFFINE_WITHIN = "affine map, beyond the logs the filter"
-"""Name of the candidate that reports that angle within the range of the logs, and beyond it moves
-as the filter does.
+BLEND = "blend of the best filter and the affine map"
+"""Name of the candidate whose angle is a weighted mean of the best filter's and the affine map's
+within the range of the logs; beyond it moves as the filter does.
 """
 
 BY_EQUATIONS = "parameters by its equations"
@@ -71,6 +73,12 @@ map. Source: judgement.
 LEADS = 3.0
 """Ratio of a filter's angle error without a map to that of the affine map, above which the filter
 does not lead beyond the logs. Source: judgement.
+"""
+
+
+FOR_WEIGHTS = 3
+"""Least number of logs, or groups of logs, that tell the weights of a blend: to be held out in turn
+while two or more teach. Source: judgement.
 """
 
 
@@ -279,12 +287,11 @@ def line_map(training: Training) -> MapFit:
 
 
 def line_candidates(training: Training, line: MapFit, base: Candidate) -> list[Candidate]:
-    """Return the candidates that report the angle of the affine map `line` within the range of the
-    logs.
+    """Return the candidates that report the angle of the affine map `line`.
 
-    Beyond this range the affine map goes on (`AFFINE_MAP`), or the angle moves as the filter of the
-    candidate `base` does (`AFFINE_WITHIN`), unless that filter errs more than `LEADS` times as much
-    without its map.
+    They are the `BLEND` with the filter of the candidate `base`, unless that errs more than `LEADS`
+    times as much without its map, or there are fewer logs than `FOR_WEIGHTS`; and the map alone,
+    which goes on beyond the logs (`AFFINE_MAP`).
     """
     frame = base.maps["discrepancy"]
     among = [
@@ -297,41 +304,70 @@ def line_candidates(training: Training, line: MapFit, base: Candidate) -> list[C
         _with_readings_of(filtered_log, straight)
         for filtered_log, straight in zip(base.data.values(), among)
     ]
-    error = _rms(among, left_out_errors(among, kind, line.terms, folds, None))
     ranges = discrepancy_of(training.rig, samples)
+    said = line.notes[0].partition(": ")[2]
 
-    def learner(follows: bool) -> Learner:
-        def learned(logs: Sequence[int], parts: Sequence[Bools]) -> LearnedMap:
-            inner = [samples[i].part(part) for i, part in zip(logs, parts)]
-            straight = [
-                among[i].part(np.isin(among[i].time, part.time)) for i, part in zip(logs, inner)
-            ]
-            inner_line = fit_coefficients(straight, kind, line.terms)
-            return as_discrepancy(inner_line, fit_coefficients(inner, ranges, frame.terms), follows)
-
-        return learned
-
-    def described_by(name: str, follows: bool) -> Candidate:
-        errors = errors_beyond(samples, ranges, folds, None, learner(follows))
-        learned = as_discrepancy(line.learned, frame.learned, follows)
-        where = "" if follows else "within the range of the logs "
-        note = (
-            f"discrepancy: {where}the angle is that of affine: {line.notes[0].partition(': ')[2]}"
-        )
-        map_fit = replace(frame.with_map(learned), notes=(note, *frame.notes[1:]), terms=line.terms)
+    def judged(
+        name: str,
+        learned: LearnedMap,
+        terms: Terms,
+        note: str,
+        errors: Sequence[Sequence[Errors]],
+        learner: Learner,
+    ) -> Candidate:
+        map_fit = replace(frame.with_map(learned), notes=(note, *frame.notes[1:]), terms=terms)
+        error = _rms(samples, errors)
         return replace(
             base,
             name=name,
             rig=map_fit.rig,
             maps={map_fit.table: map_fit},
             error=error,
-            beyond=_rms(samples, errors, error),
+            beyond=_rms(samples, errors_beyond(samples, ranges, folds, None, learner), error),
         )
 
-    candidates = [described_by(AFFINE_MAP, True)]
-    if mean_rms(base.data) < LEADS * error:
-        candidates.insert(0, described_by(AFFINE_WITHIN, False))
-    return candidates
+    def learned_line(logs: Sequence[int], parts: Sequence[Bools]) -> LearnedMap:
+        inner = [samples[i].part(part) for i, part in zip(logs, parts)]
+        straight = [
+            among[i].part(np.isin(among[i].time, part.time)) for i, part in zip(logs, inner)
+        ]
+        inner_line = fit_coefficients(straight, kind, line.terms)
+        return as_discrepancy(inner_line, fit_coefficients(inner, ranges, frame.terms))
+
+    alone = judged(
+        AFFINE_MAP,
+        as_discrepancy(line.learned, frame.learned),
+        line.terms,
+        f"discrepancy: the angle is that of affine: {said}",
+        left_out_errors(among, kind, line.terms, folds, None),
+        learned_line,
+    )
+    if len(set(folds)) < FOR_WEIGHTS or mean_rms(base.data) >= LEADS * alone.error:
+        return [alone]
+    blend = Blend.of(samples, ranges, line.terms, folds)
+
+    def learned_blend(logs: Sequence[int], parts: Sequence[Bools]) -> LearnedMap:
+        inner = [samples[i].part(part) for i, part in zip(logs, parts)]
+        return blend.learned(inner, [folds[i] for i in logs])
+
+    errors = blend.left_out_errors(samples, folds)
+    mixed = blend.sized(samples, folds, errors)
+    shares = ", ".join(
+        f"{joint.joint} {100 * weight:.0f} %"
+        for joint, weight in zip(mixed.joints, blend.weights(samples, folds))
+    )
+    note = f"discrepancy: blended with the affine map, {said}, whose weight is {shares}"
+    return [
+        judged(
+            BLEND,
+            _with_reference_error(frame.with_map(mixed), training).learned,
+            blend.line,
+            note,
+            errors,
+            learned_blend,
+        ),
+        alone,
+    ]
 
 
 def best_of(candidates: Sequence[Candidate]) -> Candidate:

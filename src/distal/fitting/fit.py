@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from distal.errors import DistalWarning, EstimationError, FitError
+from distal.fitting.candidates import BLEND, FOR_WEIGHTS, Candidate
 from distal.fitting.doubts import far_from_priors
 from distal.fitting.fit_options import Options
 from distal.fitting.learn import Learned, judge, learn, learned_by
@@ -135,8 +136,8 @@ def fit(
         return learn(remaining, rig, options, of_part(progress, fold, parts), tried)
 
     # without homing an encoder's own offset is in errors on held-out logs, and must not choose
-    doubts = [sensor.bias.filter_std for sensor in rig.sensors_of("angle")]
-    offset = 0.0 if homing is not None else OFFSETS * max(doubts, default=0.0)
+    zeros = [sensor.bias.filter_std for sensor in rig.sensors_of("angle")]
+    offset = 0.0 if homing is not None else OFFSETS * max(zeros, default=0.0)
     done = []
     asked = 0
     if enough and "discrepancy" in learned.maps and not learned.interrupted:
@@ -145,12 +146,24 @@ def fit(
         if len(done) == asked:
             best = candidate_by_folds(done, judged.candidates, judged.chosen, offset)
             learned = learned_by(judged, best) if best is not judged.chosen else learned
+            doubts = (*learned.doubts, *_too_few_for_weights(judged.chosen, best, asked))
+            learned = replace(learned, doubts=doubts)
         done = with_written(done, offset)
         learned = _with_free_motion(learned, done, read, folds)
     learned = replace(learned, doubts=(*_touched(aside), *learned.doubts))
     for line in far_from_priors(learned.parameters.fitted, learned.parameters.problem):
         warnings.warn(line, DistalWarning, stacklevel=2)
     return Fit.of(learned, start_rig, read, options, tuple(done), asked, servos)
+
+
+def _too_few_for_weights(chosen: Candidate, best: Candidate, folds: int) -> list[str]:
+    """Return a sentence where a blend errs least that so few logs cannot judge."""
+    if chosen.name != BLEND or best is chosen or folds > FOR_WEIGHTS:
+        return []
+    return [
+        f"a {BLEND} may err less, but {folds} logs or groups of logs cannot judge its weights; "
+        f"log {FOR_WEIGHTS + 1} or more"
+    ]
 
 
 def _touched(aside: Sequence[Log]) -> list[str]:

@@ -11,8 +11,8 @@ import numpy as np
 
 from distal.fitting.candidates import (
     AFFINE_MAP,
-    AFFINE_WITHIN,
     AS_GIVEN,
+    BLEND,
     BY_EQUATIONS,
     BY_FILTER,
     Candidate,
@@ -286,7 +286,7 @@ def _as_given(chosen: Candidate, candidates: Sequence[Candidate]) -> list[str]:
     fitted = [
         candidate.error
         for candidate in candidates
-        if candidate.parameters is not None and candidate.name not in (AFFINE_MAP, AFFINE_WITHIN)
+        if candidate.parameters is not None and candidate.name not in (AFFINE_MAP, BLEND)
     ]
     if not fitted or chosen.parameters is not None:
         return []

@@ -5,6 +5,7 @@ the width of the band, the update by a homing move, and the kernel of a learned 
 from distal.regression.affine import affine_kind, as_discrepancy
 from distal.regression.after_homing import EXPECTED, calibrate_window, seen
 from distal.regression.band import Errors, conformal_factor, inflate_band, rms_beyond_noise, student
+from distal.regression.blend import Blend
 from distal.regression.contact import contact_kind
 from distal.regression.cross_validation import folds_of, groups_of, splits
 from distal.regression.discrepancy import discrepancy_kind
@@ -34,6 +35,7 @@ from distal.regression.yardsticks import YARDSTICKS, yardstick_error
 __all__ = [
     "EXPECTED",
     "YARDSTICKS",
+    "Blend",
     "Errors",
     "Kind",
     "Learner",

@@ -10,8 +10,8 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.regression.learn_map import Kind, Terms
-from distal.regression.random_effects import row_of, rows_of_groups
-from distal.rig import CONSTANT, LAGS, PLAYS, Affine, Discrepancy, JointMap, LearnedMap
+from distal.regression.random_effects import joint_map
+from distal.rig import CONSTANT, LAGS, PLAYS, Affine, Discrepancy, LearnedMap
 
 DEAD_BAND = 6.0
 """Half-width of the play operator that gives a drive's direction of motion, in standard deviations
@@ -28,7 +28,7 @@ NARROWEST = 0.03
 Source: judgement.
 """
 
-DIRECTIONS_HELP = 0.95
+DIRECTIONS_HELP = 0.98
 """Share of the RMS error on held-out logs, below which directions or plays must bring it so that
 they are used. Source: judgement.
 """
@@ -86,35 +86,36 @@ def affine_kind(
     )
 
 
-def as_discrepancy(affine: LearnedMap, frame: LearnedMap, follows: bool = False) -> Discrepancy:
+def as_discrepancy(affine: LearnedMap, frame: LearnedMap) -> Discrepancy:
     """Return the discrepancy δ = φᵀ b − θ with which a filter of angle θ reports the angle φᵀ b of
-    the map `affine`.
+    the map `affine`, within the range of the logs and beyond it.
 
-    Within the learned range the map replaces the filter's own angle and its error. Beyond it the
-    terms stay constant, so that the reported angle moves as the filter's does; with `follows` the
-    affine map goes on instead. The range of the filter's own angles is that of `frame`, a
-    discrepancy learned from the same logs.
+    The range of the filter's own angles is that of `frame`, a discrepancy learned from the same
+    logs.
     """
     m = len(affine.channels)
-    n = len(affine.terms)
-    nj = len(affine.joints)
-    joints = []
-    for j, joint in enumerate(affine.joints):
-        coefficients = np.concatenate([joint.coefficients, np.zeros(nj)])
-        coefficients[affine.terms.index(CONSTANT)] -= frame.centre[m + j]
-        coefficients[n + j] = -frame.scale[m + j]
-        covariance = np.pad(np.asarray(joint.covariance), (0, nj))
-        b = row_of(coefficients)
-        c = rows_of_groups(covariance)
-        joints.append(JointMap(joint=joint.joint, coefficients=b, covariance=c, std=joint.std))
-    ranges = ("centre", "scale", "low", "high", "rate")
-    same = ("channels", "width", "distance", "reach", "correlation_time", "band", "logs", "dropped")
-    return Discrepancy(
-        terms=(*affine.terms, *(f"angle({joint.joint})" for joint in affine.joints)),
-        tracked=False,
-        **{name: (*getattr(affine, name), *getattr(frame, name)[m:]) for name in ranges},
-        **{name: getattr(affine, name) for name in same},
-        spread=affine.spread if follows else frame.spread,
-        follows=follows,
-        joints=tuple(joints),
+    wider = affine.model_copy(
+        update={
+            name: (*getattr(affine, name), *getattr(frame, name)[m:])
+            for name in ("centre", "scale", "low", "high", "rate")
+        }
     )
+    fields = less_the_angle(wider).model_dump(exclude={"tracked", "follows"})
+    return Discrepancy(**fields, tracked=False, follows=True)
+
+
+def less_the_angle(line: LearnedMap) -> LearnedMap:
+    """Return the map of δ = φᵀ b − θ for a map φᵀ b of the angle: with it a filter of angle θ
+    reports φᵀ b.
+    """
+    m = len(line.channels)
+    own = [f"angle({joint.joint})" for joint in line.joints]
+    terms = (*line.terms, *own)
+    joints = []
+    for j, joint in enumerate(line.joints):
+        coefficients = np.pad(joint.coefficients, (0, len(own)))
+        coefficients[terms.index(CONSTANT)] -= line.centre[m + j]
+        coefficients[terms.index(own[j])] = -line.scale[m + j]
+        covariance = np.pad(np.asarray(joint.covariance), (0, len(own)))
+        joints.append(joint_map(joint.joint, coefficients, covariance, joint.std))
+    return line.model_copy(update={"terms": terms, "joints": tuple(joints)})

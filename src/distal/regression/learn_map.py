@@ -370,12 +370,22 @@ def calibrate_band(
     With fewer than `ENOUGH_LOGS` logs or groups the spread of the coefficients is widened by
     Student's factor. `homing` [s] is as in `learn_map`.
     """
-    learned = fit_coefficients(logs, kind, chosen)
+    errors = left_out_errors(logs, kind, chosen, folds, homing) if len(set(folds)) > 1 else []
+    return sized_by(fit_coefficients(logs, kind, chosen), kind, folds, len(logs), errors)
+
+
+def sized_by(
+    learned: LearnedMap,
+    kind: Kind,
+    folds: Sequence[int],
+    logs: int,
+    errors: Sequence[Sequence[Errors]],
+) -> LearnedMap:
+    """Return a map that so many logs taught, its band sized by the `errors` on held-out logs."""
     count = len(set(folds))
     # a scatter that is estimated from few logs follows Student's distribution
-    draws = count if kind.by_group else len(logs)
+    draws = count if kind.by_group else logs
     wider = 1.0 if draws >= ENOUGH_LOGS else student(draws - 1)
-    errors = left_out_errors(logs, kind, chosen, folds, homing) if count > 1 else []
     if errors:
         learned = sized(learned, errors, count >= ENOUGH_LOGS)
     return widened_between(learned, wider)

@@ -274,11 +274,18 @@ def filled_groups(
     square = np.zeros((size, size))
     coefficients[list(columns)] = mean
     square[np.ix_(columns, columns)] = covariance
+    return joint_map(joint.joint, coefficients, square, float(std))
+
+
+def joint_map(name: str, coefficients: Floats, covariance: Floats, std: float) -> JointMap:
+    """Return the map of a joint with such coefficients [rad], (n,), their covariance [rad²], (n,
+    n), and the std of the residual [rad].
+    """
     return JointMap(
-        joint=joint.joint,
+        joint=name,
         coefficients=row_of(coefficients),
-        covariance=rows_of_groups(square),
-        std=float(std),
+        covariance=rows_of_groups(covariance),
+        std=std,
     )
 
 
