@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 import distal
+from distal.errors import RigError
 from distal.from_logs import rig_from_logs
-from tests.from_logs.logs import finger, written
+from distal.regression import played
+from tests.from_logs.logs import Floats, finger, motion, written
 
 ARMS = ((8e-3, 6e-3), (8e-3, -5e-3), (-9e-3, -4e-3))
 
@@ -196,3 +198,35 @@ def test_a_drive_stays_that_tells_of_a_joint_which_does_not_tell_of_it(tmp_path:
     found = rig_from_logs(written(logs, tmp_path))
     assert len(found.rig.drives) == 3
     assert any("motor4 [rad] moves none of the joints" in note for note in found.notes)
+
+
+def underactuated(seed: int) -> dict[str, Floats]:
+    """Return a log of two motors and three joints: the tip moves a share with the middle joint, and
+    lags behind it by a play.
+    """
+    rng = np.random.default_rng(seed)
+    time, angles = motion(seed, 2)
+    tip = 0.7 * played(angles[:, 1], 0.1)
+    motors = np.column_stack([angles[:, 0] - 0.8 * angles[:, 1], 0.5 * angles[:, 0] + angles[:, 1]])
+    columns = {"t [s]": time, "m1 [rad]": motors[:, 0], "m2 [rad]": motors[:, 1]}
+    for name, column in zip(("mcp", "pip", "dip"), (*angles.T, tip)):
+        columns[f"{name} [deg]"] = np.rad2deg(column) + rng.normal(0.0, 0.1, len(time))
+    return columns
+
+
+def test_a_joint_that_moves_with_the_others_is_moved_by_a_drive_and_doubted(tmp_path: Path) -> None:
+    found = rig_from_logs(written([underactuated(k) for k in range(3)], tmp_path))
+    assert found.rig.joint_names == ["mcp", "pip", "dip"]
+    doubts = [
+        line for line in found.untellable if line.startswith("dip moves with the other joints")
+    ]
+    assert len(doubts) == 1
+    assert "cannot be told which drive" in doubts[0]
+
+
+def test_an_angle_that_no_drive_tells_is_refused(tmp_path: Path) -> None:
+    logs = [underactuated(k) for k in range(3)]
+    for k, columns in enumerate(logs):
+        columns["dip [deg]"] = np.rad2deg(motion(50 + k, 1)[1][:, 0])
+    with pytest.raises(RigError, match=r"no drive moves dip.*--ignore"):
+        rig_from_logs(written(logs, tmp_path))

@@ -1,5 +1,5 @@
-"""Whether the position of a drive tells something of the joints, though they do not tell its
-position: in a soft body, or where tendons stretch by more than they move.
+"""What the drives' positions tell of the joints, by least squares on logs that were left out: more
+than the joints tell of them in a soft body, or where several joints share few drives.
 """
 
 from __future__ import annotations
@@ -24,11 +24,27 @@ def drive_helps(logs: Sequence[MotionData], drive: int) -> bool:
     """
     every = range(logs[0].positions.shape[1])
     remaining = [d for d in every if d != drive]
-    usable = [log for log in logs if np.isfinite(log.angles).all(axis=1).sum() > len(every)]
+    usable = _usable(logs, len(every))
     if len(usable) < 2 or not remaining:
         return False
     ratios = _errors(usable, remaining) / np.maximum(_errors(usable, list(every)), 1e-12)
     return bool(np.max(ratios) > HELPS)
+
+
+def told_by_drives(logs: Sequence[MotionData], joint: int) -> float:
+    """Return the share of a joint's variance that all drives explain on logs left out, 0 where it
+    cannot be said.
+    """
+    every = list(range(logs[0].positions.shape[1]))
+    usable = _usable(logs, len(every))
+    if len(usable) < 2:
+        return 0.0
+    total = np.mean([np.var(_centred(log, every)[1][:, joint]) for log in usable])
+    return float(1.0 - _errors(usable, every)[joint] ** 2 / max(float(total), 1e-300))
+
+
+def _usable(logs: Sequence[MotionData], drives: int) -> list[MotionData]:
+    return [log for log in logs if np.isfinite(log.angles).all(axis=1).sum() > drives]
 
 
 def _errors(logs: Sequence[MotionData], drives: list[int]) -> Floats:

@@ -8,11 +8,17 @@ import numpy as np
 
 from distal.errors import RigError
 from distal.from_logs.column_role import ColumnRole
-from distal.from_logs.drive_helps import drive_helps
+from distal.from_logs.drive_helps import drive_helps, told_by_drives
 from distal.from_logs.found_parts import FoundDrive, FoundJoint
 from distal.from_logs.motion_data import MotionData
 from distal.from_logs.sizes import drive_sizes
-from distal.from_logs.structure import EXPLAINED, DriveStructure, as_rival, drive_structure
+from distal.from_logs.structure import (
+    EXPLAINED,
+    DriveStructure,
+    as_rival,
+    drive_structure,
+    with_joint,
+)
 
 WELL_EXPLAINED = 0.85
 """Share of a drive's variance that joints explain, below which that is doubted [1]. Source:
@@ -67,11 +73,17 @@ def drives_of(
                 f"{column.header}: the joints explain {100 * structure.explained:.0f} % of its "
                 "motion only; are its unit and the references right?"
             )
-    _move_all(structures, free, logs)
+    shared = _move_all(structures, free, logs)
     untellable = [
         _rival(positions[d], structure, joints)
         for d, structure in structures.items()
         if structure.rival is not None
+    ]
+    untellable += [
+        f"{joints[joint].name} moves with the other joints: cannot be told which drive moves it, "
+        f"{positions[d].header} is a guess; a log in which it is held, or moved by hand for 5 s "
+        "while the others rest, would tell"
+        for joint, d in shared
     ]
     if not structures:
         raise RigError(
@@ -98,17 +110,34 @@ def drives_of(
 
 def _move_all(
     structures: dict[int, DriveStructure], free: Sequence[int], logs: Sequence[MotionData]
-) -> None:
-    """Let a drive that may as well move a joint which none moves be the one that moves it."""
+) -> list[tuple[int, int]]:
+    """Let each joint that none moves be moved by the drive that may as well move it, or else, where
+    the drives tell its angle, by the one whose motion it explains best; return joint and drive of
+    the latter.
+    """
+    shared = list[tuple[int, int]]()
     for joint in free:
         if any(joint in structure.joints for structure in structures.values()):
             continue
-        for d, structure in structures.items():
-            elsewhere = {j for e, other in structures.items() if e != d for j in other.joints}
-            is_free = set(structure.joints) <= elsewhere
-            if structure.rival is not None and joint in structure.rival and is_free:
-                structures[d] = as_rival(logs, d, structure)
-                break
+        rival = _rival_of(joint, structures)
+        if rival is not None:
+            structures[rival] = as_rival(logs, rival, structures[rival])
+        elif structures and told_by_drives(logs, joint) >= EXPLAINED:
+            ways = {d: with_joint(logs, d, each, joint) for d, each in structures.items()}
+            best = min(ways, key=lambda d: ways[d][1])
+            structures[best] = ways[best][0]
+            shared.append((joint, best))
+    return shared
+
+
+def _rival_of(joint: int, structures: dict[int, DriveStructure]) -> int | None:
+    """Return the drive that may as well move a joint, and whose own joints others move too."""
+    for d, structure in structures.items():
+        elsewhere = {j for e, other in structures.items() if e != d for j in other.joints}
+        is_free = set(structure.joints) <= elsewhere
+        if structure.rival is not None and joint in structure.rival and is_free:
+            return d
+    return None
 
 
 def _rival(column: ColumnRole, structure: DriveStructure, joints: Sequence[FoundJoint]) -> str:

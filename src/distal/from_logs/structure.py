@@ -108,6 +108,18 @@ def drive_structure(
     return _described(folds, chosen, rivals[0] if rivals else None)
 
 
+def with_joint(
+    logs: Sequence[MotionData], drive: int, structure: DriveStructure, joint: int
+) -> tuple[DriveStructure, float]:
+    """Return what a drive moves if it moves one joint more, and its mean squared error on logs left
+    out over that without this joint.
+    """
+    folds = _folds(logs, drive)
+    more = tuple(sorted((*structure.joints, joint)))
+    ratio = np.mean(_block_errors(folds, more)) / np.mean(_block_errors(folds, structure.joints))
+    return _described(folds, more, None), float(ratio)
+
+
 def as_rival(logs: Sequence[MotionData], drive: int, structure: DriveStructure) -> DriveStructure:
     """Return what a drive moves if it moves its rival set of joints."""
     assert structure.rival is not None
