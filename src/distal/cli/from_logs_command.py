@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 LogsArgument = Annotated[
     list[Path],
     Argument(
-        help="Logs with the same columns (CSV, Parquet, HDF5, LeRobot datasets), some with the "
+        help="Logs with the same columns (CSV, Parquet, HDF5, MCAP, ROS bags, LeRobot datasets), some with the "
         "joints' angles."
     ),
 ]

@@ -254,8 +254,11 @@ def name_evidence(header: str) -> NameEvidence:
         base = ending[1] or base
     words = words_of(base)
     found = unit or at_end
-    # a single letter is a symbol at the beginning only: F_mcp_f is the force of mcp_f
-    telling = [word for i, word in enumerate(words) if i == 0 or len(word) > 1]
+    # a single letter is a symbol at the beginning only, of a recording's column after its topic:
+    # F_mcp_f is the force of mcp_f
+    topic = base.partition(".")[0] if base.startswith("/") else ""
+    first = len(words_of(topic))
+    telling = [word for i, word in enumerate(words) if i == first or len(word) > 1]
     scores = dict.fromkeys(CLEAR, 0.0)
     for role in CLEAR:
         clear = sum(word in CLEAR[role].split() for word in telling)

@@ -11,7 +11,15 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import LogError
-from distal.logs import Column, Episode, Source, open_table
+from distal.logs import (
+    Column,
+    Episode,
+    Source,
+    is_recording,
+    open_recording,
+    open_table,
+    recorded_columns,
+)
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 
@@ -23,6 +31,10 @@ NOTHING = np.full(1, np.nan)
 
 FEWEST_ROWS = 50
 """A log with fewer rows than this shows nothing of a rig. Source: judgement."""
+
+
+TIME = "time"
+"""Column of a recording's stamps [s]. Source: definition (the name)."""
 
 
 @dataclass(frozen=True)
@@ -46,17 +58,20 @@ class RawLog:
 
 
 def read_raw(path: Source) -> RawLog:
-    """Return a table (CSV, Parquet, HDF5, a LeRobot episode or a frame) with all its columns.
+    """Return a log (CSV, Parquet, HDF5, MCAP, a ROS bag, a LeRobot episode or a frame) with all its
+    columns.
 
     Raises:
         LogError: it cannot be read, holds no numbers, or has fewer than `FEWEST_ROWS` rows.
     """
+    if is_recording(path):
+        names = recorded_columns(path)
+        if not names:
+            raise LogError(f"{path}: no message has numbers")
+        read, _ = open_recording(path, names, TIME)
+        return _checked(RawLog(str(path), read))
     cells = open_table(path)
     source = str(path) if isinstance(path, (str, Path, Episode)) else str(cells.path)
-    if cells.rows < FEWEST_ROWS:
-        raise LogError(
-            f"{source}: {cells.rows} rows are too few to learn a rig from; {FEWEST_ROWS} at least"
-        )
     columns = dict[str, Floats]()
     texts = list[str]()
     for name in cells.names:
@@ -66,9 +81,16 @@ def read_raw(path: Source) -> RawLog:
             if _is_mostly_numeric(cells.column(name)):
                 raise
             texts.append(name)
-    log = RawLog(source, columns, tuple(texts))
     if not columns:
         raise LogError(f"{source}: no column holds numbers; a log has a header and rows of numbers")
+    return _checked(RawLog(source, columns, tuple(texts)))
+
+
+def _checked(log: RawLog) -> RawLog:
+    if log.rows < FEWEST_ROWS:
+        raise LogError(
+            f"{log.source}: {log.rows} rows are too few to learn a rig from; {FEWEST_ROWS} at least"
+        )
     return log
 
 

@@ -22,6 +22,7 @@ from distal.logs.memory_limit import MEMORY_VARIABLE, size_of
 from distal.logs.messages import MessageReader
 from distal.logs.mujoco_recorder import mujoco_recorder
 from distal.logs.output_targets import Output, check_outputs, outputs_in, shown
+from distal.logs.recorded_columns import recorded_columns
 from distal.logs.recorder import ESTIMATE_TOPIC, SAMPLE_TOPIC, Recorder, estimate_schema
 from distal.logs.recordings import is_recording, open_recording
 from distal.logs.sources import Source
@@ -67,6 +68,7 @@ __all__ = [
     "read_log",
     "read_table",
     "read_truth",
+    "recorded_columns",
     "shown",
     "size_of",
     "table_of",

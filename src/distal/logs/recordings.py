@@ -72,7 +72,7 @@ def open_recording(
     desired = [(column, *_named(column)) for column in columns if column != time]
     readings: dict[str, list[Reading]] = {column: [] for column, _, _ in desired}
     topics: set[str] = set()
-    for message in _messages(path, topics):
+    for message in messages_of(path, topics):
         stamp = _json_stamp(path, message, time, unit) if message.json else message.stamp
         for column, topic, field in desired:
             cell = (
@@ -282,7 +282,12 @@ def _merged(stamps: list[list[int]]) -> NDArray[np.int64]:
     return np.array(rows, dtype=np.int64)
 
 
-def _messages(path: Path, topics: set[str]) -> Iterator[Message]:
+def messages_of(path: Path, topics: set[str]) -> Iterator[Message]:
+    """Yield the messages of a recording, and put the names of its topics into the set `topics`.
+
+    Raises:
+        LogError: the recording cannot be read, or a package for that is missing.
+    """
     if not path.exists():
         raise LogError(f"{path}: is not there")
     try:

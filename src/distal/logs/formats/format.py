@@ -20,6 +20,7 @@ class Message:
         recorded: when the message was recorded [ns].
         stamp: stamp in the message's header [ns], None where it has none.
         read: function from a field's path to its content, None where the message lacks the field.
+        content: the message itself, whose fields `read` finds.
         json: whether the message is JSON, whose fields may be looked for by name without a topic.
     """
 
@@ -27,6 +28,7 @@ class Message:
     recorded: int
     stamp: int | None
     read: Callable[[str], object]
+    content: object
     json: bool = False
 
 

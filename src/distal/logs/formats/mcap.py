@@ -43,13 +43,15 @@ def read_mcap(path: Path, topics: set[str]) -> Iterator[Message]:
                     read = json.loads(message.data)
                 except (ValueError, RecursionError):
                     continue  # a message that is no JSON is skipped
-                yield Message(channel.topic, message.log_time, None, partial(find, read), json=True)
+                member = partial(find, read)
+                yield Message(channel.topic, message.log_time, None, member, read, json=True)
             elif channel.message_encoding == "cdr" and schema is not None:
                 topics.add(channel.topic)
                 if schema.id not in stores:
                     stores[schema.id] = _typestore(path, schema)
                 read = stores[schema.id].deserialize_cdr(message.data, schema.name)
-                yield Message(channel.topic, message.log_time, stamp_of(read), partial(field, read))
+                member = partial(field, read)
+                yield Message(channel.topic, message.log_time, stamp_of(read), member, read)
 
 
 def _typestore(path: Path, schema: Any) -> Any:

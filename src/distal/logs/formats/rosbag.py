@@ -30,7 +30,8 @@ def read_rosbag(path: Path, topics: set[str]) -> Iterator[Message]:
         topics.update(connection.topic for connection in reader.connections)
         for connection, recorded, raw in reader.messages():
             read = reader.deserialize(raw, connection.msgtype)
-            yield Message(connection.topic, recorded, stamp_of(read), partial(field, read))
+            find = partial(field, read)
+            yield Message(connection.topic, recorded, stamp_of(read), find, read)
 
 
 ROSBAG = Format(endings=(".bag", ".db3"), messages=read_rosbag, folder="metadata.yaml")

@@ -1,0 +1,78 @@
+"""The columns that a recording of topics offers, as `open_recording` names them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from distal.logs.formats import Message
+from distal.logs.messages import STAMPS
+from distal.logs.recordings import messages_of
+
+LOOKED_AT = 5000
+"""Number of messages at the beginning whose fields are looked at. Source: judgement."""
+
+OF_A_TOPIC = 50
+"""Number of messages of one topic that are looked at: a driver may publish each joint in a message
+of its own. Source: judgement.
+"""
+
+LONGEST = 64
+"""Length of the longest array whose elements are columns; longer ones are images and clouds of
+points. Source: judgement.
+"""
+
+
+def recorded_columns(path: str | Path) -> list[str]:
+    """Return the columns with numbers in a recording: ``/topic.field``, and for an array beside
+    names ``/topic[name].field``; stamps are none.
+
+    Raises:
+        LogError: the recording cannot be read, or a package for that is missing.
+    """
+    seen = Counter[str]()
+    columns = dict[str, None]()
+    for message in islice(messages_of(Path(path), set()), LOOKED_AT):
+        seen[message.topic] += 1
+        if seen[message.topic] <= OF_A_TOPIC:
+            columns |= dict.fromkeys(_columns_of(message))
+    return list(columns)
+
+
+def _columns_of(message: Message) -> Iterator[str]:
+    topic = message.topic if "/" in message.topic else ""
+    names = message.read("name")
+    of_joints = [str(name) for name in names] if isinstance(names, list) else []
+    for field in _fields(message.content):
+        if message.json and field in STAMPS:
+            continue
+        array, bracket, index = field.partition("[")
+        if topic and of_joints and bracket and int(index.rstrip("]")) < len(of_joints):
+            yield f"{topic}[{of_joints[int(index.rstrip(']'))]}].{array}"
+        else:
+            yield f"{topic}.{field}" if topic else field
+
+
+def _fields(content: object) -> Iterator[str]:
+    """Yield the paths of all numbers in a message but those of its header."""
+    if is_dataclass(content):
+        members = {each.name: getattr(content, each.name) for each in fields(content)}
+    elif isinstance(content, dict):
+        members = content
+    else:
+        return
+    for name, member in members.items():
+        if name == "header" or isinstance(member, bool):
+            continue
+        if isinstance(member, int | float | np.number):
+            yield str(name)
+        elif isinstance(member, list | np.ndarray):
+            numbers = len(member) <= LONGEST and np.asarray(member).dtype.kind in "iuf"
+            yield from (f"{name}[{i}]" for i in range(len(member)) if numbers)
+        else:
+            yield from (f"{name}.{inner}" for inner in _fields(member))

@@ -1,0 +1,118 @@
+"""A rig from ROS bags and MCAP files: columns are topics, fields and names of joints."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from distal import read_log
+from distal.cli.app import app
+from distal.from_logs import rig_from_logs
+from distal.logs import recorded_columns
+from tests.from_logs.logs import Floats, finger
+
+MOTORS, JOINTS = ("a", "b", "c"), ("mcp", "pip")
+
+
+def states(columns: Mapping[str, Floats]) -> dict[str, tuple[tuple[str, ...], Floats, Floats]]:
+    """Return topic → names, positions [m, rad] and efforts [N] as messages of ROS have them."""
+    positions = np.column_stack([1e-3 * columns[f"x_{name}_mm"] for name in MOTORS])
+    forces = np.column_stack([columns[f"F_{name}"] for name in MOTORS])
+    angles = np.deg2rad(np.column_stack([columns[f"{name}_deg"] for name in JOINTS]))
+    none = np.empty((len(angles), 0))
+    return {"/motors": (MOTORS, positions, forces), "/reference": (JOINTS, angles, none)}
+
+
+def bag(columns: Mapping[str, Floats], folder: Path) -> Path:
+    """Write a bag of ROS 2 with a topic of motors, one of references, and one of texts."""
+    from rosbags.rosbag2 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.LATEST)
+    state, header = store.types["sensor_msgs/msg/JointState"], store.types["std_msgs/msg/Header"]
+    stamp, text = store.types["builtin_interfaces/msg/Time"], store.types["std_msgs/msg/String"]
+    with Writer(folder, version=9) as writer:
+        chat = writer.add_connection("/chatter", text.__msgtype__, typestore=store)
+        for topic, (names, positions, efforts) in states(columns).items():
+            connection = writer.add_connection(topic, state.__msgtype__, typestore=store)
+            for k, ms in enumerate(columns["t_ms"]):
+                at = round(1.7e18 + ms * 1e6)
+                message = state(
+                    header=header(stamp=stamp(sec=at // 10**9, nanosec=at % 10**9), frame_id=""),
+                    name=list(names),
+                    position=positions[k],
+                    velocity=np.array([]),
+                    effort=efforts[k],
+                )
+                writer.write(connection, at, store.serialize_cdr(message, state.__msgtype__))
+        writer.write(chat, at, store.serialize_cdr(text(data="bye"), text.__msgtype__))
+    return folder
+
+
+def test_columns_of_a_bag_are_named_as_the_reader_names_them(tmp_path: Path) -> None:
+    path = bag(finger(0), tmp_path / "run")
+    expected = [f"/motors[{name}].{field}" for field in ("position", "effort") for name in MOTORS]
+    expected += [f"/reference[{name}].position" for name in JOINTS]
+    assert sorted(recorded_columns(path)) == sorted(expected)
+
+
+def test_a_rig_from_bags_reads_these_bags(tmp_path: Path) -> None:
+    paths = [bag(finger(k), tmp_path / f"run_{k}") for k in range(3)]
+    drives = {f"/motors[{name}].position": "m" for name in MOTORS}
+    truth = [f"/reference[{name}].position" for name in JOINTS]
+    found = rig_from_logs(paths, truth=truth, drives=drives)
+    assert len(found.rig.drives) == 3
+    assert len(found.rig.joints) == 2
+    log = read_log(paths[0], found.rig)
+    assert len(log) == len(finger(0)["t_ms"])
+    angles = np.column_stack([log.truth[f"theta_{name}"] for name in found.rig.joint_names])
+    expected = np.deg2rad(np.column_stack([finger(0)[f"{name}_deg"] for name in JOINTS]))
+    np.testing.assert_allclose(np.sort(angles[0]), np.sort(expected[0]), atol=1e-9)
+
+
+def mcap(columns: Mapping[str, Floats], path: Path) -> Path:
+    """Write an MCAP file of JSON messages with nested fields."""
+    from mcap.writer import Writer
+
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("sample", "jsonschema", b"{}")
+        channel = writer.register_channel("/hand", "json", schema)
+        for k, ms in enumerate(columns["t_ms"]):
+            content = {"timestamp": 1.7e9 + 1e-3 * ms, "is_on": True, "mode": "idle"}
+            content |= {
+                name: float(values[k]) for name, values in columns.items() if name != "t_ms"
+            }
+            content["cells"] = [float(columns["F_a"][k])] * 100
+            at = round(1.7e18 + ms * 1e6)
+            writer.add_message(channel, at, json.dumps(content).encode(), at)
+        writer.finish()
+    return path
+
+
+def test_the_command_takes_mcap(tmp_path: Path) -> None:
+    paths = [mcap(finger(k), tmp_path / f"run_{k}.mcap") for k in range(3)]
+    columns = recorded_columns(paths[0])
+    assert columns == [f"/hand.{name}" for name in finger(0) if name != "t_ms"]
+    out = tmp_path / "rig.toml"
+    done = CliRunner().invoke(app, ["rig", "from-logs", *map(str, paths), "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    assert 'column = "/hand.x_a_mm"' in out.read_text(encoding="utf-8")
+
+
+def test_a_bag_without_numbers_says_so(tmp_path: Path) -> None:
+    from mcap.writer import Writer
+
+    path = tmp_path / "empty.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        writer.finish()
+    with pytest.raises(Exception, match="no message has numbers"):
+        rig_from_logs([path])
