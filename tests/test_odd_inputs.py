@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from distal import estimate, load_rig, make_estimator, read_log
+from distal import estimate, learn_affine, load_rig, make_estimator, read_log, simulate
 from distal.errors import DistalError, DistalWarning, EstimationError, LogError, RigError
 from distal.rig import rig_text
 from distal.units import unit_factor
@@ -109,6 +109,19 @@ def test_a_glitch_is_not_an_angle(log: Path, paper_rig) -> None:
             estimate(
                 read_log(frame, paper_rig.with_values({"drives.0.stops": None})), paper_rig, "ekf"
             )
+
+
+@pytest.mark.filterwarnings("ignore::distal.errors.DistalWarning")
+def test_a_filter_that_leaves_all_bounds_names_the_affine_map_that_the_rig_has(
+    log: Path, paper_rig
+) -> None:
+    rig = paper_rig.with_values({"drives.0.stops": None})
+    with_line = learn_affine(simulate(rig, "series-2", 1), rig).rig
+    wild = pl.col("t") == 0.15
+    frame = pl.read_csv(log).with_columns(x1=pl.when(wild).then(9e6).otherwise(pl.col("x1")))
+    for described, words in ((rig, "largest_step$"), (with_line, "or take the estimator affine")):
+        with pytest.raises(EstimationError, match=words):
+            estimate(read_log(frame, described), described, "ekf")
 
 
 @pytest.mark.parametrize("name", ["adaptive", "ekf", "ekf-2008", "inextensible", "elastic"])

@@ -245,10 +245,12 @@ def check_bounds(run: Run, means: Floats, spreads: Floats) -> None:
     bad = out_of_bounds(means, spreads, len(run.estimator.rig.joints))
     if len(bad):
         row = int(bad[0])
+        has_line = run.estimator.rig.affine is not None
+        instead = ", or take the estimator affine, whose map is in the rig file" if has_line else ""
         raise DivergedError(
             f"{run.log.source}: {run.estimator.name} left all bounds at {run.log.time[row]:g} s; "
-            "check the units of the log "
-            "and the rig's stiffness and masses, or shorten stepping.largest_step"
+            "check the units of the log and the rig's stiffness and masses, shorten "
+            f"stepping.largest_step{instead}"
         )
 
 
