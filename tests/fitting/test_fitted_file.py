@@ -14,10 +14,11 @@ from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 from distal import Rig, fit, load_rig
 from distal.errors import DistalWarning, RigError
 from distal.fitting import learn as learning
-from distal.fitting.candidates import Candidate, Training, line_map
+from distal.fitting.candidates import Candidate, Training
 from distal.fitting.fit_options import Options
 from distal.fitting.fitted_file import MARK, plain_value
 from distal.fitting.learn import Judged, Learned, learned_by
+from distal.fitting.line_candidates import line_map
 from distal.fitting.missing_terms import MissingTerm
 from distal.fitting.parameter_estimates import among_models, parameters_of, problem_of
 from distal.fitting.result import Fit

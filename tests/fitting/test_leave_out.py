@@ -14,22 +14,19 @@ from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 from distal import Log, estimate, load_rig, simulate
 from distal.estimators import affine_samples
 from distal.fitting.candidates import (
-    AFFINE_MAP,
     AS_GIVEN,
-    BLEND,
     BY_EQUATIONS,
     Candidate,
     Training,
     best_of,
     filter_candidate,
-    line_candidates,
-    line_map,
 )
 from distal.fitting.fit_options import Options
 from distal.fitting.jackknife import parameters_without
 from distal.fitting.learn import Learned, learn
 from distal.fitting.learn_free_motion import untouched
 from distal.fitting.leave_out import leave_out
+from distal.fitting.line_candidates import AFFINE_MAP, BLEND, line_candidates, line_map
 from distal.fitting.map_samples import discrepancy_of, filtered, partly_homed
 from distal.fitting.parameter_estimates import ParameterEstimates
 from distal.regression import Samples, fit_coefficients, predict
@@ -169,7 +166,7 @@ def test_a_blend_runs_live_as_it_was_learned(
     others: list[Log], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The filter reports θ + δ, with δ as NumPy computes it from the readings of the log."""
-    monkeypatch.setattr("distal.fitting.candidates.LEADS", np.inf)
+    monkeypatch.setattr("distal.fitting.line_candidates.LEADS", np.inf)
     three = (*others, replace(finger_log(31, SECONDS), source="third"))
     training = Training(three, ("0", "1", "2"), finger_rig().bare(), OPTIONS)
     physics = filter_candidate(AS_GIVEN, training, None)

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 LogsArgument = Annotated[
     list[Path],
     Argument(
-        help="Logs with the same columns (CSV, Parquet, HDF5, MCAP, ROS bags, LeRobot datasets), some with the "
-        "joints' angles."
+        help="Logs with the same columns (CSV, Parquet, HDF5, MCAP, ROS bags, LeRobot "
+        "datasets), some with the joints' angles."
     ),
 ]
 JointsOption = Annotated[

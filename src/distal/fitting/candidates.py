@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from distal.arrays import Bools
-from distal.estimators import affine_of, affine_samples
 from distal.fitting.fit_options import Options
 from distal.fitting.fitted_parameter import assignments, described
 from distal.fitting.jackknife import parameters_without
@@ -17,7 +16,6 @@ from distal.fitting.log_checks import unknown_joints
 from distal.fitting.map_samples import (
     discrepancy_of,
     filtered,
-    mean_rms,
     partly_homed,
     with_reference_error,
 )
@@ -25,12 +23,8 @@ from distal.fitting.missing_terms import MissingTerm
 from distal.fitting.parameter_estimates import ParameterEstimates
 from distal.logs import Log, true_angles
 from distal.regression import (
-    Blend,
     Errors,
-    Learner,
     Samples,
-    Terms,
-    as_discrepancy,
     errors_beyond,
     fit_coefficients,
     folds_of,
@@ -44,14 +38,6 @@ AS_GIVEN = "the rig as given"
 """Name of the candidate that is the original rig.
 
 Each candidate but the affine map has a correction map (`discrepancy`) for the errors of its angle.
-"""
-
-AFFINE_MAP = "affine map"
-"""Name of the candidate that reports the angle of the map `affine`."""
-
-BLEND = "blend of the best filter and the affine map"
-"""Name of the candidate whose angle is a weighted mean of the best filter's and the affine map's
-within the range of the logs; beyond it moves as the filter does.
 """
 
 BY_EQUATIONS = "parameters by its equations"
@@ -68,17 +54,6 @@ which filters take them so. Source: judgement.
 FAR = 1.5
 """Ratio of a filter's angle error to the least of the filters before it, above which it gets no
 map. Source: judgement.
-"""
-
-LEADS = 3.0
-"""Ratio of a filter's angle error without a map to that of the affine map, above which the filter
-does not lead beyond the logs. Source: judgement.
-"""
-
-
-FOR_WEIGHTS = 3
-"""Least number of logs, or groups of logs, that tell the weights of a blend: to be held out in turn
-while two or more teach. Source: judgement.
 """
 
 
@@ -200,7 +175,8 @@ def filter_candidate(
         training.part,
     )
     least = min(
-        (mean_rms(candidate.data) for candidate in previous if candidate.data), default=np.inf
+        (mean_rms(candidate.data) for candidate in previous if candidate.data),
+        default=np.inf,
     )
     if not run.data or mean_rms(run.data) > FAR * least:
         judged = bool(run.data) and len(set(training.folds)) > 1
@@ -216,16 +192,16 @@ def filter_candidate(
     half = partly_homed([training.logs[i] for i in ran], rigs, homing, training.options.compiled)
     kind = discrepancy_of(run.rig, samples)
     map_fit = map_of(samples, kind, run.rig, homing, groups, scored=False, partly=half)
-    map_fit = _with_reference_error(map_fit, training)
+    map_fit = with_its_reference_error(map_fit, training)
     folds = folds_of(groups)
-    error = _rms(samples, left_out_errors(samples, kind, map_fit.terms, folds, homing))
+    error = held_out_rms(samples, left_out_errors(samples, kind, map_fit.terms, folds, homing))
 
     def learned(logs: Sequence[int], parts: Sequence[Bools]) -> LearnedMap:
         return fit_coefficients(
             [samples[i].part(part) for i, part in zip(logs, parts)], kind, map_fit.terms
         )
 
-    beyond = _rms(samples, errors_beyond(samples, kind, folds, homing, learned), error)
+    beyond = held_out_rms(samples, errors_beyond(samples, kind, folds, homing, learned), error)
     maps = {map_fit.table: map_fit}
     return replace(
         plain, rig=map_fit.rig, hold=run.hold, maps=maps, error=error, beyond=beyond, data=run.data
@@ -246,7 +222,7 @@ def _surest(run: _Run, training: Training, parameters: ParameterEstimates | None
     )
 
 
-def _rms(
+def held_out_rms(
     samples: Sequence[Samples], errors: Sequence[Sequence[Errors]], unknown: float = np.inf
 ) -> float:
     """Return the RMS error on held-out logs beyond the reference's noise [rad]; `unknown` where no
@@ -275,101 +251,6 @@ def _run(training: Training, parameters: ParameterEstimates | None, hold: bool) 
     )
 
 
-def line_map(training: Training) -> MapFit:
-    """Return the map of the estimator `affine`: the angles as a weighted sum of the readings."""
-    data = [affine_samples(log, training.rig) for log in training.logs]
-    data = [samples.part(np.asarray(np.isfinite(samples.targets).any(axis=1))) for samples in data]
-    kind = affine_of(training.rig)
-    homing = training.options.homing
-    return _with_reference_error(
-        map_of(data, kind, training.rig, homing, training.groups, scored=False), training
-    )
-
-
-def line_candidates(training: Training, line: MapFit, base: Candidate) -> list[Candidate]:
-    """Return the candidates that report the angle of the affine map `line`.
-
-    They are the `BLEND` with the filter of the candidate `base`, unless that errs more than `LEADS`
-    times as much without its map, or there are fewer logs than `FOR_WEIGHTS`; and the map alone,
-    which goes on beyond the logs (`AFFINE_MAP`).
-    """
-    frame = base.maps["discrepancy"]
-    among = [
-        _at_times_of(samples, affine_samples(training.logs[i], training.rig))
-        for i, samples in base.data.items()
-    ]
-    folds = folds_of([training.groups[i] for i in base.data])
-    kind = affine_of(training.rig)
-    samples = [
-        _with_readings_of(filtered_log, straight)
-        for filtered_log, straight in zip(base.data.values(), among)
-    ]
-    ranges = discrepancy_of(training.rig, samples)
-    said = line.notes[0].partition(": ")[2]
-
-    def judged(
-        name: str,
-        learned: LearnedMap,
-        terms: Terms,
-        note: str,
-        errors: Sequence[Sequence[Errors]],
-        learner: Learner,
-    ) -> Candidate:
-        map_fit = replace(frame.with_map(learned), notes=(note, *frame.notes[1:]), terms=terms)
-        error = _rms(samples, errors)
-        return replace(
-            base,
-            name=name,
-            rig=map_fit.rig,
-            maps={map_fit.table: map_fit},
-            error=error,
-            beyond=_rms(samples, errors_beyond(samples, ranges, folds, None, learner), error),
-        )
-
-    def learned_line(logs: Sequence[int], parts: Sequence[Bools]) -> LearnedMap:
-        inner = [samples[i].part(part) for i, part in zip(logs, parts)]
-        straight = [
-            among[i].part(np.isin(among[i].time, part.time)) for i, part in zip(logs, inner)
-        ]
-        inner_line = fit_coefficients(straight, kind, line.terms)
-        return as_discrepancy(inner_line, fit_coefficients(inner, ranges, frame.terms))
-
-    alone = judged(
-        AFFINE_MAP,
-        as_discrepancy(line.learned, frame.learned),
-        line.terms,
-        f"discrepancy: the angle is that of affine: {said}",
-        left_out_errors(among, kind, line.terms, folds, None),
-        learned_line,
-    )
-    if len(set(folds)) < FOR_WEIGHTS or mean_rms(base.data) >= LEADS * alone.error:
-        return [alone]
-    blend = Blend.of(samples, ranges, line.terms, folds)
-
-    def learned_blend(logs: Sequence[int], parts: Sequence[Bools]) -> LearnedMap:
-        inner = [samples[i].part(part) for i, part in zip(logs, parts)]
-        return blend.learned(inner, [folds[i] for i in logs])
-
-    errors = blend.left_out_errors(samples, folds)
-    mixed = blend.sized(samples, folds, errors)
-    shares = ", ".join(
-        f"{joint.joint} {100 * weight:.0f} %"
-        for joint, weight in zip(mixed.joints, blend.weights(samples, folds))
-    )
-    note = f"discrepancy: blended with the affine map, {said}, whose weight is {shares}"
-    return [
-        judged(
-            BLEND,
-            _with_reference_error(frame.with_map(mixed), training).learned,
-            blend.line,
-            note,
-            errors,
-            learned_blend,
-        ),
-        alone,
-    ]
-
-
 def best_of(candidates: Sequence[Candidate]) -> Candidate:
     """Return the candidate with the least geometric mean of its two errors on held-out logs,
     √(error · beyond).
@@ -381,24 +262,10 @@ def best_of(candidates: Sequence[Candidate]) -> Candidate:
     return min(candidates, key=lambda candidate: np.sqrt(candidate.error * candidate.beyond))
 
 
-def _at_times_of(samples: Samples, straight: Samples) -> Samples:
-    """Return the samples `straight`, with their target known only at times at which that of
-    `samples` is.
+def with_its_reference_error(map_fit: MapFit, training: Training) -> MapFit:
+    """Return a map with the error of the reference's zero in its band; unchanged with a homing
+    move, which reads that reference.
     """
-    has_target = np.isin(straight.time, samples.time[np.isfinite(samples.targets).any(axis=1)])
-    targets = np.where(has_target[:, None], straight.targets, np.nan)
-    return replace(straight, targets=targets, reference_std=samples.reference_std)
-
-
-def _with_readings_of(samples: Samples, straight: Samples) -> Samples:
-    """Return samples of a filter with the readings as logged, which those of `straight` are; the
-    filter's own are positions of drives, without the biases that the fit found.
-    """
-    rows = np.searchsorted(straight.time, samples.time)
-    return replace(samples, readings=straight.readings[np.minimum(rows, len(straight.time) - 1)])
-
-
-def _with_reference_error(map_fit: MapFit, training: Training) -> MapFit:
     if training.options.homing is not None:
         return map_fit
     return map_fit.with_map(with_reference_error(map_fit.learned, training.rig, training.logs))

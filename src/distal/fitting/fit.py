@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from distal.errors import DistalWarning, EstimationError, FitError
-from distal.fitting.candidates import BLEND, FOR_WEIGHTS, Candidate
+from distal.fitting.candidates import Candidate
 from distal.fitting.doubts import far_from_priors
 from distal.fitting.fit_options import Options
 from distal.fitting.learn import Learned, judge, learn, learned_by
@@ -23,6 +23,7 @@ from distal.fitting.leave_out import (
     leave_out,
     with_written,
 )
+from distal.fitting.line_candidates import BLEND, FOR_WEIGHTS
 from distal.fitting.log_checks import check_logs
 from distal.fitting.map_samples import OFFSETS
 from distal.fitting.progress import Progress, of_part

@@ -10,9 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from distal.fitting.candidates import (
-    AFFINE_MAP,
     AS_GIVEN,
-    BLEND,
     BY_EQUATIONS,
     BY_FILTER,
     Candidate,
@@ -20,12 +18,11 @@ from distal.fitting.candidates import (
     best_of,
     filter_candidate,
     groups_among,
-    line_candidates,
-    line_map,
 )
 from distal.fitting.fit_options import Options
 from distal.fitting.fitted_parameter import FittedParameter, assignments, described
 from distal.fitting.learned_maps import MapFit, learn_contact
+from distal.fitting.line_candidates import AFFINE_MAP, BLEND, line_candidates, line_map
 from distal.fitting.missing_terms import MissingTerm, Tried, tried_parts, with_parts
 from distal.fitting.parameter_estimates import (
     ParameterEstimates,
