@@ -16,6 +16,7 @@ from distal.fitting.log_checks import unknown_joints
 from distal.fitting.map_samples import (
     discrepancy_of,
     filtered,
+    mean_rms,
     partly_homed,
     with_reference_error,
 )
