@@ -58,7 +58,7 @@ class Found:
 
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
-        self.logs = [replace(finger_log(seed, 3.0), source=f"log {seed}") for seed in range(2)]
+        self.logs = [replace(finger_log(seed, 3.0), source=f"log {seed}") for seed in range(3)]
         self.training = Training.of(self.logs, rig, OPTIONS)
         self.line = line_map(self.training)
         self.solutions = parameters_of(problem_of(self.logs, rig, OPTIONS), OPTIONS, None)
@@ -97,7 +97,7 @@ def check(found: Found, learned: Learned, text: str | None, path: Path) -> str:
     return path.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("which", range(4))
+@pytest.mark.parametrize("which", range(5))
 @pytest.mark.parametrize("others", [False, True], ids=["one model", "among models"])
 def test_each_candidate_is_written_as_it_was_judged(
     which: int, others: bool, found: Found, text: str, tmp_path: Path
