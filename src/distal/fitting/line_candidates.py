@@ -117,7 +117,7 @@ class _Lines:
         return self.base.maps["discrepancy"]
 
     @property
-    def said(self) -> str:
+    def terms_in_words(self) -> str:
         """The terms of the affine map, in words."""
         return self.line.notes[0].partition(": ")[2]
 
@@ -138,7 +138,7 @@ class _Lines:
         map_fit = self._map_fit(
             as_discrepancy(self.line.learned, self.frame.learned),
             terms,
-            f"the angle is that of affine: {self.said}",
+            f"the angle is that of affine: {self.terms_in_words}",
         )
         errors = left_out_errors(self.straight, kind, terms, self.folds, None)
         return self._judged(AFFINE_MAP, map_fit, errors, learned)
@@ -156,7 +156,7 @@ class _Lines:
             f"{joint.joint} {100 * weight:.0f} %"
             for joint, weight in zip(mixed.joints, blend.weights(self.samples, self.folds))
         )
-        note = f"blended with the affine map, {self.said}, whose weight is {shares}"
+        note = f"blended with the affine map, {self.terms_in_words}, whose weight is {shares}"
         map_fit = with_its_reference_error(self._map_fit(mixed, blend.line, note), self.training)
         return self._judged(BLEND, map_fit, errors, learned)
 

@@ -31,7 +31,7 @@ def drive_helps(logs: Sequence[MotionData], drive: int) -> bool:
     return bool(np.max(ratios) > HELPS)
 
 
-def told_by_drives(logs: Sequence[MotionData], joint: int) -> float:
+def explained_by_drives(logs: Sequence[MotionData], joint: int) -> float:
     """Return the share of a joint's variance that all drives explain on logs left out, 0 where it
     cannot be said.
     """

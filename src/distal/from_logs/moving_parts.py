@@ -8,7 +8,7 @@ import numpy as np
 
 from distal.errors import RigError
 from distal.from_logs.column_role import ColumnRole
-from distal.from_logs.drive_helps import drive_helps, told_by_drives
+from distal.from_logs.drive_helps import drive_helps, explained_by_drives
 from distal.from_logs.found_parts import FoundDrive, FoundJoint
 from distal.from_logs.motion_data import MotionData
 from distal.from_logs.sizes import drive_sizes
@@ -122,8 +122,8 @@ def _move_all(
         rival = _rival_of(joint, structures)
         if rival is not None:
             structures[rival] = as_rival(logs, rival, structures[rival])
-        elif structures and told_by_drives(logs, joint) >= EXPLAINED:
-            ways = {d: with_joint(logs, d, each, joint) for d, each in structures.items()}
+        elif structures and explained_by_drives(logs, joint) >= EXPLAINED:
+            ways = {d: with_joint(logs, d, moved, joint) for d, moved in structures.items()}
             best = min(ways, key=lambda d: ways[d][1])
             structures[best] = ways[best][0]
             shared.append((joint, best))

@@ -69,9 +69,11 @@ def read_raw(path: Source) -> RawLog:
         if not names:
             raise LogError(f"{path}: no message has numbers")
         read, _ = open_recording(path, names, TIME)
-        return _checked(RawLog(str(path), read))
+        check_rows(str(path), len(read[TIME]))
+        return RawLog(str(path), read)
     cells = open_table(path)
     source = str(path) if isinstance(path, (str, Path, Episode)) else str(cells.path)
+    check_rows(source, cells.rows)
     columns = dict[str, Floats]()
     texts = list[str]()
     for name in cells.names:
@@ -83,15 +85,15 @@ def read_raw(path: Source) -> RawLog:
             texts.append(name)
     if not columns:
         raise LogError(f"{source}: no column holds numbers; a log has a header and rows of numbers")
-    return _checked(RawLog(source, columns, tuple(texts)))
+    return RawLog(source, columns, tuple(texts))
 
 
-def _checked(log: RawLog) -> RawLog:
-    if log.rows < FEWEST_ROWS:
+def check_rows(source: str, rows: int) -> None:
+    """Raise a `LogError` where a log has too few rows to learn from."""
+    if rows < FEWEST_ROWS:
         raise LogError(
-            f"{log.source}: {log.rows} rows are too few to learn a rig from; {FEWEST_ROWS} at least"
+            f"{source}: {rows} rows are too few to learn a rig from; {FEWEST_ROWS} at least"
         )
-    return log
 
 
 def _is_mostly_numeric(column: Column) -> bool:

@@ -61,7 +61,7 @@ def _columns_of(message: Message) -> Iterator[str]:
 def _fields(content: object) -> Iterator[str]:
     """Yield the paths of all numbers in a message but those of its header."""
     if is_dataclass(content):
-        members = {each.name: getattr(content, each.name) for each in fields(content)}
+        members = {part.name: getattr(content, part.name) for part in fields(content)}
     elif isinstance(content, dict):
         members = content
     else:
@@ -72,7 +72,7 @@ def _fields(content: object) -> Iterator[str]:
         if isinstance(member, int | float | np.number):
             yield str(name)
         elif isinstance(member, list | np.ndarray):
-            numbers = len(member) <= LONGEST and np.asarray(member).dtype.kind in "iuf"
-            yield from (f"{name}[{i}]" for i in range(len(member)) if numbers)
+            is_numeric = len(member) <= LONGEST and np.asarray(member).dtype.kind in "iuf"
+            yield from (f"{name}[{i}]" for i in range(len(member)) if is_numeric)
         else:
             yield from (f"{name}.{inner}" for inner in _fields(member))

@@ -25,7 +25,7 @@ from distal.regression.learn_map import (
 from distal.regression.random_effects import joint_map
 from distal.rig import CONSTANT, JointMap, LearnedMap
 
-UNTOLD = 0.5
+WITHOUT_ERRORS = 0.5
 """Weight of each member where a single log teaches, which tells no weights. Source: judgement."""
 
 
@@ -54,7 +54,7 @@ class Blend:
         logs.
         """
         plain = {CONSTANT, *kind.channels, *(f"angle({joint})" for joint in kind.joints)}
-        linear = replace(kind, sets=tuple(each for each in kind.sets if {*each.terms} <= plain))
+        linear = replace(kind, sets=tuple(terms for terms in kind.sets if {*terms.terms} <= plain))
         correction = choose_terms(samples, linear, folds, None)
         alike = replace(correction, width=line.width, of_noise=line.of_noise)
         ways = [cls(kind, alike, line, follows) for follows in (False, True)]
@@ -123,7 +123,7 @@ def _weight(errors: Sequence[tuple[Floats, Floats]]) -> float:
     """
     apart = sum(float(np.mean((e1 - e2) ** 2)) for e1, e2 in errors if len(e1))
     common = sum(float(np.mean(e1 * (e1 - e2))) for e1, e2 in errors if len(e1))
-    return float(np.clip(common / apart, 0.0, 1.0)) if apart > 0.0 else UNTOLD
+    return float(np.clip(common / apart, 0.0, 1.0)) if apart > 0.0 else WITHOUT_ERRORS
 
 
 def _mixed(first: LearnedMap, second: LearnedMap, weights: Sequence[float]) -> LearnedMap:
@@ -134,13 +134,13 @@ def _mixed(first: LearnedMap, second: LearnedMap, weights: Sequence[float]) -> L
     """
     terms = tuple(dict.fromkeys((*first.terms, *second.terms)))
     joints = []
-    for one, other, w in zip(first.joints, second.joints, weights):
-        b1, c1 = _among(first, one, terms)
-        b2, c2 = _among(second, other, terms)
+    for correction, line, w in zip(first.joints, second.joints, weights):
+        b1, c1 = _among(first, correction, terms)
+        b2, c2 = _among(second, line, terms)
         apart = b1 - b2
         covariance = (1 - w) * c1 + w * c2 + w * (1 - w) * np.outer(apart, apart)
-        std = float(np.sqrt((1 - w) * one.std**2 + w * other.std**2))
-        joints.append(joint_map(one.joint, (1 - w) * b1 + w * b2, covariance, std))
+        std = float(np.sqrt((1 - w) * correction.std**2 + w * line.std**2))
+        joints.append(joint_map(correction.joint, (1 - w) * b1 + w * b2, covariance, std))
     longest = max(first.correlation_time, second.correlation_time)
     return first.model_copy(
         update={"terms": terms, "joints": tuple(joints), "correlation_time": longest}
@@ -149,9 +149,9 @@ def _mixed(first: LearnedMap, second: LearnedMap, weights: Sequence[float]) -> L
 
 def _among(learned: LearnedMap, joint: JointMap, terms: Sequence[str]) -> tuple[Floats, Floats]:
     """Return a joint's coefficients, (n,), and their covariance, (n, n), for more terms."""
-    places = [terms.index(term) for term in learned.terms]
+    columns = [terms.index(term) for term in learned.terms]
     coefficients = np.zeros(len(terms))
     covariance = np.zeros((len(terms), len(terms)))
-    coefficients[places] = joint.coefficients
-    covariance[np.ix_(places, places)] = joint.covariance
+    coefficients[columns] = joint.coefficients
+    covariance[np.ix_(columns, columns)] = joint.covariance
     return coefficients, covariance
