@@ -43,15 +43,15 @@ COUNTS = 4096.0
 """Of an encoder in one turn."""
 
 
-def drawn_logs(seed: int, every: bool = False) -> tuple[Drawn, list[Log]]:
+def drawn_logs(seed: int, every: bool = False, alone: bool = False) -> tuple[Drawn, list[Log]]:
     """Return a drawn rig and its logs: time, x0, u0, … in SI, and joint0, … in rad; those to learn
-    from, or `every` one.
+    from, or `every` one. Each drive may move `alone` once.
 
     In logs to judge by, the angles are exact, about the zeros of the encoders of the others: no log
     tells where else a joint may have its zero.
     """
     rig = drawn_rig(seed, False)
-    logs, _ = logs_of(rig, seed)
+    logs, _ = logs_of(rig, seed, alone)
     joints = [joint["name"] for joint in rig.raw["joints"]]
     made = []
     for log in logs if every else logs[:LEARNED]:
@@ -92,9 +92,9 @@ def crossings_of_file(path: Path) -> dict[str, Counter[tuple[str, int]]]:
 
 def structure_of(seed: int) -> tuple[str, str]:
     """Return the kind of a drawn rig, and what the command made of its logs: right, wrong, cannot
-    be told, or refused.
+    be told, or refused. With half of the seeds each drive moves alone once.
     """
-    rig, logs = drawn_logs(seed)
+    rig, logs = drawn_logs(seed, alone=seed % 4 > 1)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         paths = [folder / f"run_{k}.csv" for k in range(len(logs))]

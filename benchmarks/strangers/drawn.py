@@ -93,9 +93,31 @@ def positions_of(rig: Drawn, wish: Floats, level: Floats) -> Floats:
     return positions
 
 
-def logs_of(rig: Drawn, seed: int) -> tuple[list[Log], dict[str, float]]:
+def drives_alone(rig: Drawn, positions: Floats) -> Floats:
+    """Return where drives go, (k, d), whose second half has each drive move alone in turn.
+
+    A drive whose tendon pulls against others goes to and fro by half of what the usual tension
+    stretches it; another one by half of what the joints reach.
+    """
+    p = parameters_of(rig.raw, {})
+    count, drives = positions.shape
+    part = count // (2 * drives)
+    wave = np.sin(2 * np.pi * np.arange(part) / part)
+    moved = positions.copy()
+    moved[count - part * drives :] = positions[count - part * drives]
+    for d, levers in enumerate(p["levers"].T):
+        own = np.flatnonzero(levers)
+        opposed = len(own) == 1 and not rig.kind.startswith("spring")
+        reached = rig.reach.min() * np.abs(p["arms"][own[0]]).max()
+        stretch = rig.tension / p["stiffness"][own[0]] if opposed else reached
+        begin = count - part * (drives - d)
+        moved[begin : begin + part, d] += 0.5 * stretch / levers[own[0]] * wave
+    return moved
+
+
+def logs_of(rig: Drawn, seed: int, alone: bool = False) -> tuple[list[Log], dict[str, float]]:
     """Return the logs of a rig, those to fit first, and by number the share of its std that these
-    logs leave.
+    logs leave; in one of those to fit, each drive may move `alone` once.
     """
     rate, count = 1.0 / STEP if rig.inert else PARTS * RATE, FITTED + JUDGED
     rngs, moves = [np.random.default_rng([seed, log, 72]) for log in range(count)], []
@@ -106,7 +128,8 @@ def logs_of(rig: Drawn, seed: int) -> tuple[list[Log], dict[str, float]]:
             [ramps(rng, wide * a, fast, rate, b) for a, b in zip(rig.reach, pressed)]
         )
         wave = 2.0 * np.pi * (rng.uniform(0.05, 0.2) * np.arange(len(wish)) / rate + rng.uniform())
-        moves.append(positions_of(rig, wish, 1.0 + 0.35 * np.sin(wave)))
+        positions = positions_of(rig, wish, 1.0 + 0.35 * np.sin(wave))
+        moves.append(drives_alone(rig, positions) if alone and log == FITTED - 1 else positions)
     positions, others = np.stack(moves, axis=1), nudged(rig.raw, rig.truth)
     of = [range(count), *[range(FITTED)] * len(others)]
     runs = simulated(rig.raw, [rig.truth, *others], of, positions, rig.inert)

@@ -86,6 +86,7 @@ def with_maps(rig: Rig) -> Rig:
         "reach": 2.0,
         "correlation_time": 0.1,
         "own": 0.25,
+        "between": 0.5,
         "spread": [0.1] * len(joints),
         "band": [0.5] * len(joints),
         "logs": 5,

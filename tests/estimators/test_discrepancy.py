@@ -84,6 +84,7 @@ def made(own: float = 0.5) -> Discrepancy:
         reach=2.2,
         correlation_time=0.1,
         own=own,
+        between=0.7,
         spread=(0.03,),
         logs=7,
         joints=(
@@ -144,7 +145,9 @@ def naive(
         )
         faded = 1.0 / (1.0 + (4.0 * far) ** 2)
         phi[1:] *= faded
-        total = phi @ covariance @ phi + std**2 + far**2 * (std**2 + d.spread[0] ** 2)
+        total = (
+            d.between**2 * (phi @ covariance @ phi) + std**2 + far**2 * (std**2 + d.spread[0] ** 2)
+        )
         inside = low[2] - 0.5 * half[2] < theta < high[2] + 0.5 * half[2]
         total += (
             d.own * (1.0 + (faded * drawn * b[5] / scale[2] if inside else 0.0))

@@ -238,14 +238,14 @@ def test_the_share_of_the_filters_std_is_that_of_the_narrowest_band(rig: Rig) ->
     v = np.where(np.arange(4000) % 2, 4.0, 0.01)
     honest = [[(np.sqrt(v + 0.01) * rng.normal(size=4000), np.full(4000, 0.01), v)]] * 3
     blind = [[(0.1 * rng.normal(size=4000), np.full(4000, 0.01), v)]] * 3
-    assert sized(learned, honest, True).own == max(OWNS)
-    assert sized(learned, blind, True).own == min(OWNS)
-    found = sized(learned, blind, True)
+    assert sized(learned, honest, True)[0].own == max(OWNS)
+    assert sized(learned, blind, True)[0].own == min(OWNS)
+    found, _ = sized(learned, blind, True)
     parts = [(e, u, found.own**2 * v) for ((e, u, v),) in blind]
     assert found.band[0] == pytest.approx(2.0 * conformal_factor(parts, 1e-3, 1e3))
     # of a map without a filter nothing is shared
     alone = [[(0.1 * rng.normal(size=4000), np.full(4000, 0.01), np.zeros(4000))]]
-    assert sized(learned, alone, True).own == 1.0
+    assert sized(learned, alone, True)[0].own == 1.0
 
 
 def test_what_a_fit_brings_to_nothing_is_written_as_zero() -> None:

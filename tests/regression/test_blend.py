@@ -7,7 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from distal.regression import Blend, Samples, Terms, discrepancy_kind, predict
+from distal.regression import (
+    Blend,
+    Samples,
+    Terms,
+    discrepancy_kind,
+    errors_of,
+    predict,
+    sized_by,
+)
 from distal.regression.affine import less_the_angle
 from distal.regression.learn_map import fit_coefficients
 from distal.rig import CONSTANT
@@ -89,16 +97,22 @@ def test_a_line_less_the_angle_reports_the_line() -> None:
 
 def test_errors_of_a_held_out_log_do_not_change_what_it_is_judged_by() -> None:
     """The errors on a log are those of a blend, weights included, that has not seen it."""
-    ((first, _, _),) = BLEND.left_out_errors(LOGS, FOLDS)[0]
+    first = errors_on_first(LOGS)
     alone = predict(BLEND.learned(LOGS[1:], FOLDS[1:]), LOGS[0]).values
     np.testing.assert_allclose(first, alone - LOGS[0].targets[:, 0])
     wild = [replace(LOGS[0], targets=LOGS[0].targets + 1.0), *LOGS[1:]]
-    ((after, _, _),) = BLEND.left_out_errors(wild, FOLDS)[0]
-    np.testing.assert_allclose(after, first - 1.0)
+    np.testing.assert_allclose(errors_on_first(wild), first - 1.0)
+
+
+def errors_on_first(logs: list[Samples]) -> np.ndarray:
+    learned, log = BLEND.held_out(logs, FOLDS)[0]
+    ((errors, _, _),) = errors_of(learned, log, KIND, None)
+    return errors
 
 
 def test_the_band_holds_what_it_says_on_new_logs() -> None:
-    learned = BLEND.sized(LOGS, FOLDS, BLEND.left_out_errors(LOGS, FOLDS))
+    held = BLEND.held_out(LOGS, FOLDS)
+    learned = sized_by(BLEND.learned(LOGS, FOLDS), KIND, FOLDS, held)
     new = log_of(98)
     predicted = predict(learned, new)
     std = np.sqrt(predicted.variances + predicted.filter_variances)

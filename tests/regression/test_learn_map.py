@@ -26,8 +26,10 @@ from distal.regression import (
     outside,
     predict,
     rms_beyond_noise,
+    sized_by,
 )
 from distal.regression.affine import affine_kind
+from distal.regression.band import widened_between
 from distal.regression.beyond_homing import cost_beyond
 from distal.regression.features import (
     beyond_homing,
@@ -38,7 +40,7 @@ from distal.regression.features import (
     middles,
     squared_distances,
 )
-from distal.regression.learn_map import Kind, Terms, choose_terms, frame
+from distal.regression.learn_map import Kind, Terms, choose_terms, frame, held_out
 from distal.regression.map_function import map_coefficients_of, map_function, memory_size
 from distal.rig import Discrepancy
 
@@ -96,6 +98,27 @@ def test_a_band_holds_what_logs_left_out_err_by() -> None:
     assert 0.85 < np.mean(shares) <= 1.0
     wider = predict(inflate_band(learned, [2.0]), data[0])
     np.testing.assert_allclose(wider.variances, 4.0 * predict(learned, data[0]).variances)
+
+
+@pytest.mark.parametrize(("size", "share"), [(1.0, 1.0), (8.0, 0.25)])
+def test_coefficients_count_less_where_held_out_logs_show_that_they_scatter_less(
+    size: float, share: float
+) -> None:
+    """With covariances `size`² times as large as they are the band is still as wide as 95 % of
+    held-out errors need: between the second largest offset of 14 and the largest with noise.
+    """
+    offsets = 0.1 * np.random.default_rng(10).normal(size=14)
+    data = [run(seed, offset=offset) for seed, offset in enumerate(offsets)]
+    learned = fit_coefficients(data, kind(), kind().sets[0])
+    held = [
+        (widened_between(fold, size), log)
+        for fold, log in held_out(data, kind(), kind().sets[0], range(14))
+    ]
+    found = sized_by(widened_between(learned, size), kind(), range(14), held)
+    assert found.between == share
+    second, largest = np.sort(np.abs(offsets - offsets.mean()))[-2:] * 14 / 13
+    half = 1.96 * np.mean(np.sqrt(predict(found, data[0]).variances))
+    assert second < half < largest + 1.96 * 0.01
 
 
 def test_fewer_logs_are_less_sure_of_what_differs_between_them() -> None:

@@ -16,8 +16,8 @@ from distal.regression import (
     memory_size,
     predict,
 )
-from distal.regression.learn_map import choose_terms
-from distal.rig import LAGS, PLAYS
+from distal.regression.learn_map import Terms, choose_terms
+from distal.rig import CONSTANT, LAGS, PLAYS
 
 Floats = NDArray[np.float64]
 NOISE = np.array([1e-4, 1e-3])
@@ -65,12 +65,16 @@ def test_several_widths_describe_what_one_cannot() -> None:
     assert rms("4 widths of positions") < 0.2 * rms("a straight line of what")
 
 
-@pytest.mark.parametrize("which", ["of positions, all", "of all readings", "positions and lags"])
+@pytest.mark.parametrize(
+    "which", ["of positions, all", "of all readings, all", "positions and lags", "products"]
+)
 def test_sample_by_sample_it_is_the_same_as_over_a_log(which: str) -> None:
     terms = next(terms for terms in KIND.sets if terms.name.count(which))
     learned = fit_coefficients(LOGS[:2], KIND, terms)
     log = LOGS[2].part(np.arange(len(LOGS[2].time)) < 300)
-    assert len(learned.played) == len(PLAYS) * (2 if which == "of all readings" else 1)
+    assert len(learned.played) == len(PLAYS) * (
+        2 if which in ("of all readings, all", "products") else 1
+    )
     assert len(learned.lagged) == len(LAGS) * (2 if "lags" in which else 0)
     function = map_function(learned, 2, [False, False])
     scaled = (log.readings[0] - np.asarray(learned.centre)) / np.asarray(learned.scale)
@@ -122,3 +126,43 @@ def test_the_widths_are_those_of_their_names() -> None:
     terms = next(terms for terms in KIND.sets if "4 widths of positions" in terms.name)
     learned = fit_coefficients(LOGS, KIND, terms)
     assert learned.played == tuple((0, ratio) for ratio in (1.0, 3.0, 9.0, 27.0))
+
+
+def bent(seed: int) -> Samples:
+    """Return a log in which the angle is a line of a motor's position and of three plays of it, and
+    bends with the position squared and under load.
+    """
+    log = hysteretic(seed)
+    position, current = log.readings.T
+    bend = 0.1 * position**2 + 0.02 * position * current
+    return replace(log, targets=log.targets + bend[:, None])
+
+
+def test_products_describe_an_arm_that_changes_with_angle_and_load() -> None:
+    logs = [bent(seed) for seed in range(3)]
+    chosen = choose_terms(logs, KIND, range(3), None)
+    assert "products" in chosen.name
+    learned = fit_coefficients(logs, KIND, chosen)
+    b = dict(zip(learned.terms, learned.joints[0].coefficients))
+    scale = dict(zip(learned.channels, learned.scale))
+    assert b["motor*motor"] / scale["motor"] ** 2 == pytest.approx(0.1, rel=0.05)
+    load = b["motor*current"] / (scale["motor"] * scale["current"])
+    assert load == pytest.approx(0.02, rel=0.05)
+
+
+def test_beyond_the_logs_the_line_goes_on_and_its_products_fade() -> None:
+    """1 / (1 + (d/0.25)²), d in halves of the learned range, for products alone."""
+    terms = Terms("with a product", (CONSTANT, "motor", "motor*motor"))
+    learned = fit_coefficients([bent(0)], KIND, terms).model_copy(update={"reach": 1e3})
+    half = 0.5 * (learned.high[0] - learned.low[0])
+    log = LOGS[0].part(np.arange(len(LOGS[0].time)) < 1)
+    beyond = replace(log, readings=np.array([[learned.high[0] + 0.5 * half, learned.centre[1]]]))
+    z = (beyond.readings[0, 0] - learned.centre[0]) / learned.scale[0]
+    constant, slope, square = learned.joints[0].coefficients
+    expected = constant + slope * z + 0.2 * square * z**2
+    assert predict(learned, beyond).values == pytest.approx([expected], rel=1e-9)
+    function = map_function(learned, 2, [False, False])
+    x = np.concatenate([[0.02], beyond.readings[0], np.ones(2)])
+    memory = np.zeros(memory_size(learned))
+    value, *_ = function(memory, x, np.zeros(2), np.zeros(1), map_coefficients_of(learned))
+    assert float(value) == pytest.approx(expected, rel=1e-9)

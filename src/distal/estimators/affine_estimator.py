@@ -24,6 +24,7 @@ from distal.regression import (
     Samples,
     affine_kind,
     calibrate_window,
+    columns,
     first_memory,
     fit_coefficients,
     map_coefficients_of,
@@ -32,7 +33,7 @@ from distal.regression import (
     seen,
     student,
 )
-from distal.rig import LAGS, PLAYS, Affine, LearnedMap, Rig, angle_names
+from distal.rig import LAGS, PLAYS, Affine, LearnedMap, Rig, angle_names, factors
 from distal.sensor_errors import variance
 from distal.threads import one_blas_thread
 
@@ -326,21 +327,17 @@ def start_of(
         for name, width in zip(affine.channels, affine.width)
         for play, ratio in (*PLAYS.items(), *dict.fromkeys(LAGS, 0.0).items())
     }
-    plain = [
-        i
-        for i, term in enumerate(affine.terms)
-        if term == "1" or term in affine.channels or term in states
-    ]
+    values = {**phi, **{state: phi[name] for state, (name, _) in states.items()}}
+    plain = [i for i, term in enumerate(affine.terms) if {*factors(term)} <= {*values}]
     turns = [i for i in range(len(affine.terms)) if i not in plain]
-    named = [states.get(affine.terms[i], (affine.terms[i], 0.0)) for i in plain]
-    column = ca.vertcat(*(1 if name == "1" else phi[name] for name, _ in named))
+    column = ca.vertcat(*columns([affine.terms[i] for i in plain], values, ca.SX(1)))
     covariance = np.asarray(learned.covariance)[np.ix_(plain, plain)]
     coefficients = np.asarray(learned.coefficients)
     angle = ca.dot(ca.DM(coefficients[plain]), column)
     variance_of = affine.band[joint] ** 2 * (
-        ca.bilin(ca.DM(covariance), column, column) + learned.std**2
+        affine.between**2 * ca.bilin(ca.DM(covariance), column, column) + learned.std**2
     )
-    widths = np.array([width for _, width in named])
+    widths = np.array([states.get(affine.terms[i], ("", 0.0))[1] for i in plain])
     variance_of += float(
         np.sum(coefficients[turns] ** 2) + np.sum((coefficients[plain] * widths) ** 2) / 3.0
     )

@@ -27,9 +27,11 @@ from distal.regression import (
     Terms,
     as_discrepancy,
     errors_beyond,
+    errors_of,
     fit_coefficients,
     folds_of,
     left_out_errors,
+    sized_by,
 )
 from distal.rig import LearnedMap
 
@@ -150,14 +152,16 @@ class _Lines:
         def learned(logs: Sequence[int], parts: Sequence[Bools]) -> LearnedMap:
             return blend.learned(self._parts(logs, parts), [self.folds[i] for i in logs])
 
-        errors = blend.left_out_errors(self.samples, self.folds)
-        mixed = blend.sized(self.samples, self.folds, errors)
+        held = blend.held_out(self.samples, self.folds)
+        whole = blend.learned(self.samples, self.folds)
+        mixed = sized_by(whole, self.kind, self.folds, held)
         shares = ", ".join(
             f"{joint.joint} {100 * weight:.0f} %"
             for joint, weight in zip(mixed.joints, blend.weights(self.samples, self.folds))
         )
         note = f"blended with the affine map, {self.terms_in_words}, whose weight is {shares}"
         map_fit = with_its_reference_error(self._map_fit(mixed, blend.line, note), self.training)
+        errors = [errors_of(fold, log, self.kind, None) for fold, log in held]
         return self._judged(BLEND, map_fit, errors, learned)
 
     def _parts(self, logs: Sequence[int], parts: Sequence[Bools]) -> list[Samples]:

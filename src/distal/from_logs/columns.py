@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from distal.arrays import Floats
 from distal.errors import LogError
+from distal.from_logs.column_families import find_families
 from distal.from_logs.column_names import CLEAR, NameEvidence, Role, name_evidence
 from distal.from_logs.column_parts import named_columns
 from distal.from_logs.column_role import ColumnRole, Overrides, Sureness
@@ -29,6 +30,8 @@ from distal.from_logs.column_values import ValueEvidence, unwrapped, value_evide
 from distal.from_logs.raw_log import RawLog
 from distal.logs import name_and_unit
 from distal.suggestions import did_you_mean
+
+BY_FAMILY = "by its values beside those of the others, as its name says nothing"
 
 
 def column_roles(logs: Sequence[RawLog], overrides: Overrides) -> list[ColumnRole]:
@@ -57,11 +60,19 @@ def column_roles(logs: Sequence[RawLog], overrides: Overrides) -> list[ColumnRol
         raise LogError(f"'{time}' is the only column that increases: it is the time")
     find_commands(logs, scores, overruled)
     find_joints(logs, scores, names, overruled)
+    constant = [header for header in headers if values[header].is_constant]
+    by_family = find_families(logs, scores, names, {time, *constant, *overruled})
     roles = [_role(header, scores[header], names[header], values[header]) for header in headers]
     for column in roles:
         check_unit(column, names[column.header])
     roles = [
         replace(column, sureness="sure") if column.header in overruled else column
+        for column in roles
+    ]
+    roles = [
+        replace(column, sureness="likely", evidence=f"{column.evidence}, {BY_FAMILY}")
+        if column.header in by_family
+        else column
         for column in roles
     ]
     roles = [with_unit(column, names[column.header], drives) for column in roles]

@@ -10,7 +10,7 @@ from distal.regression.contact import contact_kind
 from distal.regression.cross_validation import folds_of, groups_of, splits
 from distal.regression.discrepancy import discrepancy_kind
 from distal.regression.extrapolation import Learner, errors_beyond
-from distal.regression.features import Samples, design, limits, outside, played, predict
+from distal.regression.features import Samples, columns, design, limits, outside, played, predict
 from distal.regression.learn_map import (
     Kind,
     Terms,
@@ -19,6 +19,7 @@ from distal.regression.learn_map import (
     fit_coefficients,
     learn_map,
     left_out_errors,
+    sized_by,
 )
 from distal.regression.map_function import (
     carried_size,
@@ -46,6 +47,7 @@ __all__ = [
     "calibrate_band",
     "calibrate_window",
     "carried_size",
+    "columns",
     "conformal_factor",
     "contact_kind",
     "correlated_samples",
@@ -73,6 +75,7 @@ __all__ = [
     "rms_beyond_noise",
     "seen",
     "servos_of",
+    "sized_by",
     "splits",
     "student",
     "yardstick_error",

@@ -5,6 +5,7 @@ directions of motion or plays where they help.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations_with_replacement
 
 import numpy as np
 
@@ -61,6 +62,7 @@ def affine_kind(
     several = (*linear, *(f"{play}({name})" for name in positions for play in PLAYS))
     every = (*linear, *(f"{play}({name})" for name in channels for play in PLAYS))
     lags = tuple(f"{lag}({name})" for name in channels for lag in LAGS)
+    products = tuple(f"{a}*{b}" for a, b in combinations_with_replacement(channels, 2))
     plays = f"plays of {len(PLAYS)} widths of"
     # of alike errors the first is taken: plays stay right at other speeds, lags need not
     for terms, adds in (
@@ -68,6 +70,7 @@ def affine_kind(
         ((*linear, *lags), "lags"),
         ((*several, *lags), f"{plays} positions and lags"),
         (every, f"{plays} all readings"),
+        ((*every, *products), f"{plays} all readings and products of readings"),
     ):
         name = f"a straight line, with {adds}, all logs as one"
         sets.append(Terms(name, terms, NARROWEST, pooled=True))

@@ -26,9 +26,14 @@ OWNS = (1.0, 0.5, 0.25)
 would otherwise be counted twice. Source: judgement.
 """
 
+BETWEEN = (1.0, 0.5, 0.25)
+"""Shares of the coefficients' stds that are tried: from few logs the scatter of many coefficients
+is guessed too large. Source: benchmark (docs/results/from-logs.md).
+"""
+
 WEIGHT = 0.9
-"""Ratio of two widths: a smaller share of `OWNS` is used where its band is narrower than this share
-of the band before it. Source: judgement.
+"""Ratio of two widths: a smaller share of `OWNS` or `BETWEEN` is used where its band is narrower
+than this share of the band before it. Source: judgement.
 """
 
 BELOW_NOISE = 0.3
@@ -87,8 +92,11 @@ def rms_beyond_noise(errors: Sequence[Sequence[Errors]], noise: float = 0.0) -> 
     return float(np.mean(rms)) if rms else float("nan")
 
 
-def sized(learned: LearnedMap, errors: Sequence[Sequence[Errors]], enough: bool) -> LearnedMap:
-    """Return a map whose band has the width that its `errors` on held-out logs need.
+def sized(
+    learned: LearnedMap, errors: Sequence[Sequence[Errors]], enough: bool
+) -> tuple[LearnedMap, float]:
+    """Return a map whose band has the width that its `errors` on held-out logs need, and the mean
+    std of that band.
 
     With `enough` logs, the share of the filter's own std is chosen from `OWNS` by the narrowest
     band; with fewer it is `share_of_few`.
@@ -113,7 +121,7 @@ def sized(learned: LearnedMap, errors: Sequence[Sequence[Errors]], enough: bool)
         if width < WEIGHT * narrowest:
             best = inflate_band(learned.model_copy(update={"own": share}), factors)
             narrowest = width
-    return best
+    return best, narrowest
 
 
 def share_of_few(errors: Sequence[Sequence[Errors]]) -> float:

@@ -15,12 +15,12 @@ from distal.regression.band import Errors, rms_beyond_noise
 from distal.regression.cross_validation import splits
 from distal.regression.features import Samples
 from distal.regression.learn_map import (
+    HeldOut,
     Kind,
     Terms,
     choose_terms,
     errors_of,
     fit_coefficients,
-    sized_by,
 )
 from distal.regression.random_effects import joint_map
 from distal.rig import CONSTANT, JointMap, LearnedMap
@@ -79,21 +79,15 @@ class Blend:
             for j in range(len(self.kind.joints))
         ]
 
-    def left_out_errors(self, logs: Sequence[Samples], folds: Sequence[int]) -> list[list[Errors]]:
-        """Return, for each held-out log, the errors of the blend that the logs of the other folds
-        teach, weights included.
+    def held_out(self, logs: Sequence[Samples], folds: Sequence[int]) -> list[HeldOut]:
+        """Return each log after the blend that the logs of the other folds teach, weights
+        included.
         """
-        errors = []
+        held = list[HeldOut]()
         for out, left in splits(folds):
             learned = self.learned([logs[i] for i in left], [folds[i] for i in left])
-            errors += [errors_of(learned, logs[i], self.kind, None) for i in out]
-        return errors
-
-    def sized(
-        self, logs: Sequence[Samples], folds: Sequence[int], errors: Sequence[Sequence[Errors]]
-    ) -> LearnedMap:
-        """Return the blend that logs teach, its band sized by the `errors` on held-out logs."""
-        return sized_by(self.learned(logs, folds), self.kind, folds, len(logs), errors)
+            held += [(learned, logs[i]) for i in out]
+        return held
 
     def _errors(
         self, logs: Sequence[Samples], folds: Sequence[int]

@@ -18,7 +18,7 @@ import numpy as np
 from distal.arrays import Bools, Floats
 from distal.expressions import Scalar
 from distal.kernels import Feed, Kernel, advance
-from distal.rig import CONSTANT, LAGS, PLAYS, LearnedMap, factors
+from distal.rig import LAGS, PLAYS, LearnedMap, factors
 
 Value = TypeVar("Value", Floats, ca.SX)
 """The values of a term over a log, (k,), or its CasADi symbol."""
@@ -203,8 +203,8 @@ def lagged(values: Floats, time: Floats, constant: float) -> Floats:
 def design(learned: LearnedMap, samples: Samples) -> Floats:
     """Return the values of the terms over a whole log, (k, n).
 
-    Outside the learned range all terms but the constant fade, see `fade`. The log must be whole,
-    because plays remember earlier samples.
+    Outside the learned range the terms that are `LearnedMap.fading` fade, see `fade`. The log must
+    be whole, because plays remember earlier samples.
     """
     middle = middles(learned)
     inner = middle + drawn_in(learned, samples)[:, None] * (
@@ -221,17 +221,16 @@ def design(learned: LearnedMap, samples: Samples) -> Floats:
     values = variables(learned, list(scaled.T), plays, lags, learned.width)
     phi = np.column_stack(columns(learned.terms, values, np.ones(len(scaled))))
     if np.isfinite(learned.fades_over):
-        fading = np.array([term != CONSTANT for term in learned.terms])
-        phi[:, fading] *= fade(learned, outside(learned, samples))[:, None]
+        phi[:, np.flatnonzero(learned.fading)] *= fade(learned, outside(learned, samples))[:, None]
     return phi
 
 
 def fade(learned: LearnedMap, far: Value) -> Value:
-    """Return the weight of the terms at d = `far` outside the learned range, 1 / (1 + (d / d½)²); d
-    is a number, an array or a symbol.
+    """Return the weight of the terms at d = `far` outside the learned range, 1 / (1 + (d / d½)²), if
+    they fade; d is a number, an array or a symbol.
 
     d½ is `LearnedMap.fades_over`. No log constrains a curve there, and the filter alone errs less.
-    Maps whose terms are all linear do not fade.
+    Linear terms without products beside them do not fade.
     """
     return 1.0 / (1.0 + (far / learned.fades_over) ** 2)
 
@@ -289,12 +288,13 @@ def own_slope(learned: LearnedMap, samples: Samples, joint: int) -> Floats:
     column = len(learned.channels) + joint
     if name not in learned.terms:
         return np.zeros(len(samples.time))
+    term = learned.terms.index(name)
     low, high = (limit[column] for limit in limits(learned))
     angles = samples.angles[:, joint]
-    slope = learned.joints[joint].coefficients[learned.terms.index(name)] / learned.scale[column]
+    slope = learned.joints[joint].coefficients[term] / learned.scale[column]
     follows = np.where((angles > low) & (angles < high), drawn_in(learned, samples), 0.0)
-    shown: Floats = follows * slope * fade(learned, outside(learned, samples))
-    return shown
+    shown: Floats = follows * slope
+    return shown * fade(learned, outside(learned, samples)) if learned.fading[term] else shown
 
 
 @dataclass(frozen=True)
@@ -309,17 +309,18 @@ class Predicted:
 
 
 def predict(learned: LearnedMap, samples: Samples, joint: int = 0) -> Predicted:
-    """Return a map's values for a joint over a log, φᵀ b, and their variances, c² (φᵀ C φ + s²) +
-    d² (s² + spread²) + (κ h)².
+    """Return a map's values for a joint over a log, φᵀ b, and their variances, c² (g² φᵀ C φ + s²)
+    + d² (s² + spread²) + (κ h)².
 
-    d is from `outside`, h from `beyond_homing`, and κ is `LearnedMap.extrapolation`. Of the
-    filter's own variance, own² (1 + ∂(map)/∂θ)² counts beside them.
+    g is `LearnedMap.between`, d is from `outside`, h from `beyond_homing`, and κ is
+    `LearnedMap.extrapolation`. Of the filter's own variance, own² (1 + ∂(map)/∂θ)² counts beside
+    them.
     """
     fit = learned.joints[joint]
     phi = design(learned, samples)
     far = outside(learned, samples)
     values = phi @ np.asarray(fit.coefficients)
-    leverage = np.sum(phi @ np.asarray(fit.covariance) * phi, axis=1)
+    leverage = learned.between**2 * np.sum(phi @ np.asarray(fit.covariance) * phi, axis=1)
     beyond = far**2 * (fit.std**2 + learned.spread[joint] ** 2)
     if learned.extrapolation:
         beyond = (

@@ -13,7 +13,15 @@ from distal.arrays import Bools, Floats
 from distal.confidence import BAND
 from distal.errors import FitError
 from distal.regression.after_homing import calibrate_window
-from distal.regression.band import Errors, rms_beyond_noise, sized, student, widened_between
+from distal.regression.band import (
+    BETWEEN,
+    WEIGHT,
+    Errors,
+    rms_beyond_noise,
+    sized,
+    student,
+    widened_between,
+)
 from distal.regression.beyond_homing import extrapolation
 from distal.regression.cross_validation import splits
 from distal.regression.features import Samples, design, predict
@@ -119,7 +127,7 @@ def learn_map(
     chosen = choose_terms(logs, kind, folds, homing)
     learned = calibrate_band(logs, kind, chosen, folds, homing)
     if partly and homing is not None and len(set(folds)) > 1:
-        calibrated = {"band": learned.band, "own": learned.own}
+        calibrated = {name: getattr(learned, name) for name in ("band", "own", "between")}
 
         def without(i: int) -> LearnedMap | None:
             remaining = [logs[k] for k in next(left for out, left in splits(folds) if i in out)]
@@ -341,17 +349,30 @@ def left_out_errors(
 ) -> list[list[Errors]]:
     """Return, for each held-out log, the errors of the map that the logs of the other folds teach.
 
-    With a `homing` window [s] only the errors after it count. A fold is passed over where the other
-    logs do not know every joint.
+    With a `homing` window [s] only the errors after it count.
     """
-    errors = []
+    held = held_out(logs, kind, chosen, folds)
+    return [errors_of(learned, log, kind, homing) for learned, log in held]
+
+
+HeldOut = tuple[LearnedMap, Samples]
+"""A held-out log, after the map that the logs of the other folds teach."""
+
+
+def held_out(
+    logs: Sequence[Samples], kind: Kind, chosen: Terms, folds: Sequence[int]
+) -> list[HeldOut]:
+    """Return each log after the map that the logs of the other folds teach.
+
+    A fold is passed over where the other logs do not know every joint.
+    """
+    held = list[HeldOut]()
     for out, left in splits(folds):
         remaining = [logs[i] for i in left]
-        if not _all_known(remaining, kind, chosen):
-            continue  # without these logs nothing is known of a joint
-        learned = fit_coefficients(remaining, kind, chosen)
-        errors += [errors_of(learned, logs[i], kind, homing) for i in out]
-    return errors
+        if _all_known(remaining, kind, chosen):
+            learned = fit_coefficients(remaining, kind, chosen)
+            held += [(learned, logs[i]) for i in out]
+    return held
 
 
 def _all_known(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> bool:
@@ -370,22 +391,36 @@ def calibrate_band(
     With fewer than `ENOUGH_LOGS` logs or groups the spread of the coefficients is widened by
     Student's factor. `homing` [s] is as in `learn_map`.
     """
-    errors = left_out_errors(logs, kind, chosen, folds, homing) if len(set(folds)) > 1 else []
-    return sized_by(fit_coefficients(logs, kind, chosen), kind, folds, len(logs), errors)
+    held = held_out(logs, kind, chosen, folds) if len(set(folds)) > 1 else []
+    return sized_by(fit_coefficients(logs, kind, chosen), kind, folds, held, homing)
 
 
 def sized_by(
     learned: LearnedMap,
     kind: Kind,
     folds: Sequence[int],
-    logs: int,
-    errors: Sequence[Sequence[Errors]],
+    held: Sequence[HeldOut],
+    homing: float | None = None,
 ) -> LearnedMap:
-    """Return a map that so many logs taught, its band sized by the `errors` on held-out logs."""
+    """Return a map that logs taught, its band sized by the errors on `held` logs.
+
+    The coefficients' part in it is the share of `BETWEEN` that makes the narrowest band. With a
+    `homing` window [s] only the errors after it count.
+    """
     count = len(set(folds))
     # a scatter that is estimated from few logs follows Student's distribution
-    draws = count if kind.by_group else logs
+    draws = count if kind.by_group else learned.logs
     wider = 1.0 if draws >= ENOUGH_LOGS else student(draws - 1)
-    if errors:
-        learned = sized(learned, errors, count >= ENOUGH_LOGS)
-    return widened_between(learned, wider)
+    best = learned
+    narrowest = np.inf
+    for share in BETWEEN if held else ():
+        errors = [errors_of(_with_share(fold, share), log, kind, homing) for fold, log in held]
+        candidate, width = sized(_with_share(learned, share), errors, count >= ENOUGH_LOGS)
+        if width < WEIGHT * narrowest:
+            best = candidate
+            narrowest = width
+    return widened_between(best, wider)
+
+
+def _with_share(learned: LearnedMap, share: float) -> LearnedMap:
+    return learned.model_copy(update={"between": share})

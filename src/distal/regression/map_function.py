@@ -15,7 +15,7 @@ from distal.expressions import Scalar, Vector, VectorNode
 from distal.kernels.mask import is_read
 from distal.regression.after_homing import ANYWHERE
 from distal.regression.features import SMALLEST_HALF, columns, fade, limits, variables
-from distal.rig import CONSTANT, Contact, LearnedMap
+from distal.rig import Contact, LearnedMap
 
 CARRIED_TIME = 0.3
 """Time constant with which a map's correction is forgotten while something touches a joint [s]: the
@@ -32,6 +32,7 @@ PARAMETERS = (
     "distance",
     "reach",
     "own",
+    "between",
     "spread",
     "band",
 )
@@ -92,11 +93,11 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     variances, outside, memory⁺).
 
     A value is φᵀ b. An error e of the filter's own angle becomes gain · e in the reported angle,
-    gain = own (1 + ∂value/∂θ). The map's own variance is c² (φᵀ C φ + s²) + d² (s² + spread²), d
-    being how far the readings are outside the learned range, see `outside`. For each reading that
-    has been missing for a time a it grows by the square of ∂value/∂reading times min(rate · a, the
-    reading's whole range). Beyond what a homing move covered it grows by (κ h)², see
-    `beyond_homing`.
+    gain = own (1 + ∂value/∂θ). The map's own variance is c² (g² φᵀ C φ + s²) + d² (s² + spread²), g
+    being `LearnedMap.between` and d how far the readings are outside the learned range, see
+    `outside`. For each reading that has been missing for a time a it grows by the square of
+    ∂value/∂reading times min(rate · a, the reading's whole range). Beyond what a homing move
+    covered it grows by (κ h)², see `beyond_homing`.
 
     Args:
         learned: the map; its coefficients and ranges are the function's inputs `numbers`, see
@@ -116,7 +117,7 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     sizes = [len(part) for part in _parameters(learned)]
     parameters = ca.SX.sym("numbers", sum(sizes))
     centre, scale, low, high, rate, half_play, distance, reach, *parts = _split(parameters, sizes)
-    share, spread, band, extrapolation, homed_low, homed_high, *of_joints = parts
+    share, between, spread, band, extrapolation, homed_low, homed_high, *of_joints = parts
     held, ages, plays, lags = _split(memory, [m, m, k, len(learned.lagged)])
     is_present = [is_read(x[1 + width + i]) for i in range(m)]
     aged = [ca.if_else(is_present[i], 0, ages[i] + x[0]) for i in range(m)]
@@ -155,18 +156,18 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     far = ca.fmax(0, ca.sqrt(ca.fmax(_form(distance, z), 0)) / reach - 1)
     for i in range(n):
         far = ca.fmax(far, ca.fmax(low[i] - symbols[i], symbols[i] - high[i]) / half[i])
-    faded = fade(learned, far)
-    shown = ca.vertcat(*(1 if term == CONSTANT else faded for term in learned.terms)) * phi
+    faded = ca.SX.sym("faded")  # a weight that slopes do not see change
+    weights = ca.vertcat(*(faded if fades else 1 for fades in learned.fading))
+    shown = weights * phi
     values = []
     gains = []
     variances = []
     for j in range(nj):
         coefficients, covariance, std = of_joints[3 * j : 3 * j + 3]
         value = ca.dot(coefficients, shown)
-        slopes = faded * ca.jacobian(ca.dot(coefficients, phi), symbols).T * ca.vertcat(*follows)
-        variance = band[j] ** 2 * (_form(covariance, shown) + std**2) + far**2 * (
-            std**2 + spread[j] ** 2
-        )
+        slopes = ca.jacobian(value, symbols).T * ca.vertcat(*follows)
+        variance = band[j] ** 2 * (between**2 * _form(covariance, shown) + std**2)
+        variance += far**2 * (std**2 + spread[j] ** 2)
         corrected = symbols[m + j] + value if n > m else value
         past = ca.fmax(0, ca.fmax(homed_low[j] - corrected, corrected - homed_high[j]))
         variance += (extrapolation[j] * past) ** 2
@@ -177,7 +178,7 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
         variances.append(variance)
     outputs = [ca.vertcat(*column) for column in (values, gains, variances)]
     outputs += [far, ca.vertcat(*readings, *aged, *after.values(), *late.values())]
-    outputs = ca.substitute(outputs, [share_in], [inner])
+    outputs = ca.substitute(outputs, [share_in, faded], [inner, fade(learned, far)])
     outputs = ca.substitute(outputs, [symbols], [ca.vertcat(*readings, angles)[:n]])
     return ca.Function(
         "map", [memory, x, positions, angles, parameters], ca.cse([ca.densify(y) for y in outputs])

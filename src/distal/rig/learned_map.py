@@ -72,8 +72,8 @@ class JointMap(Description):
 
 
 class LearnedMap(Description):
-    """A sum Σ b_i φ_i of terms, its variance c² (φᵀ C φ + s²), and the range in which it was
-    learned.
+    """A sum Σ b_i φ_i of terms, its variance c² (g² φᵀ C φ + s²), and the range in which
+    it was learned; g is `between`.
 
     A term φ is a product of variables. ``SENSOR`` is the sensor's reading, less `centre`, over
     `scale`; ``abs(SENSOR)`` is its magnitude; ``play(SENSOR)`` is the output z of a play operator
@@ -90,8 +90,8 @@ class LearnedMap(Description):
     """
 
     FADE: ClassVar[float] = np.inf
-    """Distance beyond the end of the learned range, in halves of the range, at which all terms but
-    the constant have half of their weight, in a map with products of variables.
+    """Distance beyond the end of the learned range, in halves of the range, at which the terms that
+    fade have half of their weight.
     """
 
     terms: tuple[str, ...] = Field(min_length=1, description="what is summed; '1' is the constant")
@@ -126,6 +126,12 @@ class LearnedMap(Description):
     )
     own: float = Field(
         1.0, ge=0.0, le=1.0, description="share of the filter's own standard deviation that counts"
+    )
+    between: float = Field(
+        1.0,
+        gt=0.0,
+        le=1.0,
+        description="share of the coefficients' standard deviations that counts in the band",
     )
     spread: Row = Field(
         description="RMS over the logs of what is mapped: outside the range so much is not known"
@@ -251,11 +257,23 @@ class LearnedMap(Description):
         return np.inf if self.follows else self.MARGIN
 
     @property
-    def fades_over(self) -> float:
-        """Distance beyond the learned range, in halves of it, at which terms have half of their
-        weight; infinite for a map without products of variables.
+    def fading(self) -> tuple[bool, ...]:
+        """Whether each term fades beyond the learned range: products of variables, which no log
+        constrains there; with them also other terms that do not go on, but not the constant.
         """
-        return self.FADE if any(len(factors(term)) > 1 for term in self.terms) else np.inf
+        products = [len(factors(term)) > 1 for term in self.terms]
+        all_fade = any(products) and np.isfinite(self.margin)
+        return tuple(
+            is_product or (all_fade and term != CONSTANT)
+            for is_product, term in zip(products, self.terms)
+        )
+
+    @property
+    def fades_over(self) -> float:
+        """Distance beyond the learned range, in halves of it, at which terms that fade have half of
+        their weight; infinite where none does.
+        """
+        return self.FADE if any(self.fading) else np.inf
 
     @property
     def uses_angles(self) -> bool:
@@ -303,6 +321,8 @@ class Affine(LearnedMap):
     """Joints' angles by least squares of what the sensors read (as logged, biases included);
     `distal fit` writes it.
     """
+
+    FADE: ClassVar[float] = 0.25
 
 
 class Discrepancy(LearnedMap):
