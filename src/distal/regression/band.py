@@ -26,7 +26,7 @@ OWNS = (1.0, 0.5, 0.25)
 would otherwise be counted twice. Source: judgement.
 """
 
-BETWEEN = (1.0, 0.5, 0.25)
+BETWEEN = (1.0, 0.5)
 """Shares of the coefficients' stds that are tried: from few logs the scatter of many coefficients
 is guessed too large. Source: benchmark (docs/results/from-logs.md).
 """

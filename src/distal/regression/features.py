@@ -226,7 +226,7 @@ def design(learned: LearnedMap, samples: Samples) -> Floats:
 
 
 def fade(learned: LearnedMap, far: Value) -> Value:
-    """Return the weight of the terms at d = `far` outside the learned range, 1 / (1 + (d / d½)²), if
+    """Return the weight of the terms at d = `far` outside the learned range, 1/(1 + (d/d½)²), if
     they fade; d is a number, an array or a symbol.
 
     d½ is `LearnedMap.fades_over`. No log constrains a curve there, and the filter alone errs less.
