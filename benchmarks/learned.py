@@ -5,6 +5,9 @@ that share no code with `distal.model` (`benchmarks.touch`), runs `distal learn`
 calibration logs without a rig file, reads the file that it wrote, and judges it on logs of free
 motion that nothing has seen. Beside it stands the yardstick that errs least on each calibration log
 by the rest of them: least squares, the same with lags or with plays, and boosted trees.
+
+`python -m benchmarks.learned by-hand` fits by `distal fit` the rig files that somebody wrote for
+these plants, and judges both on the same logs.
 """
 
 from __future__ import annotations
@@ -23,7 +26,7 @@ from numpy.typing import NDArray
 
 from benchmarks.report import table
 from benchmarks.shell import command
-from benchmarks.touch import CASES
+from benchmarks.touch import CASES, Drawn, fitted
 from distal import Rig, estimate, load_rig, read_log
 from distal.errors import EstimationError
 from distal.estimators import affine_samples
@@ -189,6 +192,52 @@ COLUMNS = (
 )
 
 
+def hand_written(drawn: Drawn, name: str) -> tuple[str, ...]:
+    """Return the cells of a rig from logs beside a rig that somebody wrote, both fitted by the
+    command to the same logs: RMS errors, their ratio, and the shares inside the band.
+    """
+    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        rig, _, said = learned(drawn.calibration, Path(folder))
+        if rig is None:
+            print(said[-400:], file=sys.stderr)
+            return (name, "no file", "", "", "", "")
+        found = outcome_of(rig, drawn.free)
+        by_hand = outcome_of(fitted(drawn, Path(folder)), drawn.free)
+    ratios = np.array(found.rms) / np.array(by_hand.rms)
+    cells = (
+        name,
+        f"{np.mean(found.rms):.3f}",
+        f"{np.mean(by_hand.rms):.3f}",
+        f"{np.median(ratios):.2f}",
+        f"{100 * found.inside:.0f}",
+        f"{100 * by_hand.inside:.0f}",
+    )
+    print(*cells, sep=" | ", file=sys.stderr)
+    return cells
+
+
+BESIDE = (
+    "rig",
+    "learned [°]",
+    "hand-written, fitted [°]",
+    "ratio, median",
+    "inside [%]",
+    "hand-written, inside [%]",
+)
+
+
+def beside_hand_written(first: int, only: str | None) -> None:
+    """Print the errors on the plants of `benchmarks.touch` beside those of their rig files."""
+    rows = []
+    for name, drawn_by in CASES.items():
+        if (only is not None and name != only) or "touched" in name:
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            rows.append(hand_written(drawn_by(first, Path(folder)), name))
+    table("learned-by-hand", f"beside rigs that somebody wrote, seed {first}", BESIDE, rows)
+
+
 def plants(first: int, only: str | None) -> None:
     """Print the errors on the plants of `benchmarks.touch`."""
     rows = []
@@ -204,11 +253,12 @@ def plants(first: int, only: str | None) -> None:
 def main() -> None:
     """Run a part."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("part", choices=("plants",))
+    parser.add_argument("part", choices=("plants", "by-hand"))
     parser.add_argument("--first-seed", type=int, default=8000)
     parser.add_argument("--only")
     arguments = parser.parse_args()
-    plants(arguments.first_seed, arguments.only)
+    part = plants if arguments.part == "plants" else beside_hand_written
+    part(arguments.first_seed, arguments.only)
 
 
 if __name__ == "__main__":
