@@ -163,6 +163,16 @@ def test_what_neither_counts_nor_lags_tell_stays_a_guess() -> None:
     assert {c.sureness for c in found if c.role != "time"} == {"a guess"}
 
 
+def test_commands_without_a_name_are_not_taken_for_forces() -> None:
+    """A third family that moves as the drives do may be their commands, or they the joints'."""
+    logs = nameless(False, 3)
+    for log in logs:
+        log.columns.update({f"e{d}": log.columns[f"a{d}"] + 1e-3 for d in range(3)})
+    found = column_roles(logs, NO_OVERRIDES)
+    assert "effort" not in {c.role for c in found}
+    assert {c.sureness for c in found if c.role != "time"} == {"a guess"}
+
+
 def test_a_user_overrules_what_families_say() -> None:
     chosen = Overrides(truth=("a0",), drives={})
     found = {c.header: c for c in column_roles(nameless(True, 0), chosen)}

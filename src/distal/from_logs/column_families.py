@@ -17,6 +17,11 @@ MOVES = 0.8
 explain less. Source: benchmark (benchmarks/from_logs columns, rigs drawn from 7000 on).
 """
 
+ALIKE = 0.95
+"""Share from which on a third family moves as the drives do: commands, not forces. Source:
+judgement.
+"""
+
 LONGEST_LAG = 20
 """Samples by which a joint may follow its drives. Source: judgement."""
 
@@ -35,7 +40,8 @@ def find_families(
     """Set the scores of columns whose names say nothing, where none says more, and return them.
 
     Drives and joints explain each other, and a force is the family that they explain less. Drives
-    are as many as forces, or lead the joints. Where neither tells, nothing is changed.
+    are as many as forces, or lead the joints. Where neither tells, or a third family moves as these
+    do, nothing is changed.
 
     Args:
         logs: all of them.
@@ -57,7 +63,7 @@ def find_families(
     shared = [min(_explained(columns[a], columns[b], 0) for a, b in (p, p[::-1])) for p in pairs]
     first, second = pairs[int(np.argmax(shared))]
     forces = [stem for stem in families if stem not in (first, second)]
-    if max(shared) < MOVES:
+    if max(shared) < MOVES or (forces and sorted(shared)[-2] > ALIKE):
         return []
     counts = [len(families[stem]) for stem in (*forces, first, second)]
     if forces and (counts[0] == counts[1]) != (counts[0] == counts[2]):
