@@ -505,9 +505,29 @@ def test_a_filter_begins_where_a_play_may_be(rig: Rig) -> None:
     assert float(after[1]) == pytest.approx(float(before[1]) + (0.3 * 0.2) ** 2 / 3.0)
 
 
-def replace_terms(made: Affine, joint: JointMap, size: int) -> Affine:
-    """Return the map with a play of its first channel, half-width 0.2, whose coefficient is 0.3 for
-    certain.
+def test_a_filter_begins_by_products_and_with_the_share_of_the_scatter(rig: Rig) -> None:
+    """A product of readings is known at the first sample; of φᵀ C φ the share g² counts."""
+    made = learn_affine(logs_of(6, 5, noise=0.002, spread=0.02), rig).learned
+    joint = made.joints[0]
+    first, second = made.channels
+    whole = replace_terms(made, joint, len(joint.coefficients), f"{first}*{second}")
+    readings = {
+        name: (made.centre[i] + 0.5 * made.scale[i], 1.0) for i, name in enumerate(made.channels)
+    }
+    before, after = (start_of(each, 0, readings) for each in (made, whole))
+    assert float(after[0]) == pytest.approx(float(before[0]) + 0.3 * 0.5**2)
+    assert float(after[1]) == pytest.approx(float(before[1]))
+    all_of_it = made.model_copy(update={"between": 1.0})
+    half = made.model_copy(update={"between": 0.5})
+    phi = np.array([1.0, 0.5, 0.5])
+    scatter = made.band[0] ** 2 * (phi @ np.array(joint.covariance) @ phi)
+    difference = float(start_of(all_of_it, 0, readings)[1]) - float(start_of(half, 0, readings)[1])
+    assert difference == pytest.approx(0.75 * scatter)
+
+
+def replace_terms(made: Affine, joint: JointMap, size: int, term: str = "") -> Affine:
+    """Return the map with another term, else a play of its first channel, half-width 0.2, whose
+    coefficient is 0.3 for certain.
     """
     covariance = np.zeros((size + 1, size + 1))
     covariance[:size, :size] = joint.covariance
@@ -515,5 +535,6 @@ def replace_terms(made: Affine, joint: JointMap, size: int) -> Affine:
     wider = joint.model_copy(
         update={"coefficients": (*joint.coefficients, 0.3), "covariance": rows}
     )
-    terms, width = (*made.terms, f"play({made.channels[0]})"), (0.2,) * len(made.channels)
+    terms = (*made.terms, term or f"play({made.channels[0]})")
+    width = (0.2,) * len(made.channels)
     return made.model_copy(update={"terms": terms, "width": width, "joints": (wider,)})
