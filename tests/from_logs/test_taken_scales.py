@@ -73,16 +73,35 @@ def test_what_limits_motors_by_torques_is_refused(
         TORQUES[call](hand_rig(*scales), tmp_path)
 
 
-def test_the_command_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
-    rig = tmp_path / "rig.toml"
-    rig.write_text('taken = ["force"]\n' + rig_text("finger-2n")[0], encoding="utf-8")
-    desired = tmp_path / "desired.csv"
-    desired.write_text("t,theta_mcp,theta_pip\n0,0.3,0.4\n1,0.4,0.5\n", encoding="utf-8")
-    out = tmp_path / "commands.csv"
-    asked = ["command", str(desired), "--rig", str(rig), "--out", str(out)]
+COMMANDS = {
+    "command": ["command", "desired.csv", "--rig", "rig.toml", "--out", "out"],
+    "command with a tension": [
+        "command",
+        "desired.csv",
+        "--rig",
+        "rig.toml",
+        "--least-tension",
+        "3 N",
+        "--out",
+        "out",
+    ],
+    "export-c": ["export-c", "rig.toml", "--command", "--out", "out"],
+    "export-c in floats": ["export-c", "rig.toml", "--command", "--float", "--out", "out"],
+}
+
+
+@pytest.mark.parametrize("asked", list(COMMANDS.values()), ids=list(COMMANDS))
+def test_the_command_is_refused_and_nothing_is_written(
+    asked: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("rig.toml").write_text('taken = ["force"]\n' + rig_text("finger-2n")[0], encoding="utf-8")
+    Path("desired.csv").write_text(
+        "t,theta_mcp,theta_pip\n0,0.3,0.4\n1,0.4,0.5\n", encoding="utf-8"
+    )
     done = CliRunner().invoke(app, asked)
-    assert "needs a true tension" in str(done.output) + str(done.exception)
-    assert not out.exists()
+    assert "needs a true t" in str(done.output) + str(done.exception)
+    assert {path.name for path in tmp_path.iterdir()} == {"rig.toml", "desired.csv"}
 
 
 def test_angles_do_not_need_a_scale() -> None:
