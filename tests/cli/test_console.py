@@ -173,3 +173,16 @@ with progress_bar("counting", 2) as advance:
     assert "thinking [1]" in shown
     assert "counting" in shown
     assert out.read_text() == "one\ntwo\n"
+
+
+def test_nothing_is_said_of_what_has_ended(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A thread that still compiles a kernel may tell of it later, beside another command."""
+    monkeypatch.setattr(console, "QUIET", 0.01)
+    with console.working("compiling") as show:
+        time.sleep(0.1)
+    assert "compiling" in capsys.readouterr().err
+    show("compiling still")
+    time.sleep(0.1)
+    assert capsys.readouterr().err == ""

@@ -122,7 +122,14 @@ class _Activity(logging.Handler):
             self.timer.daemon = True
             self.timer.start()
 
+    def end(self) -> None:
+        """Print nothing from now on, whatever another thread still tells."""
+        self._silent = True
+        self.timer.cancel()
+
     def _print(self) -> None:
+        if self._silent:
+            return
         self._wait = LATER
         print(f"{self._text} …", file=sys.stderr, flush=True)
 
@@ -157,7 +164,7 @@ def working(doing: str) -> Iterator[Callable[[str], None]]:
             yield activity.now
         finally:
             kernels.removeHandler(activity)
-            activity.timer.cancel()
+            activity.end()
 
 
 @contextmanager
@@ -192,4 +199,4 @@ def progress_bar(label: str, total: int | None = None) -> Iterator[Callable[...,
             activity.now(label)
             yield show
         finally:
-            activity.timer.cancel()
+            activity.end()
