@@ -180,6 +180,7 @@ def test_nothing_is_said_of_what_has_ended(
 ) -> None:
     """A thread that still compiles a kernel may tell of it later, beside another command."""
     monkeypatch.setattr(console, "QUIET", 0.01)
+    monkeypatch.setattr(console, "LATER", 0.01)
     with console.working("compiling") as show:
         time.sleep(0.1)
     assert "compiling" in capsys.readouterr().err
