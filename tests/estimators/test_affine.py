@@ -505,8 +505,8 @@ def test_a_filter_begins_where_a_play_may_be(rig: Rig) -> None:
     assert float(after[1]) == pytest.approx(float(before[1]) + (0.3 * 0.2) ** 2 / 3.0)
 
 
-def test_a_filter_begins_by_products_and_with_the_share_of_the_scatter(rig: Rig) -> None:
-    """A product of readings is known at the first sample; of φᵀ C φ the share g² counts."""
+def test_a_filter_begins_with_products_in_doubt_and_the_share_of_the_scatter(rig: Rig) -> None:
+    """A product adds its squared coefficient to the variance; of φᵀ C φ the share g² counts."""
     made = learn_affine(logs_of(6, 5, noise=0.002, spread=0.02), rig).learned
     joint = made.joints[0]
     first, second = made.channels
@@ -515,8 +515,8 @@ def test_a_filter_begins_by_products_and_with_the_share_of_the_scatter(rig: Rig)
         name: (made.centre[i] + 0.5 * made.scale[i], 1.0) for i, name in enumerate(made.channels)
     }
     before, after = (start_of(each, 0, readings) for each in (made, whole))
-    assert float(after[0]) == pytest.approx(float(before[0]) + 0.3 * 0.5**2)
-    assert float(after[1]) == pytest.approx(float(before[1]))
+    assert float(after[0]) == pytest.approx(float(before[0]))
+    assert float(after[1]) == pytest.approx(float(before[1]) + 0.3**2)
     all_of_it = made.model_copy(update={"between": 1.0})
     half = made.model_copy(update={"between": 0.5})
     phi = np.array([1.0, 0.5, 0.5])

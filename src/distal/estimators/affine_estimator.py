@@ -24,7 +24,6 @@ from distal.regression import (
     Samples,
     affine_kind,
     calibrate_window,
-    columns,
     first_memory,
     fit_coefficients,
     map_coefficients_of,
@@ -33,7 +32,7 @@ from distal.regression import (
     seen,
     student,
 )
-from distal.rig import LAGS, PLAYS, Affine, LearnedMap, Rig, angle_names, factors
+from distal.rig import CONSTANT, LAGS, PLAYS, Affine, LearnedMap, Rig, angle_names
 from distal.sensor_errors import variance
 from distal.threads import one_blas_thread
 
@@ -327,10 +326,15 @@ def start_of(
         for name, width in zip(affine.channels, affine.width)
         for play, ratio in (*PLAYS.items(), *dict.fromkeys(LAGS, 0.0).items())
     }
-    values = {**phi, **{state: phi[name] for state, (name, _) in states.items()}}
-    plain = [i for i, term in enumerate(affine.terms) if {*factors(term)} <= {*values}]
+    # a product bends most at the ends of the range, where motions begin: it counts as doubt alone
+    values = {
+        CONSTANT: ca.SX(1),
+        **phi,
+        **{state: phi[name] for state, (name, _) in states.items()},
+    }
+    plain = [i for i, term in enumerate(affine.terms) if term in values]
     turns = [i for i in range(len(affine.terms)) if i not in plain]
-    column = ca.vertcat(*columns([affine.terms[i] for i in plain], values, ca.SX(1)))
+    column = ca.vertcat(*(values[affine.terms[i]] for i in plain))
     covariance = np.asarray(learned.covariance)[np.ix_(plain, plain)]
     coefficients = np.asarray(learned.coefficients)
     angle = ca.dot(ca.DM(coefficients[plain]), column)

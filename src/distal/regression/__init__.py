@@ -10,7 +10,7 @@ from distal.regression.contact import contact_kind
 from distal.regression.cross_validation import folds_of, groups_of, splits
 from distal.regression.discrepancy import discrepancy_kind
 from distal.regression.extrapolation import Learner, errors_beyond
-from distal.regression.features import Samples, columns, design, limits, outside, played, predict
+from distal.regression.features import Samples, design, limits, outside, played, predict
 from distal.regression.learn_map import (
     Kind,
     Terms,
@@ -47,7 +47,6 @@ __all__ = [
     "calibrate_band",
     "calibrate_window",
     "carried_size",
-    "columns",
     "conformal_factor",
     "contact_kind",
     "correlated_samples",
