@@ -17,7 +17,7 @@ import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -227,26 +227,24 @@ BESIDE = (
 )
 
 
-def beside_hand_written(first: int, only: str | None) -> None:
-    """Print the errors on the plants of `benchmarks.touch` beside those of their rig files."""
-    rows = []
+def drawn_cases(first: int, only: str | None) -> Iterator[tuple[str, Drawn]]:
+    """Yield name and logs of the plants of `benchmarks.touch`; the logs are gone after each."""
     for name, drawn_by in CASES.items():
-        if (only is not None and name != only) or "touched" in name:
-            continue
-        with tempfile.TemporaryDirectory() as folder:
-            rows.append(hand_written(drawn_by(first, Path(folder)), name))
+        if (only is None or name == only) and "touched" not in name:
+            with tempfile.TemporaryDirectory() as folder:
+                yield name, drawn_by(first, Path(folder))
+
+
+def beside_hand_written(first: int, only: str | None) -> None:
+    """Print the errors on these plants beside those of their rig files."""
+    rows = [hand_written(drawn, name) for name, drawn in drawn_cases(first, only)]
     table("learned-by-hand", f"beside rigs that somebody wrote, seed {first}", BESIDE, rows)
 
 
 def plants(first: int, only: str | None) -> None:
-    """Print the errors on the plants of `benchmarks.touch`."""
-    rows = []
-    for name, drawn_by in CASES.items():
-        if (only is not None and name != only) or "touched" in name:
-            continue
-        with tempfile.TemporaryDirectory() as folder:
-            drawn = drawn_by(first, Path(folder))
-            rows.append(row_of(name, drawn.calibration, drawn.free))
+    """Print the errors on these plants beside those of yardsticks."""
+    cases = drawn_cases(first, only)
+    rows = [row_of(name, drawn.calibration, drawn.free) for name, drawn in cases]
     table("learned-plants", f"distal learn, seed {first}", COLUMNS, rows)
 
 
