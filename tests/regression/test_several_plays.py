@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from distal.regression import (
     Samples,
     affine_kind,
+    first_memory,
     fit_coefficients,
     left_out_errors,
     map_coefficients_of,
@@ -72,15 +74,15 @@ def test_sample_by_sample_it_is_the_same_as_over_a_log(which: str) -> None:
     terms = next(terms for terms in KIND.sets if terms.name.count(which))
     learned = fit_coefficients(LOGS[:2], KIND, terms)
     log = LOGS[2].part(np.arange(len(LOGS[2].time)) < 300)
+    log.readings[100:150] *= 1.5  # beyond the range, which friction remembers
     assert len(learned.played) == len(PLAYS) * (
         2 if which in ("of all readings, all", "products") else 1
     )
     assert len(learned.lagged) == len(LAGS) * (2 if "lags" in which else 0)
     function = map_function(learned, 2, [False, False])
-    scaled = (log.readings[0] - np.asarray(learned.centre)) / np.asarray(learned.scale)
-    memory = np.zeros(memory_size(learned))
-    memory[:2] = log.readings[0]
-    memory[4:] = [scaled[i] for i, _ in (*learned.played, *learned.lagged)]
+    first = first_memory(learned, ca.DM(log.readings[0]), ca.DM.ones(2))
+    memory = np.array(ca.DM(first)).ravel()
+    assert len(memory) == memory_size(learned)
     expected = predict(learned, log)
     for k, reading in enumerate(log.readings):
         x = np.concatenate([[0.02], reading, np.ones(2)])
@@ -166,3 +168,36 @@ def test_beyond_the_logs_the_line_goes_on_and_its_products_fade() -> None:
     memory = np.zeros(memory_size(learned))
     value, *_ = function(memory, x, np.zeros(2), np.zeros(1), map_coefficients_of(learned))
     assert float(value) == pytest.approx(expected, rel=1e-9)
+
+
+def test_what_left_the_range_stays_until_a_slow_motion_within_it() -> None:
+    """A current of half a range too much adds its std; rest and a fast motion keep it, and half a
+    range of slow motion leaves e^−½ of it.
+    """
+    terms = next(terms for terms in KIND.sets if "4 widths of positions" in terms.name)
+    learned = fit_coefficients(LOGS, KIND, terms).model_copy(update={"reach": 1e3})
+    (low, high), rest = (learned.low[0], learned.high[0]), learned.centre[1]
+    half = 0.5 * (high - low)
+    seconds = np.array([0.0, 1.0, 2.0, 2.001, 102.001])
+    much = learned.high[1] + 0.5 * (learned.high[1] - learned.low[1])
+    positions = np.array([low, low, low, high, high - 1.1 * half])  # 0.1 of them is play
+    currents = np.array([rest, much, rest, rest, rest])
+    one = LOGS[0].part(np.arange(len(LOGS[0].time)) < len(seconds))
+    log = replace(one, time=seconds, readings=np.column_stack([positions, currents]))
+    only_line = learned.model_copy(update={"stays": ()})
+    added = predict(learned, log).variances - predict(only_line, log).variances
+    passed = np.exp(-0.001 * learned.rate[0] / (2.0 * half))
+    expected = np.array([0.0, 1.0, 1.0, passed, passed * np.exp(-0.45)])
+    assert np.sqrt(added) == pytest.approx(learned.stays[0] * expected, rel=1e-6)
+
+
+def test_what_stays_is_what_bends_the_angle_in_the_logs() -> None:
+    """Plays of 0.2, 0.15 and 0.1: the std is that of the straight line's errors."""
+    terms = next(terms for terms in KIND.sets if "4 widths of positions" in terms.name)
+    learned = fit_coefficients(LOGS, KIND, terms)
+    readings = np.vstack([log.readings for log in LOGS])
+    angles = np.concatenate([log.targets[:, 0] for log in LOGS])
+    line = np.column_stack([np.ones(len(readings)), readings])
+    errors = angles - line @ np.linalg.lstsq(line, angles, rcond=None)[0]
+    assert learned.moves == ("motor",)
+    assert learned.stays[0] == pytest.approx(float(np.sqrt(np.mean(errors**2))), rel=0.02)

@@ -111,7 +111,8 @@ class _Lines:
     @property
     def kind(self) -> Kind:
         """The kind of map of the filter's error."""
-        return discrepancy_of(self.training.rig, self.samples)
+        kind = discrepancy_of(self.training.rig, self.samples)
+        return replace(kind, moves=affine_of(self.training.rig).moves)
 
     @property
     def frame(self) -> MapFit:

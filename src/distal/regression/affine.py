@@ -86,6 +86,7 @@ def affine_kind(
         DIRECTIONS_HELP,
         by_motion=True,
         unknown_outside=False,
+        moves=tuple(positions),
     )
 
 

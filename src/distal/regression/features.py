@@ -97,6 +97,12 @@ def limits(learned: LearnedMap) -> tuple[Floats, Floats]:
     ) + learned.margin * half
 
 
+PASSED = 0.1
+"""Half-width of the play that follows a moving reading, in halves of its range, so that noise is
+no way. Source: judgement.
+"""
+
+
 def drawn_in(learned: LearnedMap, samples: Samples) -> Floats:
     """Return the factor s by which the distance of readings and angles from the middle of the
     learned range is shortened before they enter the terms, (k,).
@@ -261,6 +267,36 @@ def squared_distances(learned: LearnedMap, samples: Samples) -> Floats:
     return squared
 
 
+@cache
+def _fading() -> Kernel:
+    """Return the kernel of what fades along a way, (z, (d, way)) → (z⁺, z⁺)."""
+    z = ca.SX.sym("z")
+    x = ca.SX.sym("x", 2)
+    after = ca.fmax(x[0], z * ca.exp(-x[1]))
+    return Kernel(ca.Function("fading", [z, x, ca.SX.sym("none", 0)], [after, after]))
+
+
+def remembered(learned: LearnedMap, samples: Samples) -> Floats:
+    """Return how far readings were outside the learned range, as friction remembers it, (k,):
+    z⁺ = max(d, z e^{−s}).
+
+    d is from `outside`. The way s is the longest among the readings `LearnedMap.moves`, in whole
+    learned ranges: within the range, and at most at the speed `LearnedMap.rate`, since only slow
+    motion brings back the friction that the logs know (docs/results/from-logs.md).
+    """
+    steps = np.diff(samples.time, prepend=samples.time[:1])
+    way = np.zeros(len(steps))
+    for name in learned.moves:
+        i = learned.channels.index(name)
+        half = half_ranges(learned)[i]
+        inner = np.clip(samples.readings[:, i], learned.low[i], learned.high[i])
+        moved = np.abs(np.diff(played(inner, PASSED * half), prepend=inner[:1]))
+        way = np.maximum(way, np.minimum(moved, learned.rate[i] * steps) / (2.0 * half))
+    inputs = np.column_stack([outside(learned, samples), way])
+    after: Floats = advance(_fading(), Feed(np.zeros(1), inputs, np.zeros(0))).ys[:, 0]
+    return after
+
+
 def beyond_homing(learned: LearnedMap, samples: Samples, joint: int, values: Floats) -> Floats:
     """Return how far the corrected angle of a joint is beyond the range that a homing move covered
     [rad], (k,).
@@ -310,11 +346,11 @@ class Predicted:
 
 def predict(learned: LearnedMap, samples: Samples, joint: int = 0) -> Predicted:
     """Return a map's values for a joint over a log, φᵀ b, and their variances, c² (g² φᵀ C φ + s²)
-    + d² (s² + spread²) + (κ h)².
+    + d² (s² + spread²) + (z r)² + (κ h)².
 
-    g is `LearnedMap.between`, d is from `outside`, h from `beyond_homing`, and κ is
-    `LearnedMap.extrapolation`. Of the filter's own variance, own² (1 + ∂(map)/∂θ)² counts beside
-    them.
+    g is `LearnedMap.between`, d is from `outside`, z from `remembered`, r is `LearnedMap.stays`, h
+    is from `beyond_homing`, and κ is `LearnedMap.extrapolation`. Of the filter's own variance,
+    own² (1 + ∂(map)/∂θ)² counts beside them.
     """
     fit = learned.joints[joint]
     phi = design(learned, samples)
@@ -322,6 +358,8 @@ def predict(learned: LearnedMap, samples: Samples, joint: int = 0) -> Predicted:
     values = phi @ np.asarray(fit.coefficients)
     leverage = learned.between**2 * np.sum(phi @ np.asarray(fit.covariance) * phi, axis=1)
     beyond = far**2 * (fit.std**2 + learned.spread[joint] ** 2)
+    if learned.stays:
+        beyond = beyond + (remembered(learned, samples) * learned.stays[joint]) ** 2
     if learned.extrapolation:
         beyond = (
             beyond

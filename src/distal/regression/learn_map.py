@@ -26,7 +26,7 @@ from distal.regression.beyond_homing import extrapolation
 from distal.regression.cross_validation import splits
 from distal.regression.features import Samples, design, predict
 from distal.regression.random_effects import independent, random_effects, row_of, rows_of_groups
-from distal.rig import JointMap, LearnedMap
+from distal.rig import CONSTANT, JointMap, LearnedMap
 
 ENOUGH_LOGS = 5
 """Number of logs, or groups of logs, from which on the variation from log to log counts as known;
@@ -91,6 +91,8 @@ class Kind:
         by_group: whether each group of logs, not each log, counts as one draw of the coefficients
             where Student's factor widens their covariance. A prior that is much too wide would let
             a short homing window overrule the logs.
+        moves: those channels that are positions, for `LearnedMap.moves`; none for a map after which
+            nothing stays.
     """
 
     form: type[LearnedMap]
@@ -103,6 +105,7 @@ class Kind:
     by_motion: bool = False
     unknown_outside: bool = True
     by_group: bool = False
+    moves: tuple[str, ...] = ()
 
 
 def learn_map(
@@ -213,6 +216,8 @@ def fit_coefficients(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> Lear
     joints = []
     times = []
     spreads = []
+    stays = []
+    plain = [at for at, i in enumerate(columns) if chosen.terms[i] in (CONSTANT, *kind.channels)]
     for j, joint in enumerate(learned.joints):
         parts = []
         for log, phi in zip(logs, designs):
@@ -230,13 +235,30 @@ def fit_coefficients(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> Lear
         if not chosen.corrects:  # a mean error need not recur: it widens the variance
             square = fit.covariance[0][0] + fit.coefficients[0] ** 2
             fit = fit.model_copy(update={"coefficients": (0.0,), "covariance": ((square,),)})
+        if kind.moves:
+            stays.append(_bent(parts, plain))
         joints.append(fit)
         times.append(time)
         squares = [float(np.mean(target**2)) for _, target, _ in parts]
         spreads.append(float(np.sqrt(np.mean(squares))) if kind.unknown_outside else 0.0)
     return learned.model_copy(
-        update={"joints": tuple(joints), "correlation_time": max(times), "spread": tuple(spreads)}
+        update={
+            "joints": tuple(joints),
+            "correlation_time": max(times),
+            "spread": tuple(spreads),
+            "stays": tuple(stays),
+        }
     )
+
+
+def _bent(parts: Sequence[tuple[Floats, Floats, float]], plain: Sequence[int]) -> float:
+    """Return the RMS by which targets leave the straight line of their `plain` columns: as much as
+    friction, play and curves make in the logs.
+    """
+    phi = np.vstack([columns[:, plain] for columns, _, _ in parts])
+    target = np.concatenate([values for _, values, _ in parts])
+    left = target - phi @ np.linalg.lstsq(phi, target, rcond=None)[0]
+    return float(np.sqrt(np.mean(left**2)))
 
 
 def frame(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> tuple[LearnedMap, list[int]]:
@@ -281,6 +303,7 @@ def frame(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> tuple[LearnedMa
         reach=reach,
         correlation_time=logs[0].interval,
         spread=(0.0,) * len(kind.joints),
+        moves=kind.moves,
         band=(1.0,) * len(kind.joints),
         logs=len(logs),
         dropped=tuple(

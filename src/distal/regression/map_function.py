@@ -14,7 +14,7 @@ from distal.arrays import Floats
 from distal.expressions import Scalar, Vector, VectorNode
 from distal.kernels.mask import is_read
 from distal.regression.after_homing import ANYWHERE
-from distal.regression.features import SMALLEST_HALF, columns, fade, limits, variables
+from distal.regression.features import PASSED, SMALLEST_HALF, columns, fade, limits, variables
 from distal.rig import Contact, LearnedMap
 
 CARRIED_TIME = 0.3
@@ -47,10 +47,16 @@ judgement.
 
 
 def memory_size(learned: LearnedMap) -> int:
-    """Return the length of a map's memory: the last readings, their ages, and the states of its
-    play operators and lags.
+    """Return the length of a map's memory: the last readings, their ages, the states of its play
+    operators and lags, and what `remembered` needs: where its moving readings were, and its value.
     """
-    return 2 * len(learned.channels) + len(learned.played) + len(learned.lagged)
+    return sum(_memory_sizes(learned))
+
+
+def _memory_sizes(learned: LearnedMap) -> list[int]:
+    m = len(learned.channels)
+    remembers = [len(learned.moves), 1] if learned.stays else [0, 0]
+    return [m, m, len(learned.played), len(learned.lagged), *remembers]
 
 
 def carried_size(learned: LearnedMap, touched: Sequence[int]) -> int:
@@ -78,7 +84,9 @@ def _parameters(learned: LearnedMap) -> list[Floats]:
         np.asarray(getattr(learned, name), dtype=np.float64).ravel() for name in PARAMETERS
     ]
     homed = np.array(learned.homed or [ANYWHERE] * len(learned.joints))
-    parameters += [np.array(learned.extrapolation or [0.0] * len(learned.joints)), *homed.T]
+    none = [0.0] * len(learned.joints)
+    parameters += [np.array(learned.stays or none), np.array(learned.extrapolation or none)]
+    parameters += [*homed.T]
     for joint in learned.joints:
         parameters += [
             np.asarray(joint.coefficients),
@@ -95,9 +103,10 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     A value is φᵀ b. An error e of the filter's own angle becomes gain · e in the reported angle,
     gain = own (1 + ∂value/∂θ). The map's own variance is c² (g² φᵀ C φ + s²) + d² (s² + spread²), g
     being `LearnedMap.between` and d how far the readings are outside the learned range, see
-    `outside`. For each reading that has been missing for a time a it grows by the square of
-    ∂value/∂reading times min(rate · a, the reading's whole range). Beyond what a homing move
-    covered it grows by (κ h)², see `beyond_homing`.
+    `outside`. It grows by (z r)², z being what is `remembered` of d, and r `LearnedMap.stays`. For
+    each reading that has been missing for a time a it grows by the square of ∂value/∂reading times
+    min(rate · a, the reading's whole range). Beyond what a homing move covered it grows by (κ h)²,
+    see `beyond_homing`.
 
     Args:
         learned: the map; its coefficients and ranges are the function's inputs `numbers`, see
@@ -108,7 +117,6 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     """
     nj = len(learned.joints)
     m = len(learned.channels)
-    k = len(learned.played)
     n = len(learned.centre)
     memory = ca.SX.sym("memory", memory_size(learned))
     x = ca.SX.sym("x", 1 + 2 * width)
@@ -117,8 +125,8 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     sizes = [len(part) for part in _parameters(learned)]
     parameters = ca.SX.sym("numbers", sum(sizes))
     centre, scale, low, high, rate, half_play, distance, reach, *parts = _split(parameters, sizes)
-    share, between, spread, band, extrapolation, homed_low, homed_high, *of_joints = parts
-    held, ages, plays, lags = _split(memory, [m, m, k, len(learned.lagged)])
+    share, between, spread, band, stays, extrapolation, homed_low, homed_high, *of_joints = parts
+    held, ages, plays, lags, trail, remains = _split(memory, _memory_sizes(learned))
     is_present = [is_read(x[1 + width + i]) for i in range(m)]
     aged = [ca.if_else(is_present[i], 0, ages[i] + x[0]) for i in range(m)]
     readings = [
@@ -156,6 +164,17 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     far = ca.fmax(0, ca.sqrt(ca.fmax(_form(distance, z), 0)) / reach - 1)
     for i in range(n):
         far = ca.fmax(far, ca.fmax(low[i] - symbols[i], symbols[i] - high[i]) / half[i])
+    passed = []
+    way = ca.SX(0)
+    for at, name in enumerate(learned.moves if learned.stays else ()):
+        i = learned.channels.index(name)
+        inner_reading = ca.fmin(ca.fmax(symbols[i], low[i]), high[i])
+        room = PASSED * half[i]
+        now = ca.fmin(ca.fmax(trail[at], inner_reading - room), inner_reading + room)
+        moved = ca.fmin(ca.fabs(now - trail[at]), rate[i] * (ages[i] + x[0]))
+        way = ca.fmax(way, moved / (2 * half[i]))
+        passed.append(now)
+    remains = ca.fmax(far, remains * ca.exp(-way)) if learned.stays else remains
     faded = ca.SX.sym("faded")  # a weight that slopes do not see change
     weights = ca.vertcat(*(faded if fades else 1 for fades in learned.fading))
     shown = weights * phi
@@ -168,6 +187,8 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
         slopes = ca.jacobian(value, symbols).T * ca.vertcat(*follows)
         variance = band[j] ** 2 * (between**2 * _form(covariance, shown) + std**2)
         variance += far**2 * (std**2 + spread[j] ** 2)
+        if learned.stays:
+            variance += (remains * stays[j]) ** 2
         corrected = symbols[m + j] + value if n > m else value
         past = ca.fmax(0, ca.fmax(homed_low[j] - corrected, corrected - homed_high[j]))
         variance += (extrapolation[j] * past) ** 2
@@ -177,7 +198,8 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
         gains.append(share * (1 + (slopes[m + j] if n > m else 0)))
         variances.append(variance)
     outputs = [ca.vertcat(*column) for column in (values, gains, variances)]
-    outputs += [far, ca.vertcat(*readings, *aged, *after.values(), *late.values())]
+    states = (*readings, *aged, *after.values(), *late.values(), *passed, remains)
+    outputs += [far, ca.vertcat(*states)]
     outputs = ca.substitute(outputs, [share_in, faded], [inner, fade(learned, far)])
     outputs = ca.substitute(outputs, [symbols], [ca.vertcat(*readings, angles)[:n]])
     return ca.Function(
@@ -200,7 +222,9 @@ def first_memory(learned: LearnedMap, values: Vector, mask: Vector) -> Vector:
         / learned.scale[i]
         for i, _ in (*learned.played, *learned.lagged)
     ]
-    return ca.vertcat(*held, *ages, *plays)
+    moving = [learned.channels.index(name) for name in learned.moves if learned.stays]
+    trail = [ca.fmin(ca.fmax(held[i], learned.low[i]), learned.high[i]) for i in moving]
+    return ca.vertcat(*held, *ages, *plays, *trail, *([0.0] if learned.stays else []))
 
 
 def reporting_function(

@@ -139,6 +139,14 @@ class LearnedMap(Description):
     band: Row = Field(
         description="c, one for each joint: factor on the standard deviation, by logs left out"
     )
+    stays: Row = Field(
+        (),
+        description="for each joint, what adds to the standard deviation after readings were half "
+        "a range beyond the learned one, since friction may hold it [SI]",
+    )
+    moves: tuple[str, ...] = Field(
+        (), description="sensors of positions: as they move within the range, that is forgotten"
+    )
     extrapolation: Row = Field(
         (),
         description="what the angle errs by for each radian beyond what a homing move covered, of "
@@ -211,11 +219,14 @@ class LearnedMap(Description):
                 raise ValueError(
                     f"{name} must have {size} entries; {len(getattr(self, name))} came"
                 )
-        for name in ("extrapolation", "homed"):
+        for name in ("stays", "extrapolation", "homed"):
             if len(getattr(self, name)) not in (0, joints):
                 raise ValueError(
                     f"{name} must have {joints} entries or none; {len(getattr(self, name))} came"
                 )
+        unknown = [name for name in self.moves if name not in self.channels]
+        if unknown:
+            raise ValueError(f"moves: '{unknown[0]}' is none of channels")
         if len(self.distance) != m or any(len(row) != m for row in self.distance):
             raise ValueError(f"distance must be {m} rows of {m} numbers")
         are_positive = all(size > 0.0 for size in (*self.scale, *self.width, *self.band))
@@ -242,8 +253,8 @@ class LearnedMap(Description):
     def structure(self) -> tuple[object, ...]:
         """What decides the equations of the map; all else is a number in them."""
         sizes = (len(self.centre), len(self.joints))
-        flags = (self.tracked, self.follows)
-        return type(self).__name__, self.terms, self.channels, *sizes, *flags
+        flags = (self.tracked, self.follows, bool(self.stays))
+        return type(self).__name__, self.terms, self.channels, self.moves, *sizes, *flags
 
     @property
     def variables(self) -> tuple[str, ...]:
