@@ -329,6 +329,13 @@ class KernelEstimator:
         return ()
 
     @property
+    def apart(self) -> tuple[int, ...]:
+        """Indices in the kernel state of how far the members of blends are apart, see
+        `LearnedMap.apart`, the largest square over the joints; empty without a blend.
+        """
+        return ()
+
+    @property
     def contacts(self) -> dict[str, list[int]]:
         """Joint → indices in the kernel state of the probability of a touch, and of the time for
         which it has lasted [s].

@@ -4,6 +4,8 @@ exported filter.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from distal.codegen import CodeError, Emitter, Plain
 from distal.errors import ExportError
 from distal.estimators import KernelEstimator
@@ -45,7 +47,6 @@ def health_source(estimator: KernelEstimator, name: str, emitter: Emitter) -> di
         check = emitter.add(watch.function)
     except CodeError as problem:
         raise ExportError(f"the health of '{estimator.rig.name}' has no C: {problem}") from None
-    at_touched = watch.sample["touched"].start
     values = {
         "name": name,
         "NAME": name.upper(),
@@ -58,16 +59,24 @@ def health_source(estimator: KernelEstimator, name: str, emitter: Emitter) -> di
         "watched": ", ".join(map(str, watch.watched)) or "0",  # a list without members is not C
         "n_watched": str(len(watch.watched)),
         "stds": ", ".join(f"out->{std}" for _, std in angle_fields(estimator.rig)),
-        "touched": "\n".join(
-            f"  if (sample[{at_touched}] < state->kernel_state[{i}])\n"
-            f"    sample[{at_touched}] = state->kernel_state[{i}];"
-            for i in estimator.touched
-        ),
+        "touched": _largest(watch.sample["touched"].start, estimator.touched),
+        "apart": _largest(watch.sample["apart"].start, estimator.apart),
         "zero": dialect.constant(0.0),
         "one": dialect.constant(1.0),
         **{f"at_{part}": str(watch.sample[part].start) for part in watch.sample.names},
     }
     return {"watching": filled(_SOURCE, values), "n_memory": str(watch.memory.size)}
+
+
+def _largest(at: int, indices: Sequence[int]) -> str:
+    """Return statements that give the sample, at an index, the largest of some values of the
+    kernel state.
+    """
+    return "\n".join(
+        f"  if (sample[{at}] < state->kernel_state[{i}])\n"
+        f"    sample[{at}] = state->kernel_state[{i}];"
+        for i in indices
+    )
 
 
 _SOURCE = """\
@@ -100,8 +109,9 @@ int $name$_health($name$_watch* watch, const $name$_state* state, $real$ dt, con
     sample[$at_watched$ + i] = state->kernel_state[watched[i]];
     sample[$at_watched_variances$ + i] = state->kernel_state[$n$ + watched[i] * ($n$ + 1)];
   }
-  sample[$at_touched$] = $zero$;
+  sample[$at_touched$] = sample[$at_apart$] = $zero$;
 $touched$
+$apart$
   $check$(watch->memory, sample, memory, findings);
   memcpy(watch->memory, memory, sizeof memory);
   watch->begun = 1;

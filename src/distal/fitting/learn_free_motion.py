@@ -73,8 +73,8 @@ def free_motion_of(
         stds = np.sqrt(np.maximum(result.innovation_variances, 1e-30))
         shown = np.nan_to_num(result.innovations / stds)
         variances.append(result.innovation_variances[begun])
-        squares.append(_mean(shown, log, EVIDENCE_TIME)[begun] ** 2)
-        seconds.append(_mean(shown**2, log, MEMORY)[begun])
+        squares.append(recent_mean(shown, log.time, EVIDENCE_TIME)[begun] ** 2)
+        seconds.append(recent_mean(shown**2, log.time, MEMORY)[begun])
         both = np.maximum(np.mean(shown[begun] ** 2, axis=0), 1e-30)
         neighbours.append(np.mean(shown[begun][1:] * shown[begun][:-1], axis=0) / both)
         paces.append(_pace(np.array(readings) / spread[:, None], log)[begun])
@@ -159,9 +159,9 @@ def untouched(rig: Rig) -> Rig:
     return rig.model_copy(update={"free_motion": never})
 
 
-def _mean(values: Floats, log: Log, time: float) -> Floats:
+def recent_mean(values: Floats, stamps: Floats, time: float) -> Floats:
     """Return exponentially fading means over a `time` [s], (k, m), as the filter computes them."""
-    fade = exp(-float(np.median(np.diff(log.time))) / time)
+    fade = exp(-float(np.median(np.diff(stamps))) / time)
     means: Floats = lfilter([1 - fade], [1, -fade], values, axis=0)
     return means
 

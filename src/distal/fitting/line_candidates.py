@@ -16,24 +16,29 @@ from distal.fitting.candidates import (
     held_out_rms,
     with_its_reference_error,
 )
+from distal.fitting.learn_free_motion import NORMAL, recent_mean
 from distal.fitting.learned_maps import MapFit, map_of
 from distal.fitting.map_samples import discrepancy_of, mean_rms
 from distal.regression import (
     Blend,
     Errors,
+    HeldOut,
     Kind,
     Learner,
     Samples,
     Terms,
     as_discrepancy,
+    design,
     errors_beyond,
     errors_of,
     fit_coefficients,
     folds_of,
     left_out_errors,
+    row_of,
     sized_by,
 )
 from distal.rig import LearnedMap
+from distal.run.health import MEMORY
 
 AFFINE_MAP = "affine map"
 """Name of the candidate that reports the angle of the map `affine`."""
@@ -48,6 +53,8 @@ LEADS = 3.0
 does not lead beyond the logs. Source: judgement.
 """
 
+SMALLEST_SQUARE = 1e-12
+"""Least normal mean square of that difference [rad²]. Source: rounding (members that are one)."""
 
 FOR_WEIGHTS = 3
 """Least number of logs, or groups of logs, that tell the weights of a blend: to be held out in turn
@@ -155,7 +162,7 @@ class _Lines:
 
         held = blend.held_out(self.samples, self.folds)
         whole = blend.learned(self.samples, self.folds)
-        mixed = sized_by(whole, self.kind, self.folds, held)
+        mixed = _with_normal_difference(sized_by(whole, self.kind, self.folds, held), held)
         shares = ", ".join(
             f"{joint.joint} {100 * weight:.0f} %"
             for joint, weight in zip(mixed.joints, blend.weights(self.samples, self.folds))
@@ -189,6 +196,21 @@ class _Lines:
             error=error,
             beyond=held_out_rms(self.samples, beyond, error),
         )
+
+
+def _with_normal_difference(blend: LearnedMap, held: Sequence[HeldOut]) -> LearnedMap:
+    """Return a blend with its members' difference over the root of its largest normal mean square
+    over a second in `held` logs.
+    """
+    rows = list[tuple[float, ...]]()
+    for j, row in enumerate(blend.apart):
+        seconds = [
+            recent_mean((design(fold, log) @ fold.apart[j]) ** 2, log.time, MEMORY)
+            for fold, log in held
+        ]
+        largest = max(float(np.quantile(np.concatenate(seconds), NORMAL)), SMALLEST_SQUARE)
+        rows.append(row_of(np.asarray(row) / np.sqrt(largest)))
+    return blend.model_copy(update={"apart": tuple(rows)})
 
 
 def _at_times_of(samples: Samples, straight: Samples) -> Samples:

@@ -12,6 +12,7 @@ from distal.regression.discrepancy import discrepancy_kind
 from distal.regression.extrapolation import Learner, errors_beyond
 from distal.regression.features import Samples, design, limits, outside, played, predict
 from distal.regression.learn_map import (
+    HeldOut,
     Kind,
     Terms,
     calibrate_band,
@@ -29,7 +30,7 @@ from distal.regression.map_function import (
     memory_size,
     reporting_function,
 )
-from distal.regression.random_effects import correlated_samples, independent, line
+from distal.regression.random_effects import correlated_samples, independent, line, row_of
 from distal.regression.servos import servos_of
 from distal.regression.yardsticks import YARDSTICKS, yardstick_error
 
@@ -38,6 +39,7 @@ __all__ = [
     "YARDSTICKS",
     "Blend",
     "Errors",
+    "HeldOut",
     "Kind",
     "Learner",
     "Samples",
@@ -72,6 +74,7 @@ __all__ = [
     "predict",
     "reporting_function",
     "rms_beyond_noise",
+    "row_of",
     "seen",
     "servos_of",
     "sized_by",

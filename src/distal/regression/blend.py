@@ -22,7 +22,7 @@ from distal.regression.learn_map import (
     errors_of,
     fit_coefficients,
 )
-from distal.regression.random_effects import joint_map
+from distal.regression.random_effects import joint_map, row_of
 from distal.rig import CONSTANT, JointMap, LearnedMap
 
 WITHOUT_ERRORS = 0.5
@@ -129,11 +129,12 @@ def _mixed(first: LearnedMap, second: LearnedMap, weights: Sequence[float]) -> L
     shares = np.asarray(weights)
     terms = tuple(dict.fromkeys((*first.terms, *second.terms)))
     joints = []
+    apart = list[tuple[float, ...]]()
     for correction, line, w in zip(first.joints, second.joints, weights):
         b1, c1 = _among(first, correction, terms)
         b2, c2 = _among(second, line, terms)
-        apart = b1 - b2
-        covariance = (1 - w) * c1 + w * c2 + w * (1 - w) * np.outer(apart, apart)
+        apart.append(row_of(b1 - b2))
+        covariance = (1 - w) * c1 + w * c2 + w * (1 - w) * np.outer(apart[-1], apart[-1])
         std = float(np.sqrt((1 - w) * correction.std**2 + w * line.std**2))
         joints.append(joint_map(correction.joint, (1 - w) * b1 + w * b2, covariance, std))
     stays = np.sqrt((1 - shares) * np.square(first.stays) + shares * np.square(second.stays))
@@ -144,6 +145,7 @@ def _mixed(first: LearnedMap, second: LearnedMap, weights: Sequence[float]) -> L
             "joints": tuple(joints),
             "correlation_time": longest,
             "stays": tuple(stays.tolist()),
+            "apart": tuple(apart),
         }
     )
 

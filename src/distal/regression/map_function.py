@@ -47,8 +47,11 @@ judgement.
 
 
 def memory_size(learned: LearnedMap) -> int:
-    """Return the length of a map's memory: the last readings, their ages, the states of its play
-    operators and lags, and what `remembered` needs: where its moving readings were, and its value.
+    """Return the length of a map's memory.
+
+    It holds the last readings, their ages, the states of play operators and lags, and what
+    `remembered` needs: where its moving readings were, and its value. Last is how far the members
+    of a blend are apart, see `LearnedMap.apart`.
     """
     return sum(_memory_sizes(learned))
 
@@ -56,7 +59,7 @@ def memory_size(learned: LearnedMap) -> int:
 def _memory_sizes(learned: LearnedMap) -> list[int]:
     m = len(learned.channels)
     remembers = [len(learned.moves), 1] if learned.stays else [0, 0]
-    return [m, m, len(learned.played), len(learned.lagged), *remembers]
+    return [m, m, len(learned.played), len(learned.lagged), *remembers, int(bool(learned.apart))]
 
 
 def carried_size(learned: LearnedMap, touched: Sequence[int]) -> int:
@@ -86,7 +89,7 @@ def _parameters(learned: LearnedMap) -> list[Floats]:
     homed = np.array(learned.homed or [ANYWHERE] * len(learned.joints))
     none = [0.0] * len(learned.joints)
     parameters += [np.array(learned.stays or none), np.array(learned.extrapolation or none)]
-    parameters += [*homed.T]
+    parameters += [*homed.T, np.ravel(learned.apart)]
     for joint in learned.joints:
         parameters += [
             np.asarray(joint.coefficients),
@@ -125,8 +128,9 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     sizes = [len(part) for part in _parameters(learned)]
     parameters = ca.SX.sym("numbers", sum(sizes))
     centre, scale, low, high, rate, half_play, distance, reach, *parts = _split(parameters, sizes)
-    share, between, spread, band, stays, extrapolation, homed_low, homed_high, *of_joints = parts
-    held, ages, plays, lags, trail, remains = _split(memory, _memory_sizes(learned))
+    share, between, spread, band, stays, extrapolation, homed_low, homed_high, *parts = parts
+    apart, *of_joints = parts
+    held, ages, plays, lags, trail, remains, _ = _split(memory, _memory_sizes(learned))
     is_present = [is_read(x[1 + width + i]) for i in range(m)]
     aged = [ca.if_else(is_present[i], 0, ages[i] + x[0]) for i in range(m)]
     readings = [
@@ -198,7 +202,10 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
         gains.append(share * (1 + (slopes[m + j] if n > m else 0)))
         variances.append(variance)
     outputs = [ca.vertcat(*column) for column in (values, gains, variances)]
-    states = (*readings, *aged, *after.values(), *late.values(), *passed, remains)
+    states = [*readings, *aged, *after.values(), *late.values(), *passed, remains]
+    if learned.apart:
+        differences = (ca.dot(row, shown) for row in ca.vertsplit(apart, len(learned.terms)))
+        states.append(reduce(ca.fmax, (difference**2 for difference in differences)))
     outputs += [far, ca.vertcat(*states)]
     outputs = ca.substitute(outputs, [share_in, faded], [inner, fade(learned, far)])
     outputs = ca.substitute(outputs, [symbols], [ca.vertcat(*readings, angles)[:n]])
@@ -224,7 +231,14 @@ def first_memory(learned: LearnedMap, values: Vector, mask: Vector) -> Vector:
     ]
     moving = [learned.channels.index(name) for name in learned.moves if learned.stays]
     trail = [ca.fmin(ca.fmax(held[i], learned.low[i]), learned.high[i]) for i in moving]
-    return ca.vertcat(*held, *ages, *plays, *trail, *([0.0] if learned.stays else []))
+    return ca.vertcat(
+        *held,
+        *ages,
+        *plays,
+        *trail,
+        *([0.0] if learned.stays else []),
+        *([0.0] if learned.apart else []),
+    )
 
 
 def reporting_function(

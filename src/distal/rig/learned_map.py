@@ -147,6 +147,11 @@ class LearnedMap(Description):
     moves: tuple[str, ...] = Field(
         (), description="sensors of positions: as they move within the range, that is forgotten"
     )
+    apart: tuple[Row, ...] = Field(
+        (),
+        description="of a blend, for each joint: coefficients of the difference of its members, "
+        "whose mean square over a second is normally below 1 in logs left out",
+    )
     extrapolation: Row = Field(
         (),
         description="what the angle errs by for each radian beyond what a homing move covered, of "
@@ -219,7 +224,7 @@ class LearnedMap(Description):
                 raise ValueError(
                     f"{name} must have {size} entries; {len(getattr(self, name))} came"
                 )
-        for name in ("stays", "extrapolation", "homed"):
+        for name in ("stays", "apart", "extrapolation", "homed"):
             if len(getattr(self, name)) not in (0, joints):
                 raise ValueError(
                     f"{name} must have {joints} entries or none; {len(getattr(self, name))} came"
@@ -240,6 +245,8 @@ class LearnedMap(Description):
                     raise ValueError(
                         f"terms: '{factor}' is no variable ({', '.join(self.variables)})"
                     )
+        if any(len(row) != len(self.terms) for row in self.apart):
+            raise ValueError(f"apart: each row must have {len(self.terms)} coefficients")
         for joint in self.joints:
             if len(joint.coefficients) != len(self.terms):
                 raise ValueError(
@@ -253,7 +260,7 @@ class LearnedMap(Description):
     def structure(self) -> tuple[object, ...]:
         """What decides the equations of the map; all else is a number in them."""
         sizes = (len(self.centre), len(self.joints))
-        flags = (self.tracked, self.follows, bool(self.stays))
+        flags = (self.tracked, self.follows, bool(self.stays), bool(self.apart))
         return type(self).__name__, self.terms, self.channels, self.moves, *sizes, *flags
 
     @property

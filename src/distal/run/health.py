@@ -36,9 +36,8 @@ HEALTH: dict[Health, str] = {
     "innovations are far too small",
     "missing": "a sensor has no value for longer than its own interval; it is bridged",
     "gap": "samples are missing before this one; they are bridged",
-    "disagrees": "a sensor is not where it can be, its innovations are too large, or a number of "
-    "the rig left its prior: "
-    "do not trust the band",
+    "disagrees": "a sensor is not where it can be, its innovations are too large, the members of "
+    "a blend differ too much, or a number of the rig left its prior: do not trust the band",
     "dead": f"a sensor has had no value, or always the same one, for {DEAD:g} s or more",
     "restarted": "the clock jumped, or the filter left all bounds: it begins anew with this sample",
     "late": "the stamp is older than the last one's; skipped, no estimate",
@@ -114,16 +113,19 @@ class Watch:
     Args:
         memory: layout of what is remembered. For each channel: its last value, its age, and for how
             long it has been the same. For each drive's position: the share of time beyond its
-            range. For each compared sensor: the mean ν²/S. The pace of the stamps. For each of the
+            range. For each compared sensor: the mean ν²/S. The mean square of how far the members
+            of a blend are apart. The pace of the stamps. For each of the
             `ends`, in the current visit: its furthest reading, and how far the joint was beyond it
             [deg].
         sample: layout of the input: whether it is the first sample, dt, values and mask of the
             channels, stds of the angles, innovations, their mask and their variances, the watched
-            states and their variances, and the largest share that a touch has of a joint.
+            states and their variances, the largest share that a touch has of a joint, and the
+            square of how far the members of a blend are apart.
         findings: layout of the output: the code of the reported word, then 1 where a finding holds:
-            gap, hurried, nothing read, untested, unknown; for each channel dead, stuck, missing;
-            for each position wrong; for each compared sensor large; for each watched state left.
-            For each of the `ends` it is by how much the joint is beyond it [deg].
+            gap, hurried, nothing read, untested, unknown, members of a blend apart; for each
+            channel dead, stuck, missing; for each position wrong; for each compared sensor large;
+            for each watched state left. For each of the `ends` it is by how much the joint is
+            beyond it [deg].
         placed: indices of the channels that are positions of drives.
         ends: ends of the ranges of motors whose joints have stops.
         watched: indices of the states that are parameters of the rig.
@@ -171,7 +173,15 @@ def watch_of(estimator: KernelEstimator) -> Watch:
     k = len(watched)
     p = len(placed)
     memory = Layout(
-        last=n, age=n, same=n, outside=p, ratio=m, pace=1, furthest=len(ends), found=len(ends)
+        last=n,
+        age=n,
+        same=n,
+        outside=p,
+        ratio=m,
+        apart=1,
+        pace=1,
+        furthest=len(ends),
+        found=len(ends),
     )
     sample = Layout(
         first=1,
@@ -185,6 +195,7 @@ def watch_of(estimator: KernelEstimator) -> Watch:
         watched=k,
         watched_variances=k,
         touched=1,
+        apart=1,
     )
     findings = Layout(
         code=1,
@@ -193,6 +204,7 @@ def watch_of(estimator: KernelEstimator) -> Watch:
         nothing=1,
         untested=1,
         unknown=1,
+        split=1,
         dead=n,
         stuck=n,
         missing=n,
@@ -243,7 +255,10 @@ def watch_of(estimator: KernelEstimator) -> Watch:
     free = estimator.rig.free_motion
     usual = [1.0] * m if free is None else [square for square, _ in free.usual(estimator.measured)]
     square = ca.fmin(came["innovations"] ** 2 / (came["variances"] * _column(usual)), CAPPED)
-    square = ca.if_else(came["touched"] > TOUCHED, ca.fmin(square, 1), square)
+    is_touched = came["touched"] > TOUCHED
+    square = ca.if_else(is_touched, ca.fmin(square, 1), square)
+    members = ca.fmin(came["apart"], ca.if_else(is_touched, 1, CAPPED))
+    apart = was["apart"] + share * (members - was["apart"])
     ratio = was["ratio"] + ca.if_else(came["compared"], share * (square - was["ratio"]), 0)
     prior = _column(means[list(watched)])
     allowed = LARGE_PRIOR * _column(stds[list(watched)])
@@ -265,6 +280,7 @@ def watch_of(estimator: KernelEstimator) -> Watch:
         "missing": missing,
         "wrong": wrong,
         "large": ratio > LARGE,
+        "split": apart > LARGE,
         "left": left,
     }
     visits = [
@@ -284,6 +300,7 @@ def watch_of(estimator: KernelEstimator) -> Watch:
         same=same,
         outside=outside,
         ratio=ratio,
+        apart=apart,
         pace=pace,
         furthest=furthest,
         found=sizes,
@@ -325,6 +342,7 @@ WORDS: dict[str, Health] = {
     "hurried": "disagrees",
     "wrong": "disagrees",
     "large": "disagrees",
+    "split": "disagrees",
     "left": "disagrees",
     "unknown": "disagrees",
     "stuck": "dead",

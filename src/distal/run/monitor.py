@@ -245,6 +245,7 @@ class Monitor:
         came["watched"][:] = live.mean[list(watch.watched)]
         came["watched_variances"][:] = np.diagonal(live.covariance)[list(watch.watched)]
         came["touched"][:] = live.touched
+        came["apart"][:] = live.apart
         came["first"][:] = self._fresh
         came["dt"][:] = dt
         self._memory, findings = self._check(self._memory, self._sample)
@@ -285,6 +286,8 @@ class Monitor:
             "wrong": f"{', '.join(positions)} is where its drive cannot be: wrong unit, "
             "zero or side?",
             "large": ", ".join(large),
+            "split": "the filter and the affine map differ by "
+            f"{sqrt(self._memory[watch.memory['apart']][0]):.1f}x",
             "left": f"{', '.join(left)}: further from the rig's value than its std allows",
             "unknown": "the angle is not known",
             "stuck": f"{dead}, {stuck}" if dead else stuck,

@@ -27,7 +27,12 @@ from distal.estimators.report import Report
 from distal.estimators.state_kinds import StateKind, states_of
 from distal.kernels import Structure, kernel_of, structure_of
 from distal.logs import frozen
-from distal.regression import map_coefficients_of, reporting_function
+from distal.regression import (
+    carried_size,
+    map_coefficients_of,
+    memory_size,
+    reporting_function,
+)
 from distal.rig import Affine, Contact, Discrepancy, LearnedMap, Rig, Sensor
 
 
@@ -303,6 +308,18 @@ class AdaptiveFilter(KernelEstimator):
         at = adaptive_layout(self._states)["torques"].start + TORQUE["share"].start
         joints = range(len(self._states.context.touchable))
         return tuple(at + TORQUE.size * k for k in joints)
+
+    @property
+    def apart(self) -> tuple[int, ...]:
+        """Indices in the kernel state of how far the members of blends are apart."""
+        begin = adaptive_layout(self._states).size
+        indices = list[int]()
+        for learned in self._maps:
+            size = memory_size(learned)
+            if learned.apart:
+                indices.append(begin + size - 1)
+            begin += size + carried_size(learned, self.touched)
+        return tuple(indices)
 
     @property
     def contacts(self) -> dict[str, list[int]]:
