@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from distal import (
     LiveEstimator,
     Log,
+    Monitor,
     Rig,
     estimate,
     estimate_batch,
@@ -86,6 +87,9 @@ def made(own: float = 0.5) -> Discrepancy:
         own=own,
         between=0.7,
         spread=(0.03,),
+        stays=(0.02,),
+        moves=("motor_angle",),
+        apart=((0.5, 1.0, 0.0, -1.0, 0.0, 3.0),),
         logs=7,
         joints=(
             JointMap(
@@ -127,6 +131,7 @@ def naive(
     low, high, centre, scale = (np.array(x) for x in (d.low, d.high, d.centre, d.scale))
     half = (high - low) / 2
     held, age, play = d.centre[1], 1e6, None
+    trail, kept = None, 0.0
     deltas, variances = [], []
     for s, u, theta, variance in zip(position, torque, angle, own):
         held, age = (u, 0.0) if np.isfinite(u) else (held, age + dt)
@@ -144,10 +149,16 @@ def naive(
             *((raw - high) / half),
         )
         faded = 1.0 / (1.0 + (4.0 * far) ** 2)
+        inner = min(max(s, low[0]), high[0])
+        before = inner if trail is None else trail
+        trail = min(max(before, inner - 0.1 * half[0]), inner + 0.1 * half[0])
+        way = min(abs(trail - before), d.rate[0] * dt) / (2.0 * half[0])
+        kept = max(far, kept * np.exp(-way))
         phi[1:] *= faded
         total = (
             d.between**2 * (phi @ covariance @ phi) + std**2 + far**2 * (std**2 + d.spread[0] ** 2)
         )
+        total += (kept * d.stays[0]) ** 2
         inside = low[2] - 0.5 * half[2] < theta < high[2] + 0.5 * half[2]
         total += (
             d.own * (1.0 + (faded * drawn * b[5] / scale[2] if inside else 0.0))
@@ -215,6 +226,27 @@ def test_a_reading_that_is_missing_loses_its_worth_with_time(plain: Rig) -> None
     assert (
         added[-1] <= slope * 2 * 0.5 * (d.high[1] - d.low[1]) * 1.02
     )  # never more than the whole range
+
+
+def test_members_that_are_far_apart_are_no_good_health(rig: Rig) -> None:
+    """Mean squares over a second: of 2² after a second 4 (1 − 1/e) = 2.53, above 2.5."""
+    assert rig.discrepancy is not None
+    time = np.arange(0.0, 3.0, 0.005)
+    noise = np.random.default_rng(3).normal(size=(2, len(time)))
+    position, torque = 0.05 + 4e-4 * noise[0], 0.01 + 2e-3 * noise[1]
+    log = Log(time, {"motor_angle": position, "motor_torque": torque})
+    for constant, is_wrong in ((2.0, True), (1.5, False)):
+        row = (constant, 0.0, 0.0, 0.0, 0.0, 0.0)
+        of_row = rig.discrepancy.model_copy(update={"apart": (row,)})
+        changed = rig.with_values({"discrepancy": of_row.model_dump()})
+        monitor = Monitor(LiveEstimator(changed, compiled=False))
+        samples = samples_of(log, monitor.channels)
+        readings = [monitor.take(float(t), sample) for t, sample in zip(time, samples)]
+        said = np.array(["blend" in reading.detail for reading in readings])
+        assert said[210:].all() == said.any() == is_wrong
+        assert not said[:190].any()
+        if is_wrong:
+            assert readings[-1].health == "disagrees"
 
 
 def test_the_filters_own_state_goes_on_without_it(plain: Rig, rig: Rig, log: Log) -> None:

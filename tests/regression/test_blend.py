@@ -11,6 +11,7 @@ from distal.regression import (
     Blend,
     Samples,
     Terms,
+    design,
     discrepancy_kind,
     errors_of,
     predict,
@@ -84,6 +85,8 @@ def test_values_and_variances_are_those_of_a_mixture() -> None:
     apart = first.values - second.values
     expected = (1 - w) * first.variances + w * second.variances + w * (1 - w) * apart**2
     np.testing.assert_allclose(both.variances, expected, rtol=1e-9)
+    learned = BLEND.learned(LOGS, FOLDS)
+    np.testing.assert_allclose(design(learned, LOGS[0]) @ learned.apart[0], apart, atol=1e-12)
     assert np.std(np.sqrt(both.variances)) > 0.1 * np.mean(np.sqrt(both.variances))
 
 

@@ -59,8 +59,8 @@ def health_source(estimator: KernelEstimator, name: str, emitter: Emitter) -> di
         "watched": ", ".join(map(str, watch.watched)) or "0",  # a list without members is not C
         "n_watched": str(len(watch.watched)),
         "stds": ", ".join(f"out->{std}" for _, std in angle_fields(estimator.rig)),
-        "touched": _largest(watch.sample["touched"].start, estimator.touched),
-        "apart": _largest(watch.sample["apart"].start, estimator.apart),
+        "touched": _largest(watch.sample["touched"], estimator.touched),
+        "apart": _largest(watch.sample["apart"], estimator.apart),
         "zero": dialect.constant(0.0),
         "one": dialect.constant(1.0),
         **{f"at_{part}": str(watch.sample[part].start) for part in watch.sample.names},
@@ -68,15 +68,17 @@ def health_source(estimator: KernelEstimator, name: str, emitter: Emitter) -> di
     return {"watching": filled(_SOURCE, values), "n_memory": str(watch.memory.size)}
 
 
-def _largest(at: int, indices: Sequence[int]) -> str:
-    """Return statements that give the sample, at an index, the largest of some values of the
-    kernel state.
+def _largest(part: slice, indices: Sequence[int]) -> str:
+    """Return statements that give a part of the sample, of one number or none, the largest of some
+    values of the kernel state, or zero.
     """
-    return "\n".join(
-        f"  if (sample[{at}] < state->kernel_state[{i}])\n"
-        f"    sample[{at}] = state->kernel_state[{i}];"
+    lines = [f"  sample[{at}] = 0;" for at in range(part.start, part.stop)]
+    lines += [
+        f"  if (sample[{part.start}] < state->kernel_state[{i}])\n"
+        f"    sample[{part.start}] = state->kernel_state[{i}];"
         for i in indices
-    )
+    ]
+    return "\n".join(lines)
 
 
 _SOURCE = """\
@@ -109,7 +111,6 @@ int $name$_health($name$_watch* watch, const $name$_state* state, $real$ dt, con
     sample[$at_watched$ + i] = state->kernel_state[watched[i]];
     sample[$at_watched_variances$ + i] = state->kernel_state[$n$ + watched[i] * ($n$ + 1)];
   }
-  sample[$at_touched$] = sample[$at_apart$] = $zero$;
 $touched$
 $apart$
   $check$(watch->memory, sample, memory, findings);

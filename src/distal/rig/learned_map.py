@@ -245,8 +245,6 @@ class LearnedMap(Description):
                     raise ValueError(
                         f"terms: '{factor}' is no variable ({', '.join(self.variables)})"
                     )
-        if any(len(row) != len(self.terms) for row in self.apart):
-            raise ValueError(f"apart: each row must have {len(self.terms)} coefficients")
         for joint in self.joints:
             if len(joint.coefficients) != len(self.terms):
                 raise ValueError(
@@ -254,6 +252,8 @@ class LearnedMap(Description):
                     "each term, "
                     f"{len(joint.coefficients)} came"
                 )
+        if any(len(row) != len(self.terms) for row in self.apart):
+            raise ValueError(f"apart: each row must have {len(self.terms)} coefficients")
         return self
 
     @property

@@ -172,13 +172,14 @@ def watch_of(estimator: KernelEstimator) -> Watch:
     j = len(estimator.rig.joints)
     k = len(watched)
     p = len(placed)
+    blends = int(bool(estimator.apart))
     memory = Layout(
         last=n,
         age=n,
         same=n,
         outside=p,
         ratio=m,
-        apart=1,
+        apart=blends,
         pace=1,
         furthest=len(ends),
         found=len(ends),
@@ -195,7 +196,7 @@ def watch_of(estimator: KernelEstimator) -> Watch:
         watched=k,
         watched_variances=k,
         touched=1,
-        apart=1,
+        apart=blends,
     )
     findings = Layout(
         code=1,
@@ -204,7 +205,7 @@ def watch_of(estimator: KernelEstimator) -> Watch:
         nothing=1,
         untested=1,
         unknown=1,
-        split=1,
+        split=blends,
         dead=n,
         stuck=n,
         missing=n,

@@ -267,7 +267,7 @@ class Monitor:
         live = self._live
         watch = self._watch
         interval = self._live.interval
-        age, ratio = (self._memory[watch.memory[name]] for name in ("age", "ratio"))
+        age, ratio, apart = (self._memory[watch.memory[name]] for name in ("age", "ratio", "apart"))
         positions = [
             live.channels[i] for i, is_wrong in zip(watch.placed, flags["wrong"]) if is_wrong
         ]
@@ -286,8 +286,8 @@ class Monitor:
             "wrong": f"{', '.join(positions)} is where its drive cannot be: wrong unit, "
             "zero or side?",
             "large": ", ".join(large),
-            "split": "the filter and the affine map differ by "
-            f"{sqrt(self._memory[watch.memory['apart']][0]):.1f}x",
+            "split": "the filter and the affine map of the blend differ by "
+            f"{sqrt(apart.sum()):.1f}x what is normal",
             "left": f"{', '.join(left)}: further from the rig's value than its std allows",
             "unknown": "the angle is not known",
             "stuck": f"{dead}, {stuck}" if dead else stuck,
