@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from distal.from_logs.column_role import ColumnRole
 from distal.from_logs.column_units import TAKEN_FORCES
 from distal.from_logs.found_parts import FoundDrive, FoundJoint
@@ -42,12 +40,11 @@ def raw_description(
         taken.append("length")
     if not all(_knows_force(drive.effort) for drive in drives):
         taken.append("force")
-    tension = float(np.median([drive.sizes.tension for drive in drives]))
     return {
         "name": title,
         "taken": taken,
         "log": {"time": log_time(time)},
-        "joints": [raw_joint(j, joint, drives, logs, tension) for j, joint in enumerate(joints)],
+        "joints": [raw_joint(j, joint, drives, logs) for j, joint in enumerate(joints)],
         "drives": [raw_drive(drive) for drive in drives],
         "tendons": [tendon for drive in drives for tendon in raw_tendons(drive, joints)],
         "sensors": [

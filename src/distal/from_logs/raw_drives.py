@@ -33,8 +33,9 @@ def raw_drive(drive: FoundDrive) -> Raw:
         raw["damping"] = about(sizes.damping, 1.0, per_speed)
     elif not sizes.is_slider:
         raw["damping"] = Guess("1e-3 N m s", "damping of motors")
-    friction: Raw = {"constant": constant, "load": {"value": 0.06, "std": 0.04}}
-    raw["friction"] = friction if angles else Guess(friction, "friction of drives")
+    if drive.effort is None or drive.effort.si != "N":  # a load cell stands before the tendon
+        friction: Raw = {"constant": constant, "load": {"value": 0.06, "std": 0.04}}
+        raw["friction"] = friction if angles else Guess(friction, "friction of drives")
     if drive.effort is None:
         side = 0.0 if sizes.is_pair else sizes.winding
         nominal = {"value": number(side * force, unit), "std": number(0.5 * force, unit)}
@@ -51,6 +52,10 @@ def raw_tendons(drive: FoundDrive, joints: Sequence[FoundJoint]) -> list[Raw]:
     if not np.isfinite(sizes.stiffness_std):
         stiffness = Guess(about(sizes.stiffness / 1e3, 0.6, "N/mm"), "stiffness of tendons")
     sides = (1, -1) if sizes.is_pair else (1,)
+    stiffening: Raw = {}
+    if np.isfinite(sizes.stiffness_std) and not sizes.is_pair:
+        # of two tendons on a spool one slackens as the other stiffens, which costs fits minutes
+        stiffening["stiffening"] = Guess({"value": 50.0, "std": 50.0}, "stiffening of tendons")
     tendons = []
     for side in sides:
         crossings = [
@@ -70,6 +75,7 @@ def raw_tendons(drive: FoundDrive, joints: Sequence[FoundJoint]) -> list[Raw]:
                 "side": side * sizes.winding,
                 "crossings": crossings,
                 "stiffness": stiffness,
+                **stiffening,
                 **_start(sizes),
                 "path": Guess(
                     {"friction": {"value": 0.1, "std": 0.08}, "wrap": "90 deg"},

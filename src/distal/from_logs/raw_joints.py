@@ -45,7 +45,6 @@ def raw_joint(
     joint: FoundJoint,
     drives: Sequence[FoundDrive],
     logs: Sequence[MotionData],
-    tension: float,
 ) -> Raw:
     """Return a joint.
 
@@ -54,18 +53,18 @@ def raw_joint(
         joint: its column.
         drives: all of them.
         logs: all of them.
-        tension: usual tension of a tendon [N].
     """
     balance = joint_balance(j, pulls_of(j, drives), logs)
     raw: Raw = {"name": joint.name, "parent": "base", **_dynamics(balance)}
     if joint.follows is not None:
         return raw | {"coupled": {"joint": joint.follows, "ratio": number(joint.ratio)}}
     raw["initial"] = _initial(j, logs)
+    # tendons press the joint on its axle; the preload is what else does
     raw["friction"] = Guess(
         {
-            "coefficient": {"value": 0.1, "std": 0.08},
-            "radius": "3 mm",
-            "preload": {"value": number(tension, "N"), "std": "60 %"},
+            "coefficient": {"value": 0.2, "std": 0.1},
+            "radius": "2 mm",
+            "preload": {"value": "1 N", "std": "1 N"},
         },
         "friction of joints",
     )
@@ -106,10 +105,12 @@ def _spring(
     logs: Sequence[MotionData],
     balance: JointBalance | None,
 ) -> object:
-    """Return the spring of a joint; None where the tendons need none."""
+    """Return the spring of a joint that tendons pull one way only; None for others, at which
+    tendons that stiffen would be taken for one.
+    """
     pulls = pulls_of(j, drives)
-    sides = [arm for drive, arm in pulls if not drive.sizes.is_pair]
-    pulls_one_way = len(sides) == len(pulls) and len({arm > 0.0 for arm in sides}) == 1
+    if any(drive.sizes.is_pair for drive, _ in pulls) or len({arm > 0.0 for _, arm in pulls}) > 1:
+        return None
     angles = np.concatenate([log.angles[:, j] for log in logs])
     low = float(np.nanmin(angles))
     high = float(np.nanmax(angles))
@@ -118,12 +119,10 @@ def _spring(
     if balance is not None and balance.stiffness > 0.0:
         rest_angle = -balance.offset / balance.stiffness
         holds = side * (nearest - rest_angle) > 0.0
-        if holds or not pulls_one_way:
+        if holds:
             spread = max(SPREAD * abs(degrees(nearest - rest_angle)), 5.0)
             angle = {"value": number(degrees(rest_angle), "deg"), "std": number(spread, "deg")}
             return {"stiffness": about(balance.stiffness, 0.4, "N m/rad"), "rest_angle": angle}
-    if not pulls_one_way:
-        return None
     tension = float(np.median([drive.sizes.tension for drive, _ in pulls]))
     rest_angle = nearest - side * BEFORE_START
     stiffness = abs(pulls[0][1]) * tension / max(abs(farthest - rest_angle), 0.1)
