@@ -28,6 +28,10 @@ def test_arms_signs_stiffness_and_noise_are_those_of_the_plant(tmp_path: Path) -
     assert found.rig.taken == ()
     assert found.rig.log.time.unit == "ms"
     assert "not in the logs: friction of joints" in found.text
+    # tendons that pull both ways need no spring, a load cell feels no friction of its drive
+    assert all(joint.spring is None for joint in found.rig.joints)
+    assert all(drive.friction.constant.value == 0.0 for drive in found.rig.drives)
+    assert {tendon.stiffening.std for tendon in found.rig.tendons} == {50.0}
     path = tmp_path / "own.toml"
     path.write_text(found.text)
     assert distal.load_rig(path) == found.rig
@@ -59,6 +63,7 @@ def test_a_rig_of_motors_with_currents_takes_both_scales(tmp_path: Path) -> None
     assert found.rig.taken == ("length", "force")
     radius = found.rig.drives[0].radius.value  # type: ignore[union-attr]
     tendon = found.rig.tendons[0]
+    assert all(drive.friction.constant.value > 0.0 for drive in found.rig.drives)
     assert tendon.arms()["mcp"] / radius == pytest.approx(8.0 / 5.0, rel=0.02)
     with pytest.raises(distal.DistalError, match=r"needs a true tension.*torque constant"):
         distal.Inverse(found.rig)
@@ -106,6 +111,18 @@ def test_a_late_reference_missing_rows_and_wraps_are_named(tmp_path: Path) -> No
         log["enc_a"] = np.mod(np.round(100 * log.pop("x_a_mm")), 512.0)
     with pytest.raises(distal.DistalError, match="enc_a wraps after 512"):
         rig_from_logs(written(gaps, tmp_path))
+
+
+def test_a_clock_that_drifts_is_named(tmp_path: Path) -> None:
+    """Six thousandths too slow: thirds of 20 s lie 13.3 s apart, in which it loses 80 ms."""
+    logs = [finger(k) for k in range(3)]
+    assert not any("drifts" in note for note in rig_from_logs(written(logs, tmp_path)).notes)
+    for log in logs:
+        log["pip_deg"] = np.interp(0.994 * log["t_ms"], log["t_ms"], log["pip_deg"])
+    (note,) = [n for n in rig_from_logs(written(logs, tmp_path)).notes if "drifts" in n]
+    assert note.startswith("the clock of pip_deg drifts")
+    said = float(note.split("it is ")[1].split(" ms")[0])
+    assert said == pytest.approx(80.0, abs=15.0)
 
 
 def test_two_joints_that_move_almost_alike_cannot_be_told_apart(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from distal.from_logs.column_role import ColumnRole
 from distal.from_logs.motion_data import MotionData
 from distal.from_logs.odd_log import odd_log
 from distal.from_logs.raw_log import RawLog
-from distal.from_logs.reference_lag import reference_lag
+from distal.from_logs.reference_lag import reference_drift, reference_lag
 
 RATES_DIFFER = 3.0
 """Ratio of the sampling rates of two logs from which on a unit of time is wrong [1]. Source:
@@ -103,7 +103,13 @@ def remarks(
         lines.append(odd.text)
     for j, name in enumerate(joints):
         lag = reference_lag(data, j)
-        if abs(lag) > LATE:
+        drift = reference_drift(data, j)
+        if abs(drift) > LATE:
+            lines.append(
+                f"the clock of {name} drifts: beside the drives it is {1e3 * drift:+.0f} ms later "
+                "in the last third of the logs than in the first; read both by one clock"
+            )
+        elif abs(lag) > LATE:
             which = "later" if lag > 0.0 else "earlier"
             lines.append(
                 f"{name} is {1e3 * abs(lag):.0f} ms {which} than the drives, and errors beside it "

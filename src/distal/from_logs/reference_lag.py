@@ -1,8 +1,11 @@
-"""How much later a reference is than the drives: two clocks, or a slow camera."""
+"""How much later a reference is than the drives, and whether that grows: two clocks, or a slow
+camera.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -29,6 +32,21 @@ def reference_lag(logs: Sequence[MotionData], joint: int) -> float:
     best = int(np.argmin(residuals))
     usual = residuals[len(lags) // 2]
     return float(lags[best]) if residuals[best] < GAIN * usual else 0.0
+
+
+def reference_drift(logs: Sequence[MotionData], joint: int) -> float:
+    """Return how much later a joint's reference is in the last third of the logs than in the first,
+    both beside the drives [s]: of two clocks one is faster.
+    """
+    early, late = ([_third(log, k) for log in logs] for k in (0, 2))
+    return reference_lag(late, joint) - reference_lag(early, joint)
+
+
+def _third(log: MotionData, k: int) -> MotionData:
+    count = len(log.time) // 3
+    rows = slice(k * count, (k + 1) * count)
+    names = ("time", "positions", "directions", "efforts", "angles")
+    return replace(log, **{name: getattr(log, name)[rows] for name in names})
 
 
 def _joint_residual(logs: Sequence[MotionData], joint: int, lag: float) -> float:
