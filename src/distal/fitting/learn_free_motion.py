@@ -160,7 +160,13 @@ def untouched(rig: Rig) -> Rig:
 
 
 def recent_mean(values: Floats, stamps: Floats, time: float) -> Floats:
-    """Return exponentially fading means over a `time` [s], (k, m), as the filter computes them."""
+    """Return exponentially fading means as the filter computes them.
+
+    Args:
+        values: what is averaged, (k,) or (k, m).
+        stamps: times of the samples [s], (k,).
+        time: time constant of the mean [s].
+    """
     fade = exp(-float(np.median(np.diff(stamps))) / time)
     means: Floats = lfilter([1 - fade], [1, -fade], values, axis=0)
     return means
