@@ -90,7 +90,7 @@ def test_the_fit_counts_as_the_filter_does(rig: Rig) -> None:
     kept = layout.view(run.kernel_states, "evidence").reshape(len(log), -1, FORCE.size)
     paces = layout.view(run.kernel_states, "forces").reshape(len(log), -1, DRIVE.size)
     shown = np.nan_to_num(run.ys[:, :count] / np.sqrt(run.ys[:, count : 2 * count]))
-    means = module._mean(shown, log, 0.05)
+    means = module.recent_mean(shown, log.time, 0.05)
     np.testing.assert_allclose(kept[50:, :, 0], means[50:], rtol=1e-2, atol=5e-3)
     positions = np.array([log.channels[name] for name in ("x_flexor", "x_extensor")])
     total = paces[:, :, DRIVE["pace"].start].sum(axis=1)
@@ -162,6 +162,38 @@ def test_health_is_beside_what_is_normal(rig: Rig, pushed: Log, tmp_path: Path) 
         samples = np.column_stack([log.channels[name] for name in monitor.channels])
         words = [monitor.take(float(t), sample).health for t, sample in zip(log.time, samples)]
         assert words[-1] == word
+
+
+def test_a_number_may_stray_half_as_far_again_as_in_the_logs(rig: Rig) -> None:
+    """Stiffnesses twice too large, ± 3 %: the filter leaves them, as it did in the fit's logs."""
+    stiffness = [2.0 * tendon.stiffness.value for tendon in rig.tendons]
+    wrong = rig.with_values(
+        {
+            f"tendons.{i}.stiffness": {"value": value, "std": 0.03 * value}
+            for i, value in enumerate(stiffness)
+        }
+    )
+    log = finger(3, 8.0, None)[0]
+    free = free_motion_of([(wrong, log)], 0.0, 1.0)
+    assert free is not None
+    estimator = closed_filter(wrong)
+    result = estimate(log, wrong, estimator)
+    away = [
+        np.max(np.abs(mean - prior) - std) / spread
+        for mean, std, prior, spread in zip(result.means.T, result.stds.T, *estimator.priors)
+        if spread > 0.0
+    ]
+    assert free.strayed == pytest.approx(max(away))
+    assert free.departure(3.0) == pytest.approx(1.5 * max(away))
+    assert free.departure(1e3) == 1e3
+    said = dict[float, bool]()
+    for strayed in (0.0, free.strayed):
+        learned = free.model_copy(update={"strayed": strayed})
+        monitor = Monitor(LiveEstimator(wrong.model_copy(update={"free_motion": learned})))
+        samples = np.column_stack([log.channels[name] for name in monitor.channels])
+        readings = [monitor.take(float(t), sample) for t, sample in zip(log.time, samples)]
+        said[strayed] = any("further from" in reading.detail for reading in readings)
+    assert said == {0.0: True, free.strayed: False}
 
 
 def test_what_lasts_learns_nothing_while_touched(rig: Rig, pushed: Log) -> None:

@@ -16,6 +16,7 @@ from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive.drive_tracking import MOTION_TIME
 from distal.estimators.adaptive.touch import EVIDENCE_TIME, PACE_TIME
 from distal.logs import Log
+from distal.results import Estimate
 from distal.rig import FreeMotion, Rig
 from distal.run import estimate
 from distal.run.health import MEMORY
@@ -66,6 +67,7 @@ def free_motion_of(
     positions = [[log.channels[of_drives[name]] for name in drives] for _, log in held_out]
     spread = np.maximum(np.nanstd(np.hstack([np.array(rows) for rows in positions]), axis=1), 1e-9)
     squares, paces, seconds, neighbours, variances = (list[Floats]() for _ in range(5))
+    strayed = 0.0
     for (taught, log), readings in zip(held_out, positions):
         estimator = closed_filter(taught)
         result = estimate(log, taught, estimator)
@@ -73,6 +75,7 @@ def free_motion_of(
         stds = np.sqrt(np.maximum(result.innovation_variances, 1e-30))
         shown = np.nan_to_num(result.innovations / stds)
         variances.append(result.innovation_variances[begun])
+        strayed = max(strayed, _strayed(estimator, result))
         squares.append(recent_mean(shown, log.time, EVIDENCE_TIME)[begun] ** 2)
         seconds.append(recent_mean(shown**2, log.time, MEMORY)[begun])
         both = np.maximum(np.mean(shown[begun] ** 2, axis=0), 1e-30)
@@ -98,11 +101,22 @@ def free_motion_of(
         felt=_felt(
             estimator, dict(zip(compared, np.array(at_rest) ** 2 * np.median(expected, 0)[at]))
         ),
+        strayed=strayed,
         fastest=float(np.max(pace)),
         drives=drives,
         spread=tuple(spread.tolist()),
         logs=len(held_out),
     )
+
+
+def _strayed(estimator: AdaptiveFilter, result: Estimate) -> float:
+    """Return by how many of its stds a number of the rig was off its prior at most, beyond its own
+    std then.
+    """
+    means, stds = estimator.priors
+    watched = np.isfinite(means) & (stds > 0.0)
+    away = np.abs(result.means - means)[:, watched] - np.sqrt(result.variances[:, watched])
+    return float(np.max(away / stds[watched], initial=0.0))
 
 
 def widest(first: FreeMotion, second: FreeMotion) -> FreeMotion:
@@ -113,7 +127,8 @@ def widest(first: FreeMotion, second: FreeMotion) -> FreeMotion:
         name: tuple(map(max, getattr(first, name), getattr(second, name)))
         for name in ("at_rest", "moving", "squares", "correlations", "felt")
     }
-    return first.model_copy(update=larger)
+    strayed = max(first.strayed, second.strayed)
+    return first.model_copy(update={**larger, "strayed": strayed})
 
 
 def _felt(estimator: AdaptiveFilter, normal: Mapping[str, float]) -> tuple[float, ...]:

@@ -262,7 +262,8 @@ def watch_of(estimator: KernelEstimator) -> Watch:
     apart = was["apart"] + share * (members - was["apart"])
     ratio = was["ratio"] + ca.if_else(came["compared"], share * (square - was["ratio"]), 0)
     prior = _column(means[list(watched)])
-    allowed = LARGE_PRIOR * _column(stds[list(watched)])
+    departure = LARGE_PRIOR if free is None else free.departure(LARGE_PRIOR)
+    allowed = departure * _column(stds[list(watched)])
     left = (
         ca.fabs(came["watched"] - prior) - ca.sqrt(ca.fmax(came["watched_variances"], 0)) > allowed
     )
