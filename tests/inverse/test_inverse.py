@@ -177,6 +177,7 @@ def test_what_a_map_adds_is_taken_off_what_is_wanted() -> None:
         "high": [50.0] * 3,
         "distance": [[1e-6, 0.0], [0.0, 1e-6]],
         "reach": 1e3,
+        "apart": (),
     }
     learned = {**made(own=1.0).model_dump(), **wide, "terms": ["1"], "joints": [constant]}
     plain, mapped = (

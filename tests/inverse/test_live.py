@@ -276,6 +276,7 @@ def test_a_learned_map_is_taken_off_and_a_torque_from_outside_is_held() -> None:
         "high": [50.0] * 3,
         "distance": [[1e-6, 0.0], [0.0, 1e-6]],
         "reach": 1e3,
+        "apart": (),
     }
     learned = {**made(own=1.0).model_dump(), **wide, "terms": ["1"], "joints": [constant]}
     positions = []
