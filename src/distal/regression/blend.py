@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import sqrt
 
 import numpy as np
 
@@ -126,7 +127,6 @@ def _mixed(first: LearnedMap, second: LearnedMap, weights: Sequence[float]) -> L
     Its variance is that of a mixture, (1 − w) v₁ + w v₂ + w (1 − w) (φᵀ b₁ − φᵀ b₂)², so that the
     band grows where the members disagree.
     """
-    shares = np.asarray(weights)
     terms = tuple(dict.fromkeys((*first.terms, *second.terms)))
     joints = []
     apart = list[tuple[float, ...]]()
@@ -137,14 +137,14 @@ def _mixed(first: LearnedMap, second: LearnedMap, weights: Sequence[float]) -> L
         covariance = (1 - w) * c1 + w * c2 + w * (1 - w) * np.outer(apart[-1], apart[-1])
         std = float(np.sqrt((1 - w) * correction.std**2 + w * line.std**2))
         joints.append(joint_map(correction.joint, (1 - w) * b1 + w * b2, covariance, std))
-    stays = np.sqrt((1 - shares) * np.square(first.stays) + shares * np.square(second.stays))
+    stays = [sqrt((1 - w) * a**2 + w * b**2) for w, a, b in zip(weights, first.stays, second.stays)]
     longest = max(first.correlation_time, second.correlation_time)
     return first.model_copy(
         update={
             "terms": terms,
             "joints": tuple(joints),
             "correlation_time": longest,
-            "stays": tuple(stays.tolist()),
+            "stays": tuple(stays),
             "apart": tuple(apart),
         }
     )
