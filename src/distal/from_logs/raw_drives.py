@@ -33,9 +33,8 @@ def raw_drive(drive: FoundDrive) -> Raw:
         raw["damping"] = about(sizes.damping, 1.0, per_speed)
     elif not sizes.is_slider:
         raw["damping"] = Guess("1e-3 N m s", "damping of motors")
-    if drive.effort is None or drive.effort.si != "N":  # a load cell stands before the tendon
-        friction: Raw = {"constant": constant, "load": {"value": 0.06, "std": 0.04}}
-        raw["friction"] = friction if angles else Guess(friction, "friction of drives")
+    friction: Raw = {"constant": constant, "load": {"value": 0.06, "std": 0.04}}
+    raw["friction"] = friction if angles else Guess(friction, "friction of drives")
     if drive.effort is None:
         side = 0.0 if sizes.is_pair else sizes.winding
         nominal = {"value": number(side * force, unit), "std": number(0.5 * force, unit)}
