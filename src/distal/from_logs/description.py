@@ -46,7 +46,7 @@ def raw_description(
         "log": {"time": log_time(time)},
         "joints": [raw_joint(j, joint, drives, logs) for j, joint in enumerate(joints)],
         "drives": [raw_drive(drive) for drive in drives],
-        "tendons": [tendon for drive in drives for tendon in raw_tendons(drive, joints)],
+        "tendons": [tendon for drive in drives for tendon in raw_tendons(drive, joints, drives)],
         "sensors": [
             *(sensor for drive in drives for sensor in drive_sensors(drive, rates)),
             *(reference(joint, rates) for joint in joints if not _is_truth(joint.angle)),

@@ -45,6 +45,14 @@ def pulls_of(joint: int, drives: Sequence[FoundDrive]) -> list[tuple[FoundDrive,
     ]
 
 
+def pulled_both_ways(pulls: Sequence[tuple[FoundDrive, float]]) -> bool:
+    """Return whether tendons pull a joint to both sides, so that it needs no spring; `pulls` are
+    the drives that move it with their moment arms.
+    """
+    sides = {arm > 0.0 for _, arm in pulls}
+    return len(sides) > 1 or any(drive.sizes.is_pair for drive, _ in pulls)
+
+
 def torque_of(pulls: Sequence[tuple[FoundDrive, float]], log: MotionData) -> Floats:
     """Return the torque of tendons on a joint, Σ r T, (n_samples,) [N m], by the drives of `pulls`
     with their moment arms r [m].

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from distal.from_logs.found_parts import FoundDrive, FoundJoint
+from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulled_both_ways, pulls_of
 from distal.from_logs.raw_values import Raw, about, number
 from distal.from_logs.sizes import ASSUMED_RADIUS, DriveSizes
 from distal.rig import Guess
@@ -42,8 +42,10 @@ def raw_drive(drive: FoundDrive) -> Raw:
     return raw
 
 
-def raw_tendons(drive: FoundDrive, joints: Sequence[FoundJoint]) -> list[Raw]:
-    """Return the tendons of a drive over the joints that it moves."""
+def raw_tendons(
+    drive: FoundDrive, joints: Sequence[FoundJoint], drives: Sequence[FoundDrive]
+) -> list[Raw]:
+    """Return the tendons of a drive over the joints that it moves; `drives` are all of them."""
     sizes = drive.sizes
     stiffness: object = about(
         sizes.stiffness / 1e3, sizes.stiffness_std if sizes.stiffness_std > 0 else 0.4, "N/mm"
@@ -52,8 +54,9 @@ def raw_tendons(drive: FoundDrive, joints: Sequence[FoundJoint]) -> list[Raw]:
         stiffness = Guess(about(sizes.stiffness / 1e3, 0.6, "N/mm"), "stiffness of tendons")
     sides = (1, -1) if sizes.is_pair else (1,)
     stiffening: Raw = {}
-    if np.isfinite(sizes.stiffness_std) and not sizes.is_pair:
-        # of two tendons on a spool one slackens as the other stiffens, which costs fits minutes
+    is_opposed = any(pulled_both_ways(pulls_of(j, drives)) for j in drive.structure.joints)
+    if np.isfinite(sizes.stiffness_std) and is_opposed and not sizes.is_pair:
+        # against a spring, or on one spool, it costs fits minutes and changes no angle
         stiffening["stiffening"] = Guess({"value": 50.0, "std": 50.0}, "stiffening of tendons")
     tendons = []
     for side in sides:

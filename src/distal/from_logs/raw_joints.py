@@ -7,7 +7,7 @@ from math import degrees
 
 import numpy as np
 
-from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulls_of
+from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulled_both_ways, pulls_of
 from distal.from_logs.joint_balance import JointBalance, joint_balance
 from distal.from_logs.motion_data import MotionData
 from distal.from_logs.raw_values import Raw, about, number
@@ -59,21 +59,31 @@ def raw_joint(
     if joint.follows is not None:
         return raw | {"coupled": {"joint": joint.follows, "ratio": number(joint.ratio)}}
     raw["initial"] = _initial(j, logs)
-    # tendons press the joint on its axle; the preload is what else does
-    raw["friction"] = Guess(
-        {
-            "coefficient": {"value": 0.2, "std": 0.1},
-            "radius": "2 mm",
-            "preload": {"value": "1 N", "std": "1 N"},
-        },
-        "friction of joints",
-    )
+    raw["friction"] = Guess(_friction(pulls_of(j, drives)), "friction of joints")
     stops = joint_stops(j, drives, logs)
     if stops is not None:
         raw["stops"] = [number(degrees(angle), "deg") for angle in stops]
         raw["stops_std"] = "0.5 deg"
     spring = _spring(j, drives, logs, balance)
     return raw if spring is None else raw | {"spring": spring}
+
+
+def _friction(pulls: Sequence[tuple[FoundDrive, float]]) -> Raw:
+    """Return the friction of a joint on its axle. Tendons press it there; the preload is what else
+    does, such as a spring.
+    """
+    if pulled_both_ways(pulls):
+        return {
+            "coefficient": {"value": 0.2, "std": 0.1},
+            "radius": "2 mm",
+            "preload": {"value": "1 N", "std": "1 N"},
+        }
+    tension = float(np.median([drive.sizes.tension for drive, _ in pulls]))
+    return {
+        "coefficient": {"value": 0.1, "std": 0.08},
+        "radius": "3 mm",
+        "preload": {"value": number(tension, "N"), "std": "60 %"},
+    }
 
 
 def _initial(j: int, logs: Sequence[MotionData]) -> Raw:
@@ -109,7 +119,7 @@ def _spring(
     tendons that stiffen would be taken for one.
     """
     pulls = pulls_of(j, drives)
-    if any(drive.sizes.is_pair for drive, _ in pulls) or len({arm > 0.0 for _, arm in pulls}) > 1:
+    if pulled_both_ways(pulls):
         return None
     angles = np.concatenate([log.angles[:, j] for log in logs])
     low = float(np.nanmin(angles))
