@@ -125,9 +125,20 @@ def test_fewer_logs_are_less_sure_of_what_differs_between_them() -> None:
     rng = np.random.default_rng(4)
     data = [run(seed, offset=0.1 * rng.normal()) for seed in range(8)]
     spread = [
-        learn_map(data[:n], kind(), range(n), None)[0].joints[0].covariance[0][0] for n in (2, 8)
+        learn_map(data[:n], kind(), range(n), 2.0)[0].joints[0].covariance[0][0] for n in (2, 8)
     ]
     assert spread[0] > 4.0 * spread[1]
+
+
+def test_few_logs_widen_a_band_less_where_held_out_logs_sized_it() -> None:
+    """Four logs: t(3) = 3.182 and 1.960, whose ratio stays whole before a homing window."""
+    rng = np.random.default_rng(6)
+    data, one = [run(seed, offset=0.1 * rng.normal()) for seed in range(4)], kind().sets[0]
+    alone = np.array(fit_coefficients(data, kind(), one).joints[0].covariance)
+    whole = np.array(calibrate_band(data, kind(), one, range(4), 2.0).joints[0].covariance)
+    sized = np.array(calibrate_band(data, kind(), one, range(4), None).joints[0].covariance)
+    np.testing.assert_allclose(whole, (3.182 / 1.960) ** 2 * alone, rtol=1e-3, atol=1e-12)
+    np.testing.assert_allclose(sized, 3.182 / 1.960 * alone, rtol=1e-3, atol=1e-12)
 
 
 def test_groups_of_logs_keep_the_prior_that_a_homing_window_is_weighed_against() -> None:

@@ -33,6 +33,11 @@ ENOUGH_LOGS = 5
 with fewer the band is widened. Source: judgement.
 """
 
+AFTER_HELD_OUT = 0.5
+"""Power of Student's factor that is left where held-out logs have sized the band: their errors have
+part of that scatter already [1]. Source: benchmark (docs/results/from-logs.md).
+"""
+
 MOST_SAMPLES = 1000
 """Number of samples to which a long log is thinned for learning, evenly and by a whole step, so
 that fewer than twice as many remain. Source: judgement.
@@ -427,13 +432,16 @@ def sized_by(
 ) -> LearnedMap:
     """Return a map that logs taught, its band sized by the errors on `held` logs.
 
-    The coefficients' part in it is the share of `BETWEEN` that makes the narrowest band. With a
-    `homing` window [s] only the errors after it count.
+    The coefficients' part in it is the share of `BETWEEN` that makes the narrowest band. With few
+    logs it is widened by Student's factor, with `held` logs by less. With a `homing` window [s]
+    only the errors after it count, and the factor is whole: the part is the window's prior.
     """
     count = len(set(folds))
     # a scatter that is estimated from few logs follows Student's distribution
     draws = count if kind.by_group else learned.logs
     wider = 1.0 if draws >= ENOUGH_LOGS else student(draws - 1)
+    if held and homing is None:
+        wider = wider**AFTER_HELD_OUT
     best = learned
     narrowest = np.inf
     for share in BETWEEN if held else ():
