@@ -139,3 +139,51 @@ def test_an_angle_is_seen_where_forces_find_it_to_a_fifth(share: float, said: st
         [line[:2] for line in seen.table(4)], [(0.9975 * k, 0.9975 * (k + 1)) for k in range(4)]
     )
     assert all(line[2:4] == pytest.approx((0.01, share * LOST)) for line in seen.table(4))
+
+
+def test_signs_of_joints_that_fewer_drives_cannot_tell_apart() -> None:
+    """Two drives, three joints: the least angles that explain the drives, θ = Rᵀ (R Rᵀ)⁻¹ s, turn
+    pip against its known angle, though the known angles move both tendons as they are read.
+    """
+    arms = {"one": {"mcp": 10, "dip": 18}, "two": {"mcp": -15, "pip": -6}}
+    raw: dict[str, Any] = {
+        "name": "shared",
+        "log": {"time": {"column": "t", "unit": "s"}},
+        "joints": [
+            {"name": name, "parent": "base", "inertia": "1e-5 kg m^2", "initial": "0 deg"}
+            for name in ("mcp", "pip", "dip")
+        ],
+        "drives": [{"name": name, "kind": "slider", "mass": "20 g"} for name in arms],
+        "tendons": [
+            {
+                "name": name,
+                "drive": name,
+                "crossings": [
+                    {
+                        "joint": joint,
+                        "kind": "pulley",
+                        "radius": f"{abs(arm)} mm",
+                        "side": int(np.sign(arm)),
+                    }
+                    for joint, arm in crossed.items()
+                ],
+                "stiffness": "20 N/mm",
+            }
+            for name, crossed in arms.items()
+        ],
+        "sensors": [
+            {"name": f"x_{name}", "measures": "position", "of": name, "unit": "m", "noise": "1 um"}
+            for name in arms
+        ],
+    }
+    rig = build_rig(raw, "shared")
+    time = np.arange(0.0, 5.0, 0.01)
+    wave = 0.5 * np.sin(time)
+    angles = {"theta_mcp": -0.3 * wave, "theta_pip": wave, "theta_dip": wave}
+    read = {
+        f"x_{name}": 1e-3 * sum(arm * angles[f"theta_{joint}"] for joint, arm in crossed.items())
+        for name, crossed in arms.items()
+    }
+    check_logs([Log(time, read, angles)], rig)
+    with pytest.raises(FitError, match="the truth of the joint pip moves against the drives"):
+        check_logs([Log(time, {**read, "x_two": -read["x_two"]}, angles)], rig)

@@ -33,6 +33,9 @@ CLEAR_CORRELATION = 0.8
 judged. Source: judgement.
 """
 
+FEWEST_KNOWN = 10
+"""Least number of known angles by which signs and sizes are judged [1]. Source: judgement."""
+
 RATE_FACTOR = 20.0
 """Largest factor between the interval of the stamps and that of the sensors' rate, either way.
 Source: judgement.
@@ -65,15 +68,10 @@ def check_logs(logs: Sequence[Log], rig: Rig) -> None:
         _check_sensors(log, logs, rig)
         joints = rig.joint_names
         angles = true_angles(log, joints)
-        for j, truth in enumerate(() if angles is None else angles.T):
-            if len(joints) == 1 or np.isfinite(truth).any():
-                _check_truth(
-                    log,
-                    rig,
-                    truth,
-                    "the joint" if len(joints) == 1 else f"the joint {joints[j]}",
-                    j,
-                )
+        for j, joint in enumerate(() if angles is None else joints):
+            if len(joints) == 1 or np.isfinite(angles[:, j]).any():
+                subject = "the joint" if len(joints) == 1 else f"the joint {joint}"
+                _check_truth(log, rig, angles, subject, j)
 
 
 def _same(log: Log, other: Log) -> bool:
@@ -163,18 +161,22 @@ def _constant(log: Log, name: str) -> bool:
     return len(finite) > 20 and float(np.ptp(finite)) == 0.0
 
 
-def _check_truth(log: Log, rig: Rig, truth: Floats, joint: str, index: int) -> None:
+def _check_truth(log: Log, rig: Rig, truths: Floats, joint: str, index: int) -> None:
     """Refuse a reference angle that has too few values, is dead, or has a wrong sign or unit."""
+    truth = truths[:, index]
     has_truth = np.isfinite(truth)
     subject = f"{log.source}: the truth of {joint}" + (
         f" ({log.truth_source})" if str(log.truth_source) else ""
     )
-    if has_truth.sum() < 10:
-        raise FitError(f"{subject} has {int(has_truth.sum())} values; at least 10 are needed")
+    if has_truth.sum() < FEWEST_KNOWN:
+        raise FitError(
+            f"{subject} has {int(has_truth.sum())} values; at least {FEWEST_KNOWN} are needed"
+        )
     # with forces the stretch is taken off: soft tendons let drives and joint move differently
     baseline = "elastic" if rig.sensors_of("force") else "inextensible"
-    drives = estimate(Log(log.time, log.channels, {}, log.source), rig, baseline).angles[:, index]
-    a = drives[has_truth] - drives[has_truth].mean()
+    by_drives = estimate(Log(log.time, log.channels, {}, log.source), rig, baseline).angles
+    drives = by_drives[has_truth, index]
+    a = drives - drives.mean()
     b = truth[has_truth] - truth[has_truth].mean()
     if float(np.sqrt(np.mean(a**2))) < SMALLEST_TURN / 2:
         return
@@ -184,7 +186,7 @@ def _check_truth(log: Log, rig: Rig, truth: Floats, joint: str, index: int) -> N
         return  # the joint sticks: nothing to judge by
     correlation = float(a @ b / np.sqrt((a @ a) * (b @ b)))
     ratio = float(np.sqrt((b @ b) / (a @ a)))
-    if correlation < -CLEAR_CORRELATION:
+    if correlation < -CLEAR_CORRELATION and not _turns_its_tendons(rig, index, truths, by_drives):
         raise FitError(
             f"{subject} moves against the drives (correlation {correlation:.2f}); a sign is "
             "wrong: turn that of "
@@ -201,3 +203,24 @@ def _check_truth(log: Log, rig: Rig, truth: Floats, joint: str, index: int) -> N
             f"{subject} moves {ratio:.3g} times as far as the drives turn it; {near} (set the "
             "angle sensor's unit)"
         )
+
+
+def _turns_its_tendons(rig: Rig, joint: int, truths: Floats, by_drives: Floats) -> bool:
+    """Return whether the known angles, (k, n_joints), move each tendon over a joint as its drive
+    does.
+
+    With fewer drives than joints this can be so although the angles that follow from the drives,
+    `by_drives`, (k, n_joints), turn against the known ones.
+    """
+    names = rig.joint_names
+    known = np.isfinite(truths).all(axis=1)
+    if known.sum() < FEWEST_KNOWN:
+        return False
+    for tendon in rig.tendons:
+        arms = tendon.arms()
+        if names[joint] not in arms:
+            continue
+        row = np.array([arms.get(name, 0.0) for name in names])
+        if np.corrcoef(truths[known] @ row, by_drives[known] @ row)[0, 1] < CLEAR_CORRELATION:
+            return False
+    return True
