@@ -32,7 +32,7 @@ def test_arms_signs_stiffness_and_noise_are_those_of_the_plant(tmp_path: Path) -
     # friction a load cell stands
     assert all(joint.spring is None for joint in found.rig.joints)
     assert all(drive.friction.constant.value > 0.0 for drive in found.rig.drives)
-    assert {tendon.stiffening.std for tendon in found.rig.tendons} == {50.0}
+    assert {tendon.stiffening.value for tendon in found.rig.tendons} == {0.0}
     path = tmp_path / "own.toml"
     path.write_text(found.text)
     assert distal.load_rig(path) == found.rig

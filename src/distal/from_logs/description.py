@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from distal.from_logs.column_role import ColumnRole
 from distal.from_logs.column_units import TAKEN_FORCES
 from distal.from_logs.found_parts import FoundDrive, FoundJoint
+from distal.from_logs.link_chain import in_series
 from distal.from_logs.motion_data import MotionData
 from distal.from_logs.raw_drives import raw_drive, raw_tendons
 from distal.from_logs.raw_joints import raw_joint
@@ -40,18 +41,19 @@ def raw_description(
         taken.append("length")
     if not all(_knows_force(drive.effort) for drive in drives):
         taken.append("force")
-    return {
+    raw: Raw = {
         "name": title,
         "taken": taken,
         "log": {"time": log_time(time)},
         "joints": [raw_joint(j, joint, drives, logs) for j, joint in enumerate(joints)],
         "drives": [raw_drive(drive) for drive in drives],
-        "tendons": [tendon for drive in drives for tendon in raw_tendons(drive, joints, drives)],
+        "tendons": [tendon for drive in drives for tendon in raw_tendons(drive, joints)],
         "sensors": [
             *(sensor for drive in drives for sensor in drive_sensors(drive, rates)),
             *(reference(joint, rates) for joint in joints if not _is_truth(joint.angle)),
         ],
     }
+    return in_series(raw, joints, drives, logs)
 
 
 def log_time(time: ColumnRole) -> Raw:

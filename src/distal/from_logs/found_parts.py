@@ -9,7 +9,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.from_logs.column_role import ColumnRole
-from distal.from_logs.motion_data import MotionData
+from distal.from_logs.motion_data import MotionData, factor_of_column
 from distal.from_logs.sizes import DriveSizes
 from distal.from_logs.structure import DriveStructure
 
@@ -34,6 +34,11 @@ class FoundJoint:
     angle: ColumnRole
     follows: str | None = None
     ratio: float = 1.0
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the random error of its column [rad]."""
+        return self.angle.values.noise * factor_of_column(self.angle)
 
 
 def pulls_of(joint: int, drives: Sequence[FoundDrive]) -> list[tuple[FoundDrive, float]]:

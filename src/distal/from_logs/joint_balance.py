@@ -3,8 +3,8 @@ inertia.
 
     Σ r T = K (θ − θ₀) + b dθ/dt + I d²θ/dt² + f sign(dθ/dt)
 
-by least squares over all logs in which all forces are read, with derivatives of local cubics
-(Savitzky and Golay 1964).
+by least squares over all logs in which all forces are read. Both sides are smoothed alike, since
+else the inertia of fast motions would come out too large.
 """
 
 from __future__ import annotations
@@ -13,18 +13,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from distal.arrays import Floats
+from distal.from_logs.derivatives import smoothed, window_of
 from distal.from_logs.found_parts import FoundDrive, torque_of
 from distal.from_logs.least_squares import SHOWN, scaled_solution
 from distal.from_logs.motion_data import MotionData
-
-WINDOW = 0.12
-"""Time over which derivatives are taken [s]. Source: judgement."""
-
-FEWEST = 5
-"""Least number of samples in it [1]. Source: definition (a cubic needs four)."""
 
 RESTS = 0.02
 """Speed below which a joint has no direction, per largest speed [1]. Source: judgement."""
@@ -55,18 +49,22 @@ class JointBalance:
 
 
 def joint_balance(
-    joint: int, pulls: Sequence[tuple[FoundDrive, float]], logs: Sequence[MotionData]
+    joint: int,
+    noise: float,
+    pulls: Sequence[tuple[FoundDrive, float]],
+    logs: Sequence[MotionData],
 ) -> JointBalance | None:
     """Return what a joint needs of its tendons; None where a force is not read.
 
     Args:
         joint: index of the joint.
+        noise: standard deviation of its reference [rad].
         pulls: the drives that move it, each with its moment arm [m].
         logs: all of them.
     """
     if not pulls or any(drive.effort is None for drive, _ in pulls):
         return None
-    parts = [_rows(joint, pulls, log) for log in logs]
+    parts = [_rows(joint, pulls, log, noise) for log in logs]
     matrix = np.vstack([columns for columns, _ in parts])
     torques = np.concatenate([values for _, values in parts])
     if len(torques) < matrix.shape[1]:
@@ -91,20 +89,19 @@ def _relative_error(matrix: Floats, column: int) -> float:
 
 
 def _rows(
-    joint: int, pulls: Sequence[tuple[FoundDrive, float]], log: MotionData
+    joint: int, pulls: Sequence[tuple[FoundDrive, float]], log: MotionData, noise: float
 ) -> tuple[Floats, Floats]:
     """Return the columns θ, 1, dθ/dt, d²θ/dt² and sign(dθ/dt) of a log, and the torques."""
     angle = log.angles[:, joint]
     usable = np.isfinite(angle)
     step = float(np.median(np.diff(log.time)))
-    window = max(FEWEST, 2 * round(WINDOW / step / 2) + 1)
-    if usable.sum() < 2 * window:
+    angles = angle[usable]
+    window = window_of(angles, step, noise)
+    if len(angles) < 2 * window:
         return np.empty((0, 5)), np.empty(0)
-    smooth = angle[usable]
-    speed = savgol_filter(smooth, window, 3, deriv=1, delta=step)
-    acceleration = savgol_filter(smooth, window, 3, deriv=2, delta=step)
+    smooth, speed, acceleration = (smoothed(angles, window, step, order) for order in range(3))
     moving = np.abs(speed) > RESTS * np.max(np.abs(speed))
     columns = [smooth, np.ones(len(smooth)), speed, acceleration, np.sign(speed) * moving]
-    torques = torque_of(pulls, log)[usable]
+    torques = smoothed(torque_of(pulls, log)[usable], window, step)
     read = np.isfinite(torques)
     return np.column_stack(columns)[read], torques[read]

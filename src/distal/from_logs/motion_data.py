@@ -8,7 +8,7 @@ from math import pi
 
 import numpy as np
 
-from distal.arrays import Floats
+from distal.arrays import Bools, Floats
 from distal.from_logs.column_role import ColumnRole
 from distal.from_logs.columns import in_si
 from distal.from_logs.raw_log import RawLog
@@ -23,6 +23,14 @@ BRIDGED = 2.0
 
 TURNED = 0.01
 """A drive has a direction after this share of its range. Source: judgement."""
+
+SLOW = 0.15
+"""Speed of a drive, per its RMS speed, below which friction may hold any force. Source: judgement
+(docs/results/from-logs.md).
+"""
+
+SURE = 0.99
+"""Magnitude of a direction from which on it is clear. Source: judgement."""
 
 ASSUMED_COUNTS = 4096.0
 """Counts of an encoder in one turn where no log shows a wrap. Source: judgement (usual
@@ -61,6 +69,13 @@ class MotionData:
     directions: Floats
     efforts: Floats
     angles: Floats
+
+    def moves(self, drive: int) -> Bools:
+        """Return when a drive moves, so that friction acts against its direction, (n_samples,)."""
+        speed = np.abs(np.gradient(self.positions[:, drive], self.time))
+        fast = speed > SLOW * np.sqrt(np.mean(speed**2))
+        moving: Bools = fast & (np.abs(self.directions[:, drive]) > SURE)
+        return moving
 
 
 def motion_data(log: RawLog, columns: Sequence[ColumnRole]) -> MotionData:

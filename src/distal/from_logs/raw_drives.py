@@ -3,13 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import degrees, pi
 
 import numpy as np
 
-from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulled_both_ways, pulls_of
+from distal.from_logs.found_parts import FoundDrive, FoundJoint
 from distal.from_logs.raw_values import Raw, about, number
 from distal.from_logs.sizes import ASSUMED_RADIUS, DriveSizes
 from distal.rig import Guess
+
+USUAL_LOAD: Raw = {"load": {"value": 0.06, "std": 0.04}}
+"""Friction of a drive per load where no effort is read. Source: judgement (spools on bearings)."""
+
+USUAL_PATH: Raw = {"friction": {"value": 0.1, "std": 0.08}, "wrap": "90 deg"}
+"""Friction along a path where no effort is read. Source: judgement (braided line over steel)."""
+
+WRAP = pi / 2.0
+"""Angle by which a path is taken to wrap [rad]. Source: judgement."""
+
+PARTS = 3.0
+"""Friction that no log divides: constant, by load in the drive, by load along the path. Source:
+judgement.
+"""
+
+LEAST = 0.2
+"""Least constant friction per usual friction, and least std of a share per that share [1]. Source:
+judgement.
+"""
 
 
 def raw_drive(drive: FoundDrive) -> Raw:
@@ -17,11 +37,6 @@ def raw_drive(drive: FoundDrive) -> Raw:
     sizes = drive.sizes
     unit = "N" if sizes.is_slider else "N m"
     force = sizes.tension * sizes.lever
-    angles = np.isfinite(sizes.friction)
-    constant = {
-        "value": number(sizes.friction if angles else 0.05 * force, unit),
-        "std": "70 %",
-    }
     raw: Raw = {"name": drive.name, "kind": "slider" if sizes.is_slider else "capstan"}
     if sizes.is_slider:
         raw["mass"] = Guess("20 g", "masses of drives")
@@ -29,12 +44,11 @@ def raw_drive(drive: FoundDrive) -> Raw:
         raw["inertia"] = Guess("2e-4 kg m^2", "inertia of motors")
         raw["radius"] = Guess(number(1e3 * ASSUMED_RADIUS, "mm"), "lengths: radii of spools")
     per_speed = "kg/s" if sizes.is_slider else "N m s"
-    if sizes.damping > 0.0:
-        raw["damping"] = about(sizes.damping, 1.0, per_speed)
+    if sizes.friction is not None and sizes.friction.damping > 0.0:
+        raw["damping"] = about(sizes.friction.damping, 1.0, per_speed)
     elif not sizes.is_slider:
         raw["damping"] = Guess("1e-3 N m s", "damping of motors")
-    friction: Raw = {"constant": constant, "load": {"value": 0.06, "std": 0.04}}
-    raw["friction"] = friction if angles else Guess(friction, "friction of drives")
+    raw["friction"] = _friction(sizes, unit)
     if drive.effort is None:
         side = 0.0 if sizes.is_pair else sizes.winding
         nominal = {"value": number(side * force, unit), "std": number(0.5 * force, unit)}
@@ -42,10 +56,26 @@ def raw_drive(drive: FoundDrive) -> Raw:
     return raw
 
 
-def raw_tendons(
-    drive: FoundDrive, joints: Sequence[FoundJoint], drives: Sequence[FoundDrive]
-) -> list[Raw]:
-    """Return the tendons of a drive over the joints that it moves; `drives` are all of them."""
+def _friction(sizes: DriveSizes, unit: str) -> object:
+    """Return the friction of a drive: what grows with the load, where the logs show that; else
+    equal parts that are constant, grow in the drive, and grow along the path.
+    """
+    if sizes.friction is None:
+        guess = 0.05 * sizes.tension * sizes.lever
+        constant = {"value": number(guess, unit), "std": "70 %"}
+        return Guess({"constant": constant, **USUAL_LOAD}, "friction of drives")
+    share = sizes.friction.share
+    if share > 0.0:
+        usual = sizes.friction.usual
+        constant = about(max(usual - share * sizes.load, LEAST * usual), 1.0, unit)
+        std = max(2.0 * sizes.friction.share_std, LEAST * share)
+        return {"constant": constant, "load": {"value": number(share), "std": number(std)}}
+    part = sizes.friction.usual / PARTS
+    return {"constant": about(part, 1.0, unit), "load": about(part / sizes.load, 1.0)}
+
+
+def raw_tendons(drive: FoundDrive, joints: Sequence[FoundJoint]) -> list[Raw]:
+    """Return the tendons of a drive over the joints that it moves."""
     sizes = drive.sizes
     stiffness: object = about(
         sizes.stiffness / 1e3, sizes.stiffness_std if sizes.stiffness_std > 0 else 0.4, "N/mm"
@@ -54,10 +84,9 @@ def raw_tendons(
         stiffness = Guess(about(sizes.stiffness / 1e3, 0.6, "N/mm"), "stiffness of tendons")
     sides = (1, -1) if sizes.is_pair else (1,)
     stiffening: Raw = {}
-    is_opposed = any(pulled_both_ways(pulls_of(j, drives)) for j in drive.structure.joints)
-    if np.isfinite(sizes.stiffness_std) and is_opposed and not sizes.is_pair:
-        # against a spring, or on one spool, it costs fits minutes and changes no angle
-        stiffening["stiffening"] = Guess({"value": 50.0, "std": 50.0}, "stiffening of tendons")
+    if sizes.stiffening > 0.0:
+        std = max(2.0 * sizes.stiffening_std, LEAST * sizes.stiffening)
+        stiffening["stiffening"] = about(sizes.stiffening, std / sizes.stiffening, "1/m")
     tendons = []
     for side in sides:
         crossings = [
@@ -79,19 +108,33 @@ def raw_tendons(
                 "stiffness": stiffness,
                 **stiffening,
                 **_start(sizes),
-                "path": Guess(
-                    {"friction": {"value": 0.1, "std": 0.08}, "wrap": "90 deg"},
-                    "friction along the paths",
-                ),
+                **_path(sizes),
             }
         )
     return tendons
 
 
+def _path(sizes: DriveSizes) -> Raw:
+    """Return the friction along a path; none where the logs show that of the drive by its load,
+    from which it cannot be told.
+    """
+    if sizes.friction is None:
+        return {"path": Guess(USUAL_PATH, "friction along the paths")}
+    if sizes.friction.share > 0.0:
+        return {}
+    share = sizes.friction.usual / PARTS / sizes.load
+    guess = {"friction": about(share / WRAP, 1.0), "wrap": number(degrees(WRAP), "deg")}
+    return {"path": Guess(guess, "friction along the paths")}
+
+
 def _start(sizes: DriveSizes) -> Raw:
     """Return the pre-tension of a tendon, or its slack, at zero angles and zero position."""
     # zeros that differ from log to log are another pre-tension in each
-    spread = max(0.4 * sizes.pretension, 0.3 * sizes.tension, sizes.zero_spread * sizes.stiffness)
+    spread = sizes.zero_spread * sizes.stiffness
+    if sizes.friction is None or sizes.is_pair:
+        spread = max(spread, 0.4 * sizes.pretension, 0.3 * sizes.tension)
+    else:
+        spread = max(2.0 * spread, 0.2 * sizes.pretension, 0.1 * sizes.tension)
     if sizes.slack <= 0.0:
         std = number(spread, "N")
         return {"pretension": {"value": number(sizes.pretension, "N"), "std": std}}

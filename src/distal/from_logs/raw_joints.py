@@ -54,7 +54,7 @@ def raw_joint(
         drives: all of them.
         logs: all of them.
     """
-    balance = joint_balance(j, pulls_of(j, drives), logs)
+    balance = joint_balance(j, joint.noise, pulls_of(j, drives), logs)
     raw: Raw = {"name": joint.name, "parent": "base", **_dynamics(balance)}
     if joint.follows is not None:
         return raw | {"coupled": {"joint": joint.follows, "ratio": number(joint.ratio)}}

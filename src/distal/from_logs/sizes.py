@@ -10,7 +10,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.from_logs.column_role import ColumnRole
-from distal.from_logs.least_squares import SHOWN, scaled_solution
+from distal.from_logs.drive_friction import DriveFriction, drive_friction
 from distal.from_logs.motion_data import MotionData
 from distal.from_logs.structure import DriveStructure
 
@@ -45,6 +45,11 @@ SOFTEST = 2e3
 STIFFEST = 2e5
 """Largest stiffness of a usual tendon [N/m]. Source: judgement (short steel ropes)."""
 
+SOFTER = 0.2
+"""Least stiffness of a tendon that stiffens per that at its usual tension [1]. Source: judgement
+(the logs know the latter).
+"""
+
 ASSUMED_STIFFNESS = 2e4
 """Stiffness of a tendon where no log tells it [N/m]. Source: judgement (braided lines)."""
 
@@ -70,8 +75,11 @@ class DriveSizes:
         pretension: at zero angles and zero position [N].
         slack: there [m], 0 where the tendon is taut.
         zero_spread: standard deviation of the drive's zero between logs, at the tendon [m].
-        friction: in the drive [N or N m], NaN where no effort is read.
-        damping: of the drive [N s/m or N m s/rad], the same.
+        stiffening: of a tendon whose curve the logs show [1/m], else 0.
+        stiffening_std: its standard error.
+        friction: between the drive's effort and the joints, in units of that effort; None where
+            none is read.
+        load: usual pull of the tendons on the drive [N or N m].
     """
 
     is_slider: bool
@@ -90,8 +98,10 @@ class DriveSizes:
     pretension: float
     slack: float
     zero_spread: float
-    friction: float
-    damping: float
+    stiffening: float
+    stiffening_std: float
+    friction: DriveFriction | None
+    load: float
 
 
 def drive_sizes(
@@ -160,9 +170,23 @@ def drive_sizes(
     tension = float(np.quantile(np.abs(pulls), 0.9)) / lever if is_read else 10.0
     arms = position_sign * winding * structure.ratios / gear * lever
     zero = position_sign * winding * structure.zero / gear * lever
-    friction, damping = (
-        _friction(logs, drive, structure) if is_read else (float("nan"), float("nan"))
-    )
+    pretension = SHARE_OF_PAIR * tension if is_pair else max(-zero * stiffness, 0.0)
+    usual = abs(structure.effort) * constant / lever if is_read else tension
+    load = lever * (2.0 * pretension if is_pair else max(usual, tension / 2.0))
+    friction = None
+    if is_read:
+        per_speed = reversed_effort * constant * gear
+        friction = drive_friction(logs, drive, structure, constant, per_speed)
+    stiffening = 0.0
+    stiffening_std = 0.0
+    if knows and not is_pair and structure.curvature != 0.0:
+        # of T = T_pre + k (exp(a δ) − 1)/a with dT/dδ = K: dδ/dT = 1/K and d²δ/dT² = −a/K²
+        per_curvature = 2.0 * stiffness * lever / (constant * structure.compliance)
+        stiffening = -per_curvature * structure.curvature * np.sign(structure.effort)
+        stiffening_std = abs(per_curvature) * structure.curvature_std
+    if stiffening > 0.0:
+        softer = stiffness - stiffening * (usual - pretension)
+        stiffness = max(softer, SOFTER * stiffness)
     return DriveSizes(
         is_slider=is_slider,
         gear=gear,
@@ -177,41 +201,11 @@ def drive_sizes(
         stiffness=stiffness,
         stiffness_std=stiffness_std,
         tension=tension,
-        pretension=SHARE_OF_PAIR * tension if is_pair else max(-zero * stiffness, 0.0),
+        pretension=pretension,
         zero_spread=structure.zero_spread / gear * lever,
         slack=0.0 if is_pair or not is_read else max(zero, 0.0),
-        friction=friction * constant,
-        damping=reversed_effort * damping * constant * gear,
+        stiffening=max(float(stiffening), 0.0),
+        stiffening_std=float(stiffening_std),
+        friction=friction,
+        load=load,
     )
-
-
-def _friction(
-    logs: Sequence[MotionData], drive: int, structure: DriveStructure
-) -> tuple[float, float]:
-    """Return half of the difference of efforts between both directions, and what grows with speed,
-    all else equal.
-    """
-    columns = list[Floats]()
-    target = list[Floats]()
-    for log in logs:
-        usable = np.isfinite(log.angles).all(axis=1)
-        if not usable.any():
-            continue
-        matrix = np.column_stack(
-            [
-                log.angles[usable][:, list(structure.joints)],
-                log.positions[usable, drive],
-                log.directions[usable, drive],
-                np.gradient(log.positions[:, drive], log.time)[usable],
-            ]
-        )
-        effort = log.efforts[usable, drive]
-        columns.append(matrix - matrix.mean(axis=0))
-        target.append(effort - effort.mean())
-    matrix = np.vstack(columns)
-    efforts = np.concatenate(target)
-    still, left_still = scaled_solution(matrix[:, :-1], efforts)
-    moving, left_moving = scaled_solution(matrix, efforts)
-    if left_moving > SHOWN * left_still:
-        return float(abs(still[-1])), 0.0
-    return float(abs(moving[-2])), float(moving[-1])

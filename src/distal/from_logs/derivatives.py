@@ -1,0 +1,44 @@
+"""Angles, speeds and accelerations of a log by local cubics (Savitzky and Golay 1964)."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import savgol_coeffs, savgol_filter
+
+from distal.arrays import Floats
+
+WINDOWS = (0.04, 0.08, 0.12, 0.2)
+"""Times over which derivatives may be taken [s]. Source: judgement (steps of a finger take 0.1)."""
+
+NOISE = 0.2
+"""Noise of an acceleration per its RMS, above which it is taken over a longer time. Source:
+judgement.
+"""
+
+FEWEST = 5
+"""Least number of samples in a window [1]. Source: definition (a cubic needs four)."""
+
+
+def window_of(angles: Floats, step: float, noise: float) -> int:
+    """Return the number of samples of the shortest window in which the noise of an acceleration is
+    small.
+
+    Args:
+        angles: evenly sampled [rad], (k,).
+        step: time between samples [s].
+        noise: standard deviation of an angle [rad].
+    """
+    lengths = [max(FEWEST, 2 * round(time / step / 2) + 1) for time in WINDOWS]
+    for length in lengths:
+        if length > len(angles):
+            break
+        gain = float(np.sqrt(np.sum(savgol_coeffs(length, 3, deriv=2, delta=step) ** 2)))
+        acceleration = savgol_filter(angles, length, 3, deriv=2, delta=step)
+        if gain * noise < NOISE * float(np.std(acceleration)):
+            return length
+    return lengths[-1]
+
+
+def smoothed(values: Floats, window: int, step: float, order: int = 0) -> Floats:
+    """Return the derivative of some `order` of samples along their first axis."""
+    return np.asarray(savgol_filter(values, window, 3, deriv=order, delta=step, axis=0))

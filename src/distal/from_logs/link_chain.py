@@ -1,0 +1,110 @@
+"""Joints that carry one another.
+
+The tendons of a joint pass over all joints before it. A joint so comes before another one if
+tendons of all drives of the latter cross it. Of two joints with the same drives the one whose
+column comes first is taken to be the first. Links are point masses at two thirds of their length: a
+rod of 4/3 of that mass has the same moments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from typing import cast
+
+from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulls_of
+from distal.from_logs.link_masses import MASS, link_masses
+from distal.from_logs.motion_data import MotionData
+from distal.from_logs.raw_values import Raw, about, number
+from distal.rig import Guess, Imported
+
+LENGTH = 40.0
+"""Length of a link [mm]. Source: judgement (fingers: 20 to 50; Buryanov and Kotiuk 2010)."""
+TOLD = 0.5
+"""Logs tell a mass of which they leave this share of the guess's std [1]. Source: judgement."""
+
+
+def parents_of(joints: Sequence[FoundJoint], drives: Sequence[FoundDrive]) -> list[int | None]:
+    """Return the joint on whose link each joint sits, None for the base.
+
+    Joints whose tendons' forces are not read, or that follow others, are on the base: no log shows
+    the weight of what they carry.
+    """
+    crossing = [{drive.index for drive, _ in pulls_of(j, drives)} for j in range(len(joints))]
+    read = {drive.index for drive in drives if drive.effort is not None}
+    able = [bool(own) and own <= read for own in crossing]
+    order = sorted(range(len(joints)), key=lambda j: (-len(crossing[j]), j))
+    parents: list[int | None] = [None] * len(joints)
+    for place, j in enumerate(order):
+        before = [i for i in order[:place] if able[i] and crossing[j] <= crossing[i]]
+        if able[j] and before:
+            parents[j] = before[-1]
+    return parents
+
+
+def in_series(
+    raw: Raw,
+    joints: Sequence[FoundJoint],
+    drives: Sequence[FoundDrive],
+    logs: Sequence[MotionData],
+) -> Raw:
+    """Return a raw description in which joints in series carry links, if logs tell a mass of them.
+
+    Args:
+        raw: the description, in which each joint sits on the base.
+        joints: in the order of their columns.
+        drives: all of them.
+        logs: all of them.
+    """
+    parents = parents_of(joints, drives)
+    carrying = [j for j in range(len(joints)) if parents[j] is not None or j in parents]
+    if not carrying:
+        return raw
+    guessed = _with_links(raw, joints, parents, dict.fromkeys(carrying, (MASS, MASS)))
+    rig = Imported.of(guessed, "links", "logs", ()).rig
+    masses = link_masses(rig, carrying, joints, drives, logs)
+    if all(std > TOLD * MASS for _, std in masses):
+        return raw
+    return _with_links(raw, joints, parents, dict(zip(carrying, masses)))
+
+
+def _with_links(
+    raw: Raw,
+    joints: Sequence[FoundJoint],
+    parents: Sequence[int | None],
+    masses: Mapping[int, tuple[float, float]],
+) -> Raw:
+    """Return a description with links of such masses and stds by joint [g]."""
+    described = deepcopy(cast(list[Raw], raw["joints"]))
+    length = number(LENGTH, "mm")
+    for j, (mass, std) in masses.items():
+        parent = parents[j]
+        described[j]["inertia"] = Guess("2e-6 kg m^2", "inertia of joints")
+        described[j]["link"] = {
+            "mass": about(mass, std / mass, "g"),
+            "centre": [number(2.0 * LENGTH / 3.0, "mm"), "0 mm", "0 mm"],
+        }
+        if parent is not None:
+            described[j]["parent"] = joints[parent].name
+            described[j]["offset"] = Guess([length, "0 mm", "0 mm"], "lengths of links")
+    gravity = Guess(["0 m/s^2", "0 m/s^2", "0 m/s^2"], "which way gravity points")
+    order = _in_order(joints, parents)
+    return {**raw, "base": {"gravity": gravity}, "joints": [described[j] for j in order]}
+
+
+def _in_order(joints: Sequence[FoundJoint], parents: Sequence[int | None]) -> list[int]:
+    """Return the joints, each behind the one that carries it and the one that it follows."""
+    names = [joint.name for joint in joints]
+    order = list[int]()
+
+    def place(j: int) -> None:
+        follows = joints[j].follows
+        for before in (parents[j], None if follows is None else names.index(follows)):
+            if before is not None:
+                place(before)
+        if j not in order:
+            order.append(j)
+
+    for j in range(len(joints)):
+        place(j)
+    return order

@@ -1,0 +1,149 @@
+"""Sizes from logs of plants whose tendons, friction and links are known here alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from distal.from_logs import rig_from_logs
+from distal.from_logs.derivatives import window_of
+from tests.from_logs.logs import RATE, Floats, written
+
+ARM = 8e-3
+STIFFNESS = 5e3
+
+
+def pair(seed: int, friction: float, share: float, stiffening: float) -> dict[str, Floats]:
+    """Return a log of a joint between two sliders that move and rest in turn.
+
+    A cell reads T + d (f + μ T). While its slider moves, d is the direction; while it rests, d is
+    any number between −1 and 1.
+    """
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, 30.0, 1.0 / RATE)
+    knots = np.arange(0.0, 31.0, 0.5)
+    ways = np.where(np.arange(len(knots)) % 3 == 0, 0.0, rng.uniform(-4e-3, 4e-3, len(knots)))
+    place = np.interp(time, knots, np.cumsum(ways) - 0.5 * np.cumsum(np.roll(ways, 1)))
+    columns = {"time_s": time}
+    tension = 9.0 + 3.0 * np.sin(1.3 * time + seed) + 2.0 * np.sin(0.37 * time)
+    angle = (place - stretch(tension, stiffening)) / ARM
+    other = 9.0 + 4.0 * np.cos(0.9 * time + seed)
+    for name, side, pull in (("a", 1.0, tension), ("b", -1.0, other)):
+        slider = side * ARM * angle + stretch(pull, stiffening)
+        speed = np.gradient(slider, time)
+        held = np.interp(time, knots, rng.uniform(-1.0, 1.0, len(knots)))
+        moving = np.abs(speed) > 0.1 * np.sqrt(np.mean(speed**2))
+        direction = np.where(moving, np.sign(speed), held)
+        columns[f"x_{name}_mm"] = 1e3 * slider + rng.normal(0.0, 2e-3, len(time))
+        columns[f"F_{name}_N"] = pull + direction * (friction + share * pull)
+    columns["joint_deg"] = np.rad2deg(angle) + rng.normal(0.0, 0.02, len(time))
+    return columns
+
+
+def stretch(tension: Floats, stiffening: float) -> Floats:
+    """Return δ of T = k (exp(a δ) − 1)/a."""
+    if stiffening == 0.0:
+        return tension / STIFFNESS
+    return np.asarray(np.log1p(stiffening * tension / STIFFNESS) / stiffening)
+
+
+def test_friction_at_rest_does_not_make_tendons_stiffer(tmp_path: Path) -> None:
+    """Over all samples the compliance would come out too small: read and true tension differ by
+    up to 2 N at rest.
+    """
+    rig = rig_from_logs(written([pair(k, 2.0, 0.0, 0.0) for k in range(3)], tmp_path)).rig
+    for tendon, drive in zip(rig.tendons, rig.drives):
+        assert tendon.stiffness.value == pytest.approx(STIFFNESS, rel=0.05)
+        assert tendon.stiffening.value == 0.0
+        assert tendon.path is not None
+        # three equal parts: constant, by load in the drive, by load along the path
+        assert 3.0 * drive.friction.constant.value == pytest.approx(2.0, rel=0.15)
+        assert 3.0 * 9.0 * drive.friction.load.value == pytest.approx(2.0, rel=0.15)
+        path = 3.0 * 9.0 * np.pi / 2.0 * tendon.path.friction.value
+        assert path == pytest.approx(2.0, rel=0.15)
+
+
+def test_friction_that_grows_with_the_load_and_a_tendon_that_stiffens(tmp_path: Path) -> None:
+    rig = rig_from_logs(written([pair(k, 0.2, 0.1, 200.0) for k in range(3)], tmp_path)).rig
+    for tendon, drive in zip(rig.tendons, rig.drives):
+        assert drive.friction.load.value == pytest.approx(0.1, rel=0.15)
+        assert drive.friction.constant.value < 0.4
+        assert tendon.stiffening.value == pytest.approx(200.0, rel=0.2)
+        assert tendon.stiffness.value == pytest.approx(STIFFNESS, rel=0.1)
+        assert tendon.path is None
+
+
+LENGTH = 0.04
+CENTRE = 2.0 * LENGTH / 3.0
+
+
+def chain(seed: int, masses: tuple[float, float]) -> dict[str, Floats]:
+    """Return a log of two joints in series with two tendons each, whose links are point masses: the
+    torques by Lagrange's equations of a planar double pendulum without gravity.
+    """
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, 20.0, 1.0 / 200.0)
+    q, v, a = np.zeros((3, 2, len(time)))
+    for j in range(2):
+        for rate in rng.uniform(1.0, 4.0, 4):
+            phase, size, w = rng.uniform(0, 6.28), 0.12, 2.0 * np.pi * rate
+            q[j] += size * np.sin(w * time + phase)
+            v[j] += size * w * np.cos(w * time + phase)
+            a[j] -= size * w**2 * np.sin(w * time + phase)
+    one, two = masses
+    cos, sin = np.cos(q[1]), np.sin(q[1])
+    both = two * LENGTH * CENTRE
+    second = two * CENTRE**2 * (a[0] + a[1]) + both * (cos * a[0] + sin * v[0] ** 2)
+    first = one * CENTRE**2 * a[0] + two * LENGTH**2 * a[0] + second
+    first += both * (cos * (a[0] + a[1]) - sin * (v[0] + v[1]) ** 2)
+    across = second / 6e-3
+    along = (first - 7e-3 * across) / 8e-3
+    pulls = (8.0 + along / 2, 8.0 - along / 2, 8.0 + across / 2, 8.0 - across / 2)
+    arms = ((8e-3, 0.0), (-8e-3, 0.0), (7e-3, 6e-3), (-7e-3, -6e-3))
+    columns = {"time_s": time}
+    for name, pull, (near, far) in zip(("mf", "me", "pf", "pe"), pulls, arms):
+        slack_free = near * q[0] + far * q[1] + pull / 2e4
+        columns[f"x_{name}_mm"] = 1e3 * slack_free + rng.normal(0.0, 2e-3, len(time))
+        columns[f"F_{name}_N"] = pull + rng.normal(0.0, 0.05, len(time))
+    for name, angle in zip(("mcp", "pip"), q):
+        columns[f"{name}_deg"] = np.rad2deg(angle) + rng.normal(0.0, 0.01, len(time))
+    return columns
+
+
+def test_joints_whose_tendons_pass_over_others_are_in_series(tmp_path: Path) -> None:
+    """Masses are those of point masses at 2/3 of 40 mm."""
+    rig = rig_from_logs(written([chain(k, (0.012, 0.02)) for k in range(3)], tmp_path)).rig
+    mcp, pip = rig.joints
+    assert (mcp.parent, pip.parent) == ("base", "mcp")
+    assert mcp.link is not None
+    assert pip.link is not None
+    for link, mass in ((mcp.link, 0.012), (pip.link, 0.02)):
+        assert abs(link.mass.value - mass) < 2.0 * link.mass.std
+        assert link.mass.std < 0.2 * mass
+
+
+def test_a_joint_before_another_one_may_have_the_later_column(tmp_path: Path) -> None:
+    logs = [chain(k, (0.012, 0.02)) for k in range(3)]
+    for log in logs:
+        log["mcp_deg"] = log.pop("mcp_deg")
+    rig = rig_from_logs(written(logs, tmp_path)).rig
+    assert [(joint.name, joint.parent) for joint in rig.joints] == [("mcp", "base"), ("pip", "mcp")]
+
+
+def test_light_links_are_left_out_where_slow_logs_do_not_tell_their_masses(tmp_path: Path) -> None:
+    logs = [chain(k, (0.0, 0.0)) for k in range(3)]
+    for log in logs:
+        log["time_s"] = 20.0 * log["time_s"]
+    rig = rig_from_logs(written(logs, tmp_path)).rig
+    assert all(joint.link is None for joint in rig.joints)
+
+
+def test_derivatives_are_taken_over_longer_times_where_angles_are_noisy() -> None:
+    time = np.arange(0.0, 5.0, 0.005)
+    angles = 0.3 * np.sin(2.0 * np.pi * 2.0 * time)
+    # the second derivative of a cubic through n samples has noise σ √(720/n⁵)/dt² (large n)
+    assert window_of(angles, 0.005, 1e-5) == 9
+    long = window_of(angles, 0.005, 3e-3)
+    assert 3e-3 * np.sqrt(720.0 / long**5) / 0.005**2 < 0.25 * 0.3 * (4.0 * np.pi) ** 2 / np.sqrt(2)
