@@ -10,10 +10,11 @@ sample alone. Their residuals are
 Each is divided by its effective standard deviation, √(σ² + Σ (∂row/∂q_k)² σ_k²), which has the
 noise that smoothing leaves in angles and positions: a stiffness that multiplies their noise would
 come out too small (Clutton-Brock, Technometrics 9, 1967). Friction has limits of mean l and
-asymmetry α; d is the direction of motion, which turns within a hundredth of the range. Internal
-states (of plays, points of sheaths, creep) are stepped along the known motion. This is
-identification by the inverse dynamic model (Gautier and Khalil, IEEE T-RA 6, 1990; Janot et al.,
-IEEE T-CST 22, 2014).
+asymmetry α; d is the direction of motion, which turns within a hundredth of the range. Rows of
+bodies at rest are not compared, since friction there has any value up to its limit. Internal states
+(of plays, points of sheaths, creep) are stepped along the known motion. This is identification by
+the inverse dynamic model (Gautier and Khalil, IEEE T-RA 6, 1990; Janot et al., IEEE T-CST 22,
+2014).
 """
 
 from __future__ import annotations
@@ -51,6 +52,11 @@ MEMORY = 0.01
 Source: judgement.
 """
 
+SLOW = 0.15
+"""Speed of a body, per its RMS speed, below which its residual is not compared. Source: benchmark
+(docs/results/from-logs.md).
+"""
+
 FEWEST = 100
 """Least number of samples with all angles and positions that every log needs, so that the equations
 are asked. Source: judgement.
@@ -67,7 +73,7 @@ class KnownMotion:
     Args:
         rows: rows of the kernel, (k, n_x).
         time: stamps [s], (k,).
-        compared: whether the residuals of each row are compared, (k,).
+        compared: whether each residual of each row is compared, (k, m).
     """
 
     rows: Floats
@@ -268,8 +274,17 @@ class Equations:
         )
         edge = window // every + 1
         inner = np.arange(len(rows))
-        compared = np.asarray(complete[at] & (inner >= edge) & (inner < len(rows) - edge))
-        return KnownMotion(rows, time[at], compared)
+        whole = np.asarray(complete[at] & (inner >= edge) & (inner < len(rows) - edge))
+        return KnownMotion(rows, time[at], whole[:, None] & self._sliding(v)[at])
+
+    def _sliding(self, v: Floats) -> Bools:
+        """Return when the friction in each residual is known, (k, m): while its body moves at v,
+        (k, n_bodies); in a tension there is none.
+        """
+        fast = np.abs(v) > SLOW * np.sqrt(np.mean(v**2, axis=0))
+        drives = [self.mechanism.n_joints + i for i, _ in self.forces]
+        always = np.ones((len(v), len(self.tensions)), dtype=bool)
+        return np.column_stack([fast[:, drives], always, fast[:, list(self.mechanism.free)]])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -331,7 +346,7 @@ class InverseProblem(Problem):
         )
 
     def _compared(self, log: int, ys: Floats) -> Innovations:
-        values = np.where(self.motions[log].compared[:, None], ys, np.nan)
+        values = np.where(self.motions[log].compared, ys, np.nan)
         return Innovations(values, np.ones(values.shape))
 
 

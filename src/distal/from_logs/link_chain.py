@@ -20,8 +20,10 @@ from distal.rig import Guess, Imported
 
 LENGTH = 40.0
 """Length of a link [mm]. Source: judgement (fingers: 20 to 50; Buryanov and Kotiuk 2010)."""
-TOLD = 0.5
-"""Logs tell a mass of which they leave this share of the guess's std [1]. Source: judgement."""
+CLEAR = 3.0
+"""Links count where the mass of one is so many standard errors above zero [1]: masses that are
+guessed too large move a light wrist too slowly. Source: benchmark (docs/results/from-logs.md).
+"""
 
 
 def parents_of(joints: Sequence[FoundJoint], drives: Sequence[FoundDrive]) -> list[int | None]:
@@ -48,7 +50,8 @@ def in_series(
     drives: Sequence[FoundDrive],
     logs: Sequence[MotionData],
 ) -> Raw:
-    """Return a raw description in which joints in series carry links, if logs tell a mass of them.
+    """Return a raw description in which joints in series carry links, if logs tell one of their
+    masses.
 
     Args:
         raw: the description, in which each joint sits on the base.
@@ -63,7 +66,7 @@ def in_series(
     guessed = _with_links(raw, joints, parents, dict.fromkeys(carrying, (MASS, MASS)))
     rig = Imported.of(guessed, "links", "logs", ()).rig
     masses = link_masses(rig, carrying, joints, drives, logs)
-    if all(std > TOLD * MASS for _, std in masses):
+    if all(mass < CLEAR * std for mass, std in masses):
         return raw
     return _with_links(raw, joints, parents, dict(zip(carrying, masses)))
 
