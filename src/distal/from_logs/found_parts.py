@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from distal.arrays import Floats
+from distal.arrays import Bools, Floats
 from distal.from_logs.column_role import ColumnRole
-from distal.from_logs.motion_data import MotionData, factor_of_column
+from distal.from_logs.motion_data import SLOW, MotionData, factor_of_column
 from distal.from_logs.sizes import DriveSizes
 from distal.from_logs.structure import DriveStructure
 
@@ -58,13 +58,31 @@ def pulled_both_ways(pulls: Sequence[tuple[FoundDrive, float]]) -> bool:
     return len(sides) > 1 or any(drive.sizes.is_pair for drive, _ in pulls)
 
 
+def sliding(joint: int, pulls: Sequence[tuple[FoundDrive, float]], log: MotionData) -> Bools:
+    """Return when a joint and all drives of `pulls` move, so that friction acts against their
+    directions, (n_samples,).
+    """
+    angle = log.angles[:, joint]
+    speed = np.abs(np.gradient(angle, log.time))
+    moves = speed > SLOW * np.sqrt(np.nanmean(speed**2))
+    for drive, _ in pulls:
+        moves &= log.moves(drive.index)
+    return np.asarray(moves & np.isfinite(angle))
+
+
 def torque_of(pulls: Sequence[tuple[FoundDrive, float]], log: MotionData) -> Floats:
-    """Return the torque of tendons on a joint, Σ r T, (n_samples,) [N m], by the drives of `pulls`
-    with their moment arms r [m].
+    """Return the torque of tendons on a joint while their drives move, Σ r T, (n_samples,) [N m],
+    by the drives of `pulls` with their moment arms r [m].
     """
     total = np.zeros(len(log.time))
     for drive, arm in pulls:
         sizes = drive.sizes
         factor = sizes.effort_sign * sizes.winding * sizes.torque_constant / sizes.lever
-        total += arm * factor * log.efforts[:, drive.index]
+        efforts = log.efforts[:, drive.index]
+        taken = drive.structure.friction(efforts) * log.directions[:, drive.index]
+        total += arm * factor * (efforts - taken)
+        if sizes.friction is not None:
+            speed = np.gradient(log.positions[:, drive.index], log.time)
+            turning = sizes.winding * sizes.position_sign * speed / sizes.gear
+            total -= arm * max(sizes.friction.damping, 0.0) * turning / sizes.lever
     return total

@@ -3,8 +3,9 @@ inertia.
 
     Σ r T = K (θ − θ₀) + b dθ/dt + I d²θ/dt² + f sign(dθ/dt)
 
-by least squares over all logs in which all forces are read. Both sides are smoothed alike, since
-else the inertia of fast motions would come out too large.
+by least squares over all logs in which all forces are read, less the friction of the drives. Both
+sides are smoothed alike, since else the inertia of fast motions would come out too large. Samples
+in which the joint or a drive rests are left out, since friction may then have any value.
 """
 
 from __future__ import annotations
@@ -16,36 +17,31 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.from_logs.derivatives import smoothed, window_of
-from distal.from_logs.found_parts import FoundDrive, torque_of
-from distal.from_logs.least_squares import SHOWN, scaled_solution
+from distal.from_logs.found_parts import FoundDrive, sliding, torque_of
+from distal.from_logs.least_squares import scaled_solution
 from distal.from_logs.motion_data import MotionData
-
-RESTS = 0.02
-"""Speed below which a joint has no direction, per largest speed [1]. Source: judgement."""
 
 INDEPENDENT = 10.0
 """So many samples, whose errors are alike, count as one. Source: judgement."""
 
-CLEAR_INERTIA = 4.0
-"""Inertia counts that is so many standard errors above zero [1]. Source: benchmark
-(`benchmarks.from_logs rigs`, seeds 7301 to 7304: 4 to 27 with inertia in the plant, else below
-2.5).
+CLEAR = 4.0
+"""Inertia, damping and friction count that are so many standard errors above zero [1]. Source:
+benchmark (`benchmarks.from_logs rigs`, seeds 7301 to 7304: 4 to 27 with inertia in the plant, else
+below 2.5).
 """
-
-INERTIA = 3
-"""Column of the inertia in `_rows`. Source: definition."""
 
 
 @dataclass(frozen=True)
 class JointBalance:
-    """Stiffness K [N m/rad], the torque at zero angle −K θ₀ [N m], damping b [N m s/rad] and
-    inertia I [kg m²] of a joint; the last two are 0 where the logs do not show them.
+    """Stiffness K [N m/rad], the torque at zero angle −K θ₀ [N m], damping b [N m s/rad], inertia I
+    [kg m²] and friction f [N m] of a joint; the last three are 0 where the logs do not show them.
     """
 
     stiffness: float
     offset: float
     damping: float
     inertia: float
+    friction: float
 
 
 def joint_balance(
@@ -69,23 +65,22 @@ def joint_balance(
     torques = np.concatenate([values for _, values in parts])
     if len(torques) < matrix.shape[1]:
         return None
-    still, left_still = scaled_solution(matrix[:, [0, 1, 4]], torques)
-    moving, left_moving = scaled_solution(matrix, torques)
-    stiffness, offset, damping, inertia, _ = (float(value) for value in moving)
-    std = left_moving * _relative_error(matrix, INERTIA)
-    if left_moving > SHOWN * left_still and inertia < CLEAR_INERTIA * std:
-        return JointBalance(float(still[0]), float(still[1]), 0.0, 0.0)
-    return JointBalance(stiffness, offset, damping, inertia)
+    coefficients, left = scaled_solution(matrix, torques)
+    clear = coefficients > CLEAR * left * _relative_errors(matrix)
+    shown = np.where(clear, coefficients, 0.0)
+    plain = scaled_solution(matrix[:, [0, 1, 4]], torques)[0]
+    stiffness, offset = coefficients[:2] if clear[2:4].any() else plain[:2]
+    return JointBalance(float(stiffness), float(offset), *(float(value) for value in shown[2:]))
 
 
-def _relative_error(matrix: Floats, column: int) -> float:
-    """Return the standard error of the coefficient of a column per RMS of what is left, where
+def _relative_errors(matrix: Floats) -> Floats:
+    """Return the standard errors of the coefficients, (n,), per RMS of what is left, where
     `INDEPENDENT` samples count as one.
     """
     size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
     scaled = matrix / size
     covariance = np.linalg.pinv(scaled.T @ scaled / INDEPENDENT)
-    return float(np.sqrt(covariance[column, column]) / size[column])
+    return np.asarray(np.sqrt(np.diag(covariance)) / size)
 
 
 def _rows(
@@ -100,8 +95,7 @@ def _rows(
     if len(angles) < 2 * window:
         return np.empty((0, 5)), np.empty(0)
     smooth, speed, acceleration = (smoothed(angles, window, step, order) for order in range(3))
-    moving = np.abs(speed) > RESTS * np.max(np.abs(speed))
-    columns = [smooth, np.ones(len(smooth)), speed, acceleration, np.sign(speed) * moving]
+    columns = [smooth, np.ones(len(smooth)), speed, acceleration, np.sign(speed)]
     torques = smoothed(torque_of(pulls, log)[usable], window, step)
-    read = np.isfinite(torques)
+    read = np.isfinite(torques) & sliding(joint, pulls, log)[usable]
     return np.column_stack(columns)[read], torques[read]

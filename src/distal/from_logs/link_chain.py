@@ -8,14 +8,15 @@ rod of 4/3 of that mass has the same moments.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from copy import deepcopy
 from typing import cast
 
 from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulls_of
-from distal.from_logs.link_masses import MASS, link_masses
+from distal.from_logs.link_masses import MASS, Links, links_of
 from distal.from_logs.motion_data import MotionData
 from distal.from_logs.raw_values import Raw, about, number
+from distal.model import GRAVITY
 from distal.rig import Guess, Imported
 
 LENGTH = 40.0
@@ -63,24 +64,25 @@ def in_series(
     carrying = [j for j in range(len(joints)) if parents[j] is not None or j in parents]
     if not carrying:
         return raw
-    guessed = _with_links(raw, joints, parents, dict.fromkeys(carrying, (MASS, MASS)))
-    rig = Imported.of(guessed, "links", "logs", ()).rig
-    masses = link_masses(rig, carrying, joints, drives, logs)
-    if all(mass < CLEAR * std for mass, std in masses):
+    usual = Links(((MASS, MASS),) * len(carrying), (GRAVITY, GRAVITY))
+    rig = Imported.of(_with_links(raw, joints, parents, carrying, usual), "links", "logs", ()).rig
+    links = links_of(rig, carrying, joints, drives, logs)
+    if all(mass < CLEAR * std for mass, std in links.masses):
         return raw
-    return _with_links(raw, joints, parents, dict(zip(carrying, masses)))
+    return _with_links(raw, joints, parents, carrying, links)
 
 
 def _with_links(
     raw: Raw,
     joints: Sequence[FoundJoint],
     parents: Sequence[int | None],
-    masses: Mapping[int, tuple[float, float]],
+    carrying: Sequence[int],
+    links: Links,
 ) -> Raw:
-    """Return a description with links of such masses and stds by joint [g]."""
+    """Return a description in which the joints that are `carrying` have such links."""
     described = deepcopy(cast(list[Raw], raw["joints"]))
     length = number(LENGTH, "mm")
-    for j, (mass, std) in masses.items():
+    for j, (mass, std) in zip(carrying, links.masses):
         parent = parents[j]
         described[j]["inertia"] = Guess("2e-6 kg m^2", "inertia of joints")
         described[j]["link"] = {
@@ -90,7 +92,10 @@ def _with_links(
         if parent is not None:
             described[j]["parent"] = joints[parent].name
             described[j]["offset"] = Guess([length, "0 mm", "0 mm"], "lengths of links")
-    gravity = Guess(["0 m/s^2", "0 m/s^2", "0 m/s^2"], "which way gravity points")
+    along_x, along_z = (number(value, "m/s^2") for value in links.gravity)
+    gravity: object = [along_x, "0 m/s^2", along_z]
+    if links.gravity == (0.0, 0.0):
+        gravity = Guess(gravity, "which way gravity points")
     order = _in_order(joints, parents)
     return {**raw, "base": {"gravity": gravity}, "joints": [described[j] for j in order]}
 

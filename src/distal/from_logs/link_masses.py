@@ -1,22 +1,29 @@
-"""The masses of the links of joints in series, by the torques that their motion needs.
+"""The masses of the links of joints in series, and which way they are heavy, by the torques that
+their motion needs.
 
     Σ r T = Σ_k m_k ∂τ/∂m_k + b dθ/dt + f sign(dθ/dt) + c₀ + c₁ sin θ + c₂ cos θ
 
-for each joint is solved by least squares over all logs, with the masses' guess as their prior. τ is
-the torque on the joint that a motion of the links needs (`distal.model`); the terms c stand for
-weight and for load cells that were tared.
+for each joint is solved by least squares over all logs, as in `joint_balance`, with the masses'
+guess as their prior. τ is the torque on the joint that a motion of the links needs
+(`distal.model`). The terms c stand for weight and for load cells that were tared. With these masses
+
+    Σ r T = Σ_k m_k ∂τ/∂m_k + g_x ∂τ/∂g_x + g_z ∂τ/∂g_z + b dθ/dt + f sign(dθ/dt)
+
+gives gravity, unless an offset of each joint explains other logs better: then cells were tared.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
 from distal.from_logs.derivatives import smoothed, window_of
-from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulls_of, torque_of
+from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulls_of, sliding, torque_of
+from distal.from_logs.least_squares import scaled_solution
 from distal.from_logs.motion_data import MotionData
 from distal.model import Mechanism
 from distal.rig import Rig
@@ -30,24 +37,57 @@ LIGHTEST = 1.0
 INDEPENDENT = 20.0
 """So many samples, whose errors are alike, count as one. Source: judgement."""
 
-TURNS_OVER = 0.05
-"""Speed over which the direction of a joint's friction turns [rad/s]. Source: judgement."""
+CLEAR_WEIGHT = 4.0
+"""Gravity counts that is so many standard errors above zero [1]. Source: judgement."""
 
-OWN = 5
-"""Number of columns of each joint beside the masses: b, f, c₀, c₁, c₂. Source: definition."""
+TARED = 0.9
+"""Cells were tared where an offset brings the RMS error on other logs below this share [1]. Source:
+judgement.
+"""
+
+STRONGEST = 20.0
+"""Largest gravity by links of an assumed length [m/s²]. Source: judgement (twice the earth's)."""
 
 
-def link_masses(
+@dataclass(frozen=True)
+class Links:
+    """What logs tell of links.
+
+    Args:
+        masses: mass of each link with its standard deviation [g].
+        gravity: along x and z of the base [m/s²], by links of the assumed length; 0 where the logs
+            do not show it.
+    """
+
+    masses: tuple[tuple[float, float], ...]
+    gravity: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class _Equations:
+    """One joint on one log, while it and its drives move: the columns of the masses, (k, n_links),
+    of gravity at unit masses, (k, 2, n_links), and of the joint's own terms, and its torque, (k,).
+    """
+
+    joint: int
+    masses: Floats
+    gravity: Floats
+    friction: Floats
+    weight: Floats
+    torques: Floats
+
+
+def links_of(
     rig: Rig,
     carrying: Sequence[int],
     joints: Sequence[FoundJoint],
     drives: Sequence[FoundDrive],
     logs: Sequence[MotionData],
-) -> list[tuple[float, float]]:
-    """Return the mass of each link with its standard deviation [g].
+) -> Links:
+    """Return what logs tell of the links.
 
     Args:
-        rig: the rig with guessed masses.
+        rig: the rig with guessed masses, and gravity along x and z.
         carrying: indices of the joints that have a link.
         joints: in the order of their columns.
         drives: all of them.
@@ -55,11 +95,12 @@ def link_masses(
     """
     count = len(carrying)
     torques = _torques_of_masses(rig, [joints[j].name for j in carrying])
-    parts = [part for log in logs for part in _equations(log, carrying, joints, drives, torques)]
+    parts = [_equations(log, carrying, joints, drives, torques) for log in logs]
+    parts = [part for part in parts if part]
     if not parts:
-        return [(MASS, MASS)] * count
-    matrix = np.vstack([columns for columns, _ in parts])
-    target = np.concatenate([values for _, values in parts])
+        return Links(((MASS, MASS),) * count, (0.0, 0.0))
+    every = [equations for part in parts for equations in part]
+    matrix, target = _system(every, [each.masses for each in every], with_weight=True)
     size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
     scaled = matrix / size
     left = target - scaled @ np.linalg.lstsq(scaled, target, rcond=None)[0]
@@ -70,22 +111,85 @@ def link_masses(
     precision[:count] = prior[:count] ** -2
     covariance = np.linalg.pinv(scaled.T @ scaled / noise + np.diag(precision))
     solution = covariance @ (scaled.T @ target / noise + precision * prior)
-    masses = 1e3 * solution[:count] / size[:count]
+    masses = np.maximum(1e3 * solution[:count] / size[:count], LIGHTEST)
     stds = 1e3 * np.sqrt(np.diag(covariance)[:count]) / size[:count]
-    return [(max(float(mass), LIGHTEST), float(std)) for mass, std in zip(masses, stds)]
+    pairs = tuple((float(mass), float(std)) for mass, std in zip(masses, stds))
+    return Links(pairs, _gravity(parts, 1e-3 * masses))
+
+
+def _gravity(parts: Sequence[Sequence[_Equations]], masses: Floats) -> tuple[float, float]:
+    """Return gravity along x and z of the base [m/s²] by links of such `masses` [kg], from the
+    equations of each log.
+    """
+    count = len(masses)
+
+    def system(chosen: Sequence[Sequence[_Equations]], offset: bool) -> tuple[Floats, Floats]:
+        every = [equations for part in chosen for equations in part]
+        shared = [np.column_stack([each.masses, each.gravity @ masses]) for each in every]
+        return _system(every, shared, with_offset=offset)
+
+    def error(offset: bool) -> float:
+        squares = []
+        for k in range(len(parts)):
+            training = [part for i, part in enumerate(parts) if i != k] or parts
+            solution, _ = scaled_solution(*system(training, offset))
+            matrix, target = system([parts[k]], offset)
+            squares.append(float(np.mean((target - matrix @ solution) ** 2)))
+        return float(np.sqrt(np.mean(squares)))
+
+    matrix, target = system(parts, False)
+    solution, left = scaled_solution(matrix, target)
+    size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
+    covariance = np.linalg.pinv((matrix / size).T @ (matrix / size) / INDEPENDENT)
+    stds = left * np.sqrt(np.diag(covariance)) / size
+    found = solution[count : count + 2]
+    strength = float(np.hypot(*found))
+    clear = strength > CLEAR_WEIGHT * float(np.max(stds[count : count + 2]))
+    if not clear or strength > STRONGEST or error(True) < TARED * error(False):
+        return 0.0, 0.0
+    return float(found[0]), float(found[1])
+
+
+def _system(
+    every: Sequence[_Equations],
+    shared: Sequence[Floats],
+    with_weight: bool = False,
+    with_offset: bool = False,
+) -> tuple[Floats, Floats]:
+    """Return matrix and torques of some equations: `shared` columns, then those of each joint."""
+    joints = sorted({each.joint for each in every})
+    rows = []
+    for each, common in zip(every, shared):
+        own = each.friction
+        if with_weight:
+            own = np.column_stack([own, each.weight])
+        elif with_offset:
+            own = np.column_stack([own, each.weight[:, :1]])
+        blocks = [own if joint == each.joint else np.zeros_like(own) for joint in joints]
+        rows.append(np.column_stack([common, *blocks]))
+    return np.vstack(rows), np.concatenate([each.torques for each in every])
 
 
 def _torques_of_masses(rig: Rig, carrying: Sequence[str]) -> ca.Function:
-    """Return the function (q, v, a) → ∂τ/∂m, (n_joints, n_links), of the links of some joints."""
+    """Return the function (q, v, a) → (∂τ/∂m, (n_joints, n_links), without gravity; ∂²τ/∂g_x∂m and
+    ∂²τ/∂g_z∂m, the same) of the links of some joints.
+    """
     mechanism = Mechanism(rig)
     assert mechanism.chain is not None
     parameters = mechanism.parameters
     q, v, a = (ca.SX.sym(name, mechanism.n_joints) for name in "qva")
     links = [f"joints.{rig.joint_names.index(name)}.link.mass" for name in carrying]
     masses = ca.vertcat(*(parameters[link] for link in links))
+    along = ("base.gravity.0", "base.gravity.2")
     per_mass = ca.jacobian(mechanism.chain.torques(q, v, a), masses)
-    known = ca.substitute(per_mass, parameters.symbols, ca.DM(parameters.values))
-    return ca.Function("torques", [q, v, a], [ca.densify(known)])
+    values = ca.DM(parameters.values)
+    columns = [per_mass]
+    for name in along:
+        values[parameters.index(name)] = 0.0
+        slope = ca.jacobian(ca.vec(per_mass), parameters[name])
+        columns.append(ca.reshape(slope, *per_mass.shape))
+    known = ca.substitute(columns, [parameters.symbols], [values])
+    return ca.Function("torques", [q, v, a], [ca.densify(column) for column in known])
 
 
 def _equations(
@@ -93,30 +197,34 @@ def _equations(
     carrying: Sequence[int],
     joints: Sequence[FoundJoint],
     drives: Sequence[FoundDrive],
-    torques: ca.Function,
-) -> Iterator[tuple[Floats, Floats]]:
-    """Yield columns and torques of each joint that carries a link, on one log."""
+    torques_at: ca.Function,
+) -> list[_Equations]:
+    """Return the equations of each joint that carries a link, on one log; none of a short one."""
     known = np.isfinite(log.angles).all(axis=1)
     step = float(np.median(np.diff(log.time)))
     angles = log.angles[known]
     if len(angles) < 2:
-        return
+        return []
     window = max(window_of(angles[:, j], step, joints[j].noise) for j in carrying)
     if len(angles) < 2 * window:
-        return
+        return []
     q, v, a = (smoothed(angles, window, step, order) for order in range(3))
-    per_mass = np.array([np.array(torques(*row)) for row in zip(q, v, a)])
+    every = [np.array([np.array(part) for part in torques_at(*row)]) for row in zip(q, v, a)]
+    columns = np.array(every)
+    found = []
     for place, j in enumerate(carrying):
-        columns = np.zeros((len(q), len(carrying) * (1 + OWN)))
-        columns[:, : len(carrying)] = per_mass[:, j]
-        first = len(carrying) + OWN * place
-        columns[:, first : first + OWN] = np.column_stack(
-            [
-                v[:, j],
-                np.tanh(v[:, j] / TURNS_OVER),
-                np.ones(len(q)),
-                np.sin(q[:, j]),
-                np.cos(q[:, j]),
-            ]
+        pulls = pulls_of(j, drives)
+        moves = sliding(j, pulls, log)[known]
+        torques = smoothed(torque_of(pulls, log)[known], window, step)
+        ones = np.ones(len(q))
+        found.append(
+            _Equations(
+                joint=place,
+                masses=columns[moves, 0, j],
+                gravity=columns[moves, 1:, j],
+                friction=np.column_stack([v[:, j], np.sign(v[:, j])])[moves],
+                weight=np.column_stack([ones, np.sin(q[:, j]), np.cos(q[:, j])])[moves],
+                torques=torques[moves],
+            )
         )
-        yield columns, smoothed(torque_of(pulls_of(j, drives), log)[known], window, step)
+    return found

@@ -25,7 +25,7 @@ TURNED = 0.01
 """A drive has a direction after this share of its range. Source: judgement."""
 
 SLOW = 0.15
-"""Speed of a drive, per its RMS speed, below which friction may hold any force. Source: judgement
+"""Speed of a body, per its RMS speed, below which friction may hold any force. Source: judgement
 (docs/results/from-logs.md).
 """
 

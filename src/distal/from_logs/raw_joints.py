@@ -40,6 +40,16 @@ BEFORE_START = 0.3
 """A spring rests so far before the range of its joint [rad]. Source: judgement."""
 
 
+AXLE = 2.0
+"""Radius of a joint's axle [mm]. Source: judgement (pins of fingers)."""
+
+
+SURE_FRICTION = 0.3
+"""Standard deviation of a joint's friction that logs show, as a share: that of the drives is as
+little known [1]. Source: judgement.
+"""
+
+
 def raw_joint(
     j: int,
     joint: FoundJoint,
@@ -59,7 +69,7 @@ def raw_joint(
     if joint.follows is not None:
         return raw | {"coupled": {"joint": joint.follows, "ratio": number(joint.ratio)}}
     raw["initial"] = _initial(j, logs)
-    raw["friction"] = Guess(_friction(pulls_of(j, drives)), "friction of joints")
+    raw["friction"] = _friction(pulls_of(j, drives), balance)
     stops = joint_stops(j, drives, logs)
     if stops is not None:
         raw["stops"] = [number(degrees(angle), "deg") for angle in stops]
@@ -68,22 +78,28 @@ def raw_joint(
     return raw if spring is None else raw | {"spring": spring}
 
 
-def _friction(pulls: Sequence[tuple[FoundDrive, float]]) -> Raw:
+def _friction(pulls: Sequence[tuple[FoundDrive, float]], balance: JointBalance | None) -> object:
     """Return the friction of a joint on its axle. Tendons press it there; the preload is what else
     does, such as a spring.
     """
-    if pulled_both_ways(pulls):
-        return {
-            "coefficient": {"value": 0.2, "std": 0.1},
-            "radius": "2 mm",
-            "preload": {"value": "1 N", "std": "1 N"},
+    if not pulled_both_ways(pulls):
+        tension = float(np.median([drive.sizes.tension for drive, _ in pulls]))
+        guess: Raw = {
+            "coefficient": {"value": 0.1, "std": 0.08},
+            "radius": "3 mm",
+            "preload": {"value": number(tension, "N"), "std": "60 %"},
         }
-    tension = float(np.median([drive.sizes.tension for drive, _ in pulls]))
-    return {
-        "coefficient": {"value": 0.1, "std": 0.08},
-        "radius": "3 mm",
-        "preload": {"value": number(tension, "N"), "std": "60 %"},
+        return Guess(guess, "friction of joints")
+    friction: Raw = {
+        "coefficient": {"value": 0.2, "std": 0.1},
+        "radius": number(AXLE, "mm"),
+        "preload": {"value": "1 N", "std": "1 N"},
     }
+    if balance is None or balance.friction == 0.0:
+        return Guess(friction, "friction of joints")
+    load = sum(drive.sizes.load / drive.sizes.lever for drive, _ in pulls)
+    coefficient = balance.friction / (1e-3 * AXLE * load)
+    return friction | {"coefficient": about(coefficient, SURE_FRICTION)}
 
 
 def _initial(j: int, logs: Sequence[MotionData]) -> Raw:

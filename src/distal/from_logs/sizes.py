@@ -12,7 +12,7 @@ from distal.arrays import Floats
 from distal.from_logs.column_role import ColumnRole
 from distal.from_logs.drive_friction import DriveFriction, drive_friction
 from distal.from_logs.motion_data import MotionData
-from distal.from_logs.structure import DriveStructure
+from distal.from_logs.structure import CLEAR, DriveStructure
 
 ASSUMED_RADIUS = 8e-3
 """Radius of a spool where no log knows a length [m]. Source: judgement (small hands)."""
@@ -30,9 +30,6 @@ TWO_SIDED = 0.2
 """Efforts of both signs, the smaller above this share of the larger: two tendons on one spool.
 Source: judgement.
 """
-
-CLEAR = 2.0
-"""A compliance counts that is so many standard errors above zero. Source: judgement."""
 
 SHARE_OF_PAIR = 1.5
 """Pre-tension of two tendons on one spool per usual difference of their tensions [1]. Source:

@@ -52,6 +52,9 @@ FEWEST = 30
 """Samples of known angles that a log needs. Source: judgement."""
 
 
+CLEAR = 2.0
+"""A compliance counts that is so many standard errors above zero. Source: judgement."""
+
 FORM_HELPS = 0.9
 """The terms h and q count that bring the RMS error on logs left out below this share of it. Source:
 judgement (plants that have them: 0.5 to 0.86; that lack them, or whose sensors hide them: 0.93).
@@ -97,6 +100,15 @@ class DriveStructure:
     residual: float
     explained: float
     rival: tuple[int, ...] | None
+
+    def friction(self, efforts: Floats) -> Floats:
+        """Return the effort that friction takes while the drive moves, f = −(g + h (e − ē))/b, at
+        some efforts; 0 where b is not clear.
+        """
+        if not abs(self.compliance) > CLEAR * self.compliance_std:
+            return np.zeros_like(efforts)
+        taken = self.hysteresis + self.growth * (efforts - self.effort)
+        return np.asarray(-taken / self.compliance)
 
 
 @dataclass(frozen=True)
