@@ -79,9 +79,16 @@ LENGTH = 0.04
 CENTRE = 2.0 * LENGTH / 3.0
 
 
-def chain(seed: int, masses: tuple[float, float]) -> dict[str, Floats]:
+def chain(
+    seed: int,
+    masses: tuple[float, float],
+    gravity: tuple[float, float] = (0.0, 0.0),
+    friction: float = 0.0,
+    tare: float = 0.0,
+) -> dict[str, Floats]:
     """Return a log of two joints in series with two tendons each, whose links are point masses: the
-    torques by Lagrange's equations of a planar double pendulum without gravity.
+    torques by Lagrange's equations of a planar double pendulum. Gravity is along x and z; positive
+    angles turn x to −z. Both joints have dry friction; the cells read less by a tare.
     """
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, 20.0, 1.0 / 200.0)
@@ -98,6 +105,12 @@ def chain(seed: int, masses: tuple[float, float]) -> dict[str, Floats]:
     second = two * CENTRE**2 * (a[0] + a[1]) + both * (cos * a[0] + sin * v[0] ** 2)
     first = one * CENTRE**2 * a[0] + two * LENGTH**2 * a[0] + second
     first += both * (cos * (a[0] + a[1]) - sin * (v[0] + v[1]) ** 2)
+    angle_one, angle_two = q[0], q[0] + q[1]
+    weight_one = gravity[0] * np.sin(angle_one) + gravity[1] * np.cos(angle_one)
+    weight_two = gravity[0] * np.sin(angle_two) + gravity[1] * np.cos(angle_two)
+    second += two * CENTRE * weight_two + friction * np.sign(v[1])
+    first += (one * CENTRE + two * LENGTH) * weight_one + two * CENTRE * weight_two
+    first += friction * np.sign(v[0])
     across = second / 6e-3
     along = (first - 7e-3 * across) / 8e-3
     pulls = (8.0 + along / 2, 8.0 - along / 2, 8.0 + across / 2, 8.0 - across / 2)
@@ -106,7 +119,8 @@ def chain(seed: int, masses: tuple[float, float]) -> dict[str, Floats]:
     for name, pull, (near, far) in zip(("mf", "me", "pf", "pe"), pulls, arms):
         slack_free = near * q[0] + far * q[1] + pull / 2e4
         columns[f"x_{name}_mm"] = 1e3 * slack_free + rng.normal(0.0, 2e-3, len(time))
-        columns[f"F_{name}_N"] = pull + rng.normal(0.0, 0.05, len(time))
+        zero = tare if name in ("me", "pe") else 0.0
+        columns[f"F_{name}_N"] = pull - zero + rng.normal(0.0, 0.05, len(time))
     for name, angle in zip(("mcp", "pip"), q):
         columns[f"{name}_deg"] = np.rad2deg(angle) + rng.normal(0.0, 0.01, len(time))
     return columns
@@ -122,6 +136,32 @@ def test_joints_whose_tendons_pass_over_others_are_in_series(tmp_path: Path) -> 
     for link, mass in ((mcp.link, 0.012), (pip.link, 0.02)):
         assert abs(link.mass.value - mass) < 2.0 * link.mass.std
         assert link.mass.std < 0.2 * mass
+
+
+@pytest.mark.parametrize("tare", [0.0, 3.0])
+def test_weight_shows_which_way_gravity_points(tmp_path: Path, tare: float) -> None:
+    """Also where two cells read 3 N too little, which is no weight."""
+    logs = [chain(k, (0.03, 0.03), (2.0, -9.0), tare=tare) for k in range(3)]
+    along_x, across, along_z = rig_from_logs(written(logs, tmp_path)).rig.base.gravity
+    assert across == 0.0
+    assert (along_x, along_z) == pytest.approx((2.0, -9.0), abs=0.9)
+
+
+def test_logs_that_do_not_show_weight_leave_gravity_a_guess(tmp_path: Path) -> None:
+    found = rig_from_logs(written([chain(k, (0.03, 0.03)) for k in range(3)], tmp_path))
+    assert found.rig.base.gravity == (0.0, 0.0, 0.0)
+    assert "which way gravity points" in found.guesses
+
+
+def test_friction_of_joints_beside_that_of_their_load(tmp_path: Path) -> None:
+    """Four tendons of 8 N press the first joint's axle of 2 mm, two the second one's."""
+    rig = rig_from_logs(
+        written([chain(k, (0.02, 0.02), friction=8e-3) for k in range(3)], tmp_path)
+    )
+    for joint, load in zip(rig.rig.joints, (32.0, 16.0)):
+        assert joint.friction is not None
+        torque = joint.friction.coefficient.value * joint.friction.radius.value * load
+        assert torque == pytest.approx(8e-3, rel=0.15)
 
 
 def test_a_joint_before_another_one_may_have_the_later_column(tmp_path: Path) -> None:

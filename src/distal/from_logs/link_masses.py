@@ -9,7 +9,8 @@ guess as their prior. τ is the torque on the joint that a motion of the links n
 
     Σ r T = Σ_k m_k ∂τ/∂m_k + g_x ∂τ/∂g_x + g_z ∂τ/∂g_z + b dθ/dt + f sign(dθ/dt)
 
-gives gravity, unless an offset of each joint explains other logs better: then cells were tared.
+gives gravity. Where an offset of each joint explains other logs better, as after cells were tared,
+there is one.
 """
 
 from __future__ import annotations
@@ -137,7 +138,8 @@ def _gravity(parts: Sequence[Sequence[_Equations]], masses: Floats) -> tuple[flo
             squares.append(float(np.mean((target - matrix @ solution) ** 2)))
         return float(np.sqrt(np.mean(squares)))
 
-    matrix, target = system(parts, False)
+    tared = error(True) < TARED * error(False)
+    matrix, target = system(parts, tared)
     solution, left = scaled_solution(matrix, target)
     size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
     covariance = np.linalg.pinv((matrix / size).T @ (matrix / size) / INDEPENDENT)
@@ -145,7 +147,7 @@ def _gravity(parts: Sequence[Sequence[_Equations]], masses: Floats) -> tuple[flo
     found = solution[count : count + 2]
     strength = float(np.hypot(*found))
     clear = strength > CLEAR_WEIGHT * float(np.max(stds[count : count + 2]))
-    if not clear or strength > STRONGEST or error(True) < TARED * error(False):
+    if not clear or strength > STRONGEST:
         return 0.0, 0.0
     return float(found[0]), float(found[1])
 

@@ -182,8 +182,9 @@ def drive_sizes(
         stiffening = -per_curvature * structure.curvature * np.sign(structure.effort)
         stiffening_std = abs(per_curvature) * structure.curvature_std
     if stiffening > 0.0:
-        softer = stiffness - stiffening * (usual - pretension)
-        stiffness = max(softer, SOFTER * stiffness)
+        loose = max(stiffness - stiffening * usual, SOFTER * stiffness)
+        pretension = max(loose * float(np.expm1(-stiffening * zero)) / float(stiffening), 0.0)
+        stiffness = loose + stiffening * pretension
     return DriveSizes(
         is_slider=is_slider,
         gear=gear,
