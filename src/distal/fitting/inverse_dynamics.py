@@ -274,8 +274,8 @@ class Equations:
         )
         edge = window // every + 1
         inner = np.arange(len(rows))
-        whole = np.asarray(complete[at] & (inner >= edge) & (inner < len(rows) - edge))
-        return KnownMotion(rows, time[at], whole[:, None] & self._sliding(v)[at])
+        inside = np.asarray(complete[at] & (inner >= edge) & (inner < len(rows) - edge))
+        return KnownMotion(rows, time[at], inside[:, None] & self._sliding(v)[at])
 
     def _sliding(self, v: Floats) -> Bools:
         """Return when the friction in each residual is known, (k, m): while its body moves at v,

@@ -33,7 +33,7 @@ CLEAR_CORRELATION = 0.8
 judged. Source: judgement.
 """
 
-FEWEST_KNOWN = 10
+FEWEST_TRUTHS = 10
 """Least number of known angles by which signs and sizes are judged [1]. Source: judgement."""
 
 RATE_FACTOR = 20.0
@@ -68,7 +68,9 @@ def check_logs(logs: Sequence[Log], rig: Rig) -> None:
         _check_sensors(log, logs, rig)
         joints = rig.joint_names
         angles = true_angles(log, joints)
-        for j, joint in enumerate(() if angles is None else joints):
+        if angles is None:
+            continue
+        for j, joint in enumerate(joints):
             if len(joints) == 1 or np.isfinite(angles[:, j]).any():
                 subject = "the joint" if len(joints) == 1 else f"the joint {joint}"
                 _check_truth(log, rig, angles, subject, j)
@@ -168,9 +170,9 @@ def _check_truth(log: Log, rig: Rig, truths: Floats, joint: str, index: int) -> 
     subject = f"{log.source}: the truth of {joint}" + (
         f" ({log.truth_source})" if str(log.truth_source) else ""
     )
-    if has_truth.sum() < FEWEST_KNOWN:
+    if has_truth.sum() < FEWEST_TRUTHS:
         raise FitError(
-            f"{subject} has {int(has_truth.sum())} values; at least {FEWEST_KNOWN} are needed"
+            f"{subject} has {int(has_truth.sum())} values; at least {FEWEST_TRUTHS} are needed"
         )
     # with forces the stretch is taken off: soft tendons let drives and joint move differently
     baseline = "elastic" if rig.sensors_of("force") else "inextensible"
@@ -213,14 +215,17 @@ def _turns_its_tendons(rig: Rig, joint: int, truths: Floats, by_drives: Floats) 
     `by_drives`, (k, n_joints), turn against the known ones.
     """
     names = rig.joint_names
-    known = np.isfinite(truths).all(axis=1)
-    if known.sum() < FEWEST_KNOWN:
+    has_truth = np.isfinite(truths).all(axis=1)
+    if has_truth.sum() < FEWEST_TRUTHS:
         return False
     for tendon in rig.tendons:
         arms = tendon.arms()
         if names[joint] not in arms:
             continue
         row = np.array([arms.get(name, 0.0) for name in names])
-        if np.corrcoef(truths[known] @ row, by_drives[known] @ row)[0, 1] < CLEAR_CORRELATION:
+        if (
+            np.corrcoef(truths[has_truth] @ row, by_drives[has_truth] @ row)[0, 1]
+            < CLEAR_CORRELATION
+        ):
             return False
     return True

@@ -70,7 +70,7 @@ def joint_balance(
     shown = np.where(clear, coefficients, 0.0)
     plain = scaled_solution(matrix[:, [0, 1, 4]], torques)[0]
     stiffness, offset = coefficients[:2] if clear[2:4].any() else plain[:2]
-    return JointBalance(float(stiffness), float(offset), *(float(value) for value in shown[2:]))
+    return JointBalance(float(stiffness), float(offset), *map(float, shown[2:]))
 
 
 def _relative_errors(matrix: Floats) -> Floats:

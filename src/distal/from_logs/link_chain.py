@@ -35,11 +35,11 @@ def parents_of(joints: Sequence[FoundJoint], drives: Sequence[FoundDrive]) -> li
     """
     crossing = [{drive.index for drive, _ in pulls_of(j, drives)} for j in range(len(joints))]
     read = {drive.index for drive in drives if drive.effort is not None}
-    able = [bool(own) and own <= read for own in crossing]
+    able = [bool(indices) and indices <= read for indices in crossing]
     order = sorted(range(len(joints)), key=lambda j: (-len(crossing[j]), j))
     parents: list[int | None] = [None] * len(joints)
-    for place, j in enumerate(order):
-        before = [i for i in order[:place] if able[i] and crossing[j] <= crossing[i]]
+    for rank, j in enumerate(order):
+        before = [i for i in order[:rank] if able[i] and crossing[j] <= crossing[i]]
         if able[j] and before:
             parents[j] = before[-1]
     return parents
@@ -92,7 +92,7 @@ def _with_links(
         if parent is not None:
             described[j]["parent"] = joints[parent].name
             described[j]["offset"] = Guess([length, "0 mm", "0 mm"], "lengths of links")
-    along_x, along_z = (number(value, "m/s^2") for value in links.gravity)
+    along_x, along_z = (number(part, "m/s^2") for part in links.gravity)
     gravity: object = [along_x, "0 m/s^2", along_z]
     if links.gravity == (0.0, 0.0):
         gravity = Guess(gravity, "which way gravity points")
@@ -105,14 +105,14 @@ def _in_order(joints: Sequence[FoundJoint], parents: Sequence[int | None]) -> li
     names = [joint.name for joint in joints]
     order = list[int]()
 
-    def place(j: int) -> None:
+    def append(j: int) -> None:
         follows = joints[j].follows
         for before in (parents[j], None if follows is None else names.index(follows)):
             if before is not None:
-                place(before)
+                append(before)
         if j not in order:
             order.append(j)
 
     for j in range(len(joints)):
-        place(j)
+        append(j)
     return order

@@ -100,8 +100,8 @@ def links_of(
     parts = [part for part in parts if part]
     if not parts:
         return Links(((MASS, MASS),) * count, (0.0, 0.0))
-    every = [equations for part in parts for equations in part]
-    matrix, target = _system(every, [each.masses for each in every], with_weight=True)
+    rows = [equations for part in parts for equations in part]
+    matrix, target = _system(rows, [row.masses for row in rows], with_weight=True)
     size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
     scaled = matrix / size
     left = target - scaled @ np.linalg.lstsq(scaled, target, rcond=None)[0]
@@ -125,9 +125,9 @@ def _gravity(parts: Sequence[Sequence[_Equations]], masses: Floats) -> tuple[flo
     count = len(masses)
 
     def system(chosen: Sequence[Sequence[_Equations]], offset: bool) -> tuple[Floats, Floats]:
-        every = [equations for part in chosen for equations in part]
-        shared = [np.column_stack([each.masses, each.gravity @ masses]) for each in every]
-        return _system(every, shared, with_offset=offset)
+        rows = [equations for part in chosen for equations in part]
+        shared = [np.column_stack([row.masses, row.gravity @ masses]) for row in rows]
+        return _system(rows, shared, with_offset=offset)
 
     def error(offset: bool) -> float:
         squares = []
@@ -144,32 +144,33 @@ def _gravity(parts: Sequence[Sequence[_Equations]], masses: Floats) -> tuple[flo
     size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
     covariance = np.linalg.pinv((matrix / size).T @ (matrix / size) / INDEPENDENT)
     stds = left * np.sqrt(np.diag(covariance)) / size
-    found = solution[count : count + 2]
-    strength = float(np.hypot(*found))
+    gravity = solution[count : count + 2]
+    strength = float(np.hypot(*gravity))
     clear = strength > CLEAR_WEIGHT * float(np.max(stds[count : count + 2]))
     if not clear or strength > STRONGEST:
         return 0.0, 0.0
-    return float(found[0]), float(found[1])
+    return float(gravity[0]), float(gravity[1])
 
 
 def _system(
-    every: Sequence[_Equations],
+    equations: Sequence[_Equations],
     shared: Sequence[Floats],
     with_weight: bool = False,
     with_offset: bool = False,
 ) -> tuple[Floats, Floats]:
     """Return matrix and torques of some equations: `shared` columns, then those of each joint."""
-    joints = sorted({each.joint for each in every})
+    joints = sorted({of_joint.joint for of_joint in equations})
     rows = []
-    for each, common in zip(every, shared):
-        own = each.friction
+    for of_joint, columns in zip(equations, shared):
+        terms = of_joint.friction
         if with_weight:
-            own = np.column_stack([own, each.weight])
+            terms = np.column_stack([terms, of_joint.weight])
         elif with_offset:
-            own = np.column_stack([own, each.weight[:, :1]])
-        blocks = [own if joint == each.joint else np.zeros_like(own) for joint in joints]
-        rows.append(np.column_stack([common, *blocks]))
-    return np.vstack(rows), np.concatenate([each.torques for each in every])
+            terms = np.column_stack([terms, of_joint.weight[:, :1]])
+        zeros = np.zeros_like(terms)
+        blocks = [terms if joint == of_joint.joint else zeros for joint in joints]
+        rows.append(np.column_stack([columns, *blocks]))
+    return np.vstack(rows), np.concatenate([of_joint.torques for of_joint in equations])
 
 
 def _torques_of_masses(rig: Rig, carrying: Sequence[str]) -> ca.Function:
@@ -190,8 +191,8 @@ def _torques_of_masses(rig: Rig, carrying: Sequence[str]) -> ca.Function:
         values[parameters.index(name)] = 0.0
         slope = ca.jacobian(ca.vec(per_mass), parameters[name])
         columns.append(ca.reshape(slope, *per_mass.shape))
-    known = ca.substitute(columns, [parameters.symbols], [values])
-    return ca.Function("torques", [q, v, a], [ca.densify(column) for column in known])
+    numeric = ca.substitute(columns, [parameters.symbols], [values])
+    return ca.Function("torques", [q, v, a], [ca.densify(column) for column in numeric])
 
 
 def _equations(
@@ -202,31 +203,30 @@ def _equations(
     torques_at: ca.Function,
 ) -> list[_Equations]:
     """Return the equations of each joint that carries a link, on one log; none of a short one."""
-    known = np.isfinite(log.angles).all(axis=1)
+    has_angles = np.isfinite(log.angles).all(axis=1)
     step = float(np.median(np.diff(log.time)))
-    angles = log.angles[known]
+    angles = log.angles[has_angles]
     if len(angles) < 2:
         return []
     window = max(window_of(angles[:, j], step, joints[j].noise) for j in carrying)
     if len(angles) < 2 * window:
         return []
     q, v, a = (smoothed(angles, window, step, order) for order in range(3))
-    every = [np.array([np.array(part) for part in torques_at(*row)]) for row in zip(q, v, a)]
-    columns = np.array(every)
-    found = []
-    for place, j in enumerate(carrying):
+    columns = np.array([[np.array(part) for part in torques_at(*state)] for state in zip(q, v, a)])
+    equations = []
+    for link, j in enumerate(carrying):
         pulls = pulls_of(j, drives)
-        moves = sliding(j, pulls, log)[known]
-        torques = smoothed(torque_of(pulls, log)[known], window, step)
-        ones = np.ones(len(q))
-        found.append(
+        moves = sliding(j, pulls, log)[has_angles]
+        torques = smoothed(torque_of(pulls, log)[has_angles], window, step)
+        offset = np.ones(len(q))
+        equations.append(
             _Equations(
-                joint=place,
+                joint=link,
                 masses=columns[moves, 0, j],
                 gravity=columns[moves, 1:, j],
                 friction=np.column_stack([v[:, j], np.sign(v[:, j])])[moves],
-                weight=np.column_stack([ones, np.sin(q[:, j]), np.cos(q[:, j])])[moves],
+                weight=np.column_stack([offset, np.sin(q[:, j]), np.cos(q[:, j])])[moves],
                 torques=torques[moves],
             )
         )
-    return found
+    return equations

@@ -259,7 +259,7 @@ def _described(
         folds = _with_forms(folds, forms, effort)
     coefficients = _solve(folds, joints)
     stds = _jackknife(folds, joints)
-    found = dict(zip(("direction", "effort", *forms), coefficients[n:]))
+    by_term = dict(zip(("direction", "effort", *forms), coefficients[n:]))
     errors = dict(zip(("direction", "effort", *forms), stds[n:]))
     zeros = [
         float(
@@ -268,7 +268,7 @@ def _described(
                 - np.column_stack([fold.angles[:, list(joints)], fold.others]) @ coefficients
             )
         )
-        + found.get("curvature", 0.0) * effort**2
+        + by_term.get("curvature", 0.0) * effort**2
         for fold in folds
     ]
     every = _folds(logs, drive)
@@ -279,12 +279,12 @@ def _described(
         joints=joints,
         ratios=coefficients[:n],
         ratio_stds=stds[:n],
-        compliance=float(found.get("effort", float("nan"))),
+        compliance=float(by_term.get("effort", float("nan"))),
         compliance_std=float(errors.get("effort", float("nan"))),
-        hysteresis=float(found["direction"]),
-        growth=float(found.get("growth", 0.0)),
+        hysteresis=float(by_term["direction"]),
+        growth=float(by_term.get("growth", 0.0)),
         growth_std=float(errors.get("growth", 0.0)),
-        curvature=float(found.get("curvature", 0.0)),
+        curvature=float(by_term.get("curvature", 0.0)),
         curvature_std=float(errors.get("curvature", 0.0)),
         effort=effort,
         zero=float(np.mean(zeros)),
@@ -331,6 +331,6 @@ def _with_forms(folds: Sequence[_Fold], forms: Sequence[str], effort: float) -> 
         direction = fold.others[:, 0]
         beyond = fold.others[:, 1] - effort
         columns = {"growth": direction * beyond, "curvature": beyond**2}
-        others = np.column_stack([fold.others, *(columns[form] for form in forms)])
-        extended.append(_Fold(fold.angles, others, fold.target))
+        terms = np.column_stack([fold.others, *(columns[form] for form in forms)])
+        extended.append(_Fold(fold.angles, terms, fold.target))
     return extended
