@@ -23,7 +23,7 @@ def pair(seed: int, friction: float, share: float, stiffening: float) -> dict[st
     """
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, 30.0, 1.0 / RATE)
-    knots = np.arange(0.0, 31.0, 0.5)
+    knots = np.arange(0.0, 32.0, 1.0)
     ways = np.where(np.arange(len(knots)) % 3 == 0, 0.0, rng.uniform(-4e-3, 4e-3, len(knots)))
     place = np.interp(time, knots, np.cumsum(ways) - 0.5 * np.cumsum(np.roll(ways, 1)))
     columns = {"time_s": time}
@@ -34,7 +34,7 @@ def pair(seed: int, friction: float, share: float, stiffening: float) -> dict[st
         slider = side * ARM * angle + stretch(pull, stiffening)
         speed = np.gradient(slider, time)
         held = np.interp(time, knots, rng.uniform(-1.0, 1.0, len(knots)))
-        moving = np.abs(speed) > 0.1 * np.sqrt(np.mean(speed**2))
+        moving = np.abs(speed) > 0.02 * np.sqrt(np.mean(speed**2))
         direction = np.where(moving, np.sign(speed), held)
         columns[f"x_{name}_mm"] = 1e3 * slider + rng.normal(0.0, 2e-3, len(time))
         columns[f"F_{name}_N"] = pull + direction * (friction + share * pull)

@@ -52,7 +52,7 @@ MEMORY = 0.01
 Source: judgement.
 """
 
-SLOW = 0.15
+SLOW = 0.03
 """Speed of a body, per its RMS speed, below which its residual is not compared. Source: benchmark
 (docs/results/from-logs.md).
 """

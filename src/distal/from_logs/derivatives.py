@@ -39,6 +39,17 @@ def window_of(angles: Floats, step: float, noise: float) -> int:
     return lengths[-1]
 
 
+def speed_of(values: Floats, time: Floats) -> Floats:
+    """Return the speed of samples over the shortest of `WINDOWS`, (k,); gaps (NaN) are bridged."""
+    has_value = np.flatnonzero(np.isfinite(values))
+    step = float(np.median(np.diff(time)))
+    window = max(FEWEST, 2 * round(WINDOWS[0] / step / 2) + 1)
+    if len(has_value) < 2 or window > len(values):
+        return np.zeros(len(values))
+    bridged = np.interp(time, time[has_value], values[has_value])
+    return smoothed(bridged, window, step, 1)
+
+
 def smoothed(values: Floats, window: int, step: float, order: int = 0) -> Floats:
     """Return the derivative of some `order` of samples along their first axis."""
     return np.asarray(savgol_filter(values, window, 3, deriv=order, delta=step, axis=0))

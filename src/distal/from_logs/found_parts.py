@@ -9,6 +9,7 @@ import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.from_logs.column_role import ColumnRole
+from distal.from_logs.derivatives import speed_of
 from distal.from_logs.motion_data import SLOW, MotionData, factor_of_column
 from distal.from_logs.sizes import DriveSizes
 from distal.from_logs.structure import DriveStructure
@@ -63,8 +64,8 @@ def sliding(joint: int, pulls: Sequence[tuple[FoundDrive, float]], log: MotionDa
     directions, (n_samples,).
     """
     angle = log.angles[:, joint]
-    speed = np.abs(np.gradient(angle, log.time))
-    moves = speed > SLOW * np.sqrt(np.nanmean(speed**2))
+    speed = np.abs(speed_of(angle, log.time))
+    moves = speed > SLOW * np.sqrt(np.mean(speed**2))
     for drive, _ in pulls:
         moves &= log.moves(drive.index)
     return np.asarray(moves & np.isfinite(angle))
@@ -82,7 +83,7 @@ def torque_of(pulls: Sequence[tuple[FoundDrive, float]], log: MotionData) -> Flo
         taken = drive.structure.friction(efforts) * log.directions[:, drive.index]
         total += arm * factor * (efforts - taken)
         if sizes.friction is not None:
-            speed = np.gradient(log.positions[:, drive.index], log.time)
+            speed = speed_of(log.positions[:, drive.index], log.time)
             turning = sizes.winding * sizes.position_sign * speed / sizes.gear
             total -= arm * max(sizes.friction.damping, 0.0) * turning / sizes.lever
     return total

@@ -11,6 +11,7 @@ import numpy as np
 from distal.arrays import Bools, Floats
 from distal.from_logs.column_role import ColumnRole
 from distal.from_logs.columns import in_si
+from distal.from_logs.derivatives import speed_of
 from distal.from_logs.raw_log import RawLog
 from distal.regression import played
 from distal.units import unit_factor
@@ -24,7 +25,7 @@ BRIDGED = 2.0
 TURNED = 0.01
 """A drive has a direction after this share of its range. Source: judgement."""
 
-SLOW = 0.15
+SLOW = 0.03
 """Speed of a body, per its RMS speed, below which friction may hold any force. Source: judgement
 (docs/results/from-logs.md).
 """
@@ -72,7 +73,7 @@ class MotionData:
 
     def moves(self, drive: int) -> Bools:
         """Return when a drive moves, so that friction acts against its direction, (n_samples,)."""
-        speed = np.abs(np.gradient(self.positions[:, drive], self.time))
+        speed = np.abs(speed_of(self.positions[:, drive], self.time))
         fast = speed > SLOW * np.sqrt(np.mean(speed**2))
         moving: Bools = fast & (np.abs(self.directions[:, drive]) > SURE)
         return moving
