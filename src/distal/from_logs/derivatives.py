@@ -40,7 +40,12 @@ def window_of(angles: Floats, step: float, noise: float) -> int:
 
 
 def speed_of(values: Floats, time: Floats) -> Floats:
-    """Return the speed of samples over the shortest of `WINDOWS`, (k,); gaps (NaN) are bridged."""
+    """Return the speed of samples over the shortest of `WINDOWS`, (k,).
+
+    Args:
+        values: (k,), NaN in gaps, which are bridged.
+        time: their stamps [s], (k,).
+    """
     has_value = np.flatnonzero(np.isfinite(values))
     step = float(np.median(np.diff(time)))
     window = max(FEWEST, 2 * round(WINDOWS[0] / step / 2) + 1)
@@ -51,5 +56,12 @@ def speed_of(values: Floats, time: Floats) -> Floats:
 
 
 def smoothed(values: Floats, window: int, step: float, order: int = 0) -> Floats:
-    """Return the derivative of some `order` of samples along their first axis."""
+    """Return the derivative of samples along their first axis.
+
+    Args:
+        values: evenly sampled, (k,) or (k, n).
+        window: number of samples over which it is taken.
+        step: time between samples [s].
+        order: of the derivative; 0 smooths.
+    """
     return np.asarray(savgol_filter(values, window, 3, deriv=order, delta=step, axis=0))
