@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 
-from distal import Log, estimate, load_rig, simulate
+from distal import Log, Rig, estimate, load_rig, simulate
 from distal.estimators import affine_samples
 from distal.fitting.candidates import (
     AS_GIVEN,
@@ -66,6 +66,17 @@ def others() -> list[Log]:
 @pytest.fixture(scope="module")
 def alone(others: list[Log]) -> Learned:
     return learn(others, finger_rig().bare(), OPTIONS)
+
+
+def cable_rig() -> Rig:
+    """Return the finger's rig with friction along its cable, which a fit would add otherwise."""
+    path = {"friction": {"value": 0.1, "std": 0.1}, "wrap": np.pi / 2, "nodes": 2}
+    return finger_rig().bare().with_values({"tendons.flexor.path": path})
+
+
+@pytest.fixture(scope="module")
+def with_cable(others: list[Log]) -> Learned:
+    return learn(others, cable_rig(), OPTIONS)
 
 
 @pytest.mark.filterwarnings(
@@ -133,10 +144,10 @@ def test_maps_learn_from_numbers_that_have_not_seen_the_log(
 
 @pytest.mark.parametrize("replaced", [True, False])
 def test_a_line_replaces_the_filters_angle_only_where_that_errs_clearly_more(
-    replaced: bool, others: list[Log], alone: Learned
+    replaced: bool, others: list[Log], with_cable: Learned
 ) -> None:
-    training = Training(tuple(others), ("0", "1"), finger_rig().bare(), OPTIONS)
-    physics, line = filter_candidate("numbers", training, alone.parameters), line_map(training)
+    training = Training(tuple(others), ("0", "1"), cable_rig(), OPTIONS)
+    physics, line = filter_candidate("numbers", training, with_cable.parameters), line_map(training)
     ways = {each.name: each for each in line_candidates(training, line, physics)}
     straight = ways[AFFINE_MAP]
     assert straight.rig.discrepancy is not None
@@ -202,7 +213,7 @@ def test_ctrl_c_ends_all_folds(others: list[Log], alone: Learned) -> None:
 
 @pytest.mark.parametrize("where", ["doubts", "jackknife", "missing_terms"])
 def test_ctrl_c_is_not_taken_for_an_answer(
-    where: str, monkeypatch: pytest.MonkeyPatch, others: list[Log], alone: Learned
+    where: str, monkeypatch: pytest.MonkeyPatch, others: list[Log], with_cable: Learned
 ) -> None:
     """A search that is stopped ends with the best so far: wherever it was, the fit ends there too,
     with its numbers.
@@ -220,11 +231,13 @@ def test_ctrl_c_is_not_taken_for_an_answer(
 
     monkeypatch.setattr(module, name, stopped)
     monkeypatch.setattr("distal.fitting.missing_terms.UNEXPLAINED", 0.0)
-    found = learn(others, finger_rig().bare(), OPTIONS)
+    found = learn(others, cable_rig(), OPTIONS)
     assert found.interrupted
     assert len(calls) == 1
     assert found.kept
-    assert [part.value for part in found.fitted] == [part.value for part in alone.parameters.fitted]
+    assert [part.value for part in found.fitted] == [
+        part.value for part in with_cable.parameters.fitted
+    ]
 
 
 def test_each_joint_is_homed_by_its_own_truth() -> None:

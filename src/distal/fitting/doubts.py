@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from distal.arrays import Floats
-from distal.estimators import Robustness
 from distal.fitting.fitted_parameter import FittedParameter
 from distal.fitting.likelihood import Innovations
 from distal.fitting.likelihood_search import Optimum, search
@@ -45,7 +44,7 @@ that factor is improbable. Source: judgement.
 """
 
 CONTRADICTORY = 2.0
-"""Ratio of a log's RMS innovation with the parameters of all logs to that with parameters of its
+"""Ratio of a log's median innovation with the parameters of all logs to that with parameters of its
 own, above which the logs contradict each other. Source: judgement.
 """
 
@@ -170,6 +169,6 @@ def parameter_contradictions(problem: Problem, optimum: Optimum) -> list[str]:
 
 
 def _sizes(run: Innovations) -> Floats:
-    """Return the RMS innovation per channel, (m,), with outliers limited."""
-    limited = np.minimum(run.values**2, Robustness().wild_force * run.variances)
-    return np.array([np.sqrt(np.nanmean(c)) if np.isfinite(c).any() else np.nan for c in limited.T])
+    """Return the median size of each channel's innovations, (m,), which outliers do not change."""
+    sizes = np.abs(run.values)
+    return np.array([np.nanmedian(c) if np.isfinite(c).any() else np.nan for c in sizes.T])

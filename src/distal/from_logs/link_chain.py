@@ -2,8 +2,8 @@
 
 The tendons of a joint pass over all joints before it. A joint so comes before another one if
 tendons of all drives of the latter cross it. Of two joints with the same drives the one whose
-column comes first is taken to be the first. Links are point masses at two thirds of their length: a
-rod of 4/3 of that mass has the same moments.
+column comes first is taken to be the first. Their axes are taken as parallel. Links are point
+masses at two thirds of their length: a rod of 4/3 of that mass has the same moments.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from distal.rig import Guess, Imported
 
 LENGTH = 40.0
 """Length of a link [mm]. Source: judgement (fingers: 20 to 50; Buryanov and Kotiuk 2010)."""
+
 CLEAR = 3.0
 """Links count where the mass of one is so many standard errors above zero [1]: masses that are
 guessed too large move a light wrist too slowly. Source: benchmark (docs/results/from-logs.md).
