@@ -22,6 +22,7 @@ from itertools import combinations
 import numpy as np
 
 from distal.arrays import Bools, Floats
+from distal.from_logs.least_squares import scaled_solution
 from distal.from_logs.motion_data import MotionData
 
 BLOCKS = 6
@@ -54,6 +55,11 @@ FEWEST = 30
 
 CLEAR = 2.0
 """A compliance counts that is so many standard errors above zero. Source: judgement."""
+
+CORRELATED = 0.8
+"""Squared correlation of effort and position, given all else, above which the effort is regressed
+[1]. Source: judgement (chains with load cells 0.85 to 0.95, two servos on three joints 0.2).
+"""
 
 FORM_HELPS = 0.9
 """The terms h and q count that bring the RMS error on logs left out below this share of it. Source:
@@ -216,6 +222,28 @@ def _solve(folds: Sequence[_Fold], joints: Sequence[int]) -> Floats:
     return np.asarray(np.linalg.lstsq(columns / size, target, rcond=None)[0] / size)
 
 
+def _sizes(folds: Sequence[_Fold], joints: Sequence[int]) -> Floats:
+    """Return the coefficients of `_solve`, by the regression of the effort on the others where that
+    explains it well.
+
+    Friction and noise are errors of the effort, not of the position. With the effort among the
+    causes they would make the compliance too small (regression dilution; Fuller 1987, section 1.1).
+    """
+    forward = _solve(folds, joints)
+    effort = len(joints) + 1
+    if len(forward) <= effort:
+        return forward
+    parts = [_centred(fold, joints) for fold in folds]
+    columns = np.vstack([matrix for matrix, _ in parts])
+    position = np.concatenate([values for _, values in parts])
+    causes = np.column_stack([np.delete(columns, effort, axis=1), position])
+    solution, _ = scaled_solution(causes, columns[:, effort])
+    compliance = 1.0 / solution[-1]
+    if forward[effort] / compliance < CORRELATED:
+        return forward
+    return np.asarray(np.insert(-compliance * solution[:-1], effort, compliance))
+
+
 def _block_errors(folds: Sequence[_Fold], joints: Sequence[int]) -> Floats:
     """Return mean squared errors of parts of each log, by the coefficients of the other logs."""
     errors = []
@@ -257,7 +285,7 @@ def _described(
         effort = float(np.mean(np.concatenate([fold.others[:, 1] for fold in folds])))
         forms = _clear_forms(folds, joints, effort)
         folds = _with_forms(folds, forms, effort)
-    coefficients = _solve(folds, joints)
+    coefficients = _sizes(folds, joints)
     stds = _jackknife(folds, joints)
     by_term = dict(zip(("direction", "effort", *forms), coefficients[n:]))
     errors = dict(zip(("direction", "effort", *forms), stds[n:]))
@@ -299,7 +327,7 @@ def _jackknife(folds: Sequence[_Fold], joints: Sequence[int]) -> Floats:
     """Return the standard errors of the coefficients, by their scatter over logs left out."""
     count = len(folds)
     left_out = np.array(
-        [_solve([f for i, f in enumerate(folds) if i != k], joints) for k in range(count)]
+        [_sizes([f for i, f in enumerate(folds) if i != k], joints) for k in range(count)]
     )
     squares = np.sum((left_out - left_out.mean(axis=0)) ** 2, axis=0)
     return np.asarray(np.sqrt((count - 1) / count * squares))

@@ -1,0 +1,165 @@
+"""Where a joint was stopped: it turns back again and again at one angle, sharply, wherever its
+drives are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import factorial, radians
+
+import numpy as np
+from scipy.signal import find_peaks
+
+from distal.arrays import Bools, Floats
+from distal.from_logs.found_parts import FoundDrive
+from distal.from_logs.motion_data import MotionData
+
+PROMINENCE = radians(1.0)
+"""A joint turns back where it goes at least so far on both sides [rad]. Source: judgement (above
+the noise of cameras).
+"""
+
+MOST = 10
+"""Turning points at one stop that are looked at [1]. Source: judgement."""
+
+CHANCE = 1e-4
+"""Chance below which turning points at one angle are not by chance [1]. Source: judgement."""
+
+BRISK = 0.6
+"""Share of the speed lost around a turning point that a stop takes at once [1]. Source: benchmark
+(docs/results/from-logs.md: means of 0.7 to 0.9 at stops, below 0.5 at goals that are reached
+again).
+"""
+
+PARTED = 3.0
+"""By the drives' positions, a stopped joint would have turned so many times farther apart than it
+did [1]. Source: judgement (a motion that is repeated turns where its drives turn).
+"""
+
+SOFT = radians(2.0)
+"""Largest difference of angles in one stop [rad]. Source: judgement (pads of rubber)."""
+
+CLOSE = radians(0.25)
+"""A joint arrives where it comes so close to its turning point [rad]. Source: judgement."""
+
+ARRIVAL = 0.015
+"""Time before and after its arrival in which a stop takes the speed of a joint away [s]. Source:
+judgement.
+"""
+
+BRAKING = 0.1
+"""The same for friction and goals that are reached [s]. Source: judgement."""
+
+FEWEST = 3
+"""Least ratio of these times in samples, below which they tell nothing [1]. Source: judgement."""
+
+
+@dataclass(frozen=True)
+class _Turns:
+    """Turning points of a joint.
+
+    Args:
+        angles: there [rad], (n,).
+        by_drives: angles that a straight line of the drives' positions tells there [rad], (n,).
+        briskness: speed lost within `ARRIVAL` over that lost within `BRAKING` [1], (n,).
+        upper: whether it turned back from a larger angle, (n,).
+    """
+
+    angles: Floats
+    by_drives: Floats
+    briskness: Floats
+    upper: Bools
+
+
+def stop_hits(
+    joint: int, pulls: Sequence[tuple[FoundDrive, float]], logs: Sequence[MotionData]
+) -> tuple[float | None, float | None]:
+    """Return the lower and the upper angle at which a joint was stopped [rad], None where it was
+    not.
+
+    Of n turning points on a range R, k are within w of the outermost by chance λ^(k−1)/(k−1)! with
+    λ = n w/R (Poisson). The share of other turning points that are as brisk is the chance of each
+    one's briskness.
+
+    Args:
+        joint: index of the joint.
+        pulls: the drives that move it with their moment arms [m].
+        logs: all of them.
+    """
+    drives = [drive.index for drive, _ in pulls]
+    turns = _turns(joint, drives, logs)
+    if not drives or turns is None:
+        return None, None
+    low = _level(-turns.angles, ~turns.upper, turns)
+    high = _level(turns.angles, turns.upper, turns)
+    return None if low is None else -low, high
+
+
+def _level(outward: Floats, side: Bools, turns: _Turns) -> float | None:
+    """Return where a stop begins on one side, None where there is none."""
+    order = np.flatnonzero(side)[np.argsort(-outward[side])]
+    reach = float(np.ptp(outward))
+    level = None
+    least = CHANCE
+    for count in range(2, min(MOST, len(order) // 2) + 1):
+        members = order[:count]
+        width = float(np.ptp(outward[members]))
+        parted = float(np.ptp(turns.by_drives[members])) > max(PARTED * width, PROMINENCE)
+        if width > SOFT or not parted:
+            continue
+        rate = len(order) * width / reach
+        gathered = rate ** (count - 1) / factorial(count - 1)
+        elsewhere = turns.briskness[np.setdiff1d(np.arange(len(outward)), members)]
+        as_brisk = np.sum(elsewhere >= turns.briskness[members, None], axis=1)
+        brisk = float(np.prod((1 + as_brisk) / (1 + len(elsewhere))))
+        sharp = float(np.mean(turns.briskness[members])) > BRISK
+        if sharp and gathered * brisk < least:
+            least = gathered * brisk
+            level = float(np.min(outward[members]))
+    return level
+
+
+def _turns(joint: int, drives: Sequence[int], logs: Sequence[MotionData]) -> _Turns | None:
+    """Return the turning points of a joint; None where there are none."""
+    angles = np.concatenate([log.angles[:, joint] for log in logs])
+    positions = np.vstack([log.positions[:, list(drives)] for log in logs])
+    finite = np.isfinite(angles)
+    if finite.sum() < 10:
+        return None
+    columns = np.column_stack([np.ones(len(angles)), positions])
+    line = np.linalg.lstsq(columns[finite], angles[finite])[0]
+    rows = [_turns_of(log, joint, drives, line) for log in logs]
+    turns = np.vstack(rows)
+    if len(turns) == 0:
+        return None
+    return _Turns(turns[:, 0], turns[:, 1], turns[:, 2], turns[:, 3] > 0.0)
+
+
+def _turns_of(log: MotionData, joint: int, drives: Sequence[int], line: Floats) -> Floats:
+    """Return the turning points of a log: angle, that by drives, briskness, side, (n, 4)."""
+    angle = log.angles[:, joint]
+    rows = np.flatnonzero(np.isfinite(angle))
+    if len(rows) < 3:
+        return np.empty((0, 4))
+    angle = angle[rows]
+    time = log.time[rows]
+    step = float(np.median(np.diff(time)))
+    near, far = (max(1, round(time_around / step)) for time_around in (ARRIVAL, BRAKING))
+    if far < FEWEST * near:
+        return np.empty((0, 4))
+    speed = np.gradient(angle, time)
+    usual = float(np.sqrt(np.mean(speed**2)))
+    by_drives = line[0] + log.positions[rows][:, list(drives)] @ line[1:]
+    turns = []
+    for side in (1.0, -1.0):
+        outward = side * angle
+        for turn in find_peaks(outward, prominence=PROMINENCE)[0]:
+            below = np.flatnonzero(outward[:turn] < outward[turn] - CLOSE)
+            arrival = int(below[-1]) + 1 if len(below) else 0
+            lost, all_lost = (
+                float(np.ptp(speed[max(arrival - width, 0) : arrival + width + 1]))
+                for width in (near, far)
+            )
+            turns.append((angle[turn], by_drives[turn], lost / max(all_lost, usual), side))
+    return np.array(turns).reshape(-1, 4)

@@ -1,0 +1,90 @@
+"""End stops that logs show, and goals that are reached again and again, which are none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from distal.from_logs import rig_from_logs
+from tests.from_logs.logs import Floats, written
+
+RATE = 200.0
+ARM = 8e-3
+STIFFNESS = 3e3
+SPEED = 4.0
+
+
+def pair(
+    seed: int, targets: Floats, stop: float, noise: float, play: float = 0.0, bend: int = 31
+) -> dict[str, Floats]:
+    """Return a log of a joint between two sliders with load cells: between `targets` [rad] the
+    joint would move at `SPEED`, and a wall holds it at `stop`, while its drives go on. Sliders
+    wander by `play` [m], and corners of the motion are rounded over `bend` samples.
+    """
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, 30.0, 1.0 / RATE)
+    ends = np.cumsum(np.repeat(np.abs(np.diff(targets)) / SPEED, 2) + 0.0)
+    ends[0::2] += 0.3 * np.arange(len(ends[0::2]))
+    ends[1::2] = ends[0::2] + 0.3
+    knots = np.concatenate([[0.0], np.sort(ends)])
+    wished = np.interp(time, knots, np.repeat(targets, 2)[: len(knots)])
+    smooth = np.hanning(bend) / np.sum(np.hanning(bend))
+    wished = np.convolve(np.pad(wished, bend // 2, mode="edge"), smooth, mode="valid")
+    angle = np.maximum(wished, stop)
+    pressed = (angle - wished) * STIFFNESS * ARM
+    level = 8.0 + 3.0 * np.sin(0.8 * time + seed)
+    columns = {"time_s": time}
+    for name, side, more in (("a", 1.0, 0.0), ("b", -1.0, pressed)):
+        pull = level + more
+        slider = side * (ARM * angle + play * np.sin(1.7 * time + seed)) + pull / STIFFNESS
+        columns[f"x_{name}_mm"] = 1e3 * slider + rng.normal(0.0, 2e-3, len(time))
+        columns[f"F_{name}_N"] = pull + rng.normal(0.0, 0.05, len(time))
+    columns["joint_deg"] = np.rad2deg(angle) + rng.normal(0.0, noise, len(time))
+    return columns
+
+
+def stops_found(logs: list[dict[str, Floats]], folder: Path) -> tuple[float, float] | None:
+    """Return the stops of the joint [deg]."""
+    stops = rig_from_logs(written(logs, folder)).rig.joints[0].stops
+    return None if stops is None else (np.rad2deg(stops[0]), np.rad2deg(stops[1]))
+
+
+@pytest.mark.parametrize(("noise", "forces"), [(0.005, True), (0.005, False), (0.02, False)])
+def test_a_wall_that_stops_a_joint_is_found(tmp_path: Path, noise: float, forces: bool) -> None:
+    logs = []
+    for k in range(3):
+        targets = np.random.default_rng(k).uniform(-0.9, 0.6, 40)
+        log = pair(k, targets, -0.5, noise)
+        logs.append({name: of for name, of in log.items() if forces or not name.startswith("F")})
+    stops = stops_found(logs, tmp_path)
+    assert stops is not None
+    assert stops[0] == pytest.approx(np.rad2deg(-0.5), abs=0.3)
+    assert stops[1] > 90.0  # the logs show one stop only
+
+
+@pytest.mark.parametrize(("play", "bend"), [(0.0, 31), (0.0, 1), (3e-4, 31)])
+def test_goals_that_are_reached_again_are_no_stops(tmp_path: Path, play: float, bend: int) -> None:
+    """A motion between two goals turns back at one angle too, where its drives do. A controller
+    that reads the joint's angle reaches it wherever its drives are then, but not sharply.
+    """
+    goals = np.tile([-0.5, 0.5, 0.1], 12)
+    logs = [pair(k, goals, -9.0, 0.01, play, bend) for k in range(3)]
+    assert stops_found(logs, tmp_path) is None
+
+
+def test_turning_back_anywhere_is_no_stop(tmp_path: Path) -> None:
+    logs = []
+    for k in range(3):
+        logs.append(pair(k, np.random.default_rng(k).uniform(-0.9, 0.6, 40), -9.0, 0.01))
+    assert stops_found(logs, tmp_path) is None
+
+
+def test_a_slow_camera_shows_no_stops(tmp_path: Path) -> None:
+    """Between two samples of it a joint may lose its speed in any way."""
+    logs = []
+    for k in range(3):
+        log = pair(k, np.random.default_rng(k).uniform(-0.9, 0.6, 40), -0.5, 0.005)
+        logs.append({name: of[::20] for name, of in log.items() if not name.startswith("F")})
+    assert stops_found(logs, tmp_path) is None
