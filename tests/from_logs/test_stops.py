@@ -17,11 +17,18 @@ SPEED = 4.0
 
 
 def pair(
-    seed: int, targets: Floats, stop: float, noise: float, play: float = 0.0, bend: int = 31
+    seed: int,
+    targets: Floats,
+    stop: float,
+    noise: float,
+    play: float = 0.0,
+    bend: int = 31,
+    soft: float = 0.0,
 ) -> dict[str, Floats]:
     """Return a log of a joint between two sliders with load cells: between `targets` [rad] the
     joint would move at `SPEED`, and a wall holds it at `stop`, while its drives go on. Sliders
-    wander by `play` [m], and corners of the motion are rounded over `bend` samples.
+    wander by `play` [m], corners of the motion are rounded over `bend` samples, and the wall gives
+    way by up to `soft` [rad] for 20 ms.
     """
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, 30.0, 1.0 / RATE)
@@ -33,6 +40,10 @@ def pair(
     smooth = np.hanning(bend) / np.sum(np.hanning(bend))
     wished = np.convolve(np.pad(wished, bend // 2, mode="edge"), smooth, mode="valid")
     angle = np.maximum(wished, stop)
+    held = wished < stop
+    for hit in np.flatnonzero(held[1:] & ~held[:-1]):
+        given = angle[hit : hit + 5]
+        given -= soft * rng.uniform(0.2, 1.0) * np.hanning(7)[1:-1][: len(given)]
     pressed = (angle - wished) * STIFFNESS * ARM
     level = 8.0 + 3.0 * np.sin(0.8 * time + seed)
     columns = {"time_s": time}
@@ -62,6 +73,17 @@ def test_a_wall_that_stops_a_joint_is_found(tmp_path: Path, noise: float, forces
     assert stops is not None
     assert stops[0] == pytest.approx(np.rad2deg(-0.5), abs=0.3)
     assert stops[1] > 90.0  # the logs show one stop only
+
+
+def test_a_soft_wall_is_where_the_joint_rests_in_it(tmp_path: Path) -> None:
+    logs = []
+    for k in range(3):
+        targets = np.random.default_rng(k).uniform(-0.9, 0.6, 40)
+        log = pair(k, targets, -0.5, 0.005, soft=0.02)
+        logs.append({name: of for name, of in log.items() if not name.startswith("F")})
+    stops = stops_found(logs, tmp_path)
+    assert stops is not None
+    assert stops[0] == pytest.approx(np.rad2deg(-0.5), abs=0.05)
 
 
 @pytest.mark.parametrize(("play", "bend"), [(0.0, 31), (0.0, 1), (3e-4, 31)])

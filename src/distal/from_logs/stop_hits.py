@@ -51,6 +51,14 @@ judgement.
 BRAKING = 0.1
 """The same for friction and goals that are reached [s]. Source: judgement."""
 
+SETTLED = (0.1, 0.3)
+"""Time after a turning point in which a joint that stays there rests [s]. Source: judgement."""
+
+REBOUND = radians(1.0)
+"""Largest way back from a turning point to where it rests in the same stop [rad]. Source:
+judgement.
+"""
+
 FEWEST = 3
 """Least ratio of these times in samples, below which they tell nothing [1]. Source: judgement."""
 
@@ -62,12 +70,14 @@ class _Turns:
     Args:
         angles: there [rad], (n,).
         by_drives: angles that a straight line of the drives' positions tells there [rad], (n,).
+        settled: angles at which it then rested [rad], NaN where it went on, (n,).
         briskness: speed lost within `ARRIVAL` over that lost within `BRAKING` [1], (n,).
         upper: whether it turned back from a larger angle, (n,).
     """
 
     angles: Floats
     by_drives: Floats
+    settled: Floats
     briskness: Floats
     upper: Bools
 
@@ -79,8 +89,8 @@ def stop_hits(
     not.
 
     Of n turning points on a range R, k are within w of the outermost by chance λ^(k−1)/(k−1)! with
-    λ = n w/R (Poisson). The share of other turning points that are as brisk is the chance of each
-    one's briskness.
+    λ = n w/R (Poisson). Where m of them rest within w′, that has the chance (w′/w)^(m−1). The share
+    of other turning points that are as brisk is the chance of each one's briskness.
 
     Args:
         joint: index of the joint.
@@ -91,14 +101,14 @@ def stop_hits(
     turns = _turns(joint, drives, logs)
     if not drives or turns is None:
         return None, None
-    low = _level(-turns.angles, ~turns.upper, turns)
-    high = _level(turns.angles, turns.upper, turns)
-    return None if low is None else -low, high
+    return _level(-1.0, turns), _level(1.0, turns)
 
 
-def _level(outward: Floats, side: Bools, turns: _Turns) -> float | None:
-    """Return where a stop begins on one side, None where there is none."""
-    order = np.flatnonzero(side)[np.argsort(-outward[side])]
+def _level(side: float, turns: _Turns) -> float | None:
+    """Return where a stop begins on one side, ±1, None where there is none."""
+    outward = side * turns.angles
+    on_side = np.flatnonzero(turns.upper == (side > 0.0))
+    order = on_side[np.argsort(-outward[on_side])]
     reach = float(np.ptp(outward))
     level = None
     least = CHANCE
@@ -110,13 +120,19 @@ def _level(outward: Floats, side: Bools, turns: _Turns) -> float | None:
             continue
         rate = len(order) * width / reach
         gathered = rate ** (count - 1) / factorial(count - 1)
+        settled = turns.settled[members]
+        settled = settled[np.isfinite(settled)]
+        together = len(settled) > 1 and np.ptp(settled) < min(width, CLOSE)
+        if together:
+            gathered *= (float(np.ptp(settled)) / width) ** (len(settled) - 1)
         elsewhere = turns.briskness[np.setdiff1d(np.arange(len(outward)), members)]
         as_brisk = np.sum(elsewhere >= turns.briskness[members, None], axis=1)
         brisk = float(np.prod((1 + as_brisk) / (1 + len(elsewhere))))
         sharp = float(np.mean(turns.briskness[members])) > BRISK
         if sharp and gathered * brisk < least:
             least = gathered * brisk
-            level = float(np.min(outward[members]))
+            innermost = side * np.min(outward[members])
+            level = float(np.median(settled) if together else innermost)
     return level
 
 
@@ -133,21 +149,23 @@ def _turns(joint: int, drives: Sequence[int], logs: Sequence[MotionData]) -> _Tu
     turns = np.vstack(rows)
     if len(turns) == 0:
         return None
-    return _Turns(turns[:, 0], turns[:, 1], turns[:, 2], turns[:, 3] > 0.0)
+    angles, by_drives, settled, briskness, upper = turns.T
+    return _Turns(angles, by_drives, settled, briskness, upper > 0.0)
 
 
 def _turns_of(log: MotionData, joint: int, drives: Sequence[int], line: Floats) -> Floats:
-    """Return the turning points of a log: angle, that by drives, briskness, side, (n, 4)."""
+    """Return the turning points of a log: angle, that by drives, rest, briskness, side, (n, 5)."""
     angle = log.angles[:, joint]
     rows = np.flatnonzero(np.isfinite(angle))
     if len(rows) < 3:
-        return np.empty((0, 4))
+        return np.empty((0, 5))
     angle = angle[rows]
     time = log.time[rows]
     step = float(np.median(np.diff(time)))
     near, far = (max(1, round(time_around / step)) for time_around in (ARRIVAL, BRAKING))
     if far < FEWEST * near:
-        return np.empty((0, 4))
+        return np.empty((0, 5))
+    begin, end = (round(time_after / step) for time_after in SETTLED)
     speed = np.gradient(angle, time)
     usual = float(np.sqrt(np.mean(speed**2)))
     by_drives = line[0] + log.positions[rows][:, list(drives)] @ line[1:]
@@ -161,5 +179,11 @@ def _turns_of(log: MotionData, joint: int, drives: Sequence[int], line: Floats) 
                 float(np.ptp(speed[max(arrival - width, 0) : arrival + width + 1]))
                 for width in (near, far)
             )
-            turns.append((angle[turn], by_drives[turn], lost / max(all_lost, usual), side))
-    return np.array(turns).reshape(-1, 4)
+            after = angle[turn + begin : turn + end]
+            stays = len(after) > 0 and np.ptp(after) < CLOSE
+            settled = float(np.median(after)) if stays else np.nan
+            if abs(settled - angle[turn]) > REBOUND:
+                settled = np.nan
+            brisk = lost / max(all_lost, usual)
+            turns.append((angle[turn], by_drives[turn], settled, brisk, side))
+    return np.array(turns).reshape(-1, 5)
