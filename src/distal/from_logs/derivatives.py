@@ -1,14 +1,20 @@
-"""Angles, speeds and accelerations of a log by local cubics (Savitzky and Golay 1964)."""
+"""Angles, speeds and accelerations of a log by local cubics (Savitzky and Golay 1964), all
+smoothed alike.
+"""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import convolve1d
 from scipy.signal import savgol_coeffs, savgol_filter
 
 from distal.arrays import Floats
 
-WINDOWS = (0.04, 0.08, 0.12, 0.2)
+WINDOWS = (0.02, 0.04, 0.08, 0.12, 0.2)
 """Times over which derivatives may be taken [s]. Source: judgement (steps of a finger take 0.1)."""
+
+OF_SPEED = 0.04
+"""Time over which a speed alone is taken [s]. Source: judgement."""
 
 NOISE = 0.2
 """Noise of an acceleration per its RMS, above which it is taken over a longer time. Source:
@@ -40,7 +46,7 @@ def window_of(angles: Floats, step: float, noise: float) -> int:
 
 
 def speed_of(values: Floats, time: Floats) -> Floats:
-    """Return the speed of samples over the shortest of `WINDOWS`, (k,).
+    """Return the speed of samples over `OF_SPEED`, (k,).
 
     Args:
         values: (k,), NaN in gaps, which are bridged.
@@ -48,7 +54,7 @@ def speed_of(values: Floats, time: Floats) -> Floats:
     """
     has_value = np.flatnonzero(np.isfinite(values))
     step = float(np.median(np.diff(time)))
-    window = max(FEWEST, 2 * round(WINDOWS[0] / step / 2) + 1)
+    window = max(FEWEST, 2 * round(OF_SPEED / step / 2) + 1)
     if len(has_value) < 2 or window > len(values):
         return np.zeros(len(values))
     bridged = np.interp(time, time[has_value], values[has_value])
@@ -56,12 +62,22 @@ def speed_of(values: Floats, time: Floats) -> Floats:
 
 
 def smoothed(values: Floats, window: int, step: float, order: int = 0) -> Floats:
-    """Return the derivative of samples along their first axis.
+    """Return the derivative of samples along their first axis; every order is smoothed alike.
+
+    The second derivative g of local cubics is that of the samples after they were smoothed by a
+    kernel K, g = K * (1, −2, 1)/dt². K smooths the values and first differences too: by filters of
+    their own they would keep fast motions that the acceleration has lost, and inertia would come
+    out too large.
 
     Args:
         values: evenly sampled, (k,) or (k, n).
         window: number of samples over which it is taken.
         step: time between samples [s].
-        order: of the derivative; 0 smooths.
+        order: of the derivative, 0, 1 or 2; 0 smooths.
     """
-    return np.asarray(savgol_filter(values, window, 3, deriv=order, delta=step, axis=0))
+    second = savgol_coeffs(window, 3, deriv=2, delta=step, use="conv")
+    kernel = step**2 * np.cumsum(np.cumsum(second))[:-2]
+    if order == 2:
+        return np.asarray(savgol_filter(values, window, 3, deriv=2, delta=step, axis=0))
+    rates = np.gradient(values, step, axis=0) if order == 1 else values
+    return np.asarray(convolve1d(rates, kernel, axis=0, mode="nearest"))

@@ -212,6 +212,7 @@ def _equations(
     if len(angles) < 2 * window:
         return []
     q, v, a = (smoothed(angles, window, step, order) for order in range(3))
+    ways = smoothed(np.sign(v), window, step)
     columns = np.array([[np.array(part) for part in torques_at(*state)] for state in zip(q, v, a)])
     equations = []
     for link, j in enumerate(carrying):
@@ -224,7 +225,7 @@ def _equations(
                 joint=link,
                 masses=columns[moves, 0, j],
                 gravity=columns[moves, 1:, j],
-                friction=np.column_stack([v[:, j], np.sign(v[:, j])])[moves],
+                friction=np.column_stack([v[:, j], ways[:, j]])[moves],
                 weight=np.column_stack([offset, np.sin(q[:, j]), np.cos(q[:, j])])[moves],
                 torques=torques[moves],
             )
