@@ -1,82 +1,199 @@
-"""End stops of joints: at a stop, a joint turns back sharply at one angle, or tendons pull harder
-than free motion there would need.
+"""End stops of joints: a joint turns back again and again at one angle, sharply, wherever its
+drives are.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import radians
+from dataclasses import dataclass
+from math import factorial, radians
 
 import numpy as np
+from scipy.signal import find_peaks
 
-from distal.arrays import Floats
-from distal.from_logs.column_values import NORMAL_MAD
-from distal.from_logs.found_parts import FoundDrive, pulls_of, torque_of
+from distal.arrays import Bools, Floats
+from distal.from_logs.found_parts import FoundDrive, pulls_of
 from distal.from_logs.motion_data import MotionData
-from distal.from_logs.stop_hits import stop_hits
-
-NEAR = radians(1.0)
-"""Angle from its end of travel within which a joint counts as in its stop [rad]. Source:
-judgement.
-"""
-
-LEAST_SHARE = 0.005
-"""Share of the samples in which a joint must be there [1]. Source: judgement."""
-
-PRESSED = 5.0
-"""Excess of the torque at a stop over that of free motion, in standard deviations of that. Source:
-judgement.
-"""
 
 NO_STOP = 4.0
 """Angle beyond the logs where a joint has a stop on one side only [rad]. Source: definition (a rig
 file has both).
 """
 
+PROMINENCE = radians(1.0)
+"""A joint turns back where it goes at least so far on both sides [rad]. Source: judgement (above
+the noise of cameras).
+"""
+
+MOST = 10
+"""Turning points at one stop that are looked at [1]. Source: judgement."""
+
+CHANCE = 1e-4
+"""Chance below which turning points at one angle are not by chance [1]. Source: judgement."""
+
+BRISK = 0.6
+"""Share of the speed lost around a turning point that a stop takes at once [1]. Source: benchmark
+(docs/results/from-logs.md: means of 0.7 to 0.9 at stops, below 0.5 at goals that are reached
+again).
+"""
+
+PARTED = 3.0
+"""By the drives' positions, a stopped joint would have turned so many times farther apart than it
+did [1]. Source: judgement (a motion that is repeated turns where its drives turn).
+"""
+
+SOFT = radians(2.0)
+"""Largest difference of angles in one stop [rad]. Source: judgement (pads of rubber)."""
+
+CLOSE = radians(0.25)
+"""A joint arrives where it comes so close to its turning point [rad]. Source: judgement."""
+
+ARRIVAL = 0.015
+"""Time before and after its arrival in which a stop takes the speed of a joint away [s]. Source:
+judgement.
+"""
+
+BRAKING = 0.1
+"""The same for friction and goals that are reached [s]. Source: judgement."""
+
+SETTLED = (0.1, 0.3)
+"""Time after a turning point in which a joint that stays there rests [s]. Source: judgement."""
+
+REBOUND = radians(1.0)
+"""Largest way back from a turning point to where it rests in the same stop [rad]. Source:
+judgement.
+"""
+
+FEWEST = 3
+"""Least ratio of these times in samples, below which they tell nothing [1]. Source: judgement."""
+
+
+@dataclass(frozen=True)
+class _Turns:
+    """Turning points of a joint.
+
+    Args:
+        angles: there [rad], (n,).
+        by_drives: angles that a straight line of the drives' positions tells there [rad], (n,).
+        settled: angles at which it then rested [rad], NaN where it went on, (n,).
+        briskness: speed lost within `ARRIVAL` over that lost within `BRAKING` [1], (n,).
+        upper: whether it turned back from a larger angle, (n,).
+    """
+
+    angles: Floats
+    by_drives: Floats
+    settled: Floats
+    briskness: Floats
+    upper: Bools
+
 
 def joint_stops(
     joint: int, drives: Sequence[FoundDrive], logs: Sequence[MotionData]
 ) -> tuple[float, float] | None:
-    """Return the stops of a joint [rad]; None where the logs show none.
+    """Return the stops of a joint [rad]; None where the logs show none. Where they show one, the
+    other is far beyond the logs.
 
-    In free motion the torque of the tendons follows a line of the angle, give or take friction. A
-    stop takes up what is beyond that. Where the logs show one stop only, the other is far beyond
-    them.
+    Of n turning points on a range R, k are within w of the outermost by chance λ^(k−1)/(k−1)! with
+    λ = n w/R (Poisson). Where m of them rest within w′, that has the chance (w′/w)^(m−1). The share
+    of other turning points that are as brisk is the chance of each one's briskness.
+
+    Args:
+        joint: index of the joint.
+        drives: all of them.
+        logs: all of them.
     """
-    pulls = pulls_of(joint, drives)
-    angles = np.concatenate([log.angles[:, joint] for log in logs])
-    low, high = (float(np.nanquantile(angles, share)) for share in (0.001, 0.999))
-    hit_low, hit_high = stop_hits(joint, pulls, logs)
-    if all(drive.effort is not None for drive, _ in pulls):
-        torques = np.concatenate([torque_of(pulls, log) for log in logs])
-        pressed_low, pressed_high = _pressed(angles, torques, low, high)
-        hit_low = low if hit_low is None and pressed_low else hit_low
-        hit_high = high if hit_high is None and pressed_high else hit_high
-    if hit_low is None and hit_high is None:
+    turns = _turns(joint, [drive.index for drive, _ in pulls_of(joint, drives)], logs)
+    if turns is None:
+        return None
+    low, high = _level(-1.0, turns), _level(1.0, turns)
+    if low is None and high is None:
         return None
     return (
-        low - NO_STOP if hit_low is None else hit_low,
-        high + NO_STOP if hit_high is None else hit_high,
+        float(np.min(turns.angles)) - NO_STOP if low is None else low,
+        float(np.max(turns.angles)) + NO_STOP if high is None else high,
     )
 
 
-def _pressed(angles: Floats, torques: Floats, low: float, high: float) -> tuple[bool, bool]:
-    """Return whether a joint is pressed at the lower and the upper end of its travel."""
-    usable = np.isfinite(angles) & np.isfinite(torques)
-    angles = angles[usable]
-    torques = torques[usable]
-    free = (angles > low + NEAR) & (angles < high - NEAR)
-    if free.sum() < len(angles) / 2:
-        return False, False
-    line = np.polyfit(angles[free], torques[free], 1)
-    excess = torques - np.polyval(line, angles)
-    spread = NORMAL_MAD * float(np.median(np.abs(excess[free] - np.median(excess[free]))))
-    return (
-        _is_pressed(-excess[angles <= low + NEAR], spread, len(angles)),
-        _is_pressed(excess[angles >= high - NEAR], spread, len(angles)),
-    )
+def _level(side: float, turns: _Turns) -> float | None:
+    """Return where a stop begins on one side, ±1, None where there is none."""
+    outward = side * turns.angles
+    on_side = np.flatnonzero(turns.upper == (side > 0.0))
+    order = on_side[np.argsort(-outward[on_side])]
+    reach = float(np.ptp(outward))
+    level = None
+    least = CHANCE
+    for count in range(2, min(MOST, len(order) // 2) + 1):
+        members = order[:count]
+        width = float(np.ptp(outward[members]))
+        parted = float(np.ptp(turns.by_drives[members])) > max(PARTED * width, PROMINENCE)
+        if width > SOFT or not parted:
+            continue
+        rate = len(order) * width / reach
+        gathered = rate ** (count - 1) / factorial(count - 1)
+        settled = turns.settled[members]
+        settled = settled[np.isfinite(settled)]
+        together = len(settled) > 1 and np.ptp(settled) < min(width, CLOSE)
+        if together:
+            gathered *= (float(np.ptp(settled)) / width) ** (len(settled) - 1)
+        elsewhere = turns.briskness[np.setdiff1d(np.arange(len(outward)), members)]
+        as_brisk = np.sum(elsewhere >= turns.briskness[members, None], axis=1)
+        brisk = float(np.prod((1 + as_brisk) / (1 + len(elsewhere))))
+        sharp = float(np.mean(turns.briskness[members])) > BRISK
+        if sharp and gathered * brisk < least:
+            least = gathered * brisk
+            innermost = side * np.min(outward[members])
+            level = float(np.median(settled) if together else innermost)
+    return level
 
 
-def _is_pressed(excess: Floats, spread: float, samples: int) -> bool:
-    """Return whether a joint is often pressed beyond what free motion needs."""
-    return bool(np.sum(excess > PRESSED * spread) > LEAST_SHARE * samples)
+def _turns(joint: int, drives: Sequence[int], logs: Sequence[MotionData]) -> _Turns | None:
+    """Return the turning points of a joint; None where there are none."""
+    angles = np.concatenate([log.angles[:, joint] for log in logs])
+    positions = np.vstack([log.positions[:, list(drives)] for log in logs])
+    finite = np.isfinite(angles)
+    if finite.sum() < 10:
+        return None
+    columns = np.column_stack([np.ones(len(angles)), positions])
+    line = np.linalg.lstsq(columns[finite], angles[finite])[0]
+    rows = [_turns_of(log, joint, drives, line) for log in logs]
+    turns = np.vstack(rows)
+    if len(turns) == 0:
+        return None
+    angles, by_drives, settled, briskness, upper = turns.T
+    return _Turns(angles, by_drives, settled, briskness, upper > 0.0)
+
+
+def _turns_of(log: MotionData, joint: int, drives: Sequence[int], line: Floats) -> Floats:
+    """Return the turning points of a log: angle, that by drives, rest, briskness, side, (n, 5)."""
+    angle = log.angles[:, joint]
+    rows = np.flatnonzero(np.isfinite(angle))
+    if len(rows) < 3:
+        return np.empty((0, 5))
+    angle = angle[rows]
+    time = log.time[rows]
+    step = float(np.median(np.diff(time)))
+    near, far = (max(1, round(time_around / step)) for time_around in (ARRIVAL, BRAKING))
+    if far < FEWEST * near:
+        return np.empty((0, 5))
+    begin, end = (round(time_after / step) for time_after in SETTLED)
+    speed = np.gradient(angle, time)
+    usual = float(np.sqrt(np.mean(speed**2)))
+    by_drives = line[0] + log.positions[rows][:, list(drives)] @ line[1:]
+    turns = []
+    for side in (1.0, -1.0):
+        outward = side * angle
+        for turn in find_peaks(outward, prominence=PROMINENCE)[0]:
+            below = np.flatnonzero(outward[:turn] < outward[turn] - CLOSE)
+            arrival = int(below[-1]) + 1 if len(below) else 0
+            lost, all_lost = (
+                float(np.ptp(speed[max(arrival - width, 0) : arrival + width + 1]))
+                for width in (near, far)
+            )
+            after = angle[turn + begin : turn + end]
+            stays = len(after) > 0 and np.ptp(after) < CLOSE
+            settled = float(np.median(after)) if stays else np.nan
+            if abs(settled - angle[turn]) > REBOUND:
+                settled = np.nan
+            brisk = lost / max(all_lost, usual)
+            turns.append((angle[turn], by_drives[turn], settled, brisk, side))
+    return np.array(turns).reshape(-1, 5)

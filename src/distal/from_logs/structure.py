@@ -9,7 +9,8 @@ in [−1, 1] the direction in which the drive last moved (friction along the cab
 which may differ from log to log. A drive is regressed on the joints, not the other way round: the
 references of joints have the smaller errors. Which joints it moves is judged by all samples. Sizes
 are from those in which the drive moves: in a drive at rest friction may have any value up to its
-limit, by which b would come out too small. Where they are clear, two terms are added, with the mean
+limit, by which b would come out too small. So it would by friction and noise as errors of the
+effort: where positions tell the effort well, that is regressed instead. Where they are clear, two terms are added, with the mean
 effort ē: h d (e − ē), friction that grows with the load, and q (e − ē)², a tendon that stiffens.
 """
 
