@@ -10,8 +10,9 @@ which may differ from log to log. A drive is regressed on the joints, not the ot
 references of joints have the smaller errors. Which joints it moves is judged by all samples. Sizes
 are from those in which the drive moves: in a drive at rest friction may have any value up to its
 limit, by which b would come out too small. So it would by friction and noise as errors of the
-effort: where positions tell the effort well, that is regressed instead. Where they are clear, two terms are added, with the mean
-effort ē: h d (e − ē), friction that grows with the load, and q (e − ē)², a tendon that stiffens.
+effort: where positions tell the effort well, that is regressed instead. Where they are clear, two
+terms are added, with the mean effort ē: h d (e − ē), friction that grows with the load, and
+q (e − ē)², a tendon that stiffens.
 """
 
 from __future__ import annotations
