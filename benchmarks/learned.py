@@ -194,16 +194,20 @@ COLUMNS = (
 
 def hand_written(drawn: Drawn, name: str) -> tuple[str, ...]:
     """Return the cells of a rig from logs beside a rig that somebody wrote, both fitted by the
-    command to the same logs: RMS errors, their ratio, and the shares inside the band.
+    command to the same logs: RMS errors, their ratio, and the shares inside the band, in free
+    motion and while touched.
     """
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         rig, _, said = learned(drawn.calibration, Path(folder))
         if rig is None:
             print(said[-400:], file=sys.stderr)
-            return (name, "no file", "", "", "", "")
+            return (name, "no file", *[""] * (len(BESIDE) - 2))
         found = outcome_of(rig, drawn.free)
-        by_hand = outcome_of(fitted(drawn, Path(folder)), drawn.free)
+        touched = outcome_of(rig, drawn.touched)
+        file = fitted(drawn, Path(folder))
+        by_hand = outcome_of(file, drawn.free)
+        by_hand_touched = outcome_of(file, drawn.touched)
     ratios = np.array(found.rms) / np.array(by_hand.rms)
     cells = (
         name,
@@ -212,6 +216,10 @@ def hand_written(drawn: Drawn, name: str) -> tuple[str, ...]:
         f"{np.median(ratios):.2f}",
         f"{100 * found.inside:.0f}",
         f"{100 * by_hand.inside:.0f}",
+        *(
+            f"{np.mean(outcome.rms):.2f}, {100 * outcome.inside:.0f} %"
+            for outcome in (touched, by_hand_touched)
+        ),
     )
     print(*cells, sep=" | ", file=sys.stderr)
     return cells
@@ -224,6 +232,8 @@ BESIDE = (
     "ratio, median",
     "inside [%]",
     "hand-written, inside [%]",
+    "touched: learned [°], inside",
+    "touched: hand-written",
 )
 
 
