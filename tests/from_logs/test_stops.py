@@ -57,8 +57,10 @@ def pair(
 
 
 def stops_found(logs: list[dict[str, Floats]], folder: Path) -> tuple[float, float] | None:
-    """Return the stops of the joint [deg]."""
-    stops = rig_from_logs(written(logs, folder)).rig.joints[0].stops
+    """Return the stops of the joint [deg]; that its upper one is a guess is said."""
+    found = rig_from_logs(written(logs, folder))
+    stops = found.rig.joints[0].stops
+    assert ("the upper stop of a joint" in found.guesses) == (stops is not None)
     return None if stops is None else (np.rad2deg(stops[0]), np.rad2deg(stops[1]))
 
 

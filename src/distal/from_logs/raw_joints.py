@@ -14,6 +14,12 @@ from distal.from_logs.raw_values import Raw, about, number
 from distal.from_logs.stops import joint_stops
 from distal.rig import Guess
 
+NO_STOP = 4.0
+"""Angle beyond the logs where a joint has a stop on one side only [rad]. Source: definition (a rig
+file has both).
+"""
+
+
 SURE_START = 3.0
 """Logs that begin at one angle do so within this [deg]. Source: judgement."""
 
@@ -70,12 +76,25 @@ def raw_joint(
         return raw | {"coupled": {"joint": joint.follows, "ratio": number(joint.ratio)}}
     raw["initial"] = _initial(j, logs)
     raw["friction"] = _friction(pulls_of(j, drives), balance)
-    stops = joint_stops(j, drives, logs)
-    if stops is not None:
-        raw["stops"] = [number(degrees(angle), "deg") for angle in stops]
-        raw["stops_std"] = "0.5 deg"
+    raw |= _stops(j, drives, logs)
     spring = _spring(j, drives, logs, balance)
     return raw if spring is None else raw | {"spring": spring}
+
+
+def _stops(j: int, drives: Sequence[FoundDrive], logs: Sequence[MotionData]) -> Raw:
+    """Return the stops of a joint; where the logs show one, the other is far beyond them."""
+    low, high = joint_stops(j, drives, logs)
+    if low is None and high is None:
+        return {}
+    angles = np.concatenate([log.angles[:, j] for log in logs])
+    ends = (
+        float(np.nanmin(angles)) - NO_STOP if low is None else low,
+        float(np.nanmax(angles)) + NO_STOP if high is None else high,
+    )
+    stops: object = [number(degrees(angle), "deg") for angle in ends]
+    if low is None or high is None:
+        stops = Guess(stops, f"the {'lower' if low is None else 'upper'} stop of a joint")
+    return {"stops": stops, "stops_std": "0.5 deg"}
 
 
 def _friction(pulls: Sequence[tuple[FoundDrive, float]], balance: JointBalance | None) -> object:

@@ -15,11 +15,6 @@ from distal.arrays import Bools, Floats
 from distal.from_logs.found_parts import FoundDrive, pulls_of
 from distal.from_logs.motion_data import MotionData
 
-NO_STOP = 4.0
-"""Angle beyond the logs where a joint has a stop on one side only [rad]. Source: definition (a rig
-file has both).
-"""
-
 PROMINENCE = radians(1.0)
 """A joint turns back where it goes at least so far on both sides [rad]. Source: judgement (above
 the noise of cameras).
@@ -89,9 +84,8 @@ class _Turns:
 
 def joint_stops(
     joint: int, drives: Sequence[FoundDrive], logs: Sequence[MotionData]
-) -> tuple[float, float] | None:
-    """Return the stops of a joint [rad]; None where the logs show none. Where they show one, the
-    other is far beyond the logs.
+) -> tuple[float | None, float | None]:
+    """Return the lower and the upper stop of a joint [rad], None where the logs show none.
 
     Of n turning points on a range R, k are within w of the outermost by chance λ^(k−1)/(k−1)! with
     λ = n w/R (Poisson). Where m of them rest within w′, that has the chance (w′/w)^(m−1). The share
@@ -104,14 +98,8 @@ def joint_stops(
     """
     turns = _turns(joint, [drive.index for drive, _ in pulls_of(joint, drives)], logs)
     if turns is None:
-        return None
-    low, high = _level(-1.0, turns), _level(1.0, turns)
-    if low is None and high is None:
-        return None
-    return (
-        float(np.min(turns.angles)) - NO_STOP if low is None else low,
-        float(np.max(turns.angles)) + NO_STOP if high is None else high,
-    )
+        return None, None
+    return _level(-1.0, turns), _level(1.0, turns)
 
 
 def _level(side: float, turns: _Turns) -> float | None:
