@@ -98,10 +98,15 @@ def test_goals_that_are_reached_again_are_no_stops(tmp_path: Path, play: float, 
     assert stops_found(logs, tmp_path) is None
 
 
-def test_turning_back_anywhere_is_no_stop(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("play", "bend"), [(0.0, 31), (1e-3, 1)])
+def test_turning_back_anywhere_is_no_stop(tmp_path: Path, play: float, bend: int) -> None:
+    """Nor where it turns sharply, wherever its drives are: two of ninety turning points are close
+    by chance.
+    """
     logs = []
     for k in range(3):
-        logs.append(pair(k, np.random.default_rng(k).uniform(-0.9, 0.6, 40), -9.0, 0.01))
+        targets = np.random.default_rng(k).uniform(-0.9, 0.6, 40)
+        logs.append(pair(k, targets, -9.0, 0.01, play, bend))
     assert stops_found(logs, tmp_path) is None
 
 
