@@ -95,13 +95,8 @@ def _rows(
     if len(angles) < 2 * window:
         return np.empty((0, 5)), np.empty(0)
     smooth, speed, acceleration = (smoothed(angles, window, step, order) for order in range(3))
-    columns = [
-        smooth,
-        np.ones(len(smooth)),
-        speed,
-        acceleration,
-        smoothed(np.sign(speed), window, step),
-    ]
+    ways = smoothed(np.sign(speed), window, step)
+    columns = [smooth, np.ones(len(smooth)), speed, acceleration, ways]
     torques = smoothed(torque_of(pulls, log)[usable], window, step)
     read = np.isfinite(torques) & sliding(joint, pulls, log)[usable]
     return np.column_stack(columns)[read], torques[read]

@@ -11,7 +11,7 @@ from math import factorial, radians
 import numpy as np
 from scipy.signal import find_peaks
 
-from distal.arrays import Bools, Floats
+from distal.arrays import Floats
 from distal.from_logs.found_parts import FoundDrive, pulls_of
 from distal.from_logs.motion_data import MotionData
 
@@ -64,22 +64,22 @@ FEWEST = 3
 
 
 @dataclass(frozen=True)
-class _Turns:
-    """Turning points of a joint.
+class _Turn:
+    """A turning point of a joint.
 
     Args:
-        angles: there [rad], (n,).
-        by_drives: angles that a straight line of the drives' positions tells there [rad], (n,).
-        settled: angles at which it then rested [rad], NaN where it went on, (n,).
-        briskness: speed lost within `ARRIVAL` over that lost within `BRAKING` [1], (n,).
-        upper: whether it turned back from a larger angle, (n,).
+        angle: there [rad].
+        by_drives: angle that a straight line of the drives' positions tells there [rad].
+        settled: angle at which it then rested [rad], NaN where it went on.
+        briskness: speed lost within `ARRIVAL` over that lost within `BRAKING` [1].
+        side: 1 where it turned back from a larger angle, else −1.
     """
 
-    angles: Floats
-    by_drives: Floats
-    settled: Floats
-    briskness: Floats
-    upper: Bools
+    angle: float
+    by_drives: float
+    settled: float
+    briskness: float
+    side: float
 
 
 def joint_stops(
@@ -97,36 +97,36 @@ def joint_stops(
         logs: all of them.
     """
     turns = _turns(joint, [drive.index for drive, _ in pulls_of(joint, drives)], logs)
-    if turns is None:
-        return None, None
     return _level(-1.0, turns), _level(1.0, turns)
 
 
-def _level(side: float, turns: _Turns) -> float | None:
+def _level(side: float, turns: Sequence[_Turn]) -> float | None:
     """Return where a stop begins on one side, ±1, None where there is none."""
-    outward = side * turns.angles
-    on_side = np.flatnonzero(turns.upper == (side > 0.0))
+    outward = side * np.array([turn.angle for turn in turns])
+    by_drives = np.array([turn.by_drives for turn in turns])
+    briskness = np.array([turn.briskness for turn in turns])
+    on_side = np.flatnonzero([turn.side == side for turn in turns])
     order = on_side[np.argsort(-outward[on_side])]
-    reach = float(np.ptp(outward))
+    reach = float(np.ptp(outward)) if turns else 0.0
     level = None
     least = CHANCE
     for count in range(2, min(MOST, len(order) // 2) + 1):
         members = order[:count]
         width = float(np.ptp(outward[members]))
-        parted = float(np.ptp(turns.by_drives[members])) > max(PARTED * width, PROMINENCE)
+        parted = float(np.ptp(by_drives[members])) > max(PARTED * width, PROMINENCE)
         if width > SOFT or not parted:
             continue
         rate = len(order) * width / reach
         gathered = rate ** (count - 1) / factorial(count - 1)
-        settled = turns.settled[members]
-        settled = settled[np.isfinite(settled)]
+        rests = np.array([turns[i].settled for i in members])
+        settled = rests[np.isfinite(rests)]
         together = len(settled) > 1 and np.ptp(settled) < min(width, CLOSE)
         if together:
             gathered *= (float(np.ptp(settled)) / width) ** (len(settled) - 1)
-        elsewhere = turns.briskness[np.setdiff1d(np.arange(len(outward)), members)]
-        as_brisk = np.sum(elsewhere >= turns.briskness[members, None], axis=1)
+        elsewhere = briskness[np.setdiff1d(np.arange(len(outward)), members)]
+        as_brisk = np.sum(elsewhere >= briskness[members, None], axis=1)
         brisk = float(np.prod((1 + as_brisk) / (1 + len(elsewhere))))
-        sharp = float(np.mean(turns.briskness[members])) > BRISK
+        sharp = float(np.mean(briskness[members])) > BRISK
         if sharp and gathered * brisk < least:
             least = gathered * brisk
             innermost = side * np.min(outward[members])
@@ -134,35 +134,30 @@ def _level(side: float, turns: _Turns) -> float | None:
     return level
 
 
-def _turns(joint: int, drives: Sequence[int], logs: Sequence[MotionData]) -> _Turns | None:
-    """Return the turning points of a joint; None where there are none."""
+def _turns(joint: int, drives: Sequence[int], logs: Sequence[MotionData]) -> list[_Turn]:
+    """Return the turning points of a joint."""
     angles = np.concatenate([log.angles[:, joint] for log in logs])
     positions = np.vstack([log.positions[:, list(drives)] for log in logs])
     finite = np.isfinite(angles)
     if finite.sum() < 10:
-        return None
+        return []
     columns = np.column_stack([np.ones(len(angles)), positions])
     line = np.linalg.lstsq(columns[finite], angles[finite])[0]
-    rows = [_turns_of(log, joint, drives, line) for log in logs]
-    turns = np.vstack(rows)
-    if len(turns) == 0:
-        return None
-    angles, by_drives, settled, briskness, upper = turns.T
-    return _Turns(angles, by_drives, settled, briskness, upper > 0.0)
+    return [turn for log in logs for turn in _turns_of(log, joint, drives, line)]
 
 
-def _turns_of(log: MotionData, joint: int, drives: Sequence[int], line: Floats) -> Floats:
-    """Return the turning points of a log: angle, that by drives, rest, briskness, side, (n, 5)."""
+def _turns_of(log: MotionData, joint: int, drives: Sequence[int], line: Floats) -> list[_Turn]:
+    """Return the turning points of a log, by the `line` of the drives' positions."""
     angle = log.angles[:, joint]
     rows = np.flatnonzero(np.isfinite(angle))
     if len(rows) < 3:
-        return np.empty((0, 5))
+        return []
     angle = angle[rows]
     time = log.time[rows]
     step = float(np.median(np.diff(time)))
     near, far = (max(1, round(time_around / step)) for time_around in (ARRIVAL, BRAKING))
     if far < FEWEST * near:
-        return np.empty((0, 5))
+        return []
     begin, end = (round(time_after / step) for time_after in SETTLED)
     speed = np.gradient(angle, time)
     usual = float(np.sqrt(np.mean(speed**2)))
@@ -183,5 +178,5 @@ def _turns_of(log: MotionData, joint: int, drives: Sequence[int], line: Floats) 
             if abs(settled - angle[turn]) > REBOUND:
                 settled = np.nan
             brisk = lost / max(all_lost, usual)
-            turns.append((angle[turn], by_drives[turn], settled, brisk, side))
-    return np.array(turns).reshape(-1, 5)
+            turns.append(_Turn(angle[turn], by_drives[turn], settled, brisk, side))
+    return turns
