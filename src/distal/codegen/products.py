@@ -114,7 +114,8 @@ def _dense(work: Workspace, step: Step, rows: int, inner: int, columns: int) -> 
     """Write z + x y, both dense. Each number of the result is one sum; a few columns are summed
     together.
     """
-    (_, x, y), memory = step.inputs, work.memory
+    _, x, y = step.inputs
+    memory = work.memory
     to, lines, zero = _begun(work, step)
     kind = memory.dialect.type
     at = memory.at
@@ -152,7 +153,8 @@ def _sparse_left(
     """Write z + x y with a sparse x, (rows, inner) times (inner, columns): each nonzero of x is
     multiplied by a row of y.
     """
-    (rows, inner, columns), (_, x, y) = sizes, step.inputs
+    rows, inner, columns = sizes
+    _, x, y = step.inputs
     at = work.memory.at
     tables = work.memory.tables
     to, lines = work.placement.over_the_first(step.k)

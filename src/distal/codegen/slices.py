@@ -36,7 +36,8 @@ def shape(work: Workspace, step: Step) -> list[str]:
 
 def transpose(work: Workspace, step: Step) -> list[str]:
     """Write the transpose of a dense matrix; that of a row or a column is a view."""
-    (value,), node = step.inputs, step.node
+    (value,) = step.inputs
+    node = step.node
     rows = node.size1()
     columns = node.size2()
     if rows == 1 or columns == 1:

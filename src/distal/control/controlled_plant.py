@@ -101,7 +101,8 @@ class ControlledPlant:
         self.prepared = prepared
         self.rig = prepared.rig
         self.period = period
-        self.plant, self._drives = prepared.plant, prepared.plant.rig.drives
+        self.plant = prepared.plant
+        self._drives = prepared.plant.rig.drives
         self._kernel = plant_kernel(prepared.plant, prepared.count)
         self.begin = at_rest(prepared.plant, prepared.inputs, prepared.start, self._kernel)
         self._per_period = round(period / prepared.dt)
@@ -169,7 +170,8 @@ class ControlledPlant:
         self._done = 0
         self._taken = 0
         self._y = np.full((len(self._all_rows) + 1, first.shape[1]), np.nan)
-        self._y[0], self._rows = first[0], self._all_rows.copy()
+        self._y[0] = first[0]
+        self._rows = self._all_rows.copy()
         self._efforts: Floats = np.zeros(len(self._drives))
         self._samples = np.full((len(self._stamps), len(rig.sensors)), np.nan)
         errors = errors_by_rate(rig, seed)

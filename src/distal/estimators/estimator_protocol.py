@@ -217,7 +217,8 @@ class KernelEstimator:
         Raises:
             EstimationError: stamps do not rise, or a value is wild: beyond `LARGEST_READING`.
         """
-        (kernel_states, ys), n = self.advanced(belief, times, samples), belief.size
+        kernel_states, ys = self.advanced(belief, times, samples)
+        n = belief.size
         values, variances = self.innovations_of(ys, np.asarray(samples, dtype=np.float64))
         means = self.report.means(mean_of(kernel_states, n).copy(), ys)
         covariances = self.report.covariances(covariance_of(kernel_states, n).copy(), ys)

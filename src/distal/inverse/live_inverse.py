@@ -245,7 +245,8 @@ class LiveInverse:
         other = LiveInverse(self._rig, **self._setup)
         other._live = self._live.clone()
         other._monitor = self._monitor.clone(other._live)
-        other._loop.kernel_state[:], other._loop.y[:] = self._loop.kernel_state, self._loop.y
+        other._loop.kernel_state[:] = self._loop.kernel_state
+        other._loop.y[:] = self._loop.y
         other._gate = self._gate.clone()
         other._forces = self._forces.copy()
         other._time = self._time

@@ -306,10 +306,8 @@ def beyond_homing(learned: LearnedMap, samples: Samples, joint: int, values: Flo
     """
     if not learned.homed:
         return np.zeros(len(samples.time))
-    (low, high), angles = (
-        learned.homed[joint],
-        values + (samples.angles[:, joint] if learned.uses_angles else 0.0),
-    )
+    low, high = learned.homed[joint]
+    angles = values + (samples.angles[:, joint] if learned.uses_angles else 0.0)
     beyond: Floats = np.maximum(0.0, np.maximum(low - angles, angles - high))
     return beyond
 

@@ -164,7 +164,9 @@ def choose_terms(
     if len(set(folds)) < 2:
         if not sets[0].corrects and _honest(logs):
             return sets[0]  # one log cannot show which errors recur, and the band held these
-        logs, folds, homing = _halves(logs), [0, 1] * len(logs), None
+        folds = [0, 1] * len(logs)
+        logs = _halves(logs)
+        homing = None
     shortest = min(len(log.time) for log in logs)
     noise = max(log.reference_std for log in logs)
     best = sets[0]

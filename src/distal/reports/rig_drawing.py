@@ -250,7 +250,8 @@ def _finish(sheet: Sheet, rig: Rig, arms: Floats, placed: Sequence[Stand], scale
     arms change.
     """
     changing = changing_arms(rig)
-    (left, low), (right, high) = sheet.low, sheet.high
+    left, low = sheet.low
+    right, high = sheet.high
     _draw_scale(sheet, (right, low - 0.4), scale)
     _draw_gravity(sheet, rig, (right - 1.45, low - 0.35))
     panel = (left + 0.45, low - 0.25 - PANEL[1])

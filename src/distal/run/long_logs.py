@@ -60,7 +60,8 @@ def estimate_pieces(
         samples = np.column_stack([columns[name] for name in chosen.channels])
         if belief is None:
             belief = chosen.initial(log.time[0], samples[0])
-        (kernel_states, ys), size = chosen.advanced(belief, log.time, samples), belief.size
+        kernel_states, ys = chosen.advanced(belief, log.time, samples)
+        size = belief.size
         means = chosen.report.means(mean_of(kernel_states, size).copy(), ys)[:, :n]
         covariances = chosen.report.covariances(covariance_of(kernel_states, size).copy(), ys)
         variances = np.diagonal(covariances, axis1=1, axis2=2)[:, :n]

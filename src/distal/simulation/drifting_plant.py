@@ -152,7 +152,8 @@ def _read(
 ) -> Piece:
     """Return what the sensors read in a piece, from its begin up to its end, which is excluded."""
     rig = motion.plant.rig
-    (begin, end) = (grid[0], grid[-1])
+    begin = grid[0]
+    end = grid[-1]
     times = {
         rate: np.arange(ceil(begin * rate - 1e-6), ceil(end * rate - 1e-6)) / rate
         for rate in errors

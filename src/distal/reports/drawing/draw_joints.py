@@ -277,7 +277,8 @@ def coil(start: Point, end: Point) -> list[Point]:
     """Return the points of a spring between two points, a zigzag of 0.06 in to each side [in]."""
     length = dist(start, end) or 1.0
     teeth = max(6, 2 * round(length / 0.16))
-    (x, y), along = start, ((end[0] - start[0]) / length, (end[1] - start[1]) / length)
+    x, y = start
+    along = ((end[0] - start[0]) / length, (end[1] - start[1]) / length)
     middle = [(0.1 + 0.8 * ((k + 0.5) / teeth), (-1) ** k * 0.06) for k in range(teeth)]
     return [
         (

@@ -317,7 +317,8 @@ class Sheet:
             width: width of the axes [in].
             height: height of the axes [in].
         """
-        (x0, x1), (y0, y1) = self.axes.get_xlim(), self.axes.get_ylim()
+        x0, x1 = self.axes.get_xlim()
+        y0, y1 = self.axes.get_ylim()
         w = x1 - x0
         h = y1 - y0
         with styled():

@@ -42,7 +42,9 @@ class Pinned(Description):
         Mend: the paper prints "− r sin θ" for both tendons. The second insertion is opposite to the
         first, so that it moves the other way and the sign is `side`.
         """
-        (angle,), radius, free_length = angles, size("radius"), size("free_length")
+        (angle,) = angles
+        radius = size("radius")
+        free_length = size("free_length")
         # (4) and (5) multiplied out: ℓ² = A² − 2 side r A sin θ + 2 r² (1 − cos θ), A = l + x, has
         # the shorter derivatives
         along = free_length + displacement
