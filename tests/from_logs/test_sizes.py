@@ -9,6 +9,7 @@ import pytest
 
 from distal.from_logs import rig_from_logs
 from distal.from_logs.derivatives import smoothed, window_of
+from distal.rig import Capstan
 from tests.from_logs.logs import RATE, Floats, written
 
 ARM = 8e-3
@@ -106,10 +107,12 @@ def chain(
     gravity: tuple[float, float] = (0.0, 0.0),
     friction: float = 0.0,
     tare: float = 0.0,
+    own: float = 0.0,
 ) -> dict[str, Floats]:
     """Return a log of two joints in series with two tendons each, whose links are point masses: the
     torques by Lagrange's equations of a planar double pendulum. Gravity is along x and z; positive
-    angles turn x to −z. Both joints have dry friction; the cells read less by a tare.
+    angles turn x to −z. Both joints have dry friction and an inertia of their own, as of a rotor;
+    the cells read less by a tare.
     """
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, 20.0, 1.0 / 200.0)
@@ -129,9 +132,9 @@ def chain(
     angle_one, angle_two = q[0], q[0] + q[1]
     weight_one = gravity[0] * np.sin(angle_one) + gravity[1] * np.cos(angle_one)
     weight_two = gravity[0] * np.sin(angle_two) + gravity[1] * np.cos(angle_two)
-    second += two * CENTRE * weight_two + friction * np.sign(v[1])
+    second += two * CENTRE * weight_two + friction * np.sign(v[1]) + own * a[1]
     first += (one * CENTRE + two * LENGTH) * weight_one + two * CENTRE * weight_two
-    first += friction * np.sign(v[0])
+    first += friction * np.sign(v[0]) + own * a[0]
     across = second / 6e-3
     along = (first - 7e-3 * across) / 8e-3
     pulls = (8.0 + along / 2, 8.0 - along / 2, 8.0 + across / 2, 8.0 - across / 2)
@@ -191,6 +194,9 @@ def test_a_joint_before_another_one_may_have_the_later_column(tmp_path: Path) ->
         log["mcp_deg"] = log.pop("mcp_deg")
     rig = rig_from_logs(written(logs, tmp_path)).rig
     assert [(joint.name, joint.parent) for joint in rig.joints] == [("mcp", "base"), ("pip", "mcp")]
+    for joint, mass in zip(rig.joints, (0.012, 0.02)):
+        assert joint.link is not None
+        assert joint.link.mass.value == pytest.approx(mass, rel=0.2)
 
 
 def test_light_links_are_left_out_where_slow_logs_do_not_tell_their_masses(tmp_path: Path) -> None:
@@ -199,6 +205,57 @@ def test_light_links_are_left_out_where_slow_logs_do_not_tell_their_masses(tmp_p
         log["time_s"] = 20.0 * log["time_s"]
     rig = rig_from_logs(written(logs, tmp_path)).rig
     assert all(joint.link is None for joint in rig.joints)
+
+
+def test_inertias_that_no_joint_carries_for_another_are_no_links(tmp_path: Path) -> None:
+    """An inertia of 3·10⁻⁵ kg m² is that of 40 g at 2/3 of 40 mm, which joints would carry."""
+    logs = [chain(k, (0.0, 0.0), own=3e-5) for k in range(3)]
+    rig = rig_from_logs(written(logs, tmp_path)).rig
+    for joint in rig.joints:
+        assert joint.link is None
+        assert joint.inertia.value == pytest.approx(3e-5, rel=0.15)
+
+
+def motor_and_joint(seed: int, inertia: float, rotor: float) -> dict[str, Floats]:
+    """Return a log of a motor whose spool of 6 mm turns a joint's pulley of 5 mm by two tendons;
+    its torque is read in the motor, which rubs and is damped.
+    """
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, 20.0, 1.0 / 200.0)
+    angle, speed, acceleration = np.zeros((3, len(time)))
+    for rate in rng.uniform(1.0, 4.0, 4):
+        phase, w = rng.uniform(0, 6.28), 2.0 * np.pi * rate
+        angle += 0.12 * np.sin(w * time + phase)
+        speed += 0.12 * w * np.cos(w * time + phase)
+        acceleration -= 0.12 * w**2 * np.sin(w * time + phase)
+    torque = inertia * acceleration + 5e-3 * np.sign(speed)
+    turned = (5.0 * angle + torque / 5e-3 / (2.0 * 1.5e4) * 1e3) / 6.0
+    turning = np.gradient(turned, time)
+    effort = torque * 6.0 / 5.0 + 1e-3 * np.sign(turning) + 1e-3 * turning
+    effort += rotor * np.gradient(turning, time)
+    return {
+        "time_s": time,
+        "phi_m_rad": np.round((turned + rng.normal(0.0, 1e-4, len(time))) / 5e-4) * 5e-4,
+        "tau_m_Nm": effort + rng.normal(0.0, 1e-3, len(time)),
+        "theta_deg": np.rad2deg(angle) + rng.normal(0.0, 0.01, len(time)),
+    }
+
+
+def test_the_inertia_and_damping_of_a_motor_are_not_the_joints(tmp_path: Path) -> None:
+    """The taken spool of 8 mm changes no torque on the motor, and none on the joint."""
+    logs = [motor_and_joint(k, inertia=4e-6, rotor=2e-5) for k in range(3)]
+    rig = rig_from_logs(written(logs, tmp_path)).rig
+    (drive,) = rig.drives
+    assert isinstance(drive, Capstan)
+    assert drive.inertia.value == pytest.approx(2e-5, rel=0.2)
+    assert drive.damping.value == pytest.approx(1e-3, rel=0.2)
+    assert rig.joints[0].inertia.value == pytest.approx(4e-6, rel=0.5)
+
+
+def test_an_inertia_that_logs_do_not_show_is_as_small_as_they_show(tmp_path: Path) -> None:
+    logs = [motor_and_joint(k, inertia=0.0, rotor=0.0) for k in range(3)]
+    joint = rig_from_logs(written(logs, tmp_path)).rig.joints[0]
+    assert joint.inertia.value + joint.inertia.std < 5e-6
 
 
 def test_derivatives_are_taken_over_longer_times_where_angles_are_noisy() -> None:

@@ -14,7 +14,7 @@ WINDOWS = (0.02, 0.04, 0.08, 0.12, 0.2)
 """Times over which derivatives may be taken [s]. Source: judgement (steps of a finger take 0.1)."""
 
 OF_SPEED = 0.04
-"""Time over which a speed alone is taken [s]. Source: judgement."""
+"""Time over which speeds, and accelerations of drives, are taken [s]. Source: judgement."""
 
 NOISE = 0.2
 """Noise of an acceleration per its RMS, above which it is taken over a longer time. Source:
@@ -23,6 +23,11 @@ judgement.
 
 FEWEST = 5
 """Least number of samples in a window [1]. Source: definition (a cubic needs four)."""
+
+
+def length_of(time: float, step: float) -> int:
+    """Return the number of samples of a window, for a time and a `step` between samples [s]."""
+    return max(FEWEST, 2 * round(time / step / 2) + 1)
 
 
 def window_of(angles: Floats, step: float, noise: float) -> int:
@@ -34,7 +39,7 @@ def window_of(angles: Floats, step: float, noise: float) -> int:
         step: time between samples [s].
         noise: standard deviation of an angle [rad].
     """
-    lengths = [max(FEWEST, 2 * round(time / step / 2) + 1) for time in WINDOWS]
+    lengths = [length_of(time, step) for time in WINDOWS]
     for length in lengths:
         if length > len(angles):
             break
@@ -54,7 +59,7 @@ def speed_of(values: Floats, time: Floats) -> Floats:
     """
     has_value = np.flatnonzero(np.isfinite(values))
     step = float(np.median(np.diff(time)))
-    window = max(FEWEST, 2 * round(OF_SPEED / step / 2) + 1)
+    window = length_of(OF_SPEED, step)
     if len(has_value) < 2 or window > len(values):
         return np.zeros(len(values))
     bridged = np.interp(time, time[has_value], values[has_value])

@@ -1,4 +1,10 @@
-"""Friction and damping between a drive's effort and the joints that it moves."""
+"""Friction, damping and inertia between a drive's effort and the joints that it moves:
+
+    e = Σ_j α_j θ_j + β x + f sign(dx/dt) + b dx/dt + I d²x/dt² + c
+
+by least squares over all logs while the drive moves, both sides smoothed alike. The tendons' pull
+is by how far they are stretched, α and β.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from distal.arrays import Floats
-from distal.from_logs.least_squares import SHOWN, scaled_solution
+from distal.from_logs.derivatives import OF_SPEED, length_of, smoothed
+from distal.from_logs.least_squares import CLEAR, relative_errors, scaled_solution
 from distal.from_logs.motion_data import MotionData
 from distal.from_logs.structure import DriveStructure
+
+OWN = 0.4
+"""Least share of a drive's own in the inertia of all that it moves, since errors of the tendons'
+stretch hide 5 to 10 % of their pull, which looks like it [1]. Source: judgement.
+"""
 
 
 @dataclass(frozen=True)
@@ -21,13 +33,15 @@ class DriveFriction:
         usual: at the usual effort [N or N m].
         share: by how much it grows per pull of the tendons [1]; 0 where the logs do not show it.
         share_std: its standard error [1].
-        damping: what grows with speed [N s/m or N m s/rad].
+        damping: what grows with speed [N s/m or N m s/rad]; 0 where the logs do not show it.
+        inertia: of the drive [kg or kg m²]; 0 where the logs do not show it.
     """
 
     usual: float
     share: float
     share_std: float
     damping: float
+    inertia: float
 
 
 def drive_friction(
@@ -36,6 +50,7 @@ def drive_friction(
     structure: DriveStructure,
     constant: float,
     per_speed: float,
+    is_force: bool,
 ) -> DriveFriction:
     """Return the friction of a drive.
 
@@ -45,8 +60,11 @@ def drive_friction(
         structure: what it moves.
         constant: force or torque per effort.
         per_speed: the same, signed, with the gear between what is read and the drive.
+        is_force: whether the effort is a force or a torque. The damping that a current shows is not
+            taken for the drive's: in geared motors with sheaths it is also along the path, and is
+            left to the joints.
     """
-    usual, damping = _by_effort(logs, drive, structure)
+    usual, of_motion = _by_effort(logs, drive, structure, np.sign(per_speed))
     share = 0.0
     share_std = 0.0
     if structure.growth != 0.0:
@@ -61,39 +79,47 @@ def drive_friction(
         usual=usual * constant,
         share=share,
         share_std=share_std,
-        damping=damping * per_speed,
+        damping=float(of_motion[0] * abs(per_speed)) if is_force else 0.0,
+        inertia=float(of_motion[1] * abs(per_speed)),
     )
 
 
 def _by_effort(
-    logs: Sequence[MotionData], drive: int, structure: DriveStructure
-) -> tuple[float, float]:
-    """Return half of the difference of efforts between both directions, and what grows with speed,
-    all else equal.
+    logs: Sequence[MotionData], drive: int, structure: DriveStructure, sign: float
+) -> tuple[float, Floats]:
+    """Return half of the difference of efforts between both directions, and how much they grow with
+    speed and acceleration, (2,), all else equal; 0 where the logs do not show that.
+
+    The efforts of a drive that moves forward have a `sign`.
     """
-    columns = list[Floats]()
-    target = list[Floats]()
-    for log in logs:
-        usable = np.isfinite(log.angles).all(axis=1)
-        if (usable & log.moves(drive)).any():
-            usable &= log.moves(drive)
-        if not usable.any():
-            continue
-        matrix = np.column_stack(
-            [
-                log.angles[usable][:, list(structure.joints)],
-                log.positions[usable, drive],
-                log.directions[usable, drive],
-                np.gradient(log.positions[:, drive], log.time)[usable],
-            ]
-        )
-        effort = log.efforts[usable, drive]
-        columns.append(matrix - matrix.mean(axis=0))
-        target.append(effort - effort.mean())
-    matrix = np.vstack(columns)
-    efforts = np.concatenate(target)
-    still, left_still = scaled_solution(matrix[:, :-1], efforts)
-    moving, left_moving = scaled_solution(matrix, efforts)
-    if left_moving > SHOWN * left_still:
-        return float(abs(still[-1])), 0.0
-    return float(abs(moving[-2])), float(moving[-1])
+    parts = [_rows(log, drive, structure) for log in logs]
+    matrix = np.vstack([columns for columns, _ in parts])
+    efforts = sign * np.concatenate([values for _, values in parts])
+    if len(efforts) < matrix.shape[1]:
+        return 0.0, np.zeros(2)
+    solution, left = scaled_solution(matrix, efforts)
+    told = np.ones(matrix.shape[1], dtype=bool)
+    told[-2:] = solution[-2:] > CLEAR * left * relative_errors(matrix)[-2:]
+    of_all = scaled_solution(matrix[:, -3:], efforts)[0]
+    told[-1] &= solution[-1] > OWN * of_all[-1]
+    solution = np.zeros(len(told))
+    solution[told], _ = scaled_solution(matrix[:, told], efforts)
+    return float(abs(solution[-3])), solution[-2:]
+
+
+def _rows(log: MotionData, drive: int, structure: DriveStructure) -> tuple[Floats, Floats]:
+    """Return the columns of a log while the drive moves, and its efforts, both less their mean."""
+    usable = np.isfinite(log.angles).all(axis=1)
+    step = float(np.median(np.diff(log.time)))
+    window = length_of(OF_SPEED, step)
+    moves = log.moves(drive)[usable]
+    if len(moves) < 2 * window or not moves.any():
+        return np.empty((0, len(structure.joints) + 4)), np.empty(0)
+    position = log.positions[usable, drive]
+    rest = np.column_stack(
+        [log.angles[usable][:, list(structure.joints)], position, log.directions[usable, drive]]
+    )
+    rates = [smoothed(position, window, step, order) for order in (1, 2)]
+    matrix = np.column_stack([smoothed(rest, window, step), *rates])[moves]
+    efforts = smoothed(log.efforts[usable, drive], window, step)[moves]
+    return matrix - matrix.mean(axis=0), efforts - efforts.mean()

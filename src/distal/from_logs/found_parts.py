@@ -73,7 +73,7 @@ def sliding(joint: int, pulls: Sequence[tuple[FoundDrive, float]], log: MotionDa
 
 def torque_of(pulls: Sequence[tuple[FoundDrive, float]], log: MotionData) -> Floats:
     """Return the torque of tendons on a joint while their drives move, Σ r T, (n_samples,) [N m],
-    by the drives of `pulls` with their moment arms r [m].
+    by the drives of `pulls` with their moment arms r [m], less what the drives themselves need.
     """
     total = np.zeros(len(log.time))
     for drive, arm in pulls:
@@ -84,6 +84,7 @@ def torque_of(pulls: Sequence[tuple[FoundDrive, float]], log: MotionData) -> Flo
         total += arm * factor * (efforts - taken)
         if sizes.friction is not None:
             speed = speed_of(log.positions[:, drive.index], log.time)
-            turning = sizes.winding * sizes.position_sign * speed / sizes.gear
-            total -= arm * max(sizes.friction.damping, 0.0) * turning / sizes.lever
+            needed = sizes.friction.damping * speed
+            needed += sizes.friction.inertia * speed_of(speed, log.time)
+            total -= arm * sizes.winding * sizes.position_sign * needed / sizes.gear / sizes.lever
     return total

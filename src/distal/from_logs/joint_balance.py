@@ -18,16 +18,12 @@ import numpy as np
 from distal.arrays import Floats
 from distal.from_logs.derivatives import smoothed, window_of
 from distal.from_logs.found_parts import FoundDrive, sliding, torque_of
-from distal.from_logs.least_squares import scaled_solution
+from distal.from_logs.least_squares import CLEAR, relative_errors, scaled_solution
 from distal.from_logs.motion_data import MotionData
 
-INDEPENDENT = 10.0
-"""So many samples, whose errors are alike, count as one. Source: judgement."""
-
-CLEAR = 4.0
-"""Inertia, damping and friction count that are so many standard errors above zero [1]. Source:
-benchmark (`benchmarks.from_logs rigs`, seeds 7301 to 7304: 4 to 27 with inertia in the plant, else
-below 2.5).
+SURE = 2.0
+"""Standard errors above an estimate to which a number may be larger [1]. Source: definition (97.7 %
+of a normal distribution).
 """
 
 
@@ -35,6 +31,7 @@ below 2.5).
 class JointBalance:
     """Stiffness K [N m/rad], the torque at zero angle −K θ₀ [N m], damping b [N m s/rad], inertia I
     [kg m²] and friction f [N m] of a joint; the last three are 0 where the logs do not show them.
+    The logs show that inertia is at most `most_inertia`.
     """
 
     stiffness: float
@@ -42,6 +39,7 @@ class JointBalance:
     damping: float
     inertia: float
     friction: float
+    most_inertia: float
 
 
 def joint_balance(
@@ -66,21 +64,19 @@ def joint_balance(
     if len(torques) < matrix.shape[1]:
         return None
     coefficients, left = scaled_solution(matrix, torques)
-    clear = coefficients > CLEAR * left * _relative_errors(matrix)
+    stds = left * relative_errors(matrix)
+    clear = coefficients > CLEAR * stds
     shown = np.where(clear, coefficients, 0.0)
     plain = scaled_solution(matrix[:, [0, 1, 4]], torques)[0]
     stiffness, offset = coefficients[:2] if clear[2:4].any() else plain[:2]
-    return JointBalance(float(stiffness), float(offset), *map(float, shown[2:]))
-
-
-def _relative_errors(matrix: Floats) -> Floats:
-    """Return the standard errors of the coefficients, (n,), per RMS of what is left, where
-    `INDEPENDENT` samples count as one.
-    """
-    size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
-    scaled = matrix / size
-    covariance = np.linalg.pinv(scaled.T @ scaled / INDEPENDENT)
-    return np.asarray(np.sqrt(np.diag(covariance)) / size)
+    return JointBalance(
+        stiffness=float(stiffness),
+        offset=float(offset),
+        damping=float(shown[2]),
+        inertia=float(shown[3]),
+        friction=float(shown[4]),
+        most_inertia=float(max(coefficients[3], 0.0) + SURE * stds[3]),
+    )
 
 
 def _rows(

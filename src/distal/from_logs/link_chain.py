@@ -22,11 +22,6 @@ from distal.rig import Guess, Imported
 LENGTH = 40.0
 """Length of a link [mm]. Source: judgement (fingers: 20 to 50; Buryanov and Kotiuk 2010)."""
 
-CLEAR = 3.0
-"""Links count where the mass of one is so many standard errors above zero [1]: masses that are
-guessed too large move a light wrist too slowly. Source: benchmark (docs/results/from-logs.md).
-"""
-
 
 def parents_of(joints: Sequence[FoundJoint], drives: Sequence[FoundDrive]) -> list[int | None]:
     """Return the joint on whose link each joint sits, None for the base.
@@ -52,8 +47,7 @@ def in_series(
     drives: Sequence[FoundDrive],
     logs: Sequence[MotionData],
 ) -> Raw:
-    """Return a raw description in which joints in series carry links, if logs tell one of their
-    masses.
+    """Return a raw description in which joints in series carry links, if logs tell that they do.
 
     Args:
         raw: the description, in which each joint sits on the base.
@@ -65,10 +59,10 @@ def in_series(
     carrying = [j for j in range(len(joints)) if parents[j] is not None or j in parents]
     if not carrying:
         return raw
-    usual = Links(((MASS, MASS),) * len(carrying), (GRAVITY, GRAVITY))
+    usual = Links(True, ((MASS, MASS),) * len(carrying), (GRAVITY, GRAVITY))
     rig = Imported.of(_with_links(raw, joints, parents, carrying, usual), "links", "logs", ()).rig
     links = links_of(rig, carrying, joints, drives, logs)
-    if all(mass < CLEAR * std for mass, std in links.masses):
+    if not links.told:
         return raw
     return _with_links(raw, joints, parents, carrying, links)
 

@@ -10,12 +10,13 @@ guess as their prior. τ is the torque on the joint that a motion of the links n
     Σ r T = Σ_k m_k ∂τ/∂m_k + g_x ∂τ/∂g_x + g_z ∂τ/∂g_z + b dθ/dt + f sign(dθ/dt)
 
 gives gravity. Where an offset of each joint explains other logs better, as after cells were tared,
-there is one.
+there is one. Links of an assumed length are only told where they explain other logs better than an
+inertia I d²θ/dt² of each joint's own does.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -41,9 +42,9 @@ INDEPENDENT = 20.0
 CLEAR_WEIGHT = 4.0
 """Gravity counts that is so many standard errors above zero [1]. Source: judgement."""
 
-TARED = 0.9
-"""Cells were tared where an offset brings the RMS error on other logs below this share [1]. Source:
-judgement.
+BETTER = 0.9
+"""Terms are told where they bring the RMS error on other logs below this share [1]. Source:
+benchmark (docs/results/from-logs.md: links of fingers 0.6 to 0.8, of a light wrist 0.95 to 1.02).
 """
 
 STRONGEST = 20.0
@@ -55,11 +56,13 @@ class Links:
     """What logs tell of links.
 
     Args:
+        told: whether links explain other logs better than inertias of the joints' own.
         masses: mass of each link with its standard deviation [g].
         gravity: along x and z of the base [m/s²], by links of the assumed length; 0 where the logs
             do not show it.
     """
 
+    told: bool
     masses: tuple[tuple[float, float], ...]
     gravity: tuple[float, float]
 
@@ -67,12 +70,14 @@ class Links:
 @dataclass(frozen=True)
 class _Equations:
     """One joint on one log, while it and its drives move: the columns of the masses, (k, n_links),
-    of gravity at unit masses, (k, 2, n_links), and of the joint's own terms, and its torque, (k,).
+    of gravity at unit masses, (k, 2, n_links), of an inertia of each joint's own, (k, n_links), and
+    of the joint's own terms, and its torque, (k,).
     """
 
     joint: int
     masses: Floats
     gravity: Floats
+    inertia: Floats
     friction: Floats
     weight: Floats
     torques: Floats
@@ -95,11 +100,11 @@ def links_of(
         logs: all of them.
     """
     count = len(carrying)
-    torques = _torques_of_masses(rig, [joints[j].name for j in carrying])
+    torques = _torques_of_masses(rig, [joint.name for joint in joints], carrying)
     parts = [_equations(log, carrying, joints, drives, torques) for log in logs]
     parts = [part for part in parts if part]
     if not parts:
-        return Links(((MASS, MASS),) * count, (0.0, 0.0))
+        return Links(False, ((MASS, MASS),) * count, (0.0, 0.0))
     rows = [equations for part in parts for equations in part]
     matrix, target = _system(rows, [row.masses for row in rows], with_weight=True)
     size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
@@ -115,31 +120,56 @@ def links_of(
     masses = np.maximum(1e3 * solution[:count] / size[:count], LIGHTEST)
     stds = 1e3 * np.sqrt(np.diag(covariance)[:count]) / size[:count]
     pairs = tuple((float(mass), float(std)) for mass, std in zip(masses, stds))
-    return Links(pairs, _gravity(parts, 1e-3 * masses))
+    weighed = 1e-3 * masses
+
+    def as_links(row: _Equations) -> Floats:
+        return np.column_stack([row.masses, row.gravity @ weighed])
+
+    def as_inertias(row: _Equations) -> Floats:
+        return row.inertia
+
+    links = _errors(parts, as_links, False)
+    tared = _better(_errors(parts, as_links, True), links)
+    if tared:
+        links = _errors(parts, as_links, True)
+    told = _better(links, _errors(parts, as_inertias, tared))
+    matrix, target = _system(rows, [as_links(row) for row in rows], with_offset=tared)
+    return Links(told, pairs, _gravity(matrix, target, count))
 
 
-def _gravity(parts: Sequence[Sequence[_Equations]], masses: Floats) -> tuple[float, float]:
-    """Return gravity along x and z of the base [m/s²] by links of such `masses` [kg], from the
-    equations of each log.
+def _better(errors: Floats, others: Floats) -> bool:
+    """Return whether RMS errors of joints are clearly less than `others`, in the mean."""
+    return bool(len(errors)) and bool(np.mean(errors / others) < BETTER)
+
+
+def _errors(
+    parts: Sequence[Sequence[_Equations]],
+    shared: Callable[[_Equations], Floats],
+    with_offset: bool,
+) -> Floats:
+    """Return the RMS error of each joint's torque [N m] on logs left out, with such `shared`
+    columns; on the logs themselves if there is only one.
     """
-    count = len(masses)
 
-    def system(chosen: Sequence[Sequence[_Equations]], offset: bool) -> tuple[Floats, Floats]:
-        rows = [equations for part in chosen for equations in part]
-        shared = [np.column_stack([row.masses, row.gravity @ masses]) for row in rows]
-        return _system(rows, shared, with_offset=offset)
+    def system(rows: Sequence[_Equations]) -> tuple[Floats, Floats]:
+        return _system(rows, [shared(row) for row in rows], with_offset=with_offset)
 
-    def error(offset: bool) -> float:
-        squares = []
-        for k in range(len(parts)):
-            training = [part for i, part in enumerate(parts) if i != k] or parts
-            solution, _ = scaled_solution(*system(training, offset))
-            matrix, target = system([parts[k]], offset)
-            squares.append(float(np.mean((target - matrix @ solution) ** 2)))
-        return float(np.sqrt(np.mean(squares)))
+    left = dict[int, list[Floats]]()
+    for k, part in enumerate(parts):
+        others = [other for i, other in enumerate(parts) if i != k] or parts
+        solution, _ = scaled_solution(*system([row for other in others for row in other]))
+        matrix, target = system(part)
+        ends = np.cumsum([len(row.torques) for row in part])[:-1]
+        for row, errors in zip(part, np.split(target - matrix @ solution, ends)):
+            left.setdefault(row.joint, []).append(errors)
+    every = [np.concatenate(errors) for errors in left.values()]
+    return np.array([np.sqrt(np.mean(errors**2)) for errors in every if len(errors)])
 
-    tared = error(True) < TARED * error(False)
-    matrix, target = system(parts, tared)
+
+def _gravity(matrix: Floats, target: Floats, count: int) -> tuple[float, float]:
+    """Return gravity along x and z of the base [m/s²], whose columns in the equations stand behind
+    `count` of masses.
+    """
     solution, left = scaled_solution(matrix, target)
     size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
     covariance = np.linalg.pinv((matrix / size).T @ (matrix / size) / INDEPENDENT)
@@ -173,18 +203,20 @@ def _system(
     return np.vstack(rows), np.concatenate([of_joint.torques for of_joint in equations])
 
 
-def _torques_of_masses(rig: Rig, carrying: Sequence[str]) -> ca.Function:
+def _torques_of_masses(rig: Rig, names: Sequence[str], carrying: Sequence[int]) -> ca.Function:
     """Return the function (q, v, a) → (∂τ/∂m, (n_joints, n_links), without gravity; ∂²τ/∂g_x∂m and
-    ∂²τ/∂g_z∂m, the same) of the links of some joints.
+    ∂²τ/∂g_z∂m, the same) of the links of some joints, all in the order of the joints' `names`.
     """
     mechanism = Mechanism(rig)
     assert mechanism.chain is not None
     parameters = mechanism.parameters
     q, v, a = (ca.SX.sym(name, mechanism.n_joints) for name in "qva")
-    links = [f"joints.{rig.joint_names.index(name)}.link.mass" for name in carrying]
-    masses = ca.vertcat(*(parameters[link] for link in links))
+    in_rig = [rig.joint_names.index(name) for name in names]
+    in_logs = [names.index(name) for name in rig.joint_names]
+    masses = ca.vertcat(*(parameters[f"joints.{in_rig[j]}.link.mass"] for j in carrying))
     along = ("base.gravity.0", "base.gravity.2")
-    per_mass = ca.jacobian(mechanism.chain.torques(q, v, a), masses)
+    torques = mechanism.chain.torques(q[in_logs], v[in_logs], a[in_logs])[in_rig]
+    per_mass = ca.jacobian(torques, masses)
     values = ca.DM(parameters.values)
     columns = [per_mass]
     for name in along:
@@ -213,18 +245,22 @@ def _equations(
         return []
     q, v, a = (smoothed(angles, window, step, order) for order in range(3))
     ways = smoothed(np.sign(v), window, step)
-    columns = np.array([[np.array(part) for part in torques_at(*state)] for state in zip(q, v, a)])
+    parts = torques_at.map(len(q))(q.T, v.T, a.T)
+    columns = [np.array(part).reshape(q.shape[1], len(q), -1) for part in parts]
     equations = []
     for link, j in enumerate(carrying):
         pulls = pulls_of(j, drives)
         moves = sliding(j, pulls, log)[has_angles]
         torques = smoothed(torque_of(pulls, log)[has_angles], window, step)
         offset = np.ones(len(q))
+        inertia = np.zeros((len(q), len(carrying)))
+        inertia[:, link] = a[:, j]
         equations.append(
             _Equations(
                 joint=link,
-                masses=columns[moves, 0, j],
-                gravity=columns[moves, 1:, j],
+                masses=columns[0][j, moves],
+                gravity=np.stack([of_way[j, moves] for of_way in columns[1:]], axis=1),
+                inertia=inertia[moves],
                 friction=np.column_stack([v[:, j], ways[:, j]])[moves],
                 weight=np.column_stack([offset, np.sin(q[:, j]), np.cos(q[:, j])])[moves],
                 torques=torques[moves],

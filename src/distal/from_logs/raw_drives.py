@@ -32,6 +32,12 @@ judgement.
 """
 
 
+SURE_MOTION = 0.3
+"""Standard deviation of a drive's inertia and damping, per value, where the logs show them. Source:
+benchmark (docs/results/from-logs.md: 5 to 30 % off on plants whose inertia is known).
+"""
+
+
 def raw_drive(drive: FoundDrive) -> Raw:
     """Return a drive."""
     sizes = drive.sizes
@@ -43,16 +49,26 @@ def raw_drive(drive: FoundDrive) -> Raw:
     else:
         raw["inertia"] = Guess("2e-4 kg m^2", "inertia of motors")
         raw["radius"] = Guess(number(1e3 * ASSUMED_RADIUS, "mm"), "lengths: radii of spools")
-    per_speed = "kg/s" if sizes.is_slider else "N m s"
-    if sizes.friction is not None and sizes.friction.damping > 0.0:
-        raw["damping"] = about(sizes.friction.damping, 1.0, per_speed)
-    elif not sizes.is_slider:
         raw["damping"] = Guess("1e-3 N m s", "damping of motors")
+    raw |= _of_motion(sizes)
     raw["friction"] = _friction(sizes, unit)
     if drive.effort is None:
         side = 0.0 if sizes.is_pair else sizes.winding
         nominal = {"value": number(side * force, unit), "std": number(0.5 * force, unit)}
         raw["nominal_force"] = Guess(nominal, "forces: no column has them")
+    return raw
+
+
+def _of_motion(sizes: DriveSizes) -> Raw:
+    """Return mass or inertia, and damping, where the logs show them."""
+    friction = sizes.friction
+    raw: Raw = {}
+    if friction is not None and friction.inertia > 0.0:
+        name, unit = ("mass", "kg") if sizes.is_slider else ("inertia", "kg m^2")
+        raw[name] = about(friction.inertia, SURE_MOTION, unit)
+    if friction is not None and friction.damping > 0.0:
+        unit = "kg/s" if sizes.is_slider else "N m s"
+        raw["damping"] = about(friction.damping, SURE_MOTION, unit)
     return raw
 
 

@@ -34,12 +34,8 @@ judgement.
 """
 
 
-SMALLEST_INERTIA = 1e-7
-"""Inertia of a joint below which the logs do not show it [kg m²]. Source: judgement."""
-
-
-SMALLEST_DAMPING = 1e-6
-"""Damping of a joint below which the logs do not show it [N m s/rad]. Source: judgement."""
+INERTIA = 1e-5
+"""Usual inertia of a joint [kg m²]. Source: judgement (a plastic phalanx of 10 g, 40 mm long)."""
 
 
 BEFORE_START = 0.3
@@ -134,12 +130,16 @@ def _initial(j: int, logs: Sequence[MotionData]) -> Raw:
 def _dynamics(balance: JointBalance | None) -> Raw:
     """Return inertia and damping of a joint, as the logs show them or as guesses."""
     raw: Raw = {
-        "inertia": Guess("1e-5 kg m^2", "inertia of joints"),
+        "inertia": Guess(number(INERTIA, "kg m^2"), "inertia of joints"),
         "damping": Guess({"value": "2e-4 N m s", "std": "80 %"}, "damping of joints"),
     }
-    if balance is not None and balance.inertia > SMALLEST_INERTIA:
+    if balance is None:
+        return raw
+    if balance.inertia > 0.0:
         raw["inertia"] = about(balance.inertia, 1.0, "kg m^2")
-    if balance is not None and balance.damping > SMALLEST_DAMPING:
+    elif balance.most_inertia < INERTIA:
+        raw["inertia"] = about(balance.most_inertia / 2.0, 1.0, "kg m^2")
+    if balance.damping > 0.0:
         raw["damping"] = about(balance.damping, 1.0, "N m s")
     return raw
 

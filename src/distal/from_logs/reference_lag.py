@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from distal.arrays import Floats
 from distal.from_logs.motion_data import MotionData
 
 LONGEST_LAG = 0.3
@@ -28,7 +29,7 @@ def reference_lag(logs: Sequence[MotionData], joint: int) -> float:
     agree clearly better.
     """
     lags = np.arange(-LONGEST_LAG, LONGEST_LAG + LAG_STEP / 2, LAG_STEP)
-    residuals = np.array([_joint_residual(logs, joint, float(lag)) for lag in lags])
+    residuals = _joint_residuals(logs, joint, lags)
     best = int(np.argmin(residuals))
     usual = residuals[len(lags) // 2]
     return float(lags[best]) if residuals[best] < GAIN * usual else 0.0
@@ -49,9 +50,9 @@ def _third(log: MotionData, k: int) -> MotionData:
     return replace(log, **{name: getattr(log, name)[rows] for name in names})
 
 
-def _joint_residual(logs: Sequence[MotionData], joint: int, lag: float) -> float:
+def _joint_residuals(logs: Sequence[MotionData], joint: int, lags: Floats) -> Floats:
     """Return what the drives, their directions and efforts leave of a joint that is moved back in
-    time [rad].
+    time by each of the `lags` [s], (n_lags,) [rad], where it is known with all of them.
     """
     columns = []
     targets = []
@@ -59,20 +60,21 @@ def _joint_residual(logs: Sequence[MotionData], joint: int, lag: float) -> float
         there = np.isfinite(log.angles[:, joint])
         if there.sum() < 2:
             continue
-        stamps = log.time[there]
-        angle = np.interp(
-            log.time + lag, stamps, log.angles[there, joint], left=np.nan, right=np.nan
-        )
+        first, last = log.time[there][[0, -1]]
+        times = log.time[:, None] + lags
+        usable = (times[:, 0] >= first) & (times[:, -1] <= last)
+        if usable.sum() < 2:
+            continue
+        angles = np.interp(times[usable], log.time[there], log.angles[there, joint])
         efforts = log.efforts[:, np.isfinite(log.efforts).all(axis=0)]
-        usable = np.isfinite(angle)
         matrix = np.column_stack([log.positions, log.directions, efforts])[usable]
-        if len(matrix) > 1:
-            columns.append(matrix - matrix.mean(axis=0))
-            targets.append(angle[usable] - angle[usable].mean())
+        columns.append(matrix - matrix.mean(axis=0))
+        targets.append(angles - angles.mean(axis=0))
     if not columns:
-        return 0.0
+        return np.zeros(len(lags))
     matrix = np.vstack(columns)
     size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
-    target = np.concatenate(targets)
+    target = np.vstack(targets)
     coefficients = np.linalg.lstsq(matrix / size, target, rcond=1e-9)[0]
-    return float(np.sqrt(np.mean((target - matrix / size @ coefficients) ** 2)))
+    left = target - matrix / size @ coefficients
+    return np.asarray(np.sqrt(np.mean(left**2, axis=0)))

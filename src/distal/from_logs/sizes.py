@@ -173,7 +173,8 @@ def drive_sizes(
     friction = None
     if is_read:
         per_speed = reversed_effort * constant * gear
-        friction = drive_friction(logs, drive, structure, constant, per_speed)
+        is_force = effort is not None and effort.si != "A"
+        friction = drive_friction(logs, drive, structure, constant, per_speed, is_force)
     stiffening = 0.0
     stiffening_std = 0.0
     if knows and not is_pair and structure.curvature != 0.0:
