@@ -19,7 +19,7 @@ from distal.from_logs.least_squares import CLEAR, relative_errors, scaled_soluti
 from distal.from_logs.motion_data import MotionData
 from distal.from_logs.structure import DriveStructure
 
-OWN = 0.4
+DRIVE_SHARE = 0.4
 """Least share of a drive's own in the inertia of all that it moves, since errors of the tendons'
 stretch hide 5 to 10 % of their pull, which looks like it [1]. Source: judgement.
 """
@@ -98,12 +98,12 @@ def _by_effort(
     if len(efforts) < matrix.shape[1]:
         return 0.0, np.zeros(2)
     solution, left = scaled_solution(matrix, efforts)
-    told = np.ones(matrix.shape[1], dtype=bool)
-    told[-2:] = solution[-2:] > CLEAR * left * relative_errors(matrix)[-2:]
-    of_all = scaled_solution(matrix[:, -3:], efforts)[0]
-    told[-1] &= solution[-1] > OWN * of_all[-1]
-    solution = np.zeros(len(told))
-    solution[told], _ = scaled_solution(matrix[:, told], efforts)
+    counts = np.ones(matrix.shape[1], dtype=bool)
+    counts[-2:] = solution[-2:] > CLEAR * left * relative_errors(matrix)[-2:]
+    moved = scaled_solution(matrix[:, -3:], efforts)[0]
+    counts[-1] &= solution[-1] > DRIVE_SHARE * moved[-1]
+    solution = np.zeros(len(counts))
+    solution[counts], _ = scaled_solution(matrix[:, counts], efforts)
     return float(abs(solution[-3])), solution[-2:]
 
 
@@ -116,10 +116,10 @@ def _rows(log: MotionData, drive: int, structure: DriveStructure) -> tuple[Float
     if len(moves) < 2 * window or not moves.any():
         return np.empty((0, len(structure.joints) + 4)), np.empty(0)
     position = log.positions[usable, drive]
-    rest = np.column_stack(
+    still = np.column_stack(
         [log.angles[usable][:, list(structure.joints)], position, log.directions[usable, drive]]
     )
     rates = [smoothed(position, window, step, order) for order in (1, 2)]
-    matrix = np.column_stack([smoothed(rest, window, step), *rates])[moves]
+    matrix = np.column_stack([smoothed(still, window, step), *rates])[moves]
     efforts = smoothed(log.efforts[usable, drive], window, step)[moves]
     return matrix - matrix.mean(axis=0), efforts - efforts.mean()

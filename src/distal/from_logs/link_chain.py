@@ -62,7 +62,7 @@ def in_series(
     usual = Links(True, ((MASS, MASS),) * len(carrying), (GRAVITY, GRAVITY))
     rig = Imported.of(_with_links(raw, joints, parents, carrying, usual), "links", "logs", ()).rig
     links = links_of(rig, carrying, joints, drives, logs)
-    if not links.told:
+    if not links.joined:
         return raw
     return _with_links(raw, joints, parents, carrying, links)
 

@@ -56,13 +56,13 @@ class Links:
     """What logs tell of links.
 
     Args:
-        told: whether links explain other logs better than inertias of the joints' own.
+        joined: whether links explain other logs better than inertias of the joints' own.
         masses: mass of each link with its standard deviation [g].
         gravity: along x and z of the base [m/s²], by links of the assumed length; 0 where the logs
             do not show it.
     """
 
-    told: bool
+    joined: bool
     masses: tuple[tuple[float, float], ...]
     gravity: tuple[float, float]
 
@@ -106,19 +106,7 @@ def links_of(
     if not parts:
         return Links(False, ((MASS, MASS),) * count, (0.0, 0.0))
     rows = [equations for part in parts for equations in part]
-    matrix, target = _system(rows, [row.masses for row in rows], with_weight=True)
-    size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
-    scaled = matrix / size
-    left = target - scaled @ np.linalg.lstsq(scaled, target, rcond=None)[0]
-    noise = INDEPENDENT * max(float(np.mean(left**2)), 1e-300)
-    prior = np.zeros(matrix.shape[1])
-    prior[:count] = 1e-3 * MASS * size[:count]
-    precision = np.zeros(matrix.shape[1])
-    precision[:count] = prior[:count] ** -2
-    covariance = np.linalg.pinv(scaled.T @ scaled / noise + np.diag(precision))
-    solution = covariance @ (scaled.T @ target / noise + precision * prior)
-    masses = np.maximum(1e3 * solution[:count] / size[:count], LIGHTEST)
-    stds = 1e3 * np.sqrt(np.diag(covariance)[:count]) / size[:count]
+    masses, stds = _masses(rows, count)
     pairs = tuple((float(mass), float(std)) for mass, std in zip(masses, stds))
     weighed = 1e-3 * masses
 
@@ -132,14 +120,32 @@ def links_of(
     tared = _better(_errors(parts, as_links, True), links)
     if tared:
         links = _errors(parts, as_links, True)
-    told = _better(links, _errors(parts, as_inertias, tared))
+    joined = _better(links, _errors(parts, as_inertias, tared))
     matrix, target = _system(rows, [as_links(row) for row in rows], with_offset=tared)
-    return Links(told, pairs, _gravity(matrix, target, count))
+    return Links(joined, pairs, _gravity(matrix, target, count))
 
 
-def _better(errors: Floats, others: Floats) -> bool:
-    """Return whether RMS errors of joints are clearly less than `others`, in the mean."""
-    return bool(len(errors)) and bool(np.mean(errors / others) < BETTER)
+def _masses(rows: Sequence[_Equations], count: int) -> tuple[Floats, Floats]:
+    """Return the mass of each link and its standard deviation [g], (count,)."""
+    matrix, target = _system(rows, [row.masses for row in rows], with_weight=True)
+    size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
+    scaled = matrix / size
+    left = target - scaled @ np.linalg.lstsq(scaled, target, rcond=None)[0]
+    noise = INDEPENDENT * max(float(np.mean(left**2)), 1e-300)
+    prior = np.zeros(matrix.shape[1])
+    prior[:count] = 1e-3 * MASS * size[:count]
+    precision = np.zeros(matrix.shape[1])
+    precision[:count] = prior[:count] ** -2
+    covariance = np.linalg.pinv(scaled.T @ scaled / noise + np.diag(precision))
+    solution = covariance @ (scaled.T @ target / noise + precision * prior)
+    masses = np.maximum(1e3 * solution[:count] / size[:count], LIGHTEST)
+    stds = 1e3 * np.sqrt(np.diag(covariance)[:count]) / size[:count]
+    return masses, stds
+
+
+def _better(errors: Floats, usual: Floats) -> bool:
+    """Return whether RMS errors of joints are clearly less than the `usual` ones, in the mean."""
+    return bool(len(errors)) and bool(np.mean(errors / usual) < BETTER)
 
 
 def _errors(
@@ -155,12 +161,12 @@ def _errors(
         return _system(rows, [shared(row) for row in rows], with_offset=with_offset)
 
     left = dict[int, list[Floats]]()
-    for k, part in enumerate(parts):
-        others = [other for i, other in enumerate(parts) if i != k] or parts
-        solution, _ = scaled_solution(*system([row for other in others for row in other]))
-        matrix, target = system(part)
-        ends = np.cumsum([len(row.torques) for row in part])[:-1]
-        for row, errors in zip(part, np.split(target - matrix @ solution, ends)):
+    for k, held_out in enumerate(parts):
+        training = [log for i, log in enumerate(parts) if i != k] or parts
+        solution, _ = scaled_solution(*system([row for log in training for row in log]))
+        matrix, target = system(held_out)
+        ends = np.cumsum([len(row.torques) for row in held_out])[:-1]
+        for row, errors in zip(held_out, np.split(target - matrix @ solution, ends)):
             left.setdefault(row.joint, []).append(errors)
     every = [np.concatenate(errors) for errors in left.values()]
     return np.array([np.sqrt(np.mean(errors**2)) for errors in every if len(errors)])
