@@ -38,6 +38,20 @@ INERTIA = 1e-5
 """Usual inertia of a joint [kg m²]. Source: judgement (a plastic phalanx of 10 g, 40 mm long)."""
 
 
+LEAST_INERTIA = 1e-6
+"""Least inertia of a joint that is guessed, since smaller ones need many sub-steps [kg m²]. Source:
+judgement (a surgical wrist has 1 to 3).
+"""
+
+
+SMALLEST_INERTIA = 1e-7
+"""Inertia of a joint below which the logs do not show it [kg m²]. Source: judgement."""
+
+
+SMALLEST_DAMPING = 1e-6
+"""Damping of a joint below which the logs do not show it [N m s/rad]. Source: judgement."""
+
+
 BEFORE_START = 0.3
 """A spring rests so far before the range of its joint [rad]. Source: judgement."""
 
@@ -135,11 +149,12 @@ def _dynamics(balance: JointBalance | None) -> Raw:
     }
     if balance is None:
         return raw
-    if balance.inertia > 0.0:
+    if balance.inertia > SMALLEST_INERTIA:
         raw["inertia"] = about(balance.inertia, 1.0, "kg m^2")
     elif balance.most_inertia < INERTIA:
-        raw["inertia"] = about(balance.most_inertia / 2.0, 1.0, "kg m^2")
-    if balance.damping > 0.0:
+        likely = max(balance.most_inertia / 2.0, LEAST_INERTIA)
+        raw["inertia"] = about(likely, 1.0, "kg m^2")
+    if balance.damping > SMALLEST_DAMPING:
         raw["damping"] = about(balance.damping, 1.0, "N m s")
     return raw
 
