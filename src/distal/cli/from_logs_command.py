@@ -46,15 +46,47 @@ def found_in(
     """Return what logs say of a rig, by the options of a command."""
     from distal.from_logs import rig_from_logs
 
+    return rig_from_logs(
+        sources_of(logs),
+        truth=_listed(truth),
+        drives=_units_of(drive),
+        ignore=_listed(ignore),
+        name=name,
+    )
+
+
+def completed(
+    draft: Path,
+    logs: list[Path],
+    truth: str | None,
+    drive: list[str] | None,
+    ignore: str | None,
+) -> str:
+    """Return the text of a rig file with the columns of these logs, by the options of a command."""
+    from distal.from_logs import draft_columns
+    from distal.rig import edited_text, load_rig
+
+    columns = draft_columns(
+        load_rig(draft),
+        sources_of(logs),
+        truth=_listed(truth),
+        drives=_units_of(drive),
+        ignore=_listed(ignore),
+    )
+    for line in columns.in_words:
+        say(f"  {line}")
+    return edited_text(draft, columns.assignments)
+
+
+def _units_of(drive: list[str] | None) -> dict[str, str]:
+    """Return column → unit of the options ``--drive column=unit``."""
     drives = dict[str, str]()
     for text in drive or ():
         column, _, unit = text.partition("=")
         if not column:
             raise RigError(f"--drive is a column and its unit, such as m1=ticks; '{text}' came")
         drives[column] = unit
-    return rig_from_logs(
-        sources_of(logs), truth=_listed(truth), drives=drives, ignore=_listed(ignore), name=name
-    )
+    return drives
 
 
 def sources_of(logs: list[Path]) -> list[Path | Episode]:

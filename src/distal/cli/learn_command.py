@@ -18,6 +18,7 @@ from distal.cli.from_logs_command import (
     IgnoreOption,
     JointsOption,
     LogsArgument,
+    completed,
     found_in,
     say_found,
     sources_of,
@@ -51,7 +52,11 @@ def learn_command(
         "learned.toml"
     ),
     rig: Annotated[
-        Path | None, Option(help="A rig file to begin with, in place of what the logs show.")
+        Path | None,
+        Option(
+            help="A rig file to begin with, in place of what the logs show; columns that it does "
+            "not name are found by the names of drives and joints."
+        ),
     ] = None,
     truth: JointsOption = None,
     drive: DrivesOption = None,
@@ -64,7 +69,7 @@ def learn_command(
     from distal.fitting import fit
     from distal.logs import read_log
     from distal.reports import FIT_PAGES, fit_report
-    from distal.rig import build_rig, load_rig, parse_toml
+    from distal.rig import build_rig, parse_toml
 
     folder = report if report is not None else out.with_name(f"{out.stem}_page")
     outputs = [*to_file("--out", out), *to_folder("--report", folder, FIT_PAGES)]
@@ -77,8 +82,7 @@ def learn_command(
         say_found(found)
         text = found.text
     else:
-        text = rig.read_text(encoding="utf-8")
-        load_rig(rig)  # raises where it is none
+        text = completed(rig, logs, truth, drive, ignore)
     description = build_rig(parse_toml(text, str(out), RigError), out.stem)
     read = [read_log(source, description) for source in sources_of(logs)]
     # a job that is ended keeps the best so far, as by Ctrl-C

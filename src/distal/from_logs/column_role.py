@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from distal.from_logs.column_names import Role
@@ -58,5 +58,5 @@ class Overrides:
     """
 
     truth: tuple[str, ...] = ()
-    drives: Mapping[str, str] = ()  # type: ignore[assignment]
+    drives: Mapping[str, str] = field(default_factory=dict)
     ignore: tuple[str, ...] = ()

@@ -1,0 +1,102 @@
+"""Where logs hold the readings of a rig file's sensors, whose columns it does not name."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from distal.from_logs.column_names import Role
+from distal.from_logs.column_role import ColumnRole, Overrides
+from distal.from_logs.columns import column_roles
+from distal.from_logs.log_times import rates_of, time_unit
+from distal.from_logs.raw_log import read_raw, with_same_columns
+from distal.from_logs.raw_values import column_of
+from distal.logs import Source, name_and_unit
+from distal.rig import Rig
+
+ROLES: Mapping[str, Role] = {"position": "position", "force": "effort", "angle": "angle"}
+"""What a sensor measures → the role of its column."""
+
+
+@dataclass(frozen=True)
+class DraftColumns:
+    """Where logs hold what a rig file's sensors read.
+
+    Args:
+        assignments: what to set in the rig file, ``path=value``.
+        in_words: a line for each column that was found.
+    """
+
+    assignments: tuple[str, ...]
+    in_words: tuple[str, ...]
+
+
+def draft_columns(
+    rig: Rig,
+    logs: Sequence[Source],
+    *,
+    truth: Sequence[str] = (),
+    drives: Mapping[str, str] | None = None,
+    ignore: Sequence[str] = (),
+) -> DraftColumns:
+    """Return the columns of sensors whose own the logs do not have.
+
+    A column is a sensor's if it is that drive's position or effort, or that joint's angle, by its
+    name; or if one sensor and one column of a kind are left.
+
+    Args:
+        rig: the draft, which is a rig file already.
+        logs: paths or frames with the same columns.
+        truth: columns of joints' reference angles, where names do not say so.
+        drives: column of a drive's position → its unit, or empty.
+        ignore: columns that are none of this.
+
+    Raises:
+        LogError: a log cannot be read, or has no time.
+    """
+    raw, _ = with_same_columns([read_raw(path) for path in logs])
+    columns = column_roles(raw, Overrides(tuple(truth), dict(drives or {}), tuple(ignore)))
+    time = next(column for column in columns if column.role == "time")
+    unit = time_unit(time, raw)[0]
+    rates = rates_of(raw, time, unit)
+    headers = {name for column in columns for name in (column.header, column_of(column))}
+    assignments = list[str]()
+    lines = list[str]()
+    if rig.log.time.column not in headers:
+        assignments.append(f"log.time={{column='{column_of(time)}',unit='{unit}'}}")
+        lines.append(f"the time is in column {time.header}")
+    for measures, role in ROLES.items():
+        lacking = [
+            (sensor.name, sensor.of)
+            for sensor in rig.sensors
+            if sensor.measures == measures and sensor.log_column not in headers
+        ]
+        taken = {sensor.log_column for sensor in rig.sensors}
+        free = [c for c in columns if c.role == role and column_of(c) not in taken]
+        for name, column in _matched(lacking, free):
+            assignments.append(f"sensors.{name}.column='{column_of(column)}'")
+            assignments.append(f"sensors.{name}.rate={rates[column.header]}")
+            if name_and_unit(column.header)[1] is not None:
+                assignments.append(f"sensors.{name}.unit='{column.unit}'")
+            lines.append(f"{name} is read in column {column.header}")
+    return DraftColumns(tuple(assignments), tuple(lines))
+
+
+def _matched(
+    lacking: Sequence[tuple[str, str]], columns: Sequence[ColumnRole]
+) -> list[tuple[str, ColumnRole]]:
+    """Return the names of sensors, which have these names and are of these parts, with their
+    columns.
+    """
+    by_part = {_plain(column.part): column for column in columns}
+    pairs = [(name, by_part[_plain(of)]) for name, of in lacking if _plain(of) in by_part]
+    if len(lacking) == len(columns) == 1:
+        pairs = [(lacking[0][0], columns[0])]
+    return pairs
+
+
+def _plain(name: str) -> str:
+    """Return a name without what spellings differ in: motor_1, Motor 1, m1 and 1 are one."""
+    letters = "".join(letter for letter in name.lower() if letter.isalnum())
+    return re.sub(r"^(motor|servo|drive|m)(?=\d+$)", "", letters)

@@ -1,0 +1,79 @@
+"""The columns of logs for a rig file that does not name them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from distal.errors import LogError
+from distal.from_logs import draft_columns
+from distal.logs import read_log
+from distal.rig import Rig, edited_text, from_table, load_rig
+from tests.from_logs.logs import Floats, written
+
+TABLE = """joint,motor,spool_radius [mm],joint_radius [mm],direction,low [deg],high [deg]
+mcp,1,7,8,1,-20,95
+pip,2,7,7.5,1,0,105
+"""
+
+
+def draft(folder: Path) -> tuple[Path, Rig]:
+    """Return the file of a hand of two joints, whose drives are motor_1 and motor_2, and it."""
+    table = folder / "hand.csv"
+    table.write_text(TABLE, encoding="utf-8")
+    path = folder / "hand.toml"
+    path.write_text(from_table(table).text, encoding="utf-8")
+    return path, load_rig(path)
+
+
+def two_motors(seed: int, first: str, second: str) -> dict[str, Floats]:
+    """Return a log in which two motors of such names turn two joints."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, 10.0, 0.02)
+    columns = {"time_s": time}
+    for motor, joint, rate in ((first, "mcp", 0.7), (second, "pip", 0.4)):
+        angle = 20.0 * np.sin(2.0 * np.pi * rate * time + rng.uniform(0.0, 6.28))
+        columns[f"{motor} position [deg]"] = 1.1 * angle + rng.normal(0.0, 0.05, len(time))
+        columns[f"{motor} current [mA]"] = 80.0 * np.sign(np.cos(rate * time)) + rng.normal(
+            0.0, 5.0, len(time)
+        )
+        columns[f"{joint} angle [deg]"] = angle
+    return columns
+
+
+def test_columns_are_found_by_the_names_of_drives_and_joints(tmp_path: Path) -> None:
+    """They come with the units of their headers and with their rates, and the log can be read."""
+    path, rig = draft(tmp_path)
+    logs = written([two_motors(k, "Motor 1", "Motor 2") for k in range(3)], tmp_path)
+    with pytest.raises(LogError, match="is missing"):
+        read_log(logs[0], rig)
+    columns = draft_columns(rig, logs)
+    assert len(columns.in_words) == len(rig.sensors) + 1
+    completed = tmp_path / "completed.toml"
+    completed.write_text(edited_text(path, columns.assignments), encoding="utf-8")
+    log = read_log(logs[0], load_rig(completed))
+    by_name = {sensor.name: sensor for sensor in load_rig(completed).sensors}
+    assert by_name["motor_2_position"].log_column == "Motor 2 position"
+    assert by_name["motor_2_position"].unit == "deg"
+    assert by_name["motor_1_current"].rate == pytest.approx(50.0, rel=0.01)
+    assert len(log.time) == 500
+
+
+def test_columns_of_drives_of_other_names_stay_unknown(tmp_path: Path) -> None:
+    """Which of two motors is the first is no guess of the command's."""
+    _, rig = draft(tmp_path)
+    logs = written([two_motors(k, "left", "right") for k in range(3)], tmp_path)
+    columns = draft_columns(rig, logs)
+    assert not any("motor_" in line for line in columns.assignments)
+    assert any("encoder_pip" in line for line in columns.assignments)
+
+
+def test_columns_that_the_rig_file_names_stay(tmp_path: Path) -> None:
+    path, rig = draft(tmp_path)
+    logs = written([two_motors(k, "Motor 1", "Motor 2") for k in range(3)], tmp_path)
+    completed = tmp_path / "completed.toml"
+    assignments = draft_columns(rig, logs).assignments
+    completed.write_text(edited_text(path, assignments), encoding="utf-8")
+    assert draft_columns(load_rig(completed), logs).assignments == ()
