@@ -134,6 +134,8 @@ def _answer(result: Fit, logs: Sequence[Log]) -> None:
         say_scores(result)
         for line in _limits(result, float(np.mean(errors))):
             say(line)
+    elif result.interrupted:
+        say("interrupted before a log was left out: nothing is known of errors on unseen logs")
     else:
         say(
             "with three logs of known angles the answer has errors on logs that were not learned "
