@@ -241,9 +241,14 @@ def motor_and_joint(seed: int, inertia: float, rotor: float) -> dict[str, Floats
     }
 
 
-def test_the_inertia_and_damping_of_a_motor_are_not_the_joints(tmp_path: Path) -> None:
-    """The taken spool of 8 mm changes no torque on the motor, and none on the joint."""
-    logs = [motor_and_joint(k, inertia=4e-6, rotor=2e-5) for k in range(3)]
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_the_inertia_and_damping_of_a_motor_are_not_the_joints(tmp_path: Path, way: float) -> None:
+    """The taken spool of 8 mm changes no torque on the motor, and none on the joint; the torque may
+    be read with the other sign.
+    """
+    logs = [motor_and_joint(k, inertia=4e-6, rotor=2e-5) for k in range(10, 13)]
+    for log in logs:
+        log["tau_m_Nm"] = way * log["tau_m_Nm"]
     rig = rig_from_logs(written(logs, tmp_path)).rig
     (drive,) = rig.drives
     assert isinstance(drive, Capstan)

@@ -60,9 +60,8 @@ def drive_friction(
         structure: what it moves.
         constant: force or torque per effort.
         per_speed: the same, signed, with the gear between what is read and the drive.
-        is_force: whether the effort is a force or a torque. The damping that a current shows is not
-            taken for the drive's: in geared motors with sheaths it is also along the path, and is
-            left to the joints.
+        is_force: whether the effort is a force or a torque. Damping is taken from these alone: what
+            a current shows is also along the path, and is left to the joints.
     """
     usual, of_motion = _by_effort(logs, drive, structure, np.sign(per_speed))
     share = 0.0
@@ -98,12 +97,12 @@ def _by_effort(
     if len(efforts) < matrix.shape[1]:
         return 0.0, np.zeros(2)
     solution, left = scaled_solution(matrix, efforts)
-    counts = np.ones(matrix.shape[1], dtype=bool)
-    counts[-2:] = solution[-2:] > CLEAR * left * relative_errors(matrix)[-2:]
+    significant = np.ones(matrix.shape[1], dtype=bool)
+    significant[-2:] = solution[-2:] > CLEAR * left * relative_errors(matrix)[-2:]
     moved = scaled_solution(matrix[:, -3:], efforts)[0]
-    counts[-1] &= solution[-1] > DRIVE_SHARE * moved[-1]
-    solution = np.zeros(len(counts))
-    solution[counts], _ = scaled_solution(matrix[:, counts], efforts)
+    significant[-1] &= solution[-1] > DRIVE_SHARE * moved[-1]
+    solution = np.zeros(len(significant))
+    solution[significant], _ = scaled_solution(matrix[:, significant], efforts)
     return float(abs(solution[-3])), solution[-2:]
 
 
