@@ -83,6 +83,18 @@ def drive_friction(
     )
 
 
+def is_reversed(logs: Sequence[MotionData], drive: int, structure: DriveStructure) -> bool:
+    """Return whether a drive's effort clearly falls where it moves forward, at the same angles, so
+    that it is read with the other sign: all friction acts against motion.
+    """
+    matrix, efforts = _system(logs, drive, structure)
+    matrix = np.delete(matrix, len(structure.joints), axis=1)
+    if len(efforts) < matrix.shape[1]:
+        return False
+    solution, left = scaled_solution(matrix, efforts)
+    return bool(solution[-3] < -CLEAR * left * relative_errors(matrix)[-3])
+
+
 def _by_effort(
     logs: Sequence[MotionData], drive: int, structure: DriveStructure, sign: float
 ) -> tuple[float, Floats]:
@@ -91,9 +103,8 @@ def _by_effort(
 
     The efforts of a drive that moves forward have a `sign`.
     """
-    parts = [_rows(log, drive, structure) for log in logs]
-    matrix = np.vstack([columns for columns, _ in parts])
-    efforts = sign * np.concatenate([values for _, values in parts])
+    matrix, efforts = _system(logs, drive, structure)
+    efforts = sign * efforts
     if len(efforts) < matrix.shape[1]:
         return 0.0, np.zeros(2)
     solution, left = scaled_solution(matrix, efforts)
@@ -104,6 +115,16 @@ def _by_effort(
     solution = np.zeros(len(significant))
     solution[significant], _ = scaled_solution(matrix[:, significant], efforts)
     return float(abs(solution[-3])), solution[-2:]
+
+
+def _system(
+    logs: Sequence[MotionData], drive: int, structure: DriveStructure
+) -> tuple[Floats, Floats]:
+    """Return the columns and efforts of all logs."""
+    parts = [_rows(log, drive, structure) for log in logs]
+    return np.vstack([columns for columns, _ in parts]), np.concatenate(
+        [efforts for _, efforts in parts]
+    )
 
 
 def _rows(log: MotionData, drive: int, structure: DriveStructure) -> tuple[Floats, Floats]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.from_logs.column_role import ColumnRole
-from distal.from_logs.drive_friction import DriveFriction, drive_friction
+from distal.from_logs.drive_friction import DriveFriction, drive_friction, is_reversed
 from distal.from_logs.motion_data import MotionData
 from distal.from_logs.structure import CLEAR, DriveStructure
 
@@ -131,7 +131,8 @@ def drive_sizes(
     constant = 1.0
     if effort is not None and effort.si == "A":
         constant = ASSUMED_CONSTANT
-    reversed_effort = -1 if knows and structure.compliance < 0.0 else 1
+    falls = structure.compliance < 0.0 if knows else is_read and is_reversed(logs, drive, structure)
+    reversed_effort = -1 if falls else 1
     pulls = reversed_effort * efforts * constant
     low, high = np.quantile(pulls, [0.05, 0.95]) if is_read else (float("nan"), float("nan"))
     smaller, larger = sorted([abs(low), abs(high)])
