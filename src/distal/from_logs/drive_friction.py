@@ -63,7 +63,7 @@ def drive_friction(
         is_force: whether the effort is a force or a torque. Damping is taken from these alone: what
             a current shows is also along the path, and is left to the joints.
     """
-    usual, of_motion = _by_effort(logs, drive, structure, np.sign(per_speed))
+    usual, of_motion = _by_effort(logs, drive, structure, np.sign(per_speed), is_force)
     share = 0.0
     share_std = 0.0
     if structure.growth != 0.0:
@@ -78,7 +78,7 @@ def drive_friction(
         usual=usual * constant,
         share=share,
         share_std=share_std,
-        damping=float(of_motion[0] * abs(per_speed)) if is_force else 0.0,
+        damping=float(of_motion[0] * abs(per_speed)),
         inertia=float(of_motion[1] * abs(per_speed)),
     )
 
@@ -96,12 +96,16 @@ def is_reversed(logs: Sequence[MotionData], drive: int, structure: DriveStructur
 
 
 def _by_effort(
-    logs: Sequence[MotionData], drive: int, structure: DriveStructure, sign: float
+    logs: Sequence[MotionData],
+    drive: int,
+    structure: DriveStructure,
+    sign: float,
+    damped: bool,
 ) -> tuple[float, Floats]:
     """Return half of the difference of efforts between both directions, and how much they grow with
     speed and acceleration, (2,), all else equal; 0 where the logs do not show that.
 
-    The efforts of a drive that moves forward have a `sign`.
+    The efforts of a drive that moves forward have a `sign`. They grow with speed only if `damped`.
     """
     matrix, efforts = _system(logs, drive, structure)
     efforts = sign * efforts
@@ -110,6 +114,7 @@ def _by_effort(
     solution, left = scaled_solution(matrix, efforts)
     significant = np.ones(matrix.shape[1], dtype=bool)
     significant[-2:] = solution[-2:] > CLEAR * left * relative_errors(matrix)[-2:]
+    significant[-2] &= damped
     moved = scaled_solution(matrix[:, -3:], efforts)[0]
     significant[-1] &= solution[-1] > DRIVE_SHARE * moved[-1]
     solution = np.zeros(len(significant))
