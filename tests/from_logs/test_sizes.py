@@ -216,9 +216,11 @@ def test_inertias_that_no_joint_carries_for_another_are_no_links(tmp_path: Path)
         assert joint.inertia.value == pytest.approx(3e-5, rel=0.15)
 
 
-def motor_and_joint(seed: int, inertia: float, rotor: float) -> dict[str, Floats]:
-    """Return a log of a motor whose spool of 6 mm turns a joint's pulley of 5 mm by two tendons;
-    its torque is read in the motor, which rubs and is damped.
+def motor_and_joint(
+    seed: int, inertia: float, rotor: float, load: float = 0.0
+) -> dict[str, Floats]:
+    """Return a log of a motor whose spool of 6 mm turns a joint's pulley of 5 mm by two tendons,
+    against a constant load; its torque is read in the motor, which rubs and is damped.
     """
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, 20.0, 1.0 / 200.0)
@@ -228,7 +230,7 @@ def motor_and_joint(seed: int, inertia: float, rotor: float) -> dict[str, Floats
         angle += 0.12 * np.sin(w * time + phase)
         speed += 0.12 * w * np.cos(w * time + phase)
         acceleration -= 0.12 * w**2 * np.sin(w * time + phase)
-    torque = inertia * acceleration + 5e-3 * np.sign(speed)
+    torque = inertia * acceleration + 5e-3 * np.sign(speed) + load
     turned = (5.0 * angle + torque / 5e-3 / (2.0 * 1.5e4) * 1e3) / 6.0
     turning = np.gradient(turned, time)
     effort = torque * 6.0 / 5.0 + 1e-3 * np.sign(turning) + 1e-3 * turning
@@ -256,6 +258,18 @@ def test_the_inertia_and_damping_of_a_motor_are_not_the_joints(tmp_path: Path, w
     assert drive.damping.value == pytest.approx(1e-3, rel=0.2)
     assert rig.joints[0].inertia.value == pytest.approx(4e-6, rel=0.5)
     assert [sensor.sign for sensor in rig.sensors if sensor.measures == "force"] == [way]
+
+
+@pytest.mark.parametrize(("load", "count"), [(7.5e-3, 2), (3e-2, 1)])
+def test_a_drive_that_pulls_both_ways_has_two_tendons(
+    tmp_path: Path, load: float, count: int
+) -> None:
+    """Under a load of 7.5 mN m the smaller pull is an eighth of the larger one."""
+    logs = [motor_and_joint(k, inertia=0.0, rotor=0.0, load=load) for k in range(3)]
+    efforts = np.concatenate([log["tau_m_Nm"] for log in logs])
+    low, high = np.quantile(efforts, [0.05, 0.95])
+    assert (-0.15 < low / high < -0.07) == (count == 2)
+    assert len(rig_from_logs(written(logs, tmp_path)).rig.tendons) == count
 
 
 def test_an_inertia_that_logs_do_not_show_is_as_small_as_they_show(tmp_path: Path) -> None:

@@ -26,9 +26,10 @@ LARGEST_RATIO = 4.0
 USUAL_RATIO = 1.0
 """Radius of a joint's pulley over that of a spool behind a gear. Source: judgement."""
 
-TWO_SIDED = 0.2
+TWO_SIDED = 0.05
 """Efforts of both signs, the smaller above this share of the larger: two tendons on one spool.
-Source: judgement.
+Source: benchmark (`benchmarks.from_logs structure`, seeds 9400 to 9519, 9626, 9645: drives of one
+tendon up to 0.02, of two from 0.09 on).
 """
 
 SHARE_OF_PAIR = 1.5
