@@ -77,3 +77,42 @@ def test_columns_that_the_rig_file_names_stay(tmp_path: Path) -> None:
     assignments = draft_columns(rig, logs).assignments
     completed.write_text(edited_text(path, assignments), encoding="utf-8")
     assert draft_columns(load_rig(completed), logs).assignments == ()
+
+
+@pytest.mark.parametrize("name", ["l'angle", 'the "finger"'])
+def test_the_only_column_of_a_kind_may_have_any_name(tmp_path: Path, name: str) -> None:
+    """A quotation mark in it does not end the text in the rig file."""
+    table = tmp_path / "hand.csv"
+    table.write_text("\n".join(TABLE.splitlines()[:2]), encoding="utf-8")
+    path = tmp_path / "hand.toml"
+    path.write_text(from_table(table).text, encoding="utf-8")
+    logs = []
+    for k in range(3):
+        columns = two_motors(k, "left", "right")
+        header = name.replace('"', '""')
+        kept = {
+            f'"{header} [deg]"': columns["mcp angle [deg]"],
+            "left position [deg]": columns["left position [deg]"],
+            "left current [mA]": columns["left current [mA]"],
+        }
+        logs.append({"time_s": columns["time_s"], **kept})
+    found = draft_columns(load_rig(path), written(logs, tmp_path), truth=[name])
+    completed = tmp_path / "completed.toml"
+    completed.write_text(edited_text(path, found.assignments), encoding="utf-8")
+    assert {sensor.log_column for sensor in load_rig(completed).sensors} == {
+        name,
+        "left position",
+        "left current",
+    }
+
+
+def test_two_sensors_of_one_drive_are_not_both_read_in_its_column(tmp_path: Path) -> None:
+    path, _ = draft(tmp_path)
+    text = path.read_text(encoding="utf-8")
+    second = text[text.index('[[sensors]]\nname = "motor_1_position"') :]
+    second = second[: second.index("[[sensors]]", 5)].replace("motor_1_position", "second")
+    path.write_text(f"{text}\n{second}", encoding="utf-8")
+    logs = written([two_motors(k, "Motor 1", "Motor 2") for k in range(3)], tmp_path)
+    lines = draft_columns(load_rig(path), logs).assignments
+    assert not any("motor_1_position" in line or "second" in line for line in lines)
+    assert any("motor_2_position" in line for line in lines)

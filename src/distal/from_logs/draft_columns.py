@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from distal.from_logs.column_names import Role
-from distal.from_logs.column_role import ColumnRole, Overrides
+from distal.from_logs.column_role import Overrides
 from distal.from_logs.columns import column_roles
 from distal.from_logs.log_times import rates_of, time_unit
 from distal.from_logs.raw_log import read_raw, with_same_columns
@@ -43,7 +45,7 @@ def draft_columns(
     """Return the columns of sensors whose own the logs do not have.
 
     A column is a sensor's if it is that drive's position or effort, or that joint's angle, by its
-    name; or if one sensor and one column of a kind are left.
+    name; or if the rig has one sensor and the logs have one column of a kind.
 
     Args:
         rig: the draft, which is a rig file already.
@@ -64,18 +66,22 @@ def draft_columns(
     assignments = list[str]()
     lines = list[str]()
     if rig.log.time.column not in headers:
-        assignments.append(f"log.time={{column='{column_of(time)}',unit='{unit}'}}")
+        assignments.append(f"log.time={{column={_quoted(column_of(time))},unit='{unit}'}}")
         lines.append(f"the time is in column {time.header}")
     for measures, role in ROLES.items():
-        lacking = [
-            (sensor.name, sensor.of)
-            for sensor in rig.sensors
-            if sensor.measures == measures and sensor.log_column not in headers
-        ]
-        taken = {sensor.log_column for sensor in rig.sensors}
-        free = [c for c in columns if c.role == role and column_of(c) not in taken]
-        for name, column in _matched(lacking, free):
-            assignments.append(f"sensors.{name}.column='{column_of(column)}'")
+        sensors = [sensor for sensor in rig.sensors if sensor.measures == measures]
+        alike = [column for column in columns if column.role == role]
+        by_part = {_plain(column.part): column for column in alike}
+        counts = Counter(_plain(sensor.of) for sensor in sensors)
+        for sensor in sensors:
+            part = _plain(sensor.of)
+            column = by_part.get(part) if counts[part] == 1 else None
+            if len(sensors) == len(alike) == 1:
+                column = alike[0]
+            if column is None or sensor.log_column in headers:
+                continue
+            name = sensor.name
+            assignments.append(f"sensors.{name}.column={_quoted(column_of(column))}")
             assignments.append(f"sensors.{name}.rate={rates[column.header]}")
             if name_and_unit(column.header)[1] is not None:
                 assignments.append(f"sensors.{name}.unit='{column.unit}'")
@@ -83,17 +89,9 @@ def draft_columns(
     return DraftColumns(tuple(assignments), tuple(lines))
 
 
-def _matched(
-    lacking: Sequence[tuple[str, str]], columns: Sequence[ColumnRole]
-) -> list[tuple[str, ColumnRole]]:
-    """Return the names of sensors, which have these names and are of these parts, with their
-    columns.
-    """
-    by_part = {_plain(column.part): column for column in columns}
-    pairs = [(name, by_part[_plain(of)]) for name, of in lacking if _plain(of) in by_part]
-    if len(lacking) == len(columns) == 1:
-        pairs = [(lacking[0][0], columns[0])]
-    return pairs
+def _quoted(text: str) -> str:
+    """Return a text as a TOML string, which a quotation mark in it does not end."""
+    return json.dumps(text, ensure_ascii=False)
 
 
 def _plain(name: str) -> str:
