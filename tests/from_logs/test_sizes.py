@@ -260,6 +260,17 @@ def test_the_inertia_and_damping_of_a_motor_are_not_the_joints(tmp_path: Path, w
     assert [sensor.sign for sensor in rig.sensors if sensor.measures == "force"] == [way]
 
 
+@pytest.mark.parametrize(("column", "guessed"), [("tau_m_Nm", False), ("current_m_A", True)])
+def test_damping_that_a_current_shows_is_not_the_drives_alone(
+    tmp_path: Path, column: str, guessed: bool
+) -> None:
+    logs = [motor_and_joint(k, inertia=4e-6, rotor=2e-5) for k in range(3)]
+    for log in logs:
+        log[column] = log.pop("tau_m_Nm")
+    found = rig_from_logs(written(logs, tmp_path))
+    assert ("damping of motors" in found.guesses) == guessed
+
+
 @pytest.mark.parametrize(("load", "count"), [(7.5e-3, 2), (3e-2, 1)])
 def test_a_drive_that_pulls_both_ways_has_two_tendons(
     tmp_path: Path, load: float, count: int
