@@ -4,7 +4,6 @@ readings, and the range in which they hold.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Annotated, ClassVar, Self
 
 import numpy as np
@@ -169,39 +168,6 @@ class LearnedMap(Description):
     joints: tuple[JointMap, ...] = Field(
         min_length=1, description="coefficients and covariance, one for each joint"
     )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _as_first_written(cls, raw: object) -> object:
-        """Read what a fit wrote before all maps had one form: widths by another name, no terms, no
-        band.
-        """
-        if (
-            not isinstance(raw, Mapping)
-            or "width" in raw
-            or "channels" not in raw
-            or "joints" not in raw
-        ):
-            return raw
-        fields = dict(raw)
-        m = len(raw["channels"])
-        joints = len(raw["joints"])
-        if "dead_band" in fields:  # [affine]: a straight line and directions of motion
-            bands = fields.pop("dead_band")
-            turns = [f"slip({name})" for name in raw["channels"][: len(bands)]]
-            fields["terms"] = [CONSTANT, *raw["channels"], *turns]
-            fields["width"] = [
-                bands[i] / raw["scale"][i] if i < len(bands) else 1.0 for i in range(m)
-            ]
-        else:
-            fields["width"] = [fields.pop("play", fields.pop("slip", 1.0))] * m
-        fields.setdefault("rate", [0.0] * len(raw["centre"]))
-        fields.setdefault("distance", [[0.0] * m] * m)
-        fields.setdefault("reach", 1.0)
-        fields.setdefault("spread", [0.0] * joints)
-        band = fields.get("band", 1.0)
-        fields["band"] = [band] * joints if isinstance(band, (int, float)) else band
-        return fields
 
     @model_validator(mode="after")
     def _sizes_fit(self) -> Self:
