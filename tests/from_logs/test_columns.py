@@ -116,6 +116,16 @@ def test_without_a_time_it_says_so() -> None:
         column_roles([RawLog("one", columns)], NO_OVERRIDES)
 
 
+def test_a_second_column_called_a_time_may_be_anything() -> None:
+    """A laser's `time_increment` beside joints has the same value in a few rows, and none else."""
+    columns = finger(4)
+    gaps = np.arange(len(columns["t_ms"])) % 5 > 0
+    columns["/scan.time_increment"] = np.where(gaps, np.nan, 1e-3)
+    found = {c.header: c.role for c in column_roles([RawLog("one", columns)], NO_OVERRIDES)}
+    assert found["t_ms"] == "time"
+    assert found["/scan.time_increment"] == "other"
+
+
 def test_words_of_datasets_name_no_drive() -> None:
     assert name_evidence("observation.state.motor_position_deg").subject == ""
     found = name_evidence("action.finger_deg")

@@ -18,6 +18,7 @@ from distal.logs import (
     estimate_schema,
     is_recording,
     open_recording,
+    recorded_columns,
 )
 from distal.logs.recordings import _stamped
 
@@ -120,24 +121,31 @@ def test_what_a_bag_lacks_is_named(rig: Rig, named: Rig, log: Log, tmp_path: Pat
     with pytest.raises(LogError, match="is not there"):
         read_log(tmp_path / "absent.mcap", named)
     (tmp_path / "broken.mcap").write_bytes(b"\x89MCAP0\r\n nonsense")
-    with pytest.raises(LogError, match=r"broken\.mcap: cannot be read"):
+    with (
+        pytest.raises(LogError, match=r"broken\.mcap: cannot be read"),
+        pytest.warns(DistalWarning, match="has no end"),
+    ):
         read_log(tmp_path / "broken.mcap", named)
 
 
-def test_messages_of_ros_in_mcap(rig: Rig, named: Rig, log: Log, tmp_path: Path) -> None:
-    """A file of MCAP with messages of ROS 2 holds their definitions."""
+def mcap_of_vectors(rig: Rig, log: Log, path: Path, topic: str) -> Rig:
+    """Write a file of MCAP with a topic of ROS 2 for each drive, whose names begin with `topic`,
+    and a service event that no library can decode; return the rig with columns by topic and field.
+    """
     from mcap.writer import Writer
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.LATEST)
     kind = "geometry_msgs/msg/Vector3"
     made = store.types[kind]
-    path = tmp_path / "run.mcap"
     with path.open("wb") as file:
-        writer = Writer(file)
+        writer = Writer(file, chunk_size=4096)
         writer.start()
+        odd = writer.register_schema("a/srv/Event", "ros2msg", b"a/srv/Unknown request\n")
+        event = writer.register_channel("/service_event", "cdr", odd)
+        writer.add_message(event, 0, b"\0\1\0\0", 0)
         schema = writer.register_schema(kind, "ros2msg", b"float64 x\nfloat64 y\nfloat64 z\n")
-        channels = {n: writer.register_channel(f"/drive{n}", "cdr", schema) for n in (1, 2)}
+        channels = {n: writer.register_channel(f"{topic}{n}", "cdr", schema) for n in (1, 2)}
         for k, time in enumerate(log.time):
             for n, channel in channels.items():
                 x, u = (log.channels[f"{letter}{n}"][k] for letter in "xu")
@@ -148,16 +156,51 @@ def test_messages_of_ros_in_mcap(rig: Rig, named: Rig, log: Log, tmp_path: Path)
     values = {}
     for n in (1, 2):
         values |= {
-            f"sensors.{names.index(f'{k}{n}')}.column": f"/drive{n}.{f}"
+            f"sensors.{names.index(f'{k}{n}')}.column": f"{topic}{n}.{f}"
             for k, f in (("x", "x"), ("u", "y"))
         }
         values |= {
             f"sensors.{names.index(f'x{n}')}.unit": "m",
             f"sensors.{names.index(f'u{n}')}.unit": "N",
         }
-    read = read_log(path, rig.with_values(values))
+    return rig.with_values(values)
+
+
+@pytest.mark.parametrize("topic", ["/drive", "drive"])
+def test_messages_of_ros_in_mcap(rig: Rig, log: Log, tmp_path: Path, topic: str) -> None:
+    """A file of MCAP with messages of ROS 2 holds their definitions. What nobody asks for is passed
+    over, and a topic needs no slash.
+    """
+    path = tmp_path / "run.mcap"
+    by_topic = mcap_of_vectors(rig, log, path, topic)
+    read = read_log(path, by_topic)
     for name in TOPICS:
         np.testing.assert_allclose(read.channels[name], log.channels[name], rtol=1e-12)
+    assert recorded_columns(path) == [f"{topic}{n}.{field}" for n in (1, 2) for field in "xyz"]
+    at = [sensor.name for sensor in rig.sensors].index("x1")
+    with pytest.raises(LogError, match=r"a message of '/service_event' cannot be decoded"):
+        read_log(path, by_topic.with_values({f"sensors.{at}.column": "/service_event.x"}))
+
+
+def test_a_recording_that_was_cut_off(rig: Rig, log: Log, tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    by_topic = mcap_of_vectors(rig, log, path, "/drive")
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.warns(DistalWarning, match=r"run\.mcap: has no end, recording or copying"):
+        read = read_log(path, by_topic)
+    assert 0.2 * len(log) < len(read) < 0.9 * len(log)
+    np.testing.assert_allclose(read.channels["x1"], log.channels["x1"][: len(read)], rtol=1e-12)
+    path.write_bytes(b"<!DOCTYPE html>")
+    with pytest.raises(LogError, match=r"is no MCAP file, since it begins with b'<!DOCTYP'"):
+        read_log(path, by_topic)
+
+
+@pytest.mark.parametrize("name", ["run.csv", "run.parquet", "run.h5", "run.mcap", "run.db3"])
+def test_a_pointer_of_git_lfs(rig: Rig, tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n")
+    with pytest.raises(LogError, match="is a pointer of Git LFS; fetch the log itself"):
+        read_log(path, rig)
 
 
 def test_a_recorder_writes_what_the_reader_of_mcap_reads(tmp_path: Path) -> None:

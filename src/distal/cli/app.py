@@ -31,7 +31,7 @@ from distal.cli import (
     study_command,
     view_command,
 )
-from distal.cli.console import show_warnings
+from distal.cli.console import TRACEBACK, fault, show_warnings
 from distal.errors import LONGEST_LINE, DistalError, OutputError, one_line
 
 # typer raises errors of the click that it uses, which is its own copy or the package; in both cases
@@ -110,9 +110,6 @@ def main() -> None:
     sys.exit(code if isinstance(code, int) else 0)
 
 
-TRACEBACK = "DISTAL_TRACEBACK"
-"""Environment variable that lets Python print the traceback of a fault of distal."""
-
 WRONG = 2
 """Exit code of an error that the user can mend. Source: definition (exit code of wrong usage in
 Unix shells).
@@ -161,11 +158,8 @@ def ended_by(problem: BaseException) -> object:
     elif os.environ.get(TRACEBACK):
         raise problem
     else:
-        text = f"{type(problem).__name__}: {str(problem)[:200]}"
+        text = fault(problem)
         code = BUG
-        text += (
-            f"; this is a fault of distal, please report it with what {TRACEBACK}=1 distal … prints"
-        )
     _say(f"error: {one_line(text, LONGEST_LINE - len('error: '))}")
     return code
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -13,7 +14,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from distal.errors import one_line, printable
+from distal.errors import DistalError, one_line, printable
 
 
 def out() -> Console:
@@ -54,6 +55,34 @@ def warn(text: str) -> None:
 def failure(text: str) -> None:
     """Print an error as one line on stderr; the command goes on after it."""
     print(f"error: {one_line(text)}", file=sys.stderr)
+
+
+TRACEBACK = "DISTAL_TRACEBACK"
+"""Environment variable that lets Python print the traceback of a fault of distal."""
+
+
+def fault(problem: BaseException) -> str:
+    """Return the text of an error that no user can mend."""
+    return (
+        f"{type(problem).__name__}: {str(problem)[:200]}; this is a fault of distal, please report "
+        f"it with what {TRACEBACK}=1 distal … prints"
+    )
+
+
+@contextmanager
+def continue_on_failure(part: str) -> Iterator[None]:
+    """Go on where a part of an answer fails, with one line on stderr that says so.
+
+    Args:
+        part: what is made within the context, for the line.
+    """
+    try:
+        yield
+    except Exception as problem:
+        if os.environ.get(TRACEBACK):
+            raise
+        reason = str(problem) if isinstance(problem, DistalError) else fault(problem)
+        failure(f"{part} failed; the rest of the answer holds: {reason}")
 
 
 LONGEST = 60

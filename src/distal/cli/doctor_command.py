@@ -106,8 +106,7 @@ def _say_structure(name: str, changes: list[str] | None) -> None:
 
 
 def _counted(rig: Rig) -> str:
-    kinds = ("joints", "drives", "tendons", "sensors")
-    counts = ((len(getattr(rig, kind)), kind) for kind in kinds)
+    counts = ((len(components), kind) for kind, components in rig.components.items())
     return ", ".join(f"{n} {kind if n != 1 else kind[:-1]}" for n, kind in counts)
 
 

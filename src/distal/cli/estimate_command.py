@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from distal.cli.console import failure, say, table, working
+from distal.cli.console import continue_on_failure, failure, say, table, working
 from distal.cli.paths import check_command_outputs, check_ending, to_file
 from distal.cli.shared_options import (
     MemoryOption,
@@ -340,7 +340,9 @@ def _explained(problem: DivergedError, log: Log, rig: Rig, home: float | None) -
     """
     from distal.diagnosis import why_diverged
 
-    with working("looking for what made the estimate leave all bounds"):
+    found = ""
+    doing = "looking for what made the estimate leave all bounds"
+    with continue_on_failure(doing), working(doing):
         found = "; ".join(finding.text for finding in why_diverged(log, rig, home))
     return DivergedError(f"{found}: {problem}") if found else problem
 
@@ -376,11 +378,13 @@ def _say(
         if note != final.unseen:
             say(note)
     # a smoothed estimate is of the same log and rig, and its innovations are the filter's
-    with working("testing what the log says of the rig"):
-        diagnosis = diagnose(final, log, rig, home, what_if=what_if)
-    say(diagnosis.text)
-    for finding in diagnosis.findings if findings else ():
-        say(f"  {finding.text}")
+    doing = "testing what the log says of the rig"
+    with continue_on_failure(doing):
+        with working(doing):
+            diagnosis = diagnose(final, log, rig, home, what_if=what_if)
+        say(diagnosis.text)
+        for finding in diagnosis.findings if findings else ():
+            say(f"  {finding.text}")
     for path in filter(None, written):
         say(f"wrote {path}")
     if final.unseen is not None:

@@ -10,7 +10,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from distal.cli.console import say, working
+from distal.cli.console import continue_on_failure, say, working
 from distal.cli.paths import check_command_outputs, to_page
 from distal.cli.shared_options import (
     EstimatorOption,
@@ -62,20 +62,23 @@ def view_command(
     description = load_rig(rig, settings(set_, repeated))
     samples = read_log(log, description, truth)
     home = homing_time(homing)
+    said = list[str]()
     with working(f"estimating with {estimator}") as show:
         result = estimate(samples, description, estimator, homing=home)
-        show("testing what the log says of the rig")
-        diagnosis = diagnose(result, samples, description, home).text
+        doing = "testing what the log says of the rig"
+        show(doing)
+        with continue_on_failure(doing):
+            said.append(diagnose(result, samples, description, home).text)
     position = out if out is not None else Path(tempfile.mkdtemp(prefix="distal-")) / "view.html"
     try:
         with working("drawing the page"):
-            view_page(result, samples, description, position, [diagnosis])
+            view_page(result, samples, description, position, said)
     except BaseException:
         if out is None:
             shutil.rmtree(position.parent, ignore_errors=True)
         raise
-    say(result.in_words())
-    say(diagnosis)
+    for line in (result.in_words(), *said):
+        say(line)
     say(f"wrote {position}")
     if (out is None if open_ is None else open_) and not webbrowser.open(
         position.resolve().as_uri()

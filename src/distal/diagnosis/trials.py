@@ -15,7 +15,7 @@ from distal.diagnosis.drive_residuals import INDEPENDENT
 from distal.diagnosis.rerun import ModelChange, Outcome, Rerun
 from distal.estimators import AdaptiveFilter
 from distal.logs import true_angles
-from distal.rig import Parameter
+from distal.rig import parameters_below
 
 FRICTION_KEYS = ("coefficient", "constant", "load")
 """Keys of friction that are tried."""
@@ -195,14 +195,15 @@ def _of_causes(causes: Sequence[Cause]) -> Iterator[Trial]:
 
 def _of_frictions(estimator: AdaptiveFilter) -> Iterator[Trial]:
     """Yield trials of friction in joints and drives that is less, or more, than in the rig."""
+    known = set(estimator.parameter_names)
     for kind in ("joints", "drives"):
-        for i, part in enumerate(getattr(estimator.rig, kind)):
+        for i, part in enumerate(estimator.rig.components[kind]):
+            tried = {f"{kind}.{i}.friction.{key}" for key in FRICTION_KEYS} & known
             paths = {
-                f"{kind}.{i}.friction.{key}": number
-                for key, number in part.friction
-                if isinstance(number, Parameter) and key in FRICTION_KEYS and number.value > 0.0
+                path: number
+                for path, number in parameters_below(part, f"{kind}.{i}")
+                if path in tried and number.value > 0.0
             }
-            paths = {path: paths[path] for path in paths if path in estimator.parameter_names}
             if paths:
                 std = max(number.total_std / number.value for number in paths.values())
                 subject = f"friction of {part.name}"

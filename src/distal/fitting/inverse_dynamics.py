@@ -218,7 +218,7 @@ class Equations:
         inside = list(still.internal_state(q).inside)
         for name in still.strains:
             _, index, kind, _ = name.split(".")
-            settled = getattr(still.rig.tendons[int(index)], kind).settled.value
+            settled = still.rig.tendons[int(index)].creeps[kind].settled.value
             path = f"tendons.{index}"
             tension = still.pulls(q, ca.SX.zeros(still.n_bodies)).drive[int(index)]
             share = still.parameters[f"{path}.{kind}.share"]

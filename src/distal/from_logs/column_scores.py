@@ -56,15 +56,16 @@ def time_column(
     logs: Sequence[RawLog], headers: Sequence[str], names: Mapping[str, NameEvidence]
 ) -> str:
     """Return the column that increases from row to row in all logs, by its name a time."""
-    for header in headers:
-        if names[header].scores["time"] >= CLEARLY:
-            check_increasing(header, logs)
     increasing = [
         header
         for header in headers
         if all(np.all(np.diff(log.columns[header]) >= 0.0) for log in logs)
         and all(np.ptp(log.columns[header]) > 0.0 for log in logs)
     ]
+    called_time = [header for header in headers if names[header].scores["time"] >= CLEARLY]
+    if not set(called_time) & set(increasing):
+        for header in called_time:
+            check_increasing(header, logs)
     if not increasing:
         raise LogError(
             f"no column of {logs[0].source} increases from row to row, so none is the time; the "

@@ -44,7 +44,7 @@ def moved_since(before: Rig, after: Rig) -> tuple[str, ...]:
     for kind in ("drives", "tendons", "sensors"):
         paths = [
             path
-            for k, part in enumerate(getattr(after, kind))
+            for k, part in enumerate(after.components[kind])
             for path, _ in parameters_below(part, f"{kind}.{k}")
         ]
         lines += [

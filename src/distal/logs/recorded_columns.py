@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
-from distal.logs.formats import Message
+from distal.logs.formats import Message, UndecodableError
 from distal.logs.messages import STAMPS
 from distal.logs.recordings import messages_of
 
@@ -40,12 +41,13 @@ def recorded_columns(path: str | Path) -> list[str]:
     for message in islice(messages_of(Path(path), set()), LOOKED_AT):
         seen[message.topic] += 1
         if seen[message.topic] <= OF_A_TOPIC:
-            columns |= dict.fromkeys(_columns_of(message))
+            with suppress(UndecodableError):  # others need not be of a kind that can be read
+                columns |= dict.fromkeys(_columns_of(message))
     return list(columns)
 
 
 def _columns_of(message: Message) -> Iterator[str]:
-    topic = message.topic if "/" in message.topic else ""
+    topic = "" if message.json and "/" not in message.topic else message.topic
     names = message.read("name")
     of_joints = [str(name) for name in names] if isinstance(names, list) else []
     for field in _fields(message.content):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.errors import DistalWarning, LogError
-from distal.logs.formats import Message, format_of
+from distal.logs.formats import Message, check_is_content, format_of
 from distal.logs.messages import number_of
 from distal.logs.stamps import LATEST
 from distal.suggestions import did_you_mean
@@ -73,17 +73,13 @@ def open_recording(
     readings: dict[str, list[Reading]] = {column: [] for column, _, _ in desired}
     topics: set[str] = set()
     for message in messages_of(path, topics):
-        stamp = _json_stamp(path, message, time, unit) if message.json else message.stamp
         for column, topic, field in desired:
-            cell = (
-                element(message.read, field)
-                if topic in ("", message.topic) and (topic or message.json)
-                else None
-            )
+            cell = element(message.read, field) if field and topic == message.topic else None
             if cell is None and message.json:
                 cell = message.read(column)
             if cell is None:
                 continue
+            stamp = _json_stamp(path, message, time, unit) if message.json else message.stamp
             if isinstance(cell, (list, dict)) or np.asarray(cell, dtype=object).ndim > 0:
                 raise LogError(
                     f"{path}: '{column}' is no number; name one element of it, e.g. {column}[0]"
@@ -104,7 +100,8 @@ def open_recording(
         )
     stamped = _stamped(path, {column: samples for column, samples in readings.items() if samples})
     stamped = _in_cycles(
-        stamped, {column: topic for column, topic, field in desired if field[:1] == "["}
+        stamped,
+        {column: topic for column, topic, field in desired if field[:1] == "[" and topic in topics},
     )
     rows = _merged([[stamp for stamp, _ in samples] for samples in stamped.values()])
     columns_of = {time: (rows - rows[0]) * 1e-9 / unit}
@@ -123,15 +120,15 @@ def _number(path: Path, cell: object, name: str) -> float:
 
 
 def _named(column: str) -> tuple[str, str]:
-    """Return the topic and the field of a column; a bare name has no topic.
+    """Return the topic and the field of a column, or the two parts of a path in a JSON message.
 
     In ``/joint_states[left.wrist].position`` the field is ``[left.wrist].position``; see `element`.
     """
-    match = re.fullmatch(r"([^\[\].]*/[^\[\].]*)(\[[^\[\]]+\]\..+)", column)
+    match = re.fullmatch(r"([^\[\].]+)(\[[^\[\]]+\]\..+)", column)
     if match is not None:
         return match[1], match[2]
-    topic, dot, field = column.partition(".")
-    return (topic, field) if dot and "/" in topic else ("", column)
+    topic, _, field = column.partition(".")
+    return topic, field
 
 
 def element(read: Read, field: str) -> object:
@@ -291,6 +288,7 @@ def messages_of(path: Path, topics: set[str]) -> Iterator[Message]:
     if not path.exists():
         raise LogError(f"{path}: is not there")
     try:
+        check_is_content(path)
         read = format_of(path).messages
         assert read is not None
         yield from read(path, topics)

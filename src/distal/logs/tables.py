@@ -16,7 +16,7 @@ from distal.arrays import Floats
 from distal.errors import LogError
 from distal.logs.cells import Cells, Column, in_memory
 from distal.logs.episodes import Episode, rows_of_episode
-from distal.logs.formats import format_of
+from distal.logs.formats import check_is_content, format_of
 from distal.logs.header_units import header, needed, scale, units_of
 from distal.logs.output_targets import shown
 from distal.logs.reader_process import table_by_process
@@ -106,6 +106,7 @@ def _opened(path: Source, columns: Sequence[str] | None, index_name: str | None)
         kind = format_of(path)
         if kind.read is None:
             raise LogError(f"{path}: is a recording of topics; a CSV or Parquet file is expected")
+        check_is_content(path)
         return (
             table_by_process(path, columns) if exists and kind.apart else kind.read(path, columns)
         )

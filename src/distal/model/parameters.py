@@ -178,7 +178,7 @@ def _walk(rig: Rig) -> Iterator[tuple[str, Parameter]]:
     if rig.is_chain:
         yield from _walk_part(rig.base, "base")
     for kind in ("joints", "drives", "tendons"):
-        for i, part in enumerate(getattr(rig, kind)):
+        for i, part in enumerate(rig.components[kind]):
             yield from _walk_part(part, f"{kind}.{i}")
     for i, joint in enumerate(rig.joints):
         if joint.friction is not None:

@@ -94,8 +94,8 @@ class Tendons:
         self.parameters = Parameters(rig, inputs, inside, derived)
         self.bodies = tuple(
             Body(f"{kind}.{i}", part.name, kind == "joints", part.stops is not None)
-            for kind in ("joints", "drives")
-            for i, part in enumerate(getattr(rig, kind))
+            for kind, parts in (("joints", rig.joints), ("drives", rig.drives))
+            for i, part in enumerate(parts)
         )
         self.n_joints = len(rig.joints)
         self.n_drives = len(rig.drives)
@@ -410,7 +410,7 @@ class Tendons:
             if self.remembers:
                 elongated = elongated - p[f"{name}.strain"]
             else:
-                part = getattr(self.rig.tendons[tendon], name.rpartition(".")[2])
+                part = self.rig.tendons[tendon].creeps[name.rpartition(".")[2]]
                 elongated = elongated / (1 + p[f"{name}.share"] * part.settled.value)
         return elongated
 
@@ -418,12 +418,7 @@ class Tendons:
         """Return the paths of a tendon's creeps, of which it may have a `creep` and a
         `slow_creep`.
         """
-        part = self.rig.tendons[tendon]
-        return [
-            f"tendons.{tendon}.{name}"
-            for name in ("creep", "slow_creep")
-            if getattr(part, name) is not None
-        ]
+        return [f"tendons.{tendon}.{name}" for name in self.rig.tendons[tendon].creeps]
 
     def crept(self, q: Vector, dt: Scalar) -> list[Scalar]:
         """Return all creep `strains` [m] after an interval dt [s] with the bodies at q: c⁺ = λ c +

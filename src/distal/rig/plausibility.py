@@ -42,13 +42,12 @@ def doubts(rig: Rig) -> list[str]:
                 f"{in_words(rig, path)} is {size:g} {unit}; between {low:g} and {high:g} is "
                 "usual: is its unit there?"
             )
-    parts = [
-        (kind, part)
-        for kind in ("joints", "drives", "tendons", "sensors")
-        for part in getattr(rig, kind)
-    ]
     for path, parameter in chain(
-        *(parameters_below(part, f"{kind}.{part.name}") for kind, part in parts)
+        *(
+            parameters_below(component, f"{kind}.{component.name}")
+            for kind, components in rig.components.items()
+            for component in components
+        )
     ):
         std = parameter.std
         size = abs(parameter.value)

@@ -22,6 +22,8 @@ from distal.rig.validation import validated
 from distal.suggestions import did_you_mean
 from distal.units import unit_factor
 
+Component = Joint | Drive | Tendon | Sensor
+
 Learned = Affine | Discrepancy | Contact | None
 
 MOST_JOINTS = 32
@@ -176,8 +178,8 @@ class Rig(Description):
     @model_validator(mode="after")
     def _whole(self) -> Self:
         unit_factor(self.log.time.unit, "s")
-        for kind in ("joints", "drives", "tendons", "sensors"):
-            names = [part.name for part in getattr(self, kind)]
+        for kind, components in self.components.items():
+            names = [component.name for component in components]
             _distinct(names, f"{kind}: the name")
             for name in names:
                 # states are written as theta_NAME, position_NAME and, with _std behind it, their
@@ -269,7 +271,7 @@ class Rig(Description):
         """
         stds: dict[str, dict[str, float]] = {}
         for kind in ("joints", "drives", "tendons"):
-            for i, part in enumerate(getattr(self, kind)):
+            for i, part in enumerate(self.components[kind]):
                 for path, parameter in parameters_below(part, f"{kind}.{i}"):
                     if parameter.shared is not None and parameter.shared.std > 0.0:
                         stds.setdefault(parameter.shared.name, {})[path] = parameter.shared.std
@@ -277,8 +279,7 @@ class Rig(Description):
 
     def __repr__(self) -> str:
         """Return what it is in a few words; `model_dump` has all of it."""
-        kinds = ("joints", "drives", "tendons", "sensors")
-        counts = ((len(getattr(self, kind)), kind) for kind in kinds)
+        counts = ((len(components), kind) for kind, components in self.components.items())
         parts = [
             f"{count} {kind.removesuffix('s') if count == 1 else kind}" for count, kind in counts
         ]
@@ -298,6 +299,16 @@ class Rig(Description):
         learned = ("affine", "discrepancy", "contact", "free_motion")
         nothing = {**dict.fromkeys(learned), "provisional": ""}
         return self.model_copy(update=nothing)
+
+    @property
+    def components(self) -> dict[str, tuple[Component, ...]]:
+        """Kind, as a rig file names its lists → the components of this kind."""
+        return {
+            "joints": self.joints,
+            "drives": self.drives,
+            "tendons": self.tendons,
+            "sensors": self.sensors,
+        }
 
     @property
     def joint_names(self) -> list[str]:

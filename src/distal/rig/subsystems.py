@@ -11,9 +11,6 @@ from distal.rig.links import BASE
 from distal.rig.rig import Rig
 from distal.rig.sensors import measurand_of
 
-KINDS = ("joints", "drives", "tendons", "sensors")
-"""Lists of a rig."""
-
 
 @dataclass(frozen=True)
 class Subsystem:
@@ -90,19 +87,23 @@ def independent_parts(rig: Rig) -> tuple[Subsystem, ...]:
         or rig.discrepancy is not None
         or rig.contact is not None
     ):
-        return (Subsystem(rig, {kind: tuple(range(len(getattr(rig, kind)))) for kind in KINDS}),)
+        indices = {kind: tuple(range(len(every))) for kind, every in rig.components.items()}
+        return (Subsystem(rig, indices),)
     return tuple(_part(rig, [name for name in joints if root(name) == first]) for first in roots)
 
 
 def _joints_of(rig: Rig, path: str) -> list[str]:
     """Return the joints that the number at a path belongs to, or that its tendon or drive moves."""
     kind, index = path.split(".")[:2]
-    part = getattr(rig, kind)[int(index)]
+    part = rig.components[kind][int(index)]
     if kind == "joints":
         return [part.name]
-    if kind == "tendons":
-        return list(part.joints)
-    return [name for tendon in rig.tendons if tendon.drive == part.name for name in tendon.joints]
+    pulled = [
+        tendon
+        for tendon in rig.tendons
+        if part.name == (tendon.name if kind == "tendons" else tendon.drive)
+    ]
+    return [name for tendon in pulled for name in tendon.joints]
 
 
 def _part(rig: Rig, names: list[str]) -> Subsystem:
@@ -125,7 +126,7 @@ def _part(rig: Rig, names: list[str]) -> Subsystem:
     names_of_parents = (BASE if parent is None else rig.joints[parent].name for parent in parents)
     chosen = {"joints": joints, "drives": drives, "tendons": tendons, "sensors": sensors}
     parts = {
-        kind: tuple(getattr(rig, kind)[i] for i in indices) for kind, indices in chosen.items()
+        kind: tuple(rig.components[kind][i] for i in indices) for kind, indices in chosen.items()
     }
     parts["joints"] = tuple(
         rig.joints[j].model_copy(update={"parent": p}) for j, p in zip(joints, names_of_parents)

@@ -164,6 +164,12 @@ class Tendon(Description):
         return self
 
     @property
+    def creeps(self) -> dict[str, Creep]:
+        """Name → each creep that the tendon has."""
+        both = {"creep": self.creep, "slow_creep": self.slow_creep}
+        return {name: creep for name, creep in both.items() if creep is not None}
+
+    @property
     def meetings(self) -> tuple[Meeting, ...]:
         """The crossings of the tendon from the base outwards, in one form for both ways to write
         them.

@@ -105,8 +105,7 @@ def _creeping(mechanism: Mechanism) -> Iterator[tuple[int, str]]:
 
 
 def _settled(mechanism: Mechanism, tendon: int, name: str) -> float:
-    part = getattr(mechanism.rig.tendons[tendon], name.rpartition(".")[2])
-    return float(part.settled.value)
+    return mechanism.rig.tendons[tendon].creeps[name.rpartition(".")[2]].settled.value
 
 
 def _all_settled(mechanism: Mechanism) -> tuple[float, ...]:

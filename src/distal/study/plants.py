@@ -10,7 +10,6 @@ import numpy as np
 
 from distal.rig import Rig, known_to_a_factor, named, number, parameters_below
 
-KINDS = ("joints", "drives", "tendons", "sensors")
 """Lists of a rig whose parts have parameters."""
 
 
@@ -38,8 +37,8 @@ def draws_of(rig: Rig) -> tuple[Draw, ...]:
     """
     draws = list[Draw]()
     common = dict[str, tuple[float, list[str]]]()
-    for kind in KINDS:
-        for i, part in enumerate(getattr(rig, kind)):
+    for kind, components in rig.components.items():
+        for i, part in enumerate(components):
             for path, parameter in parameters_below(part, f"{kind}.{i}"):
                 if path.endswith(".nominal_force"):  # filters take it where no force is read
                     continue

@@ -93,7 +93,7 @@ def parameters_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
         yield f"tendons.{t}.pretension", rig.tendons[t].pretension.value
     for strain in context.mechanism.strains:
         _, index, part, _ = strain.split(".")
-        creep = getattr(rig.tendons[int(index)], part)
+        creep = rig.tendons[int(index)].creeps[part]
         yield f"tendons.{index}.{part}.settled", creep.settled.value
         yield f"tendons.{index}.{part}.settled.std", creep.settled.std
     p = context.mechanism.parameters

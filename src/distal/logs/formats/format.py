@@ -4,32 +4,64 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.errors import LogError
 from distal.logs.cells import Cells
+from distal.logs.formats.ros_messages import field, stamp_of
+from distal.logs.messages import find
+
+
+class UndecodableError(LogError):
+    """A message of a recording is of a kind that cannot be read."""
 
 
 @dataclass(frozen=True)
 class Message:
-    """One message of a recording.
+    """One message of a recording; it is decoded when it is asked for.
 
     Args:
+        path: the recording.
         recorded: when the message was recorded [ns].
-        stamp: stamp in the message's header [ns], None where it has none.
-        read: function from a field's path to its content, None where the message lacks the field.
-        content: the message itself, whose fields `read` finds.
+        decode: function that returns the message's content.
         json: whether the message is JSON, whose fields may be looked for by name without a topic.
     """
 
+    path: Path
     topic: str
     recorded: int
-    stamp: int | None
-    read: Callable[[str], object]
-    content: object
+    decode: Callable[[], object]
     json: bool = False
+
+    @cached_property
+    def content(self) -> object:
+        """The message itself; None for JSON that cannot be read.
+
+        Raises:
+            LogError: the message cannot be decoded, or the package for that is missing.
+        """
+        try:
+            return self.decode()
+        except (LogError, MemoryError):
+            raise
+        except Exception as problem:
+            raise UndecodableError(
+                f"{self.path}: a message of '{self.topic}' cannot be decoded "
+                f"({type(problem).__name__}: {str(problem)[:120]})"
+            ) from None
+
+    @property
+    def stamp(self) -> int | None:
+        """Stamp in the message's header [ns], None where it has none."""
+        return None if self.json else stamp_of(self.content)
+
+    def read(self, path: str) -> object:
+        """Return the content of a field, None where the message lacks it."""
+        return (find if self.json else field)(self.content, path)
 
 
 @dataclass(frozen=True)

@@ -3,69 +3,102 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import partial
+from os import SEEK_END
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
-from distal.errors import LogError
+from distal.errors import DistalWarning, LogError
 from distal.logs.formats.format import Format, Message
-from distal.logs.formats.ros_messages import field, stamp_of
-from distal.logs.memory_limit import check_memory
-from distal.logs.messages import find
+from distal.logs.memory_limit import check_memory, memory_limit
+
+MAGIC = b"\x89MCAP0\r\n"
+"""First and last bytes of an MCAP file. Source: definition (MCAP specification)."""
 
 
 def read_mcap(path: Path, topics: set[str]) -> Iterator[Message]:
     """Yield the messages of an MCAP file in the order in which they were recorded.
 
+    Of a file without an end these are the messages that are whole.
+
     Args:
         topics: a set, into which the names of the topics are put.
     """
     try:
-        from mcap.reader import make_reader
+        from mcap.exceptions import EndOfFile
+        from mcap.reader import NonSeekingReader, make_reader
     except ImportError:
         raise LogError(f"{path}: MCAP needs the package mcap (pip install '.[mcap]')") from None
     stores: dict[int, Any] = {}
     with path.open("rb") as file:
-        reader = make_reader(file)
-        summary = reader.get_summary()
-        for chunk in [] if summary is None else summary.chunk_indexes:
-            check_memory(
-                path,
-                2 * chunk.uncompressed_size,
-                f"its header says {chunk.uncompressed_size:,} bytes in a chunk",
-            )
+        whole = _is_whole(path, file)
+        if whole:
+            reader = make_reader(file)
+            summary = reader.get_summary()
+            for chunk in [] if summary is None else summary.chunk_indexes:
+                check_memory(
+                    path,
+                    2 * chunk.uncompressed_size,
+                    f"its header says {chunk.uncompressed_size:,} bytes in a chunk",
+                )
+        else:
+            reader = NonSeekingReader(file, record_size_limit=memory_limit())
         # in the order of recording, which shows where a clock was set back
-        for schema, channel, message in reader.iter_messages(log_time_order=False):
-            if channel.message_encoding == "json":
-                topics.add(channel.topic)
-                try:
-                    read = json.loads(message.data)
-                except (ValueError, RecursionError):
-                    continue  # a message that is no JSON is skipped
-                member = partial(find, read)
-                yield Message(channel.topic, message.log_time, None, member, read, json=True)
-            elif channel.message_encoding == "cdr" and schema is not None:
-                topics.add(channel.topic)
-                if schema.id not in stores:
-                    stores[schema.id] = _typestore(path, schema)
-                read = stores[schema.id].deserialize_cdr(message.data, schema.name)
-                member = partial(field, read)
-                yield Message(channel.topic, message.log_time, stamp_of(read), member, read)
+        with suppress(*(() if whole else (EndOfFile,))):
+            for schema, channel, message in reader.iter_messages(log_time_order=False):
+                in_json = channel.message_encoding == "json"
+                if in_json or (channel.message_encoding == "cdr" and schema is not None):
+                    topics.add(channel.topic)
+                    decode = (
+                        partial(_json, message.data)
+                        if in_json
+                        else partial(_of_ros, path, stores, schema, message.data)
+                    )
+                    yield Message(path, channel.topic, message.log_time, decode, in_json)
 
 
-def _typestore(path: Path, schema: Any) -> Any:
-    """Return the reader of a schema's messages of ROS 2; an MCAP file holds their definitions."""
+def _is_whole(path: Path, file: BinaryIO) -> bool:
+    """Return whether an MCAP file has an end; warn where it has none."""
+    begins = file.read(len(MAGIC))
+    if begins != MAGIC:
+        raise LogError(f"{path}: is no MCAP file, since it begins with {begins!r}")
+    file.seek(-len(MAGIC), SEEK_END)
+    whole = file.read() == MAGIC
+    file.seek(0)
+    if not whole:
+        warnings.warn(
+            f"{path}: has no end, recording or copying it was cut off; what is there is read",
+            DistalWarning,
+            stacklevel=2,
+        )
+    return whole
+
+
+def _json(data: bytes) -> object:
+    """Return the content of a message in JSON; one that is no JSON has none."""
+    try:
+        return json.loads(data)
+    except (ValueError, RecursionError):
+        return None
+
+
+def _of_ros(path: Path, stores: dict[int, Any], schema: Any, data: bytes) -> object:
+    """Return the content of a message of ROS 2; an MCAP file holds the definitions of messages."""
     try:
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
     except ImportError:
         raise LogError(
             f"{path}: messages of ROS need the package rosbags (pip install '.[ros]')"
         ) from None
-    store = get_typestore(Stores.LATEST)
-    if schema.name not in store.fielddefs and schema.encoding == "ros2msg":
-        store.register(get_types_from_msg(schema.data.decode(), schema.name))
-    return store
+    if schema.id not in stores:
+        store = get_typestore(Stores.LATEST)
+        if schema.name not in store.fielddefs and schema.encoding == "ros2msg":
+            store.register(get_types_from_msg(schema.data.decode(), schema.name))
+        stores[schema.id] = store
+    return stores[schema.id].deserialize_cdr(data, schema.name)
 
 
 MCAP = Format(endings=(".mcap",), messages=read_mcap)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 from pathlib import Path
 
+from distal.errors import LogError
 from distal.logs.formats.csv import CSV
 from distal.logs.formats.format import Format
 from distal.logs.formats.hdf5 import HDF5
@@ -17,6 +18,23 @@ FORMATS = (CSV, PARQUET, HDF5, MCAP, ROSBAG)
 
 TABLES = tuple(ending for kind in FORMATS if kind.read is not None for ending in kind.endings)
 """Endings of the names of files that hold tables."""
+
+
+POINTER = b"version https://git-lfs.github.com/spec/"
+"""First bytes of a file that stands for one in Git LFS. Source: definition (Git LFS
+specification).
+"""
+
+
+def check_is_content(path: Path) -> None:
+    """Raise a `LogError` where a file only stands for one that Git LFS keeps elsewhere."""
+    # reading from a pipe would take the bytes away
+    if not path.is_file():
+        return
+    with path.open("rb") as file:
+        begins = file.read(len(POINTER))
+    if begins == POINTER:
+        raise LogError(f"{path}: is a pointer of Git LFS; fetch the log itself with git lfs pull")
 
 
 def format_of(path: str | Path) -> Format:

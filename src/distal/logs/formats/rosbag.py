@@ -8,7 +8,6 @@ from pathlib import Path
 
 from distal.errors import LogError
 from distal.logs.formats.format import Format, Message
-from distal.logs.formats.ros_messages import field, stamp_of
 
 
 def read_rosbag(path: Path, topics: set[str]) -> Iterator[Message]:
@@ -29,9 +28,8 @@ def read_rosbag(path: Path, topics: set[str]) -> Iterator[Message]:
     with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
         topics.update(connection.topic for connection in reader.connections)
         for connection, recorded, raw in reader.messages():
-            read = reader.deserialize(raw, connection.msgtype)
-            find = partial(field, read)
-            yield Message(connection.topic, recorded, stamp_of(read), find, read)
+            decode = partial(reader.deserialize, raw, connection.msgtype)
+            yield Message(path, connection.topic, recorded, decode)
 
 
 ROSBAG = Format(endings=(".bag", ".db3"), messages=read_rosbag, folder="metadata.yaml")

@@ -8,7 +8,7 @@ from distal.rig import Capstan, Joint, Rig, Sensor, Slider, Tendon, measurand_of
 
 def sensors_of_part(rig: Rig, part: Slider | Capstan | Tendon | Joint) -> list[Sensor]:
     """Return the sensors of a joint, drive or tendon, in the rig's order."""
-    return [s for s in rig.sensors if getattr(rig, measurand_of(s).of)[part_of(s, rig)] is part]
+    return [s for s in rig.sensors if rig.components[measurand_of(s).of][part_of(s, rig)] is part]
 
 
 def sensor_lines(rig: Rig, part: Slider | Capstan | Tendon | Joint) -> list[DrawnLine]:

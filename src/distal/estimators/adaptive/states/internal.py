@@ -60,7 +60,7 @@ class Inside(ZeroMean):
     def part(self) -> str:
         """Name of the drive or tendon."""
         kind, index, _, _ = self._keys
-        return str(getattr(self.context.mechanism.rig, kind)[index].name)
+        return self.context.mechanism.rig.components[kind][index].name
 
     @property
     def index(self) -> int:
