@@ -537,3 +537,37 @@ def test_what_a_polynomial_leaves_of_moment_arms_is_that_of_the_joint_it_fits_wo
     assert np.mean(left[:, 1] <= found.arm_most * (1 + 1e-9)) >= 0.91
     assert np.mean(left[:, 1] > found.arm_most * (1 - 1e-9)) >= 0.07
     assert found.arm_most > 5 * left[:, 0].max()
+
+
+def chain_of(count: int) -> object:
+    """Return a model of hinges in a row, with one tendon over all of them."""
+    bodies, sites = "", '<site site="s0"/>'
+    for k in range(count):
+        bodies += (
+            f'<body pos="{0.02 if k else 0} 0 0">'
+            f'<joint name="j{k}" axis="0 1 0" range="-20 20" armature="1e-5"/>'
+            '<geom type="capsule" fromto="0 0 0 0.02 0 0" size="0.004"/>'
+            f'<site name="s{k + 1}" pos="0.01 0 0.005"/>'
+        )
+        sites += f'<site site="s{k + 1}"/>'
+    return model_of(
+        '<mujoco><compiler angle="degree" autolimits="true"/><worldbody>'
+        f'<site name="s0" pos="-0.01 0 0.005"/>{bodies}{count * "</body>"}</worldbody>'
+        f'<tendon><spatial name="t">{sites}</spatial></tendon>'
+        '<actuator><motor tendon="t"/></actuator></mujoco>'
+    )
+
+
+def test_a_tendon_over_many_joints_has_a_polynomial_of_few_terms() -> None:
+    """Cost grows with the square of the terms; of degree 3 in 30 joints there would be 5,455."""
+    (tendon,) = from_mujoco(chain_of(30)).rig.tendons
+    assert len(tendon.joints) == 30
+    assert {meeting.shape.kind for meeting in tendon.meetings} == {"pulley"}
+
+
+def test_more_joints_than_a_rig_has_are_refused_before_the_work(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("distal.rig.mjcf.spatial_tendons.fit_excursion", None)
+    with pytest.raises(RigError, match=r"turn 49 joints, up to 32 are supported; choose some"):
+        from_mujoco(chain_of(49))

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
+from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,11 @@ fitted, is at most this share of the largest arm [1]. Source: judgement.
 
 HIGHEST_DEGREE = 5
 """Highest degree of polynomials that are tried [1]. Source: judgement."""
+
+MOST_TERMS = 252
+"""Largest number of terms, with the constant, of polynomials that are tried [1]: those of degree 5
+in five joints. Time and memory grow with its square. Source: definition.
+"""
 
 NEARLY = 1.25
 """Where no degree reaches `ENOUGH`, the lowest one is taken whose error is at most so many times
@@ -75,8 +81,11 @@ def fit_excursion(angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
         arms: ∂length/∂angle, (k, n_joints).
     """
     fits = list[Excursion]()
+    joints = angles.shape[1]
     for degree in range(1, HIGHEST_DEGREE + 1):
-        fits.append(_fitted(_powers(angles.shape[1], degree), angles, lengths, arms))
+        if degree > 1 and comb(joints + degree, degree) > MOST_TERMS:
+            break
+        fits.append(_fitted(_powers(joints, degree), angles, lengths, arms))
         if fits[-1].arm_rms.max() <= ENOUGH:
             return _shortened(fits[-1], ENOUGH, angles, lengths, arms)
     least = min(fit.arm_rms.max() for fit in fits)
@@ -90,13 +99,16 @@ def _shortened(
     """Return a polynomial with as few terms as leave no more than `enough` of each moment arm."""
     rows, desired = _equations(full.powers, angles, lengths, arms)
     directions = rows / np.linalg.norm(rows, axis=0)
+    gram = directions.T @ directions
+    explained = desired @ directions
     chosen = list[int]()
-    left = desired
+    left = explained
     while len(chosen) < len(full.powers):
-        gains = np.abs(left @ directions)
+        gains = np.abs(left)
         gains[chosen] = -1.0
         chosen.append(int(gains.argmax()))
-        left = desired - rows[:, chosen] @ np.linalg.lstsq(rows[:, chosen], desired, rcond=None)[0]
+        weights = np.linalg.lstsq(gram[np.ix_(chosen, chosen)], explained[chosen], rcond=None)[0]
+        left = explained - gram[:, chosen] @ weights
         # with a joint that has no term the error is too large in any case
         if np.all(full.powers[chosen].any(axis=0)):
             shorter = _fitted(full.powers[sorted(chosen)], angles, lengths, arms)

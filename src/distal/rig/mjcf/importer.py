@@ -18,7 +18,7 @@ from distal.rig.mjcf.joint_springs import joint_springs
 from distal.rig.mjcf.loading import load_model, mujoco_module
 from distal.rig.mjcf.poses import over_ranges, turned_by
 from distal.rig.mjcf.spatial_tendons import described_drive, described_sensors, described_tendon
-from distal.rig.rig import Rig
+from distal.rig.rig import MOST_JOINTS, Rig
 
 if TYPE_CHECKING:
     import mujoco
@@ -78,6 +78,11 @@ def from_mujoco(
     if not kept:
         where = f" of '{chain}'" if chain is not None else ""
         raise RigError(f"{title}: no tendon that an actuator pulls turns a joint{where}")
+    if len(kept) > MOST_JOINTS:
+        raise RigError(
+            f"{title}: tendons turn {len(kept)} joints, up to {MOST_JOINTS} are supported; choose "
+            "some with --chain or --joint"
+        )
     check_base(model, kept[0], chain)
     held = [joint_name(model, j) for j in hinges if j not in kept]
     if held:
