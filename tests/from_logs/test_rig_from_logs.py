@@ -141,7 +141,7 @@ def test_two_joints_that_move_almost_alike_cannot_be_told_apart(tmp_path: Path) 
 def test_no_reference_and_no_drive_say_what_helps(tmp_path: Path) -> None:
     log = finger(0)
     paths = written([without(without(log, "mcp_deg"), "pip_deg")], tmp_path)
-    said = r"no column is taken as a joint's angle.*--truth.*x_a_mm goes from .* mm with a noise of"
+    said = r"no column is taken as a joint's angle.*x_a_mm: position.*--truth.*three logs of 40 s"
     with pytest.raises(distal.DistalError, match=said):
         rig_from_logs(paths)
     paths = written([{name: log[name] for name in ("t_ms", "mcp_deg", "pip_deg")}], tmp_path)

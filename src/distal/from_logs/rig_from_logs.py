@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from distal.errors import RigError
+from distal.errors import RigError, one_line
 from distal.from_logs.column_role import ColumnRole, Overrides
 from distal.from_logs.columns import column_roles
 from distal.from_logs.description import log_time, raw_description
@@ -80,9 +80,8 @@ def rig_from_logs(
     if not references:
         raise RigError(
             f"no column is taken as a joint's angle ({_all(columns)}); name one by --truth. "
-            f"{_drives_alone(columns)}. Without an angle from a camera or a temporary encoder no "
-            "log tells which joints there are, which drive moves which, and how far: three logs of "
-            "40 s with one would"
+            "Logs tell how far joints turn only with such a column, from a camera or a temporary "
+            "encoder: three logs of 40 s are enough"
         )
     unsure = [c.header for c in (*positions, *references) if c.sureness == "a guess"]
     if unsure:
@@ -128,16 +127,5 @@ def rig_from_logs(
     )
 
 
-def _drives_alone(columns: Sequence[ColumnRole]) -> str:
-    """Return what logs without references show: range and noise of positions and efforts."""
-    shown = [
-        f"{column.header} goes from {column.values.low:.4g} to {column.values.high:.4g} "
-        f"{column.unit} with a noise of {column.values.noise:.2g} {column.unit}"
-        for column in columns
-        if column.role in ("position", "effort")
-    ]
-    return f"The logs show: {', '.join(shown)}"
-
-
 def _all(columns: Sequence[ColumnRole]) -> str:
-    return "; ".join(f"{column.header}: {column.role}" for column in columns)
+    return one_line("; ".join(f"{column.header}: {column.role}" for column in columns), 180)

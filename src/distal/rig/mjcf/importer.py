@@ -81,7 +81,7 @@ def from_mujoco(
     if len(kept) > MOST_JOINTS:
         raise RigError(
             f"{title}: tendons turn {len(kept)} joints, up to {MOST_JOINTS} are supported; choose "
-            "some with --chain or --joint"
+            "some with --chain or --joints"
         )
     check_base(model, kept[0], chain)
     held = [joint_name(model, j) for j in hinges if j not in kept]
