@@ -18,7 +18,7 @@ import numpy as np
 from distal import Log, estimate_batch, make_estimator
 from distal.estimators import KernelEstimator
 from distal.kernels import Feed, LaneKernel, Recipe, find_compiler
-from distal.kernels.compiler import FLAGS
+from distal.kernels.compiler import FLAGS, OPTIMISED, Compiler
 from distal.rig import Rig
 from distal.run import LiveEstimator, samples_of
 
@@ -47,6 +47,12 @@ def lane_time(estimator: KernelEstimator, log: Log, summary: Summary = np.median
     kernel = LaneKernel(Recipe(lambda: estimator.kernel.function))
     runs = kernel.lanes * [Feed(start.kernel_state, rows, estimator.parameters)]
     return _timed(lambda: kernel.scan(runs, [0]), summary) / len(rows) / kernel.lanes
+
+
+def build(compiler: Compiler, source: Path, library: Path) -> None:
+    """Compile a rival as a person would: for this processor, with full optimisation."""
+    command = [*compiler.command, OPTIMISED, *FLAGS, str(source), "-o", str(library), "-lm"]
+    subprocess.run(command, check=True)
 
 
 _SCAN = """
@@ -89,9 +95,7 @@ def casadi_time(estimator: KernelEstimator, log: Log, summary: Summary = np.medi
     with tempfile.TemporaryDirectory() as folder:
         source, library = Path(folder) / "casadi.c", Path(folder) / "casadi.so"
         source.write_text(generator.dump() + loop)
-        subprocess.run(
-            [*compiler.command, *FLAGS, str(source), "-o", str(library), "-lm"], check=True
-        )
+        build(compiler, source, library)
         call = ctypes.CDLL(str(library)).loop
         arrays = [
             np.array(start.kernel_state),
@@ -118,9 +122,7 @@ def handwritten_time(rig: Rig, log: Log) -> tuple[float, float]:
     rows, _ = estimator.checked_rows(start, log.time, samples)
     with tempfile.TemporaryDirectory() as folder:
         library = Path(folder) / "ekf.so"
-        subprocess.run(
-            [*compiler.command, *FLAGS, str(HANDWRITTEN), "-o", str(library), "-lm"], check=True
-        )
+        build(compiler, HANDWRITTEN, library)
         scan = ctypes.CDLL(str(library)).ekf_scan
         arrays = [
             np.array(start.kernel_state),

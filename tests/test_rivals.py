@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import subprocess
 from collections.abc import Callable
 
 import numpy as np
 import pytest
+from benchmarks import limits
 from benchmarks.rivals import PARTICLES, RIVALS, IteratedFilter, ParticleFilter, UnscentedFilter
 
 from distal import (
@@ -23,6 +25,7 @@ from distal import (
 )
 from distal.errors import EstimationError
 from distal.estimators import KernelEstimator
+from distal.kernels import find_compiler
 from distal.run import samples_of
 from tests.helpers import rms_degrees
 
@@ -153,3 +156,21 @@ def test_a_missing_sample_is_prediction_only_for_particles(rig: Rig, log: Log) -
     informed, _ = made.step(belief, log.time[10], samples[10])
     assert innovation.log_likelihood == 0.0
     assert after.covariance[0, 0] >= informed.covariance[0, 0] * (1 - 4 * np.sqrt(2 / PARTICLES))
+
+
+@pytest.mark.skipif(isinstance(find_compiler(), str), reason="no C compiler")
+def test_rivals_in_c_are_optimised(rig: Rig, log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without an optimisation a compiler's code is ten times as slow as what a person would run."""
+    commands: list[list[str]] = []
+    run = subprocess.run
+
+    def recorded(command: list[str], **options: bool) -> None:
+        commands.append(command)
+        run(command, **options)  # type: ignore[call-overload]
+
+    monkeypatch.setattr(limits, "REPEATS", 1)
+    monkeypatch.setattr(subprocess, "run", recorded)
+    limits.handwritten_time(rig, log)
+    limits.casadi_time(make_estimator("ekf", rig, compiled=False), log)
+    assert len(commands) == 2
+    assert all("-O3" in command and "-march=native" in command for command in commands)
