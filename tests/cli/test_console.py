@@ -144,7 +144,6 @@ def test_the_lab_and_an_estimate_say_it_too(
     for words, said in commands:
         monkeypatch.setattr(console, "QUIET", 1e-3)
         # beside other load a line may be shown before the estimator has its name
-        monkeypatch.setattr(console, "LATER", 1e-3)
         monkeypatch.setattr(sys, "argv", ["distal", *words.split()])
         with pytest.raises(SystemExit) as stopped:
             main()
@@ -180,7 +179,6 @@ def test_nothing_is_said_of_what_has_ended(
 ) -> None:
     """A thread that still compiles a kernel may tell of it later, beside another command."""
     monkeypatch.setattr(console, "QUIET", 0.01)
-    monkeypatch.setattr(console, "LATER", 0.01)
     with console.working("compiling") as show:
         time.sleep(0.1)
     assert "compiling" in capsys.readouterr().err

@@ -111,13 +111,11 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], tex
     out().print(grid)
 
 
-QUIET = 2.0
-"""Time of silence after which a command says what it does, where stderr is no terminal [s]. Source:
+QUIET = 1.0
+"""Time of silence after which a command says what it does, where stderr is no terminal [s]; with
+the start of Python it is two seconds. Each time after that it is silent for twice as long. Source:
 judgement.
 """
-
-LATER = 10.0
-"""Time of silence after which it says this again [s]. Source: judgement."""
 
 
 class _Activity(logging.Handler):
@@ -159,7 +157,7 @@ class _Activity(logging.Handler):
     def _print(self) -> None:
         if self._silent:
             return
-        self._wait = LATER
+        self._wait *= 2.0
         print(f"{self._text} …", file=sys.stderr, flush=True)
 
 

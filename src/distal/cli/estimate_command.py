@@ -321,7 +321,7 @@ def _estimates(
         for name in (name for name in names if name not in failed):
             show(f"estimating with {name}")
             try:
-                results.append(estimate(log, rig, name, passes, homing=home))
+                results.append(estimate(log, rig, name, passes, homing=home, covariances=False))
             except DistalError as problem:
                 failed[name] = (
                     f"{name}: {str(problem).removeprefix(f'{name}: ')}"  # some errors have it

@@ -49,6 +49,11 @@ MUCH = 0.5
 band [1]. Source: judgement.
 """
 
+MOST_COMPARED = 100_000
+"""Largest number of samples whose positions are compared with reference angles, the first ones [1]:
+a thousand seconds at 100 Hz. Source: judgement.
+"""
+
 LOST = float(np.deg2rad(10.0))
 """Error from which on a filter is lost [rad]: what led it there may be smaller than its error.
 Source: judgement.
@@ -137,6 +142,7 @@ def _of_drives(log: Log, rig: Rig, of_drive: Callable[[DriveResidual], list[Caus
     """Return the causes of what remains of the position of each drive beside the reference angles,
     and columns that may be exchanged; nothing where no reference angle is known.
     """
+    log = log.select(slice(MOST_COMPARED))
     angles = true_angles(log, rig.joint_names)
     if angles is None:
         return []

@@ -166,8 +166,9 @@ def _since(time: Floats, scaled: Floats) -> float:
     edges = np.arange(time[0], time[-1] + CHANNEL_WINDOW, CHANNEL_WINDOW)
     starts = []
     large = []
-    for start, end in itertools.pairwise(edges):
-        inside = scaled[(time >= start) & (time < end)]
+    rows = np.searchsorted(time, edges).tolist()
+    for start, (begin, end) in zip(edges, itertools.pairwise(rows)):
+        inside = scaled[begin:end]
         inside = inside[np.isfinite(inside)]
         if len(inside) >= 5:
             starts.append(float(start))
@@ -181,5 +182,5 @@ def _since(time: Floats, scaled: Floats) -> float:
     )
     if first == time[0]:
         return float("nan")
-    inside = np.flatnonzero((time >= first - CHANNEL_WINDOW) & (np.abs(scaled) > 3.0))
-    return float(time[inside[0]]) if len(inside) else first
+    outliers = np.flatnonzero((time >= first - CHANNEL_WINDOW) & (np.abs(scaled) > 3.0))
+    return float(time[outliers[0]]) if len(outliers) else first

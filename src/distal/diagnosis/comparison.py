@@ -77,7 +77,7 @@ def disagreement_with_map(
 
 def _estimate(log: Log, rig: Rig, name: str, homing: float | None) -> Estimate | None:
     try:
-        return estimate(log, rig, name, compiled=False, homing=homing)
+        return estimate(log, rig, name, compiled=False, homing=homing, covariances=False)
     except EstimationError:
         return None
 

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from distal.errors import DistalWarning, EstimationError, FitError
+from distal.errors import DistalWarning, DivergedError, EstimationError, FitError
 from distal.fitting.candidates import Candidate
 from distal.fitting.doubts import far_from_priors
 from distal.fitting.fit_options import Options
-from distal.fitting.learn import Learned, judge, learn, learned_by
-from distal.fitting.learn_free_motion import free_motion_of, widest
+from distal.fitting.learn import Judged, Learned, judge, learn, learned_by
+from distal.fitting.learn_free_motion import free_motion_of, untouched, widest
 from distal.fitting.learned_maps import MapFit, logs_read
 from distal.fitting.leave_out import (
     WRITTEN,
@@ -33,6 +33,7 @@ from distal.homing import check_homing
 from distal.logs import Log, Source, shown, true_angles
 from distal.regression import folds_of, groups_of, servos_of, splits
 from distal.rig import Rig, as_rig, load_rig
+from distal.run import estimate
 from distal.threads import one_blas_thread
 
 FOR_LEAVING_OUT = 3
@@ -144,17 +145,54 @@ def fit(
     if enough and "discrepancy" in learned.maps and not learned.interrupted:
         done = leave_out(read, rig, folds, of_fold, homing)
         asked = parts - 1
-        if len(done) == asked:
-            best = candidate_by_folds(done, judged.candidates, judged.chosen, offset)
-            learned = learned_by(judged, best) if best is not judged.chosen else learned
-            doubts = (*learned.doubts, *_too_few_for_weights(judged.chosen, best, asked))
-            learned = replace(learned, doubts=doubts)
-        done = with_written(done, offset)
-        learned = _with_free_motion(learned, done, read, folds)
+        rated = judged.candidates if len(done) == asked else [judged.chosen]
+        best = candidate_by_folds(done, rated, judged.chosen, offset)
+        doubts = _too_few_for_weights(judged.chosen, best, asked)
+        written = with_written(done, offset)
+        learned = _followed(
+            judged, best, read, lambda it: _with_free_motion(it, written, read, folds)
+        )
+        learned = replace(learned, doubts=(*learned.doubts, *doubts))
+        done = written
+    elif not learned.interrupted:
+        learned = _followed(judged, judged.chosen, read, lambda it: it)
     learned = replace(learned, doubts=(*_touched(aside), *learned.doubts))
     for line in far_from_priors(learned.parameters.fitted, learned.parameters.problem):
         warnings.warn(line, DistalWarning, stacklevel=2)
     return Fit.of(learned, start_rig, read, options, tuple(done), asked, servos)
+
+
+def _followed(
+    judged: Judged, best: Candidate, logs: Sequence[Log], completed: Callable[[Learned], Learned]
+) -> Learned:
+    """Return what is learned by the `best` candidate, with its normal forces of free motion; where
+    the filter of the rig then leaves all bounds on a log, by the next one.
+
+    Candidates are judged without touches. So a rig that looks for none comes before another one.
+    """
+    options = judged.training.options
+
+    def follows(rig: Rig, log: Log) -> bool:
+        try:
+            estimate(log, rig, compiled=options.compiled, homing=options.homing, covariances=False)
+        except DivergedError:
+            return False
+        return True
+
+    others = sorted(judged.candidates, key=lambda candidate: candidate.error)
+    doubts = list[str]()
+    for candidate in (best, *(other for other in others if other is not best)):
+        learned = completed(learned_by(judged, candidate))
+        for rig, what in (
+            (learned.rig, candidate.name),
+            (untouched(learned.rig), f"{candidate.name}, without a look for touches,"),
+        ):
+            lost = next((log for log in logs if not follows(rig, log)), None)
+            if lost is None:
+                return replace(learned, rig=rig, doubts=(*doubts, *learned.doubts))
+            doubts.append(f"{what} is not written: its filter leaves all bounds on {lost.source}")
+    learned = completed(learned_by(judged, best))
+    return replace(learned, doubts=("no candidate's filter follows all logs", *learned.doubts))
 
 
 def _too_few_for_weights(chosen: Candidate, best: Candidate, folds: int) -> list[str]:

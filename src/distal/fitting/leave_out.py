@@ -149,9 +149,11 @@ def _errors(folds: Sequence[Fold]) -> dict[str, tuple[float, float]]:
             for each in fold.learned.candidates
             if each.name == name and fold.compared
         ]
-        if scores and None not in scores and np.isfinite(beyond).all():
+        if scores and None not in scores:
             rms = float(np.mean([score.rms for score in scores if score is not None]))
-            errors[name] = rms, float(np.mean(beyond))
+            # a fold whose filter could not follow the logs says nothing of what is beyond them
+            known = [error for error in beyond if np.isfinite(error)]
+            errors[name] = rms, float(np.mean(known)) if known else rms
     return errors
 
 

@@ -11,9 +11,9 @@ from distal.kernels.indices import Indices
 from distal.kernels.kernel import Kernel
 
 
-def advance(kernel: Kernel, feed: Feed) -> Advanced:
-    """Return the kernel states and outputs of a kernel in one run."""
-    return Advanced(*kernel.scan(*feed))
+def advance(kernel: Kernel, feed: Feed, keep: Sequence[int] | None = None) -> Advanced:
+    """Return the kernel states and outputs of a kernel in one run; see `advance_all` for `keep`."""
+    return Advanced(*kernel.scan(*feed, keep))
 
 
 def advance_all(
@@ -27,11 +27,7 @@ def advance_all(
     """
     lanes = kernel.lanes() if len(feeds) > 1 or kernel.backend == "interpreted" else None
     if lanes is None:
-        runs = (advance(kernel, feed) for feed in feeds)
-        return [
-            run if keep is None else Advanced(run.kernel_states[:, list(keep)], run.ys)
-            for run in runs
-        ]
+        return [advance(kernel, feed, keep) for feed in feeds]
     columns = range(kernel.n_kernel_state) if keep is None else keep
     groups = (feeds[k : k + lanes.lanes] for k in range(0, len(feeds), lanes.lanes))
     return [run for group in groups for run in lanes.scan(group, columns)]

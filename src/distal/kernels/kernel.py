@@ -26,6 +26,11 @@ from distal.kernels.compiler import (
 from distal.kernels.lanes import LaneKernel, begin_lanes
 from distal.kernels.recipe import Recipe
 
+AT_ONCE = 1 << 14
+"""Number of samples whose whole kernel states are in memory where few of their numbers are kept
+[1]: tens of megabytes. Source: judgement.
+"""
+
 Backend = Literal["compiled", "interpreted"]
 _warned: set[str] = set()
 _building = threading.Lock()
@@ -109,7 +114,9 @@ class Kernel:
         """Number of outputs y."""
         return self.sizes[3]
 
-    def scan(self, kernel_state: Floats, xs: Floats, p: Floats) -> tuple[Floats, Floats]:
+    def scan(
+        self, kernel_state: Floats, xs: Floats, p: Floats, keep: Sequence[int] | None = None
+    ) -> tuple[Floats, Floats]:
         """Return the kernel states after each sample of a log, (n, n_kernel_state), and the
         outputs, (n, n_y).
 
@@ -117,8 +124,18 @@ class Kernel:
             kernel_state: before the first sample, (n_kernel_state,).
             xs: the samples, (n, n_x).
             p: the parameters, (n_p,).
+            keep: indices of the numbers of the kernel states that are returned; default all.
         """
         xs = np.ascontiguousarray(xs, dtype=np.float64).reshape(-1, self.n_x)
+        if keep is not None:  # only some samples' whole kernel states are in memory at once
+            kept = np.empty((len(xs), len(keep)))
+            every = np.empty((len(xs), self.n_y))
+            for begin in range(0, len(xs), AT_ONCE):
+                rows = slice(begin, begin + AT_ONCE)
+                states, every[rows] = self.scan(kernel_state, xs[rows], p)
+                kept[rows] = states[:, list(keep)]
+                kernel_state = states[-1]
+            return kept, every
         kernel_states = np.empty((len(xs), self.n_kernel_state))
         ys = np.empty((len(xs), self.n_y))
         start = np.ascontiguousarray(kernel_state, dtype=np.float64).reshape(self.n_kernel_state)

@@ -12,17 +12,15 @@ from typing import TypeVar
 
 import numpy as np
 
-from distal.arrays import Floats
 from distal.cluster import on_cluster
 from distal.errors import DistalError, EstimationError
 from distal.estimators import DEFAULT, Estimator, KernelEstimator
 from distal.homing.reference import check_homing
 from distal.kernels import in_order
 from distal.logs import Episode, Log, Source, read_log
-from distal.logs.log import sealed
 from distal.results import Estimate
 from distal.rig import Rig, as_rig
-from distal.run.offline import Run, check_bounds, estimator_for, finished, prepared
+from distal.run.offline import Run, estimator_for, prepared, without_covariances
 from distal.threads import one_blas_thread
 
 PER_TASK = 32
@@ -225,7 +223,7 @@ def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
         or not isinstance(chosen, KernelEstimator)
         or _side_by_side(chosen) == 1
     ):
-        return [_attempt(_alone, run) for run in runs]
+        return [_attempt(without_covariances, run) for run in runs]
     try:
         # a homing move gives each run parameters of its own
         found = chosen.scan_all(
@@ -235,28 +233,5 @@ def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
             [adapted.parameters for adapted in estimators],
         )
     except DistalError:
-        return [_attempt(_alone, run) for run in runs]
-    return [_attempt(lambda pair: _judged(*pair), pair) for pair in zip(runs, found)]
-
-
-def _judged(run: Run, found: tuple[Floats, Floats, Floats]) -> Estimate:
-    means, variances, ys = found
-    chosen = run.estimator
-    assert isinstance(chosen, KernelEstimator)
-    means, variances = (
-        sealed(part)
-        for part in (chosen.report.means(means, ys), chosen.report.variances_of(variances, ys))
-    )
-    check_bounds(run, means, variances)
-    return finished(
-        run, means, variances, *(sealed(part) for part in chosen.innovations_of(ys, run.samples))
-    )
-
-
-def _alone(run: Run) -> Estimate:
-    means, covariances, innovations, variances = run.estimator.scan(
-        run.start, run.log.time, run.samples
-    )
-    spreads = np.diagonal(covariances, axis1=1, axis2=2)
-    check_bounds(run, means, spreads)
-    return finished(run, means, spreads, innovations, variances)
+        return [_attempt(without_covariances, run) for run in runs]
+    return [_attempt(lambda pair: without_covariances(*pair), pair) for pair in zip(runs, found)]

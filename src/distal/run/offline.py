@@ -31,6 +31,7 @@ from distal.homing.home import home
 from distal.homing.reference import check_homing, homed, with_references
 from distal.kernels import covariance_of
 from distal.logs import LARGEST_READING, Log, Source, frozen, read_log, true_angles, true_torques
+from distal.logs.log import sealed
 from distal.results import Estimate
 from distal.rig import Rig, as_rig
 
@@ -89,6 +90,7 @@ def estimate(
     *,
     compiled: bool = True,
     homing: float | None = None,
+    covariances: bool = True,
 ) -> Estimate:
     """Estimate the joint angle over a log.
 
@@ -107,6 +109,8 @@ def estimate(
         homing: for how long the true angle is used as a reference [s]; afterwards the estimate is
             only compared with it. `adaptive` reads it as a sensor, `affine` learns from it, all
             others are shifted by their mean error.
+        covariances: whether the covariances of all states are kept; without them a log of a million
+            samples takes a gigabyte less.
 
     Raises:
         EstimationError: the log lacks a sensor, the estimator cannot run on this rig or diverges,
@@ -129,16 +133,15 @@ def estimate(
             "(ekf-2008, ekf)"
         )
     run = prepared(log, chosen, homing)
-    belief = run.start
+    if passes == 1 and not covariances:
+        return without_covariances(run)
     for _ in range(passes):
-        means, covariances, innovations, variances = run.estimator.scan(
-            belief, log.time, run.samples
-        )
-        spreads = np.diagonal(covariances, axis1=1, axis2=2)
+        means, whole, innovations, variances = run.estimator.scan(run.start, log.time, run.samples)
+        spreads = np.diagonal(whole, axis1=1, axis2=2)
         check_bounds(run, means, spreads)
         if passes > 1:
-            belief = with_covariance(belief, covariances[-1])
-    return finished(run, means, spreads, innovations, variances, covariances)
+            run = replace(run, start=with_covariance(run.start, whole[-1]))
+    return finished(run, means, spreads, innovations, variances, whole)
 
 
 @dataclass(frozen=True)
@@ -229,6 +232,35 @@ def prepared(log: Log, chosen: Estimator, homing: float | None = None) -> Run:
         adapted = home(chosen, start, log, samples, truths, homing)
         return Run(log, adapted.estimator, adapted.samples, adapted.start, homing, adapted.notes)
     return Run(log, chosen, samples, start, homing)
+
+
+def without_covariances(run: Run, found: tuple[Floats, Floats, Floats] | None = None) -> Estimate:
+    """Return the estimate of a run, of whose covariances only the variances are kept.
+
+    Args:
+        found: what `KernelEstimator.scan_all` returns for the run, where it was called already.
+
+    Raises:
+        DivergedError: see `check_bounds`.
+    """
+    chosen = run.estimator
+    if isinstance(chosen, KernelEstimator):
+        if found is None:
+            (found,) = chosen.scan_all(
+                [run.start], [run.log.time], [run.samples], [chosen.parameters]
+            )
+        means, spreads, ys = found
+        innovations, variances = chosen.innovations_of(ys, run.samples)
+        means = chosen.report.means(means, ys)
+        spreads = chosen.report.variances_of(spreads, ys)
+    else:
+        means, covariances, innovations, variances = chosen.scan(
+            run.start, run.log.time, run.samples
+        )
+        spreads = np.diagonal(covariances, axis1=1, axis2=2).copy()
+    check_bounds(run, means, spreads)
+    # nobody else holds these arrays, so that they need no copies
+    return finished(run, *map(sealed, (means, spreads, innovations, variances)))
 
 
 def check_bounds(run: Run, means: Floats, spreads: Floats) -> None:

@@ -28,13 +28,8 @@ in five joints. Time and memory grow with its square. Source: definition.
 """
 
 NEARLY = 1.25
-"""Where no degree reaches `ENOUGH`, the lowest one is taken whose error is at most so many times
-the least one [1]. Source: judgement.
-"""
-
-SHORTER = 1.02
-"""Where no degree reaches `ENOUGH`, leaving out terms may make the error so many times as large
-[1]. Source: judgement.
+"""Where no degree reaches `ENOUGH`, the lowest one and the fewest terms are taken whose error is at
+most so many times the least one [1]. Source: judgement.
 """
 
 KEPT_OUT = 3
@@ -90,7 +85,7 @@ def fit_excursion(angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
             return _shortened(fits[-1], ENOUGH, angles, lengths, arms)
     least = min(fit.arm_rms.max() for fit in fits)
     lowest = next(fit for fit in fits if fit.arm_rms.max() <= NEARLY * least)
-    return _shortened(lowest, SHORTER * lowest.arm_rms.max(), angles, lengths, arms)
+    return _shortened(lowest, NEARLY * least, angles, lengths, arms)
 
 
 def _shortened(

@@ -1,0 +1,100 @@
+"""What is written is a rig whose filter follows the logs that it was learned from."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from distal import Log, Rig, load_rig
+from distal.errors import DivergedError
+from distal.fitting.learn_free_motion import untouched
+from distal.fitting.leave_out import Compared, Fold, Score, candidate_by_folds
+
+FIT = sys.modules["distal.fitting.fit"]
+LOG = Log(np.arange(3.0), {"x": np.zeros(3)}, source="one.csv")
+
+
+@dataclass(frozen=True)
+class Candidate:
+    name: str
+    rig: Rig
+    error: float
+    beyond: float = 0.01
+
+
+@dataclass(frozen=True)
+class Learned:
+    rig: Rig
+    doubts: tuple[str, ...] = ()
+
+
+@pytest.fixture
+def candidates(pulley_rig: Rig) -> list[Candidate]:
+    return [
+        Candidate("first", pulley_rig, 0.01),
+        Candidate("third", load_rig("capstan-joint"), 0.03),
+        Candidate("second", load_rig("template"), 0.02),
+    ]
+
+
+def written(
+    candidates: list[Candidate], fails: list[Rig], monkeypatch: pytest.MonkeyPatch
+) -> Learned:
+    """Return what is written where the filters of some rigs leave all bounds."""
+
+    def estimate(log: Log, rig: Rig, **_: object) -> None:
+        if rig in fails:
+            raise DivergedError(log.source)
+
+    monkeypatch.setattr(FIT, "estimate", estimate)
+    monkeypatch.setattr(FIT, "learned_by", lambda _, candidate: Learned(candidate.rig))
+    options = SimpleNamespace(compiled=False, homing=None)
+    judged = SimpleNamespace(candidates=candidates, training=SimpleNamespace(options=options))
+    return FIT._followed(judged, candidates[0], [LOG], lambda it: replace(it, doubts=("whole",)))
+
+
+def test_a_rig_whose_filter_leaves_all_bounds_is_not_written(
+    candidates: list[Candidate], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, _, second = candidates
+    assert written(candidates, [], monkeypatch) == Learned(first.rig, ("whole",))
+    without_touches = written(candidates, [first.rig], monkeypatch)
+    assert without_touches.rig == untouched(first.rig)
+    assert without_touches.doubts == (
+        "first is not written: its filter leaves all bounds on one.csv",
+        "whole",
+    )
+    next_best = written(candidates, [first.rig, untouched(first.rig)], monkeypatch)
+    assert next_best.rig == second.rig
+    assert "first, without a look for touches, is not written" in next_best.doubts[1]
+    every = [rig for each in candidates for rig in (each.rig, untouched(each.rig))]
+    last = written(candidates, every, monkeypatch)
+    assert last.rig == first.rig
+    assert last.doubts == ("no candidate's filter follows all logs", "whole")
+
+
+def fold(candidates: list[Candidate], rms: dict[str, float]) -> Fold:
+    scores = {name: Score(error, 0.95, error) for name, error in rms.items()}
+    return Fold(
+        ("one.csv",),
+        SimpleNamespace(candidates=candidates),  # type: ignore[arg-type]
+        (Compared("one.csv", scores),),
+    )
+
+
+def test_a_fold_whose_filter_is_lost_does_not_choose_a_rig_that_errs_far_more(
+    candidates: list[Candidate],
+) -> None:
+    """In one fold of three the error beyond what was seen is not known, for no filter followed
+    two logs; the held-out error still is.
+    """
+    good, bad, _ = candidates
+    rms = {good.name: 0.01, bad.name: 2.0}
+    lost = [replace(good, beyond=np.inf), bad]
+    folds = [fold([good, bad], rms), fold(lost, rms), fold([good, bad], rms)]
+    assert candidate_by_folds(folds, [good, bad], good, 0.0) is good  # type: ignore[arg-type,list-item]
+    assert candidate_by_folds(folds, [good, bad], bad, 0.0) is good  # type: ignore[arg-type,list-item]
