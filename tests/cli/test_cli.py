@@ -228,12 +228,10 @@ def test_the_same_from_python(run, log: Path, tmp_path: Path) -> None:
         out,
         "--estimator",
         "ekf-2008",
-        "--passes",
-        2,
         *SET,
     )
     rig = distal.load_rig("paper-2008-printed", SET[1::2])
-    result = distal.estimate(log, rig, "ekf-2008", passes=2)
+    result = distal.estimate(log, rig, "ekf-2008")
     np.testing.assert_array_equal(pl.read_parquet(out)["theta [rad]"].to_numpy(), result.theta)
 
 
@@ -406,7 +404,6 @@ def test_bad_rigs_and_options(run, log: Path, tmp_path: Path) -> None:
         (("simulate", "series-2", "--out", tmp_path), ("is a folder",)),
         (("rig", "check", "nothing"), ("unknown rig",)),
         (("nothing",), ("No such command",)),
-        (("estimate", log, "--rig", "paper-2008-printed", "--passes", "0"), ("--passes",)),
     ]
     for words, said in cases:
         refused(run(*words), *said)

@@ -36,7 +36,7 @@ def completed(line: str, folder: Path) -> list[str]:
     ("line", "expected"),
     [
         ("distal est", ["estimate"]),
-        ("distal estimate --pass", ["--passes"]),
+        ("distal estimate --smo", ["--smooth"]),
         ("distal estimate log.csv --rig ", [*shipped_rigs(), "mine.toml"]),
         ("distal estimate log.csv --rig paper-2008-p", ["paper-2008-printed"]),
         ("distal rig show mi", ["mine.toml"]),

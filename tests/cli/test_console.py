@@ -85,7 +85,20 @@ def test_a_compiler_is_named(
     with console.working("estimating with adaptive"):
         assert Kernel(function).backend == "compiled"
         said = capfd.readouterr().err
-    assert said == "estimating with adaptive: compiling, once: it is kept for the next time …\n"
+    line, *_ = said.splitlines()
+    assert line == "estimating with adaptive: compiling, once: it is kept for the next time …"
+
+
+def test_a_long_step_is_said_again_and_again(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each time after twice the silence, so that minutes are not hundreds of lines."""
+    monkeypatch.setattr(console, "QUIET", 0.05)
+    with console.working("compiling for others"):
+        time.sleep(0.6)
+    lines = capfd.readouterr().err.splitlines()
+    assert 3 <= len(lines) <= 4
+    assert set(lines) == {"compiling for others …"}
 
 
 @pytest.mark.parametrize(

@@ -145,9 +145,12 @@ class _Activity(logging.Handler):
         self._text = text
         self._show(text)
         if not self._silent and not self.timer.is_alive():
-            self.timer = Timer(self._wait, self._print)
-            self.timer.daemon = True
-            self.timer.start()
+            self._begin()
+
+    def _begin(self) -> None:
+        self.timer = Timer(self._wait, self._print)
+        self.timer.daemon = True
+        self.timer.start()
 
     def end(self) -> None:
         """Print nothing from now on, whatever another thread still tells."""
@@ -159,6 +162,7 @@ class _Activity(logging.Handler):
             return
         self._wait *= 2.0
         print(f"{self._text} …", file=sys.stderr, flush=True)
+        self._begin()
 
 
 @contextmanager

@@ -4,15 +4,19 @@ with an angle known from time to time.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator
 from math import degrees
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
 from distal.cli.console import say, table, working
 from distal.cli.paths import check_command_outputs, to_folder
 from distal.cli.shared_options import ScenarioArgument, SeedOption, SetOption
+
+if TYPE_CHECKING:
+    from distal.run import PieceEstimate
 
 
 def drift_command(
@@ -44,10 +48,8 @@ def drift_command(
     hours_of = {}
     with working("simulating hours") as show:
         for name, std in ways.items():
-            show(f"simulating {description.duration / 3600:.3g} h and estimating, {name}")
-            hours_of[name] = by_hour(
-                estimate_pieces(simulate_pieces(rig, description, seed), rig, known_std=std)
-            )
+            pieces = estimate_pieces(simulate_pieces(rig, description, seed), rig, known_std=std)
+            hours_of[name] = by_hour(_told(pieces, show, description.duration, name))
     out.mkdir(parents=True, exist_ok=True)
     plot_hours(hours_of, picture)
     rows = []
@@ -60,3 +62,13 @@ def drift_command(
     write_whole(rows_file, "\n".join(",".join(row) for row in [columns, *rows]) + "\n")
     table(f"{description.name or scenario}", columns, rows, text=1)
     say(f"wrote {picture} and {rows_file.name}")
+
+
+def _told(
+    pieces: Iterable[PieceEstimate], show: Callable[[str], None], duration: float, name: str
+) -> Iterator[PieceEstimate]:
+    """Yield pieces, and show which share of the `duration` [s] they are."""
+    for piece in pieces:
+        hours = piece.log.time[-1] / 3600.0
+        show(f"{name}: {hours:.1f} of {duration / 3600.0:.3g} h simulated and estimated")
+        yield piece

@@ -77,14 +77,6 @@ def estimate_command(
         list[str] | None,
         Option(help="What else --plot draws: innovations, forces, health, or all. Repeatable."),
     ] = None,
-    passes: Annotated[
-        int,
-        Option(
-            min=1,
-            help="ekf and ekf-2008: filter this many times; each pass begins with the covariance "
-            "at the end of the last.",
-        ),
-    ] = 1,
     smooth: Annotated[
         bool,
         Option(
@@ -167,7 +159,6 @@ def estimate_command(
                 "--panel": bool(panel),
                 "--smooth": smooth,
                 "--findings": findings,
-                "--passes": passes > 1,
                 "a second --estimator": len(estimator or ()) > 1,
             },
         )
@@ -199,7 +190,8 @@ def estimate_command(
     )
     check_ending(out, "a table")
     description = load_rig(rig, settings(set_, repeated))
-    log = read_log(logs[0], description, truth)
+    with working(f"reading {logs[0]}"):
+        log = read_log(logs[0], description, truth)
     _describe(log, description)
     is_known = true_angles(log, description.joint_names) is not None
     names = _names(estimator, description, is_known)
@@ -211,7 +203,7 @@ def estimate_command(
         with suppress(DistalError):
             AdaptiveFilter(description, "lanes").kernel.begin_lanes()
     results, failed = _estimates(
-        log, description, names, passes, home, comparing=estimator is None, is_known=is_known
+        log, description, names, home, comparing=estimator is None, is_known=is_known
     )
     if smooth:
         with working("smoothing"):
@@ -299,7 +291,6 @@ def _estimates(
     log: Log,
     rig: Rig,
     names: list[str],
-    passes: int,
     home: float | None,
     *,
     comparing: bool,
@@ -321,7 +312,7 @@ def _estimates(
         for name in (name for name in names if name not in failed):
             show(f"estimating with {name}")
             try:
-                results.append(estimate(log, rig, name, passes, homing=home, covariances=False))
+                results.append(estimate(log, rig, name, homing=home, covariances=False))
             except DistalError as problem:
                 failed[name] = (
                     f"{name}: {str(problem).removeprefix(f'{name}: ')}"  # some errors have it

@@ -6,14 +6,12 @@ from distal.diagnosis.channel_statistics import LARGE_RATIO
 from distal.diagnosis.diagnose import diagnose, why_diverged
 from distal.diagnosis.finding import Finding, Kind
 from distal.diagnosis.of_estimate import Diagnosis, diagnose_estimate
-from distal.diagnosis.untested import cannot_test
 
 __all__ = [
     "LARGE_RATIO",
     "Diagnosis",
     "Finding",
     "Kind",
-    "cannot_test",
     "diagnose",
     "diagnose_estimate",
     "why_diverged",

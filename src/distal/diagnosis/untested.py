@@ -21,10 +21,6 @@ from distal.diagnosis.changes_in_subsystems import each_apart
 from distal.diagnosis.finding import Finding, Kind
 from distal.diagnosis.rerun import ModelChange, Outcome, Rerun
 from distal.diagnosis.what_if import contradictions
-from distal.estimators import AdaptiveFilter
-from distal.logs import Log
-from distal.rig import Rig
-from distal.run.offline import estimator_for
 
 FACTORS = (0.5, 0.67, 0.9, 1.1, 1.5, 2.0)
 """Factors on scales that are tried [1]; a scale in the rig that is wrong by one of them is right
@@ -47,25 +43,6 @@ Source: judgement.
 OFTEN = 0.1
 """Share of samples in which a change has to move an angle so that it counts [1]. Source: judgement.
 """
-
-
-def cannot_test(
-    log: Log, rig: Rig, homing: float | None = None, compiled: bool = True
-) -> tuple[Finding, ...]:
-    """Return the groups of parameters that the sensors of a log cannot test.
-
-    Args:
-        log: with the sensors.
-        rig: of the log.
-        homing: time for which the reference angle is used [s], or None.
-        compiled: whether kernels are compiled.
-
-    Raises:
-        EstimationError: the filter cannot run on this rig or log.
-    """
-    estimator = estimator_for(log, rig, "adaptive", compiled, homing)
-    assert isinstance(estimator, AdaptiveFilter)
-    return tuple(untestable(Rerun(log, estimator, homing)))
 
 
 def untestable(rerun: Rerun) -> list[Finding]:

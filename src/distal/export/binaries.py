@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from distal.kernels import find_compiler
-from distal.kernels.compiler import SWITCHED_OFF
+from distal.kernels.compiler import LOG, SWITCHED_OFF
 
 ZIG_TARGETS = {
     "x86_64-linux": "x86_64-linux-gnu.2.17",
@@ -102,6 +102,7 @@ def _made(folder: str, command: Sequence[str], files: Sequence[str], where: str)
         )
     except (OSError, subprocess.SubprocessError) as problem:
         return f"the C compiler did not run ({type(problem).__name__})"
+    LOG.info("%s is done", where)
     if done.returncode != 0:
         return f"the C compiler failed: {(done.stderr.strip().splitlines() or ['no message'])[0]}"
     return Path(folder, f"made-{where}").read_bytes()

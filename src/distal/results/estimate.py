@@ -240,10 +240,8 @@ class Estimate:
         ):
             return self.means[:, self.state_parts.index(name)]
         if name not in self.state_names:
-            old = f"tendon_angle_{name.removeprefix('theta_')}"
-            renamed = f"; it is called '{old}' since release 0.2" if old in self.state_names else ""
             raise EstimationError(
-                f"no state is called '{name}'{renamed or did_you_mean(name, self.state_names)}"
+                f"no state is called '{name}'{did_you_mean(name, self.state_names)}"
             )
         return self.means[:, self.state_names.index(name)]
 

@@ -56,6 +56,19 @@ class JointContact:
     since: float
 
 
+def only(values: Floats | Sequence[float], name: str) -> float:
+    """Return the value of the only joint.
+
+    Raises:
+        EstimationError: there are several; says that the `name` for them all has an s.
+    """
+    if len(values) != 1:
+        raise EstimationError(
+            f"'{name}' is for rigs of one joint, this one has {len(values)}; use '{name}s'"
+        )
+    return float(values[0])
+
+
 class LiveEstimator:
     """An estimator that takes one sample after the other, with the same values as `estimate` over
     the whole log.
@@ -328,7 +341,7 @@ class LiveEstimator:
         Raises:
             EstimationError: there are several joints.
         """
-        return self._only(self._joints, "angle")
+        return only(self._joints, "angle")
 
     @property
     def angle_std(self) -> float:
@@ -337,7 +350,7 @@ class LiveEstimator:
         Raises:
             EstimationError: there are several joints.
         """
-        return self._only(self.angle_stds, "angle_std")
+        return only(self.angle_stds, "angle_std")
 
     @property
     def angles(self) -> Floats:
@@ -398,14 +411,6 @@ class LiveEstimator:
         """Standard deviations of the errors of the external torques [N m]."""
         stds: Floats = np.sqrt(np.maximum(np.diagonal(self._spread)[self._torques], 0.0))
         return stds
-
-    def _only(self, values: Floats, name: str) -> float:
-        if len(values) != 1:
-            joints = ", ".join(joint.name for joint in self.rig.joints)
-            raise EstimationError(
-                f"'{name}' is for rigs of one joint, this one has {joints}; use '{name}s'"
-            )
-        return float(values[0])
 
     @property
     def mean(self) -> Floats:

@@ -18,7 +18,7 @@ from distal.kernels import Evaluation
 from distal.logs import LARGEST_READING
 from distal.rig import Rig
 from distal.run.health import LONGEST_GAP, WORDS, Health, begun, watch_of, word_code
-from distal.run.live_estimator import LATEST, JointContact, LiveEstimator
+from distal.run.live_estimator import LATEST, JointContact, LiveEstimator, only
 
 REWOUND = 3
 """Number of late samples in a row, each newer than the one before, after which the clock counts as
@@ -69,7 +69,7 @@ class Reading:
         Raises:
             EstimationError: there are several joints.
         """
-        return self._only(self.angles, "angle")
+        return only(self.angles, "angle")
 
     @property
     def angle_std(self) -> float:
@@ -78,7 +78,7 @@ class Reading:
         Raises:
             EstimationError: there are several joints.
         """
-        return self._only(self.angle_stds, "angle_std")
+        return only(self.angle_stds, "angle_std")
 
     @property
     def unusable(self) -> str:
@@ -88,13 +88,6 @@ class Reading:
         if self.health in UNUSABLE or not max(self.angle_stds) <= LOST:
             return self.detail or f"the angle is not known to ±{np.rad2deg(2 * LOST):.0f}°"
         return ""
-
-    def _only(self, values: tuple[float, ...], name: str) -> float:
-        if len(values) != 1:
-            raise EstimationError(
-                f"'{name}' is for rigs of one joint, this one has {len(values)}; use '{name}s'"
-            )
-        return values[0]
 
 
 class Monitor:

@@ -129,7 +129,7 @@ def estimate(
         raise EstimationError(f"passes must be at least 1, {passes!r} came")
     if passes > 1 and not isinstance(chosen, FullStateFilter):
         raise EstimationError(
-            f"{chosen.name} takes one pass; --passes is for the filters of the paper's kind "
+            f"{chosen.name} takes one pass; passes is for the filters of the paper's kind "
             "(ekf-2008, ekf)"
         )
     run = prepared(log, chosen, homing)
