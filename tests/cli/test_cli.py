@@ -633,7 +633,6 @@ def test_what_goes_wrong_is_one_line(run, monkeypatch: pytest.MonkeyPatch, tmp_p
         ("rig", "check", "paper-2008", "--set", "joints.0" + "\x1b[2J" + "=1"),
         ("estimate", loop, "--rig", "paper-2008"),
         ("estimate", tmp_path / "none.csv", "--rig", "paper-2008", "--truth", "\0"),
-        ("estimate", tmp_path / "none.csv", "--rig", "paper-2008", "--max-memory", "5 m"),
     ):
         ran = run(*words)
         assert ran.code == 2, (words, ran.err)

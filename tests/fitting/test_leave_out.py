@@ -21,7 +21,6 @@ from distal.fitting.candidates import (
     best_of,
     filter_candidate,
 )
-from distal.fitting.fit import _too_few_for_weights
 from distal.fitting.fit_options import Options
 from distal.fitting.jackknife import parameters_without
 from distal.fitting.learn import Learned, learn
@@ -351,16 +350,3 @@ def test_without_forces_no_touch_is_looked_for_and_none_need_be_closed() -> None
     )
     assert untouched(without) is without
     assert untouched(rig).free_motion is not None
-
-
-@pytest.mark.parametrize(
-    ("name", "folds", "said"), [(BLEND, 3, 1), (BLEND, 4, 0), (AS_GIVEN, 3, 0)]
-)
-def test_a_blend_that_three_logs_cannot_judge_is_said(name: str, folds: int, said: int) -> None:
-    chosen, best = (
-        Candidate(each, finger_rig(), None, False, {}, 0.01, 0.01, {})
-        for each in (name, AFFINE_MAP)
-    )
-    lines = _too_few_for_weights(chosen, best, folds)
-    assert len(lines) == said
-    assert all("log 4 or more" in line for line in lines)

@@ -90,7 +90,7 @@ def test_memory_is_asked_for_before_it_is_taken(
     path = written(tmp_path / "log.csv", ["t,a,b", *ROWS * 1000])
     assert len(read_table(path).columns["t"]) == 40_000
     monkeypatch.setenv("DISTAL_MAX_MEMORY", "3 MB")
-    with pytest.raises(LogError, match=r"120,0\d\d cells, about 0.0 GB .*--max-memory"):
+    with pytest.raises(LogError, match=r"120,0\d\d cells, about 0.0 GB .*DISTAL_MAX_MEMORY=16GB"):
         read_table(path)
     monkeypatch.setenv("DISTAL_MAX_MEMORY", "much")
     with pytest.raises(LogError, match="DISTAL_MAX_MEMORY: 'much'"):

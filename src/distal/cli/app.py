@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import os
 import sys
-import time
 from contextlib import suppress
 from typing import Any
 
@@ -164,19 +163,11 @@ def ended_by(problem: BaseException) -> object:
     return code
 
 
-WEIGHT_KEEPING = 1.0
-"""Processor time of a command from which on results that cannot be written are kept elsewhere [s].
-Source: judgement.
-"""
-
-
 def _kept(problem: DistalError) -> str:
     """Write results that could not be written to another folder, and return a text that says
     where.
     """
     if not isinstance(problem, OutputError) or not problem.unsaved:
-        return ""
-    if time.process_time() < WEIGHT_KEEPING:
         return ""
     from distal.logs import keep_elsewhere
 

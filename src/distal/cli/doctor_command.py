@@ -12,7 +12,7 @@ from distal.cli.shared_options import SetOption
 from distal.version import __version__
 
 if TYPE_CHECKING:
-    from distal.rig import Rig
+    pass
 
 _PACKAGES = ("numpy", "scipy", "casadi", "pydantic", "pint", "matplotlib")
 
@@ -90,7 +90,7 @@ def _say_structure(name: str, changes: list[str] | None) -> None:
     say(f"kernels of {name}: all numbers of the rig are inputs; one more is compiled where one of")
     say("these changes:")
     facts = {
-        "parts, their kinds, axes and couplings, and who moves whom": _counted(rig),
+        "parts, their kinds, axes and couplings, and who moves whom": rig.in_numbers(),
         "terms that are zero, or one, for certain": in_words(rig, *constants),
         "states (numbers that have a std, and errors of sensors)": str(len(states)),
         "joints whose friction is known to a factor only": ", ".join(doubted),
@@ -103,11 +103,6 @@ def _say_structure(name: str, changes: list[str] | None) -> None:
     }
     for fact, value in facts.items():
         say(f"  {fact}: {value or 'none'}")
-
-
-def _counted(rig: Rig) -> str:
-    counts = ((len(components), kind) for kind, components in rig.components.items())
-    return ", ".join(f"{n} {kind if n != 1 else kind[:-1]}" for n, kind in counts)
 
 
 def _yes(is_so: bool) -> str:

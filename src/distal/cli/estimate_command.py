@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,7 +14,6 @@ from typer import Argument, Option
 from distal.cli.console import continue_on_failure, failure, say, table, working
 from distal.cli.paths import check_command_outputs, check_ending, to_file
 from distal.cli.shared_options import (
-    MemoryOption,
     PlotOption,
     RepeatedOption,
     RigOption,
@@ -118,7 +117,6 @@ def estimate_command(
             "same files."
         ),
     ] = None,
-    max_memory: MemoryOption = None,
     set_: SetOption = None,
 ) -> None:
     """Estimate the joint angle over a log, or many; where the truth of one is known, compare all
@@ -202,13 +200,12 @@ def estimate_command(
         # the diagnosis's kernel is compiled while the estimate runs; errors come from the estimate
         with suppress(DistalError):
             AdaptiveFilter(description, "lanes").kernel.begin_lanes()
-    results, failed = _estimates(
-        log, description, names, home, comparing=estimator is None, is_known=is_known
-    )
+    found = _Found(level, comparing=estimator is None, is_known=is_known)
+    _estimates(log, description, names, home, found)
     if smooth:
         with working("smoothing"):
-            results.insert(0, smoothed(log, description))
-    results = [replace(result, level=level) for result in results]
+            found.add(smoothed(log, description), 0)
+    results = found.results
     files: dict[Path, bytes | str] = {}
     if out is not None:
         files[out] = file_of(results[0].columns(unit, every=every), out)
@@ -226,12 +223,12 @@ def estimate_command(
             else ""
         )
         say(f"truth: {origin}{used}")
-        _compare(results, failed)
+        _compare(found)
     else:
-        for reason in failed.values():
+        for reason in found.failed.values():
             failure(reason)
     _say(
-        results,
+        found,
         log,
         description,
         home,
@@ -287,16 +284,38 @@ def _at_home(log: Log, rig: Rig, positions: list[str], home: float | None) -> tu
     return log, rig
 
 
-def _estimates(
-    log: Log,
-    rig: Rig,
-    names: list[str],
-    home: float | None,
-    *,
-    comparing: bool,
-    is_known: bool,
-) -> tuple[list[Estimate], dict[str, str]]:
-    """Return the estimates, and name → reason for the estimators that failed.
+@dataclass
+class _Found:
+    """What estimators found.
+
+    In a comparison that was not asked for, only the first estimate stays in memory.
+
+    Args:
+        level: of the bands.
+        comparing: whether estimators are compared that nobody asked for.
+        is_known: whether the true angle is known.
+    """
+
+    level: float
+    comparing: bool
+    is_known: bool
+    results: list[Estimate] = field(default_factory=list)
+    rows: list[tuple[str, ...]] = field(default_factory=list)
+    notes: dict[str, None] = field(default_factory=dict)
+    failed: dict[str, str] = field(default_factory=dict)
+
+    def add(self, result: Estimate, at: int) -> None:
+        """Take in an estimate, whose row stands `at` a position in the table."""
+        result = replace(result, level=self.level)
+        self.notes |= dict.fromkeys(result.notes)
+        if self.is_known:
+            self.rows.insert(at, _row(result))
+        if at == 0 or not self.comparing:
+            self.results.insert(at, result)
+
+
+def _estimates(log: Log, rig: Rig, names: list[str], home: float | None, found: _Found) -> None:
+    """Put what the estimators find, and the reasons why some fail, into `found`.
 
     Where the first estimator fails, the others are still shown before its error is raised.
     """
@@ -304,25 +323,24 @@ def _estimates(
     from distal.run import estimate
 
     # in a comparison by default, an estimator that cannot run is a row with what it needs
-    missing = comparing and rig.affine is None and home is None and "affine" in names
-    results = list["Estimate"]()
-    failed = {"affine": f"affine {NEEDS}"} if missing else {}
+    if found.comparing and rig.affine is None and home is None and "affine" in names:
+        found.failed["affine"] = f"affine {NEEDS}"
     lost: DistalError | None = None
     with working("estimating") as show:
-        for name in (name for name in names if name not in failed):
+        for name in (name for name in names if name not in found.failed):
             show(f"estimating with {name}")
             try:
-                results.append(estimate(log, rig, name, homing=home, covariances=False))
+                result = estimate(log, rig, name, homing=home, covariances=False)
+                found.add(result, len(found.rows) or len(found.results))
             except DistalError as problem:
-                failed[name] = (
+                found.failed[name] = (
                     f"{name}: {str(problem).removeprefix(f'{name}: ')}"  # some errors have it
                 )
                 lost = lost or (problem if name == names[0] else None)
     if lost is not None:
-        if is_known and results:
-            _compare(results, failed)
+        if found.rows:
+            _compare(found)
         raise _explained(lost, log, rig, home) if isinstance(lost, DivergedError) else lost
-    return results, failed
 
 
 def _explained(problem: DivergedError, log: Log, rig: Rig, home: float | None) -> DivergedError:
@@ -350,7 +368,7 @@ def _picture(
 
 
 def _say(
-    results: list[Estimate],
+    found: _Found,
     log: Log,
     rig: Rig,
     home: float | None,
@@ -362,10 +380,10 @@ def _say(
     """Print the angle in words, notes, the diagnosis, and which files were written."""
     from distal.diagnosis import diagnose
 
-    final = results[0]
+    final = found.results[0]
     for joint in range(len(final.joint_names)):
         say(final.in_words(joint))
-    for note in dict.fromkeys(note for result in results for note in result.notes):
+    for note in found.notes:
         if note != final.unseen:
             say(note)
     # a smoothed estimate is of the same log and rig, and its innovations are the filter's
@@ -420,28 +438,28 @@ def _describe(log: Log, rig: Rig) -> None:
         )
 
 
-def _compare(results: list[Estimate], failed: dict[str, str]) -> None:
-    """Print the errors of each estimator as a table, and the reasons of those that failed."""
+def _row(result: Estimate) -> tuple[str, ...]:
+    """Return the cells of an estimate in the table of errors."""
     import numpy as np
 
+    return (
+        result.estimator,
+        f"{degrees(result.rms_error()):.3f}",
+        f"{degrees(result.max_error()):.3f}",
+        f"{100 * result.inside_band():.0f} %",
+        f"±{degrees(result.stds_of_band * np.median(result.angle_stds)):.3f}",
+    )
+
+
+def _compare(found: _Found) -> None:
+    """Print the errors of each estimator as a table, and the reasons of those that failed."""
     from distal.confidence import in_percent
 
-    rows = [
-        (
-            result.estimator,
-            f"{degrees(result.rms_error()):.3f}",
-            f"{degrees(result.max_error()):.3f}",
-            f"{100 * result.inside_band():.0f} %",
-            f"±{degrees(result.stds_of_band * np.median(result.angle_stds)):.3f}",
-        )
-        for result in results
-    ]
-    rows += [(name, "–", "–", "–", "–") for name in failed]
-    level = in_percent(results[0].level)
+    level = in_percent(found.level)
     table(
         "error against truth",
         ["estimator", "RMS [°]", "maximum [°]", f"inside {level} band", "median band [°]"],
-        rows,
+        [*found.rows, *((name, "–", "–", "–", "–") for name in found.failed)],
     )
-    for reason in failed.values():
+    for reason in found.failed.values():
         say(reason)

@@ -19,7 +19,6 @@ from typer import Argument, Option
 from distal.cli.console import err, say, table
 from distal.cli.paths import check_command_outputs, check_ending, to_file, to_folder, write_each
 from distal.cli.shared_options import (
-    MemoryOption,
     RepeatedOption,
     RigOption,
     SetOption,
@@ -115,7 +114,6 @@ def fit_command(
     seed: Annotated[int, Option(min=0, help="Seed of the starts.")] = 0,
     jobs: Annotated[int, Option(min=1, help="How many logs are run at once.")] = 2,
     repeated: RepeatedOption = None,
-    max_memory: MemoryOption = None,
     set_: SetOption = None,
 ) -> None:
     """Fit a rig's parameters and noise to logs, say which ones the logs determine, and write a rig

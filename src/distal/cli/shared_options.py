@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable
 from glob import escape, glob
@@ -82,26 +81,6 @@ def settings(set_: list[str] | None, repeated: str | None) -> list[str]:
 SeedOption = Annotated[int, Option("--seed", min=0, help="Seed of the sensors' errors.")]
 
 
-def _allow_memory(size: str | None) -> str | None:
-    """Set the memory limit for this process and those that it starts."""
-    from distal.logs import MEMORY_VARIABLE, size_of
-
-    if size is not None:
-        size_of(size)
-        os.environ[MEMORY_VARIABLE] = size
-    return size
-
-
-MemoryOption = Annotated[
-    str | None,
-    Option(
-        "--max-memory",
-        metavar="SIZE",
-        callback=_allow_memory,
-        help="Memory for reading one log, e.g. 16GB; default 2 GB, since a small file can ask for "
-        "all memory.",
-    ),
-]
 EstimatorOption = Annotated[
     str,
     Option("--estimator", "-e", help=f"{', '.join(ESTIMATOR_NAMES)}.", autocompletion=estimators),

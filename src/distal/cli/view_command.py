@@ -14,7 +14,6 @@ from distal.cli.console import continue_on_failure, say, working
 from distal.cli.paths import check_command_outputs, to_page
 from distal.cli.shared_options import (
     EstimatorOption,
-    MemoryOption,
     RepeatedOption,
     RigOption,
     SetOption,
@@ -45,7 +44,6 @@ def view_command(
         ),
     ] = None,
     repeated: RepeatedOption = None,
-    max_memory: MemoryOption = None,
     set_: SetOption = None,
 ) -> None:
     """Estimate over a log and show it in the browser: zoom with the wheel, point at a curve to read

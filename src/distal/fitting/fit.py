@@ -23,7 +23,6 @@ from distal.fitting.leave_out import (
     leave_out,
     with_written,
 )
-from distal.fitting.line_candidates import BLEND, FOR_WEIGHTS
 from distal.fitting.log_checks import check_logs
 from distal.fitting.map_samples import OFFSETS
 from distal.fitting.progress import Progress, of_part
@@ -147,13 +146,8 @@ def fit(
         asked = parts - 1
         rated = judged.candidates if len(done) == asked else [judged.chosen]
         best = candidate_by_folds(done, rated, judged.chosen, offset)
-        doubts = _too_few_for_weights(judged.chosen, best, asked)
-        written = with_written(done, offset)
-        learned = _followed(
-            judged, best, read, lambda it: _with_free_motion(it, written, read, folds)
-        )
-        learned = replace(learned, doubts=(*learned.doubts, *doubts))
-        done = written
+        done = with_written(done, offset)
+        learned = _followed(judged, best, read, lambda it: _with_free_motion(it, done, read, folds))
     elif not learned.interrupted:
         learned = _followed(judged, judged.chosen, read, lambda it: it)
     learned = replace(learned, doubts=(*_touched(aside), *learned.doubts))
@@ -193,16 +187,6 @@ def _followed(
             doubts.append(f"{what} is not written: its filter leaves all bounds on {lost.source}")
     learned = completed(learned_by(judged, best))
     return replace(learned, doubts=("no candidate's filter follows all logs", *learned.doubts))
-
-
-def _too_few_for_weights(chosen: Candidate, best: Candidate, folds: int) -> list[str]:
-    """Return a sentence where a blend errs least that so few logs cannot judge."""
-    if chosen.name != BLEND or best is chosen or folds > FOR_WEIGHTS:
-        return []
-    return [
-        f"a {BLEND} may err less, but {folds} logs or groups of logs cannot judge its weights; "
-        f"log {FOR_WEIGHTS + 1} or more"
-    ]
 
 
 def _touched(aside: Sequence[Log]) -> list[str]:

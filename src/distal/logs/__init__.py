@@ -18,7 +18,6 @@ from distal.logs.log_files import (
     write_columns,
     write_log,
 )
-from distal.logs.memory_limit import MEMORY_VARIABLE, size_of
 from distal.logs.messages import MessageReader
 from distal.logs.mujoco_recorder import mujoco_recorder
 from distal.logs.output_targets import Output, check_outputs, outputs_in, shown
@@ -34,7 +33,6 @@ __all__ = [
     "ESTIMATE_TOPIC",
     "FROM_SENSOR",
     "LARGEST_READING",
-    "MEMORY_VARIABLE",
     "SAMPLE_TOPIC",
     "TABLES",
     "Column",
@@ -70,7 +68,6 @@ __all__ = [
     "read_truth",
     "recorded_columns",
     "shown",
-    "size_of",
     "table_of",
     "true_angles",
     "true_torques",

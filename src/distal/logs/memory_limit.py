@@ -68,6 +68,5 @@ def how_to_allow() -> str:
     """Return a sentence that says how the user allows more memory."""
     return (
         f"{memory_limit() / 1e9:.3g} GB are allowed; if the file is to be trusted, allow more "
-        "with --max-memory or "
-        f"${MEMORY_VARIABLE}, e.g. 16GB"
+        f"with {MEMORY_VARIABLE}=16GB distal …"
     )

@@ -279,18 +279,19 @@ class Rig(Description):
 
     def __repr__(self) -> str:
         """Return what it is in a few words; `model_dump` has all of it."""
-        counts = ((len(components), kind) for kind, components in self.components.items())
-        parts = [
-            f"{count} {kind.removesuffix('s') if count == 1 else kind}" for count, kind in counts
-        ]
         learned = [
             name for name in ("affine", "discrepancy", "contact") if getattr(self, name) is not None
         ]
-        return f"Rig '{self.name}': {', '.join(parts)}" + (
+        return f"Rig '{self.name}': {self.in_numbers()}" + (
             f"; learned: {', '.join(learned)}" if learned else ""
         )
 
     __str__ = __repr__
+
+    def in_numbers(self) -> str:
+        """Return how many components of each kind there are, in words."""
+        counts = ((len(components), kind) for kind, components in self.components.items())
+        return ", ".join(f"{n} {kind if n != 1 else kind[:-1]}" for n, kind in counts)
 
     def bare(self) -> Rig:
         """Return a copy without what was learned from logs (`affine`, `discrepancy`, `contact`,
