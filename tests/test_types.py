@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tools.untyped import found, problems, reasons, untyped
 
 import distal
 from distal.results.angle_plots import PlotOptions
@@ -64,6 +65,26 @@ def test_no_public_signature_has_any() -> None:
                 found.append(f"{path}: {ast.unparse(annotation)}")
     assert seen > 1000
     assert not found
+
+
+def test_what_hides_a_type_has_a_reason() -> None:
+    """A friction that was not there went through `getattr` with a variable name unseen."""
+    assert problems(found(), reasons()) == []
+    text = """
+from typing import Any, cast
+VALUES: dict[str, Any] = {}
+class Rig:
+    def of(self, kind, name):
+        first = getattr(self, kind)
+        return getattr(first, "name"), cast(int, name)
+"""
+    there = list(untyped(text))
+    assert there == ["module Any", "Rig.of getattr", "Rig.of cast"]
+    assert problems(there, {"module Any": "a table", "Rig.of cast": ""}) == [
+        "Rig.of getattr: say its type, or why not",
+        "Rig.of cast: say its type, or why not",
+    ]
+    assert problems([], {"gone Any": "a reason"}) == ["gone Any: is not there"]
 
 
 def test_a_plot_has_the_options_that_its_type_names() -> None:
