@@ -19,6 +19,7 @@ from typer.testing import CliRunner
 
 import distal
 from distal.cli import app, main
+from distal.errors import EstimationError
 from distal.paper.claims import GROUPS
 
 
@@ -775,3 +776,38 @@ def test_the_lab_shows_the_rig_as_it_was_set(
     assert shown == distal.load_rig("paper-2008", settings)
     assert (str(path), estimator) == (out, "inextensible")
     assert shlex.split(str(source)) == ["paper-2008", *words]
+
+
+@pytest.mark.parametrize("command", ["estimate", "view"])
+@pytest.mark.parametrize(
+    ("problem", "said"),
+    [
+        (TypeError("'NoneType' object is not iterable"), "this is a fault of distal, please"),
+        (EstimationError("no filter for this"), "holds: no filter for this"),
+    ],
+)
+def test_a_diagnosis_that_fails_costs_a_line(
+    run,
+    log: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    command: str,
+    problem: Exception,
+    said: str,
+) -> None:
+    """The estimate is written, and the command ends well."""
+    import distal.diagnosis
+
+    def broken(*_: object, **__: object) -> None:
+        raise problem
+
+    monkeypatch.delenv("DISTAL_TRACEBACK")
+    monkeypatch.setattr(distal.diagnosis, "diagnose", broken)
+    out = tmp_path / ("page.html" if command == "view" else "out.csv")
+    ran = run(command, log, "--rig", "paper-2008-printed", "--out", out, *SET)
+    assert ran.code == 0
+    assert f"wrote {out}" in ran.out
+    assert out.stat().st_size > 1000
+    (line,) = ran.err.splitlines()
+    assert line.startswith("error: testing what the log says of the rig failed; the rest of the ")
+    assert said in line

@@ -18,6 +18,7 @@ from distal.diagnosis import why_diverged
 from distal.diagnosis.against_truth import _likeliest, against_truth, causes
 from distal.diagnosis.of_estimate import diagnose_estimate
 from distal.diagnosis.rerun import ModelChange, Outcome
+from distal.diagnosis.trials import _of_frictions
 from distal.estimators import AdaptiveFilter
 from distal.results import Estimate
 from distal.simulation import load_scenario
@@ -400,3 +401,21 @@ def test_two_things_that_are_wrong_are_both_named(seen: Log, finger: Rig) -> Non
     text = " ".join(one.text for one in said.findings if one.kind == "looks like")
     assert "x_mcp_f" in text
     assert "pip_e" in text
+
+
+@pytest.mark.parametrize(
+    ("changed", "left"),
+    [
+        ({"joints.jaw.friction": None}, {"friction of motor"}),
+        (
+            {"drives.motor.friction.constant": 0.0, "drives.motor.friction.load": 0.0},
+            {"friction of jaw"},
+        ),
+        ({}, {"friction of jaw", "friction of motor"}),
+    ],
+)
+def test_friction_that_a_rig_lacks_is_not_tried(changed: dict[str, object], left: set[str]) -> None:
+    """A joint's axle may have none at all; a drive's is zero then."""
+    rig = load_rig("capstan-joint").with_values(changed)
+    tried = _of_frictions(AdaptiveFilter(rig, compiled=False))
+    assert {trial.cause.subject for trial in tried} == left

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import tracemalloc
+from pathlib import Path
+
 import numpy as np
 import pytest
 from benchmarks.cases import paper_log, paper_rig
 
-from distal import Belief, Estimator, Innovation, Rig, estimate, estimate_batch
+from distal import Belief, Estimator, Innovation, Log, Rig, estimate, estimate_batch, load_rig
 from distal.errors import EstimationError
+from distal.logs import write_log
 
 
 def test_passes_are_for_the_papers_filters() -> None:
@@ -61,3 +67,60 @@ def test_anything_that_is_an_estimator_is_accepted() -> None:
         np.testing.assert_array_equal(one.theta, result.theta)
     with pytest.raises(EstimationError, match="an estimator is a name or one from make_estimator"):
         estimate(log, rig, object())  # type: ignore[arg-type]
+
+
+def long_log(rows: int) -> tuple[Log, Rig]:
+    """Return a log of the paper's rig that goes back and forth until it is long enough."""
+    log, rig = paper_log("servo", "as the rig", 0), paper_rig("as the rig")
+    there = np.arange(rows) % (2 * len(log) - 2)
+    at = np.where(there < len(log), there, 2 * len(log) - 2 - there)
+    channels = {name: values[at] for name, values in log.channels.items()}
+    return Log(0.01 * np.arange(rows), channels, {"theta": log.truth["theta"][at]}), rig
+
+
+def test_without_covariances_an_estimate_is_the_same_and_takes_little_memory() -> None:
+    """A million samples within a gigabyte; the kernel states of 100,000 take 140 MB at once."""
+    log, rig = long_log(100_000)
+    whole = estimate(log, rig)
+    tracemalloc.start()
+    lean = estimate(log, rig, covariances=False)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert lean.covariances is None
+    np.testing.assert_array_equal(lean.means, whole.means)
+    np.testing.assert_array_equal(lean.variances, whole.variances)
+    np.testing.assert_array_equal(lean.innovations, whole.innovations)
+    np.testing.assert_array_equal(lean.innovation_variances, whole.innovation_variances)
+    assert peak < 100e6
+
+
+OF_A_COMMAND = """
+import resource, sys
+from distal.cli.app import main
+try:
+    main()
+finally:
+    print("peak", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="ru_maxrss has other units elsewhere")
+def test_a_row_more_costs_the_command_a_kilobyte(tmp_path: Path) -> None:
+    """A million rows so take a gigabyte, with a truth and all estimators beside it."""
+    peaks = []
+    for rows in (50_000, 250_000):
+        log, _ = long_log(rows)
+        rig = load_rig("paper-2008-printed")
+        write_log(log, rig, tmp_path / "log.csv")
+        words = ["estimate", "log.csv", "--rig", "paper-2008-printed", "--out", "out.csv"]
+        done = subprocess.run(
+            [sys.executable, "-c", OF_A_COMMAND, *words],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert "error against truth" in done.stdout
+        peaks.append(1024 * int(done.stdout.split("peak ")[1]))
+    assert (peaks[1] - peaks[0]) / 200_000 < 1000

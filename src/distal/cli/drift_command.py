@@ -69,6 +69,6 @@ def _told(
 ) -> Iterator[PieceEstimate]:
     """Yield pieces, and show which share of the `duration` [s] they are."""
     for piece in pieces:
-        hours = piece.log.time[-1] / 3600.0
-        show(f"{name}: {hours:.1f} of {duration / 3600.0:.3g} h simulated and estimated")
+        share = piece.log.time[-1] / duration
+        show(f"{name}: {100 * share:.0f} % simulated and estimated")
         yield piece

@@ -26,9 +26,9 @@ from distal.kernels.compiler import (
 from distal.kernels.lanes import LaneKernel, begin_lanes
 from distal.kernels.recipe import Recipe
 
-AT_ONCE = 1 << 14
-"""Number of samples whose whole kernel states are in memory where few of their numbers are kept
-[1]: tens of megabytes. Source: judgement.
+AT_ONCE = 1 << 20
+"""Numbers of whole kernel states that are in memory where few of them are kept [1]: 8 MB. Source:
+judgement.
 """
 
 Backend = Literal["compiled", "interpreted"]
@@ -130,8 +130,9 @@ class Kernel:
         if keep is not None:  # only some samples' whole kernel states are in memory at once
             kept = np.empty((len(xs), len(keep)))
             every = np.empty((len(xs), self.n_y))
-            for begin in range(0, len(xs), AT_ONCE):
-                rows = slice(begin, begin + AT_ONCE)
+            step = 1 + AT_ONCE // self.n_kernel_state
+            for begin in range(0, len(xs), step):
+                rows = slice(begin, begin + step)
                 states, every[rows] = self.scan(kernel_state, xs[rows], p)
                 kept[rows] = states[:, list(keep)]
                 kernel_state = states[-1]
