@@ -69,6 +69,5 @@ def _told(
 ) -> Iterator[PieceEstimate]:
     """Yield pieces, and show which share of the `duration` [s] they are."""
     for piece in pieces:
-        share = piece.log.time[-1] / duration
-        show(f"{name}: {100 * share:.0f} % simulated and estimated")
+        show(f"{name}: {100 * piece.log.time[-1] / duration:.0f} % simulated and estimated")
         yield piece

@@ -78,7 +78,7 @@ def fit_excursion(angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
     fits = list[Excursion]()
     joints = angles.shape[1]
     for degree in range(1, HIGHEST_DEGREE + 1):
-        if degree > 1 and comb(joints + degree, degree) > MOST_TERMS:
+        if comb(joints + degree, degree) > MOST_TERMS:
             break
         fits.append(_fitted(_powers(joints, degree), angles, lengths, arms))
         if fits[-1].arm_rms.max() <= ENOUGH:
