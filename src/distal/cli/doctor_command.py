@@ -90,7 +90,7 @@ def _say_structure(name: str, changes: list[str] | None) -> None:
     say(f"kernels of {name}: all numbers of the rig are inputs; one more is compiled where one of")
     say("these changes:")
     facts = {
-        "parts, their kinds, axes and couplings, and who moves whom": rig.in_numbers(),
+        "parts, their kinds, axes and couplings, and who moves whom": rig.count_in_words(),
         "terms that are zero, or one, for certain": in_words(rig, *constants),
         "states (numbers that have a std, and errors of sensors)": str(len(states)),
         "joints whose friction is known to a factor only": ", ".join(doubted),

@@ -49,7 +49,7 @@ def drift_command(
     with working("simulating hours") as show:
         for name, std in ways.items():
             pieces = estimate_pieces(simulate_pieces(rig, description, seed), rig, known_std=std)
-            hours_of[name] = by_hour(_told(pieces, show, description.duration, name))
+            hours_of[name] = by_hour(_with_progress(pieces, show, description.duration, name))
     out.mkdir(parents=True, exist_ok=True)
     plot_hours(hours_of, picture)
     rows = []
@@ -64,7 +64,7 @@ def drift_command(
     say(f"wrote {picture} and {rows_file.name}")
 
 
-def _told(
+def _with_progress(
     pieces: Iterable[PieceEstimate], show: Callable[[str], None], duration: float, name: str
 ) -> Iterator[PieceEstimate]:
     """Yield pieces, and show which share of the `duration` [s] they are."""

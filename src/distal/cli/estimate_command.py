@@ -200,12 +200,12 @@ def estimate_command(
         # the diagnosis's kernel is compiled while the estimate runs; errors come from the estimate
         with suppress(DistalError):
             AdaptiveFilter(description, "lanes").kernel.begin_lanes()
-    found = _Found(level, comparing=estimator is None, is_known=is_known)
-    _estimates(log, description, names, home, found)
+    comparison = _Comparison(level, comparing=estimator is None, is_known=is_known)
+    _estimates(log, description, names, home, comparison)
     if smooth:
         with working("smoothing"):
-            found.add(smoothed(log, description), 0)
-    results = found.results
+            comparison.add(smoothed(log, description), 0)
+    results = comparison.results
     files: dict[Path, bytes | str] = {}
     if out is not None:
         files[out] = file_of(results[0].columns(unit, every=every), out)
@@ -223,12 +223,12 @@ def estimate_command(
             else ""
         )
         say(f"truth: {origin}{used}")
-        _compare(found)
+        _compare(comparison)
     else:
-        for reason in found.failed.values():
+        for reason in comparison.failed.values():
             failure(reason)
     _say(
-        found,
+        comparison,
         log,
         description,
         home,
@@ -285,7 +285,7 @@ def _at_home(log: Log, rig: Rig, positions: list[str], home: float | None) -> tu
 
 
 @dataclass
-class _Found:
+class _Comparison:
     """What estimators found.
 
     In a comparison that was not asked for, only the first estimate stays in memory.
@@ -314,8 +314,10 @@ class _Found:
             self.results.insert(at, result)
 
 
-def _estimates(log: Log, rig: Rig, names: list[str], home: float | None, found: _Found) -> None:
-    """Put what the estimators find, and the reasons why some fail, into `found`.
+def _estimates(
+    log: Log, rig: Rig, names: list[str], home: float | None, comparison: _Comparison
+) -> None:
+    """Put what the estimators find, and the reasons why some fail, into `comparison`.
 
     Where the first estimator fails, the others are still shown before its error is raised.
     """
@@ -323,23 +325,23 @@ def _estimates(log: Log, rig: Rig, names: list[str], home: float | None, found: 
     from distal.run import estimate
 
     # in a comparison by default, an estimator that cannot run is a row with what it needs
-    if found.comparing and rig.affine is None and home is None and "affine" in names:
-        found.failed["affine"] = f"affine {NEEDS}"
+    if comparison.comparing and rig.affine is None and home is None and "affine" in names:
+        comparison.failed["affine"] = f"affine {NEEDS}"
     lost: DistalError | None = None
     with working("estimating") as show:
-        for name in (name for name in names if name not in found.failed):
+        for name in (name for name in names if name not in comparison.failed):
             show(f"estimating with {name}")
             try:
                 result = estimate(log, rig, name, homing=home, covariances=False)
-                found.add(result, len(found.rows) or len(found.results))
+                comparison.add(result, len(comparison.rows) or len(comparison.results))
             except DistalError as problem:
-                found.failed[name] = (
+                comparison.failed[name] = (
                     f"{name}: {str(problem).removeprefix(f'{name}: ')}"  # some errors have it
                 )
                 lost = lost or (problem if name == names[0] else None)
     if lost is not None:
-        if found.rows:
-            _compare(found)
+        if comparison.rows:
+            _compare(comparison)
         raise _explained(lost, log, rig, home) if isinstance(lost, DivergedError) else lost
 
 
@@ -349,11 +351,11 @@ def _explained(problem: DivergedError, log: Log, rig: Rig, home: float | None) -
     """
     from distal.diagnosis import why_diverged
 
-    found = ""
+    causes = ""
     doing = "looking for what made the estimate leave all bounds"
     with continue_on_failure(doing), working(doing):
-        found = "; ".join(finding.text for finding in why_diverged(log, rig, home))
-    return DivergedError(f"{found}: {problem}") if found else problem
+        causes = "; ".join(finding.text for finding in why_diverged(log, rig, home))
+    return DivergedError(f"{causes}: {problem}") if causes else problem
 
 
 def _picture(
@@ -368,7 +370,7 @@ def _picture(
 
 
 def _say(
-    found: _Found,
+    comparison: _Comparison,
     log: Log,
     rig: Rig,
     home: float | None,
@@ -380,10 +382,10 @@ def _say(
     """Print the angle in words, notes, the diagnosis, and which files were written."""
     from distal.diagnosis import diagnose
 
-    final = found.results[0]
+    final = comparison.results[0]
     for joint in range(len(final.joint_names)):
         say(final.in_words(joint))
-    for note in found.notes:
+    for note in comparison.notes:
         if note != final.unseen:
             say(note)
     # a smoothed estimate is of the same log and rig, and its innovations are the filter's
@@ -451,15 +453,15 @@ def _row(result: Estimate) -> tuple[str, ...]:
     )
 
 
-def _compare(found: _Found) -> None:
+def _compare(comparison: _Comparison) -> None:
     """Print the errors of each estimator as a table, and the reasons of those that failed."""
     from distal.confidence import in_percent
 
-    level = in_percent(found.level)
+    level = in_percent(comparison.level)
     table(
         "error against truth",
         ["estimator", "RMS [°]", "maximum [°]", f"inside {level} band", "median band [°]"],
-        [*found.rows, *((name, "–", "–", "–", "–") for name in found.failed)],
+        [*comparison.rows, *((name, "–", "–", "–", "–") for name in comparison.failed)],
     )
-    for reason in found.failed.values():
+    for reason in comparison.failed.values():
         say(reason)

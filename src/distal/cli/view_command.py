@@ -60,22 +60,22 @@ def view_command(
     description = load_rig(rig, settings(set_, repeated))
     samples = read_log(log, description, truth)
     home = homing_time(homing)
-    said = list[str]()
+    sentences = list[str]()
     with working(f"estimating with {estimator}") as show:
         result = estimate(samples, description, estimator, homing=home)
         doing = "testing what the log says of the rig"
         show(doing)
         with continue_on_failure(doing):
-            said.append(diagnose(result, samples, description, home).text)
+            sentences.append(diagnose(result, samples, description, home).text)
     position = out if out is not None else Path(tempfile.mkdtemp(prefix="distal-")) / "view.html"
     try:
         with working("drawing the page"):
-            view_page(result, samples, description, position, said)
+            view_page(result, samples, description, position, sentences)
     except BaseException:
         if out is None:
             shutil.rmtree(position.parent, ignore_errors=True)
         raise
-    for line in (result.in_words(), *said):
+    for line in (result.in_words(), *sentences):
         say(line)
     say(f"wrote {position}")
     if (out is None if open_ is None else open_) and not webbrowser.open(

@@ -147,9 +147,11 @@ def fit(
         rated = judged.candidates if len(done) == asked else [judged.chosen]
         best = candidate_by_folds(done, rated, judged.chosen, offset)
         done = with_written(done, offset)
-        learned = _followed(judged, best, read, lambda it: _with_free_motion(it, done, read, folds))
+        learned = _followed(
+            judged, best, read, lambda learned: _with_free_motion(learned, done, read, folds)
+        )
     elif not learned.interrupted:
-        learned = _followed(judged, judged.chosen, read, lambda it: it)
+        learned = _followed(judged, judged.chosen, read, lambda learned: learned)
     learned = replace(learned, doubts=(*_touched(aside), *learned.doubts))
     for line in far_from_priors(learned.parameters.fitted, learned.parameters.problem):
         warnings.warn(line, DistalWarning, stacklevel=2)
@@ -173,18 +175,18 @@ def _followed(
             return False
         return True
 
-    others = sorted(judged.candidates, key=lambda candidate: candidate.error)
+    ranked = sorted(judged.candidates, key=lambda candidate: candidate.error)
     doubts = list[str]()
-    for candidate in (best, *(other for other in others if other is not best)):
+    for candidate in (best, *(candidate for candidate in ranked if candidate is not best)):
         learned = completed(learned_by(judged, candidate))
-        for rig, what in (
+        for rig, name in (
             (learned.rig, candidate.name),
             (untouched(learned.rig), f"{candidate.name}, without a look for touches,"),
         ):
             lost = next((log for log in logs if not follows(rig, log)), None)
             if lost is None:
                 return replace(learned, rig=rig, doubts=(*doubts, *learned.doubts))
-            doubts.append(f"{what} is not written: its filter leaves all bounds on {lost.source}")
+            doubts.append(f"{name} is not written: its filter leaves all bounds on {lost.source}")
     learned = completed(learned_by(judged, best))
     return replace(learned, doubts=("no candidate's filter follows all logs", *learned.doubts))
 

@@ -128,15 +128,15 @@ class Kernel:
         """
         xs = np.ascontiguousarray(xs, dtype=np.float64).reshape(-1, self.n_x)
         if keep is not None:  # only some samples' whole kernel states are in memory at once
-            kept = np.empty((len(xs), len(keep)))
-            every = np.empty((len(xs), self.n_y))
+            columns = np.empty((len(xs), len(keep)))
+            outputs = np.empty((len(xs), self.n_y))
             step = 1 + AT_ONCE // self.n_kernel_state
             for begin in range(0, len(xs), step):
                 rows = slice(begin, begin + step)
-                states, every[rows] = self.scan(kernel_state, xs[rows], p)
-                kept[rows] = states[:, list(keep)]
+                states, outputs[rows] = self.scan(kernel_state, xs[rows], p)
+                columns[rows] = states[:, list(keep)]
                 kernel_state = states[-1]
-            return kept, every
+            return columns, outputs
         kernel_states = np.empty((len(xs), self.n_kernel_state))
         ys = np.empty((len(xs), self.n_y))
         start = np.ascontiguousarray(kernel_state, dtype=np.float64).reshape(self.n_kernel_state)

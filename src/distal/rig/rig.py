@@ -282,13 +282,13 @@ class Rig(Description):
         learned = [
             name for name in ("affine", "discrepancy", "contact") if getattr(self, name) is not None
         ]
-        return f"Rig '{self.name}': {self.in_numbers()}" + (
+        return f"Rig '{self.name}': {self.count_in_words()}" + (
             f"; learned: {', '.join(learned)}" if learned else ""
         )
 
     __str__ = __repr__
 
-    def in_numbers(self) -> str:
+    def count_in_words(self) -> str:
         """Return how many components of each kind there are, in words."""
         counts = ((len(components), kind) for kind, components in self.components.items())
         return ", ".join(f"{n} {kind if n != 1 else kind[:-1]}" for n, kind in counts)

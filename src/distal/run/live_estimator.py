@@ -59,8 +59,12 @@ class JointContact:
 def only(values: Floats | Sequence[float], name: str) -> float:
     """Return the value of the only joint.
 
+    Args:
+        values: of all joints, (n_joints,).
+        name: what they are; that of several joints has an s.
+
     Raises:
-        EstimationError: there are several; says that the `name` for them all has an s.
+        EstimationError: there are several joints.
     """
     if len(values) != 1:
         raise EstimationError(

@@ -136,12 +136,14 @@ def estimate(
     if passes == 1 and not covariances:
         return without_covariances(run)
     for _ in range(passes):
-        means, whole, innovations, variances = run.estimator.scan(run.start, log.time, run.samples)
-        spreads = np.diagonal(whole, axis1=1, axis2=2)
+        means, matrices, innovations, variances = run.estimator.scan(
+            run.start, log.time, run.samples
+        )
+        spreads = np.diagonal(matrices, axis1=1, axis2=2)
         check_bounds(run, means, spreads)
         if passes > 1:
-            run = replace(run, start=with_covariance(run.start, whole[-1]))
-    return finished(run, means, spreads, innovations, variances, whole)
+            run = replace(run, start=with_covariance(run.start, matrices[-1]))
+    return finished(run, means, spreads, innovations, variances, matrices)
 
 
 @dataclass(frozen=True)
@@ -234,22 +236,22 @@ def prepared(log: Log, chosen: Estimator, homing: float | None = None) -> Run:
     return Run(log, chosen, samples, start, homing)
 
 
-def without_covariances(run: Run, found: tuple[Floats, Floats, Floats] | None = None) -> Estimate:
+def without_covariances(run: Run, moments: tuple[Floats, Floats, Floats] | None = None) -> Estimate:
     """Return the estimate of a run, of whose covariances only the variances are kept.
 
     Args:
-        found: what `KernelEstimator.scan_all` returns for the run, where it was called already.
+        moments: what `KernelEstimator.scan_all` returns for the run, where it was called already.
 
     Raises:
         DivergedError: see `check_bounds`.
     """
     chosen = run.estimator
     if isinstance(chosen, KernelEstimator):
-        if found is None:
-            (found,) = chosen.scan_all(
+        if moments is None:
+            (moments,) = chosen.scan_all(
                 [run.start], [run.log.time], [run.samples], [chosen.parameters]
             )
-        means, spreads, ys = found
+        means, spreads, ys = moments
         innovations, variances = chosen.innovations_of(ys, run.samples)
         means = chosen.report.means(means, ys)
         spreads = chosen.report.variances_of(spreads, ys)

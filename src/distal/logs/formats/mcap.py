@@ -34,8 +34,8 @@ def read_mcap(path: Path, topics: set[str]) -> Iterator[Message]:
         raise LogError(f"{path}: MCAP needs the package mcap (pip install '.[mcap]')") from None
     stores: dict[int, Any] = {}
     with path.open("rb") as file:
-        whole = _is_whole(path, file)
-        if whole:
+        complete = _is_complete(path, file)
+        if complete:
             reader = make_reader(file)
             summary = reader.get_summary()
             for chunk in [] if summary is None else summary.chunk_indexes:
@@ -47,7 +47,7 @@ def read_mcap(path: Path, topics: set[str]) -> Iterator[Message]:
         else:
             reader = NonSeekingReader(file, record_size_limit=memory_limit())
         # in the order of recording, which shows where a clock was set back
-        with suppress(*(() if whole else (EndOfFile,))):
+        with suppress(*(() if complete else (EndOfFile,))):
             for schema, channel, message in reader.iter_messages(log_time_order=False):
                 in_json = channel.message_encoding == "json"
                 if in_json or (channel.message_encoding == "cdr" and schema is not None):
@@ -60,21 +60,21 @@ def read_mcap(path: Path, topics: set[str]) -> Iterator[Message]:
                     yield Message(path, channel.topic, message.log_time, decode, in_json)
 
 
-def _is_whole(path: Path, file: BinaryIO) -> bool:
+def _is_complete(path: Path, file: BinaryIO) -> bool:
     """Return whether an MCAP file has an end; warn where it has none."""
     begins = file.read(len(MAGIC))
     if begins != MAGIC:
         raise LogError(f"{path}: is no MCAP file, since it begins with {begins!r}")
     file.seek(-len(MAGIC), SEEK_END)
-    whole = file.read() == MAGIC
+    complete = file.read() == MAGIC
     file.seek(0)
-    if not whole:
+    if not complete:
         warnings.warn(
             f"{path}: has no end, recording or copying it was cut off; what is there is read",
             DistalWarning,
             stacklevel=2,
         )
-    return whole
+    return complete
 
 
 def _json(data: bytes) -> object:
