@@ -811,3 +811,19 @@ def test_a_diagnosis_that_fails_costs_a_line(
     (line,) = ran.err.splitlines()
     assert line.startswith("error: testing what the log says of the rig failed; the rest of the ")
     assert said in line
+
+
+def test_a_truth_that_ends_with_the_homing_move_is_not_compared_with(
+    run, log: Path, tmp_path: Path
+) -> None:
+    """A temporary encoder, say: no table of nan, no warnings of NumPy."""
+    table = pl.read_csv(log)
+    early = [name for name in table.columns if name.startswith(("true_", "encoder"))]
+    known = [pl.when(pl.col("t") < 1.5).then(pl.col(name)).alias(name) for name in early]
+    table.with_columns(known).write_csv(tmp_path / "early.csv")
+    words = (tmp_path / "early.csv", "--rig", "paper-2008-printed", "--homing", "2s", *SET)
+    ran = run("estimate", *words)
+    assert ran.code == 0
+    assert "nan" not in ran.out + ran.err
+    assert "error against truth" not in ran.out
+    assert "angle from" in ran.out

@@ -122,7 +122,7 @@ def test_what_a_bag_lacks_is_named(rig: Rig, named: Rig, log: Log, tmp_path: Pat
         read_log(tmp_path / "absent.mcap", named)
     (tmp_path / "broken.mcap").write_bytes(b"\x89MCAP0\r\n nonsense")
     with (
-        pytest.raises(LogError, match=r"broken\.mcap: cannot be read"),
+        pytest.raises(LogError, match=r"broken\.mcap: no message .* the topics are none"),
         pytest.warns(DistalWarning, match="has no end"),
     ):
         read_log(tmp_path / "broken.mcap", named)
@@ -182,14 +182,26 @@ def test_messages_of_ros_in_mcap(rig: Rig, log: Log, tmp_path: Path, topic: str)
         read_log(path, by_topic.with_values({f"sensors.{at}.column": "/service_event.x"}))
 
 
-def test_a_recording_that_was_cut_off(rig: Rig, log: Log, tmp_path: Path) -> None:
+@pytest.mark.parametrize("behind", [b"", 5000 * b"\0", 5000 * b"\xff"])
+def test_a_recording_that_was_cut_off(rig: Rig, log: Log, tmp_path: Path, behind: bytes) -> None:
+    """Wherever that was, in a record or between two, and whatever a disk has left behind it."""
     path = tmp_path / "run.mcap"
     by_topic = mcap_of_vectors(rig, log, path, "/drive")
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    with pytest.warns(DistalWarning, match=r"run\.mcap: has no end, recording or copying"):
-        read = read_log(path, by_topic)
-    assert 0.2 * len(log) < len(read) < 0.9 * len(log)
-    np.testing.assert_allclose(read.channels["x1"], log.channels["x1"][: len(read)], rtol=1e-12)
+    whole = path.read_bytes()
+    for cut in (*range(len(whole) // 2, len(whole) // 2 + 40), *range(len(whole) - 30, len(whole))):
+        path.write_bytes(whole[:cut] + behind)
+        with pytest.warns(DistalWarning, match=r"run\.mcap: has no end, recording or copying"):
+            read = read_log(path, by_topic)
+        assert len(read) > 0.2 * len(log)
+        seen = log.channels["x1"][: len(read)]
+        np.testing.assert_allclose(read.channels["x1"], seen, rtol=1e-12)
+    assert len(read) == len(log)
+    path.write_bytes(whole[:8])
+    with (
+        pytest.raises(LogError, match="the topics are none"),
+        pytest.warns(DistalWarning, match="has no end"),
+    ):
+        read_log(path, by_topic)
     path.write_bytes(b"<!DOCTYPE html>")
     with pytest.raises(LogError, match=r"is no MCAP file, since it begins with b'<!DOCTYP'"):
         read_log(path, by_topic)
@@ -435,3 +447,22 @@ def test_a_name_that_no_message_has(by_name: Rig, log: Log, tmp_path: Path) -> N
         LogError, match=r"column '/joint_states\[right\.moter\]\.effort' is missing"
     ):
         read_log(joints_bag(log, tmp_path / "run", 0.0), wrong)
+
+
+@pytest.mark.parametrize(
+    "odd",
+    [
+        {"m": [[1, 2], [3]]},
+        {"name": [1, None, ["x"]], "position": [0.5]},
+        {"name": ["a", "b"], "pos[left]": 1.0},
+        {"m": [{"n": 1}, 2]},
+    ],
+)
+def test_odd_json_that_nobody_asked_for(odd: dict[str, object], tmp_path: Path) -> None:
+    """Whatever its shape, it hides no column of the others."""
+    recorder = Recorder(tmp_path / "run.mcap")
+    for k in range(3):
+        recorder.add(SAMPLE_TOPIC, 0.1 * k, {"t": 0.1 * k, "x1": 1.0})
+        recorder.add(ESTIMATE_TOPIC, 0.1 * k, odd)
+    recorder.close()
+    assert f"{SAMPLE_TOPIC}.x1" in recorded_columns(tmp_path / "run.mcap")

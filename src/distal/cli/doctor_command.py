@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import platform
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from distal.cli.console import say
 from distal.cli.shared_options import SetOption
 from distal.version import __version__
-
-if TYPE_CHECKING:
-    pass
 
 _PACKAGES = ("numpy", "scipy", "casadi", "pydantic", "pint", "matplotlib")
 

@@ -200,7 +200,7 @@ def estimate_command(
         # the diagnosis's kernel is compiled while the estimate runs; errors come from the estimate
         with suppress(DistalError):
             AdaptiveFilter(description, "lanes").kernel.begin_lanes()
-    comparison = _Comparison(level, comparing=estimator is None, is_known=is_known)
+    comparison = _Comparison(level, comparing=estimator is None)
     _estimates(log, description, names, home, comparison)
     if smooth:
         with working("smoothing"):
@@ -215,7 +215,7 @@ def estimate_command(
                 log, description, results if estimator else results[:1], panels, plot
             )
     write_together(files)
-    if is_known:
+    if comparison.rows:
         read = "not read" if homing_angle else "used"
         used = (
             f"; {read} for the first {home:g} s, compared with afterwards"
@@ -293,12 +293,10 @@ class _Comparison:
     Args:
         level: of the bands.
         comparing: whether estimators are compared that nobody asked for.
-        is_known: whether the true angle is known.
     """
 
     level: float
     comparing: bool
-    is_known: bool
     results: list[Estimate] = field(default_factory=list)
     rows: list[tuple[str, ...]] = field(default_factory=list)
     notes: dict[str, None] = field(default_factory=dict)
@@ -308,7 +306,7 @@ class _Comparison:
         """Take in an estimate, whose row stands `at` a position in the table."""
         result = replace(result, level=self.level)
         self.notes |= dict.fromkeys(result.notes)
-        if self.is_known:
+        if result.truths is not None:
             self.rows.insert(at, _row(result))
         if at == 0 or not self.comparing:
             self.results.insert(at, result)

@@ -62,7 +62,7 @@ def view_command(
     home = homing_time(homing)
     sentences = list[str]()
     with working(f"estimating with {estimator}") as show:
-        result = estimate(samples, description, estimator, homing=home)
+        result = estimate(samples, description, estimator, homing=home, covariances=False)
         doing = "testing what the log says of the rig"
         show(doing)
         with continue_on_failure(doing):

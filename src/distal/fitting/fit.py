@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -177,18 +178,19 @@ def _followed(
 
     ranked = sorted(judged.candidates, key=lambda candidate: candidate.error)
     doubts = list[str]()
-    for candidate in (best, *(candidate for candidate in ranked if candidate is not best)):
-        learned = completed(learned_by(judged, candidate))
-        for rig, name in (
-            (learned.rig, candidate.name),
-            (untouched(learned.rig), f"{candidate.name}, without a look for touches,"),
-        ):
-            lost = next((log for log in logs if not follows(rig, log)), None)
-            if lost is None:
-                return replace(learned, rig=rig, doubts=(*doubts, *learned.doubts))
-            doubts.append(f"{name} is not written: its filter leaves all bounds on {lost.source}")
-    learned = completed(learned_by(judged, best))
-    return replace(learned, doubts=("no candidate's filter follows all logs", *learned.doubts))
+    with suppress(KeyboardInterrupt):  # what was learned stands
+        for candidate in (best, *(candidate for candidate in ranked if candidate is not best)):
+            learned = completed(learned_by(judged, candidate))
+            for rig in dict.fromkeys((learned.rig, untouched(learned.rig))):
+                lost = next((log for log in logs if not follows(rig, log)), None)
+                if lost is None:
+                    return replace(learned, rig=rig, doubts=(*doubts, *learned.doubts))
+                touches = "" if rig is learned.rig else ", which looks for no touches,"
+                doubts.append(
+                    f"the filter of {candidate.name}{touches} leaves all bounds on {lost.source}"
+                )
+    learned = learned_by(judged, best)
+    return replace(learned, doubts=(*doubts, *learned.doubts))
 
 
 def _touched(aside: Sequence[Log]) -> list[str]:

@@ -7,7 +7,7 @@ from distal.logs.datasets import da_vinci_grasper
 from distal.logs.episodes import Episode, episodes_of, is_dataset
 from distal.logs.formats import TABLES
 from distal.logs.header_units import header, name_and_unit
-from distal.logs.log import LARGEST_READING, Log, frozen
+from distal.logs.log import LARGEST_READING, Log, frozen, true_angles, true_torques
 from distal.logs.log_files import (
     check_format,
     file_of,
@@ -26,7 +26,6 @@ from distal.logs.recorder import ESTIMATE_TOPIC, SAMPLE_TOPIC, Recorder, estimat
 from distal.logs.recordings import is_recording, open_recording
 from distal.logs.sources import Source
 from distal.logs.tables import open_table, read_table, table_of
-from distal.logs.true_columns import true_angles, true_torques
 from distal.logs.truth import FROM_SENSOR, TruthKind, TruthSource
 
 __all__ = [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -14,6 +14,7 @@ from distal.arrays import Bools, Floats
 from distal.errors import LogError
 from distal.logs.data_frames import pandas_frame, polars_frame
 from distal.logs.truth import NO_SOURCE, TruthKind, TruthSource, truth_source_of
+from distal.rig import angle_names, torque_names
 
 if TYPE_CHECKING:
     import pandas
@@ -188,3 +189,30 @@ def check_stamps(time: Floats, source: str, first_row: int | None = None) -> Non
             f"{source}: {position} {i + offset}: time {fault} ({time[i]:.15g} s after "
             f"{time[i - 1]:.15g} s); {remedy}"
         )
+
+
+def true_angles(log: Log, joints: Sequence[str]) -> Floats | None:
+    """Return the joints' true angles [rad], read-only, (n, n_joints), or None where none is known.
+
+    Angles that are not known are NaN.
+
+    Args:
+        joints: names of the joints.
+    """
+    return _columns(log, angle_names(joints))
+
+
+def true_torques(log: Log, joints: Sequence[str]) -> Floats | None:
+    """Return the true external torques on the joints [N m], (n, n_joints), in the form of
+    `true_angles`.
+    """
+    return _columns(log, torque_names(joints))
+
+
+def _columns(log: Log, names: Sequence[str]) -> Floats | None:
+    if not any(name in log.truth for name in names):
+        return None
+    if len(names) == 1:
+        return log.truth[names[0]][:, None]
+    unknown = np.full(len(log), np.nan)
+    return frozen(np.column_stack([log.truth.get(name, unknown) for name in names]))

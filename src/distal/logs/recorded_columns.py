@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from itertools import islice
 from pathlib import Path
@@ -41,9 +40,18 @@ def recorded_columns(path: str | Path) -> list[str]:
     for message in islice(messages_of(Path(path), set()), LOOKED_AT):
         seen[message.topic] += 1
         if seen[message.topic] <= OF_A_TOPIC:
-            with suppress(UndecodableError):  # others need not be of a kind that can be read
-                columns |= dict.fromkeys(_columns_of(message))
+            columns |= dict.fromkeys(_readable_columns(message))
     return list(columns)
+
+
+def _readable_columns(message: Message) -> list[str]:
+    """Return the columns of a message; none where it is of a kind that cannot be read, which
+    messages that nobody asks for may be.
+    """
+    try:
+        return list(_columns_of(message))
+    except (UndecodableError, RecursionError):
+        return []
 
 
 def _columns_of(message: Message) -> Iterator[str]:
@@ -54,8 +62,9 @@ def _columns_of(message: Message) -> Iterator[str]:
         if message.json and field in STAMPS:
             continue
         array, bracket, index = field.partition("[")
-        if topic and of_joints and bracket and int(index.rstrip("]")) < len(of_joints):
-            yield f"{topic}[{of_joints[int(index.rstrip(']'))]}].{array}"
+        index = index.rstrip("]")
+        if topic and bracket and index.isdecimal() and int(index) < len(of_joints):
+            yield f"{topic}[{of_joints[int(index)]}].{array}"
         else:
             yield f"{topic}.{field}" if topic else field
 
@@ -74,7 +83,10 @@ def _fields(content: object) -> Iterator[str]:
         if isinstance(member, int | float | np.number):
             yield str(name)
         elif isinstance(member, list | np.ndarray):
-            is_numeric = len(member) <= LONGEST and np.asarray(member).dtype.kind in "iuf"
+            is_numeric = len(member) <= LONGEST and all(
+                isinstance(each, int | float | np.number) and not isinstance(each, bool)
+                for each in member
+            )
             yield from (f"{name}[{i}]" for i in range(len(member)) if is_numeric)
         else:
             yield from (f"{name}.{inner}" for inner in _fields(member))

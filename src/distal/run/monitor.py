@@ -8,14 +8,15 @@ from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, replace
 from math import inf, isfinite, isnan, nan, sqrt
+from pathlib import Path
 
 import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.errors import EstimationError
-from distal.estimators import LARGEST_ANGLE, SHORTEST, sample_problem
+from distal.estimators import DEFAULT, LARGEST_ANGLE, SHORTEST, sample_problem
 from distal.kernels import Evaluation
-from distal.logs import LARGEST_READING
+from distal.logs import LARGEST_READING, Log
 from distal.rig import Rig
 from distal.run.health import LONGEST_GAP, WORDS, Health, begun, watch_of, word_code
 from distal.run.live_estimator import LATEST, JointContact, LiveEstimator, only
@@ -331,3 +332,22 @@ def _with_memory(live: LiveEstimator, remembered: Mapping[str, object]) -> Monit
     for name, value in remembered.items():
         setattr(monitor, name, copy(value))
     return monitor
+
+
+def log_health(
+    log: Log, rig: Rig | str | Path, estimator: str = DEFAULT, compiled: bool = True
+) -> tuple[str, ...]:
+    """Return the health word that `distal stream` would give to each sample of a log; see `HEALTH`.
+
+    Args:
+        log: values of sensors over time; a sensor that is not in the log counts as missing.
+
+    Raises:
+        EstimationError: the estimator cannot run on this rig.
+    """
+    monitor = Monitor(LiveEstimator(rig, estimator, compiled))
+    absent = np.full(len(log), np.nan)
+    samples = np.column_stack([log.channels.get(name, absent) for name in monitor.channels])
+    return tuple(
+        monitor.take(float(time), sample).health for time, sample in zip(log.time, samples)
+    )

@@ -316,7 +316,8 @@ def finished(
         if not (references or isinstance(chosen, AffineEstimator)):
             means = means.copy()
             means[:, : len(joints)] = homed(means[:, : len(joints)], truths, early)
-        truths = frozen(np.where(early[:, None], np.nan, truths))
+        later = np.where(early[:, None], np.nan, truths)
+        truths = frozen(later) if np.isfinite(later).any() else None
         torques = None if torques is None else frozen(np.where(early[:, None], np.nan, torques))
     # innovations of a reference are left out of the estimate
     columns = [i for i, name in enumerate(chosen.measured) if name not in references]

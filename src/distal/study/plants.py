@@ -10,8 +10,6 @@ import numpy as np
 
 from distal.rig import Rig, known_to_a_factor, named, number, parameters_below
 
-"""Lists of a rig whose parts have parameters."""
-
 
 @dataclass(frozen=True)
 class Draw:

@@ -28,7 +28,6 @@ def read_mcap(path: Path, topics: set[str]) -> Iterator[Message]:
         topics: a set, into which the names of the topics are put.
     """
     try:
-        from mcap.exceptions import EndOfFile
         from mcap.reader import NonSeekingReader, make_reader
     except ImportError:
         raise LogError(f"{path}: MCAP needs the package mcap (pip install '.[mcap]')") from None
@@ -46,8 +45,9 @@ def read_mcap(path: Path, topics: set[str]) -> Iterator[Message]:
                 )
         else:
             reader = NonSeekingReader(file, record_size_limit=memory_limit())
-        # in the order of recording, which shows where a clock was set back
-        with suppress(*(() if complete else (EndOfFile,))):
+        # in the order of recording, which shows where a clock was set back; where a file ends in
+        # the middle of something, its reader may raise anything
+        with suppress(*(() if complete else (Exception,))):
             for schema, channel, message in reader.iter_messages(log_time_order=False):
                 in_json = channel.message_encoding == "json"
                 if in_json or (channel.message_encoding == "cdr" and schema is not None):
@@ -65,8 +65,8 @@ def _is_complete(path: Path, file: BinaryIO) -> bool:
     begins = file.read(len(MAGIC))
     if begins != MAGIC:
         raise LogError(f"{path}: is no MCAP file, since it begins with {begins!r}")
-    file.seek(-len(MAGIC), SEEK_END)
-    complete = file.read() == MAGIC
+    size = file.seek(-len(MAGIC), SEEK_END)
+    complete = file.read() == MAGIC and size > 0
     file.seek(0)
     if not complete:
         warnings.warn(
