@@ -84,8 +84,8 @@ def _fields(content: object) -> Iterator[str]:
             yield str(name)
         elif isinstance(member, list | np.ndarray):
             is_numeric = len(member) <= LONGEST and all(
-                isinstance(each, int | float | np.number) and not isinstance(each, bool)
-                for each in member
+                isinstance(number, int | float | np.number) and not isinstance(number, bool)
+                for number in member
             )
             yield from (f"{name}[{i}]" for i in range(len(member)) if is_numeric)
         else:
