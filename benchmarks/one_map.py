@@ -19,11 +19,11 @@ Seeds 9310 and 9420, twelve rigs from logs alone; RMS over that of the written f
 (worst): filter alone 2.46 (73), readings alone 1.26 (2.4), with the filter 1.09 (1.5), of its error
 1.10 (1.7), their mean 1.02 (1.5); with what is written in that mean too 0.98 (1.3). Inside 84 %. So
 on these plants the map doesn't beat what is written. Tried on them or on five of them, with the
-filter or of its error: six time constants, 96 radial functions, 1,000 samples of a log, or no radial
-part change the mean by less than 4 %; products of slips and efforts give 1.08 for 1.09 (three of
-four chains gain 5 to 15 %, wrists lose). Slopes of the filter's angle by each parameter, with a
-penalty that held-out logs choose, in place of the map: 1.48. On the judged log itself the same
-features leave a third of the error, so that what four logs tell of them is the limit.
+filter or of its error: six time constants, 96 radial functions, 1,000 samples of a log, or no
+radial part change the mean by less than 4 %; products of slips and efforts give 1.08 for 1.09
+(three of four chains gain 5 to 15 %, wrists lose). Slopes of the filter's angle by each parameter,
+with a penalty that held-out logs choose, in place of the map: 1.48. On the judged log itself the
+same features leave a third of the error, so that what four logs tell of them is the limit.
 """
 
 from __future__ import annotations
