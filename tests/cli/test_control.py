@@ -95,3 +95,14 @@ def test_hours_are_told_one_by_one(tmp_path: Path) -> None:
     assert len(rows) == 3
     assert rows[1].startswith("nothing known,1,")
     assert (tmp_path / "out" / "drift.png").exists()
+
+
+def test_the_share_of_the_hours_that_are_done_is_shown() -> None:
+    from types import SimpleNamespace
+
+    from distal.cli.drift_command import _with_progress
+
+    pieces = [SimpleNamespace(log=SimpleNamespace(time=[0.0, end])) for end in (900.0, 3600.0)]
+    shown: list[str] = []
+    assert list(_with_progress(pieces, shown.append, 3600.0, "rezeroed")) == pieces
+    assert shown == [f"rezeroed: {share} % simulated and estimated" for share in (25, 100)]
