@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import distal
-from distal.errors import RigError
+from distal.errors import RigError, one_line
 from distal.from_logs import rig_from_logs
 from distal.regression import played
 from tests.from_logs.logs import Floats, finger, motion, written
@@ -142,8 +142,10 @@ def test_no_reference_and_no_drive_say_what_helps(tmp_path: Path) -> None:
     log = finger(0)
     paths = written([without(without(log, "mcp_deg"), "pip_deg")], tmp_path)
     said = r"no column is taken as a joint's angle.*x_a_mm: position.*--truth.*three logs of 40 s"
-    with pytest.raises(distal.DistalError, match=said):
+    with pytest.raises(distal.DistalError, match=said) as refused:
         rig_from_logs(paths)
+    line = f"error: {refused.value}"
+    assert line == one_line(line)  # nothing of it is cut out
     paths = written([{name: log[name] for name in ("t_ms", "mcp_deg", "pip_deg")}], tmp_path)
     with pytest.raises(distal.DistalError, match=r"drive's position.*--drive"):
         rig_from_logs(paths)
