@@ -809,7 +809,7 @@ def test_a_diagnosis_that_fails_costs_a_line(
     assert f"wrote {out}" in ran.out
     assert out.stat().st_size > 1000
     (line,) = ran.err.splitlines()
-    assert line.startswith("error: testing what the log says of the rig failed; the rest of the ")
+    assert line.startswith("error: testing what the log says of the rig failed; the rest holds: ")
     assert said in line
 
 

@@ -82,7 +82,7 @@ def continue_on_failure(part: str) -> Iterator[None]:
         if os.environ.get(TRACEBACK):
             raise
         reason = str(problem) if isinstance(problem, DistalError) else fault(problem)
-        failure(f"{part} failed; the rest of the answer holds: {reason}")
+        failure(f"{part} failed; the rest holds: {reason}")
 
 
 LONGEST = 60

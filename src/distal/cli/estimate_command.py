@@ -331,7 +331,7 @@ def _estimates(
             show(f"estimating with {name}")
             try:
                 result = estimate(log, rig, name, homing=home, covariances=False)
-                comparison.add(result, len(comparison.rows) or len(comparison.results))
+                comparison.add(result, len(comparison.rows or comparison.results))
             except DistalError as problem:
                 comparison.failed[name] = (
                     f"{name}: {str(problem).removeprefix(f'{name}: ')}"  # some errors have it

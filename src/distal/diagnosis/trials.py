@@ -198,11 +198,11 @@ def _of_frictions(estimator: AdaptiveFilter) -> Iterator[Trial]:
     known = set(estimator.parameter_names)
     for kind in ("joints", "drives"):
         for i, part in enumerate(estimator.rig.components[kind]):
-            tried = {f"{kind}.{i}.friction.{key}" for key in FRICTION_KEYS} & known
+            frictions = {f"{kind}.{i}.friction.{key}" for key in FRICTION_KEYS} & known
             paths = {
                 path: number
                 for path, number in parameters_below(part, f"{kind}.{i}")
-                if path in tried and number.value > 0.0
+                if path in frictions and number.value > 0.0
             }
             if paths:
                 std = max(number.total_std / number.value for number in paths.values())

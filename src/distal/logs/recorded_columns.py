@@ -61,9 +61,9 @@ def _columns_of(message: Message) -> Iterator[str]:
     for field in _fields(message.content):
         if message.json and field in STAMPS:
             continue
-        array, bracket, index = field.partition("[")
+        array, _, index = field.partition("[")
         index = index.rstrip("]")
-        if topic and bracket and index.isdecimal() and int(index) < len(of_joints):
+        if topic and index.isdecimal() and int(index) < len(of_joints):
             yield f"{topic}[{of_joints[int(index)]}].{array}"
         else:
             yield f"{topic}.{field}" if topic else field

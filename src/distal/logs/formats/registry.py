@@ -28,11 +28,12 @@ specification).
 
 def check_is_content(path: Path) -> None:
     """Raise a `LogError` where a file only stands for one that Git LFS keeps elsewhere."""
-    # reading from a pipe would take the bytes away
-    if not path.is_file():
-        return
-    with path.open("rb") as file:
-        begins = file.read(len(POINTER))
+    begins = b""
+    # what cannot be opened is said by who reads it; reading from a pipe would take the bytes away
+    with suppress(OSError):
+        if path.is_file():
+            with path.open("rb") as file:
+                begins = file.read(len(POINTER))
     if begins == POINTER:
         raise LogError(f"{path}: is a pointer of Git LFS; fetch the log itself with git lfs pull")
 
