@@ -114,6 +114,7 @@ accuracy: $(STAMP)
 	$(BIN)/python -m benchmarks.from_logs columns --rigs 36
 	$(BIN)/python -m benchmarks.from_logs rigs --rigs 20
 	$(BIN)/python -m benchmarks.learned plants
+	$(BIN)/python -m benchmarks.one_map --seeds 2
 	$(BIN)/python -m benchmarks.fit_command lacking --rigs 60 --candidates
 	$(BIN)/python -m benchmarks.searches
 	$(BIN)/python -m benchmarks.strangers.drawn --starts 0 --processes 2
