@@ -11,6 +11,7 @@ from distal import LiveEstimator, Log, Rig, estimate, load_rig, simulate
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive.independent_subsystems import subsystems_of
 from distal.rig import independent_parts
+from distal.rig.subsystems import _joints_of
 from distal.simulation import Scenario
 from tests.hand_rigs import hand
 
@@ -120,3 +121,11 @@ def test_inputs_of_a_fit_reach_their_part(rig: Rig) -> None:
         ]
         == paths[0]
     )
+
+
+@pytest.mark.parametrize(
+    "path", ["joints.0.inertia", "drives.0.radius", "tendons.0.stiffness", "tendons.1.stiffness"]
+)
+def test_an_error_belongs_to_the_joints_that_its_component_moves(path: str) -> None:
+    """A drive and its tendons have names of their own here."""
+    assert set(_joints_of(load_rig("capstan-joint"), path)) == {"jaw"}

@@ -12,7 +12,7 @@ from distal.errors import RigError
 from distal.model import Mechanism
 from distal.rig import Imported, Joint, build_rig, compare_lengths, from_mujoco, parse_toml
 from distal.rig.mjcf.bodies import _roll_pitch_yaw, carried_by, parent_of
-from distal.rig.mjcf.excursion import _fitted, _judged
+from distal.rig.mjcf.excursion import _fitted, _judged, fit_excursion
 from distal.rig.mjcf.joint_springs import _as_spring
 from tests.rig.mjcf.models import FINGER, written_as_mjcf
 
@@ -571,3 +571,14 @@ def test_more_joints_than_a_rig_has_are_refused_before_the_work(
     monkeypatch.setattr("distal.rig.mjcf.spatial_tendons.fit_excursion", None)
     with pytest.raises(RigError, match=r"turn 49 joints, up to 32 are supported; choose some"):
         from_mujoco(chain_of(49))
+
+
+def test_a_polynomial_has_the_terms_that_it_needs_and_no_other() -> None:
+    """Of the 19 terms of degree 3 in three joints, the five that made the lengths."""
+    angles = np.random.default_rng(0).uniform(-1.0, 1.0, (900, 3))
+    a, b, c = angles.T
+    lengths = 0.01 * a + 0.006 * b - 0.008 * c + 0.004 * a * b - 0.003 * c**3
+    arms = np.column_stack([0.01 + 0.004 * b, 0.006 + 0.004 * a, -0.008 - 0.009 * c**2])
+    found = fit_excursion(angles, lengths, arms)
+    assert found.powers.tolist() == [[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [0, 0, 3]]
+    np.testing.assert_allclose(found.coefficients, [0.01, 0.006, -0.008, 0.004, -0.003], rtol=1e-9)
