@@ -11,7 +11,7 @@ from distal.arrays import Floats
 from distal.errors import EstimationError
 from distal.estimators import DEFAULT, AdaptiveFilter, Belief, KernelEstimator, make_estimator
 from distal.homing import added_reference
-from distal.kernels import covariance_of, mean_of
+from distal.kernels import mean_of, variances_of
 from distal.logs import Log, frozen
 from distal.rig import Rig, angle_names
 from distal.simulation import Piece
@@ -63,8 +63,7 @@ def estimate_pieces(
         kernel_states, ys = chosen.advanced(belief, log.time, samples)
         size = belief.size
         means = chosen.report.means(mean_of(kernel_states, size).copy(), ys)[:, :n]
-        covariances = chosen.report.covariances(covariance_of(kernel_states, size).copy(), ys)
-        variances = np.diagonal(covariances, axis1=1, axis2=2)[:, :n]
+        variances = chosen.report.variances_of(variances_of(kernel_states, size), ys)[:, :n]
         samples_before = belief.samples + len(samples)
         belief = Belief(
             float(log.time[-1]),
