@@ -40,8 +40,8 @@ from distal.confidence import BAND
 from distal.errors import DistalError
 from distal.estimators import KernelEstimator, make_estimator
 
-ABLE = tuple(name for name in ESTIMATORS if name != "affine")
-"""`affine` is left out: these rigs have no `[affine]`, since no log of these plants comes before
+ABLE = tuple(name for name in ESTIMATORS if name != "regression")
+"""`regression` is left out: these rigs have no `[map]`, since no log of these plants comes before
 the one that is judged.
 """
 

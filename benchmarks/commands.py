@@ -347,7 +347,7 @@ def judge(name: str, seed: int, with_fit: bool, with_loops: bool) -> Result:
 
 def replace_maps(rig: Rig) -> Rig:
     """Return a fitted rig without its learned maps."""
-    return rig.model_copy(update={"discrepancy": None, "contact": None, "affine": None})
+    return rig.model_copy(update={"map": None})
 
 
 def main() -> None:

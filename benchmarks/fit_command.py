@@ -63,7 +63,7 @@ class Outcome:
     inside: list[float] = field(default_factory=list)
     best: float = float("nan")
     chosen: str = ""
-    candidates: dict[str, tuple[float, float, list[float]]] = field(default_factory=dict)
+    candidates: dict[str, tuple[float, list[float]]] = field(default_factory=dict)
 
 
 def write_folder(
@@ -150,8 +150,7 @@ def with_candidates(folder: Path, outcome: Outcome) -> None:
         held_out = [read_log(path, rig) for path in sorted(folder.glob("held_out_*.csv"))]
         for candidate in found.candidates:
             errors = [_rms(log, candidate.rig) for log in held_out]
-            inner = float(np.rad2deg(candidate.error)), float(np.rad2deg(candidate.beyond))
-            outcome.candidates[candidate.name] = (*inner, errors)
+            outcome.candidates[candidate.name] = (float(np.rad2deg(candidate.error)), errors)
     outcome.chosen = found.candidates[0].name if found.candidates else ""
     outcome.best = min((mean(own) for *_, own in outcome.candidates.values()), default=np.nan)
 

@@ -20,7 +20,7 @@ from benchmarks.cases import WINDOW, scenario
 from benchmarks.report import table
 from distal import Log, Rig, estimate, fit, load_rig, simulate
 from distal.errors import DistalError
-from distal.fitting import ALONE, WRITTEN
+from distal.fitting import AS_GIVEN, WRITTEN
 
 FREE = ("tendons.*.stiffness", "joints.0.friction.coefficient", "joints.0.damping")
 KINDS = ("ramps", "weights", "servo")
@@ -212,7 +212,7 @@ def instrument() -> None:
     rows, point = [], []
     for fold in whole.folds:
         for one in fold.compared:
-            fitted, before = one.scores[WRITTEN], one.scores[ALONE]
+            fitted, before = one.scores[WRITTEN], one.scores[AS_GIVEN]
             assert fitted is not None
             assert before is not None
             near = estimate(
@@ -228,7 +228,7 @@ def instrument() -> None:
                     *(f"{100 * s:.0f} %" for s in shares),
                 ]
             )
-    pairs = [(one.scores[ALONE], one.scores[WRITTEN]) for one in whole.compared]
+    pairs = [(one.scores[AS_GIVEN], one.scores[WRITTEN]) for one in whole.compared]
     said = [(alone.rms, fitted.rms, fitted.inside) for alone, fitted in pairs if alone and fitted]
     before, after, inside = (np.array(column) for column in zip(*said))
     nears, shares = (

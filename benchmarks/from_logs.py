@@ -29,7 +29,7 @@ from benchmarks.strangers.drawn import logs_of
 from benchmarks.strangers.drawn_rigs import Drawn, drawn_rig
 from distal import estimate, load_rig, read_log
 from distal.errors import DistalError
-from distal.estimators import affine_samples
+from distal.estimators import samples_of_angles
 from distal.from_logs import ColumnRole, rig_from_logs
 from distal.regression import YARDSTICKS, yardstick_error
 
@@ -453,7 +453,7 @@ def rigs_of(seed: int) -> dict[str, float]:
         found = dict(zip(("own", "own_inside"), fitted_errors(own, training, judged)))
         found |= dict(zip(("hand", "hand_inside"), fitted_errors(hand, training, judged)))
         description = load_rig(own)
-        samples = [affine_samples(read_log(path, description), description) for path in paths]
+        samples = [samples_of_angles(read_log(path, description), description) for path in paths]
         learned, others = samples[:LEARNED], samples[LEARNED:]
         folds = range(LEARNED)
         errors = {

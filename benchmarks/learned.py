@@ -29,7 +29,7 @@ from benchmarks.shell import command
 from benchmarks.touch import CASES, Drawn, fitted
 from distal import Rig, estimate, load_rig, read_log
 from distal.errors import EstimationError
-from distal.estimators import affine_samples
+from distal.estimators import samples_of_angles
 from distal.regression import YARDSTICKS, Samples, yardstick_error
 
 Floats = NDArray[np.float64]
@@ -126,7 +126,7 @@ def outcome_of(rig: Rig, paths: Sequence[Path]) -> Outcome:
         try:
             result = estimate(log, rig)
         except EstimationError:  # the filter of a rig that lacks its physics left all bounds
-            result = estimate(log, rig, "affine")
+            result = estimate(log, rig, "regression")
         own = np.rad2deg(result.errors()).reshape(len(result.time), -1)
         known = np.isfinite(own)
         stds = result.angle_stds.reshape(own.shape)
@@ -161,7 +161,7 @@ def row_of(
             print(said[-400:], file=sys.stderr)
             return (name, "no file", "", "", "", "", "", f"{seconds:.0f}")
         outcome = outcome_of(rig, judged)
-        samples = [affine_samples(read_log(path, rig), rig) for path in (*training, *judged)]
+        samples = [samples_of_angles(read_log(path, rig), rig) for path in (*training, *judged)]
         count = len(training)
         best, errors, every = best_yardstick(samples[:count], samples[count:])
     ratios = np.array(outcome.rms) / np.array(errors)

@@ -202,7 +202,7 @@ def run(case: str, longer: bool) -> dict[str, Any]:
                 kind: {
                     "fitted": judged(found.rig, own),
                     "numbers alone": judged(found.rig.bare(), own),
-                    "affine": judged(found.rig, own, "affine"),
+                    "regression": judged(found.rig, own, "regression"),
                     "as it came": judged(rig, own),
                 }
                 for kind, own in others.items()
@@ -273,7 +273,9 @@ def main() -> None:
         print(" | ".join(row), flush=True)
         work.append(row)
         for kind, own in alone["angles"].items():
-            f, n, a, c = (own[name] for name in ("fitted", "numbers alone", "affine", "as it came"))
+            f, n, a, c = (
+                own[name] for name in ("fitted", "numbers alone", "regression", "as it came")
+            )
             line = [
                 f"{case}, {kind}",
                 *(f"{f[name]:.3f}" for name in ("rms", "first second", "after 2 s")),
@@ -308,7 +310,7 @@ def main() -> None:
         "inside",
         "half-width",
         "numbers alone",
-        "affine",
+        "regression",
     ]
     table(
         "newcomers-angles",

@@ -27,9 +27,7 @@ from distal import (
     scenario_rig,
     simulate,
 )
-from distal.estimators import AdaptiveFilter, channels_of, first_values
-from distal.homing import plain_samples, with_references
-from distal.regression import calibrate_window
+from distal.estimators import channels_of
 
 SEEDS = range(11, 16)
 LATER = 2.0
@@ -90,9 +88,7 @@ def drives() -> None:
 
 
 def homing(until: float = 3.0) -> None:
-    """Compare homing over the log with homing while the filter runs, without the map and with
-    it.
-    """
+    """Compare homing over the log with homing while the filter runs, which is without maps."""
     folder = Path(os.environ["DISTAL_DATA"]) / "da_vinci_grasper"
     rig, rows = load_rig("da-vinci-grasper"), []
     for path in sorted(folder.glob("run_*.csv")):
@@ -102,9 +98,7 @@ def homing(until: float = 3.0) -> None:
         since, truths = log.time - log.time[0], over.truths
         late, errors = since >= until, [over.theta - truths[:, 0]]
         live, said = (
-            LiveEstimator(
-                rig, homing_filter(rig.model_copy(update={"discrepancy": None, "contact": None}))
-            ),
+            LiveEstimator(rig, homing_filter(rig.model_copy(update={"map": None}))),
             [],
         )
         for k, time in enumerate(log.time):
@@ -112,31 +106,14 @@ def homing(until: float = 3.0) -> None:
             live.step(float(time), np.array([*values, np.nan if late[k] else truths[k, 0]]))
             said.append(live.angle)
         errors.append(np.array(said) - truths[:, 0])
-        # the map, learned in the second half of the move
-        described, references = with_references(rig, log)
-        estimator = AdaptiveFilter(described, references=references)
-        identified = np.where(since < until / 2, truths[:, 0], np.nan)
-        samples = np.column_stack(
-            [log.channels.get(name, identified) for name in estimator.channels]
-        )
-        begun = estimator.initial(log.time[0], first_values(samples))
-        plain = plain_samples(estimator, begun, log, samples, truths)
-        assert estimator.discrepancy is not None
-        learned, _ = calibrate_window(estimator.discrepancy, plain, (since >= until / 2) & ~late)
-        mapped = estimator.with_map(learned)
-        means = mapped.scan(mapped.initial(log.time[0], first_values(samples)), log.time, samples)[
-            0
-        ]
-        errors.append(means[:, 0] - truths[:, 0])
         rows.append(
             [path.stem, *(f"{np.rad2deg(np.sqrt(np.mean(e[late] ** 2))):.2f}" for e in errors)]
         )
-    rows.append(["mean", *(f"{np.mean([float(row[k]) for row in rows]):.2f}" for k in (1, 2, 3))])
+    rows.append(["mean", *(f"{np.mean([float(row[k]) for row in rows]):.2f}" for k in (1, 2))])
     columns = [
         "log",
         "over the log [°]",
         "while it runs, no map [°]",
-        "map from the second half of the move [°]",
     ]
     table("homing-live", "Homing a da Vinci grasper for 3 s: RMS error afterwards", columns, rows)
 

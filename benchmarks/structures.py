@@ -40,7 +40,7 @@ KEPT = ("axis", "shared", "exponent", "range", "powers", "ratio", "periods", "lo
 number.
 """
 
-MAPS = ("affine", "discrepancy", "contact")
+MAPS = ("map",)
 
 LOOP = "total = 0\nfor i in range(10_000_000):\n    total += i"
 

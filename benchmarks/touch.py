@@ -27,7 +27,7 @@ from benchmarks.report import table
 from benchmarks.strangers.chain_plants import make_log
 from benchmarks.strangers.coupled_finger import JOINTS, Touch, finger_log, postures
 from distal import Estimate, LiveEstimator, Log, Rig, estimate, load_rig, read_log
-from distal.estimators import affine_samples
+from distal.estimators import samples_of_angles
 from distal.fitting.learn_free_motion import free_motion_of
 from distal.logs import write_columns
 from distal.regression import YARDSTICKS, Samples, yardstick_error
@@ -380,9 +380,9 @@ def judged(name: str, seed: int) -> list[str]:
             kind: [read_log(path, rig) for path in paths]
             for kind, paths in (("free", drawn.free), ("touched", drawn.touched))
         }
-        calibration = [affine_samples(read_log(path, rig), rig) for path in drawn.calibration]
+        calibration = [samples_of_angles(read_log(path, rig), rig) for path in drawn.calibration]
         lines = {
-            kind: best_line(calibration, [affine_samples(log, rig) for log in group])
+            kind: best_line(calibration, [samples_of_angles(log, rig) for log in group])
             for kind, group in logs.items()
         }
         runs = {

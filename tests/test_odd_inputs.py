@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from distal import estimate, learn_affine, load_rig, make_estimator, read_log, simulate
+from distal import estimate, learn_map, load_rig, make_estimator, read_log, simulate
 from distal.errors import DistalError, DistalWarning, EstimationError, LogError, RigError
 from distal.rig import rig_text
 from distal.units import unit_factor
@@ -112,14 +112,17 @@ def test_a_glitch_is_not_an_angle(log: Path, paper_rig) -> None:
 
 
 @pytest.mark.filterwarnings("ignore::distal.errors.DistalWarning")
-def test_a_filter_that_leaves_all_bounds_names_the_affine_map_that_the_rig_has(
+def test_a_filter_that_leaves_all_bounds_names_the_map_that_the_rig_has(
     log: Path, paper_rig
 ) -> None:
     rig = paper_rig.with_values({"drives.0.stops": None})
-    with_line = learn_affine(simulate(rig, "series-2", 1), rig).rig
+    with_line = learn_map(simulate(rig, "series-2", 1), rig, "readings").rig
     wild = pl.col("t") == 0.15
     frame = pl.read_csv(log).with_columns(x1=pl.when(wild).then(9e6).otherwise(pl.col("x1")))
-    for described, words in ((rig, "largest_step$"), (with_line, "or take the estimator affine")):
+    for described, words in (
+        (rig, "largest_step$"),
+        (with_line, "or take the estimator regression"),
+    ):
         with pytest.raises(EstimationError, match=words):
             estimate(read_log(frame, described), described, "ekf")
 

@@ -165,15 +165,15 @@ TABLES: dict[str, Callable[[], str]] = {
     ),
     "strangers-kinds": lambda: strangers(
         "strangers-kinds",
-        names=("adaptive", "affine", "adaptive, nothing learned"),
+        names=("adaptive", "regression", "adaptive, nothing learned"),
         only=lambda row: "homed over half" not in row["case"],
     ),
     "strangers-homing": lambda: strangers(
-        "strangers-homing", names=("adaptive", "affine", "inextensible")
+        "strangers-homing", names=("adaptive", "regression", "inextensible")
     ),
-    "strangers-hands": lambda: strangers("strangers-hands", names=("adaptive", "affine")),
+    "strangers-hands": lambda: strangers("strangers-hands", names=("adaptive", "regression")),
     "strangers-foreign": lambda: strangers(
-        "strangers-foreign", names=("adaptive", "affine", "adaptive, rig as it came")
+        "strangers-foreign", names=("adaptive", "regression", "adaptive, rig as it came")
     ),
     "strangers-lacking": lambda: part("strangers-lacking"),
     **{

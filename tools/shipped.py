@@ -4,23 +4,19 @@ Other shipped rigs are descriptions; this is the one that logs taught. The folde
 `da_vinci_grasper` (a straight wrist) and `da_vinci_poses` (four others) of the public repository
 that docs/how-to/da-vinci.md names. The command `distal fit` finds the parameters on the straight
 wrist, from the round numbers of examples/da_vinci/start.toml, as they are used after a homing move
-of 3 s; then the correction map and the affine map learn from the logs of all poses.
+of 3 s; then the maps learn from the logs of all poses.
 """
 
 from __future__ import annotations
 
 import argparse
-import re
 import subprocess
 import sys
-import tempfile
 import warnings
 from pathlib import Path
 
-import tomlkit
-
-from distal import learn_affine, learn_discrepancy, load_rig, read_log
-from distal.fitting.fitted_file import plain_value
+from distal import learn_map, load_rig, read_log
+from distal.fitting.fitted_file import write_fitted
 
 ROOT = Path(__file__).parents[1]
 START = ROOT / "examples" / "da_vinci" / "start.toml"
@@ -38,51 +34,32 @@ AFTER = (
 )
 """How the comment on what the file is goes on."""
 
-DIGITS = 6
 
-
-def rounded(raw: object) -> object:
-    """Return numbers with six digits: what is left is far below any spread."""
-    if isinstance(raw, float):
-        return float(f"{raw:.{DIGITS}g}")
-    if isinstance(raw, dict):
-        return {key: rounded(value) for key, value in raw.items()}
-    if isinstance(raw, (list, tuple)):
-        return [rounded(value) for value in raw]
-    return raw
-
-
-def parameters(logs: list[Path]) -> str:
-    """Return the rig file that `distal fit` writes for logs of a straight wrist."""
-    with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "straight.toml"
-        words = [*map(str, logs), "--rig", str(START), "--homing", f"{HOMING:g}s"]
-        options = ["--units", CLASSES, "--out", str(out)]
-        subprocess.run([sys.executable, "-m", "distal", "fit", *words, *options], check=True)
-        return out.read_text(encoding="utf-8")
+def fit_parameters(logs: list[Path], out: Path) -> None:
+    """Write the rig file that `distal fit` makes of logs of a straight wrist."""
+    words = [*map(str, logs), "--rig", str(START), "--homing", f"{HOMING:g}s"]
+    options = ["--units", CLASSES, "--out", str(out)]
+    subprocess.run([sys.executable, "-m", "distal", "fit", *words, *options], check=True)
 
 
 def introduced(text: str) -> str:
     """Return the rig file with what the fitted one is, in place of what the round numbers were."""
-    text = text.replace(BEFORE, AFTER).replace(", before fitting", "")
-    of_maps = re.compile(r"^# (affine|discrepancy): .*\n", re.M)
-    return of_maps.sub("", text)
+    return text.replace(BEFORE, AFTER).replace(", before fitting", "")
 
 
 def with_maps(path: Path, logs: list[Path]) -> None:
     """Put the maps that logs of all poses teach into a rig file."""
+    text = introduced(path.read_text(encoding="utf-8"))
+    path.write_text(text, encoding="utf-8")
     rig = load_rig(path).bare()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         read = [read_log(log, rig) for log in logs]
-        maps = [learn(read, rig, homing=HOMING) for learn in (learn_affine, learn_discrepancy)]
-    document = tomlkit.parse(path.read_text(encoding="utf-8"))
-    for found in maps:
-        print(found.text, *found.notes, sep="\n")
-        if found.table in document:
-            del document[found.table]
-        document[found.table] = rounded(plain_value(found.learned.model_dump()))
-    path.write_text(tomlkit.dumps(document), encoding="utf-8")
+        maps = [learn_map(read, rig, kind, homing=HOMING) for kind in ("readings", "filter")]
+    print(*(found.text for found in maps), sep="\n")
+    account, _, _ = text.partition("\n\n")
+    learned = rig.with_map(**{found.kind: found.maps for found in maps})
+    write_fitted(path, learned, rig, {}, f"{account}\n\n", text)
     load_rig(path)
 
 
@@ -94,7 +71,7 @@ def main() -> None:
     asked = parser.parse_args()
     straight = sorted((asked.data / "da_vinci_grasper").glob("run_*.csv"))
     poses = sorted((asked.data / "da_vinci_poses").glob("*.csv"))
-    asked.out.write_text(introduced(parameters(straight)), encoding="utf-8")
+    fit_parameters(straight, asked.out)
     with_maps(asked.out, [*straight, *poses])
 
 

@@ -24,7 +24,7 @@ from benchmarks.strangers.library import (
 )
 from benchmarks.strangers.poses import POSES
 from benchmarks.strangers.scoring import BAND, Job, Record, Table
-from distal import learn_contact
+from distal import learn_map
 
 NAME = "contact"
 HOMING = 3.0
@@ -67,9 +67,8 @@ def jaw(case: str, learned_from: list[tuple[str, Path]], judged: list[Path]) -> 
     """Learn from some runs, each with its unit, judge on others."""
     rig = load_rig("da-vinci-grasper").bare()
     logs = [read_log(path, rig) for _, path in learned_from]
-    taught = learn_contact(
-        logs, rig, homing=HOMING, groups=[unit for unit, _ in learned_from], scored=False
-    ).rig
+    units = [unit for unit, _ in learned_from]
+    taught = learn_map(logs, rig, "torque", homing=HOMING, groups=units).rig
     return [one for path in judged for one in torques(case, path.stem, read_log(path, rig), taught)]
 
 

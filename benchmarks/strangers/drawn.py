@@ -58,7 +58,7 @@ FASTER = 1.3
 """How fast that is, beside the others."""
 STARTS = 3
 """So many other starts are tried where a fit offers it."""
-ESTIMATORS = ("plant known", "adaptive", "affine")
+ESTIMATORS = ("plant known", "adaptive", "regression")
 """The default one as it is given the plant's numbers; the default one, and the obvious one, with
 the fitted rig.
 """

@@ -37,7 +37,7 @@ def run(case: str, first: int, judged: int) -> list[Record]:
             before,
             *(
                 score(NAME, case, str(seed), log, found.rig, name)
-                for name in ("adaptive", "affine")
+                for name in ("adaptive", "regression")
             ),
         ]
     return records

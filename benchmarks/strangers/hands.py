@@ -25,7 +25,7 @@ PLANTS: dict[str, tuple[Callable[[int, str], Log], Callable[[], Rig], tuple[str,
 
 
 def run(case: str, first: int, judged: int) -> list[Record]:
-    """Score the fitted rig, `affine` from the same logs, and the rig as it came."""
+    """Score the fitted rig, `regression` from the same logs, and the rig as it came."""
     log_of, rig_of, kinds = PLANTS[case]
     rig = rig_of()
     found = fit([log_of(first + seed, "calibration") for seed in range(FITTED)], rig).rig
@@ -34,7 +34,7 @@ def run(case: str, first: int, judged: int) -> list[Record]:
         said = TOUCHED if kind == "hand" else {}
         for seed in range(first + FITTED, first + FITTED + judged):
             log, row = log_of(seed, kind), f"{case}: {kind}"
-            for name in ("adaptive", "affine"):
+            for name in ("adaptive", "regression"):
                 records.append(score(NAME, row, str(seed), log, found.with_values(said), name))
     return records
 

@@ -25,7 +25,7 @@ TIMES = 8.0
 MOST = 0.6
 """A std is at most this share of its value."""
 
-ESTIMATORS = ("adaptive", "affine", "inextensible")
+ESTIMATORS = ("adaptive", "regression", "inextensible")
 
 
 def widened(raw: dict[str, Any]) -> dict[str, Any]:

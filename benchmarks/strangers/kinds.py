@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.strangers.library import learn_affine, learn_discrepancy, load_rig, read_log
+from benchmarks.strangers.library import learn_map, load_rig, read_log
 from benchmarks.strangers.poses import POSES
 from benchmarks.strangers.scoring import Job, Record, Table, by_case, score
 from distal import Log
@@ -41,19 +41,19 @@ def halved(log: Log) -> Log:
 
 
 def run(case: str, learned_from: list[Path], judged: list[tuple[str, Path]]) -> list[Record]:
-    """Score `adaptive` and `affine`, learned from the same logs, and the shipped rig beside
+    """Score `adaptive` and `regression`, learned from the same logs, and the shipped rig beside
     them.
     """
     rig = load_rig("da-vinci-grasper").bare()
     logs = [read_log(path, rig) for path in learned_from]
-    adaptive = learn_discrepancy(logs, rig, homing=HOMING).rig
-    affine = learn_affine(logs, rig, homing=HOMING).rig
+    adaptive = learn_map(logs, rig, "filter", homing=HOMING).rig
+    alone = learn_map(logs, rig, "readings", homing=HOMING).rig
     records = []
     for pose, path in judged:
         log, name = read_log(path, rig), f"{case}: {path.stem}"
         records += [
             score(NAME, pose, name, log, adaptive, "adaptive", HOMING),
-            score(NAME, pose, name, log, affine, "affine", HOMING),
+            score(NAME, pose, name, log, alone, "regression", HOMING),
             replace(
                 score(NAME, pose, name, log, rig, "adaptive", HOMING),
                 estimator="adaptive, nothing learned",
@@ -61,7 +61,7 @@ def run(case: str, learned_from: list[Path], judged: list[tuple[str, Path]]) -> 
             score(
                 NAME, f"{pose}, homed over half", name, halved(log), adaptive, "adaptive", HOMING
             ),
-            score(NAME, f"{pose}, homed over half", name, halved(log), affine, "affine", HOMING),
+            score(NAME, f"{pose}, homed over half", name, halved(log), alone, "regression", HOMING),
         ]
     return records
 

@@ -3,7 +3,7 @@ silent about.
 
 Friction along the cable (Coulomb's, at three points), creep, play at the drives, moment arms that
 change with the angle, a motor's cogging. Each rig is fitted to three logs with an encoder and
-judged on three others, one of them of a wider and faster motion ("outside"), beside the affine
+judged on three others, one of them of a wider and faster motion ("outside"), beside the map of the
 estimator and the rig as it came. Plants come to rest at each instant; no code of `distal.model` is
 shared.
 
@@ -206,9 +206,7 @@ def run_rig(seed: int) -> Raw:
     found = fit(logs[:FITTED], described)
     said: Raw = {"seed": seed, "kind": rig.kind, "has": list(has), "part": found.part or None}
     said |= {"fit_s": time.process_time() - began, "converged": bool(found.converged)}
-    said["candidates"] = [
-        (each.name, *map(float, np.rad2deg((each.error, each.beyond)))) for each in found.candidates
-    ]
+    said["candidates"] = [(each.name, float(np.rad2deg(each.error))) for each in found.candidates]
     parts = [
         part for part in found.fitted if part.identified and not part.noise and part.prior_std > 0
     ]
@@ -224,7 +222,7 @@ def run_rig(seed: int) -> Raw:
     ]
     rigs = {
         "fitted": (found.rig, "adaptive"),
-        "affine": (found.rig, "affine"),
+        "regression": (found.rig, "regression"),
         "as it came": (described, "adaptive"),
     }
     said["judged"] = [
@@ -261,7 +259,7 @@ def line(said: Raw) -> str:
     text += f", 4 priors {sum(abs(one['priors']) > 4 for one in said['values'])}"
     for outside in (False, True):
         text += "  outside" if outside else "  motion"
-        for name in ("fitted", "affine", "as it came"):
+        for name in ("fitted", "regression", "as it came"):
             text += (
                 f" {of(said, name, 'rms', outside):.2f}° "
                 f"({100 * of(said, name, 'inside', outside):.0f} %)"
@@ -276,7 +274,7 @@ def summary(records: Sequence[Raw]) -> list[list[str]]:
     rows = []
     for outside in (False, True):
         best = [
-            min(of(one, name, "rms", outside) for name in ("affine", "as it came"))
+            min(of(one, name, "rms", outside) for name in ("regression", "as it came"))
             for one in records
         ]
         ratio = [of(one, "fitted", "rms", outside) / least for one, least in zip(records, best)]
@@ -311,7 +309,7 @@ def main() -> None:
                 asked.save.write_text(json.dumps(records, indent=1) + "\n", encoding="utf-8")
     columns = [
         "where",
-        "RMS / best of affine and as it came: median, worst decile",
+        "RMS / best of regression and as it came: median, worst decile",
         "RMS, median [°]",
         "inside [%]: mean, worst decile",
     ]

@@ -28,17 +28,7 @@ try:
 except ImportError:
     from distal.estimators import diagnose  # type: ignore[attr-defined]
 
-try:
-    from distal import learn_affine
-except ImportError:
-    learn_affine = None  # type: ignore[assignment]
-
-try:
-    from distal import fit, learn_discrepancy
-except ImportError:
-    from distal import fit
-
-    learn_discrepancy = None  # type: ignore[assignment]
+from distal import fit, learn_map
 
 __all__ = [
     "DistalError",
@@ -51,8 +41,7 @@ __all__ = [
     "diagnosed",
     "estimate",
     "fit",
-    "learn_affine",
-    "learn_discrepancy",
+    "learn_map",
     "load_rig",
     "load_scenario",
     "printed_rig",

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.strangers.library import Log, Rig, learn_affine, load_rig, read_log
+from benchmarks.strangers.library import Log, Rig, learn_map, load_rig, read_log
 from benchmarks.strangers.scoring import Job, Record, Table, all_estimators, by_case, record, score
 
 NAME = "poses"
@@ -30,8 +30,8 @@ POSES = {
 
 LEAST_SQUARES = "least squares"
 
-LEARNED = "affine, learned from the straight wrist"
-"""`affine` with the map of the twelve runs of the straight wrist, corrected by the homing move."""
+LEARNED = "regression, learned from the straight wrist"
+"""`regression` with the map of the twelve runs of the straight wrist, conditioned on homing."""
 
 
 def least_squares(log: Log, case: str, name: str) -> Record:
@@ -60,23 +60,25 @@ def run(case: str, path: Path) -> list[Record]:
         *all_estimators(NAME, case, path.stem, log, rig, HOMING),
         least_squares(log, case, path.stem),
     ]
-    if learn_affine is not None and case != "wrist straight":
+    if case != "wrist straight":
         taught = learned(str(path.parents[1]))
         records.append(
-            replace(score(NAME, case, path.stem, log, taught, "affine", HOMING), estimator=LEARNED)
+            replace(
+                score(NAME, case, path.stem, log, taught, "regression", HOMING), estimator=LEARNED
+            )
         )
     return records
 
 
 @cache
 def learned(folder: str) -> Rig:
-    """Return the shipped rig with `[affine]` from the runs of the straight wrist.
+    """Return the shipped rig with `[map]` from the runs of the straight wrist.
 
     Args:
         folder: with the data.
     """
     logs = sorted(Path(folder).glob(POSES["wrist straight"]))
-    return learn_affine(logs, load_rig("da-vinci-grasper").bare(), homing=HOMING).rig
+    return learn_map(logs, load_rig("da-vinci-grasper").bare(), "readings", homing=HOMING).rig
 
 
 def jobs(quick: bool, first: int) -> list[Job]:

@@ -3,10 +3,10 @@ pooled least squares.
 
 `python -m benchmarks.strangers.rough --rigs 5` prints errors and bands of each estimator from the
 user's own description; `--fit` fits each rig to four logs and judges on three that no fit has seen;
-`--affine` learns `affine` alone; `--learners` fits trees and a network of scikit-learn (to be
-installed for it), which see the last ten samples. "linear + play" is least squares over all fitted
-logs together on what the sensors read and two plays of it (0.1 and 0.4 of the travel), by NumPy
-alone.
+`--regression` learns `regression` alone; `--learners` fits trees and a network of scikit-learn (to
+be installed for it), which see the last ten samples. "linear + play" is least squares over all
+fitted logs together on what the sensors read and two plays of it (0.1 and 0.4 of the travel), by
+NumPy alone.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from benchmarks.report import table
 from benchmarks.strangers.rough_plants import FITTED, JUDGED, KINDS, described, log_at, log_of
-from distal import DistalError, Log, Rig, estimate, fit, learn_affine
+from distal import DistalError, Log, Rig, estimate, fit, learn_map
 from distal.fitting import Fit
 from distal.rig import build_rig
 
@@ -110,7 +110,7 @@ def after_fit(kind: str, seed: int) -> list[str]:
     ours = np.mean([score(log, found.rig, "adaptive") for log in judged], axis=0)
     row = [kind, str(seed), f"{ours[0]:.2f}", f"{100 * ours[1]:.0f} %", f"{ours[2]:.1f}"]
     row += [
-        f"{np.mean([score(log, found.rig, 'affine')[0] for log in judged]):.2f}",
+        f"{np.mean([score(log, found.rig, 'regression')[0] for log in judged]):.2f}",
         f"{np.rad2deg(play):.2f}",
     ]
     row += [
@@ -165,8 +165,8 @@ def far_from_truth(found: Fit, truth: Mapping[str, float]) -> int:
 
 
 def lines_alone(kind: str, seed: int) -> list[str]:
-    """Return a row: `affine` learned from the same logs beside linear + play, on logs that neither
-    has seen.
+    """Return a row: `regression` learned from the same logs beside linear + play, on logs that
+    neither has seen.
     """
     rig = build_rig(described(kind, seed)[0], kind)
     fitted, judged = (
@@ -174,9 +174,9 @@ def lines_alone(kind: str, seed: int) -> list[str]:
         for logs in (range(FITTED), range(FITTED, FITTED + JUDGED))
     )
     began = time.process_time()
-    learned, line = learn_affine(fitted, rig).rig, linear_with_play(fitted)
+    learned, line = learn_map(fitted, rig, "readings").rig, linear_with_play(fitted)
     took = time.process_time() - began
-    scores = np.mean([score(log, learned, "affine") for log in judged], axis=0)
+    scores = np.mean([score(log, learned, "regression") for log in judged], axis=0)
     play = np.mean([np.sqrt(np.mean((line(log) - angles_of(log)) ** 2)) for log in judged])
     return [
         kind,
@@ -235,7 +235,9 @@ def main() -> None:
     parser.add_argument("--rigs", type=int, default=5, help="of each kind (5)")
     parser.add_argument("--kinds", nargs="*", default=list(KINDS), choices=KINDS)
     parser.add_argument("--fit", action="store_true", help="after a fit; else first use")
-    parser.add_argument("--affine", action="store_true", help="affine alone beside linear + play")
+    parser.add_argument(
+        "--regression", action="store_true", help="regression alone beside linear + play"
+    )
     parser.add_argument(
         "--learners",
         action="store_true",
@@ -249,7 +251,7 @@ def main() -> None:
         after_fit
         if given.fit
         else lines_alone
-        if given.affine
+        if given.regression
         else learners
         if given.learners
         else rates
@@ -267,16 +269,16 @@ def main() -> None:
         for name in ("inextensible", "elastic", "adaptive")
         for what in ("°", "inside", "±")
     ]
-    more = ["fitted °", "inside", "±", "affine °", "linear + play °", "elastic °", "before °"]
+    more = ["fitted °", "inside", "±", "regression °", "linear + play °", "elastic °", "before °"]
     more += ["> 3 errors", "converged", "s"]
     title, name, columns = "first use, without a fit", "rough", three
     if given.fit:
         title, name, columns = "after a fit", "rough-fitted", more
-    elif given.affine:
+    elif given.regression:
         title, name, columns = (
-            "affine alone",
-            "rough-affine",
-            ["affine °", "inside", "linear + play °", "s"],
+            "regression alone",
+            "rough-regression",
+            ["regression °", "inside", "linear + play °", "s"],
         )
     elif given.learners:
         title, name, columns = (

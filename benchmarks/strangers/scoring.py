@@ -16,10 +16,9 @@ from benchmarks.strangers.library import (
     build_rig,
     diagnosed,
     estimate,
-    learn_affine,
 )
 
-ESTIMATORS = ("adaptive", "affine", "inextensible", "elastic", "ekf")
+ESTIMATORS = ("adaptive", "regression", "inextensible", "elastic", "ekf")
 BAND = 1.959963984540054
 """Half-width of a 95 % band in standard deviations."""
 
@@ -133,9 +132,8 @@ def all_estimators(
     bench: str, case: str, name: str, log: Log, rig: Rig, homing: float | None = None
 ) -> list[Record]:
     """Return the records of all estimators on a log."""
-    # without a map or a homing move there is no affine, and release 0.1 has none at all
-    can = learn_affine is not None and (homing is not None or rig.affine is not None)
-    able = [one for one in ESTIMATORS if one != "affine" or can]
+    can = homing is not None or (rig.map is not None and rig.map.readings)
+    able = [one for one in ESTIMATORS if one != "regression" or can]
     return [score(bench, case, name, log, rig, estimator, homing) for estimator in able]
 
 

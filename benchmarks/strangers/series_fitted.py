@@ -38,7 +38,7 @@ def log_of(series: str, seed: int) -> Log:
 
 
 def run(first: int, judged: int) -> list[Record]:
-    """Fit once, and score the fitted rig, `affine`, the rig as it came, and the filter that is
+    """Fit once, and score the fitted rig, `regression`, the rig as it came, and the filter that is
     given the plant.
     """
     rig = load_rig("paper-2008").with_values(ONE_RIG)
@@ -55,7 +55,7 @@ def run(first: int, judged: int) -> list[Record]:
                 before,
                 *(
                     score(NAME, series, name, log, found.rig, each)
-                    for each in ("adaptive", "affine")
+                    for each in ("adaptive", "regression")
                 ),
             ]
             records.append(score_known(NAME, series, name, log, rig, OBSERVED))

@@ -14,9 +14,7 @@ if TYPE_CHECKING:
     from distal.fitting import (
         Fit,
         fit,
-        learn_affine,
-        learn_contact,
-        learn_discrepancy,
+        learn_map,
         observability,
     )
     from distal.from_logs import RigFromLogs, rig_from_logs
@@ -76,9 +74,7 @@ __all__ = [
     "fit",
     "homing_filter",
     "lab_page",
-    "learn_affine",
-    "learn_contact",
-    "learn_discrepancy",
+    "learn_map",
     "load_rig",
     "load_scenario",
     "log_health",
@@ -105,9 +101,7 @@ _NAMES = {
     "fitting": (
         "Fit",
         "fit",
-        "learn_affine",
-        "learn_contact",
-        "learn_discrepancy",
+        "learn_map",
         "observability",
     ),
     "from_logs": ("RigFromLogs", "rig_from_logs"),

@@ -24,7 +24,7 @@ from distal import (
     estimate,
     estimate_batch,
     fit,
-    learn_affine,
+    learn_map,
     load_rig,
     load_scenario,
     make_estimator,
@@ -66,7 +66,7 @@ def rms(result: object) -> np.ndarray:
     return np.sqrt(np.nanmean(errors**2, axis=0))
 
 
-@pytest.mark.parametrize("name", [name for name in ESTIMATORS if name != "affine"])
+@pytest.mark.parametrize("name", [name for name in ESTIMATORS if name != "regression"])
 def test_every_estimator_estimates_every_joint(name: str, rig: Rig, log: Log) -> None:
     result = estimate(log, rig, name)
     assert result.joint_names == ("mcp", "pip")
@@ -82,8 +82,8 @@ def test_adaptive_is_better_than_tendons_alone_and_its_band_holds(rig: Rig, log:
     assert found.unseen is None
 
 
-def test_affine_learns_all_joints(rig: Rig, log: Log) -> None:
-    result = estimate(log, learn_affine([log], rig).rig, "affine")
+def test_regression_learns_all_joints(rig: Rig, log: Log) -> None:
+    result = estimate(log, learn_map([log], rig, "readings").rig, "regression")
     assert rms(result).max() < 0.5
 
 

@@ -18,7 +18,7 @@ from distal import (
     Rig,
     diagnose,
     estimate,
-    learn_affine,
+    learn_map,
     load_rig,
     load_scenario,
     make_estimator,
@@ -277,13 +277,16 @@ def test_what_logs_taught_is_asked_too() -> None:
     name.
     """
     log = finger_log(3, 8.0)
-    rig = learn_affine([finger_log(seed, 8.0) for seed in range(3)], finger_rig()).rig
+    logs = [finger_log(seed, 8.0) for seed in range(3)]
+    rig = learn_map(logs, finger_rig(), "readings").rig
     result = estimate(log, rig, compiled=False)
     away = np.zeros(result.means.shape[1])
     away[0] = 1.0
     sure = replace(result, means=result.means + away, variances=0.01 * result.variances)
     found = diagnose(sure, log, rig, compiled=False, what_if=False)
-    assert any(one.kind == "other estimate" and one.subject == "affine" for one in found.findings)
+    assert any(
+        one.kind == "other estimate" and one.subject == "regression" for one in found.findings
+    )
     assert not any(one.kind == "out of range" for one in found.findings)
     far = Log(
         log.time, {**log.channels, "motor_angle": log.channels["motor_angle"] + 1.5}, log.truth

@@ -11,7 +11,7 @@ from distal import (
     Log,
     Rig,
     estimate,
-    learn_affine,
+    learn_map,
     load_rig,
     load_scenario,
     make_estimator,
@@ -23,14 +23,14 @@ from distal.run import samples_of
 from distal.simulation import build_scenario
 
 NAMES = tuple(ESTIMATORS)
-KINEMATIC = {"inextensible", "elastic", "affine"}
+KINEMATIC = {"inextensible", "elastic", "regression"}
 """No innovation and a constant covariance: they have no model of what they do not know."""
 
 
 @pytest.fixture(scope="module")
 def rig() -> Rig:
     described = scenario_rig(load_scenario("series-2"))
-    return learn_affine([moved(described, seed) for seed in (1, 2, 3)], described).rig
+    return learn_map([moved(described, seed) for seed in (1, 2, 3)], described, "readings").rig
 
 
 @pytest.fixture(scope="module")
@@ -235,8 +235,8 @@ def drawn(rig: Rig) -> Log:
 )
 def test_runs_on_every_shipped_rig(name: str, which: str) -> None:
     described = load_rig(which)
-    if name == "affine":
-        described = learn_affine(drawn(described), described).rig
+    if name == "regression":
+        described = learn_map(drawn(described), described, "readings").rig
     made = make_estimator(name, described, compiled=False)
     n = len(made.channels)
     samples = np.column_stack(
@@ -251,7 +251,7 @@ def test_runs_on_every_shipped_rig(name: str, which: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_one_sensor_per_thing(name: str, rig: Rig) -> None:
     dumped = rig.model_dump()
-    dumped["affine"] = None
+    dumped["map"] = None
     dumped["sensors"] = [
         *dumped["sensors"],
         {**dumped["sensors"][0], "name": "again", "column": "again"},

@@ -13,6 +13,7 @@ from distal import LiveEstimator, Log, Rig, estimate, load_rig, make_estimator, 
 from distal.errors import EstimationError
 from distal.estimators import ESTIMATORS
 from distal.run import samples_of
+from tests.learned_maps import with_drawn
 
 ROUNDING = -1e-9
 """Least eigenvalue of a matrix of correlations that is semidefinite but for rounding."""
@@ -51,49 +52,11 @@ def motion(rig: Rig, missing: float) -> Log:
 
 
 def with_maps(rig: Rig) -> Rig:
-    """Return a rig with a discrepancy and a contact that use all kinds of terms and overstate the
-    filter's own angle.
-    """
-    positions = [s.name for s in rig.sensors if s.measures == "position"]
-    channels = list(make_estimator("adaptive", rig, compiled=False).channels)
-    terms = [
-        "1",
-        *channels,
-        f"slip({positions[0]})",
-        *(f"angle({joint.name})" for joint in rig.joints),
-    ]
-    rng, m, n = np.random.default_rng(1), len(channels), len(channels) + len(rig.joints)
-    root = 0.05 * rng.normal(size=(len(terms), len(terms)))
-    joints = [
-        {
-            "joint": joint.name,
-            "coefficients": list(0.8 * rng.normal(size=len(terms))),
-            "covariance": (root @ root.T).tolist(),
-            "std": 0.01,
-        }
-        for joint in rig.joints
-    ]
-    learned = {
-        "terms": terms,
-        "channels": channels,
-        "centre": [0.0] * n,
-        "scale": [0.1] * n,
-        "low": [-0.1] * n,
-        "high": [0.1] * n,
-        "rate": [1.0] * n,
-        "width": [0.3] * m,
-        "distance": np.eye(m).tolist(),
-        "reach": 2.0,
-        "correlation_time": 0.1,
-        "own": 0.25,
-        "between": 0.5,
-        "spread": [0.1] * len(joints),
-        "band": [0.5] * len(joints),
-        "logs": 5,
-        "joints": joints,
-    }
-    torques = {f"joints.{j}.external_torque.std": 0.02 for j in range(len(joints))}
-    return rig.with_values({**torques, "discrepancy": learned, "contact": learned})
+    """Return the rig with drawn maps of its angles and of the torques on them."""
+    torques = {f"joints.{j}.external_torque.std": 0.02 for j in range(len(rig.joints))}
+    touched = with_drawn(rig.with_values(torques), size=0.3)
+    assert touched.map is not None
+    return touched.with_map(torque=touched.map.readings)
 
 
 FULL_FILTERS = ("ekf", "ekf-2008")
@@ -105,14 +68,14 @@ FULL_FILTERS = ("ekf", "ekf-2008")
         # over sixteen joints their functions take seconds to build
         pytest.param(r, n, marks=[pytest.mark.more] if r == "hand" and n in FULL_FILTERS else [])
         for r in shipped_rigs()
-        for n in ("adaptive", "affine", "elastic", "inextensible", *FULL_FILTERS)
+        for n in ("adaptive", "regression", "elastic", "inextensible", *FULL_FILTERS)
     ],
 )
 def test_a_reported_covariance_is_one(rig_name: str, name: str) -> None:
     """With every reading there, and with a third of them missing."""
     assert name in ESTIMATORS
     rig = load_rig(rig_name)
-    if name == "affine" and rig.affine is None:
+    if name == "regression" and rig.map is None:
         with pytest.raises(EstimationError, match="has no map"):
             estimate(motion(rig, 0.0), rig, name, compiled=False)
         return

@@ -457,7 +457,7 @@ def test_golden_files(estimator: str, request: pytest.FixtureRequest) -> None:
 
 def test_what_cannot_be_exported_is_said(rig: Rig, tmp_path: Path) -> None:
     with pytest.raises(EstimationError, match="has no map of what its sensors read"):
-        c_filter(rig, "affine")
+        c_filter(rig, "regression")
     for bad in ("2fast", "Über", "a-b", ""):
         with pytest.raises(ExportError, match="cannot begin the names"):
             c_filter(rig, "adaptive", False, bad)

@@ -20,9 +20,9 @@ from distal.estimators import make_estimator
 from distal.export import Fmu, export_fmu
 from distal.export.binaries import ZIG_TARGETS, this_platform
 from distal.run import samples_of
-from tests.estimators.test_discrepancy import made as discrepancy
 from tests.export.test_export import CC
 from tests.export.test_fmu import at_the_ends
+from tests.learned_maps import drawn_map
 
 pytestmark = pytest.mark.skipif(isinstance(CC, str), reason="no C compiler")
 
@@ -137,7 +137,7 @@ def test_a_step_that_is_too_long_to_predict_keeps_the_last_outputs(
 
 def test_with_a_learned_map(tmp_path: Path) -> None:
     """Before the first sample no map has spoken; a step's end is the map's too."""
-    rig = load_rig("capstan-joint").with_values({"discrepancy": discrepancy().model_dump()})
+    rig = load_rig("capstan-joint").with_map(filter=[drawn_map()])
     export_fmu(rig, tmp_path / "map.fmu", everywhere=False)
     one, live = Imported(tmp_path / "map.fmu"), LiveEstimator(rig)
     one.slave.enter_initialization_mode(start_time=0.0)

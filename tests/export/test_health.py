@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from distal import Log, Rig, load_rig, load_scenario, log_health, scenario_rig, simulate
+from distal import Log, Rig, load_scenario, log_health, scenario_rig, simulate
 from distal.export import c_filter
 from distal.run import samples_of
 from distal.run.health import HEALTH
-from tests.estimators.test_discrepancy import made
 from tests.export.helpers import spoiled
 from tests.export.test_export import CC, STRICT, needs_compiler
 
@@ -124,17 +123,3 @@ def test_of_a_chain(tmp_path: Path) -> None:
     found = words_in_c(rig, log, tmp_path)
     assert tuple(found) == log_health(log, rig)
     assert "untested" in found
-
-
-@needs_compiler
-def test_of_a_blend_whose_members_come_apart(tmp_path: Path) -> None:
-    """They are 2 apart, as a square 4, of which 2.5 and more are said."""
-    learned = made().model_copy(update={"apart": ((2.0, 0.0, 0.0, 0.0, 0.0, 0.0),)})
-    rig = load_rig("capstan-joint").with_values({"discrepancy": learned.model_dump()})
-    time = np.arange(0.0, 2.0, 0.005)
-    noise = np.random.default_rng(3).normal(size=(2, len(time)))
-    channels = {"motor_angle": 0.05 + 4e-4 * noise[0], "motor_torque": 0.01 + 2e-3 * noise[1]}
-    log = Log(time, channels)
-    found, known = words_in_c(rig, log, tmp_path), log_health(log, rig)
-    assert tuple(found) == known
-    assert found[150] != "disagrees" == found[250]

@@ -135,7 +135,7 @@ def test_what_cannot_home_is_refused() -> None:
     for bad in (-1.0, float("nan"), 1e9):
         with pytest.raises(EstimationError, match="a homing angle is known"):
             homing_filter(rig, bad)
-    with pytest.raises(EstimationError, match=r"has a \[discrepancy\]"):
+    with pytest.raises(EstimationError, match=r"has a \[map\]"):
         homing_filter(load_rig("da-vinci-grasper"))
     with pytest.raises(ExportError, match="adaptive homes while it runs"):
         c_filter(rig, "ekf-2008", home=0.1)

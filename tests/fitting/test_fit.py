@@ -13,7 +13,7 @@ import pytest
 
 from distal import Log, Rig, estimate, fit, load_rig
 from distal.errors import DistalWarning, FitError
-from distal.fitting import ALONE, WRITTEN, Doing, groups_of, observability
+from distal.fitting import AS_GIVEN, WRITTEN, Doing, groups_of, observability
 from distal.fitting.choice_of_parameters import choose
 from tests.fitting.helpers import FREE, drawn_plant, logs_of, start_rig, without_truth
 
@@ -353,10 +353,10 @@ def test_each_log_left_out_is_better_than_the_rig_as_it_came(rig: Rig) -> None:
     assert [one.log for one in found.compared] == [log.source for log in logs]
     for fold, log in zip(found.folds, logs):
         assert fold.left_out == (log.source,)
-        assert fold.learned.rig.affine is not None
-        assert fold.learned.rig.affine.logs == 2
+        assert fold.learned.rig.map is not None
+        assert fold.learned.rig.map.readings[0].logs == 2
     errors = {name: rms for name, rms, _ in found.scores()}
-    assert errors[WRITTEN] < errors[ALONE]
+    assert errors[WRITTEN] < errors[AS_GIVEN]
 
 
 def test_a_joint_is_seen_where_forces_tell_of_it(rig: Rig) -> None:
@@ -473,24 +473,23 @@ def test_an_effort_that_moves_a_play_keeps_its_noise() -> None:
 
 
 def test_the_obvious_estimator_is_learned_with_the_rig(rig: Rig, tmp_path: Path) -> None:
-    """A fit to logs with truth writes [affine] beside the fitted values; one without truth leaves
+    """A fit to logs with truth writes [map] beside the fitted values; one without truth leaves
     it alone.
     """
     plant, _ = drawn_plant(3)
     logs = logs_of(rig, plant, 3, ("ramps", "servo"), 4.0)
     found = fit(logs, rig, FREE[:1], noise=False)
-    assert "affine" in found.maps
-    assert found.rig.affine == found.maps["affine"].learned
-    assert found.maps["affine"].learned.logs == 2
-    assert found.rig == rig.with_values(found.assignments())
+    assert found.rig.map is not None
+    assert found.rig.map.readings == found.maps["readings"].maps
+    assert found.maps["readings"].maps[0].logs == 2
+    assert found.rig.model_copy(update={"map": None}) == rig.with_values(found.assignments())
     found.save(tmp_path / "fitted.toml")
     assert load_rig(tmp_path / "fitted.toml") == found.rig
-    assert "# affine: a straight line" in (tmp_path / "fitted.toml").read_text()
     # what friction keeps back, over a travel of some 80°; a map that is not there would be tens of
     # degrees off
-    assert estimate(logs[0], found.rig, "affine").rms_error() < np.deg2rad(5.0)
+    assert estimate(logs[0], found.rig, "regression").rms_error() < np.deg2rad(5.0)
     again = fit(without_truth(logs[0]), found.rig, FREE[:1], noise=False)
-    assert "affine" not in again.maps
-    assert again.rig.affine is None  # it was learned with other numbers
+    assert "readings" not in again.maps
+    assert again.rig.map is None  # it was learned with other numbers
     again.save(tmp_path / "again.toml", (tmp_path / "fitted.toml").read_text())
     assert load_rig(tmp_path / "again.toml") == again.rig

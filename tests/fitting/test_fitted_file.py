@@ -17,8 +17,7 @@ from distal.fitting import learn as learning
 from distal.fitting.candidates import Candidate, Training
 from distal.fitting.fit_options import Options
 from distal.fitting.fitted_file import MARK, plain_value
-from distal.fitting.learn import Judged, Learned, learned_by
-from distal.fitting.line_candidates import line_map
+from distal.fitting.learn import Judged, Learned, learned_by, readings_map
 from distal.fitting.missing_terms import MissingTerm
 from distal.fitting.parameter_estimates import among_models, parameters_of, problem_of
 from distal.fitting.result import Fit
@@ -60,7 +59,7 @@ class Found:
         self.rig = rig
         self.logs = [replace(finger_log(seed, 3.0), source=f"log {seed}") for seed in range(3)]
         self.training = Training.of(self.logs, rig, OPTIONS)
-        self.line = line_map(self.training)
+        self.line = readings_map(self.training)
         self.solutions = parameters_of(problem_of(self.logs, rig, OPTIONS), OPTIONS, None)
         play = [MissingTerm("play", BACKLASH)]
         _, self.candidates, self.models = learning._chosen(
@@ -97,7 +96,7 @@ def check(found: Found, learned: Learned, text: str | None, path: Path) -> str:
     return path.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("which", range(5))
+@pytest.mark.parametrize("which", range(3))
 @pytest.mark.parametrize("others", [False, True], ids=["one model", "among models"])
 def test_each_candidate_is_written_as_it_was_judged(
     which: int, others: bool, found: Found, text: str, tmp_path: Path
@@ -132,7 +131,7 @@ def test_other_models_widen_the_report_alone(found: Found) -> None:
 
 def test_the_candidates_are_of_each_kind(found: Found) -> None:
     names = [candidate.name for candidate in found.candidates]
-    assert len(set(names)) == len(names) == 5
+    assert len(set(names)) == len(names) == 3
     assert sum("play" in name for name in names) == 1
 
 
@@ -199,7 +198,8 @@ def test_an_early_file_says_that_it_is_one(found: Found, text: str, tmp_path: Pa
     assert path.read_text(encoding="utf-8").startswith(f"{MARK}fit`: the fit has not ended")
     with pytest.warns(DistalWarning, match=r"early.toml: the fit has not ended"):
         early = load_rig(path)
-    assert early.affine is not None
+    assert early.map is not None
+    assert early.map.readings
     assert early.bare() == found.rig
 
 

@@ -12,7 +12,6 @@ import pytest
 from distal import Log, Rig, load_rig
 from distal.errors import DivergedError
 from distal.fitting.learn_free_motion import untouched
-from distal.fitting.leave_out import Compared, Fold, Score, candidate_by_folds
 
 FIT = sys.modules["distal.fitting.fit"]
 LOG = Log(np.arange(3.0), {"x": np.zeros(3)}, source="one.csv")
@@ -23,7 +22,6 @@ class Candidate:
     name: str
     rig: Rig
     error: float
-    beyond: float = 0.01
 
 
 @dataclass(frozen=True)
@@ -87,26 +85,3 @@ def test_ctrl_c_at_the_last_step_leaves_what_was_learned(
 
     monkeypatch.setattr(Rig, "__hash__", stopped)  # the first thing that is done with a rig
     assert written(candidates, [], monkeypatch) == Learned(candidates[0].rig)
-
-
-def fold(candidates: list[Candidate], rms: dict[str, float]) -> Fold:
-    scores = {name: Score(error, 0.95, error) for name, error in rms.items()}
-    return Fold(
-        ("one.csv",),
-        SimpleNamespace(candidates=candidates),  # type: ignore[arg-type]
-        (Compared("one.csv", scores),),
-    )
-
-
-def test_a_fold_whose_filter_is_lost_does_not_choose_a_rig_that_errs_far_more(
-    candidates: list[Candidate],
-) -> None:
-    """In one fold of three the error beyond what was seen is not known, for no filter followed
-    two logs; the held-out error still is.
-    """
-    good, bad, _ = candidates
-    rms = {good.name: 0.01, bad.name: 2.0}
-    lost = [replace(good, beyond=np.inf), bad]
-    folds = [fold([good, bad], rms), fold(lost, rms), fold([good, bad], rms)]
-    assert candidate_by_folds(folds, [good, bad], good, 0.0) is good  # type: ignore[arg-type,list-item]
-    assert candidate_by_folds(folds, [good, bad], bad, 0.0) is good  # type: ignore[arg-type,list-item]

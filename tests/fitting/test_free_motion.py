@@ -20,10 +20,10 @@ from distal.fitting.learn_free_motion import NORMAL, SETTLING, closed_filter, fr
 from distal.fitting.touched_logs import touched_logs
 from distal.kernels import Feed, advance
 from distal.kernels.mask import READ
-from distal.regression.map_function import map_coefficients_of, reporting_function
+from distal.regression.map_function import map_parameters, reporting_function
 from distal.rig import FreeMotion, felt_in_words
 from distal.run import JointContact, Monitor
-from tests.estimators.test_discrepancy import made
+from tests.learned_maps import drawn_map
 
 PUSHED = 6.0
 
@@ -216,14 +216,14 @@ def test_what_lasts_learns_nothing_while_touched(rig: Rig, pushed: Log) -> None:
 
 def test_a_map_is_carried_on_and_fades_while_touched() -> None:
     """d⁺ = (1 − w)(value − θ) + w e^{−dt/T} d, gain and variance as the equations say."""
-    learned, dt = made(), 0.05
+    learned, dt = drawn_map(), 0.05
     kernel_state, x, p = (ca.MX.sym(name, size) for name, size in (("c", 2), ("x", 5), ("p", 1)))
     inner = ca.Function("inner", [kernel_state, x, p], [kernel_state, ca.MX(1, 1)])
-    maps = [(learned, [0], True)]
+    maps = [(learned, [0, 1], [0])]
     free = reporting_function(inner, maps, 2, [None, None], 1)
     held = reporting_function(inner, maps, 2, [None, None], 1, touched=[1])
     sizes = free.size1_in(0) - 2
-    parameters = np.concatenate([[0.0], map_coefficients_of(learned)])
+    parameters = np.concatenate([[0.0], map_parameters(learned)])
     sample = [dt, 0.1, 0.02, READ, READ]
     for share in (0.0, 0.4, 1.0):
         start = [0.2, share, *np.zeros(sizes)]
@@ -231,7 +231,8 @@ def test_a_map_is_carried_on_and_fades_while_touched() -> None:
         value, gain, variance = np.array(y).ravel()[1:]
         following, y = held([*start, 0.03], sample, parameters)
         carried = (1 - share) * (value - 0.2) + share * np.exp(-dt / 0.3) * 0.03
-        expected = [0.2 + carried, (1 - share) * gain + share, variance + share * 0.03**2]
+        doubt = share * (value - 0.2) ** 2  # whether the correction still holds
+        expected = [0.2 + carried, (1 - share) * gain + share, variance + doubt]
         np.testing.assert_allclose(np.array(y).ravel()[1:], expected, rtol=1e-12)
         assert float(following[-1]) == pytest.approx(carried, rel=1e-12)
 

@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from distal import Log, Rig, load_rig
-from distal.confidence import BAND
 from distal.fitting.fitted_parameter import FittedParameter, assignments
 from distal.fitting.map_samples import (
     filtered,
-    partly_homed,
     reference_offset,
     reference_std,
     with_reference_error,
@@ -20,7 +18,6 @@ from distal.fitting.map_samples import (
 )
 from distal.logs import FROM_SENSOR, TruthKind, TruthSource
 from distal.regression import Samples
-from distal.regression.band import OWNS, conformal_factor, share_of_few, sized
 
 
 def log(source: TruthSource | str) -> Log:
@@ -34,17 +31,15 @@ def rig() -> Rig:
 
 
 def test_an_encoders_offset_is_in_the_bands(rig: Rig) -> None:
-    """c² s² becomes c² s² + σ_b² in either map, and stays where the truth is of no sensor."""
+    """σ² becomes σ² + σ_b² in either map, and stays where the truth is of no sensor."""
     offset = np.deg2rad(0.35)
-    for learned in (rig.affine, rig.discrepancy):
-        assert learned is not None
-        inflated = learned.model_copy(update={"band": (2.0,)})
-        wider = with_reference_error(
-            inflated, rig, [log(TruthSource(TruthKind.SENSOR, "column 'x'"))]
-        )
-        before = 2.0 * learned.joints[0].std
-        assert 2.0 * wider.joints[0].std == pytest.approx(np.hypot(before, offset))
-        assert with_reference_error(inflated, rig, [log("another file")]) is inflated
+    assert rig.map is not None
+    for learned in (*rig.map.readings, *rig.map.filter):
+        read = log(TruthSource(TruthKind.SENSOR, "column 'x'"))
+        wider = with_reference_error(learned, rig, [read])
+        before = learned.arrays["noise"]
+        np.testing.assert_allclose(wider.arrays["noise"], before + offset**2)
+        assert with_reference_error(learned, rig, [log("another file")]) is learned
 
 
 def test_what_the_reference_errs_by(rig: Rig) -> None:
@@ -89,23 +84,11 @@ def test_a_file_holds_what_is_told_only_together_with_others() -> None:
     )
 
 
-def test_few_logs_share_the_filters_doubt_as_the_worst_needs() -> None:
-    """Errors of 0.2 and 0.4 stds need 0.4 at 95 %; Student's factor comes on top, and all of it is
-    the most.
-    """
-    rng = np.random.default_rng(2)
-    logs = [
-        [(size * rng.normal(size=40000), np.ones(40000), np.ones(40000))] for size in (0.2, 0.4)
-    ]
-    assert share_of_few(logs) == pytest.approx(0.4, rel=0.02)
-    assert share_of_few([[(5.0 * e, u, v) for e, u, v in log] for log in logs]) == 1.0
-
-
 def lacking(*lacks: float) -> Samples:
     """Return samples whose angles lack so much, one for each joint [rad]; NaN: no truth."""
     targets = np.tile(lacks, (10, 1))
     nothing = np.zeros(targets.shape)
-    return Samples("log", np.arange(10) / 100.0, np.zeros((10, 1)), nothing, targets, nothing, 0.01)
+    return Samples("log", np.arange(10) / 100.0, np.zeros((10, 1)), nothing, targets, nothing)
 
 
 def test_what_all_logs_lack_is_the_encoders_up_to_two_of_its_stds(rig: Rig) -> None:
@@ -133,12 +116,11 @@ def test_the_zero_of_a_reference_that_is_held_is_the_joints(rig: Rig) -> None:
     offset = np.deg2rad(0.35)
     (first, _) = without_offset([lacking(offset), lacking(offset)], held)
     np.testing.assert_allclose(first.targets, offset)
-    learned = held.discrepancy
-    assert learned is not None
+    assert held.map is not None
+    (learned,) = held.map.filter
     read = log(TruthSource(TruthKind.SENSOR, "column 'x'"))
     wider = with_reference_error(learned, held, [read])
-    before = learned.band[0] * learned.joints[0].std
-    assert learned.band[0] * wider.joints[0].std == pytest.approx(np.hypot(before, offset))
+    np.testing.assert_allclose(wider.arrays["noise"], learned.arrays["noise"] + offset**2)
     assert reference_offset(held, read) == pytest.approx(offset)
 
 
@@ -157,95 +139,6 @@ def test_an_offset_is_taken_off_only_where_an_encoder_is_the_truth(
     data, refused = filtered([given, given], [rig.bare()] * 2, homing, False)
     assert (refused, list(data)) == ([], [0, 1])
     np.testing.assert_allclose(data[1].targets, 0.0 if taken else 1e-3, atol=1e-15)
-    assert data[1].reference_std == (0.0 if homing is not None else reference_std(rig, given))
-
-
-def test_a_homing_move_over_half_of_the_range_is_on_the_side_where_it_begins(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Between the first angle and the middle of the range; of all logs a dozen are used, spread
-    evenly, if long enough.
-    """
-    finger, used = load_rig("finger-2n"), list[list[np.ndarray]]()
-
-    def run(
-        logs: list[Log], rigs: list[Rig], homing: float, compiled: bool, usable: list[np.ndarray]
-    ) -> object:
-        used.append(usable)
-        return {k: lacking(0.0) for k in range(len(logs))}, []
-
-    monkeypatch.setattr("distal.fitting.map_samples.filtered", run)
-    time = 5.0 + np.arange(100) / 100.0
-    first, second = 0.2 + 0.4 * np.cos(2 * np.pi * (time - 5.0)), np.where(time < 5.5, -0.3, 1.1)
-    gone = np.where(time > 5.8, np.nan, first)
-    given = Log(time, {}, {"theta_mcp": gone, "theta_pip": second}, "log")
-    short = Log(time[:15], {}, {"theta_mcp": first[:15], "theta_pip": second[:15]}, "short")
-    logs = [given] * 30 + [short]
-    found = partly_homed(logs, [finger] * 31, 0.4, False)
-    known = np.isfinite(gone)
-    seen = gone[known]
-    half = (seen.min() + seen.max()) / 2
-    expected = (~known | (gone >= half)) & (second <= 0.4)
-    assert list(found) == sorted({round(30 * k / 11) for k in range(11)})
-    for samples in found.values():
-        np.testing.assert_array_equal(samples.usable, expected)
-    # of the first 20 ms too few samples are on that side
-    assert partly_homed(logs, [finger] * 31, 0.1, False) == {}
-    assert partly_homed(logs, [finger] * 31, None, False) == {}
-
-
-def test_the_filters_own_std_counts_by_what_its_errors_are_of_it() -> None:
-    """Errors twice as large of a filter twice as unsure need the same share of its std."""
-    rng = np.random.default_rng(2)
-    errors = 0.4 * rng.normal(size=40000)
-    shares = [
-        share_of_few([[(scale * errors, np.ones(40000), np.full(40000, scale**2))]])
-        for scale in (1.0, 2.0, 0.1)
-    ]
-    assert shares == pytest.approx([0.4] * 3, rel=0.02)  # a quantile of 40000 values errs by 0.6 %
-
-
-def test_a_bands_factor_holds_95_percent_of_each_log() -> None:
-    """The smallest c with |e| ≤ 1.96 √(c² u + v) for 95 %, each log weighing the same however long
-    it is; within bounds.
-    """
-    rng = np.random.default_rng(3)
-    logs = [
-        (size * rng.normal(size=n), np.full(n, 0.5), np.full(n, 0.2))
-        for size, n in ((1.0, 503), (2.0, 47), (0.5, 4999))
-    ]
-
-    def held(c: float) -> float:
-        return float(
-            np.mean([np.mean(np.abs(e) <= BAND * np.sqrt(c**2 * u + v)) for e, u, v in logs])
-        )
-
-    c = conformal_factor(logs, 0.1, 100.0)
-    assert held(c * (1 + 1e-9)) >= 0.95
-    assert held(c * (1 - 1e-9)) < 0.95
-    assert conformal_factor(logs, 0.1, 0.5 * c) == 0.5 * c
-    assert conformal_factor(logs, 2.0 * c, 100.0) == 2.0 * c
-    assert conformal_factor([], 0.1, 100.0) == 1.0
-
-
-def test_the_share_of_the_filters_std_is_that_of_the_narrowest_band(rig: Rig) -> None:
-    """Where its variance says when errors are large, all of it; where it is large and errors are
-    not, none.
-    """
-    assert rig.discrepancy is not None
-    learned = rig.discrepancy.model_copy(update={"band": (2.0,), "own": 1.0})
-    rng = np.random.default_rng(4)
-    v = np.where(np.arange(4000) % 2, 4.0, 0.01)
-    honest = [[(np.sqrt(v + 0.01) * rng.normal(size=4000), np.full(4000, 0.01), v)]] * 3
-    blind = [[(0.1 * rng.normal(size=4000), np.full(4000, 0.01), v)]] * 3
-    assert sized(learned, honest, True)[0].own == max(OWNS)
-    assert sized(learned, blind, True)[0].own == min(OWNS)
-    found, _ = sized(learned, blind, True)
-    parts = [(e, u, found.own**2 * v) for ((e, u, v),) in blind]
-    assert found.band[0] == pytest.approx(2.0 * conformal_factor(parts, 1e-3, 1e3))
-    # of a map without a filter nothing is shared
-    alone = [[(0.1 * rng.normal(size=4000), np.full(4000, 0.01), np.zeros(4000))]]
-    assert sized(learned, alone, True)[0].own == 1.0
 
 
 def test_what_a_fit_brings_to_nothing_is_written_as_zero() -> None:

@@ -1,4 +1,4 @@
-"""Homing with a discrepancy: the rig's numbers by the filter, then the rest by Bayes' rule; the run
+"""Homing with a learned map: the rig's numbers by the filter, then the rest by Bayes' rule; the run
 reads no reference.
 """
 
@@ -12,12 +12,13 @@ import pytest
 from distal import Log, Rig, estimate, load_rig
 from distal.estimators import AdaptiveFilter, Belief, first_values
 from distal.homing import Window, parameters_homed, plain_samples, with_references
-from distal.homing.apply import held, parameters_filtered, torque_samples
+from distal.homing.apply import parameters_filtered, torque_samples
 from distal.homing.window import START_STD
 from distal.kernels import covariance_of
 from distal.logs import FROM_SENSOR
+from distal.rig import MapArrays
 from distal.run import samples_of
-from tests.estimators.test_discrepancy import made
+from tests.learned_maps import constant_map, drawn_map
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +31,7 @@ def log() -> Log:
 
 @pytest.fixture(scope="module")
 def rig() -> Rig:
-    return load_rig("capstan-joint").with_values({"discrepancy": made().model_dump()})
+    return load_rig("capstan-joint").with_map(filter=[drawn_map()])
 
 
 def test_without_its_correction_a_filter_is_the_plain_one(rig: Rig, log: Log) -> None:
@@ -90,11 +91,12 @@ def test_a_homing_move_takes_off_what_it_shows(rig: Rig, log: Log) -> None:
     """A constant error that the prior allows is gone after the move, and the move itself is not
     judged.
     """
-    wide = made().model_dump()
-    wide["joints"][0]["covariance"] = (
-        np.array(wide["joints"][0]["covariance"]) + np.diag([0.04, 0, 0, 0, 0, 0])
-    ).tolist()
-    described = rig.with_values({"discrepancy": wide})
+    wide = constant_map("jaw", ("motor_angle", "motor_torque"), 0.2, 0.01)
+    arrays = dict(wide.arrays.by_name)
+    arrays["covariance"] = arrays["covariance"].copy()
+    arrays["covariance"][0, 0, 0] = 0.04
+    wide = wide.model_copy(update={"arrays": MapArrays(**arrays)})
+    described = rig.with_map(filter=[wide])
     before, after = (
         estimate(log, described, compiled=False),
         estimate(log, described, compiled=False, homing=1.0),
@@ -105,23 +107,14 @@ def test_a_homing_move_takes_off_what_it_shows(rig: Rig, log: Log) -> None:
     assert np.mean(after.theta_std[late]) < np.mean(before.theta_std[late])
 
 
-def test_missing_readings_are_held() -> None:
-    """Each is the last before it; the first ones are the first that is there."""
-    nan = np.nan
-    np.testing.assert_array_equal(
-        held(np.array([nan, nan, 3.0, nan, 5.0, nan])), [3.0, 3.0, 3.0, 3.0, 5.0, 5.0]
-    )
-    np.testing.assert_array_equal(held(np.array([2.0, nan, 7.0])), [2.0, 2.0, 7.0])
-
-
 def test_what_a_contacts_map_sees_begins_at_zero(rig: Rig) -> None:
-    """The map's time is that since the log's first sample, and its readings have no gaps."""
+    """The map's time is that since the log's first sample, and a gap keeps the last reading."""
     time = 5.0 + np.arange(0.0, 1.0, 0.1)
     angle = np.where(np.arange(10) == 4, np.nan, 0.1 * np.arange(10))
     log = Log(time, {"motor_angle": angle, "motor_torque": np.ones(10)})
-    seen = torque_samples(log, rig, {"motor_angle": angle}, np.zeros((10, 1)))
+    seen = torque_samples(log, angle[:, None], np.zeros((10, 1)))
     np.testing.assert_allclose(seen.time, time - 5.0, atol=1e-12)
-    np.testing.assert_allclose(np.diff(seen.readings[3:6, 0]), [0.0, 0.2], atol=1e-12)
+    np.testing.assert_allclose(np.diff(seen.held[3:6, 0]), [0.0, 0.2], atol=1e-12)
     assert seen.interval == pytest.approx(0.1)
 
 

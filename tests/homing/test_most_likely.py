@@ -87,9 +87,6 @@ def errors_after(log: Log, rig: Rig) -> tuple[float, float]:
 @pytest.mark.slow  # many runs of the filter
 def test_wide_priors_do_not_lead_it_astray(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
     rig, home = wide(load_rig("pulley-antagonist")), sys.modules["distal.homing.home"]
-    monkeypatch.setattr(
-        home, "led_astray", lambda *_: None
-    )  # whether least squares does better is not asked here
     rms, inside = errors_after(log, rig)
     assert rms < 0.5
     assert inside > 0.9

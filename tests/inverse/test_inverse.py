@@ -21,7 +21,7 @@ from distal.inverse.distribution import least_pulls
 from distal.inverse.reached import lacking
 from distal.rig import number
 from distal.study.plants import draws_of
-from tests.estimators.test_discrepancy import made
+from tests.learned_maps import constant_map
 
 TIME = np.arange(0.0, 8.0, 0.01)
 STIFF = {"slider": (3e5, 120.0), "motor": (60.0, 0.03)}
@@ -171,18 +171,8 @@ def test_what_a_map_adds_is_taken_off_what_is_wanted() -> None:
     much smaller.
     """
     rig = load_rig("capstan-joint")
-    constant = {"joint": "jaw", "coefficients": [0.02], "covariance": [[0.0]], "std": 0.01}
-    wide = {
-        "low": [-50.0] * 3,
-        "high": [50.0] * 3,
-        "distance": [[1e-6, 0.0], [0.0, 1e-6]],
-        "reach": 1e3,
-        "apart": (),
-    }
-    learned = {**made(own=1.0).model_dump(), **wide, "terms": ["1"], "joints": [constant]}
-    plain, mapped = (
-        Inverse(one, compiled=False) for one in (rig, rig.with_values({"discrepancy": learned}))
-    )
+    learned = constant_map("jaw", ("motor_angle", "motor_torque"), 0.02, 0.01)
+    plain, mapped = (Inverse(one, compiled=False) for one in (rig, rig.with_map(filter=[learned])))
     desired = 0.3 + 0.1 * np.sin(TIME)
     with_map, without = mapped(TIME, desired), plain(TIME, desired - 0.02)
     late = TIME > 1.0

@@ -21,7 +21,7 @@ from distal.inverse.live_inverse import ACROSS
 from distal.inverse.live_inverse_function import LEAVES, MOST, SMOOTHED, SPEEDS_UP, _guide
 from distal.inverse.servo import followable, sent
 from distal.inverse.setpoint_function import CommandModel
-from tests.estimators.test_discrepancy import made
+from tests.learned_maps import constant_map
 
 RIG = "paper-2008-observed"
 
@@ -270,17 +270,9 @@ def test_a_learned_map_is_taken_off_and_a_torque_from_outside_is_held() -> None:
     smaller.
     """
     rig = load_rig("capstan-joint")
-    constant = {"joint": "jaw", "coefficients": [0.02], "covariance": [[0.0]], "std": 0.01}
-    wide = {
-        "low": [-50.0] * 3,
-        "high": [50.0] * 3,
-        "distance": [[1e-6, 0.0], [0.0, 1e-6]],
-        "reach": 1e3,
-        "apart": (),
-    }
-    learned = {**made(own=1.0).model_dump(), **wide, "terms": ["1"], "joints": [constant]}
+    learned = constant_map("jaw", ("motor_angle", "motor_torque"), 0.02, 0.01)
     positions = []
-    for one, desired in ((rig, 0.1), (rig.with_values({"discrepancy": learned}), 0.12)):
+    for one, desired in ((rig, 0.1), (rig.with_map(filter=[learned]), 0.12)):
         inverse = LiveInverse(one, feedback=Feedback(follow=0.0), compiled=False)
         sample = np.zeros(len(inverse.channels))
         for k in range(80):

@@ -108,7 +108,7 @@ ESTIMATE = {
     "command": ("estimate",),
     "estimator": (
         "",
-        *(f"-e {name}" for name in ("adaptive", "affine", "elastic", "inextensible")),
+        *(f"-e {name}" for name in ("adaptive", "regression", "elastic", "inextensible")),
         "-e ekf",
         "-e ekf-2008",
     ),

@@ -22,7 +22,7 @@ def log_of(seed: int, count: int = 400) -> Samples:
     angles[: count // 10, 1] = np.nan
     nothing = np.zeros((count, 0))
     readings = np.column_stack([drive, force])
-    return Samples("log", time, readings, nothing, angles, np.zeros((count, 2)), 0.01)
+    return Samples("log", time, readings, nothing, angles, np.zeros((count, 2)))
 
 
 def played(x: Any, half: float) -> Any:
@@ -82,6 +82,5 @@ def test_an_angle_that_is_known_nowhere_has_no_error() -> None:
         log.angles,
         np.full_like(log.targets, np.nan),
         log.variances,
-        0.01,
     )
     assert np.isnan(yardstick_error("least squares", [unknown], log))

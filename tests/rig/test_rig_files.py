@@ -357,10 +357,10 @@ def test_any_rubbish_is_refused_in_one_line(key: str, rubbish: object) -> None:
 
 
 def test_a_number_changed_by_hand_leaves_a_learned_correction_behind() -> None:
-    """A discrepancy is what one set of numbers leaves; a sensor's column is none of them."""
+    """A map beside a filter is what one set of numbers leaves; a sensor's column is none of them."""
     with pytest.warns(
         DistalWarning,
-        match=r"\[discrepancy\] was learned with other numbers than tendons\.\*\.stiffness",
+        match=r"\[map\] was learned with other numbers than tendons\.\*\.stiffness",
     ):
         load_rig("da-vinci-grasper", ['tendons.*.stiffness="12 N/mm"'])
     load_rig("da-vinci-grasper", ['log.time.unit="ms"'])

@@ -35,7 +35,6 @@ def calibrate_command(
     what is broken.
     """
     from distal.hands import calibrate, moved_since
-    from distal.logs import write_whole
     from distal.rig import edited_text, load_rig
 
     check_command_outputs(
@@ -53,7 +52,7 @@ def calibrate_command(
     if since is not None:
         lines = moved_since(load_rig(since), found.rig)
         say(f"since {since}: " + ("; ".join(lines) if lines else "nothing moved clearly"))
-    write_whole(out, found.text(log.name, edited_text(rig, set_ or ())))
+    found.save(out, log.name, edited_text(rig, set_ or ()))
     say(f"wrote {out}")
 
 

@@ -83,7 +83,7 @@ def _say_structure(name: str, changes: list[str] | None) -> None:
     declaring = [drive.name for i, drive in enumerate(rig.drives) if context.declares_friction(i)]
     lagging = [sensor.name for sensor in context.channels.positions if sensor.lag > 0.0]
     doubted = [rig.joints[joint].name for joint in doubted_frictions(states)]
-    maps = [kind for kind in ("affine", "discrepancy", "contact") if getattr(rig, kind) is not None]
+    maps = [] if rig.map is None else list(rig.map.named())
     say(f"kernels of {name}: all numbers of the rig are inputs; one more is compiled where one of")
     say("these changes:")
     facts = {
@@ -96,7 +96,7 @@ def _say_structure(name: str, changes: list[str] | None) -> None:
         "sub-steps of the joints in a sample": str(estimator.substeps),
         "joints that follow a jump of a drive within a sample": _yes(context.joints_follow),
         "joints that come to rest within a sample": _yes(context.joints_settle),
-        "learned maps, by their terms": ", ".join(maps),
+        "learned maps, by what they read": ", ".join(maps),
     }
     for fact, value in facts.items():
         say(f"  {fact}: {value or 'none'}")

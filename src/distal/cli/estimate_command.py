@@ -63,8 +63,8 @@ def estimate_command(
             "--estimator",
             "-e",
             help=(
-                "adaptive, affine, ekf, ekf-2008, elastic or inextensible; repeatable, the first "
-                "is "
+                "adaptive, ekf, ekf-2008, elastic, inextensible or regression; repeatable, the "
+                "first is "
                 "written. Default: adaptive; where the angle is known, all of them, to compare."
             ),
             autocompletion=estimators,
@@ -319,12 +319,13 @@ def _estimates(
 
     Where the first estimator fails, the others are still shown before its error is raised.
     """
-    from distal.estimators.affine_estimator import NEEDS
+    from distal.estimators.regression_estimator import NEEDS
     from distal.run import estimate
 
     # in a comparison by default, an estimator that cannot run is a row with what it needs
-    if comparison.comparing and rig.affine is None and home is None and "affine" in names:
-        comparison.failed["affine"] = f"affine {NEEDS}"
+    has_map = rig.map is not None and rig.map.readings
+    if comparison.comparing and not has_map and home is None and "regression" in names:
+        comparison.failed["regression"] = f"regression {NEEDS}"
     lost: DistalError | None = None
     with working("estimating") as show:
         for name in (name for name in names if name not in comparison.failed):

@@ -19,10 +19,12 @@ from typer import Argument, Option
 from distal.cli.console import err, say, table
 from distal.cli.paths import check_command_outputs, check_ending, to_file, to_folder, write_each
 from distal.cli.shared_options import (
+    LagOption,
     RepeatedOption,
     RigOption,
     SetOption,
     homing_time,
+    lag_time,
     settings,
 )
 from distal.errors import FitError
@@ -40,7 +42,7 @@ shown, too. Source: judgement.
 """
 
 PROVISIONAL = (
-    "the fit that writes this file has not ended: it has the affine map of the logs, all other "
+    "the fit that writes this file has not ended: it has the map of the logs, all other "
     "parameters are as they came"
 )
 """Note in a file that is written before the fit ends, and which the fit replaces."""
@@ -111,6 +113,7 @@ def fit_command(
             "--rig."
         ),
     ] = None,
+    reference_lag: LagOption = None,
     seed: Annotated[int, Option(min=0, help="Seed of the starts.")] = 0,
     jobs: Annotated[int, Option(min=1, help="How many logs are run at once.")] = 2,
     repeated: RepeatedOption = None,
@@ -152,7 +155,7 @@ def fit_command(
         say(f"at once, {line.text}")
         if out is not None:
             line.save(out, text, provisional=PROVISIONAL)
-            say(f"wrote {out} with it (--estimator affine); the fit replaces it")
+            say(f"wrote {out} with it (--estimator regression); the fit replaces it")
 
     with fit_progress() as show:
         result = fitted_to(
@@ -169,6 +172,7 @@ def fit_command(
             start=start,
             progress=show,
             early=early,
+            lag=lag_time(reference_lag),
         )
     _say(result)
 

@@ -31,6 +31,7 @@ from distal.cli.paths import (
     to_folder,
     write_each,
 )
+from distal.cli.shared_options import LagOption, lag_time
 from distal.errors import EstimationError, RigError
 
 if TYPE_CHECKING:
@@ -61,6 +62,7 @@ def learn_command(
     truth: JointsOption = None,
     drive: DrivesOption = None,
     ignore: IgnoreOption = None,
+    reference_lag: LagOption = None,
     report: Annotated[
         Path | None, Option(help="Folder for the answer as a page; default: beside --out.")
     ] = None,
@@ -83,12 +85,14 @@ def learn_command(
         text = found.text
     else:
         text = completed(rig, logs, truth, drive, ignore)
-    description = build_rig(parse_toml(text, str(out), RigError), out.stem)
+    raw = parse_toml(text, str(out), RigError)
+    raw.pop("map", None)  # it is learned anew
+    description = build_rig(raw, out.stem)
     read = [read_log(source, description) for source in sources_of(logs)]
     # a job that is ended keeps the best so far, as by Ctrl-C
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with fit_progress() as show:
-        result = fit(read, description, progress=show)
+        result = fit(read, description, progress=show, lag=lag_time(reference_lag))
     _answer(result, read)
 
     def save() -> None:
@@ -101,7 +105,7 @@ def learn_command(
         except EstimationError as problem:
             say(
                 f"no page is written, since the filter cannot follow a log ({problem}); the angle "
-                "of the affine map is that of: distal estimate -e affine"
+                "of the map is that of: distal estimate -e regression"
             )
             return
         say(f"wrote {page}: the same as a page with curves")

@@ -84,11 +84,9 @@ def check_command(rig: RigArgument, set_: SetOption = None) -> None:
         f"  stiffest mode {stiffest_frequency(mechanism):.4g} rad/s: {count} sub-steps per sample "
         f"at {rate:g} Hz"
     )
-    if description.affine is not None:
-        logs = description.affine.logs
-        source = "a homing move" if logs == 0 else f"{logs} log{'s' if logs > 1 else ''}"
-        std = max(degrees(joint.std) for joint in description.affine.joints)
-        say(f"  affine: learned from {source}, residual ±{rounded(std)}° (1σ)")
+    for name, each in {} if description.map is None else description.map.named().items():
+        source = "a homing move" if each.logs == 0 else f"{each.logs} log{'s' * (each.logs > 1)}"
+        say(f"  map.{name}: {', '.join(each.joints)} by {', '.join(each.channels)}, from {source}")
     if description.free_motion is not None:
         say(f"  {description.free_motion.in_words()}")
     for line in felt_in_words(description):

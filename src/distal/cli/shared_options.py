@@ -10,7 +10,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-ESTIMATOR_NAMES = ("adaptive", "affine", "ekf", "ekf-2008", "elastic", "inextensible")
+ESTIMATOR_NAMES = ("adaptive", "ekf", "ekf-2008", "elastic", "inextensible", "regression")
 """Names of all estimators, the keys of `distal.ESTIMATORS`; they stand here, too, so that a shell
 completes them without importing the estimators.
 """
@@ -171,3 +171,22 @@ def homing_time(text: str | None) -> float | None:
 def newtons(text: str) -> float:
     """Return a force from a text such as ``2 N``, ``500 mN`` or a bare number [N]."""
     return _in_si(text, "N")
+
+
+LagOption = Annotated[
+    str | None,
+    Option(
+        "--reference-lag",
+        help="By how much the true angles are later than the drives, e.g. '40 ms', or 0; default: "
+        "found in the logs.",
+    ),
+]
+
+
+def lag_time(text: str | None) -> float | None:
+    """Return a lag from a text such as ``40 ms`` or a bare number [s]; None stays None.
+
+    Raises:
+        UnitError: the text is no time.
+    """
+    return None if text is None else _in_si(text, "s")

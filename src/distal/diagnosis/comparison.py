@@ -58,7 +58,7 @@ def disagreement(
 def disagreement_with_map(
     result: Estimate, log: Log, rig: Rig, homing: float | None = None
 ) -> list[Finding]:
-    """Return a finding where `affine`, by the affine map in the rig file, lies outside both bands
+    """Return a finding where `regression`, by the map in the rig file, lies outside both bands
     for more than `OFTEN` of the log.
 
     Args:
@@ -67,10 +67,11 @@ def disagreement_with_map(
         rig: of the estimate.
         homing: time for which the reference angle is used [s], or None.
     """
-    affine = None if rig.affine is None else _estimate(log, rig, "affine", homing)
-    if affine is None:
+    has_map = rig.map is not None and rig.map.readings
+    other = _estimate(log, rig, "regression", homing) if has_map else None
+    if other is None:
         return []
-    apart = np.abs(result.angles - affine.angles) > BAND * (result.angle_stds + affine.angle_stds)
+    apart = np.abs(result.angles - other.angles) > BAND * (result.angle_stds + other.angle_stds)
     share = float(np.mean(apart.any(axis=1)))
     return [] if share <= OFTEN else [texts.map_disagrees(share)]
 

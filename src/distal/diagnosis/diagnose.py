@@ -59,7 +59,7 @@ def diagnose(
         rig: of the estimate.
         homing: time for which the reference angle was used [s], or None.
         ranges: channel → lowest and highest value that a fit has seen, SI; by default those of the
-            rig's `[affine]`, if any.
+            rig's `[map]`, if any.
         what_if: whether the filter is run again with changes; that costs 20 to 150 runs of the
             log's first 2000 samples.
 
@@ -134,13 +134,11 @@ def why_diverged(
 
 
 def _learned_range(rig: Rig) -> dict[str, tuple[float, float]]:
-    """Return channel → range of the logs from which the rig's affine map was learned, wider by a
+    """Return channel → range of the logs from which the rig's map was learned, wider by a
     tenth at each end.
     """
-    learned = rig.affine
-    if learned is None:
-        return {}
-    ends = zip(learned.channels, learned.low, learned.high)
+    maps = () if rig.map is None else rig.map.readings
+    ends = (end for each in maps for end in zip(each.channels, each.low, each.high))
     return {name: (low - 0.1 * (high - low), high + 0.1 * (high - low)) for name, low, high in ends}
 
 

@@ -139,9 +139,9 @@ def kinematics_disagree(estimator: str, share: float) -> Finding:
 
 
 def map_disagrees(share: float) -> Finding:
-    """Return the finding that `affine` lies outside both bands for a `share` of the log."""
-    text = f"affine, learned from logs, lies outside both bands {100 * share:.0f} % of the time"
-    return Finding("other estimate", "affine", text)
+    """Return the finding that `regression` lies outside both bands for a `share` of the log."""
+    text = f"regression, learned from logs, lies outside both bands {100 * share:.0f} % of the time"
+    return Finding("other estimate", "regression", text)
 
 
 def looks(subject: str, like: str) -> Finding:

@@ -1,8 +1,6 @@
 """The estimators and their common interface: belief and sample in, belief and innovation out."""
 
 from distal.estimators.adaptive import AdaptiveFilter, Robustness
-from distal.estimators.affine_estimator import AffineEstimator, affine_of, affine_samples
-from distal.estimators.affine_samples import WILD, sample_problem, wild_problem
 from distal.estimators.belief import Belief, Innovation
 from distal.estimators.directions import Directions, directions
 from distal.estimators.estimator_protocol import (
@@ -18,6 +16,13 @@ from distal.estimators.kinematic import KinematicEstimator
 from distal.estimators.kinematic_chain import ChainKinematics
 from distal.estimators.read_channels import Channels, channels_of
 from distal.estimators.registry import DEFAULT, ESTIMATORS, make_estimator
+from distal.estimators.regression_estimator import (
+    RegressionEstimator,
+    of_part,
+    parts_of,
+    samples_of_angles,
+)
+from distal.estimators.sample_checks import WILD, sample_problem, wild_problem
 from distal.estimators.state_kinds import (
     UNITS_OF_JOINTS,
     StateKind,
@@ -36,7 +41,6 @@ __all__ = [
     "UNITS_OF_JOINTS",
     "WILD",
     "AdaptiveFilter",
-    "AffineEstimator",
     "Belief",
     "ChainKinematics",
     "Channels",
@@ -47,10 +51,9 @@ __all__ = [
     "KernelEstimator",
     "KinematicEstimator",
     "Noise",
+    "RegressionEstimator",
     "Robustness",
     "StateKind",
-    "affine_of",
-    "affine_samples",
     "channels_of",
     "check_time",
     "directions",
@@ -59,9 +62,12 @@ __all__ = [
     "kinds_by_joint",
     "kinds_of",
     "make_estimator",
+    "of_part",
     "paper_noise",
+    "parts_of",
     "rig_noise",
     "sample_problem",
+    "samples_of_angles",
     "state_units",
     "states_of",
     "wild_problem",

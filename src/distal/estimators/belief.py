@@ -9,6 +9,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.estimators.report import NOTHING_REPORTED, Report
 from distal.kernels import covariance_of, mean_of
+from distal.logs import frozen
 
 
 @dataclass(frozen=True)
@@ -38,17 +39,17 @@ class Belief:
     def mean(self) -> Floats:
         """The reported estimate of the states, (n,)."""
         mean: Floats = mean_of(self.kernel_state, self.size)
-        return mean if self.output is None else self.report.means(mean[None], self.output[None])[0]
+        if self.output is None:
+            return mean
+        return frozen(self.report.means(mean[None], self.output[None])[0])
 
     @property
     def covariance(self) -> Floats:
         """The reported covariance of the estimate's error, (n, n)."""
         covariance: Floats = covariance_of(self.kernel_state, self.size)
-        return (
-            covariance
-            if self.output is None
-            else self.report.covariances(covariance[None], self.output[None])[0]
-        )
+        if self.output is None:
+            return covariance
+        return frozen(self.report.covariances(covariance[None], self.output[None])[0])
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.errors import EstimationError
-from distal.estimators.affine_samples import WILD, sample_problem, wild_problem
 from distal.estimators.belief import Belief, Innovation, innovation
 from distal.estimators.gaps import rows_with_gaps
 from distal.estimators.read_channels import Channels
 from distal.estimators.report import NOTHING_REPORTED
+from distal.estimators.sample_checks import WILD, sample_problem, wild_problem
 from distal.estimators.state_kinds import state_units
 from distal.kernels import (
     Advanced,
@@ -117,8 +117,8 @@ class KernelEstimator:
 
     @property
     def has_kernel(self) -> bool:
-        """Whether the estimator has its kernel; `affine` without a learned map has none before its
-        homing move.
+        """Whether the estimator has its kernel; `regression` without a learned map has none before
+        its homing move.
         """
         return self._kernel is not None
 
@@ -326,13 +326,6 @@ class KernelEstimator:
     def touched(self) -> tuple[int, ...]:
         """Indices in the kernel state of the share, 0 (free) to 1, that a touch has of each joint
         that may be touched; empty where the estimator looks for no touch.
-        """
-        return ()
-
-    @property
-    def apart(self) -> tuple[int, ...]:
-        """Indices in the kernel state of how far the members of blends are apart, see
-        `LearnedMap.apart`, the largest square over the joints; empty without a blend.
         """
         return ()
 

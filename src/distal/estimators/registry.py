@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 from distal.errors import EstimationError
 from distal.estimators.adaptive import AdaptiveFilter
-from distal.estimators.affine_estimator import AffineEstimator
 from distal.estimators.estimator_protocol import KernelEstimator
 from distal.estimators.full_state import FullStateFilter, paper_noise, rig_noise
 from distal.estimators.kinematic import KinematicEstimator
 from distal.estimators.kinematic_chain import ChainKinematics
+from distal.estimators.regression_estimator import RegressionEstimator
 from distal.rig import Rig
 from distal.suggestions import did_you_mean
 
@@ -22,7 +22,7 @@ def _kinematic(name: str, rig: Rig, elastic: bool, compiled: bool) -> KernelEsti
 
 ESTIMATORS: dict[str, Callable[[Rig, bool], KernelEstimator]] = {
     "adaptive": lambda rig, compiled: AdaptiveFilter(rig, compiled),
-    "affine": lambda rig, compiled: AffineEstimator(rig, compiled),
+    "regression": lambda rig, compiled: RegressionEstimator(rig, compiled),
     "inextensible": lambda rig, compiled: _kinematic("inextensible", rig, False, compiled),
     "elastic": lambda rig, compiled: _kinematic("elastic", rig, True, compiled),
     "ekf-2008": lambda rig, compiled: FullStateFilter("ekf-2008", rig, paper_noise(rig), compiled),

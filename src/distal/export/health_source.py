@@ -60,7 +60,6 @@ def health_source(estimator: KernelEstimator, name: str, emitter: Emitter) -> di
         "n_watched": str(len(watch.watched)),
         "stds": ", ".join(f"out->{std}" for _, std in angle_fields(estimator.rig)),
         "touched": _largest(watch.sample["touched"], estimator.touched),
-        "apart": _largest(watch.sample["apart"], estimator.apart),
         "zero": dialect.constant(0.0),
         "one": dialect.constant(1.0),
         **{f"at_{part}": str(watch.sample[part].start) for part in watch.sample.names},
@@ -112,7 +111,6 @@ int $name$_health($name$_watch* watch, const $name$_state* state, $real$ dt, con
     sample[$at_watched_variances$ + i] = state->kernel_state[$n$ + watched[i] * ($n$ + 1)];
   }
 $touched$
-$apart$
   $check$(watch->memory, sample, memory, findings);
   memcpy(watch->memory, memory, sizeof memory);
   watch->begun = 1;

@@ -3,38 +3,33 @@ can identify.
 """
 
 from distal.fitting.angle_observability import Observability, observability
+from distal.fitting.candidates import AS_GIVEN
 from distal.fitting.fit import fit
 from distal.fitting.fit_options import Options
 from distal.fitting.fitted_parameter import FittedParameter
 from distal.fitting.learned_maps import (
-    LeftOut,
     MapFit,
-    learn_affine,
-    learn_contact,
-    learn_discrepancy,
+    learn_map,
 )
-from distal.fitting.leave_out import ALONE, WRITTEN, Compared, Fold, Score
+from distal.fitting.leave_out import WRITTEN, Compared, Fold, Score
 from distal.fitting.progress import Doing
 from distal.fitting.result import Fit
 from distal.regression import groups_of
 
 __all__ = [
-    "ALONE",
+    "AS_GIVEN",
     "WRITTEN",
     "Compared",
     "Doing",
     "Fit",
     "FittedParameter",
     "Fold",
-    "LeftOut",
     "MapFit",
     "Observability",
     "Options",
     "Score",
     "fit",
     "groups_of",
-    "learn_affine",
-    "learn_contact",
-    "learn_discrepancy",
+    "learn_map",
     "observability",
 ]

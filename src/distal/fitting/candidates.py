@@ -3,42 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from distal.arrays import Bools
 from distal.fitting.fit_options import Options
 from distal.fitting.fitted_parameter import assignments, described
 from distal.fitting.jackknife import parameters_without
-from distal.fitting.learned_maps import MapFit, map_of
+from distal.fitting.learned_maps import MapFit, map_of, with_its_reference_error
 from distal.fitting.log_checks import unknown_joints
-from distal.fitting.map_samples import (
-    discrepancy_of,
-    filtered,
-    mean_rms,
-    partly_homed,
-    with_reference_error,
-)
+from distal.fitting.map_samples import filtered, mean_rms
 from distal.fitting.missing_terms import MissingTerm
 from distal.fitting.parameter_estimates import ParameterEstimates
 from distal.logs import Log, true_angles
-from distal.regression import (
-    Errors,
-    Samples,
-    errors_beyond,
-    fit_coefficients,
-    folds_of,
-    groups_of,
-    left_out_errors,
-    rms_beyond_noise,
-)
-from distal.rig import LearnedMap, Rig
+from distal.regression import Samples, folds_of, groups_of
+from distal.rig import Rig
 
 AS_GIVEN = "the rig as given"
 """Name of the candidate that is the original rig.
 
-Each candidate but the affine map has a correction map (`discrepancy`) for the errors of its angle.
+Filters are candidates without a map; what is written has one.
 """
 
 BY_EQUATIONS = "parameters by its equations"
@@ -50,11 +34,6 @@ BY_FILTER = "parameters by its filter"
 SURER = 0.85
 """Ratio of the angle's errors with parameters taken as exactly known (`hold`) and without, below
 which filters take them so. Source: judgement.
-"""
-
-FAR = 1.5
-"""Ratio of a filter's angle error to the least of the filters before it, above which it gets no
-map. Source: judgement.
 """
 
 
@@ -113,13 +92,10 @@ class Candidate:
 
     Args:
         name: name in words.
-        rig: the description, with parameters and maps.
+        rig: the description, with its parameters.
         parameters: the parameter estimates in it; None where it has the original values.
         hold: whether filters take the parameters as exactly known.
-        maps: the learned maps by the names of their tables.
         error: RMS error of the angle on held-out logs [rad]; infinite where it cannot run.
-        beyond: the same in the outer part of these logs, with a map learned from the inner part of
-            the others [rad].
         data: the filter's estimates along the logs, with parameters that have not seen them, by the
             index of the log.
         refused: sentences on logs that its filter could not follow.
@@ -130,9 +106,7 @@ class Candidate:
     rig: Rig
     parameters: ParameterEstimates | None
     hold: bool
-    maps: Mapping[str, MapFit]
     error: float
-    beyond: float
     data: Mapping[int, Samples]
     refused: tuple[str, ...] = ()
     part: MissingTerm | None = None
@@ -152,61 +126,27 @@ class _Run:
 
 
 def filter_candidate(
-    name: str,
-    training: Training,
-    parameters: ParameterEstimates | None,
-    previous: Sequence[Candidate] = (),
+    name: str, training: Training, parameters: ParameterEstimates | None
 ) -> Candidate:
-    """Return the candidate of a rig's filter and the map of the errors of its angle.
-
-    Its parameters are the given estimates; None stands for the original values. Where a filter of
-    the `previous` candidates errs far less, it gets no map.
+    """Return the candidate of a rig's filter with the given parameter estimates; None stands for
+    the original values.
     """
-    run = _run(training, parameters, False)
-    plain = Candidate(
-        name,
-        run.rig,
-        parameters,
-        False,
-        {},
-        np.inf,
-        np.inf,
-        run.data,
-        tuple(run.refused),
-        training.part,
-    )
-    least = min(
-        (mean_rms(candidate.data) for candidate in previous if candidate.data),
-        default=np.inf,
-    )
-    if not run.data or mean_rms(run.data) > FAR * least:
-        judged = bool(run.data) and len(set(training.folds)) > 1
-        return (
-            replace(plain, error=mean_rms(run.data), beyond=mean_rms(run.data)) if judged else plain
-        )
-    run = _surest(run, training, parameters)
+    run = _surest(_run(training, parameters, False), training, parameters)
+    # what a log teaches cannot be judged on it
+    judged = bool(run.data) and len(set(training.folds)) > 1
+    error = mean_rms(run.data) if judged else np.inf
+    refused = tuple(run.refused)
+    return Candidate(name, run.rig, parameters, run.hold, error, run.data, refused, training.part)
+
+
+def filter_map(candidate: Candidate, training: Training) -> MapFit:
+    """Return the map of what the angles of a candidate's filter lack, on logs that its parameters
+    have not seen.
+    """
+    folds = folds_of([training.groups[i] for i in candidate.data])
     homing = training.options.homing
-    samples = list(run.data.values())
-    ran = list(run.data)
-    rigs = [run.rigs[i] for i in ran]
-    groups = [training.groups[i] for i in ran]
-    half = partly_homed([training.logs[i] for i in ran], rigs, homing, training.options.compiled)
-    kind = discrepancy_of(run.rig, samples)
-    map_fit = map_of(samples, kind, run.rig, homing, groups, scored=False, partly=half)
-    map_fit = with_its_reference_error(map_fit, training)
-    folds = folds_of(groups)
-    error = held_out_rms(samples, left_out_errors(samples, kind, map_fit.terms, folds, homing))
-
-    def learned(logs: Sequence[int], parts: Sequence[Bools]) -> LearnedMap:
-        return fit_coefficients(
-            [samples[i].part(part) for i, part in zip(logs, parts)], kind, map_fit.terms
-        )
-
-    beyond = held_out_rms(samples, errors_beyond(samples, kind, folds, homing, learned), error)
-    maps = {map_fit.table: map_fit}
-    return replace(
-        plain, rig=map_fit.rig, hold=run.hold, maps=maps, error=error, beyond=beyond, data=run.data
-    )
+    map_fit = map_of(list(candidate.data.values()), candidate.rig, "filter", folds, homing)
+    return map_fit if homing is not None else with_its_reference_error(map_fit, training.logs)
 
 
 def _surest(run: _Run, training: Training, parameters: ParameterEstimates | None) -> _Run:
@@ -221,16 +161,6 @@ def _surest(run: _Run, training: Training, parameters: ParameterEstimates | None
         if len(surer.data) == len(run.data) and mean_rms(surer.data) < SURER * mean_rms(run.data)
         else run
     )
-
-
-def held_out_rms(
-    samples: Sequence[Samples], errors: Sequence[Sequence[Errors]], unknown: float = np.inf
-) -> float:
-    """Return the RMS error on held-out logs beyond the reference's noise [rad]; `unknown` where no
-    log is held out.
-    """
-    error = rms_beyond_noise(errors, max(log_samples.reference_std for log_samples in samples))
-    return error if np.isfinite(error) else unknown
 
 
 def _run(training: Training, parameters: ParameterEstimates | None, hold: bool) -> _Run:
@@ -253,20 +183,8 @@ def _run(training: Training, parameters: ParameterEstimates | None, hold: bool) 
 
 
 def best_of(candidates: Sequence[Candidate]) -> Candidate:
-    """Return the candidate with the least geometric mean of its two errors on held-out logs,
-    √(error · beyond).
+    """Return the candidate that errs least on held-out logs; of equals the first.
 
-    Twice the error within the range of the logs thus weighs as much as twice the error beyond it.
-    Of equals the first is taken.
+    It is judged without a map, since within the logs a map hides what the filter lacks beyond them.
     """
-
-    return min(candidates, key=lambda candidate: np.sqrt(candidate.error * candidate.beyond))
-
-
-def with_its_reference_error(map_fit: MapFit, training: Training) -> MapFit:
-    """Return a map with the error of the reference's zero in its band; unchanged with a homing
-    move, which reads that reference.
-    """
-    if training.options.homing is not None:
-        return map_fit
-    return map_fit.with_map(with_reference_error(map_fit.learned, training.rig, training.logs))
+    return min(candidates, key=lambda candidate: candidate.error)

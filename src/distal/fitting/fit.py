@@ -20,13 +20,11 @@ from distal.fitting.learned_maps import MapFit, logs_read
 from distal.fitting.leave_out import (
     WRITTEN,
     Fold,
-    candidate_by_folds,
     leave_out,
-    with_written,
 )
 from distal.fitting.log_checks import check_logs
-from distal.fitting.map_samples import OFFSETS
 from distal.fitting.progress import Progress, of_part
+from distal.fitting.reference_lag import ReferenceLag, reference_lag
 from distal.fitting.result import Fit
 from distal.fitting.touched_logs import touched_logs
 from distal.homing import check_homing
@@ -65,6 +63,7 @@ def fit(
     units: str | None = None,
     start: Rig | str | Path | None = None,
     early: Callable[[MapFit], None] | None = None,
+    lag: float | None = None,
 ) -> Fit:
     """Fit a rig's parameters and noise to logs, learn a map of the angle error that remains, and
     test both on held-out logs.
@@ -98,7 +97,12 @@ def fit(
             instrument, a pose, a day) in a log's name. The logs of a unit are held out together, so
             that the band is right for a new unit.
         start: a fitted rig whose values the search begins with; the priors are those of `rig`.
-        early: called with the affine map within seconds, once the logs have passed all checks.
+        early: called with the map on readings alone within seconds, once the logs have passed all
+            checks.
+
+        lag: by how much the true angles are later than the drives [s]; None: it is found, and taken
+            off where it makes the logs more probable by more than its standard error. A joint that
+            follows its drives late looks the same.
 
     Raises:
         FitError: the logs cannot be fitted; says which and why.
@@ -125,9 +129,11 @@ def fit(
     touched = [] if homing is not None or units is not None else touched_logs(read, rig)
     aside = [read[i] for i in touched]
     read = [log for i, log in enumerate(read) if i not in touched]
+    folds, enough = _folds(read, rig, units)
+    found_lag = ReferenceLag(lag) if lag is not None else _lag(read, rig, folds)
+    read = found_lag.taken_off(read, rig)
     servos = servos_of(read, rig)
     rig = rig.with_values(servos)
-    folds, enough = _folds(read, rig, units)
     parts = len(set(folds)) + 1 if enough else 1
     judged = judge(read, rig, options, of_part(progress, 0, parts), early=early)
     learned = learned_by(judged, judged.chosen)
@@ -137,23 +143,21 @@ def fit(
     def of_fold(remaining: Sequence[Log], fold: int) -> Learned:
         return learn(remaining, rig, options, of_part(progress, fold, parts), tried)
 
-    # without homing an encoder's own offset is in errors on held-out logs, and must not choose
-    zeros = [sensor.bias.filter_std for sensor in rig.sensors_of("angle")]
-    offset = 0.0 if homing is not None else OFFSETS * max(zeros, default=0.0)
     done = []
     asked = 0
-    if enough and "discrepancy" in learned.maps and not learned.interrupted:
+    if enough and judged.line is not None and not learned.interrupted:
         done = leave_out(read, rig, folds, of_fold, homing)
         asked = parts - 1
-        rated = judged.candidates if len(done) == asked else [judged.chosen]
-        best = candidate_by_folds(done, rated, judged.chosen, offset)
-        done = with_written(done, offset)
         learned = _followed(
-            judged, best, read, lambda learned: _with_free_motion(learned, done, read, folds)
+            judged,
+            judged.chosen,
+            read,
+            lambda learned: _with_free_motion(learned, done, read, folds),
         )
     elif not learned.interrupted:
         learned = _followed(judged, judged.chosen, read, lambda learned: learned)
-    learned = replace(learned, doubts=(*_touched(aside), *learned.doubts))
+    doubts = (*found_lag.sentences, *_touched(aside), *learned.doubts)
+    learned = replace(learned, doubts=doubts)
     for line in far_from_priors(learned.parameters.fitted, learned.parameters.problem):
         warnings.warn(line, DistalWarning, stacklevel=2)
     return Fit.of(learned, start_rig, read, options, tuple(done), asked, servos)
@@ -191,6 +195,15 @@ def _followed(
                 )
     learned = learned_by(judged, best)
     return replace(learned, doubts=(*doubts, *learned.doubts))
+
+
+def _lag(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> ReferenceLag:
+    """Return the lag of the reference; none where the map on readings cannot run."""
+    known = [i for i, log in enumerate(logs) if true_angles(log, rig.joint_names) is not None]
+    try:
+        return reference_lag([logs[i] for i in known], rig, [folds[i] for i in known])
+    except EstimationError:
+        return ReferenceLag()
 
 
 def _touched(aside: Sequence[Log]) -> list[str]:

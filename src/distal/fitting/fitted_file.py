@@ -9,20 +9,26 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from distal.errors import DistalWarning, OutputError, RigError
-from distal.rig import Rig, build_rig, parse_toml, set_value
+from distal.logs import write_together
+from distal.rig import Rig, arrays_file, as_table, build_rig, parse_toml, set_value
 
 MARK = "# Fitted by `distal "
 """The first words of a fitted file; by them the head of an earlier fit is found and replaced."""
 
 
-LEARNED = ("affine", "discrepancy", "contact", "free_motion", "provisional")
+LEARNED = ("map", "free_motion", "provisional")
 """Tables and keys that a fit writes; one that this fit did not learn is removed, since it belongs
 to an earlier fit.
 """
 
 
 def fitted_text(
-    rig: Rig, start: Rig, values: Mapping[str, object], head: str, text: str | None
+    rig: Rig,
+    start: Rig,
+    values: Mapping[str, object],
+    head: str,
+    text: str | None,
+    table: Mapping[str, object] | None = None,
 ) -> str:
     """Return the TOML of a fitted rig, which reads as exactly this rig.
 
@@ -35,17 +41,19 @@ def fitted_text(
         values: path → value of what changed.
         head: comment at the head of the file, which begins with `MARK`.
         text: TOML of the original rig, whose comments stay; None writes the file anew.
+        table: the table `[map]`, whose numbers are in the file that it names.
 
     Raises:
         RigError: the text is not that of the original rig.
         OutputError: the rig cannot be written so that it reads as the same.
     """
+    rig = rig.model_copy(update={"map": None})
     if text is None:
-        return head + _anew(rig)
+        return head + _anew(rig, table)
     if _read(text).bare() != start.bare():
         raise RigError("the text is not that of the rig that was fitted; save without it")
     try:
-        written = head + _put_into(text, rig, values)
+        written = head + _put_into(text, rig, {**values, **({"map": table} if table else {})})
         agrees = _read(written) == rig
     except RigError:
         agrees = False
@@ -57,7 +65,30 @@ def fitted_text(
         DistalWarning,
         stacklevel=2,
     )
-    return head + _anew(rig)
+    return head + _anew(rig, table)
+
+
+def write_fitted(
+    path: str | Path,
+    rig: Rig,
+    start: Rig,
+    values: Mapping[str, object],
+    head: str,
+    text: str | None,
+) -> None:
+    """Write a fitted rig file, and beside it the numbers of its maps: both or none; see
+    `fitted_text` for the arguments.
+
+    Raises:
+        OutputError: a file cannot be written; what stood there is unchanged.
+    """
+    files: dict[Path, bytes | str] = {}
+    table = None
+    if rig.map is not None:
+        table, content = as_table(rig.map, path)
+        files[arrays_file(path)] = content
+    files[Path(path)] = fitted_text(rig, start, values, head, text, table)
+    write_together(files)
 
 
 def _put_into(text: str, rig: Rig, values: Mapping[str, object]) -> str:
@@ -65,22 +96,23 @@ def _put_into(text: str, rig: Rig, values: Mapping[str, object]) -> str:
 
     document = tomlkit.parse(_without_old_head(text))
     for learned in LEARNED:
-        if not getattr(rig, learned) and learned in document:
+        if learned in document and (learned == "map" or not getattr(rig, learned)):
             del document[learned]
     for path, value in values.items():
         set_value(document, path, value, RigError)
     return tomlkit.dumps(document)
 
 
-def _anew(rig: Rig) -> str:
-    """Return the TOML of a rig, written anew.
+def _anew(rig: Rig, table: Mapping[str, object] | None) -> str:
+    """Return the TOML of a rig without maps, written anew, with the table `[map]`.
 
     Raises:
         OutputError: it does not read as this rig.
     """
     import tomlkit
 
-    written = tomlkit.dumps(plain_value(rig.model_dump(exclude_defaults=True)))
+    described = plain_value(rig.model_dump(exclude_defaults=True))
+    written = tomlkit.dumps({**described, **({"map": plain_value(table)} if table else {})})
     if _read(written) != rig:
         raise OutputError(
             f"{rig.name}: the fitted rig cannot be written so that it reads as the same",
@@ -90,7 +122,9 @@ def _anew(rig: Rig) -> str:
 
 
 def _read(text: str) -> Rig:
-    return build_rig(parse_toml(text, "fitted rig", RigError), "fitted rig")
+    """Return the rig of a text, without its maps, whose numbers are elsewhere."""
+    raw = parse_toml(text, "fitted rig", RigError)
+    return build_rig({key: value for key, value in raw.items() if key != "map"}, "fitted rig")
 
 
 def plain_value(raw: Mapping[str, object]) -> dict[str, object]:

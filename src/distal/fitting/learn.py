@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from distal.estimators import samples_of_angles
 from distal.fitting.candidates import (
     AS_GIVEN,
     BY_EQUATIONS,
@@ -17,12 +18,12 @@ from distal.fitting.candidates import (
     Training,
     best_of,
     filter_candidate,
+    filter_map,
     groups_among,
 )
 from distal.fitting.fit_options import Options
 from distal.fitting.fitted_parameter import FittedParameter, assignments, described
-from distal.fitting.learned_maps import MapFit, learn_contact
-from distal.fitting.line_candidates import AFFINE_MAP, BLEND, line_candidates, line_map
+from distal.fitting.learned_maps import MapFit, learn_map, map_of, with_its_reference_error
 from distal.fitting.missing_terms import MissingTerm, Tried, tried_parts, with_parts
 from distal.fitting.parameter_estimates import (
     ParameterEstimates,
@@ -46,8 +47,7 @@ class Learned:
         kept: whether `rig` has these estimates; else it has the original values.
         hold: whether filters take the parameters as exactly known.
         curves: path → value of the position sensors' systematic errors.
-        maps: the learned maps by the names of their tables: ``affine``, ``discrepancy``,
-            ``contact``.
+        maps: the learned maps by their kinds, see `LearnedMaps`.
         part: the term of the physics that the rig lacked and `rig` now has, if any.
         candidates: the candidates that were judged, the chosen one first.
         doubts: sentences with the reasons not to trust the fit.
@@ -99,7 +99,7 @@ def learn(
         progress: called with what the fit is doing.
         parts: terms of the physics to try beside the rig's own; None for those that the residuals
             name.
-        early: called with the affine map as soon as the logs have passed all checks.
+        early: called with the map on readings alone as soon as the logs have passed all checks.
 
     Raises:
         FitError: the logs cannot be fitted.
@@ -115,11 +115,11 @@ class Judged:
     Args:
         logs: all logs.
         training: the logs of known angle, from which candidates learn.
-        line: the map of the estimator `affine`; None where some joint's angle is known in no log.
+        line: the map on readings alone; None where some joint's angle is known in no log.
         solutions: the parameter estimates by the rig's equations and by its filter, where each was
             asked.
         models: the parameter estimates of all models whose equations were tried.
-        chosen: the candidate that errs least on held-out logs.
+        chosen: the each that errs least on held-out logs.
         candidates: all candidates that were judged.
     """
 
@@ -147,7 +147,7 @@ def judge(
         FitError: the logs cannot be fitted.
     """
     training = Training.of(logs, rig, options)
-    line = line_map(training) if training.judges else None
+    line = readings_map(training) if training.judges else None
     problem = problem_of(logs, rig, options)
     if line is not None and early is not None:
         early(line)
@@ -168,27 +168,32 @@ def learned_by(judged: Judged, chosen: Candidate) -> Learned:
         dict(curves(parameters.problem.of_filter, parameters.optimum.z)) if options.curves else {}
     )
     learned = described(chosen.rig.bare(), bends)
-    maps = [
-        *([] if line is None else [line]),
-        *chosen.maps.values(),
-        *_contact_map(judged.logs, learned, options),
-    ]
-    candidates = judged.candidates
-    ranked = sorted(candidates, key=lambda candidate: (candidate is not chosen, candidate.error))
+    maps = [*([] if line is None else [line]), *_torque_map(judged.logs, learned, options)]
+    candidates = list(judged.candidates)
+    if line is not None and chosen.data:
+        map_fit = filter_map(chosen, judged.training)
+        maps.append(map_fit)
+        written = replace(
+            chosen, name=f"{chosen.name}, with the map", rig=map_fit.rig, error=map_fit.rms
+        )
+        candidates = [written, *candidates]
+    ranked = sorted(
+        candidates, key=lambda candidate: (candidate is not candidates[0], candidate.error)
+    )
     return Learned(
-        rig=learned.with_values({map_fit.table: map_fit.learned.model_dump() for map_fit in maps}),
+        rig=learned.with_map(**{map_fit.kind: map_fit.maps for map_fit in maps}),
         parameters=parameters,
         kept=chosen.parameters is not None,
         hold=chosen.hold,
         curves=bends,
-        maps={map_fit.table: map_fit for map_fit in maps},
+        maps={map_fit.kind: map_fit for map_fit in maps},
         part=chosen.part,
         candidates=tuple(replace(candidate, data={}) for candidate in ranked),
         doubts=(
             *parameters.doubts,
             *_unknown(judged.training.unknown),
             *chosen.refused,
-            *_as_given(chosen, candidates),
+            *_as_given(chosen, judged.candidates),
         ),
     )
 
@@ -216,7 +221,7 @@ def _chosen(
             named = with_parts(parts, logs, training.rig, training.options, solutions[0])
             tried = Tried(named, tuple(parameters for _, parameters in named))
         return (
-            *_judged(training, line, solutions, tried.named, progress),
+            *_judged(training, solutions, tried.named, progress),
             [solutions[0], *tried.parameters],
         )
     except KeyboardInterrupt:
@@ -228,13 +233,12 @@ def _chosen(
 
 def _judged(
     training: Training,
-    line: MapFit,
     solutions: Sequence[ParameterEstimates],
     more: Sequence[tuple[MissingTerm, ParameterEstimates]],
     progress: Progress | None,
 ) -> tuple[Candidate, list[Candidate]]:
     """Return the best candidate, and all: the estimated parameters, those with a term more, the rig
-    as given, and the affine map beside the best of these.
+    as given.
     """
     ways = list[tuple[str, Training, ParameterEstimates | None]]()
     for parameters in reversed(solutions):
@@ -249,16 +253,8 @@ def _judged(
     filters = list[Candidate]()
     for name, described_as, way_parameters in ways:
         judging(progress, f"judging {name}", len(filters), len(ways))
-        filters.append(filter_candidate(name, described_as, way_parameters, filters))
-    base = best_of([candidate for candidate in filters if candidate.maps] or filters)
-    if not base.maps:
-        return base, filters
-    candidates = (
-        filters
-        if training.options.homing is not None
-        else [*filters, *line_candidates(training, line, base)]
-    )
-    return best_of(candidates), candidates
+        filters.append(filter_candidate(name, described_as, way_parameters))
+    return best_of(filters), filters
 
 
 def _alone(parameters: ParameterEstimates, rig: Rig) -> Candidate:
@@ -266,7 +262,7 @@ def _alone(parameters: ParameterEstimates, rig: Rig) -> Candidate:
     angle is known in no log.
     """
     rig = described(rig, assignments(parameters.fitted, parameters.problem.filter.rig))
-    return Candidate("numbers", rig, parameters, False, {}, float("nan"), float("nan"), {})
+    return Candidate("numbers", rig, parameters, False, float("nan"), {})
 
 
 def _unknown(joints: Sequence[str]) -> list[str]:
@@ -274,17 +270,13 @@ def _unknown(joints: Sequence[str]) -> list[str]:
         return []
     return [
         f"the angle of {', '.join(joints)} is known in no log: parameters of the rig are fitted, "
-        "but no affine map and no correction (discrepancy), which are of all joints"
+        "but no map, which is of all joints"
     ]
 
 
 def _as_given(chosen: Candidate, candidates: Sequence[Candidate]) -> list[str]:
     """Return a sentence where the rig as given errs least on held-out logs."""
-    fitted = [
-        candidate.error
-        for candidate in candidates
-        if candidate.parameters is not None and candidate.name not in (AFFINE_MAP, BLEND)
-    ]
+    fitted = [candidate.error for candidate in candidates if candidate.parameters is not None]
     if not fitted or chosen.parameters is not None:
         return []
     return [
@@ -293,7 +285,15 @@ def _as_given(chosen: Candidate, candidates: Sequence[Candidate]) -> list[str]:
     ]
 
 
-def _contact_map(logs: Sequence[Log], learned: Rig, options: Options) -> list[MapFit]:
+def readings_map(training: Training) -> MapFit:
+    """Return the map of the angles by readings alone."""
+    data = [samples_of_angles(log, training.rig) for log in training.logs]
+    homing = training.options.homing
+    map_fit = map_of(data, training.rig, "readings", training.folds, homing)
+    return map_fit if homing is not None else with_its_reference_error(map_fit, training.logs)
+
+
+def _torque_map(logs: Sequence[Log], learned: Rig, options: Options) -> list[MapFit]:
     """Return the map of the external torque, where logs have this torque and the rig says that it
     can occur.
     """
@@ -305,4 +305,5 @@ def _contact_map(logs: Sequence[Log], learned: Rig, options: Options) -> list[Ma
             felt.append(log)
     if not felt or any(joint.external_torque.std == 0.0 for joint in learned.joints):
         return []
-    return [learn_contact(felt, learned, options.homing, groups_among(felt, options), scored=False)]
+    groups = groups_among(felt, options)
+    return [learn_map(felt, learned, "torque", homing=options.homing, groups=groups)]

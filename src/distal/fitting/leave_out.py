@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import radians
 
-import numpy as np
-
 from distal.errors import DistalError
-from distal.estimators import affine_samples
-from distal.fitting.candidates import Candidate
+from distal.estimators import samples_of_angles
 from distal.fitting.fitted_parameter import described
 from distal.fitting.learn import Learned
 from distal.fitting.learn_free_motion import untouched
@@ -39,11 +36,8 @@ class Score:
 WRITTEN = "as written, chosen without each log"
 """Name of the score of what the fit writes, chosen anew without the held-out log."""
 
-ALONE = "the rig as given, nothing learned"
-"""Name of the score of the original rig without any learned map."""
-
-AFFINE = "affine map, as the file has it"
-"""Name of the score of the estimator `affine` with the learned affine map."""
+REGRESSION = "readings alone, without the filter"
+"""Name of the score of the estimator `regression`."""
 
 
 @dataclass(frozen=True)
@@ -102,79 +96,6 @@ def leave_out(
     return done
 
 
-def candidate_by_folds(
-    folds: Sequence[Fold],
-    candidates: Sequence[Candidate],
-    preferred: Candidate,
-    offset: float,
-) -> Candidate:
-    """Return the candidate that errs clearly less than the `preferred` one on held-out logs, or
-    else the preferred one.
-
-    The cost of a candidate is √(RMS on held-out logs · RMS beyond what it had seen), each the mean
-    over all folds: twice the error within the range of the logs weighs as much as twice the error
-    beyond it. The errors must differ by more than the `offset` may explain, which the reference has
-    on all logs [rad]; a preferred candidate that cannot run on some log errs infinitely.
-    """
-    errors = _errors(folds)
-    unknown = (np.inf, np.inf)
-
-    def cost(candidate: Candidate) -> float:
-        rms, beyond = errors.get(candidate.name, unknown)
-        return float(np.sqrt(rms * beyond))
-
-    best = min(candidates, key=cost, default=preferred)
-    rms = errors.get(best.name, unknown)[0]
-    usual = errors.get(preferred.name, unknown)[0]
-    is_better = cost(best) < CLEARLY * cost(preferred)
-    return best if is_better and usual > np.hypot(rms, offset) else preferred
-
-
-CLEARLY = 0.9
-"""Ratio of two costs below which one candidate errs clearly less than another, since few logs tell
-no smaller difference. Source: judgement.
-"""
-
-
-def _errors(folds: Sequence[Fold]) -> dict[str, tuple[float, float]]:
-    """Return the mean RMS error on held-out logs of each candidate that has a score on all, and
-    that beyond what it had seen [rad], by name.
-    """
-    errors = dict[str, tuple[float, float]]()
-    for name in {each.name: None for fold in folds for each in fold.learned.candidates}:
-        scores = [comparison.scores.get(name) for fold in folds for comparison in fold.compared]
-        beyond = [
-            each.beyond
-            for fold in folds
-            for each in fold.learned.candidates
-            if each.name == name and fold.compared
-        ]
-        if scores and None not in scores:
-            rms = float(np.mean([score.rms for score in scores if score is not None]))
-            # a fold whose filter could not follow the logs says nothing of what is beyond them
-            known = [error for error in beyond if np.isfinite(error)]
-            errors[name] = rms, float(np.mean(known)) if known else rms
-    return errors
-
-
-def with_written(folds: Sequence[Fold], offset: float) -> list[Fold]:
-    """Return the folds with the score `WRITTEN` added: that of the candidate which the fit would
-    write without the fold's logs, which `candidate_by_folds` chooses from all other folds with the
-    error `offset` of the reference [rad].
-    """
-    written = []
-    for k, fold in enumerate(folds):
-        others = [*folds[:k], *folds[k + 1 :]]
-        candidates = fold.learned.candidates
-        name = candidate_by_folds(others, candidates, candidates[0], offset).name
-        compared = tuple(
-            replace(each, scores={WRITTEN: each.scores.get(name), **each.scores})
-            for each in fold.compared
-        )
-        written.append(replace(fold, compared=compared))
-    return written
-
-
 def _scored(
     out: Sequence[Log],
     remaining: Sequence[Log],
@@ -195,13 +116,12 @@ def _scores(
     log: Log, remaining: Sequence[Log], rig: Rig, learned: Learned, homing: float | None
 ) -> dict[str, Score | None]:
     """Return the scores on a held-out log of all that the remaining logs teach, by name."""
-    scores = {
-        candidate.name: _score(log, described(candidate.rig, learned.curves), "adaptive", homing)
-        for candidate in learned.candidates
-    }
-    scores[ALONE] = _score(log, rig, "adaptive", homing)
-    if learned.rig.affine is not None:
-        scores[AFFINE] = _score(log, learned.rig, "affine", homing)
+    scores = {WRITTEN: _score(log, learned.rig, "adaptive", homing)}
+    for candidate in learned.candidates[1:]:
+        rig_of = described(candidate.rig, learned.curves)
+        scores[candidate.name] = _score(log, rig_of, "adaptive", homing)
+    if learned.rig.map is not None and learned.rig.map.readings:
+        scores[REGRESSION] = _score(log, learned.rig, "regression", homing)
         if homing is None:
             scores |= _yardsticks(log, remaining, rig)
     return scores
@@ -209,9 +129,11 @@ def _scores(
 
 def _yardsticks(log: Log, remaining: Sequence[Log], rig: Rig) -> dict[str, Score | None]:
     joints = rig.joint_names
-    held_out = affine_samples(log, rig)
+    held_out = samples_of_angles(log, rig)
     training = [
-        affine_samples(other, rig) for other in remaining if true_angles(other, joints) is not None
+        samples_of_angles(other, rig)
+        for other in remaining
+        if true_angles(other, joints) is not None
     ]
     return {
         name: Score(yardstick_error(name, training, held_out), float("nan"), float("nan"))

@@ -1,6 +1,4 @@
-"""The samples that each kind of map is learned from: readings, targets and the filter's own angles;
-and the terms that may be tried.
-"""
+"""The samples that each kind of map is learned from: readings, targets and the filter's angles."""
 
 from __future__ import annotations
 
@@ -9,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from distal.arrays import Bools
-from distal.errors import DistalError, EstimationError
+from distal.errors import DistalError
 from distal.estimators import AdaptiveFilter, channels_of, first_values
 from distal.fitting.samples_in_stops import in_stops
 from distal.homing import (
@@ -22,8 +19,8 @@ from distal.homing import (
     with_references,
 )
 from distal.logs import Log, TruthKind, shown, true_angles, true_torques
-from distal.regression import Kind, Samples, contact_kind, discrepancy_kind
-from distal.rig import LearnedMap, Rig, Sensor
+from distal.regression import Samples
+from distal.rig import LearnedMap, MapArrays, Rig
 from distal.run import samples_of
 from distal.sensor_errors import variance
 
@@ -32,32 +29,10 @@ OFFSETS = 2.0
 offset. Source: judgement.
 """
 
-MOST_PARTLY = 12
-"""Largest number of logs from which the error beyond a homing move of half the range is learned.
-Source: judgement.
-"""
-
-FEWEST_PARTLY = 20
-"""Least number of samples of such a log within that homing move. Source: judgement."""
-
 SETTLING = 0.5
 """Time in which a filter without homing finds the joint [s]; errors count after it. Source:
 judgement.
 """
-
-
-def discrepancy_of(rig: Rig, data: Sequence[Samples]) -> Kind:
-    """Return the kind of map for the errors of the filter's angles; a sensor that never changes in
-    the logs stands in no term.
-    """
-    sensors = _sensors(rig)
-    readings = np.vstack([samples.readings for samples in data])
-    moving = [sensor for sensor, column in zip(sensors, readings.T) if np.ptp(column) > 0.0]
-    efforts = [sensor.name for sensor in moving if sensor.measures in ("force", "tension")]
-    names = [sensor.name for sensor in sensors]
-    joints = rig.joint_names
-    noise = np.sqrt([variance(sensor) for sensor in sensors])
-    return discrepancy_kind(names, [sensor.name for sensor in moving], efforts, joints, noise)
 
 
 LEAST_FREE = 0.1
@@ -74,18 +49,16 @@ def filtered(
     rigs: Sequence[Rig],
     homing: float | None,
     compiled: bool,
-    usable: Sequence[Bools] | None = None,
 ) -> tuple[dict[int, Samples], list[str]]:
     """Return the samples of the filter along logs of known angle, by the index of the log, and
     sentences on the logs that it cannot follow.
 
     Args:
         logs: the logs, all of known angle.
-        rigs: the rig of each log, without a discrepancy; the first gives the stds of the encoders'
+        rigs: the rig of each log, without maps; the first gives the stds of the encoders'
             offsets.
         homing: length of the homing move [s], None for none.
         compiled: whether the filter is compiled; else it is interpreted.
-        usable: for each log, which samples the homing move may use, (k,); None for all.
     """
     data = dict[int, Samples]()
     refused = list[str]()
@@ -98,58 +71,18 @@ def filtered(
                     with_references(rig, log) if homing is not None else (rig, ())
                 )
                 estimators[key] = AdaptiveFilter(described, compiled, references=references)
-            samples = _filtered(log, estimators[key], homing, None if usable is None else usable[i])
+            samples = _filtered(log, estimators[key], homing)
         except DistalError as problem:
-            refused.append(f"discrepancy: {shown(log.source)} is left out: {problem}")
+            refused.append(f"{shown(log.source)} is left out: {problem}")
             continue
         if not np.all(np.abs(samples.angles) < LARGEST_ANGLE):  # NaN is not below it either
-            refused.append(
-                f"discrepancy: {shown(log.source)} is left out: adaptive left all bounds on it"
-            )
+            refused.append(f"{shown(log.source)} is left out: adaptive left all bounds on it")
             continue
-        data[i] = replace(
-            samples, reference_std=0.0 if homing is not None else reference_std(rig, log)
-        )
+        data[i] = samples
     sensor = homing is None and any(log.truth_kind is TruthKind.SENSOR for log in logs)
     if sensor and data:
         data = dict(zip(data, without_offset(list(data.values()), rigs[0])))
     return data, refused
-
-
-def partly_homed(
-    logs: Sequence[Log], rigs: Sequence[Rig], homing: float | None, compiled: bool
-) -> dict[int, Samples]:
-    """Return the samples of the filter along some logs, by their index, after a homing move that
-    covers half of their range.
-
-    This is the half in which the first known angle lies. At most `MOST_PARTLY` logs are used,
-    spread over all, each with `FEWEST_PARTLY` such samples within the window of `homing` s. Without
-    homing, None, there are none.
-    """
-    if homing is None:
-        return {}
-    chosen = np.unique(
-        np.linspace(0, len(logs) - 1, min(len(logs), MOST_PARTLY)).round().astype(int)
-    )
-    masks = dict[int, Bools]()
-    for i in map(int, chosen):
-        truths = true_angles(logs[i], [joint.name for joint in rigs[i].joints])
-        assert truths is not None
-        usable = np.asarray(np.isfinite(truths).any(axis=1))
-        for angles in truths.T:
-            is_known = np.isfinite(angles)
-            if is_known.any():
-                middle = 0.5 * (angles[is_known].min() + angles[is_known].max())
-                usable = usable & (
-                    ~is_known | ((angles - middle) * (angles[is_known][0] - middle) >= 0.0)
-                )
-        if np.count_nonzero(usable & (logs[i].time - logs[i].time[0] < homing)) >= FEWEST_PARTLY:
-            masks[i] = usable
-    used = list(masks)
-    used_logs = [logs[i] for i in used]
-    used_rigs = [rigs[i] for i in used]
-    data, _ = filtered(used_logs, used_rigs, homing, compiled, list(masks.values()))
-    return {used[k]: replace(samples, usable=masks[used[k]]) for k, samples in data.items()}
 
 
 def without_offset(data: Sequence[Samples], rig: Rig) -> list[Samples]:
@@ -175,8 +108,7 @@ def without_offset(data: Sequence[Samples], rig: Rig) -> list[Samples]:
 
 
 def with_reference_error(learned: LearnedMap, rig: Rig, logs: Sequence[Log]) -> LearnedMap:
-    """Return a map of the angle with the std σ_b of the reference's offset in its band: c² s²
-    becomes c² s² + σ_b².
+    """Return a map of the angle with the variance of the reference's zero in its band.
 
     An encoder that is mounted 0.2° off is so in all logs, so that no held-out log shows it. The std
     is that of the offsets of the rig's angle sensors.
@@ -184,18 +116,13 @@ def with_reference_error(learned: LearnedMap, rig: Rig, logs: Sequence[Log]) -> 
     if not any(log.truth_kind is TruthKind.SENSOR for log in logs):
         return learned
     offsets = {sensor.of: sensor.bias.total_std for sensor in reversed(rig.sensors_of("angle"))}
-    joints = tuple(
-        joint.model_copy(
-            update={"std": float(np.hypot(joint.std, offsets.get(joint.joint, 0.0) / band))}
-        )
-        for joint, band in zip(learned.joints, learned.band)
-    )
-    return learned.model_copy(update={"joints": joints})
+    arrays = dict(learned.arrays.by_name)
+    more = np.array([offsets.get(joint, 0.0) for joint in learned.joints])
+    arrays["noise"] = arrays["noise"] + more**2
+    return learned.model_copy(update={"arrays": MapArrays(**arrays)})
 
 
-def _filtered(
-    log: Log, estimator: AdaptiveFilter, homing: float | None, usable: Bools | None
-) -> Samples:
+def _filtered(log: Log, estimator: AdaptiveFilter, homing: float | None) -> Samples:
     joints = estimator.rig.joint_names
     truths = true_angles(log, joints)
     assert truths is not None
@@ -207,13 +134,10 @@ def _filtered(
     early = log.time - log.time[0] < (SETTLING if homing is None else homing)
     if homing is not None:
         check_homing(homing, log, joints)
-        usable_truths = truths if usable is None else np.where(usable[:, None], truths, np.nan)
         of = {sensor.name: sensor.of for sensor in estimator.rig.sensors_of("angle")}
         columns = [joints.index(of[name]) for name in estimator.channels[m:]]
-        aided = np.column_stack(
-            [proximal, np.where(early[:, None], usable_truths[:, columns], np.nan)]
-        )
-        start = parameters_homed(Window.of(estimator, start, log, aided, usable_truths, homing))
+        aided = np.column_stack([proximal, np.where(early[:, None], truths[:, columns], np.nan)])
+        start = parameters_homed(Window.of(estimator, start, log, aided, truths, homing))
     elif log.time[-1] - log.time[0] > 4 * SETTLING:
         # the filter does not know yet where the joint begins: that is no error of the model
         truths = np.where(early[:, None], np.nan, truths)
@@ -253,17 +177,6 @@ def reference_offset(rig: Rig, log: Log) -> float:
     return max((sensor.bias.total_std for sensor in rig.sensors_of("angle")), default=0.0)
 
 
-def _sensors(rig: Rig) -> tuple[Sensor, ...]:
-    channels = channels_of(rig, "adaptive")
-    return (*channels.positions, *channels.tensions, *channels.forces)
-
-
-def has_torque(log: Log, rig: Rig) -> bool:
-    """Return whether a log has the external torque on a joint."""
-    torques = true_torques(log, rig.joint_names)
-    return torques is not None and bool(np.isfinite(torques).any())
-
-
 def torques_of(log: Log, rig: Rig) -> Samples:
     """Return a log with the external torque on its joints as the targets of a map.
 
@@ -272,16 +185,5 @@ def torques_of(log: Log, rig: Rig) -> Samples:
     """
     torques = true_torques(log, rig.joint_names)
     assert torques is not None
-    names = [sensor.name for sensor in _sensors(rig)]
-    for name in names:
-        if name not in log.channels:
-            raise EstimationError(f"{log.source}: the sensor '{name}' is not in the log")
-    return torque_samples(log, rig, {name: log.channels[name] for name in names}, torques)
-
-
-def contact_of(rig: Rig) -> Kind:
-    """Return the kind of map for the external torque from the readings of a rig's sensors."""
-    sensors = _sensors(rig)
-    positions = [sensor.name for sensor in sensors if sensor.measures == "position"]
-    noise = np.sqrt([variance(sensor) for sensor in sensors])
-    return contact_kind([s.name for s in sensors], positions, rig.joint_names, noise)
+    names = [sensor.name for sensor in channels_of(rig, "adaptive").proximal]
+    return torque_samples(log, samples_of(log, names), torques)

@@ -14,13 +14,13 @@ from distal.errors import DistalError
 from distal.fitting.candidates import BY_EQUATIONS, Candidate
 from distal.fitting.choice_of_parameters import paths_of
 from distal.fitting.fit_options import Options
-from distal.fitting.fitted_file import MARK, fitted_text, plain_value
+from distal.fitting.fitted_file import MARK, plain_value, write_fitted
 from distal.fitting.fitted_parameter import FittedParameter, assignments
 from distal.fitting.learn import Learned
 from distal.fitting.learned_maps import MapFit
 from distal.fitting.leave_out import WRITTEN, Compared, Fold
 from distal.fitting.map_samples import reference_offset, reference_std
-from distal.logs import Log, shown, write_whole
+from distal.logs import Log, shown
 from distal.regression import YARDSTICKS
 from distal.rig import Rig
 from distal.rounded import rounded
@@ -59,9 +59,7 @@ class Fit:
         folds_asked: number of folds that were planned; `folds` has fewer where the user
             interrupted.
         curves: path → learned value, for the position sensors' systematic errors.
-        maps: the learned maps, by the names of their tables in the rig: ``affine``, the map of the
-            baseline estimator, ``discrepancy``, the angle error that the model leaves, ``contact``,
-            the external torque.
+        maps: the learned maps by their kinds, see `LearnedMaps`.
         folds: the results of cross-validation, in which each log (or unit) is held out once.
         doubts: sentences with the reasons not to trust the fit.
         hold: whether filters are to take the parameters as exactly known.
@@ -269,7 +267,7 @@ class Fit:
             )
         if self.part:
             before = np.rad2deg(errors.get(BY_EQUATIONS, np.inf))
-            after = np.rad2deg(self.candidates[0].error)
+            after = np.rad2deg(errors.get(f"{BY_EQUATIONS}, with {self.part}", np.inf))
             lines.insert(
                 0,
                 f"your rig lacks {self.part} ({rounded(before)}° → {rounded(after)}°): it is in "
@@ -311,15 +309,13 @@ class Fit:
         Raises:
             OutputError: the file cannot be written.
         """
-        write_whole(
-            path, fitted_text(self.rig, self.start, self.assignments(), self._account(), text)
-        )
+        write_fitted(path, self.rig, self.start, self.assignments(), self._account(), text)
 
     def assignments(self) -> dict[str, object]:
         """Return path → value (with its std, where it had one) of all that the fit changed, as for
         `Rig.with_values`.
         """
-        learned = {name: map_fit.as_table() for name, map_fit in self.maps.items()}
+        learned = {}
         if self.rig.free_motion is not None:
             learned["free_motion"] = plain_value(self.rig.free_motion.model_dump())
         return {

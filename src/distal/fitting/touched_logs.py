@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from distal.errors import EstimationError
-from distal.estimators import affine_samples
+from distal.estimators import samples_of_angles
 from distal.logs import Log, true_angles
 from distal.regression import yardstick_error
 from distal.rig import Rig
@@ -48,7 +48,7 @@ def touched_logs(logs: Sequence[Log], rig: Rig) -> list[int]:
     joints = rig.joint_names
     with_angles = [i for i, log in enumerate(logs) if true_angles(log, joints) is not None]
     try:
-        samples = {i: affine_samples(logs[i], rig) for i in with_angles}
+        samples = {i: samples_of_angles(logs[i], rig) for i in with_angles}
     except EstimationError:
         return []
 

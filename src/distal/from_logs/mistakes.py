@@ -12,7 +12,6 @@ from distal.from_logs.column_role import ColumnRole
 from distal.from_logs.motion_data import MotionData
 from distal.from_logs.odd_log import odd_log
 from distal.from_logs.raw_log import RawLog
-from distal.from_logs.reference_lag import reference_drift, reference_lag
 
 RATES_DIFFER = 3.0
 """Ratio of the sampling rates of two logs from which on a unit of time is wrong [1]. Source:
@@ -21,9 +20,6 @@ judgement.
 
 GAP = 4.0
 """Interval per usual interval from which on rows are missing [1]. Source: judgement."""
-
-LATE = 0.03
-"""Lag of a reference that is named [s]. Source: judgement."""
 
 SPIKE_WINDOW = 5
 """Samples of the median with which a value is compared [1]. Source: judgement."""
@@ -101,20 +97,6 @@ def remarks(
     odd = odd_log(data, drives, joints)
     if odd is not None:
         lines.append(odd.text)
-    for j, name in enumerate(joints):
-        lag = reference_lag(data, j)
-        drift = reference_drift(data, j)
-        if abs(drift) > LATE:
-            lines.append(
-                f"the clock of {name} drifts: beside the drives it is {1e3 * drift:+.0f} ms later "
-                "in the last third of the logs than in the first; read both by one clock"
-            )
-        elif abs(lag) > LATE:
-            which = "later" if lag > 0.0 else "earlier"
-            lines.append(
-                f"{name} is {1e3 * abs(lag):.0f} ms {which} than the drives, and errors beside it "
-                "contain that: shift its column, or read both by one clock"
-            )
     return lines
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from distal.errors import DistalWarning, FitError, LogError
-from distal.fitting.fitted_file import MARK, fitted_text
+from distal.fitting.fitted_file import MARK, write_fitted
 from distal.hands.findings import (
     Fault,
     check_units,
@@ -24,7 +24,7 @@ from distal.hands.findings import (
 )
 from distal.hands.part_fit import part_values
 from distal.hands.sweeps import Sweep, sweeps_of
-from distal.logs import Log, Source, read_log, write_whole
+from distal.logs import Log, Source, read_log
 from distal.regression import servos_of
 from distal.rig import Rig, as_rig, check_scales, independent_parts
 
@@ -51,28 +51,21 @@ class Calibrated:
     faults: tuple[Fault, ...]
     notes: tuple[str, ...]
 
-    def text(self, source: str, text: str | None = None) -> str:
-        """Return the text of the rig file.
+    def save(
+        self, path: str | Path, source: str = "of the hand itself", text: str | None = None
+    ) -> None:
+        """Write the rig file.
 
         Args:
+            path: of the file.
             source: what the rig was calibrated by; the head of the file names it.
             text: the rig file as it was, whose comments are kept; None has none.
-        """
-        return fitted_text(
-            self.rig,
-            self.start,
-            self.values,
-            f"{MARK}calibrate` to the power-on routine {source}\n\n",
-            text,
-        )
-
-    def save(self, path: str | Path) -> None:
-        """Write the rig file.
 
         Raises:
             OutputError: the file cannot be written; what stood there is unchanged.
         """
-        write_whole(Path(path), self.text("of the hand itself"))
+        head = f"{MARK}calibrate` to the power-on routine {source}\n\n"
+        write_fitted(path, self.rig, self.start, self.values, head, text)
 
 
 def calibrate(

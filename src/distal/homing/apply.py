@@ -4,12 +4,10 @@ that correct the model's error.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from distal.arrays import Floats
-from distal.estimators import AdaptiveFilter, Belief
+from distal.estimators import AdaptiveFilter, Belief, of_part
 from distal.homing.most_likely import (
     INDEPENDENT,
     INDEPENDENT_CORRECTED,
@@ -19,9 +17,7 @@ from distal.homing.most_likely import (
 from distal.homing.window import Window
 from distal.kernels import covariance_of, mean_of, variances_of
 from distal.logs import Log, frozen, true_torques
-from distal.regression import Samples, calibrate_window
-from distal.rig import Rig
-from distal.sensor_errors import position_offsets
+from distal.regression import Samples, given
 
 PASSES = 2
 """Number of times that the window is filtered [1]: each pass begins with the parameters found by
@@ -52,27 +48,13 @@ def plain_samples(
     n = start.size
     angles = mean_of(kernel_states, n)[:, :nj].copy()
     variances = variances_of(kernel_states, n)[:, :nj].copy()
-    tracked = estimator.discrepancy is None or estimator.discrepancy.tracked
-    columns = zip(samples.T, estimator.positions)
+    # a map reads the positions of drives as the filter tracks them, while they are read
     readings = [
-        kernel_states[:, at] if tracked and at is not None else held(column)
-        for column, at in columns
+        column if at is None else np.where(np.isfinite(column), kernel_states[:, at], np.nan)
+        for column, at in zip(samples.T, estimator.positions)
     ]
-    interval = float(np.median(np.diff(log.time))) if len(log) > 1 else 1.0
     since = log.time - log.time[0]
-    return Samples(
-        log.source, since, np.column_stack(readings), angles, truths - angles, variances, interval
-    )
-
-
-def held(values: Floats) -> Floats:
-    """Return `values`, (k,), with each missing one replaced by the last finite one before it, or at
-    the beginning by the first finite one.
-    """
-    is_finite = np.isfinite(values)
-    last = np.maximum.accumulate(np.where(is_finite, np.arange(len(values)), -1))
-    filled: Floats = values[np.where(last >= 0, last, int(np.argmax(is_finite)))]
-    return filled
+    return Samples(log.source, since, np.column_stack(readings), angles, truths - angles, variances)
 
 
 def parameters_homed(window: Window) -> Belief:
@@ -145,68 +127,61 @@ def calibrated(
     samples: Floats,
     truths: Floats,
     homing: float,
-) -> tuple[AdaptiveFilter, Belief, Floats, float]:
-    """Return filter, first belief and samples of a run whose rig has a discrepancy, and how
-    surprising its homing move was.
+) -> tuple[AdaptiveFilter, Belief, Floats]:
+    """Return filter, first belief and samples of a run whose rig has maps of the angles.
 
     The run itself reads no reference. The window, the first `homing` s, gives the parameters of the
-    rig; its remaining errors of the angle correct the discrepancy. The `samples` and `truths` are
-    as for `home`.
+    rig; its remaining errors of the angle condition the maps. The `samples` and `truths` are as for
+    `home`.
     """
-    assert estimator.discrepancy is not None
     begun = parameters_homed(Window.of(estimator, start, log, samples, truths, homing))
     unaided = samples.copy()
-    unaided[:, len(estimator.discrepancy.channels) :] = np.nan
+    unaided[:, len(estimator.positions) :] = np.nan
     early = log.time - log.time[0] < homing
-    plain = plain_samples(estimator, begun, log, unaided, np.where(early[:, None], truths, np.nan))
-    discrepancy, surprise = calibrate_window(estimator.discrepancy, plain, early)
-    return estimator.with_map(discrepancy), begun, unaided, surprise
+    plain = plain_samples(estimator, begun, log, unaided, truths)
+    names = estimator.channels[: len(estimator.positions)]
+    after = tuple(
+        given(
+            learned, of_part(plain, estimator.rig, names, learned.joints, learned.channels), early
+        )
+        for learned in estimator.maps.filter
+    )
+    maps = estimator.maps.model_copy(update={"filter": after})
+    return estimator.with_maps(maps), begun, unaided
 
 
-def calibrate_contact(
+def calibrate_torque(
     estimator: AdaptiveFilter, log: Log, samples: Floats, homing: float
 ) -> AdaptiveFilter:
-    """Return the filter with its contact map corrected by the true torques in the window; unchanged
-    if the log has none.
+    """Return the filter with its maps of the torque conditioned on the true torques in the window;
+    unchanged if the log has none.
 
     The window is the first `homing` s of the log; `samples` are the values of the channels, (k,
     n_channels).
     """
-    learned = estimator.contact
-    assert learned is not None
     torques = true_torques(log, estimator.rig.joint_names)
     if torques is None:
         return estimator
-    window = log.time - log.time[0] < homing
-    channels = {name: samples[:, i] for i, name in enumerate(learned.channels)}
-    contact, _ = calibrate_window(
-        learned, torque_samples(log, estimator.rig, channels, torques), window
+    early = log.time - log.time[0] < homing
+    names = estimator.channels[: len(estimator.positions)]
+    plain = torque_samples(log, samples[:, : len(names)], torques)
+    after = tuple(
+        given(
+            learned, of_part(plain, estimator.rig, names, learned.joints, learned.channels), early
+        )
+        for learned in estimator.maps.torque
     )
-    return estimator.with_map(contact)
+    return estimator.with_maps(estimator.maps.model_copy(update={"torque": after}))
 
 
-def torque_samples(log: Log, rig: Rig, channels: Mapping[str, Floats], torques: Floats) -> Samples:
-    """Return the inputs of a contact map over a log, and the true torques.
+def torque_samples(log: Log, readings: Floats, torques: Floats) -> Samples:
+    """Return the samples of a map of the torque over a log.
 
     Args:
         log: with its stamps.
-        rig: whose known offsets are subtracted from the readings.
-        channels: channel → its readings, (k,), in the order of the map; missing ones are held.
+        readings: of the sensors, NaN where missing, (k, m).
         torques: true external torques [N m], NaN where not known, (k, n_joints).
     """
-    readings = [
-        held(values) - offset
-        for values, offset in zip(channels.values(), position_offsets(rig, list(channels)))
-    ]
-    interval = float(np.median(np.diff(log.time))) if len(log) > 1 else 1.0
     none = np.zeros((len(log), 0))
     since = log.time - log.time[0]
-    return Samples(
-        log.source,
-        since,
-        np.column_stack(readings),
-        none,
-        torques,
-        np.zeros(torques.shape),
-        interval,
-    )
+    return Samples(log.source, since, readings, none, torques, np.zeros(torques.shape))

@@ -41,7 +41,7 @@ INDEPENDENT = 0.1
 
 INDEPENDENT_CORRECTED = 1.0
 """The same where a learned map corrects the angle afterwards, at most [s]: errors of the model are
-left to the map, instead of changing the parameters (docs/explanation/discrepancy.md). Source:
+left to the map, instead of changing the parameters (docs/explanation/map.md). Source:
 judgement.
 """
 

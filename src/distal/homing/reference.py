@@ -148,16 +148,16 @@ def homing_filter(rig: Rig, std: float = 0.0, compiled: bool = True) -> Adaptive
     standard deviation `std` [rad].
 
     Raises:
-        EstimationError: the std is out of bounds, the rig has a discrepancy, or the filter cannot
+        EstimationError: the std is out of bounds, the rig has a learned map, or the filter cannot
             run on it.
     """
     if not isinstance(std, (int, float, np.floating)) or not 0.0 <= std <= LARGEST_ANGLE:
         raise EstimationError(
             f"a homing angle is known to 0 to {LARGEST_ANGLE:g} rad, {std!r} came"
         )
-    if rig.discrepancy is not None:
+    if rig.map is not None and rig.map.filter:
         raise EstimationError(
-            f"'{rig.name}' has a [discrepancy], which corrects an angle that no reference has "
+            f"'{rig.name}' has a [map], which corrects an angle that no reference has "
             "moved: take it out of the "
             "rig file to home while it runs, or home a recorded move (distal fit MOVE.csv)"
         )

@@ -111,11 +111,11 @@ class Inverse:
         added = unsure = np.zeros((len(stamps), len(self.rig.joints)))
         run = self._run(stamps, held)
         if self._learned is not None:
-            shift, unsure = self._learned(stamps, self._readings(run))
-            unsure = np.where(np.sqrt(unsure) <= LOST, unsure, 0.0)
-            if self._learned.is_constant:
-                added = shift
-                run = self._run(stamps, held - added[:, self.model.free])
+            added, unsure = self._learned(stamps, self._readings(run))
+            # far from the logs a map says nothing, and the rig is taken as it is described
+            lost = np.sqrt(unsure) > LOST
+            added, unsure = (np.where(lost, 0.0, part) for part in (added, unsure))
+            run = self._run(stamps, held - added[:, self.model.free])
         read = {name: self.model.y.view(run.ys, name) for name in self.model.y.names}
         mechanism = self.model.mechanism
         full = np.array(self.model.mechanism.spread)
@@ -190,7 +190,7 @@ class Inverse:
     @cached_property
     def _learned(self) -> LearnedShift | None:
         """Corrections by the maps of a fit; None where the rig has no map."""
-        return None if self.rig.discrepancy is None else LearnedShift(self.rig, self._compiled)
+        return None if self.rig.map is None else LearnedShift(self.rig, self._compiled)
 
     def _readings(self, run: Advanced) -> dict[str, dict[str, Floats]]:
         """Return kind of sensor → drive or tendon → what such a sensor would read, (k,)."""

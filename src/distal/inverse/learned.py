@@ -2,9 +2,7 @@
 with their variances.
 
 A map corrects the angles that the filter estimates from readings. A command has no readings, only
-those that the model foresees. They often lie outside the range of the logs, where terms of a map
-that cancelled within it no longer do. Therefore a command is corrected by a constant only; of any
-other map only the variance counts (docs/results/control.md).
+those that the model foresees; the map's variance says how far these are from the logs.
 """
 
 from __future__ import annotations
@@ -17,7 +15,6 @@ from distal.arrays import Floats
 from distal.estimators import AdaptiveFilter, first_values
 from distal.kernels import mean_of, variances_of
 from distal.rig import Rig, gain_of
-from distal.rig.learned_map import CONSTANT
 
 
 class LearnedShift:
@@ -25,18 +22,11 @@ class LearnedShift:
     its maps.
 
     Args:
-        rig: a rig with a learned `discrepancy`.
+        rig: a rig with learned maps.
     """
 
     def __init__(self, rig: Rig, compiled: bool = True) -> None:
         self._estimator = AdaptiveFilter(rig, compiled)
-
-    @property
-    def is_constant(self) -> bool:
-        """Whether the map is a constant, the same for all readings."""
-        return self._estimator.discrepancy is not None and self._estimator.discrepancy.terms == (
-            CONSTANT,
-        )
 
     def __call__(
         self, time: Floats, readings: Mapping[str, Mapping[str, Floats]]

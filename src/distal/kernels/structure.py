@@ -55,9 +55,7 @@ APART = frozenset(
         "provisional",
         "when_lost",
         "stepping",
-        "affine",
-        "discrepancy",
-        "contact",
+        "map",
         "free_motion",
         "touch",
     }

@@ -1,84 +1,54 @@
-"""Least squares over several logs: terms of the readings, coefficients that differ from log to log,
-the width of the band, the update by a homing move, and the kernel of a learned map.
+"""The map from what the readings show and remember to what is sought: features, posterior, and the
+kernel; and other regressions of several logs.
 """
 
-from distal.regression.affine import affine_kind, as_discrepancy
-from distal.regression.after_homing import EXPECTED, calibrate_window, seen
-from distal.regression.band import Errors, conformal_factor, inflate_band, rms_beyond_noise, student
-from distal.regression.blend import Blend
-from distal.regression.contact import contact_kind
 from distal.regression.cross_validation import folds_of, groups_of, splits
-from distal.regression.discrepancy import discrepancy_kind
-from distal.regression.extrapolation import Learner, errors_beyond
-from distal.regression.features import Samples, design, limits, outside, played, predict
-from distal.regression.learn_map import (
-    HeldOut,
-    Kind,
-    Terms,
-    calibrate_band,
-    errors_of,
-    fit_coefficients,
-    learn_map,
-    left_out_errors,
-    sized_by,
-)
+from distal.regression.features import Shape, features_along, first_memory
 from distal.regression.map_function import (
     carried_size,
-    first_memory,
-    map_coefficients_of,
     map_function,
+    map_parameters,
     memory_size,
     reporting_function,
 )
-from distal.regression.random_effects import correlated_samples, independent, line, row_of
+from distal.regression.posterior import (
+    Evidence,
+    Prior,
+    Weights,
+    evidence_of,
+    framed,
+    from_prior,
+    given,
+    rates_of,
+)
+from distal.regression.samples import Samples, correlated_samples, played
 from distal.regression.servos import servos_of
 from distal.regression.yardsticks import YARDSTICKS, yardstick_error
 
 __all__ = [
-    "EXPECTED",
     "YARDSTICKS",
-    "Blend",
-    "Errors",
-    "HeldOut",
-    "Kind",
-    "Learner",
+    "Evidence",
+    "Prior",
     "Samples",
-    "Terms",
-    "affine_kind",
-    "as_discrepancy",
-    "calibrate_band",
-    "calibrate_window",
+    "Shape",
+    "Weights",
     "carried_size",
-    "conformal_factor",
-    "contact_kind",
     "correlated_samples",
-    "design",
-    "discrepancy_kind",
-    "errors_beyond",
-    "errors_of",
+    "evidence_of",
+    "features_along",
     "first_memory",
-    "fit_coefficients",
     "folds_of",
+    "framed",
+    "from_prior",
+    "given",
     "groups_of",
-    "independent",
-    "inflate_band",
-    "learn_map",
-    "left_out_errors",
-    "limits",
-    "line",
-    "map_coefficients_of",
     "map_function",
+    "map_parameters",
     "memory_size",
-    "outside",
     "played",
-    "predict",
+    "rates_of",
     "reporting_function",
-    "rms_beyond_noise",
-    "row_of",
-    "seen",
     "servos_of",
-    "sized_by",
     "splits",
-    "student",
     "yardstick_error",
 ]

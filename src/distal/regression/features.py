@@ -1,368 +1,275 @@
-"""The terms of a learned map over a log, and how far a log is outside the map's learned range.
+"""What a learned map sees: readings, and what they remember, as one CasADi function of a sample.
 
-`variables` and `columns` take CasADi symbols and arrays alike, so that the kernel and the learning
-use the same formulas.
+It is the same function live, in C, in vector lanes, and over logs when weights are learned.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cache, reduce
-from operator import mul
-from typing import TypeVar
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
 
-from distal.arrays import Bools, Floats
-from distal.expressions import Scalar
-from distal.kernels import Feed, Kernel, advance
-from distal.rig import LAGS, PLAYS, LearnedMap, factors
+from distal.arrays import Floats
+from distal.expressions import ScalarNode, Vector, VectorNode
+from distal.kernels import Feed, Kernel, Layout, advance
+from distal.kernels.mask import is_read, is_there, rows_left
+from distal.rig import HALF_WIDTHS, IN_RADIAL, TIME_CONSTANTS, LearnedMap
 
-Value = TypeVar("Value", Floats, ca.SX)
-"""The values of a term over a log, (k,), or its CasADi symbol."""
-
-SMALLEST_HALF = 1e-12
-"""Least half-width of a learned range [SI]. Source: rounding (division by a range of zero)."""
+NEVER = 1e6
+"""Age of a reading before its first value [s]. Source: definition (older than any reading)."""
 
 
 @dataclass(frozen=True)
-class Samples:
-    """A log as the input of a map.
+class Shape:
+    """The sizes of a map's features.
 
     Args:
-        source: name of the log.
-        time: time since the first sample [s], (k,).
-        readings: readings of the channels, the last one where one is missing [SI], (k, m).
-        angles: the filter's angles of the joints [rad], which a map may use, (k, n_joints), or none
-            of them, (k, 0).
-        targets: the values to be mapped: angles [rad], errors of the filter's angles [rad], or
-            external torques [N m]; NaN where not known, (k, n_joints).
-        variances: variances of the filter's own angles [rad²], zero where there is no filter, (k,
-            n_joints).
-        interval: time between samples [s].
-        reference_std: std of the random error of the targets' reference; 0 where it is not known.
-        usable: which samples a homing move may use, (k,); None for all before its end.
+        channels: number of sensors.
+        angles: number of the filter's angles, which are readings too.
+        moving: indices of the readings whose slips enter the radial functions.
+        radial: number of radial functions.
     """
 
-    source: str
-    time: Floats
-    readings: Floats
-    angles: Floats
-    targets: Floats
-    variances: Floats
-    interval: float
-    reference_std: float = 0.0
-    usable: Bools | None = None
+    channels: int
+    angles: int
+    moving: tuple[int, ...]
+    radial: int
 
-    def part(self, rows: Bools) -> Samples:
-        """Return the samples that a mask `rows`, (k,), holds."""
-        names = ("time", "readings", "angles", "targets", "variances")
-        usable = None if self.usable is None else self.usable[rows]
-        return replace(self, usable=usable, **{name: getattr(self, name)[rows] for name in names})
-
-    def window(self, homing: float) -> Bools:
-        """Return which samples a homing move of length `homing` [s] may use, (k,)."""
-        early: Bools = self.time < homing
-        return early if self.usable is None else early & self.usable
+    @classmethod
+    def of(cls, learned: LearnedMap) -> Shape:
+        """Return the shape of a map."""
+        channels = len(learned.channels)
+        return cls(channels, learned.count - channels, learned.moving, len(learned.arrays["root"]))
 
     @property
-    def every(self) -> Floats:
-        """The readings and angles side by side, (k, m) or (k, m + n_joints)."""
-        return np.column_stack([self.readings, self.angles])
+    def count(self) -> int:
+        """Number of readings."""
+        return self.channels + self.angles
+
+    @cached_property
+    def memory(self) -> Layout:
+        """What is remembered between samples: each last reading, and its age for a sensor; of each
+        play of each reading the lowest and highest place where it may be; of each lag its state.
+        """
+        plays = self.count * len(HALF_WIDTHS)
+        return Layout(
+            last=self.count,
+            age=self.channels,
+            low=plays,
+            high=plays,
+            lags=self.count * len(TIME_CONSTANTS),
+        )
+
+    @cached_property
+    def frame(self) -> Layout:
+        """The numbers of the features."""
+        inputs = self.count + len(self.moving)
+        return Layout(
+            centre=self.count,
+            scale=self.count,
+            lengths=inputs,
+            points=(self.radial, inputs),
+            root=(self.radial, self.radial),
+        )
+
+    @cached_property
+    def features(self) -> Layout:
+        """The features φ. Each play and each lag has one for every reading."""
+        return Layout(
+            constant=1,
+            readings=self.count,
+            slips=self.count * len(HALF_WIDTHS),
+            lags=self.count * len(TIME_CONSTANTS),
+            radial=self.radial,
+        )
+
+    @cached_property
+    def outputs(self) -> Layout:
+        """What `features_function` gives beside the memory.
+
+        `doubt` is half of the width of the interval in which each slip lies, `far` the share of the
+        radial part's variance that no radial function explains, `inputs` those of the radial
+        functions over their lengths, `kernel` their values, `amplitude` their common factor.
+        """
+        return Layout(
+            features=self.features.size,
+            doubt=self.count * len(HALF_WIDTHS),
+            far=1,
+            inputs=self.count + len(self.moving),
+            kernel=self.radial,
+            amplitude=1,
+        )
 
 
-def half_ranges(learned: LearnedMap) -> Floats:
-    """Return half of the learned range of each reading and angle [SI]."""
-    halves: Floats = np.maximum(
-        (np.asarray(learned.high) - np.asarray(learned.low)) / 2.0, SMALLEST_HALF
-    )
-    return halves
+@lru_cache(maxsize=32)
+def features_function(shape: Shape) -> ca.Function:
+    """Return the function (memory, dt, readings, mask, frame) → (outputs, memory⁺).
 
-
-def middles(learned: LearnedMap) -> Floats:
-    """Return the middle of the learned range of each reading and angle [SI]."""
-    middle: Floats = (np.asarray(learned.high) + np.asarray(learned.low)) / 2.0
-    return middle
-
-
-def limits(learned: LearnedMap) -> tuple[Floats, Floats]:
-    """Return the lower and upper limits of each reading and angle [SI], between which the terms
-    change with it.
-    """
-    half = half_ranges(learned)
-    return np.asarray(learned.low) - learned.margin * half, np.asarray(
-        learned.high
-    ) + learned.margin * half
-
-
-PASSED = 0.1
-"""Half-width of the play that follows a moving reading, in halves of its range, so that noise is
-no way. Source: judgement.
-"""
-
-
-def drawn_in(learned: LearnedMap, samples: Samples) -> Floats:
-    """Return the factor s by which the distance of readings and angles from the middle of the
-    learned range is shortened before they enter the terms, (k,).
-
-    s = min(1, (1 + margin) / max_i |x_i − m_i| / h_i), where m_i is the middle and h_i half of the
-    range of x_i. Outside the range the terms so keep the values of the point where the straight
-    line to the middle leaves it. All readings and angles get the same factor because they depend on
-    each other: limited each by its own range, they would form combinations that the logs lack,
-    where large coefficients no longer cancel.
-    """
-    used = list(learned.used)
-    if np.isinf(learned.margin) or not used:
-        return np.ones(len(samples.time))
-    away = np.abs(samples.every[:, : len(learned.centre)] - middles(learned)) / half_ranges(learned)
-    share: Floats = np.minimum(
-        1.0, (1.0 + learned.margin) / np.maximum(away[:, used].max(axis=1), 1.0)
-    )
-    return share
-
-
-def variables(
-    learned: LearnedMap,
-    scaled: Sequence[Value],
-    plays: Mapping[tuple[int, float], Value],
-    lags: Mapping[tuple[int, float], Value],
-    widths: Sequence[Scalar],
-    magnitude: Callable[[Value], Value] = np.abs,
-) -> dict[str, Value]:
-    """Return name → value of the variables whose products are the terms, as symbols or arrays.
+    z is a reading less its centre, over its scale; a missing one keeps its last value. A play of
+    half-width w follows z so that |z − p| ≤ w; since nobody knows where it began, an interval is
+    remembered: p ∈ [low, high], low⁺ = min(max(low, z − w), z + w). The slip is (z − p)/w at the
+    middle of that interval, from −1 to 1. A lag follows z with its time constant T: s⁺ = s + (1 −
+    e^{−dt/T}) (z − s), and its feature is z − s. The radial functions are those of a sparse
+    Gaussian process (Nyström; Quiñonero-Candela and Rasmussen, JMLR 6, 2005): φ_r = a L⁻¹ k, k_i =
+    exp(−½ |ρ − p_i|²) with inputs ρ over their lengths and the points p_i, and K = L Lᵀ. The factor
+    a = √(1 + |ρ_z|²) lets the prior's variance grow beyond the logs, as that of a line does.
 
     Args:
-        learned: the map.
-        scaled: the scaled readings, then the scaled angles of the filter.
-        plays: index of a channel and half-width → its scaled reading after that play operator.
-        lags: index of a channel and time constant [s] → its scaled reading after that lag.
-        widths: half-widths of these play operators, (m,).
-        magnitude: the function |·| of such values.
+        shape: of the features; `readings` are the sensors' and then the filter's angles.
     """
-    m = len(learned.channels)
-    values = dict[str, Value]()
-    for i, name in enumerate(learned.channels):
-        values[name] = scaled[i]
-        values[f"abs({name})"] = magnitude(scaled[i])
-        for play, ratio in PLAYS.items():
-            if (i, ratio) in plays:
-                values[f"{play}({name})"] = plays[i, ratio]
-        for lag, constant in LAGS.items():
-            if (i, constant) in lags:
-                values[f"{lag}({name})"] = lags[i, constant]
-        if (i, 1.0) in plays:
-            values[f"slip({name})"] = (scaled[i] - plays[i, 1.0]) / widths[i]
-    for joint, angle in zip(learned.joints, scaled[m:]):
-        values[f"angle({joint.joint})"] = angle
-    return values
-
-
-def columns(terms: Sequence[str], values: Mapping[str, Value], constant: Value) -> list[Value]:
-    """Return the values of the terms: products of the `constant` 1 and of `values`, which are from
-    `variables`.
-    """
-    return [reduce(mul, (values[factor] for factor in factors(term)), constant) for term in terms]
-
-
-@cache
-def _play() -> Kernel:
-    """Return the kernel of a play operator, (z, x, w) → (z⁺, z⁺): its output is also its kernel
-    state.
-    """
-    z, x, w = (ca.SX.sym(name) for name in ("z", "x", "w"))
-    after = ca.fmin(ca.fmax(z, x - w), x + w)
-    return Kernel(ca.Function("play", [z, x, w], [after, after]))
-
-
-def played(values: Floats, half: float) -> Floats:
-    """Return readings `values` x, (k,), after a play operator of half-width w = `half`: z⁺ =
-    min(max(z, x − w), x + w).
-
-    Noise below w does not change the output, it keeps its value while the input rests, and it does
-    not depend on the input's rate (Visintin, 1994, ch. III).
-    """
-    after: Floats = advance(_play(), Feed(values[:1], values[:, None], np.array([half]))).ys[:, 0]
-    return after
-
-
-@cache
-def _lag() -> Kernel:
-    """Return the kernel of a first-order lag, (z, (dt, x), T) → (z⁺, z⁺)."""
-    z, constant = (ca.SX.sym(name) for name in ("z", "T"))
-    x = ca.SX.sym("x", 2)
-    after = z + (1.0 - ca.exp(-x[0] / constant)) * (x[1] - z)
-    return Kernel(ca.Function("lag", [z, x, constant], [after, after]))
-
-
-def lagged(values: Floats, time: Floats, constant: float) -> Floats:
-    """Return readings `values` x, (k,), after a first-order lag: z⁺ = z + (1 − e^{−dt/T}) (x − z)
-    with T = `constant` [s] and dt between stamps of `time` [s], (k,).
-    """
-    steps = np.diff(time, prepend=time[:1])
-    feed = Feed(values[:1], np.column_stack([steps, values]), np.array([constant]))
-    after: Floats = advance(_lag(), feed).ys[:, 0]
-    return after
-
-
-def design(learned: LearnedMap, samples: Samples) -> Floats:
-    """Return the values of the terms over a whole log, (k, n).
-
-    Outside the learned range the terms that are `LearnedMap.fading` fade, see `fade`. The log must
-    be whole, because plays remember earlier samples.
-    """
-    middle = middles(learned)
-    inner = middle + drawn_in(learned, samples)[:, None] * (
-        samples.every[:, : len(learned.centre)] - middle
+    memory = ca.MX.sym("memory", shape.memory.size)
+    dt = ca.MX.sym("dt")
+    readings = ca.MX.sym("readings", shape.count)
+    mask = ca.MX.sym("mask", shape.channels)
+    frame = ca.MX.sym("frame", shape.frame.size)
+    parts = shape.frame.parts(frame)
+    z, slips, doubt, lags, after = _remembered(shape)(
+        memory, dt, readings, mask, parts["centre"], parts["scale"]
     )
-    scaled = (inner - np.asarray(learned.centre)) / np.asarray(learned.scale)
-    plays = {
-        (i, ratio): played(scaled[:, i], ratio * learned.width[i]) for i, ratio in learned.played
-    }
-    lags = {
-        (i, constant): lagged(scaled[:, i], samples.time, constant)
-        for i, constant in learned.lagged
-    }
-    values = variables(learned, list(scaled.T), plays, lags, learned.width)
-    phi = np.column_stack(columns(learned.terms, values, np.ones(len(scaled))))
-    if np.isfinite(learned.fades_over):
-        phi[:, np.flatnonzero(learned.fading)] *= fade(learned, outside(learned, samples))[:, None]
-    return phi
+    inputs = z
+    if shape.moving:
+        begin = IN_RADIAL * shape.count
+        inputs = ca.vertcat(z, slips[[begin + i for i in shape.moving]])
+    inputs = inputs / parts["lengths"]
+    amplitude: ScalarNode = ca.sqrt(1 + ca.sumsqr(inputs[: shape.count]))
+    radial, kernel, far = ca.MX(0, 1), ca.MX(0, 1), ca.MX(1)
+    if shape.radial:
+        points = parts["points"]
+        squares = ca.sum2(points**2) - 2 * ca.mtimes(points, inputs) + ca.sumsqr(inputs)
+        kernel = ca.exp(-ca.fmax(squares, 0) / 2)
+        explained: VectorNode = ca.mtimes(parts["root"], kernel)
+        far = ca.fmax(1 - ca.sumsqr(explained), 0)
+        radial = amplitude * explained
+    outputs = shape.outputs.joined(
+        features=ca.vertcat(1, z, slips, lags, radial),
+        doubt=doubt,
+        far=amplitude**2 * far,
+        inputs=inputs,
+        kernel=kernel,
+        amplitude=amplitude,
+    )
+    return ca.Function("features", [memory, dt, readings, mask, frame], [outputs, after])
 
 
-def fade(learned: LearnedMap, far: Value) -> Value:
-    """Return the weight of the terms at d = `far` outside the learned range, 1/(1 + (d/d½)²), if
-    they fade; d is a number, an array or a symbol.
-
-    d½ is `LearnedMap.fades_over`. No log constrains a curve there, and the filter alone errs less.
-    Linear terms without products beside them do not fade.
+def _remembered(shape: Shape) -> ca.Function:
+    """Return the function (memory, dt, readings, mask, centre, scale) → (z, slips, doubt, lags,
+    memory⁺).
     """
-    return 1.0 / (1.0 + (far / learned.fades_over) ** 2)
-
-
-def outside(learned: LearnedMap, samples: Samples) -> Floats:
-    """Return how far the samples of a log are outside the learned range, (k,): 0 within, 1 at half
-    a range beyond its end.
-
-    It is the larger of two excesses: the largest of a single reading or angle, and that of the
-    Mahalanobis distance, which also detects new combinations.
-    """
-    every = samples.every[:, : len(learned.centre)]
-    beyond = np.maximum(
-        np.asarray(learned.low) - every, every - np.asarray(learned.high)
-    ) / half_ranges(learned)
-    far = np.sqrt(np.maximum(squared_distances(learned, samples), 0.0)) / learned.reach - 1.0
-    excess: Floats = np.maximum(0.0, np.maximum(beyond.max(axis=1), far))
-    return excess
-
-
-def squared_distances(learned: LearnedMap, samples: Samples) -> Floats:
-    """Return the squared Mahalanobis distance of each sample's readings from the mean of the
-    readings that the map was learned from, (k,).
-    """
-    m = len(learned.channels)
-    z = (samples.readings - np.asarray(learned.centre)[:m]) / np.asarray(learned.scale)[:m]
-    squared: Floats = np.sum(z @ np.asarray(learned.distance) * z, axis=1)
-    return squared
-
-
-@cache
-def _fading() -> Kernel:
-    """Return the kernel of what fades along a way, (z, (d, way)) → (z⁺, z⁺)."""
-    z = ca.SX.sym("z")
-    x = ca.SX.sym("x", 2)
-    after = ca.fmax(x[0], z * ca.exp(-x[1]))
-    return Kernel(ca.Function("fading", [z, x, ca.SX.sym("none", 0)], [after, after]))
-
-
-def remembered(learned: LearnedMap, samples: Samples) -> Floats:
-    """Return how far readings were outside the learned range, as friction remembers it, (k,):
-    z⁺ = max(d, z e^{−s}).
-
-    d is from `outside`. The way s is the longest among the readings `LearnedMap.moves`, in whole
-    learned ranges: within the range, and at most at the speed `LearnedMap.rate`, since only slow
-    motion brings back the friction that the logs know (docs/results/from-logs.md).
-    """
-    steps = np.diff(samples.time, prepend=samples.time[:1])
-    way = np.zeros(len(steps))
-    for name in learned.moves:
-        i = learned.channels.index(name)
-        half = half_ranges(learned)[i]
-        inner = np.clip(samples.readings[:, i], learned.low[i], learned.high[i])
-        moved = np.abs(np.diff(played(inner, PASSED * half), prepend=inner[:1]))
-        way = np.maximum(way, np.minimum(moved, learned.rate[i] * steps) / (2.0 * half))
-    inputs = np.column_stack([outside(learned, samples), way])
-    after: Floats = advance(_fading(), Feed(np.zeros(1), inputs, np.zeros(0))).ys[:, 0]
-    return after
-
-
-def beyond_homing(learned: LearnedMap, samples: Samples, joint: int, values: Floats) -> Floats:
-    """Return how far the corrected angle of a joint is beyond the range that a homing move covered
-    [rad], (k,).
-
-    It is 0 for a map that was not updated by a homing move. The map's `values`, (k,), are added to
-    the filter's own angle where the map uses that.
-    """
-    if not learned.homed:
-        return np.zeros(len(samples.time))
-    low, high = learned.homed[joint]
-    angles = values + (samples.angles[:, joint] if learned.uses_angles else 0.0)
-    beyond: Floats = np.maximum(0.0, np.maximum(low - angles, angles - high))
-    return beyond
-
-
-def own_slope(learned: LearnedMap, samples: Samples, joint: int) -> Floats:
-    """Return the slope of a map over the filter's own angle of a joint, ∂(map)/∂θ, along a log,
-    (k,).
-
-    It is 0 where the angle is beyond its `limits`.
-    """
-    name = f"angle({learned.joints[joint].joint})"
-    column = len(learned.channels) + joint
-    if name not in learned.terms:
-        return np.zeros(len(samples.time))
-    term = learned.terms.index(name)
-    low, high = (limit[column] for limit in limits(learned))
-    angles = samples.angles[:, joint]
-    slope = learned.joints[joint].coefficients[term] / learned.scale[column]
-    follows = np.where((angles > low) & (angles < high), drawn_in(learned, samples), 0.0)
-    shown: Floats = follows * slope
-    return shown * fade(learned, outside(learned, samples)) if learned.fading[term] else shown
-
-
-@dataclass(frozen=True)
-class Predicted:
-    """The values of a map for one joint over a log, the variances of the map, and the share of the
-    filter's own variances that counts beside them, (k,) each.
-    """
-
-    values: Floats
-    variances: Floats
-    filter_variances: Floats
-
-
-def predict(learned: LearnedMap, samples: Samples, joint: int = 0) -> Predicted:
-    """Return a map's values for a joint over a log, φᵀ b, and their variances, c² (g² φᵀ C φ + s²)
-    + d² (s² + spread²) + (z r)² + (κ h)².
-
-    g is `LearnedMap.between`, d is from `outside`, z from `remembered`, r is `LearnedMap.stays`, h
-    is from `beyond_homing`, and κ is `LearnedMap.extrapolation`. Of the filter's own variance,
-    own² (1 + ∂(map)/∂θ)² counts beside them.
-    """
-    fit = learned.joints[joint]
-    phi = design(learned, samples)
-    far = outside(learned, samples)
-    values = phi @ np.asarray(fit.coefficients)
-    leverage = learned.between**2 * np.sum(phi @ np.asarray(fit.covariance) * phi, axis=1)
-    beyond = far**2 * (fit.std**2 + learned.spread[joint] ** 2)
-    if learned.stays:
-        beyond = beyond + (remembered(learned, samples) * learned.stays[joint]) ** 2
-    if learned.extrapolation:
-        beyond = (
-            beyond
-            + (learned.extrapolation[joint] * beyond_homing(learned, samples, joint, values)) ** 2
+    memory = ca.SX.sym("memory", shape.memory.size)
+    dt = ca.SX.sym("dt")
+    readings = ca.SX.sym("readings", shape.count)
+    mask = ca.SX.sym("mask", shape.channels)
+    centre = ca.SX.sym("centre", shape.count)
+    scale = ca.SX.sym("scale", shape.count)
+    was = shape.memory.parts(memory)
+    n = shape.channels
+    # over a gap a position goes in a straight line to the reading that ends it
+    there = ca.vertcat(is_there(mask), ca.SX.ones(shape.angles)) if shape.angles else is_there(mask)
+    steps = [rows_left(mask[i]) for i in range(n)] + [1] * shape.angles
+    before = (was["last"] - centre) / scale
+    z: Vector = before + ca.if_else(there, (readings - centre) / scale - before, 0) / ca.vertcat(
+        *steps
+    )
+    age = ca.if_else(is_there(mask), 0, was["age"] + dt)
+    slips, doubts, lows, highs = [], [], [], []
+    for k, half in enumerate(HALF_WIDTHS):
+        at = slice(k * shape.count, (k + 1) * shape.count)
+        low, high = (
+            ca.fmin(ca.fmax(was[name][at], z - half), z + half) for name in ("low", "high")
         )
-    weight = learned.own * (1.0 + own_slope(learned, samples, joint))
-    variances = learned.band[joint] ** 2 * (leverage + fit.std**2) + beyond
-    return Predicted(values, variances, weight**2 * samples.variances[:, joint])
+        slips.append((z - (low + high) / 2) / half)
+        doubts.append((high - low) / (2 * half))
+        lows.append(low)
+        highs.append(high)
+    states = []
+    for k, constant in enumerate(TIME_CONSTANTS):
+        state = was["lags"][k * shape.count : (k + 1) * shape.count]
+        states.append(state + (1 - ca.exp(-dt / constant)) * (z - state))
+    after = shape.memory.joined(
+        last=centre + scale * z,
+        age=age,
+        low=ca.vertcat(*lows),
+        high=ca.vertcat(*highs),
+        lags=ca.vertcat(*states),
+    )
+    lags = ca.vertcat(*(z - state for state in states))
+    outputs = [z, ca.vertcat(*slips), ca.vertcat(*doubts), lags, after]
+    return ca.Function("remembered", [memory, dt, readings, mask, centre, scale], outputs)
+
+
+def first_memory(
+    shape: Shape, centre: Floats | Vector, scale: Floats | Vector, readings: Vector, mask: Vector
+) -> Vector:
+    """Return a map's memory before the first sample: the readings of that sample, their centre for
+    those that are missing. A play may be anywhere around its reading; lags are at rest.
+
+    The `readings` are (count,), as are their `centre` and `scale`; the `mask` is of the sensors,
+    (channels,).
+    """
+    n = shape.channels
+    is_there_or_angle = ca.vertcat(is_read(mask), ca.SX.ones(shape.angles))
+    begun = ca.if_else(is_there_or_angle, readings, centre)
+    z = (begun - centre) / scale
+    return shape.memory.joined(
+        last=begun,
+        age=ca.if_else(is_there_or_angle[:n], 0, NEVER),
+        low=ca.vertcat(*(z - half for half in HALF_WIDTHS)),
+        high=ca.vertcat(*(z + half for half in HALF_WIDTHS)),
+        lags=ca.repmat(z, len(TIME_CONSTANTS), 1),
+    )
+
+
+@lru_cache(maxsize=32)
+def features_kernel(shape: Shape) -> Kernel:
+    """Return the kernel (memory, (dt, readings, mask), frame) → (memory⁺, outputs) of a map's
+    features over a log.
+    """
+    memory = ca.MX.sym("memory", shape.memory.size)
+    x = ca.MX.sym("x", 1 + shape.count + shape.channels)
+    frame = ca.MX.sym("frame", shape.frame.size)
+    readings, mask = x[1 : 1 + shape.count], x[1 + shape.count :]
+    outputs, after = features_function(shape)(memory, x[0], readings, mask, frame)
+    return Kernel(ca.Function("features", [memory, x, frame], [after, outputs]))
+
+
+def features_along(
+    shape: Shape, frame: Floats, time: Floats, readings: Floats
+) -> dict[str, Floats]:
+    """Return the parts of `Shape.outputs` over a log, (k, …) each.
+
+    Args:
+        frame: the features' own parameters, see `Shape.frame`.
+        time: stamps [s], (k,).
+        readings: the sensors' readings, NaN where missing, and the filter's angles, (k, count).
+    """
+    is_present = np.isfinite(readings[:, : shape.channels])
+    centre = frame[shape.frame["centre"]]
+    scale = frame[shape.frame["scale"]]
+    first = np.array(
+        ca.DM(
+            first_memory(
+                shape,
+                ca.DM(centre),
+                ca.DM(scale),
+                ca.SX(ca.DM(np.nan_to_num(readings[0]))),
+                ca.SX(ca.DM(is_present[0].astype(float))),
+            )
+        )
+    ).ravel()
+    rows = np.column_stack([np.diff(time, prepend=time[:1]), np.nan_to_num(readings), is_present])
+    ys = advance(features_kernel(shape), Feed(first, rows, frame), keep=[0]).ys
+    return {name: shape.outputs.view(ys, name) for name in shape.outputs.names}
+
+
+def empty_frame(shape: Shape) -> dict[str, Floats]:
+    """Return the numbers of features that are not scaled yet and have no points."""
+    inputs = shape.count + len(shape.moving)
+    return {
+        "centre": np.zeros(shape.count),
+        "scale": np.ones(shape.count),
+        "lengths": np.ones(inputs),
+        "points": np.zeros((shape.radial, inputs)),
+        "root": np.zeros((shape.radial, shape.radial)),
+    }

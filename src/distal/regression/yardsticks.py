@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from distal.arrays import Floats
-from distal.regression.features import Samples, played
+from distal.regression.samples import Samples, played
 
 LAGS = (0.05, 0.2, 0.8)
 """Delays of the earlier readings that "with lags" uses too [s]. Source: judgement."""
@@ -24,25 +24,25 @@ Source: judgement.
 
 
 def _straight(samples: Samples, ranges: Floats) -> Floats:
-    return samples.readings
+    return samples.held
 
 
 def _with_lags(samples: Samples, ranges: Floats) -> Floats:
     since = samples.time - samples.time[0]
     earlier = [
-        np.column_stack([np.interp(since - lag, since, column) for column in samples.readings.T])
+        np.column_stack([np.interp(since - lag, since, column) for column in samples.held.T])
         for lag in LAGS
     ]
-    return np.column_stack([samples.readings, *earlier])
+    return np.column_stack([samples.held, *earlier])
 
 
 def _with_plays(samples: Samples, ranges: Floats) -> Floats:
     passed = [
         played(column, share * width)
         for share in PLAYS
-        for column, width in zip(samples.readings.T, ranges)
+        for column, width in zip(samples.held.T, ranges)
     ]
-    return np.column_stack([samples.readings, *passed])
+    return np.column_stack([samples.held, *passed])
 
 
 YARDSTICKS: Mapping[str, Callable[[Samples, Floats], Floats]] = {
@@ -62,7 +62,7 @@ def yardstick_error(name: str, training: Sequence[Samples], held_out: Samples) -
     Least squares of the angles on (1, φ(y)) takes all samples of the training logs whose angle is
     known; φ is that of `YARDSTICKS`.
     """
-    ranges = np.ptp(np.vstack([samples.readings for samples in training]), axis=0)
+    ranges = np.ptp(np.vstack([samples.held for samples in training]), axis=0)
     columns = YARDSTICKS[name]
     squares = []
     test = _design(columns, held_out, ranges)

@@ -9,6 +9,7 @@ from importlib import resources
 from pathlib import Path
 
 from distal.errors import DistalError, DistalWarning, RigError
+from distal.rig.learned_map import with_arrays
 from distal.rig.overrides import parse_assignment, set_value
 from distal.rig.rig import Rig
 from distal.rig.validation import validated
@@ -38,6 +39,14 @@ def rig_text(name: str | Path) -> tuple[str, str]:
             "file"
         )
     return read_text(path, RigError), str(path)
+
+
+def _folder(name: str | Path) -> Path:
+    """Return the folder of a shipped rig's file, or of the file at a path."""
+    if str(name) in shipped_rigs():
+        with resources.as_file(resources.files("distal.rig").joinpath("library")) as folder:
+            return Path(folder)
+    return Path(name).parent
 
 
 def read_text(path: Path, error: type[DistalError]) -> str:
@@ -77,15 +86,15 @@ def load_rig(name: str | Path, assignments: Sequence[str] = ()) -> Rig:
     changed = [parse_assignment(assignment, RigError) for assignment in assignments]
     for path, value in changed:
         set_value(raw, path, value, RigError)
-    rig = build_rig(raw, source)
+    rig = build_rig(with_arrays(raw, source, _folder(name)), source)
     if rig.provisional:
         warnings.warn(f"{source}: {rig.provisional}", DistalWarning, stacklevel=2)
     moved = [path for path, _ in changed if path.split(".")[0] in ("joints", "drives", "tendons")]
-    if moved and rig.discrepancy is not None:
+    if moved and rig.map is not None and rig.map.filter:
         is_torque = any(path.split(".")[2:3] == ["external_torque"] for path in moved)
         torque = "; declare external_torque.std in the rig file before the fit" if is_torque else ""
         warnings.warn(
-            f"{source}: [discrepancy] was learned with other numbers than {', '.join(moved)} now "
+            f"{source}: [map] was learned with other numbers than {', '.join(moved)} now "
             "has: "
             f"fit again, or remove it{torque}",
             DistalWarning,
@@ -102,7 +111,7 @@ def edited_text(name: str | Path, assignments: Sequence[str] = ()) -> str:
     raw = parse_toml(text, source, RigError)
     for assignment in assignments:
         set_value(raw, *parse_assignment(assignment, RigError), RigError)
-    build_rig(raw, source)
+    build_rig(with_arrays(raw, source, _folder(name)), source)
     if not assignments:
         return text
     import tomlkit

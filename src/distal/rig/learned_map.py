@@ -1,324 +1,273 @@
-"""Maps that were learned from logs by least squares: coefficients of terms of the sensors'
-readings, and the range in which they hold.
+"""Maps that were learned from logs: what they read and how sure they are. The table `[map]` of a
+rig file describes them; their numbers are in a file beside it.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Self
+import hashlib
+import io
+import zipfile
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, GetCoreSchemaHandler, model_validator
+from pydantic_core import CoreSchema, core_schema
 
-from distal.rig.quantities import Description, In
+from distal.arrays import Floats
+from distal.errors import RigError
+from distal.rig.quantities import Description
 
 Row = tuple[float, ...]
 
-CONSTANT = "1"
-"""Name of the constant term."""
-
-PLAYS = {"play": 1.0, "play3": 3.0, "play9": 9.0, "play27": 27.0}
-"""Name of a play operator in a term → its half-width, in half-widths of `LearnedMap.width`: a sum
-of them is a Prandtl–Ishlinskii operator. Source: definition (the names).
+HALF_WIDTHS = (0.03, 0.1, 0.3, 1.0)
+"""Half-widths of the plays of each reading, in its standard deviations [1]: a sum of plays is a
+Prandtl–Ishlinskii operator. Source: benchmark (python -m benchmarks.one_map).
 """
 
-LAGS = {"lag": 0.05, "lag4": 0.2, "lag16": 0.8}
-"""Name of a first-order lag in a term → its time constant [s]. Source: definition (the names)."""
+IN_RADIAL = 1
+"""Index of the half-width whose slips enter the radial functions. Source: benchmark (python -m
+benchmarks.one_map).
+"""
 
-FORMS = ("{}", "abs({})", *(f"{name}({{}})" for name in (*PLAYS, *LAGS)), "slip({})")
-"""Forms in which the reading of a sensor may stand in a term; see `LearnedMap`."""
+TIME_CONSTANTS = (0.05, 0.2, 0.8)
+"""Time constants of the lags of each reading [s]. Source: benchmark (python -m
+benchmarks.one_map).
+"""
+
+KINDS = ("readings", "filter", "torque")
+"""The kinds of maps in the table `[map]`."""
 
 
-def factors(term: str) -> tuple[str, ...]:
-    """Return the variables whose product a term is, by ``*`` between them; the constant
-    has none.
+class MapArrays:
+    """The arrays of a map by name, read-only; equal where all their bytes are.
+
+    Args:
+        arrays: name → array, of which copies are kept.
     """
-    return () if term == CONSTANT else tuple(factor.strip() for factor in term.split("*"))
 
+    def __init__(self, **arrays: Floats) -> None:
+        kept = {name: np.array(array, dtype=np.float64) for name, array in arrays.items()}
+        for array in kept.values():
+            array.flags.writeable = False
+        self.by_name: Mapping[str, Floats] = kept
 
-class JointMap(Description):
-    """The map of one joint: Σ b_i φ_i."""
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of the names, shapes and bytes."""
+        collected = hashlib.sha256()
+        for name in sorted(self.by_name):
+            collected.update(f"{name} {self.by_name[name].shape}".encode())
+            collected.update(self.by_name[name].tobytes())
+        return collected.hexdigest()
 
-    joint: str = Field(min_length=1, description="name of the joint")
-    coefficients: Row = Field(
-        min_length=1, description="b, one for each term, in the unit of what is mapped"
-    )
-    covariance: tuple[Row, ...] = Field(
-        min_length=1,
-        description="of the coefficients of the next log about these: between logs, and of the fit",
-    )
-    std: Annotated[float, In("rad", "positive")] = Field(
-        description="residual with a log's own coefficients"
-    )
+    def __getitem__(self, name: str) -> Floats:
+        """Return an array."""
+        return self.by_name[name]
 
-    @model_validator(mode="after")
-    def _covariance_fits(self) -> Self:
-        n = len(self.coefficients)
-        if len(self.covariance) != n or any(len(row) != n for row in self.covariance):
-            raise ValueError(
-                f"covariance must be {n} rows of {n} numbers, as there are {n} coefficients"
-            )
-        matrix = np.array(self.covariance)
-        if not (np.isfinite(matrix).all() and np.isfinite(self.coefficients).all()):
-            raise ValueError("coefficients and covariance must be finite numbers")
-        size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-        scaled = matrix / np.outer(size, size)
-        if (
-            np.abs(scaled - scaled.T).max() > 1e-6
-            or np.linalg.eigvalsh(0.5 * (scaled + scaled.T)).min() < -1e-6
-        ):
-            raise ValueError("covariance must be symmetric and positive semidefinite")
-        return self
+    def __eq__(self, other: object) -> bool:
+        """Return whether the other has the same arrays."""
+        return isinstance(other, MapArrays) and self.digest == other.digest
+
+    def __hash__(self) -> int:
+        """Return a hash of the arrays."""
+        return hash(self.digest)
+
+    def __repr__(self) -> str:
+        """Return how many numbers there are."""
+        return f"<{sum(array.size for array in self.by_name.values())} numbers>"
+
+    @classmethod
+    def __get_pydantic_core_schema__(
+        cls, source: object, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        """Accept only such numbers."""
+        return core_schema.is_instance_schema(cls)
 
 
 class LearnedMap(Description):
-    """A sum Σ b_i φ_i of terms, its variance c² (g² φᵀ C φ + s²), and the range in which
-    it was learned; g is `between`.
+    """What logs taught of some joints: y = φ(x)ᵀ b + e with b ~ N(mean, covariance), e ~ N(0, σ²).
 
-    A term φ is a product of variables. ``SENSOR`` is the sensor's reading, less `centre`, over
-    `scale`; ``abs(SENSOR)`` is its magnitude; ``play(SENSOR)`` is the output z of a play operator
-    with half-width w = `width` that follows it; ``play3``, ``play9`` and ``play27`` are the same
-    with half-widths 3 w, 9 w and 27 w; ``slip(SENSOR)`` is the direction in which it last moved,
-    (SENSOR − z)/w, between −1 and 1. ``lag(SENSOR)``, ``lag4`` and ``lag16`` follow it with the
-    time constants of `LAGS`: z⁺ = z + (1 − e^{−dt/T}) (SENSOR − z). ``angle(JOINT)`` is the angle
-    of the filter itself, scaled in the same way; it has no such forms.
+    φ has a constant, the scaled readings, the slips of their plays, what they are ahead of their
+    lags, and radial functions of readings and slips, see docs/explanation/map.md. Readings are
+    those of the `channels`, then, beside a filter, its angles of the `joints`.
     """
 
-    MARGIN: ClassVar[float] = np.inf
-    """Share of half of the learned range by which terms go on beyond its ends; further out they
-    keep the value that they have there.
-    """
+    joints: tuple[str, ...] = Field(min_length=1, description="joints that it speaks of")
+    channels: tuple[str, ...] = Field(min_length=1, description="sensors that it reads")
+    positions: tuple[str, ...] = Field(
+        (), description="those of them that are positions; their slips enter the radial functions"
+    )
+    beside_filter: bool = Field(
+        False, description="whether it reads the filter's angles, and gives what they lack"
+    )
+    logs: int = Field(ge=0, description="number of logs; 0: only a homing move")
+    low: Row = Field(description="smallest value of each reading in the logs [SI]")
+    high: Row = Field(description="largest value of each reading [SI]")
+    rms: Row = Field((), description="RMS error of each joint on logs left out [SI]")
+    inside: Row = Field((), description="share of these errors inside the 95 % band")
+    density: Row = Field((), description="mean ln of the probability density of these errors")
+    arrays: MapArrays = Field(description="the arrays, from the file beside the rig file")
 
-    FADE: ClassVar[float] = np.inf
-    """Distance beyond the end of the learned range, in halves of the range, at which the terms that
-    fade have half of their weight.
-    """
+    @property
+    def count(self) -> int:
+        """Number of its readings, the filter's angles included."""
+        return len(self.channels) + (len(self.joints) if self.beside_filter else 0)
 
-    terms: tuple[str, ...] = Field(min_length=1, description="what is summed; '1' is the constant")
-    channels: tuple[str, ...] = Field(
-        min_length=1, description="the sensors, in the estimator's order"
-    )
-    centre: Row = Field(
-        description="mean of each sensor's readings, then of each joint's angle by the filter [SI]"
-    )
-    scale: Row = Field(description="their standard deviations [SI]; 1 for what was constant")
-    low: Row = Field(description="smallest of each [SI]; below it the band grows")
-    high: Row = Field(description="largest of each [SI]")
-    rate: Row = Field(
-        description="RMS speed of each [SI/s]: how fast a missing value loses its worth"
-    )
-    width: Row = Field(description="half-width of the play of each sensor, in units of `scale`")
-    distance: tuple[Row, ...] = Field(
-        description="matrix M of the squared Mahalanobis distance zᵀ M z of the sensors' scaled "
-        "readings z"
-    )
-    reach: float = Field(gt=0.0, description="largest such distance in the logs")
-    correlation_time: Annotated[float, In("s", "positive")] = Field(description="of what is left")
-    tracked: bool = Field(
-        True,
-        description="whether places of drives are as the filter tracks them; else as their "
-        "sensors read them",
-    )
-    follows: bool = Field(
-        False,
-        description="whether terms go on beyond the learned range; else they stay as they are "
-        "there",
-    )
-    own: float = Field(
-        1.0, ge=0.0, le=1.0, description="share of the filter's own standard deviation that counts"
-    )
-    between: float = Field(
-        1.0,
-        gt=0.0,
-        le=1.0,
-        description="share of the coefficients' standard deviations that counts in the band",
-    )
-    spread: Row = Field(
-        description="RMS over the logs of what is mapped: outside the range so much is not known"
-    )
-    band: Row = Field(
-        description="c, one for each joint: factor on the standard deviation, by logs left out"
-    )
-    stays: Row = Field(
-        (),
-        description="for each joint, what adds to the standard deviation after readings were half "
-        "a range beyond the learned one, since friction may hold it [SI]",
-    )
-    moves: tuple[str, ...] = Field(
-        (), description="sensors of positions: as they move within the range, that is forgotten"
-    )
-    apart: tuple[Row, ...] = Field(
-        (),
-        description="of a blend, for each joint: coefficients of the difference of its members, "
-        "whose mean square over a second is normally below 1 in logs left out",
-    )
-    extrapolation: Row = Field(
-        (),
-        description="what the angle errs by for each radian beyond what a homing move covered, of "
-        "each joint [1]",
-    )
-    homed: tuple[tuple[float, float], ...] = Field(
-        (),
-        description="lowest and highest angle that this run's homing move covered, of each joint "
-        "[rad]",
-    )
-    logs: int = Field(ge=0, description="number of logs; 0: from a homing move alone")
-    dropped: tuple[str, ...] = Field(
-        (), description="sensors that told nothing of their own: constant, or collinear"
-    )
-    joints: tuple[JointMap, ...] = Field(
-        min_length=1, description="coefficients and covariance, one for each joint"
-    )
+    @property
+    def moving(self) -> tuple[int, ...]:
+        """Indices of the readings whose slips enter the radial functions."""
+        indices = [i for i, name in enumerate(self.channels) if name in self.positions]
+        return (*indices, *range(len(self.channels), self.count))
 
-    @model_validator(mode="after")
-    def _sizes_fit(self) -> Self:
-        m = len(self.channels)
-        n = len(self.centre)
+    @property
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Name → shape of each array: M radial functions, n features, and J joints."""
+        points = self.arrays.by_name.get("points", np.zeros((0, 0)))
+        radial = len(points)
+        inputs = self.count + len(self.moving)
+        features = features_of(self.count) + radial
         joints = len(self.joints)
-        if n not in (m, m + joints):
-            raise ValueError(
-                f"centre must have {m} entries, one for each channel, or {m + joints} with "
-                f"joints; {n} came"
-            )
-        for name in ("scale", "low", "high", "rate"):
-            if len(getattr(self, name)) != n:
-                raise ValueError(
-                    f"{name} must have {n} entries, as many as centre; {len(getattr(self, name))} "
-                    "came"
-                )
-        for name, size in (("width", m), ("spread", joints), ("band", joints)):
-            if len(getattr(self, name)) != size:
-                raise ValueError(
-                    f"{name} must have {size} entries; {len(getattr(self, name))} came"
-                )
-        for name in ("stays", "apart", "extrapolation", "homed"):
-            if len(getattr(self, name)) not in (0, joints):
-                raise ValueError(
-                    f"{name} must have {joints} entries or none; {len(getattr(self, name))} came"
-                )
-        unknown = [name for name in self.moves if name not in self.channels]
-        if unknown:
-            raise ValueError(f"moves: '{unknown[0]}' is none of channels")
-        if len(self.distance) != m or any(len(row) != m for row in self.distance):
-            raise ValueError(f"distance must be {m} rows of {m} numbers")
-        are_positive = all(size > 0.0 for size in (*self.scale, *self.width, *self.band))
-        if not are_positive or not np.isfinite(self.scale).all():
-            raise ValueError("every scale, width and band must be positive")
-        if any(not low <= high for low, high in zip(self.low, self.high)):
-            raise ValueError("low must not be above high")
-        for term in self.terms:
-            for factor in factors(term):
-                if factor not in self.variables:
-                    raise ValueError(
-                        f"terms: '{factor}' is no variable ({', '.join(self.variables)})"
-                    )
-        for joint in self.joints:
-            if len(joint.coefficients) != len(self.terms):
-                raise ValueError(
-                    f"joint '{joint.joint}': {len(self.terms)} coefficients are needed, one for "
-                    "each term, "
-                    f"{len(joint.coefficients)} came"
-                )
-        if any(len(row) != len(self.terms) for row in self.apart):
-            raise ValueError(f"apart: each row must have {len(self.terms)} coefficients")
-        return self
+        return {
+            "centre": (self.count,),
+            "scale": (self.count,),
+            "rate": (self.count,),
+            "lengths": (inputs,),
+            "points": (radial, inputs),
+            "root": (radial, radial),
+            "mean": (joints, features),
+            "covariance": (joints, features, features),
+            "radial": (joints,),
+            "noise": (joints,),
+            "filter": (joints,),
+            "error_time": (joints,),
+        }
 
     @property
     def structure(self) -> tuple[object, ...]:
         """What decides the equations of the map; all else is a number in them."""
-        sizes = (len(self.centre), len(self.joints))
-        flags = (self.tracked, self.follows, bool(self.stays), bool(self.apart))
-        return type(self).__name__, self.terms, self.channels, self.moves, *sizes, *flags
+        return self.joints, self.channels, self.moving, self.count, self.shapes["root"]
 
-    @property
-    def variables(self) -> tuple[str, ...]:
-        """Names of all variables that a term of the map may hold."""
-        angles = [f"angle({joint.joint})" for joint in self.joints] if self.uses_angles else []
-        return (*(form.format(name) for form in FORMS for name in self.channels), *angles)
-
-    @property
-    def margin(self) -> float:
-        """Share of half of the learned range by which the map's terms go on beyond its ends."""
-        return np.inf if self.follows else self.MARGIN
-
-    @property
-    def fading(self) -> tuple[bool, ...]:
-        """Whether each term fades beyond the learned range: products of variables, which no log
-        constrains there; with them also other terms that do not go on, but not the constant.
-        """
-        products = [len(factors(term)) > 1 for term in self.terms]
-        all_fade = any(products) and np.isfinite(self.margin)
-        return tuple(
-            is_product or (all_fade and term != CONSTANT)
-            for is_product, term in zip(products, self.terms)
-        )
-
-    @property
-    def fades_over(self) -> float:
-        """Distance beyond the learned range, in halves of it, at which terms that fade have half of
-        their weight; infinite where none does.
-        """
-        return self.FADE if any(self.fading) else np.inf
-
-    @property
-    def uses_angles(self) -> bool:
-        """Whether the filter's own angles may stand in the map's terms."""
-        return len(self.centre) > len(self.channels)
-
-    @property
-    def used(self) -> tuple[int, ...]:
-        """Indices of the readings, then of the angles, that stand in some term of the map."""
-        used = {factor for term in self.terms for factor in factors(term)}
-        variables = [{form.format(name) for form in FORMS} for name in self.channels]
-        variables += (
-            [{f"angle({joint.joint})"} for joint in self.joints] if self.uses_angles else []
-        )
-        return tuple(i for i, names in enumerate(variables) if used & names)
-
-    @property
-    def played(self) -> tuple[tuple[int, float], ...]:
-        """The play operators that the map's terms need: index of the channel, and half-width in
-        half-widths of `width`.
-        """
-        used = {factor for term in self.terms for factor in factors(term)}
-        return tuple(
-            (i, ratio)
-            for i, name in enumerate(self.channels)
-            for play, ratio in PLAYS.items()
-            if f"{play}({name})" in used or (ratio == 1.0 and f"slip({name})" in used)
-        )
-
-    @property
-    def lagged(self) -> tuple[tuple[int, float], ...]:
-        """The first-order lags that the map's terms need: index of the channel, and time constant
-        [s].
-        """
-        used = {factor for term in self.terms for factor in factors(term)}
-        return tuple(
-            (i, constant)
-            for i, name in enumerate(self.channels)
-            for lag, constant in LAGS.items()
-            if f"{lag}({name})" in used
-        )
+    @model_validator(mode="after")
+    def _arrays_fit(self) -> Self:
+        for name, shape in self.shapes.items():
+            array = self.arrays.by_name.get(name)
+            if array is None or array.shape != shape:
+                came = "none" if array is None else f"one of {array.shape}"
+                raise ValueError(f"arrays: {name} must be an array of {shape}; {came} came")
+            if not np.isfinite(array).all():
+                raise ValueError(f"arrays: {name} has a value that is not finite")
+        for name in ("scale", "lengths"):
+            if not np.all(self.arrays[name] > 0.0):
+                raise ValueError(f"arrays: every {name} must be positive")
+        for name, size in (("low", self.count), ("high", self.count)):
+            if len(getattr(self, name)) != size:
+                raise ValueError(f"{name} must have {size} entries")
+        for name in ("rms", "inside", "density"):
+            if len(getattr(self, name)) not in (0, len(self.joints)):
+                raise ValueError(f"{name} must have {len(self.joints)} entries or none")
+        return self
 
 
-class Affine(LearnedMap):
-    """Joints' angles by least squares of what the sensors read (as logged, biases included);
-    `distal fit` writes it.
+def features_of(count: int) -> int:
+    """Return the number of features of `count` readings, without radial functions."""
+    return 1 + count * (1 + len(HALF_WIDTHS) + len(TIME_CONSTANTS))
+
+
+class LearnedMaps(Description):
+    """The table `[map]`: for each kind one map for each independent part of the rig."""
+
+    readings: tuple[LearnedMap, ...] = Field(
+        (), description="of the angles, by readings alone: the estimator `regression`"
+    )
+    filter: tuple[LearnedMap, ...] = Field(
+        (), description="of what the filter's angles lack, beside which it reports"
+    )
+    torque: tuple[LearnedMap, ...] = Field((), description="of the torque from outside")
+
+    def named(self) -> dict[str, LearnedMap]:
+        """Return kind and index → map, as ``filter.0``."""
+        return {
+            f"{kind}.{i}": learned
+            for kind in KINDS
+            for i, learned in enumerate(getattr(self, kind))
+        }
+
+
+def arrays_file(rig_file: str | Path) -> Path:
+    """Return the path of the file with the numbers of a rig file's maps."""
+    path = Path(rig_file)
+    return path.with_name(f"{path.stem}.map.npz")
+
+
+def as_table(maps: LearnedMaps, rig_file: str | Path) -> tuple[dict[str, object], bytes]:
+    """Return the table `[map]` of a rig file, and the bytes of the file beside it."""
+    arrays = {
+        f"{name}.{part}": array
+        for name, learned in maps.named().items()
+        for part, array in learned.arrays.by_name.items()
+    }
+    stream = io.BytesIO()
+    np.savez_compressed(stream, allow_pickle=False, **arrays)
+    content = stream.getvalue()
+    table: dict[str, object] = {
+        "file": arrays_file(rig_file).name,
+        "sha256": hashlib.sha256(content).hexdigest(),
+    }
+    for kind in KINDS:
+        described = [
+            learned.model_dump(exclude={"arrays"}, exclude_defaults=True)
+            for learned in getattr(maps, kind)
+        ]
+        if described:
+            table[kind] = described
+    return table, content
+
+
+def with_arrays(raw: Mapping[str, object], source: str, folder: Path) -> dict[str, object]:
+    """Return a raw description whose table `[map]` has its numbers, from the file that it names in
+    the rig's own folder; unchanged where it has no such table.
+
+    Raises:
+        RigError: the file is missing, is another one, or lies elsewhere.
     """
+    table = raw.get("map")
+    if not isinstance(table, dict) or "file" not in table:
+        return dict(raw)
+    kept = {key: value for key, value in table.items() if key not in ("file", "sha256")}
+    name = table["file"]
+    if not isinstance(name, str) or Path(name).name != name or not name.endswith(".npz"):
+        raise RigError(f"{source}: map.file is the name of an .npz file beside it; {name!r} came")
+    try:
+        content = (folder / name).read_bytes()
+    except OSError as problem:
+        raise RigError(
+            f"{source}: [map] needs the file {name} beside the rig file ({problem.strerror}); copy "
+            "it there, or remove [map]"
+        ) from None
+    if hashlib.sha256(content).hexdigest() != table.get("sha256"):
+        raise RigError(
+            f"{source}: {name} is not the file that was written with this rig (its SHA-256 is "
+            "another one); copy the right one there, fit again, or remove [map]"
+        )
+    try:
+        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+            collected = {key: arrays[key] for key in arrays.files}
+    except (OSError, ValueError, zipfile.BadZipFile) as problem:
+        raise RigError(f"{source}: {name} cannot be read ({problem}); fit again") from None
+    for kind in KINDS:
+        maps = kept.get(kind)
+        if isinstance(maps, list):
+            kept[kind] = [
+                {**learned, "arrays": _among(collected, f"{kind}.{i}.")}
+                for i, learned in enumerate(maps)
+            ]
+    return {**raw, "map": kept}
 
-    FADE: ClassVar[float] = 0.25
 
-
-class Discrepancy(LearnedMap):
-    """The joints' angles less what `adaptive` makes of them (Kennedy and O'Hagan, 2001); `distal
-    fit` writes it.
-    """
-
-    MARGIN: ClassVar[float] = 0.5
-    FADE: ClassVar[float] = 0.25
-
-
-class Contact(LearnedMap):
-    """The torque on the joints from outside, of what is read at the proximal end; `distal fit`
-    writes it.
-    """
+def _among(arrays: Mapping[str, Floats], prefix: str) -> MapArrays:
+    return MapArrays(
+        **{name.removeprefix(prefix): a for name, a in arrays.items() if name.startswith(prefix)}
+    )

@@ -11,7 +11,7 @@ from distal.errors import RigError
 from distal.rig.drives import Drive
 from distal.rig.free_motion import FreeMotion
 from distal.rig.joints import Joint
-from distal.rig.learned_map import Affine, Contact, Discrepancy
+from distal.rig.learned_map import KINDS, LearnedMap, LearnedMaps
 from distal.rig.links import BASE, Base
 from distal.rig.naming import named
 from distal.rig.overrides import set_value
@@ -23,8 +23,6 @@ from distal.suggestions import did_you_mean
 from distal.units import unit_factor
 
 Component = Joint | Drive | Tendon | Sensor
-
-Learned = Affine | Discrepancy | Contact | None
 
 MOST_JOINTS = 32
 """Largest number of joints of a rig [1]; the cost grows with the square of their number. Source:
@@ -90,14 +88,8 @@ class Rig(Description):
         description="what is not done yet in this file, where a fit has not ended; commands repeat "
         "it",
     )
-    affine: Affine | None = Field(
-        None, description="the obvious estimator, as learned: `distal fit` writes it"
-    )
-    discrepancy: Discrepancy | None = Field(
-        None, description="what the model leaves of the angle, as learned: `distal fit` writes it"
-    )
-    contact: Contact | None = Field(
-        None, description="the torque on the joint from outside, as learned: `distal fit` writes it"
+    map: LearnedMaps | None = Field(
+        None, description="what logs taught of angles and torques: `distal fit` writes it"
     )
     free_motion: FreeMotion | None = Field(
         None, description="what forces are like in free motion, as learned: `distal fit` writes it"
@@ -158,21 +150,25 @@ class Rig(Description):
                 raise ValueError(f"{i}.unit: {error}") from None
         return sensors
 
-    @field_validator("affine", "discrepancy", "contact", mode="after")
+    @field_validator("map", mode="after")
     @classmethod
-    def _learned_fits(cls, learned: Learned, info: ValidationInfo) -> Learned:
+    def _map_fits(cls, learned: LearnedMaps | None, info: ValidationInfo) -> LearnedMaps | None:
         if learned is None or any(kind not in info.data for kind in ("sensors", *MEASURED)):
             return learned
         sensors, joints = (
             [part.name for part in info.data[kind]] for kind in ("sensors", "joints")
         )
-        for channel in learned.channels:
-            if channel not in sensors:
-                raise ValueError(
-                    f"channels: no sensor is called '{channel}'{did_you_mean(channel, sensors)}"
-                )
-        if [joint_map.joint for joint_map in learned.joints] != joints:
-            raise ValueError(f"joints: one for each joint is needed ({', '.join(joints)})")
+        for name, each in learned.named().items():
+            for channel in each.channels:
+                if channel not in sensors:
+                    raise ValueError(
+                        f"{name}.channels: no sensor is called "
+                        f"'{channel}'{did_you_mean(channel, sensors)}"
+                    )
+        for kind in KINDS:
+            named = [joint for each in getattr(learned, kind) for joint in each.joints]
+            if named and sorted(named) != sorted(joints):
+                raise ValueError(f"{kind}: each joint is needed once ({', '.join(joints)})")
         return learned
 
     @model_validator(mode="after")
@@ -279,11 +275,9 @@ class Rig(Description):
 
     def __repr__(self) -> str:
         """Return what it is in a few words; `model_dump` has all of it."""
-        learned = [
-            name for name in ("affine", "discrepancy", "contact") if getattr(self, name) is not None
-        ]
+        learned = [kind for kind in KINDS if self.map is not None and getattr(self.map, kind)]
         return f"Rig '{self.name}': {self.count_in_words()}" + (
-            f"; learned: {', '.join(learned)}" if learned else ""
+            f"; learned maps: {', '.join(learned)}" if learned else ""
         )
 
     __str__ = __repr__
@@ -294,12 +288,16 @@ class Rig(Description):
         return ", ".join(f"{n} {kind if n != 1 else kind[:-1]}" for n, kind in counts)
 
     def bare(self) -> Rig:
-        """Return a copy without what was learned from logs (`affine`, `discrepancy`, `contact`,
-        `free_motion`), and without `provisional`.
+        """Return a copy without what was learned from logs (`map`, `free_motion`), without
+        `provisional` too.
         """
-        learned = ("affine", "discrepancy", "contact", "free_motion")
-        nothing = {**dict.fromkeys(learned), "provisional": ""}
-        return self.model_copy(update=nothing)
+        return self.model_copy(update={"map": None, "free_motion": None, "provisional": ""})
+
+    def with_map(self, **kinds: Sequence[LearnedMap]) -> Rig:
+        """Return a copy with the maps of some kinds replaced, as in `LearnedMaps`."""
+        before = LearnedMaps() if self.map is None else self.map
+        changed = before.model_copy(update={kind: tuple(maps) for kind, maps in kinds.items()})
+        return self.model_copy(update={"map": changed if changed.named() else None})
 
     @property
     def components(self) -> dict[str, tuple[Component, ...]]:

@@ -54,7 +54,7 @@ def _split(path: str) -> tuple[str, str, str]:
 def independent_parts(rig: Rig) -> tuple[Subsystem, ...]:
     """Return the subsystems of a rig that share no link, tendon, drive, coupling or common error.
 
-    A rig that cannot be split is returned whole, and so is a rig with a map learned from logs.
+    A rig that cannot be split is returned whole; its parts have no learned maps.
     """
     joints = rig.joint_names
     group = {name: name for name in joints}
@@ -81,12 +81,7 @@ def independent_parts(rig: Rig) -> tuple[Subsystem, ...]:
     for sharing in rig.sharing().values():
         join([name for path in sharing for name in _joints_of(rig, path)])
     roots = list(dict.fromkeys(root(name) for name in joints))
-    if (
-        len(roots) == 1
-        or rig.affine is not None
-        or rig.discrepancy is not None
-        or rig.contact is not None
-    ):
+    if len(roots) == 1:
         indices = {kind: tuple(range(len(every))) for kind, every in rig.components.items()}
         return (Subsystem(rig, indices),)
     return tuple(_part(rig, [name for name in joints if root(name) == first]) for first in roots)
@@ -132,5 +127,6 @@ def _part(rig: Rig, names: list[str]) -> Subsystem:
         rig.joints[j].model_copy(update={"parent": p}) for j, p in zip(joints, names_of_parents)
     )
     return Subsystem(
-        rig.model_copy(update=parts), {kind: tuple(indices) for kind, indices in chosen.items()}
+        rig.model_copy(update={**parts, "map": None}),
+        {kind: tuple(indices) for kind, indices in chosen.items()},
     )

@@ -113,16 +113,15 @@ class Watch:
     Args:
         memory: layout of what is remembered. For each channel: its last value, its age, and for how
             long it has been the same. For each drive's position: the share of time beyond its
-            range. For each compared sensor: the mean ν²/S. The mean square of how far the members
-            of a blend are apart. The pace of the stamps. For each of the
+            range. For each compared sensor: the mean ν²/S. The pace of the stamps. For each of the
             `ends`, in the current visit: its furthest reading, and how far the joint was beyond it
             [deg].
         sample: layout of the input: whether it is the first sample, dt, values and mask of the
             channels, stds of the angles, innovations, their mask and their variances, the watched
-            states and their variances, the largest share that a touch has of a joint, and the
-            square of how far the members of a blend are apart.
+            states and their variances, and the largest share that a touch has of a
+            joint.
         findings: layout of the output: the code of the reported word, then 1 where a finding holds:
-            gap, hurried, nothing read, untested, unknown, members of a blend apart; for each
+            gap, hurried, nothing read, untested, unknown; for each
             channel dead, stuck, missing; for each position wrong; for each compared sensor large;
             for each watched state left. For each of the `ends` it is by how much the joint is
             beyond it [deg].
@@ -172,14 +171,12 @@ def watch_of(estimator: KernelEstimator) -> Watch:
     j = len(estimator.rig.joints)
     k = len(watched)
     p = len(placed)
-    blends = int(bool(estimator.apart))
     memory = Layout(
         last=n,
         age=n,
         same=n,
         outside=p,
         ratio=m,
-        apart=blends,
         pace=1,
         furthest=len(ends),
         found=len(ends),
@@ -196,7 +193,6 @@ def watch_of(estimator: KernelEstimator) -> Watch:
         watched=k,
         watched_variances=k,
         touched=1,
-        apart=blends,
     )
     findings = Layout(
         code=1,
@@ -205,7 +201,6 @@ def watch_of(estimator: KernelEstimator) -> Watch:
         nothing=1,
         untested=1,
         unknown=1,
-        split=blends,
         dead=n,
         stuck=n,
         missing=n,
@@ -258,8 +253,6 @@ def watch_of(estimator: KernelEstimator) -> Watch:
     square = ca.fmin(came["innovations"] ** 2 / (came["variances"] * _column(usual)), CAPPED)
     is_touched = came["touched"] > TOUCHED
     square = ca.if_else(is_touched, ca.fmin(square, 1), square)
-    members = ca.fmin(came["apart"], ca.if_else(is_touched, 1, CAPPED))
-    apart = was["apart"] + share * (members - was["apart"])
     ratio = was["ratio"] + ca.if_else(came["compared"], share * (square - was["ratio"]), 0)
     prior = _column(means[list(watched)])
     departure = LARGE_PRIOR if free is None else free.departure(LARGE_PRIOR)
@@ -282,7 +275,6 @@ def watch_of(estimator: KernelEstimator) -> Watch:
         "missing": missing,
         "wrong": wrong,
         "large": ratio > LARGE,
-        "split": apart > LARGE,
         "left": left,
     }
     visits = [
@@ -302,7 +294,6 @@ def watch_of(estimator: KernelEstimator) -> Watch:
         same=same,
         outside=outside,
         ratio=ratio,
-        apart=apart,
         pace=pace,
         furthest=furthest,
         found=sizes,
@@ -344,7 +335,6 @@ WORDS: dict[str, Health] = {
     "hurried": "disagrees",
     "wrong": "disagrees",
     "large": "disagrees",
-    "split": "disagrees",
     "left": "disagrees",
     "unknown": "disagrees",
     "stuck": "dead",

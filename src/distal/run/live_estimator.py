@@ -138,7 +138,6 @@ class LiveEstimator:
         # a strided view of the covariance's diagonal, which can be written
         self._diagonal = self._kernel_state[self._n : self._n * (self._n + 1) : self._n + 1]
         self._shares = list(chosen.touched)
-        self._apart = list(chosen.apart)
         self._contacts = chosen.contacts
         self._touchable = list(external_torques_of(chosen))
         self._torques = list(external_torques_of(chosen).values())
@@ -396,11 +395,6 @@ class LiveEstimator:
     def touched(self) -> float:
         """The largest share, 0 (free) to 1, that a touch has of a joint."""
         return float(self._kernel_state[self._shares].max(initial=0.0))
-
-    @property
-    def apart(self) -> float:
-        """The largest square of how far the members of a blend are apart, normally below 1."""
-        return float(self._kernel_state[self._apart].max(initial=0.0))
 
     @property
     def external_torques(self) -> Floats:

@@ -239,7 +239,6 @@ class Monitor:
         came["watched"][:] = live.mean[list(watch.watched)]
         came["watched_variances"][:] = np.diagonal(live.covariance)[list(watch.watched)]
         came["touched"][:] = live.touched
-        came["apart"][:] = live.apart
         came["first"][:] = self._fresh
         came["dt"][:] = dt
         self._memory, findings = self._check(self._memory, self._sample)
@@ -261,7 +260,7 @@ class Monitor:
         live = self._live
         watch = self._watch
         interval = self._live.interval
-        age, ratio, apart = (self._memory[watch.memory[name]] for name in ("age", "ratio", "apart"))
+        age, ratio = (self._memory[watch.memory[name]] for name in ("age", "ratio"))
         positions = [
             live.channels[i] for i, is_wrong in zip(watch.placed, flags["wrong"]) if is_wrong
         ]
@@ -280,8 +279,6 @@ class Monitor:
             "wrong": f"{', '.join(positions)} is where its drive cannot be: wrong unit, "
             "zero or side?",
             "large": ", ".join(large),
-            "split": "the filter and the affine map of the blend differ by "
-            f"{sqrt(apart.sum()):.1f}x what is normal",
             "left": f"{', '.join(left)}: further from the rig's value than its std allows",
             "unknown": "the angle is not known",
             "stuck": f"{dead}, {stuck}" if dead else stuck,

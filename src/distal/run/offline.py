@@ -17,11 +17,11 @@ from distal.estimators import (
     LARGEST_ANGLE,
     WILD,
     AdaptiveFilter,
-    AffineEstimator,
     Belief,
     Estimator,
     FullStateFilter,
     KernelEstimator,
+    RegressionEstimator,
     first_values,
     kinds_of,
     make_estimator,
@@ -107,7 +107,7 @@ def estimate(
         truth: column or file of the true angle, if `log` is not a `Log`.
         compiled: compile kernels where possible.
         homing: for how long the true angle is used as a reference [s]; afterwards the estimate is
-            only compared with it. `adaptive` reads it as a sensor, `affine` learns from it, all
+            only compared with it. `adaptive` reads it as a sensor, `regression` learns from it, all
             others are shifted by their mean error.
         covariances: whether the covariances of all states are kept; without them a log of a million
             samples takes a gigabyte less.
@@ -155,7 +155,6 @@ class Run:
         samples: values of the estimator's channels, (k, n_channels).
         start: belief before the first sample.
         homing: for how long the true angle is used as a reference [s], or None.
-        notes: sentences on how the homing move was used.
     """
 
     log: Log
@@ -163,7 +162,6 @@ class Run:
     samples: Floats
     start: Belief
     homing: float | None
-    notes: tuple[str, ...] = ()
 
 
 def references_of(chosen: Estimator) -> dict[str, int]:
@@ -183,7 +181,7 @@ def estimator_for(
     homing: float | None = None,
 ) -> Estimator:
     """Return the estimator to run over a log; with `homing` [s], `adaptive` reads the reference and
-    `affine` will learn from it.
+    `regression` will learn from it.
 
     Raises:
         EstimationError: it is no estimator, or cannot run on this rig, or homing has no reference.
@@ -197,8 +195,8 @@ def estimator_for(
         check_homing(homing, log, rig.joint_names)
         if estimator == "adaptive":
             return AdaptiveFilter(rig, compiled, references=references)
-        if estimator == "affine":
-            return AffineEstimator(rig, compiled, homing=True)
+        if estimator == "regression":
+            return RegressionEstimator(rig, compiled, homing=True)
     return make_estimator(estimator, rig, compiled) if isinstance(estimator, str) else estimator
 
 
@@ -222,7 +220,7 @@ def prepared(log: Log, chosen: Estimator, homing: float | None = None) -> Run:
     """
     read = log
     if homing is not None:
-        if isinstance(chosen, AffineEstimator):
+        if isinstance(chosen, RegressionEstimator):
             chosen = chosen.after_homing(log, homing)
         truths = check_homing(homing, log, chosen.rig.joint_names)
         early = log.time - log.time[0] < homing
@@ -232,7 +230,7 @@ def prepared(log: Log, chosen: Estimator, homing: float | None = None) -> Run:
     start = chosen.initial(log.time[0], first_values(samples))
     if homing is not None and isinstance(chosen, AdaptiveFilter) and references_of(chosen):
         adapted = home(chosen, start, log, samples, truths, homing)
-        return Run(log, adapted.estimator, adapted.samples, adapted.start, homing, adapted.notes)
+        return Run(log, adapted.estimator, adapted.samples, adapted.start, homing)
     return Run(log, chosen, samples, start, homing)
 
 
@@ -279,8 +277,10 @@ def check_bounds(run: Run, means: Floats, spreads: Floats) -> None:
     bad = out_of_bounds(means, spreads, len(run.estimator.rig.joints))
     if len(bad):
         row = int(bad[0])
-        has_line = run.estimator.rig.affine is not None
-        instead = ", or take the estimator affine, whose map is in the rig file" if has_line else ""
+        learned = run.estimator.rig.map
+        has_map = learned is not None and learned.readings
+        instead = ", or take the estimator regression, whose map is in the rig file"
+        instead = instead if has_map else ""
         raise DivergedError(
             f"{run.log.source}: {run.estimator.name} left all bounds at {run.log.time[row]:g} s; "
             "check the units of the log and the rig's stiffness and masses, shorten "
@@ -313,7 +313,7 @@ def finished(
     references = references_of(chosen)
     if run.homing is not None and truths is not None:
         early = log.time - log.time[0] < run.homing
-        if not (references or isinstance(chosen, AffineEstimator)):
+        if not (references or isinstance(chosen, RegressionEstimator)):
             means = means.copy()
             means[:, : len(joints)] = homed(means[:, : len(joints)], truths, early)
         later = np.where(early[:, None], np.nan, truths)
@@ -342,10 +342,7 @@ def finished(
         truths=truths,
         covariances=None if covariances is None else frozen(covariances),
         joint_names=joints,
-        notes=(
-            *run.notes,
-            *(chosen.notes_of(means, run.samples) if isinstance(chosen, KernelEstimator) else ()),
-        ),
+        notes=chosen.notes_of(means, run.samples) if isinstance(chosen, KernelEstimator) else (),
         prior_means=prior_means,
         prior_stds=prior_stds,
         stamps=log.stamps,

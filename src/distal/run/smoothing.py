@@ -74,7 +74,7 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
         left = np.eye(n) - gain @ transition
         covariance = left @ before @ left.T + gain @ (covariances[k + 1] + process) @ gain.T
         covariances[k] = (covariance + covariance.T) / 2
-    if rig.discrepancy is not None:
+    if rig.map is not None:
         correct(means, covariances, log, rig, compiled, last)
     spreads = np.einsum("kii->ki", covariances)
     run = Run(log, estimator, samples, belief, None)
@@ -85,10 +85,10 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
 def correct(
     means: Floats, covariances: Floats, log: Log, rig: Rig, compiled: bool, last: NDArray[np.intp]
 ) -> None:
-    """Add the rig's discrepancy to means and covariances, in place.
+    """Put the angles by the rig's maps into means and covariances, in place.
 
-    The discrepancy depends on the readings alone, so that smoothing does not change it: a second
-    run of the filter, with the map, gives it. Changed are the rows `last`, those of the samples.
+    What a map adds to the filter's own angle is not smoothed: a second run of the filter, with
+    the map, gives it. Changed are the rows `last`, those of the samples.
     """
     estimator = AdaptiveFilter(rig, compiled)
     samples = samples_of(log, estimator.channels, estimator.name)

@@ -14,7 +14,7 @@ static const float numbers[18] = {
 static inline float larger(float a, float b) { return a > b || b != b ? a : b; }
 static inline float smaller(float a, float b) { return a < b || b != b ? a : b; }
 
-static void prior(const float* restrict a0, const float* restrict a1, const float* restrict a2, float* restrict r0, float* restrict r1, float* restrict r2) {
+static void plain(const float* restrict a0, const float* restrict a1, const float* restrict a2, float* restrict r0, float* restrict r1, float* restrict r2) {
   (void)a2;
   r0[0] = 0.0f;
   r0[1] = 0.0f;
@@ -53,6 +53,10 @@ static void prior(const float* restrict a0, const float* restrict a1, const floa
   r2[8] = v51;
   r2[9] = 0.0f;
   r2[10] = 0.0f;
+}
+
+static void prior(const float* restrict a0, const float* restrict a1, const float* restrict a2, float* restrict r0, float* restrict r1, float* restrict r2) {
+  plain(a0, a1, a2, r0, r1, r2);
 }
 
 static void readings(const float* restrict a0, const float* restrict a1, const float* restrict a2, const float* restrict a3, float* restrict r0) {
@@ -1098,89 +1102,88 @@ static void judged(const float* restrict a0, const float* restrict a1, float* re
   const float v151 = larger(0.0f, v150);
   const float v152 = 4.0f * v151;
   const float v153 = larger(v148, v152);
-  const float v154 = larger(v153, 0.0f);
-  const float v158 = a1[10] - 0.150221892f;
-  const float v159 = fabsf(v158);
-  const float v161 = larger(a1[16], 0.0f);
-  const float v162 = sqrtf(v161);
-  const float v163 = v159 - v162;
-  const float v164 = (float)(0.148996653f < v163);
-  const float v165 = larger(0.0f, v164);
-  const float v169 = a1[11] - 0.0200092576f;
-  const float v170 = fabsf(v169);
-  const float v172 = larger(a1[17], 0.0f);
-  const float v173 = sqrtf(v172);
-  const float v174 = v170 - v173;
-  const float v175 = (float)(0.0179536306f < v174);
-  const float v176 = larger(v165, v175);
-  const float v180 = a1[12] - 0.0503527565f;
-  const float v181 = fabsf(v180);
-  const float v183 = larger(a1[18], 0.0f);
-  const float v184 = sqrtf(v183);
-  const float v185 = v181 - v184;
-  const float v186 = (float)(0.0586527036f < v185);
-  const float v187 = larger(v176, v186);
-  const float v191 = a1[13] - 20.0f;
-  const float v192 = fabsf(v191);
-  const float v194 = larger(a1[19], 0.0f);
-  const float v195 = sqrtf(v194);
-  const float v196 = v192 - v195;
-  const float v197 = (float)(12.0f < v196);
-  const float v198 = larger(v187, v197);
-  const float v200 = a1[14] - 20.0f;
-  const float v201 = fabsf(v200);
-  const float v203 = larger(a1[20], 0.0f);
-  const float v204 = sqrtf(v203);
-  const float v205 = v201 - v204;
-  const float v206 = (float)(12.0f < v205);
-  const float v207 = larger(v198, v206);
-  const float v210 = a1[15] - 1.0f;
-  const float v211 = fabsf(v210);
-  const float v213 = larger(a1[21], 0.0f);
-  const float v214 = sqrtf(v213);
-  const float v215 = v211 - v214;
-  const float v216 = (float)(0.45f < v215);
-  const float v217 = larger(v207, v216);
-  const float v218 = 4.0f * v217;
-  const float v219 = larger(v154, v218);
-  const float v221 = (float)(1.0f < a1[6]);
-  const float v222 = larger(0.0f, v221);
-  const float v223 = (float)(v19 != 0.0f && v222 != 0.0f);
-  const float v224 = larger(0.0f, v223);
-  const float v225 = 4.0f * v224;
-  const float v226 = larger(v219, v225);
-  const float v228 = (float)(0.499999999f <= v39);
-  const float v229 = a1[4] * v228;
-  const float v230 = larger(0.0f, v229);
-  const float v231 = (float)(0.499999999f <= v47);
-  const float v232 = a1[5] * v231;
-  const float v233 = larger(v230, v232);
-  const float v234 = 5.0f * v233;
-  const float v235 = larger(v226, v234);
-  const float v236 = larger(0.0f, v109);
-  const float v237 = larger(v236, v114);
-  const float v238 = 5.0f * v237;
-  const float v239 = larger(v235, v238);
-  r1[0] = v239;
+  const float v157 = a1[10] - 0.150221892f;
+  const float v158 = fabsf(v157);
+  const float v160 = larger(a1[16], 0.0f);
+  const float v161 = sqrtf(v160);
+  const float v162 = v158 - v161;
+  const float v163 = (float)(0.148996653f < v162);
+  const float v164 = larger(0.0f, v163);
+  const float v168 = a1[11] - 0.0200092576f;
+  const float v169 = fabsf(v168);
+  const float v171 = larger(a1[17], 0.0f);
+  const float v172 = sqrtf(v171);
+  const float v173 = v169 - v172;
+  const float v174 = (float)(0.0179536306f < v173);
+  const float v175 = larger(v164, v174);
+  const float v179 = a1[12] - 0.0503527565f;
+  const float v180 = fabsf(v179);
+  const float v182 = larger(a1[18], 0.0f);
+  const float v183 = sqrtf(v182);
+  const float v184 = v180 - v183;
+  const float v185 = (float)(0.0586527036f < v184);
+  const float v186 = larger(v175, v185);
+  const float v190 = a1[13] - 20.0f;
+  const float v191 = fabsf(v190);
+  const float v193 = larger(a1[19], 0.0f);
+  const float v194 = sqrtf(v193);
+  const float v195 = v191 - v194;
+  const float v196 = (float)(12.0f < v195);
+  const float v197 = larger(v186, v196);
+  const float v199 = a1[14] - 20.0f;
+  const float v200 = fabsf(v199);
+  const float v202 = larger(a1[20], 0.0f);
+  const float v203 = sqrtf(v202);
+  const float v204 = v200 - v203;
+  const float v205 = (float)(12.0f < v204);
+  const float v206 = larger(v197, v205);
+  const float v209 = a1[15] - 1.0f;
+  const float v210 = fabsf(v209);
+  const float v212 = larger(a1[21], 0.0f);
+  const float v213 = sqrtf(v212);
+  const float v214 = v210 - v213;
+  const float v215 = (float)(0.45f < v214);
+  const float v216 = larger(v206, v215);
+  const float v217 = 4.0f * v216;
+  const float v218 = larger(v153, v217);
+  const float v220 = (float)(1.0f < a1[6]);
+  const float v221 = larger(0.0f, v220);
+  const float v222 = (float)(v19 != 0.0f && v221 != 0.0f);
+  const float v223 = larger(0.0f, v222);
+  const float v224 = 4.0f * v223;
+  const float v225 = larger(v218, v224);
+  const float v227 = (float)(0.499999999f <= v39);
+  const float v228 = a1[4] * v227;
+  const float v229 = larger(0.0f, v228);
+  const float v230 = (float)(0.499999999f <= v47);
+  const float v231 = a1[5] * v230;
+  const float v232 = larger(v229, v231);
+  const float v233 = 5.0f * v232;
+  const float v234 = larger(v225, v233);
+  const float v235 = larger(0.0f, v109);
+  const float v236 = larger(v235, v114);
+  const float v237 = 5.0f * v236;
+  const float v238 = larger(v234, v237);
+  r1[0] = v238;
   r1[1] = v129;
   r1[2] = v136;
   r1[3] = v122;
   r1[4] = v104;
-  r1[5] = v223;
+  r1[5] = v222;
   r1[6] = v109;
   r1[7] = v114;
-  r1[8] = v229;
-  r1[9] = v232;
+  r1[8] = v228;
+  r1[9] = v231;
   r1[10] = v111;
   r1[11] = v116;
   r1[12] = v145;
   r1[13] = v150;
-  r1[14] = v164;
-  r1[15] = v175;
-  r1[16] = v186;
-  r1[17] = v197;
-  r1[18] = v206;
-  r1[19] = v216;
+  r1[14] = v163;
+  r1[15] = v174;
+  r1[16] = v185;
+  r1[17] = v196;
+  r1[18] = v205;
+  r1[19] = v215;
 }
 
 /* which of the values each innovation is of */
@@ -1294,7 +1297,6 @@ int capstan_adaptive_health(capstan_adaptive_watch* watch, const capstan_adaptiv
     sample[16 + i] = state->kernel_state[8 + watched[i] * (8 + 1)];
   }
   sample[22] = 0;
-
   judged(watch->memory, sample, memory, findings);
   memcpy(watch->memory, memory, sizeof memory);
   watch->begun = 1;

@@ -22,18 +22,16 @@ from distal.estimators.adaptive.touch import TORQUE
 from distal.estimators.adaptive.tuning import Robustness
 from distal.estimators.directions import directions
 from distal.estimators.estimator_protocol import KernelEstimator
-from distal.estimators.read_channels import Channels, channels_of
+from distal.estimators.read_channels import channels_of
 from distal.estimators.report import Report
 from distal.estimators.state_kinds import StateKind, states_of
 from distal.kernels import Structure, kernel_of, structure_of
 from distal.logs import frozen
 from distal.regression import (
-    carried_size,
-    map_coefficients_of,
-    memory_size,
+    map_parameters,
     reporting_function,
 )
-from distal.rig import Affine, Contact, Discrepancy, LearnedMap, Rig, Sensor
+from distal.rig import LearnedMap, LearnedMaps, Rig, Sensor
 
 
 @lru_cache(maxsize=32)
@@ -77,8 +75,6 @@ class AdaptiveFilter(KernelEstimator):
             on a chain `CHAIN_RESOLUTION`.
         trace: let the kernel put out what a smoother needs.
         kinds: functions that give the blocks of states of a rig, one for each kind of state.
-        line: a map whose angles are reported in place of the filter's own, also in place of its
-            discrepancy.
         folded: write all numbers but the equations' parameters into the kernel, for C elsewhere.
 
     Raises:
@@ -97,7 +93,6 @@ class AdaptiveFilter(KernelEstimator):
         resolution: float | None = None,
         trace: bool = False,
         kinds: Sequence[Kind] = KINDS,
-        line: Affine | None = None,
         folded: bool = False,
     ) -> None:
         channels = channels_of(rig, name, references, others=True)
@@ -107,9 +102,8 @@ class AdaptiveFilter(KernelEstimator):
         )
         self._resolution = resolution
         # a smoother goes back over the filter's own states
-        maps = () if trace else (rig.discrepancy if line is None else line, rig.contact)
-        self._maps = tuple(learned for learned in maps if learned is not None)
-        self._check_maps(channels)
+        self.maps = LearnedMaps() if trace or rig.map is None else rig.map
+        self._check_maps()
         self.structure = self._structure(trace)
         kernel = kernel_of(
             self.structure,
@@ -117,7 +111,7 @@ class AdaptiveFilter(KernelEstimator):
             compiled,
         )
         parameters = self._states.context.mechanism.parameters.values
-        parameters = np.concatenate([parameters, *map(map_coefficients_of, self._maps)])
+        parameters = np.concatenate([parameters, *map(map_parameters, self._reporting_maps)])
         measured = tuple(sensor.name for sensor in channels.compared)
         state_names = self._states.names
         super().__init__(
@@ -130,64 +124,65 @@ class AdaptiveFilter(KernelEstimator):
             measured=measured,
         )
         self.report = Report.behind(
-            2 * len(self.measured), [self._reported(learned) for learned in self._maps]
+            2 * len(self.measured), [states for _, _, states in self._placed]
         )
 
-    def _check_maps(self, channels: Channels) -> None:
-        read = tuple(sensor.name for sensor in channels.proximal)
-        for learned in self._maps:
-            table = type(learned).__name__.lower()
-            if learned.channels != read:
+    def _check_maps(self) -> None:
+        for learned in self.maps.torque:
+            if len(self._torques(learned)) < len(learned.joints):
                 raise EstimationError(
-                    f"adaptive: [{table}] was learned from the sensors "
-                    f"{', '.join(learned.channels)}, the rig now has "
-                    f"{', '.join(read)}; learn it again (distal fit), or remove [{table}]"
-                )
-            if len(self._reported(learned)) < len(learned.joints):
-                raise EstimationError(
-                    "adaptive: [contact] is a torque from outside, and the rig says that none can "
-                    "occur; give the joint's "
-                    "external_torque a std, or remove [contact]"
+                    "adaptive: [map] has a torque from outside, and the rig says that none can "
+                    "occur; give the joint's external_torque a std, or fit again"
                 )
 
-    def _reported(self, learned: LearnedMap) -> list[int]:
-        """Return the states that a map speaks of: the joints' angles, or the torques on them, in
-        their order.
+    @property
+    def _reporting_maps(self) -> tuple[LearnedMap, ...]:
+        return (*self.maps.filter, *self.maps.torque)
+
+    @property
+    def _placed(self) -> list[tuple[LearnedMap, list[int], list[int]]]:
+        """Each map that is reported, with the channels that it reads and the states that it speaks
+        of.
         """
-        if not isinstance(learned, Contact):
-            return list(range(len(learned.joints)))
-        joints = self._states.context.mechanism.rig.joint_names
-        return list(
-            states_of(
-                StateKind.EXTERNAL_TORQUE, joints, self.state_kinds, self.state_parts
-            ).values()
-        )
+        context = self._states.context
+        names = context.channels.names
+        joints = context.mechanism.rig.joint_names
+        placed = []
+        for learned in self._reporting_maps:
+            channels = [names.index(channel) for channel in learned.channels]
+            angles = [joints.index(joint) for joint in learned.joints]
+            states = angles if learned.beside_filter else self._torques(learned)
+            placed.append((learned, channels, states))
+        return placed
+
+    def _torques(self, learned: LearnedMap) -> list[int]:
+        """Return the states that are the external torques on a map's joints."""
+        kinds, parts = self.state_kinds, self.state_parts
+        return list(states_of(StateKind.EXTERNAL_TORQUE, learned.joints, kinds, parts).values())
 
     def _reporting(self, function: ca.Function) -> ca.Function:
-        """Return the filter with the values of its maps among its outputs; a discrepancy is added
-        to the filter's own angle, other maps replace it.
-        """
-        if not self._maps:
-            return function
-        maps = [
-            (learned, self._reported(learned), isinstance(learned, Discrepancy))
-            for learned in self._maps
-        ]
+        """Return the filter with the values of its maps among its outputs."""
         context = self._states.context
-        return reporting_function(
-            function,
-            maps,
-            len(context.channels.names),
-            self.positions,
-            context.n_joints,
-            self.touched,
+        width = len(context.channels.names)
+        joints = context.n_joints
+        return (
+            reporting_function(function, self._placed, width, self.positions, joints, self.touched)
+            if self._reporting_maps
+            else function
         )
 
     def prior_function(self) -> ca.Function:
         """Return the function (values, mask, p) → (mean, covariance's diagonal, memory) before the
         first sample.
         """
-        return prior_function(self._states, self._maps, self.positions, len(self._p), self.touched)
+        joints = self.rig.joint_names
+        readings = [
+            (learned, [joints.index(joint) for joint in learned.joints])
+            for learned in self.maps.readings
+        ]
+        return prior_function(
+            self._states, self._placed, readings, self.positions, len(self._p), self.touched
+        )
 
     def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
         """Return a sentence on the directions of joint space that the sensors do not see, if there
@@ -210,29 +205,17 @@ class AdaptiveFilter(KernelEstimator):
         """
         return len(self._states.context.channels.positions)
 
-    @property
-    def discrepancy(self) -> Discrepancy | None:
-        """The learned map that is added to the angles; None where there is none."""
-        return next((learned for learned in self._maps if isinstance(learned, Discrepancy)), None)
-
-    @property
-    def contact(self) -> Contact | None:
-        """The learned map that gives the external torques; None where the filter's own are
-        reported.
-        """
-        return next((learned for learned in self._maps if isinstance(learned, Contact)), None)
-
-    def with_map(self, learned: LearnedMap) -> AdaptiveFilter:
-        """Return the same filter, kernel included, with other coefficients in one of its maps; the
-        map's terms must be the same.
-        """
+    def with_maps(self, maps: LearnedMaps) -> AdaptiveFilter:
+        """Return the same filter, kernel included, with other numbers in its maps."""
         changed = copy(self)
-        changed._maps = tuple(
-            learned if type(before) is type(learned) else before for before in self._maps
-        )
-        assert [after.terms for after in changed._maps] == [before.terms for before in self._maps]
+        changed.maps = maps
+        assert [learned_map.structure for learned_map in changed._reporting_maps] == [
+            learned_map.structure for learned_map in self._reporting_maps
+        ]
         parameters = self.parameters[: len(self.parameter_names)]
-        changed._p = frozen(np.concatenate([parameters, *map(map_coefficients_of, changed._maps)]))
+        changed._p = frozen(
+            np.concatenate([parameters, *map(map_parameters, changed._reporting_maps)])
+        )
         changed._begin = None
         return changed
 
@@ -282,7 +265,9 @@ class AdaptiveFilter(KernelEstimator):
             sub_steps=self.substeps,
             guards=context.robustness,
             smoothing=trace,
-            maps=tuple((learned.structure, self._reported(learned)) for learned in self._maps),
+            maps=tuple(
+                (learned.structure, channels, states) for learned, channels, states in self._placed
+            ),
         )
 
     @property
@@ -308,18 +293,6 @@ class AdaptiveFilter(KernelEstimator):
         at = adaptive_layout(self._states)["torques"].start + TORQUE["share"].start
         joints = range(len(self._states.context.touchable))
         return tuple(at + TORQUE.size * k for k in joints)
-
-    @property
-    def apart(self) -> tuple[int, ...]:
-        """Indices in the kernel state of how far the members of blends are apart."""
-        begin = adaptive_layout(self._states).size
-        indices = list[int]()
-        for learned in self._maps:
-            size = memory_size(learned)
-            if learned.apart:
-                indices.append(begin + size - 1)
-            begin += size + carried_size(learned, self.touched)
-        return tuple(indices)
 
     @property
     def contacts(self) -> dict[str, list[int]]:

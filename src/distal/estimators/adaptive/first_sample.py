@@ -10,11 +10,10 @@ from distal.estimators.adaptive.drive_tracking import MEMORY, remembered_positio
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.states import Begin, StateVector
 from distal.estimators.adaptive.touch import DRIVE, FORCE, touch_layout
-from distal.estimators.affine_estimator import start_of
 from distal.estimators.read_channels import UNKNOWN_POSITION
 from distal.expressions import Scalar, Vector
 from distal.kernels.mask import is_read
-from distal.regression import carried_size, first_memory
+from distal.regression import Shape, carried_size, first_memory, map_function, map_parameters
 from distal.rig import LearnedMap, Sensor
 
 UNEXPLAINED_AT_FIRST = 0.25
@@ -30,7 +29,8 @@ is missing.
 
 def prior_function(
     states: StateVector,
-    maps: Sequence[LearnedMap],
+    maps: Sequence[tuple[LearnedMap, Sequence[int], Sequence[int]]],
+    readings: Sequence[tuple[LearnedMap, Sequence[int]]],
     positions: Sequence[int | None],
     inputs: int,
     touched: Sequence[int] = (),
@@ -41,8 +41,12 @@ def prior_function(
     Drives are at rest at the positions of the first sample; the effort that a play transmits is the
     first reading of its drive's effort.
 
+    The angles are those of the maps on readings alone, where these are more certain than the rig.
+
     Args:
-        maps: learned maps that are reported.
+        maps: each map that is reported, with the channels that it reads and the states that it
+            speaks of.
+        readings: each map on readings alone, with the joints that it speaks of.
         positions: for each channel the index in the kernel state of its drive's position, None for
             readings used as they are.
         inputs: length of p.
@@ -73,7 +77,6 @@ def prior_function(
         if transmitted is not None and effort is not None:
             at, _ = transmitted
             mean[at] = read(effort, mean[at])
-    _by_affine_map(context, values, mask, mean, variances)
     begin = _begin(context, read)
     for block in states.blocks:
         first = block.first(begin)
@@ -81,19 +84,65 @@ def prior_function(
             (at,) = states.indices(block)
             mean[at] = first[0]
             variances[at] = first[1] ** 2
-    # maps read the positions of drives as the filter has them, without a known offset
-    placed = [
-        values[k] if at is None else context.corrected(sensors[names[k]], values[k])
-        for k, at in enumerate(positions)
-    ]
-    for learned in maps:
-        readings = ca.vertcat(*placed) if learned.tracked else values
-        memory = ca.vertcat(memory, first_memory(learned, readings, mask))
-        memory = ca.vertcat(memory, ca.SX.zeros(carried_size(learned, touched)))
     symbols = context.mechanism.parameters.symbols
     p = ca.SX.sym("p", inputs)
-    prior = ca.substitute([mean, variances, memory], [symbols], [p[: symbols.numel()]])
-    return ca.Function("prior", [values, is_present, p], prior)
+    first = ca.substitute([mean, variances, memory], [symbols], [p[: symbols.numel()]])
+    plain = ca.Function("plain", [values, is_present, p], first)
+    placed = ca.vertcat(
+        *(
+            values[k] if at is None else context.corrected(sensors[names[k]], values[k])
+            for k, at in enumerate(positions)
+        )
+    )
+    placed = ca.substitute([placed], [symbols], [p[: symbols.numel()]])[0]
+    # maps beside the filter read the positions of drives as it has them, without a known offset
+    of_filter = ca.Function("placed", [values, p], [ca.vertcat(placed, values[len(positions) :])])
+    return _with_maps(plain, of_filter, maps, readings, names, touched)
+
+
+def _with_maps(
+    plain: ca.Function,
+    of_filter: ca.Function,
+    maps: Sequence[tuple[LearnedMap, Sequence[int], Sequence[int]]],
+    readings: Sequence[tuple[LearnedMap, Sequence[int]]],
+    names: Sequence[str],
+    touched: Sequence[int],
+) -> ca.Function:
+    """Return the function `plain` with the start by maps, and with the memories of maps."""
+    values, is_present, p = (ca.MX.sym(n, plain.numel_in(i)) for i, n in enumerate("vmp"))
+    mean, variances, memory = plain(values, is_present, p)
+    for learned, joints in readings:
+        columns = [list(names).index(name) for name in learned.channels]
+        shape = Shape.of(learned)
+        of, is_present_there = values[columns], is_present[columns]
+        begun = _memory_of(learned)(of, is_present_there)
+        parameters = ca.DM(map_parameters(learned))
+        angles, _, spreads, _ = map_function(shape, len(learned.joints))(
+            begun, 0, of, is_present_there, parameters
+        )
+        for k, joint in enumerate(joints):
+            better = spreads[k] < variances[joint]
+            mean[joint] = ca.if_else(better, angles[k], mean[joint])
+            variances[joint] = ca.if_else(better, spreads[k], variances[joint])
+    tracked = of_filter(values, p)
+    for learned, channels, states in maps:
+        columns = list(channels)
+        of = (tracked if learned.beside_filter else values)[columns]
+        if learned.beside_filter:
+            of = ca.vertcat(of, mean[list(states)])
+        begun = _memory_of(learned)(of, is_present[columns])
+        memory = ca.vertcat(memory, begun, ca.MX.zeros(carried_size(learned, touched)))
+    return ca.Function("prior", [values, is_present, p], [mean, variances, memory])
+
+
+def _memory_of(learned: LearnedMap) -> ca.Function:
+    """Return the function (readings, mask) → memory of a map before the first sample."""
+    shape = Shape.of(learned)
+    readings = ca.SX.sym("readings", shape.count)
+    mask = ca.SX.sym("mask", shape.channels)
+    centre, scale = (ca.DM(learned.arrays[name]) for name in ("centre", "scale"))
+    memory = first_memory(shape, centre, scale, readings, mask)
+    return ca.Function("begun", [readings, mask], [memory])
 
 
 def _memory(context: FilterContext, read: Read, is_there: Callable[[Sensor], Scalar]) -> Vector:
@@ -115,25 +164,6 @@ def _memory(context: FilterContext, read: Read, is_there: Callable[[Sensor], Sca
         if effort is not None:
             memory[remembered_position(i, "effort")] = read(effort, 0.0)
     return memory
-
-
-def _by_affine_map(
-    context: FilterContext, values: Vector, mask: Vector, mean: Vector, variances: Vector
-) -> None:
-    """Replace the start of the angles by that of the affine map learned from logs, where it is more
-    certain than the rig's, in place.
-    """
-    affine = context.mechanism.rig.affine
-    names = context.channels.names
-    if affine is None or not set(affine.channels) <= set(names):
-        return
-    at = {name: names.index(name) for name in affine.channels}
-    readings = {name: (values[k], mask[k]) for name, k in at.items()}
-    for j in range(context.n_joints):
-        angle, unsure = start_of(affine, j, readings)
-        better = unsure < variances[j]
-        mean[j] = ca.if_else(better, angle, mean[j])
-        variances[j] = ca.if_else(better, unsure, variances[j])
 
 
 def _begin(context: FilterContext, read: Read) -> Begin:

@@ -1,0 +1,264 @@
+"""`regression`, the estimator without a model of the rig: the angles by a map of what the sensors
+read and remember, which logs or a homing move have taught.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+
+import casadi as ca
+import numpy as np
+
+from distal.errors import EstimationError
+from distal.estimators.estimator_protocol import KernelEstimator
+from distal.estimators.read_channels import Channels, channels_of
+from distal.kernels import Kernel, kernel_state_layout
+from distal.logs import Log, frozen, true_angles
+from distal.regression import (
+    Samples,
+    Shape,
+    first_memory,
+    from_prior,
+    given,
+    map_function,
+    map_parameters,
+    memory_size,
+)
+from distal.rig import LearnedMap, Rig, angle_names, independent_parts
+from distal.threads import one_blas_thread
+
+NAME = "regression"
+
+NEEDS = (
+    "needs [map] in the rig file (distal fit with logs whose angle is known), or a homing move "
+    "(--homing 3s)"
+)
+"""The words of a message on what to do where there is no map."""
+
+
+def parts_of(rig: Rig, channels: Channels) -> list[tuple[tuple[str, ...], tuple[str, ...]]]:
+    """Return the joints and the sensors of each independent part of a rig, of which a map speaks
+    and which it reads.
+    """
+    parts = []
+    for part in independent_parts(rig):
+        names = set(part.rig.sensor_names)
+        read = tuple(sensor.name for sensor in channels.proximal if sensor.name in names)
+        parts.append((tuple(part.rig.joint_names), read))
+    return parts
+
+
+def samples_of_angles(log: Log, rig: Rig) -> Samples:
+    """Return the samples of a log for maps on readings alone, with the true angles of the joints as
+    targets, NaN where they are not known.
+
+    Raises:
+        EstimationError: a sensor is not in the log or has no value.
+    """
+    names = [sensor.name for sensor in channels_of(rig, NAME).proximal]
+    for name in names:
+        if name not in log.channels or not np.isfinite(log.channels[name]).any():
+            raise EstimationError(
+                f"{log.source}: regression needs the sensor '{name}', which has no value in this "
+                "log"
+            )
+    readings = np.column_stack([log.channels[name] for name in names])
+    truth = true_angles(log, rig.joint_names)
+    angles = np.full((len(log), len(rig.joints)), np.nan) if truth is None else truth
+    none = np.zeros((len(log), 0))
+    time = log.time - log.time[0]
+    return Samples(log.source, time, readings, none, angles, np.zeros(angles.shape))
+
+
+def of_part(
+    samples: Samples,
+    rig: Rig,
+    names: Sequence[str],
+    joints: Sequence[str],
+    channels: Sequence[str],
+) -> Samples:
+    """Return the samples of the joints and sensors of a part; `names` are those of all sensors."""
+    rows = [rig.joint_names.index(joint) for joint in joints]
+    columns = [names.index(channel) for channel in channels]
+    angles = samples.angles[:, rows] if samples.angles.shape[1] else samples.angles
+    return Samples(
+        samples.source,
+        samples.time,
+        samples.readings[:, columns],
+        angles,
+        samples.targets[:, rows],
+        samples.variances[:, rows],
+    )
+
+
+class RegressionEstimator(KernelEstimator):
+    """The estimator that reports the angles of the maps `Rig.map.readings`, see `map_function`.
+
+    With `homing` the rig needs none, since `after_homing` will give them.
+
+    Raises:
+        EstimationError: there is no map.
+    """
+
+    def __init__(self, rig: Rig, compiled: bool = True, homing: bool = False) -> None:
+        channels = channels_of(rig, NAME)
+        maps = () if rig.map is None else rig.map.readings
+        if not maps and not homing:
+            raise EstimationError(
+                f"regression: '{rig.name}' has no map of what its sensors read; it {NEEDS}"
+            )
+        self._compiled = compiled
+        self._notes = tuple[str, ...]()
+        names = angle_names(rig.joint_names)
+        super().__init__(NAME, rig, None, np.zeros(0), channels=channels, state_names=names)
+        self._sensors = channels
+        if maps:
+            self._learn(maps)
+
+    def _learn(self, maps: Sequence[LearnedMap]) -> None:
+        """Take maps, with a new kernel where there is none yet."""
+        self.maps = tuple(maps)
+        self._p = frozen(np.concatenate([map_parameters(learned) for learned in maps]))
+        self._begin = None
+        if self._kernel is None:
+            function = regression_function(maps, self.channels, self.rig.joint_names)
+            self._kernel = Kernel(function, self._compiled)
+
+    @one_blas_thread()
+    def after_homing(self, log: Log, homing: float) -> RegressionEstimator:
+        """Return the estimator with maps that the first `homing` s of a log teach.
+
+        The rig's own maps are conditioned on them; a rig without any begins with the prior.
+
+        Raises:
+            EstimationError: no joint's angle is known in these seconds.
+        """
+        samples = samples_of_angles(log, self.rig)
+        early = samples.time < homing
+        if not np.isfinite(samples.targets[early]).any():
+            raise EstimationError(
+                f"{log.source}: in the first {homing:g} s there are no samples with the "
+                "reference, which regression needs; home for longer"
+            )
+        if self._kernel is not None:
+            maps = self.maps
+        else:
+            maps = tuple(
+                from_prior(
+                    of_part(samples, self.rig, self.channels, joints, channels).part(early),
+                    self.described(joints, channels),
+                )
+                for joints, channels in parts_of(self.rig, self._sensors)
+            )
+        after = [
+            given(
+                learned,
+                of_part(samples, self.rig, self.channels, learned.joints, learned.channels),
+                early,
+            )
+            for learned in maps
+        ]
+        taught = copy(self)
+        taught._learn(after)
+        return taught
+
+    def described(self, joints: Sequence[str], channels: Sequence[str]) -> dict[str, object]:
+        """Return the fields of a map that say what it reads and gives."""
+        positions = [sensor.name for sensor in self._sensors.positions]
+        return {
+            "joints": tuple(joints),
+            "channels": tuple(channels),
+            "positions": tuple(name for name in channels if name in positions),
+        }
+
+    @property
+    def bridged(self) -> int:
+        """Number of positions, which are the first channels and go in a straight line over a
+        gap.
+        """
+        return len(self._sensors.positions)
+
+    def prior_function(self) -> ca.Function:
+        """Return the function (values, mask, p) → (mean, covariance's diagonal, memory) before the
+        first sample.
+
+        Raises:
+            EstimationError: there is no map yet.
+        """
+        if self._kernel is None:
+            raise EstimationError(
+                f"regression: '{self.rig.name}' has no map before its homing move; it {NEEDS}"
+            )
+        values = ca.SX.sym("values", len(self.channels))
+        mask = ca.SX.sym("mask", len(self.channels))
+        p = ca.SX.sym("p", len(self._p))
+        joints = self.rig.joints
+        mean = ca.SX(ca.DM([joint.initial.value for joint in joints]))
+        spread = ca.SX(ca.DM([joint.initial.std**2 for joint in joints]))
+        memory = ca.vertcat(
+            *(first_of(learned, self.channels, values, mask) for learned in self.maps)
+        )
+        return ca.Function("prior", [values, mask, p], [mean, spread, memory])
+
+
+def first_of(learned: LearnedMap, names: Sequence[str], values: ca.SX, mask: ca.SX) -> ca.SX:
+    """Return a map's memory before the first sample, from the `values` and the `mask` of the
+    sensors `names`; the filter's angles begin at their centre.
+    """
+    columns = [names.index(channel) for channel in learned.channels]
+    shape = Shape.of(learned)
+    centre, scale = (ca.DM(learned.arrays[name]) for name in ("centre", "scale"))
+    readings = ca.vertcat(values[columns], ca.SX(centre[shape.channels :]))
+    return first_memory(shape, centre, scale, readings, mask[columns])
+
+
+def regression_function(
+    maps: Sequence[LearnedMap], channels: Sequence[str], joints: Sequence[str]
+) -> ca.Function:
+    """Return the estimator's function (kernel_state, x, p) → (kernel_state⁺, y) for maps of the
+    `joints` on readings of the `channels`.
+    """
+    n = len(joints)
+    width = len(channels)
+    layout = kernel_state_layout(n, map=sum(map(memory_size, maps)))
+    kernel_state = ca.MX.sym("kernel_state", layout.size)
+    x = ca.MX.sym("x", 1 + 2 * width)
+    sizes = [len(map_parameters(learned)) for learned in maps]
+    p = ca.MX.sym("p", sum(sizes))
+    memory = layout.part(kernel_state, "map")
+    means = [ca.MX(0)] * n
+    variances = [ca.MX(0)] * n
+    after = []
+    at = number = 0
+    for learned, size in zip(maps, sizes):
+        columns = [list(channels).index(name) for name in learned.channels]
+        length = memory_size(learned)
+        values, _, spreads, following = map_function(Shape.of(learned), len(learned.joints))(
+            memory[at : at + length],
+            x[0],
+            x[[1 + i for i in columns]],
+            x[[1 + width + i for i in columns]],
+            p[number : number + size],
+        )
+        for k, joint in enumerate(learned.joints):
+            means[list(joints).index(joint)] = values[k]
+            variances[list(joints).index(joint)] = spreads[k]
+        after.append(following)
+        at += length
+        number += size
+    spread = ca.MX.zeros(n, n)
+    for j, variance in enumerate(variances):
+        spread[j, j] = variance
+    following = layout.joined(
+        mean=ca.vertcat(*means),
+        covariance=spread,
+        map=ca.vertcat(*after),
+    )
+    return ca.Function(
+        "regression",
+        [kernel_state, x, p],
+        [following, ca.MX.zeros(1)],
+        ["kernel_state", "x", "p"],
+        ["next", "y"],
+    )

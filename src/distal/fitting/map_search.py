@@ -1,0 +1,267 @@
+"""How a map is learned: hyperparameters by the density of held-out logs, a band by their errors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from distal.arrays import Floats
+from distal.confidence import BAND, COVERED
+from distal.regression import (
+    Evidence,
+    Prior,
+    Samples,
+    Shape,
+    Weights,
+    evidence_of,
+    features_along,
+    framed,
+    rates_of,
+)
+from distal.rig import LearnedMap, MapArrays
+
+RADIAL = 32
+"""Number of radial functions. Source: benchmark (python -m benchmarks.one_map)."""
+
+SEARCHED = (
+    ("noise",),
+    ("log",),
+    ("log_readings", "log_slips"),
+    ("radial",),
+    ("slips",),
+    ("readings", "lags"),
+    ("filter",),
+)
+"""Names of the hyperparameters that move with each coordinate of the search."""
+
+STARTS = (
+    (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),  # the usual
+    (0.0, 2.5, 0.0, 0.0, 0.0, 0.0, 0.0),  # logs that differ by their zeros
+    (0.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+)
+"""Coordinates where the search may begin. Source: benchmark (python -m benchmarks.one_map)."""
+
+SPREAD = 3.0
+"""Std of each coordinate over rigs. Source: benchmark (python -m benchmarks.one_map)."""
+
+EVALUATIONS = 200
+"""Largest number of sets of hyperparameters that are tried. Source: benchmark (python -m
+benchmarks.one_map).
+"""
+
+
+def density(errors: Floats, variances: Floats) -> float:
+    """Return the mean ln of the normal density of some errors, given their `variances`; 0 where
+    there are none.
+    """
+    if not len(errors):
+        return 0.0
+    return float(-0.5 * np.mean(np.log(2 * np.pi * variances) + errors**2 / variances))
+
+
+def moved(z: Floats) -> Prior:
+    """Return the hyperparameters at the coordinates z of the search, see `SEARCHED`."""
+    usual = asdict(Prior())
+    changes = {name: usual[name] + step for names, step in zip(SEARCHED, z) for name in names}
+    return Prior(**{**usual, **changes})
+
+
+@dataclass(frozen=True)
+class Task:
+    """A joint's map to be learned: its logs, and the group of each, which is held out together."""
+
+    shape: Shape
+    logs: tuple[Evidence, ...]
+    groups: tuple[int, ...]
+
+    def without(self, prior: Prior) -> list[Weights]:
+        """Return for each log the weights that the other groups tell."""
+        others = {
+            group: [log for g, log in zip(self.groups, self.logs) if g != group]
+            for group in set(self.groups)
+        }
+        weights = {group: Weights.of(self.shape, prior, logs) for group, logs in others.items()}
+        return [weights[group] for group in self.groups]
+
+    def held_out(self, prior: Prior) -> list[tuple[Floats, Floats]]:
+        """Return errors and variances on each log by the weights that the other groups tell, after
+        what is given of it.
+        """
+        return [weights.errors(log) for weights, log in zip(self.without(prior), self.logs)]
+
+    def densities(self, prior: Prior) -> Floats:
+        """Return the density of each log by the weights that the other groups tell."""
+        return np.array([density(*pair) for pair in self.held_out(prior)])
+
+    def search(self) -> Prior:
+        """Return the hyperparameters with the largest density of logs left out, with a normal prior
+        around the usual ones.
+        """
+        from scipy.optimize import minimize  # loaded late: it takes as long as all of distal
+
+        def cost(z: Floats) -> float:
+            try:
+                without = self.without(moved(z))
+                pairs = [weights.errors(log) for weights, log in zip(without, self.logs)]
+                # what is given must not come as a surprise either
+                pairs += [
+                    weights.errors(replace(log.rows(log.given), given=np.zeros(count, bool)))
+                    for weights, log in zip(without, self.logs)
+                    if (count := np.count_nonzero(log.given))
+                ]
+            except np.linalg.LinAlgError:
+                return 1e9
+            densities = [density(*pair) for pair in pairs if len(pair[0])]
+            total = sum(densities) * len(set(self.groups)) / len(self.logs)
+            return float(0.5 * np.sum((z / SPREAD) ** 2) - total)
+
+        options = {"maxfev": EVALUATIONS, "xtol": 0.1, "ftol": 1e-3}
+        start = min(np.array(STARTS), key=cost)
+        return moved(minimize(cost, start, method="Powell", options=options).x)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a map sees along some logs: the numbers of its features, and these features."""
+
+    shape: Shape
+    frame: dict[str, Floats]
+    along: tuple[dict[str, Floats], ...]
+
+    @classmethod
+    def of(cls, logs: Sequence[Samples], moving: Sequence[int]) -> Seen:
+        """Return what a map sees along logs; see `learned_map` for `moving`."""
+        channels = logs[0].readings.shape[1]
+        shape = Shape(channels, logs[0].angles.shape[1], tuple(moving), RADIAL)
+        frame = framed(shape, logs, Prior())
+        flat = np.concatenate([frame[name].ravel(order="F") for name in shape.frame.names])
+        along = (features_along(shape, flat, log.time, log.every) for log in logs)
+        return cls(shape, frame, tuple(along))
+
+    def task(
+        self,
+        logs: Sequence[Samples],
+        joint: int,
+        groups: Sequence[int],
+        homing: float | None = None,
+    ) -> tuple[Task, float, float]:
+        """Return what is to be learned of a joint, and the centre and the scale of its targets; see
+        `learned_map` for `homing`.
+        """
+        targets = np.concatenate([log.targets[:, joint] for log in logs])
+        beside = self.shape.angles > 0
+        centre = 0.0 if beside else float(np.nanmean(targets))
+        # of an error of the filter, the angle itself is the scale
+        angles = [log.angles[:, joint] if beside else 0.0 * log.time for log in logs]
+        scale = max(float(np.nanstd(targets + np.concatenate(angles))), SMALLEST_SCALE)
+        evidence = tuple(
+            evidence_of(log, along, joint, scale, centre, homing)
+            for log, along in zip(logs, self.along)
+        )
+        return Task(self.shape, evidence, tuple(groups)), centre, scale
+
+
+SMALLEST_SCALE = 1e-9
+"""Least scale of targets [rad, N m]. Source: rounding (division by a scale of zero)."""
+
+
+def learned_map(
+    logs: Sequence[Samples],
+    described: Mapping[str, object],
+    moving: Sequence[int],
+    groups: Sequence[int],
+    homing: float | None = None,
+) -> LearnedMap:
+    """Return the map that logs teach.
+
+    Args:
+        logs: the samples of each; with one log its two halves are held out in turn.
+        described: the fields of the `LearnedMap` that say what it reads and gives.
+        moving: indices of the readings whose slips enter the radial functions.
+        groups: the group of each log, whose logs are held out together.
+        homing: for how long the target is known in use [s]; None: it is not.
+    """
+    seen = Seen.of(logs, moving)
+    joints = range(logs[0].targets.shape[1])
+    results = [_of_joint(*seen.task(logs, joint, groups, homing)) for joint in joints]
+    arrays = {name: np.stack([result[name] for result in results]) for name in results[0]}
+    scores = {name: tuple(arrays.pop(name).tolist()) for name in ("rms", "inside", "density")}
+    every = np.vstack([log.every for log in logs])
+    return LearnedMap(
+        **described,
+        logs=len(logs),
+        low=tuple(np.nanmin(every, axis=0).tolist()),
+        high=tuple(np.nanmax(every, axis=0).tolist()),
+        **scores,
+        arrays=MapArrays(**seen.frame, rate=rates_of(logs, seen.frame["scale"]), **arrays),
+    )
+
+
+def _of_joint(task: Task, centre: float, scale: float) -> dict[str, Floats]:
+    """Return the arrays of a joint's map, and its scores on logs left out."""
+    evidence, groups = task.logs, len(set(task.groups))
+    if groups < 2:
+        halves = [np.arange(len(log.target)) < len(log.target) // 2 for log in evidence]
+        parts = [log.rows(rows) for log, half in zip(evidence, halves) for rows in (half, ~half)]
+        task = Task(task.shape, tuple(parts), tuple(i % 2 for i in range(len(parts))))
+    prior = task.search()
+    held_out = task.held_out(prior)
+    weights = Weights.of(task.shape, prior, evidence)
+    if task.shape.angles:
+        # one log cannot show which errors recur
+        share = _share(task, held_out) if groups > 1 else 0.0
+        weights = replace(weights, mean=share * weights.mean)
+        held_out = [
+            (log.target[~log.given] * (1 - share) + share * error, variance)
+            for log, (error, variance) in zip(task.logs, held_out)
+        ]
+    factor = _factor(held_out, groups)
+    errors, variances = (np.concatenate(parts) for parts in zip(*held_out))
+    variances = factor**2 * variances
+    mean = scale * weights.mean
+    mean[0] += centre
+    square = (factor * scale) ** 2
+    return {
+        "mean": mean,
+        "covariance": square * weights.covariance,
+        "radial": square * np.exp(2 * np.array(prior.radial)),
+        "noise": square * np.exp(2 * np.array(prior.noise)),
+        "filter": factor * np.exp(np.array(prior.filter)),
+        "error_time": np.exp(np.array(prior.error_time)),
+        "rms": scale * np.sqrt(np.mean(errors**2)),
+        "inside": np.mean(np.abs(errors) <= BAND * np.sqrt(variances)),
+        "density": np.array(density(scale * errors, scale**2 * variances)),
+    }
+
+
+def _share(task: Task, held_out: Sequence[tuple[Floats, Floats]]) -> float:
+    """Return the share of a map's values, 0 to 1, with which it errs least on held-out logs beside
+    the filter alone (stacking; Wolpert, Neural Networks 5, 1992).
+    """
+    with_values = [
+        (log.target[~log.given], log.target[~log.given] - error)
+        for log, (error, _) in zip(task.logs, held_out)
+    ]
+    products = sum(float(np.mean(target * mapped)) for target, mapped in with_values if len(target))
+    squares = sum(float(np.mean(mapped**2)) for _, mapped in with_values if len(mapped))
+    return float(np.clip(products / max(squares, 1e-300), 0.0, 1.0))
+
+
+def _factor(held_out: Sequence[tuple[Floats, Floats]], groups: int) -> float:
+    """Return the factor on the stds with which the band holds 95 % of the errors on logs left out,
+    at least 1 (split conformal prediction; Lei et al., JASA 113, 2018), times that of Student's
+    distribution for as many logs.
+    """
+    ratios = np.concatenate([np.abs(e) / np.sqrt(v) for e, v in held_out])
+    return float(max(1.0, np.quantile(ratios, COVERED) / BAND) * np.sqrt(student(groups - 1)))
+
+
+def student(freedom: float) -> float:
+    """Return the factor by which a 95 % band is wider if its std was estimated with `freedom`
+    degrees of freedom, at least 1: t_{0.975}/1.96.
+    """
+    from scipy.special import stdtrit  # loaded late, as above
+
+    return float(stdtrit(max(freedom, 1.0), (1 + COVERED) / 2)) / BAND
