@@ -35,6 +35,7 @@ from distal.kernels import (
     variances_of,
 )
 from distal.logs import LARGEST_READING, frozen
+from distal.regression import PlacedMap
 from distal.rig import Rig, Role, measurand_of
 
 LARGEST_ANGLE = 50.0
@@ -327,6 +328,11 @@ class KernelEstimator:
         """Indices in the kernel state of the share, 0 (free) to 1, that a touch has of each joint
         that may be touched; empty where the estimator looks for no touch.
         """
+        return ()
+
+    @property
+    def placed_maps(self) -> tuple[PlacedMap, ...]:
+        """The learned maps of the joints' angles, and where they are in the kernel."""
         return ()
 
     @property

@@ -16,6 +16,7 @@ from distal.estimators.read_channels import Channels, channels_of
 from distal.kernels import Kernel, kernel_state_layout
 from distal.logs import Log, frozen, true_angles
 from distal.regression import (
+    PlacedMap,
     Samples,
     Shape,
     first_memory,
@@ -171,6 +172,18 @@ class RegressionEstimator(KernelEstimator):
             "channels": tuple(channels),
             "positions": tuple(name for name in channels if name in positions),
         }
+
+    @property
+    def placed_maps(self) -> tuple[PlacedMap, ...]:
+        """The maps, and where they are in the kernel."""
+        memory = kernel_state_layout(len(self.rig.joints)).size
+        parameters = 0
+        placed = []
+        for learned in self.maps:
+            placed.append(PlacedMap(learned, memory, parameters))
+            memory += memory_size(learned)
+            parameters += len(map_parameters(learned))
+        return tuple(placed)
 
     @property
     def bridged(self) -> int:

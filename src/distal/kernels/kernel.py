@@ -218,11 +218,11 @@ class Loop:
     def __init__(self, call: ca.Function, p: Floats) -> None:
         self.kernel_state = np.zeros(call.numel_in(0))
         self.x = np.zeros(call.numel_in(1))
-        self._p = p
+        self.parameters = p
         self._next = np.zeros(call.numel_out(0))
         self.y = np.zeros(call.numel_out(1))
         self._trigger, self._buffer = _attached(
-            call, (self.kernel_state, self.x, self._p), (self._next, self.y)
+            call, (self.kernel_state, self.x, self.parameters), (self._next, self.y)
         )
 
     def step(self) -> None:

@@ -4,6 +4,7 @@ kernel; and other regressions of several logs.
 
 from distal.regression.cross_validation import folds_of, groups_of, splits
 from distal.regression.features import Shape, features_along, first_memory
+from distal.regression.known_angle import PlacedMap
 from distal.regression.map_function import (
     carried_size,
     map_function,
@@ -28,6 +29,7 @@ from distal.regression.yardsticks import YARDSTICKS, yardstick_error
 __all__ = [
     "YARDSTICKS",
     "Evidence",
+    "PlacedMap",
     "Prior",
     "Samples",
     "Shape",

@@ -122,6 +122,7 @@ class LiveEstimator:
         self._read = [1 + self._width + chosen.channels.index(name) for name in chosen.measured]
         self._innovations = np.full(self._m, np.nan)
         self._begin: tuple[Floats | None, float] = (None, 0.0)
+        self._angles_given: dict[str, float] = {}
         self._time = nan
         self._samples = 0
         self._interval = chosen.interval
@@ -272,6 +273,50 @@ class LiveEstimator:
         self._samples = 0
         self._time = nan
         self._innovations[:] = np.nan
+        self._angles_given = dict[str, float]()
+        self._loop.parameters[:] = self._estimator.parameters
+
+    def known(self, angle: float, std: float = 0.0, joint: str | None = None) -> float:
+        """Take a joint's angle as known at the last sample, such as a pose that a person set or a
+        mark, and return by how many standard deviations it is off what was expected.
+
+        It conditions the rig's learned map of that joint, weights and this run's own part together,
+        until `reset`; the next sample shows it. Several joints, and one again and again: what comes
+        within the time for which errors last counts as less.
+
+        Args:
+            angle: the angle [rad].
+            std: standard deviation of its error [rad].
+            joint: its name; may be left out where there is only one.
+
+        Raises:
+            EstimationError: no sample was taken in yet, there is no such joint, or it has no map.
+        """
+        names = self.rig.joint_names
+        which = names[0] if joint is None and len(names) == 1 else joint
+        if which not in names or not np.isfinite([angle, std]).all() or std < 0.0:
+            raise EstimationError(
+                f"known takes an angle and its std of one of {', '.join(names)}; {angle!r} ± "
+                f"{std!r} of {joint!r} came"
+            )
+        if self._samples == 0:
+            raise EstimationError(f"{self._estimator.name}: no sample was taken in yet")
+        placed = next((m for m in self._estimator.placed_maps if which in m.learned.joints), None)
+        if placed is None:
+            raise EstimationError(
+                f"'{self.rig.name}' has no learned map of {which} that a known angle could "
+                "condition: fit it to logs, or home with homing_filter"
+            )
+        at, inside = names.index(which), placed.learned.joints.index(which)
+        arrays = placed.learned.arrays
+        target, variance = angle, std**2
+        if placed.learned.beside_filter:
+            target -= self._kernel_state[at]
+            variance += arrays["filter"][inside] ** 2 * self._diagonal[at]
+        since = self._time - self._angles_given.get(which, -inf)
+        variance *= 1.0 + arrays["error_time"][inside] / max(since, self._interval)
+        self._angles_given[which] = self._time
+        return placed.condition(self._kernel_state, self._loop.parameters, inside, target, variance)
 
     def clone(self) -> LiveEstimator:
         """Return a live estimator at the same belief, with arrays of its own, so that both go on
@@ -294,8 +339,9 @@ class LiveEstimator:
         return _made_again, (*self._made_of, self._belief())
 
     def _belief(self) -> tuple[object, ...]:
-        arrays = (self._kernel_state, self._state, self._spread, self._innovations)
-        return *(array.copy() for array in arrays), self._begin, self._time, self._samples
+        arrays = _arrays(self)
+        beside = self._begin, self._time, self._samples, dict(self._angles_given)
+        return *(array.copy() for array in arrays), *beside
 
     @property
     def estimator(self) -> KernelEstimator:
@@ -468,12 +514,23 @@ def _view(array: Floats) -> Floats:
     return view
 
 
+def _arrays(live: LiveEstimator) -> list[Floats]:
+    """Return the arrays in which a live estimator differs from a new one."""
+    return [
+        live._kernel_state,
+        live._state,
+        live._spread,
+        live._innovations,
+        live._loop.parameters,
+    ]
+
+
 def _at(live: LiveEstimator, belief: tuple[Any, ...]) -> LiveEstimator:
     """Return a live estimator, put to a belief."""
-    arrays = (live._kernel_state, live._state, live._spread, live._innovations)
+    arrays = _arrays(live)
     for array, values in zip(arrays, belief):
         array[:] = values
-    live._begin, live._time, live._samples = belief[len(arrays) :]
+    live._begin, live._time, live._samples, live._angles_given = belief[len(arrays) :]
     return live
 
 

@@ -28,7 +28,10 @@ from distal.estimators.state_kinds import StateKind, states_of
 from distal.kernels import Structure, kernel_of, structure_of
 from distal.logs import frozen
 from distal.regression import (
+    PlacedMap,
+    carried_size,
     map_parameters,
+    memory_size,
     reporting_function,
 )
 from distal.rig import LearnedMap, LearnedMaps, Rig, Sensor
@@ -269,6 +272,18 @@ class AdaptiveFilter(KernelEstimator):
                 (learned.structure, channels, states) for learned, channels, states in self._placed
             ),
         )
+
+    @property
+    def placed_maps(self) -> tuple[PlacedMap, ...]:
+        """The learned maps of the joints' angles, and where they are in the kernel."""
+        memory = adaptive_layout(self._states).size
+        parameters = len(self.parameter_names)
+        placed = []
+        for learned in self.maps.filter:
+            placed.append(PlacedMap(learned, memory, parameters))
+            memory += memory_size(learned) + carried_size(learned, self.touched)
+            parameters += len(map_parameters(learned))
+        return tuple(placed)
 
     @property
     def positions(self) -> tuple[int | None, ...]:
