@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import distal
-from distal.fitting import ALONE, WRITTEN
+from distal.fitting import AS_GIVEN, WRITTEN
 from distal.logs import da_vinci_grasper
 from distal.reports import fit_report
 
@@ -74,7 +74,7 @@ found.save(arguments.out / "fitted.toml", text)
 # %%
 for one in found.compared:
     print(
-        f"{Path(one.log).stem}: {np.rad2deg(one.scores[ALONE].rms):.2f}° -> {np.rad2deg(one.scores[WRITTEN].rms):.2f}°"
+        f"{Path(one.log).stem}: {np.rad2deg(one.scores[AS_GIVEN].rms):.2f}° -> {np.rad2deg(one.scores[WRITTEN].rms):.2f}°"
     )
 for name, rms, inside in found.scores():
     print(f"{name}: mean {np.rad2deg(rms):.2f}°, {100 * inside:.0f} % inside the band")

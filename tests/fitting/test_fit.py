@@ -415,12 +415,12 @@ def test_a_real_instrument(data: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_shipped_instrument(data: Path) -> None:
-    """Of the kind of instrument: homing move 0.28° in the mean and 0.6° at worst; a point tells
-    less of a wrist's pose.
+    """Of the kind of instrument: homing move 0.28° in the mean; 0.8° in the one run whose torque
+    turns only after it. A point tells less of a wrist's pose.
     """
     from distal.logs import da_vinci_grasper
 
-    for homing, mean, worst in ((3.0, 0.28, 0.6), (0.2, 0.7, 1.3)):
+    for homing, mean, worst in ((3.0, 0.29, 0.85), (0.2, 0.5, 0.8)):
         estimates = [
             estimate(path, "da-vinci-grasper", homing=homing) for path in da_vinci_grasper()
         ]

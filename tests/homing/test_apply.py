@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from distal import Log, Rig, estimate, load_rig
-from distal.estimators import AdaptiveFilter, Belief, first_values
-from distal.homing import Window, parameters_homed, plain_samples, with_references
-from distal.homing.apply import parameters_filtered, torque_samples
+from distal.estimators import AdaptiveFilter, first_values
+from distal.homing import Window, plain_samples, with_references
+from distal.homing.apply import is_followed, torque_samples
 from distal.homing.window import START_STD
 from distal.kernels import covariance_of
 from distal.logs import FROM_SENSOR
@@ -48,43 +48,6 @@ def test_without_its_correction_a_filter_is_the_plain_one(rig: Rig, log: Log) ->
     np.testing.assert_allclose(runs[0].angles, runs[1].angles, rtol=0, atol=1e-12)
     np.testing.assert_allclose(runs[0].variances, runs[1].variances, rtol=1e-9)
     np.testing.assert_allclose(runs[0].readings, runs[1].readings, rtol=0, atol=1e-15)
-
-
-def test_the_rigs_numbers_are_where_two_passes_leave_them(
-    rig: Rig, log: Log, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Sample by sample: the window twice, each pass from the prior with the numbers of the pass
-    before.
-    """
-    monkeypatch.setattr("distal.homing.window.Window.within", lambda *arguments: True)
-    described, references = with_references(rig.bare(), log)
-    estimator = AdaptiveFilter(described, compiled=False, references=references)
-    samples = np.column_stack([samples_of(log, estimator.channels[:2]), log.truth["theta"]])
-    samples[log.time >= 0.5, 2] = np.nan
-    start, truths = estimator.initial(0.0, first_values(samples)), log.truth["theta"][:, None]
-    found = parameters_homed(Window.of(estimator, start, log, samples, truths, 0.5))
-    lasting = np.flatnonzero(estimator.states.lasting)
-    belief = start
-    for _ in range(2):
-        begun = belief
-        for time, sample in zip(log.time[:100], samples[:100]):
-            belief, _ = estimator.step(belief, time, sample)
-        after = belief
-        kernel_state = start.kernel_state.copy()
-        kernel_state[lasting] = after.mean[lasting]
-        belief = Belief(start.time, kernel_state, start.size)
-    assert begun is not start
-    np.testing.assert_allclose(found.mean[lasting], after.mean[lasting], rtol=1e-10)
-    others = np.setdiff1d(np.arange(start.size), lasting)
-    np.testing.assert_array_equal(found.mean[others], start.mean[others])
-    square = np.ix_(lasting, lasting)
-    np.testing.assert_allclose(
-        found.covariance[square], after.covariance[square], rtol=1e-8, atol=1e-18
-    )
-    np.testing.assert_array_equal(
-        found.covariance[np.ix_(others, others)], start.covariance[np.ix_(others, others)]
-    )
-    assert np.abs(found.mean[lasting] - start.mean[lasting]).max() > 0.0
 
 
 def test_a_homing_move_takes_off_what_it_shows(rig: Rig, log: Log) -> None:
@@ -146,7 +109,7 @@ def test_numbers_are_used_whose_errors_are_one_and_a_half_variances_at_most(
         return found, np.full((len(kernel_states), 1), 0.01)
 
     monkeypatch.setattr(Window, "errors", errors)
-    assert (parameters_filtered(window) is not None) is used
+    assert is_followed(window) is used
 
 
 def test_a_window_is_judged_by_what_its_angle_errs_beyond_its_references_offset(

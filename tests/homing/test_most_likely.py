@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from distal import Log, Rig, estimate, load_rig, simulate
 from distal.estimators import AdaptiveFilter, Belief, first_values
 from distal.homing import with_references
-from distal.homing.apply import homing_prior, parameters_filtered
+from distal.homing.apply import homing_prior, is_followed
 from distal.homing.most_likely import EVALUATIONS, INDEPENDENT, KEPT, most_likely_start
 from distal.homing.window import Window
 from distal.logs import frozen
@@ -203,7 +203,7 @@ def test_where_the_filter_keeps_to_its_band_it_goes_on_from_its_prior(log: Log) 
         3,
     )
     window = window_of(servo, rig, 0.6)
-    assert parameters_filtered(window, passes=1) is not None
+    assert is_followed(window)
     assert homing_prior(window) is window.start
 
 

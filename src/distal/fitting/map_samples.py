@@ -11,12 +11,9 @@ from distal.errors import DistalError
 from distal.estimators import AdaptiveFilter, channels_of, first_values
 from distal.fitting.samples_in_stops import in_stops
 from distal.homing import (
-    Window,
     check_homing,
-    parameters_homed,
     plain_samples,
     torque_samples,
-    with_references,
 )
 from distal.logs import Log, TruthKind, shown, true_angles, true_torques
 from distal.regression import Samples
@@ -62,16 +59,12 @@ def filtered(
     """
     data = dict[int, Samples]()
     refused = list[str]()
-    estimators = dict[tuple[int, frozenset[str]], AdaptiveFilter]()
+    estimators = dict[int, AdaptiveFilter]()
     for i, (log, rig) in enumerate(zip(logs, rigs)):
         try:
-            key = id(rig), frozenset(log.truth)  # joints of known angle have references
-            if key not in estimators:
-                described, references = (
-                    with_references(rig, log) if homing is not None else (rig, ())
-                )
-                estimators[key] = AdaptiveFilter(described, compiled, references=references)
-            samples = _filtered(log, estimators[key], homing)
+            if id(rig) not in estimators:
+                estimators[id(rig)] = AdaptiveFilter(rig, compiled)
+            samples = _filtered(log, estimators[id(rig)], homing)
         except DistalError as problem:
             refused.append(f"{shown(log.source)} is left out: {problem}")
             continue
@@ -126,27 +119,20 @@ def _filtered(log: Log, estimator: AdaptiveFilter, homing: float | None) -> Samp
     joints = estimator.rig.joint_names
     truths = true_angles(log, joints)
     assert truths is not None
-    m = len(estimator.positions)
-    proximal = samples_of(log, estimator.channels[:m], estimator.name)
-    reference = np.full((len(log), len(estimator.channels) - m), np.nan)
-    unaided = np.column_stack([proximal, reference])
-    start = estimator.initial(log.time[0], np.append(first_values(proximal), reference[0]))
-    early = log.time - log.time[0] < (SETTLING if homing is None else homing)
+    samples = samples_of(log, estimator.channels, estimator.name)
+    start = estimator.initial(log.time[0], first_values(samples))
     if homing is not None:
         check_homing(homing, log, joints)
-        of = {sensor.name: sensor.of for sensor in estimator.rig.sensors_of("angle")}
-        columns = [joints.index(of[name]) for name in estimator.channels[m:]]
-        aided = np.column_stack([proximal, np.where(early[:, None], truths[:, columns], np.nan)])
-        start = parameters_homed(Window.of(estimator, start, log, aided, truths, homing))
     elif log.time[-1] - log.time[0] > 4 * SETTLING:
         # the filter does not know yet where the joint begins: that is no error of the model
+        early = log.time - log.time[0] < SETTLING
         truths = np.where(early[:, None], np.nan, truths)
     if homing is None:
         stopped = in_stops(log.time, truths, estimator.rig)
         # a joint that hardly leaves its stops would have no known angle
         moves = (np.isfinite(truths) & ~stopped).mean(axis=0) >= LEAST_FREE
         truths = np.where(stopped & moves, np.nan, truths)
-    return plain_samples(estimator, start, log, unaided, truths)
+    return plain_samples(estimator, start, log, samples, truths)
 
 
 def mean_rms(data: Mapping[int, Samples]) -> float:

@@ -1,6 +1,6 @@
 """Homing: adapt a filter to a run by its first seconds, in which the joint's angle is known."""
 
-from distal.homing.apply import parameters_homed, plain_samples, torque_samples
+from distal.homing.apply import plain_samples, torque_samples
 from distal.homing.reference import (
     added_reference,
     at_known_angle,
@@ -16,7 +16,6 @@ __all__ = [
     "at_known_angle",
     "check_homing",
     "homing_filter",
-    "parameters_homed",
     "plain_samples",
     "torque_samples",
     "with_references",

@@ -8,21 +8,11 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.estimators import AdaptiveFilter, Belief, of_part
-from distal.homing.most_likely import (
-    INDEPENDENT,
-    INDEPENDENT_CORRECTED,
-    SHARE_CORRECTED,
-    most_likely_start,
-)
+from distal.homing.most_likely import most_likely_start
 from distal.homing.window import Window
 from distal.kernels import covariance_of, mean_of, variances_of
-from distal.logs import Log, frozen, true_torques
+from distal.logs import Log, true_torques
 from distal.regression import Samples, given
-
-PASSES = 2
-"""Number of times that the window is filtered [1]: each pass begins with the parameters found by
-the last one, and with their prior stds. Source: judgement.
-"""
 
 ASTRAY = 1.5
 """Limit of the mean e²/P of the angle over the window without reference [1]; beyond it the filter's
@@ -57,26 +47,6 @@ def plain_samples(
     return Samples(log.source, since, np.column_stack(readings), angles, truths - angles, variances)
 
 
-def parameters_homed(window: Window) -> Belief:
-    """Return a belief before the first sample with the rig's parameters as a homing move shows
-    them.
-
-    They are those that the filter finds, if its angle then stays in its band over the window, else
-    those of `most_likely_start`. A learned map corrects the remaining error.
-    """
-    filtered = parameters_filtered(window)
-    if filtered is not None:
-        return filtered
-    return most_likely_start(window, errors_last(float(window.time[-1] - window.time[0])))
-
-
-def errors_last(length: float) -> float:
-    """Return the time for which errors are assumed to last [s], in a window of `length` s, where a
-    learned map corrects the angle afterwards.
-    """
-    return max(INDEPENDENT, min(INDEPENDENT_CORRECTED, SHARE_CORRECTED * length))
-
-
 def homing_prior(window: Window) -> Belief:
     """Return the first belief of a filter that reads the reference over the window.
 
@@ -84,40 +54,24 @@ def homing_prior(window: Window) -> Belief:
     in its band over the window. Else the parameters and their covariance are those of
     `most_likely_start`.
     """
-    return (
-        window.start
-        if parameters_filtered(window, passes=1) is not None
-        else most_likely_start(window)
-    )
+    return window.start if is_followed(window) else most_likely_start(window)
 
 
-def parameters_filtered(window: Window, passes: int = PASSES) -> Belief | None:
-    """Return a belief before the first sample with the parameters that the filter finds; None if
-    its angle leaves its band.
-
-    The filter reads the reference over the window in each of the `passes`. Each pass begins with
-    the parameters found by the last one, so that it linearises there, and with their prior
-    covariance; their returned covariance is that after the last pass. Then the filter runs without
-    the reference, and its angle must stay in its band.
+def is_followed(window: Window) -> bool:
+    """Return whether the filter, which reads the reference over the window, finds parameters with
+    which its angle stays in its band there without the reference.
     """
-    estimator = window.estimator
-    start = window.start
-    lasting = np.flatnonzero(estimator.states.lasting)
-    n = start.size
-    kernel_state = start.kernel_state.copy()
-    after = start.kernel_state
-    for _ in range(passes):
-        done = window.scan(kernel_state, window.samples)
-        if done is None:
-            return None
-        after = done[0][-1]
-        kernel_state = start.kernel_state.copy()
-        kernel_state[lasting] = after[lasting]
+    done = window.scan(window.start.kernel_state, window.samples)
+    if done is None:
+        return False
+    lasting = np.flatnonzero(window.estimator.states.lasting)
+    after = done[0][-1]
+    kernel_state = window.start.kernel_state.copy()
+    kernel_state[lasting] = after[lasting]
     square = np.ix_(lasting, lasting)
+    n = window.start.size
     covariance_of(kernel_state, n)[square] = covariance_of(after, n)[square]
-    return (
-        Belief(start.time, frozen(kernel_state), n) if window.within(kernel_state, ASTRAY) else None
-    )
+    return window.within(kernel_state, ASTRAY)
 
 
 def calibrated(
@@ -127,18 +81,16 @@ def calibrated(
     samples: Floats,
     truths: Floats,
     homing: float,
-) -> tuple[AdaptiveFilter, Belief, Floats]:
-    """Return filter, first belief and samples of a run whose rig has maps of the angles.
+) -> tuple[AdaptiveFilter, Floats]:
+    """Return filter and samples of a run whose rig has maps of the angles.
 
-    The run itself reads no reference. The window, the first `homing` s, gives the parameters of the
-    rig; its remaining errors of the angle condition the maps. The `samples` and `truths` are as for
-    `home`.
+    The run itself reads no reference. Its errors of the angle in the window, the first `homing` s,
+    condition the maps. The `samples` and `truths` are as for `home`.
     """
-    begun = parameters_homed(Window.of(estimator, start, log, samples, truths, homing))
     unaided = samples.copy()
     unaided[:, len(estimator.positions) :] = np.nan
     early = log.time - log.time[0] < homing
-    plain = plain_samples(estimator, begun, log, unaided, truths)
+    plain = plain_samples(estimator, start, log, unaided, truths)
     names = estimator.channels[: len(estimator.positions)]
     after = tuple(
         given(
@@ -147,7 +99,7 @@ def calibrated(
         for learned in estimator.maps.filter
     )
     maps = estimator.maps.model_copy(update={"filter": after})
-    return estimator.with_maps(maps), begun, unaided
+    return estimator.with_maps(maps), unaided
 
 
 def calibrate_torque(

@@ -50,7 +50,8 @@ def home(
         homing: length of the window [s].
     """
     if estimator.maps.filter:
-        estimator, begun, samples = calibrated(estimator, start, log, samples, truths, homing)
+        estimator, samples = calibrated(estimator, start, log, samples, truths, homing)
+        begun = start
     else:
         begun = homing_prior(Window.of(estimator, start, log, samples, truths, homing))
     if estimator.maps.torque:

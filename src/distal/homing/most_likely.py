@@ -39,17 +39,6 @@ STEP = 0.02
 INDEPENDENT = 0.1
 """Time for which errors are assumed to last, at least [s]. Source: judgement."""
 
-INDEPENDENT_CORRECTED = 1.0
-"""The same where a learned map corrects the angle afterwards, at most [s]: errors of the model are
-left to the map, instead of changing the parameters (docs/explanation/map.md). Source:
-judgement.
-"""
-
-SHARE_CORRECTED = 1 / 3
-"""Share of the window for which errors are then assumed to last, within these limits [1]. Source:
-judgement.
-"""
-
 UNEXPLAINED = 10.0
 """Factor on the weight of the errors of the angle in the first fit [1]. Source: judgement."""
 
