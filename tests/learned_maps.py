@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from distal.rig import LearnedMap, MapArrays, Rig, features_of
+
+Floats = NDArray[np.float64]
 
 RADIAL = 5
 
@@ -71,3 +74,14 @@ def with_drawn(rig: Rig, seed: int = 8, size: float = 0.01) -> Rig:
         readings=[drawn_map(joints, channels, False, seed, size)],
         filter=[drawn_map(joints, channels, True, seed, size)],
     )
+
+
+def predict(learned: LearnedMap, outputs: dict[str, Floats], joint: int) -> tuple[Floats, Floats]:
+    """Return value and variance of a map for a joint over a log, (k,) each, without what missing
+    readings and intervals of slips add, from `outputs`, the parts of `features_along`.
+    """
+    arrays = learned.arrays
+    phi = outputs["features"]
+    spread = np.sum((phi @ arrays["covariance"][joint]) * phi, axis=1)
+    far = arrays["radial"][joint] * outputs["far"][:, 0]
+    return phi @ arrays["mean"][joint], spread + arrays["noise"][joint] + far

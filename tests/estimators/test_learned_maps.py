@@ -25,12 +25,11 @@ from distal.estimators import AdaptiveFilter
 from distal.export.source import c_filter
 from distal.logs import write_log
 from distal.regression import Shape, features_along
-from distal.regression.map_function import predict
 from distal.rig import independent_parts
 from distal.simulation import Scenario
 from tests.export.test_export import build, needs_compiler, replayed
 from tests.hand_rigs import hand
-from tests.learned_maps import drawn_map, with_drawn
+from tests.learned_maps import drawn_map, predict, with_drawn
 
 
 @pytest.fixture(scope="module")

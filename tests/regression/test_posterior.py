@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from distal.confidence import BAND
 from distal.fitting.map_search import Task, density, learned_map
 from distal.regression import Prior, Samples, Shape, features_along, given
-from distal.regression.map_function import predict
 from distal.regression.posterior import Evidence, Weights, _noise, _variances
 from distal.rig import LearnedMap
+from tests.learned_maps import predict
 
 Floats = NDArray[np.float64]
 

@@ -206,14 +206,3 @@ def reporting_function(
         [ca.vertcat(following, *memories), ca.vertcat(y, *reports)],
         *names,
     )
-
-
-def predict(learned: LearnedMap, outputs: dict[str, Floats], joint: int) -> tuple[Floats, Floats]:
-    """Return value and variance of a map for a joint over a log, (k,) each, without what missing
-    readings and intervals of slips add, from `outputs`, the parts of `features_along`.
-    """
-    arrays = learned.arrays
-    phi = outputs["features"]
-    spread = np.sum((phi @ arrays["covariance"][joint]) * phi, axis=1)
-    far = arrays["radial"][joint] * outputs["far"][:, 0]
-    return phi @ arrays["mean"][joint], spread + arrays["noise"][joint] + far
