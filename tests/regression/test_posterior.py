@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from distal.confidence import BAND
-from distal.fitting.map_search import Task, density, learned_map
+from distal.fitting.map_search import Task, _share, density, learned_map
 from distal.regression import Prior, Samples, Shape, features_along, given
 from distal.regression.posterior import Evidence, Weights, _noise, _variances
 from distal.rig import LearnedMap
@@ -202,3 +202,32 @@ def test_readings_that_are_missing_or_never_moved_are_no_trouble() -> None:
     log = moved(12)
     with_still = np.column_stack([log.readings, np.full(len(log.time), 7.0)])
     assert judged(found, replace(log, readings=with_still))[0] < 0.01
+
+
+def test_beside_a_filter_that_is_right_a_map_adds_nothing() -> None:
+    """Errors that have nothing to do with the readings: the map's values count with a share of
+    almost none, and what is said of logs left out is the error with that share.
+    """
+    logs = []
+    for seed in range(4):
+        log = moved(seed)
+        rng = np.random.default_rng(40 + seed)
+        wander = np.interp(log.time, log.time[::100], rng.normal(size=len(log.time[::100])))
+        beside = {"angles": log.targets, "targets": 0.01 * wander[:, None]}
+        logs.append(replace(log, **beside, variances=np.full((len(log.time), 1), 1e-4)))
+    described = {**DESCRIBED, "beside_filter": True}
+    found = learned_map(logs, described, [0, 2], range(4))
+    shown = [row for log in logs for row in log.targets[:: len(log.time) // 300, 0]]
+    assert found.rms[0] == pytest.approx(np.sqrt(np.mean(np.square(shown))), rel=0.02)
+    assert np.abs(found.arrays["mean"]).max() < 0.003
+
+
+def test_a_share_is_that_of_least_squares_on_held_out_logs() -> None:
+    logs = (evidence(1), evidence(2))
+    values = [np.sin(log.target) for log in logs]
+    pairs = [(log.target - value, np.ones(len(value))) for log, value in zip(logs, values)]
+    target, mapped = np.concatenate([log.target for log in logs]), np.concatenate(values)
+    expected = min(float(target @ mapped / (mapped @ mapped)), 1.0)
+    assert _share(Task(SHAPE, logs, (0, 1)), pairs) == pytest.approx(expected)
+    against = [(log.target + value, v) for log, value, (_, v) in zip(logs, values, pairs)]
+    assert _share(Task(SHAPE, logs, (0, 1)), against) == 0.0
