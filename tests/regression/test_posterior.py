@@ -231,3 +231,13 @@ def test_a_share_is_that_of_least_squares_on_held_out_logs() -> None:
     assert _share(Task(SHAPE, logs, (0, 1)), pairs) == pytest.approx(expected)
     against = [(log.target + value, v) for log, value, (_, v) in zip(logs, values, pairs)]
     assert _share(Task(SHAPE, logs, (0, 1)), against) == 0.0
+
+
+def test_beside_a_filter_that_lacks_something_the_error_left_out_is_what_the_map_leaves() -> None:
+    logs = []
+    for seed in range(4):
+        log = moved(seed)
+        beside = {"angles": 0.9 * log.targets, "targets": 0.1 * log.targets}
+        logs.append(replace(log, **beside, variances=np.full((len(log.time), 1), 1e-4)))
+    found = learned_map(logs, {**DESCRIBED, "beside_filter": True}, [0, 2], range(4))
+    assert found.rms[0] < 0.2 * np.std(np.vstack([log.targets for log in logs]))
