@@ -116,7 +116,7 @@ DESCRIBED = {"joints": ("a",), "channels": ("x", "f"), "positions": ("x",)}
 
 
 def taught(logs: list[Samples], homing: float | None = None) -> LearnedMap:
-    return learned_map(logs, DESCRIBED, [0], range(len(logs)), homing)
+    return learned_map(logs, DESCRIBED, range(len(logs)), homing)
 
 
 def judged(learned: LearnedMap, log: Samples) -> tuple[float, float]:
@@ -176,7 +176,7 @@ def test_a_zero_that_moved_is_told_by_one_pose() -> None:
     logs = [moved(seed, zero=0.02 * seed - 0.03) for seed in range(4)]
     found = taught(logs, homing=2.0)
     log, usual = moved(30, zero=0.09), moved(30)
-    after = given(found, log, log.time < 2.0)
+    after = given(found, log, log.time < 2.0, {})
     assert judged(found, log)[0] > 0.05
     assert judged(after, log)[0] < 1.5 * judged(found, usual)[0]
     assert judged(after, log)[1] > 0.88
@@ -198,7 +198,7 @@ def test_readings_that_are_missing_or_never_moved_are_no_trouble() -> None:
         readings[::3, 1] = np.nan
         logs.append(replace(log, readings=readings))
     described = {**DESCRIBED, "channels": ("x", "f", "still")}
-    found = learned_map(logs, described, [0], range(3))
+    found = learned_map(logs, described, range(3))
     log = moved(12)
     with_still = np.column_stack([log.readings, np.full(len(log.time), 7.0)])
     assert judged(found, replace(log, readings=with_still))[0] < 0.01
@@ -215,8 +215,7 @@ def test_beside_a_filter_that_is_right_a_map_adds_nothing() -> None:
         wander = np.interp(log.time, log.time[::100], rng.normal(size=len(log.time[::100])))
         beside = {"angles": log.targets, "targets": 0.01 * wander[:, None]}
         logs.append(replace(log, **beside, variances=np.full((len(log.time), 1), 1e-4)))
-    described = {**DESCRIBED, "beside_filter": True}
-    found = learned_map(logs, described, [0, 2], range(4))
+    found = learned_map(logs, DESCRIBED, range(4))
     shown = [row for log in logs for row in log.targets[:: len(log.time) // 300, 0]]
     assert found.rms[0] == pytest.approx(np.sqrt(np.mean(np.square(shown))), rel=0.02)
     assert np.abs(found.arrays["mean"]).max() < 0.003
@@ -239,5 +238,5 @@ def test_beside_a_filter_that_lacks_something_the_error_left_out_is_what_the_map
         log = moved(seed)
         beside = {"angles": 0.9 * log.targets, "targets": 0.1 * log.targets}
         logs.append(replace(log, **beside, variances=np.full((len(log.time), 1), 1e-4)))
-    found = learned_map(logs, {**DESCRIBED, "beside_filter": True}, [0, 2], range(4))
+    found = learned_map(logs, DESCRIBED, range(4))
     assert found.rms[0] < 0.2 * np.std(np.vstack([log.targets for log in logs]))

@@ -19,6 +19,7 @@ from distal.estimators.registry import DEFAULT, ESTIMATORS, make_estimator
 from distal.estimators.regression_estimator import (
     RegressionEstimator,
     of_part,
+    offsets_of,
     parts_of,
     samples_of_angles,
 )
@@ -63,6 +64,7 @@ __all__ = [
     "kinds_of",
     "make_estimator",
     "of_part",
+    "offsets_of",
     "paper_noise",
     "parts_of",
     "rig_noise",

@@ -20,7 +20,7 @@ from distal.regression import (
     Samples,
     Shape,
     first_memory,
-    from_prior,
+    from_window,
     given,
     map_function,
     map_parameters,
@@ -38,15 +38,22 @@ NEEDS = (
 """The words of a message on what to do where there is no map."""
 
 
-def parts_of(rig: Rig, channels: Channels) -> list[tuple[tuple[str, ...], tuple[str, ...]]]:
-    """Return the joints and the sensors of each independent part of a rig, of which a map speaks
-    and which it reads.
+def parts_of(rig: Rig, channels: Channels) -> list[dict[str, tuple[str, ...]]]:
+    """Return for each independent part of a rig the fields of a `LearnedMap` that say what it
+    speaks of and reads.
     """
+    positions = {sensor.name for sensor in channels.positions}
     parts = []
     for part in independent_parts(rig):
         names = set(part.rig.sensor_names)
         read = tuple(sensor.name for sensor in channels.proximal if sensor.name in names)
-        parts.append((tuple(part.rig.joint_names), read))
+        parts.append(
+            {
+                "joints": tuple(part.rig.joint_names),
+                "channels": read,
+                "positions": tuple(name for name in read if name in positions),
+            }
+        )
     return parts
 
 
@@ -91,6 +98,13 @@ def of_part(
         samples.targets[:, rows],
         samples.variances[:, rows],
     )
+
+
+def offsets_of(rig: Rig) -> dict[str, float]:
+    """Return joint → std of the zero of its angle's reference [rad], where the rig has a sensor of
+    it.
+    """
+    return {sensor.of: sensor.bias.filter_std for sensor in reversed(rig.sensors_of("angle"))}
 
 
 class RegressionEstimator(KernelEstimator):
@@ -142,36 +156,30 @@ class RegressionEstimator(KernelEstimator):
                 f"{log.source}: in the first {homing:g} s there are no samples with the "
                 "reference, which regression needs; home for longer"
             )
+        offsets = offsets_of(self.rig)
         if self._kernel is not None:
-            maps = self.maps
-        else:
-            maps = tuple(
-                from_prior(
-                    of_part(samples, self.rig, self.channels, joints, channels).part(early),
-                    self.described(joints, channels),
+            after = [
+                given(
+                    learned,
+                    of_part(samples, self.rig, self.channels, learned.joints, learned.channels),
+                    early,
+                    offsets,
                 )
-                for joints, channels in parts_of(self.rig, self._sensors)
-            )
-        after = [
-            given(
-                learned,
-                of_part(samples, self.rig, self.channels, learned.joints, learned.channels),
-                early,
-            )
-            for learned in maps
-        ]
+                for learned in self.maps
+            ]
+        else:
+            after = [
+                from_window(
+                    of_part(samples, self.rig, self.channels, part["joints"], part["channels"]),
+                    part,
+                    early,
+                    offsets,
+                )
+                for part in parts_of(self.rig, self._sensors)
+            ]
         taught = copy(self)
         taught._learn(after)
         return taught
-
-    def described(self, joints: Sequence[str], channels: Sequence[str]) -> dict[str, object]:
-        """Return the fields of a map that say what it reads and gives."""
-        positions = [sensor.name for sensor in self._sensors.positions]
-        return {
-            "joints": tuple(joints),
-            "channels": tuple(channels),
-            "positions": tuple(name for name in channels if name in positions),
-        }
 
     @property
     def placed_maps(self) -> tuple[PlacedMap, ...]:
@@ -222,7 +230,9 @@ def first_of(learned: LearnedMap, names: Sequence[str], values: ca.SX, mask: ca.
     columns = [names.index(channel) for channel in learned.channels]
     shape = Shape.of(learned)
     centre, scale = (ca.DM(learned.arrays[name]) for name in ("centre", "scale"))
-    readings = ca.vertcat(values[columns], ca.SX(centre[shape.channels :]))
+    # NumPy slices: CasADi takes nothing of a single number as one row
+    angles = ca.SX(ca.DM(learned.arrays["centre"][shape.channels :]))
+    readings = ca.vertcat(values[columns], angles)
     return first_memory(shape, centre, scale, readings, mask[columns])
 
 

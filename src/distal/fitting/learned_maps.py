@@ -167,20 +167,10 @@ def map_of(
                 )
     channels = channels_of(rig, "regression")
     names = [sensor.name for sensor in channels.proximal]
-    positions = {sensor.name for sensor in channels.positions}
     maps = []
-    for joints, read in parts_of(rig, channels):
-        described = {
-            "joints": joints,
-            "channels": read,
-            "positions": tuple(name for name in read if name in positions),
-            "beside_filter": kind == "filter",
-        }
-        moving = [i for i, name in enumerate(read) if name in positions]
-        if kind == "filter":
-            moving += range(len(read), len(read) + len(joints))
-        samples = [of_part(log, rig, names, joints, read) for log in data]
-        maps.append(learned_map(samples, described, moving, folds, homing))
+    for part in parts_of(rig, channels):
+        samples = [of_part(log, rig, names, part["joints"], part["channels"]) for log in data]
+        maps.append(learned_map(samples, part, folds, homing))
     return MapFit(kind, tuple(maps), rig)
 
 

@@ -15,10 +15,12 @@ from distal.regression import (
     Samples,
     Shape,
     Weights,
+    conformal_factor,
     evidence_of,
     features_along,
     framed,
     rates_of,
+    shape_for,
 )
 from distal.rig import LearnedMap, MapArrays
 
@@ -131,10 +133,9 @@ class Seen:
     along: tuple[dict[str, Floats], ...]
 
     @classmethod
-    def of(cls, logs: Sequence[Samples], moving: Sequence[int]) -> Seen:
-        """Return what a map sees along logs; see `learned_map` for `moving`."""
-        channels = logs[0].readings.shape[1]
-        shape = Shape(channels, logs[0].angles.shape[1], tuple(moving), RADIAL)
+    def of(cls, logs: Sequence[Samples], described: Mapping[str, tuple[str, ...]]) -> Seen:
+        """Return what a map sees along logs; see `learned_map`."""
+        shape = shape_for(logs[0], described, RADIAL)
         frame = framed(shape, logs, Prior())
         flat = np.concatenate([frame[name].ravel(order="F") for name in shape.frame.names])
         along = (features_along(shape, flat, log.time, log.every) for log in logs)
@@ -169,8 +170,7 @@ SMALLEST_SCALE = 1e-9
 
 def learned_map(
     logs: Sequence[Samples],
-    described: Mapping[str, object],
-    moving: Sequence[int],
+    described: Mapping[str, tuple[str, ...]],
     groups: Sequence[int],
     homing: float | None = None,
 ) -> LearnedMap:
@@ -179,11 +179,10 @@ def learned_map(
     Args:
         logs: the samples of each; with one log its two halves are held out in turn.
         described: the fields of the `LearnedMap` that say what it reads and gives.
-        moving: indices of the readings whose slips enter the radial functions.
         groups: the group of each log, whose logs are held out together.
         homing: for how long the target is known in use [s]; None: it is not.
     """
-    seen = Seen.of(logs, moving)
+    seen = Seen.of(logs, described)
     joints = range(logs[0].targets.shape[1])
     results = [_of_joint(*seen.task(logs, joint, groups, homing)) for joint in joints]
     arrays = {name: np.stack([result[name] for result in results]) for name in results[0]}
@@ -191,6 +190,7 @@ def learned_map(
     every = np.vstack([log.every for log in logs])
     return LearnedMap(
         **described,
+        beside_filter=seen.shape.angles > 0,
         logs=len(logs),
         low=tuple(np.nanmin(every, axis=0).tolist()),
         high=tuple(np.nanmax(every, axis=0).tolist()),
@@ -217,7 +217,8 @@ def _of_joint(task: Task, centre: float, scale: float) -> dict[str, Floats]:
             (log.target[~log.given] * (1 - share) + share * error, variance)
             for log, (error, variance) in zip(task.logs, held_out)
         ]
-    factor = _factor(held_out, groups)
+    # Student's distribution for as many logs
+    factor = conformal_factor(held_out) * np.sqrt(student(groups - 1))
     errors, variances = (np.concatenate(parts) for parts in zip(*held_out))
     variances = factor**2 * variances
     mean = scale * weights.mean
@@ -247,15 +248,6 @@ def _share(task: Task, held_out: Sequence[tuple[Floats, Floats]]) -> float:
     products = sum(float(np.mean(target * mapped)) for target, mapped in with_values if len(target))
     squares = sum(float(np.mean(mapped**2)) for _, mapped in with_values if len(mapped))
     return float(np.clip(products / max(squares, 1e-300), 0.0, 1.0))
-
-
-def _factor(held_out: Sequence[tuple[Floats, Floats]], groups: int) -> float:
-    """Return the factor on the stds with which the band holds 95 % of the errors on logs left out,
-    at least 1 (split conformal prediction; Lei et al., JASA 113, 2018), times that of Student's
-    distribution for as many logs.
-    """
-    ratios = np.concatenate([np.abs(e) / np.sqrt(v) for e, v in held_out])
-    return float(max(1.0, np.quantile(ratios, COVERED) / BAND) * np.sqrt(student(groups - 1)))
 
 
 def student(freedom: float) -> float:

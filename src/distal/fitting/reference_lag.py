@@ -89,8 +89,10 @@ def reference_lag(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> Refere
     samples = [samples_of_angles(log, rig) for log in logs]
     targets = np.vstack([log.targets for log in samples])
     joints = [j for j, column in enumerate(targets.T) if np.isfinite(column).any()]
-    positions = range(len(channels_of(rig, "regression").positions))
-    seen = Seen.of(samples, list(positions))
+    channels = channels_of(rig, "regression")
+    of = {"channels": channels.proximal, "positions": channels.positions}
+    names = {key: tuple(sensor.name for sensor in sensors) for key, sensors in of.items()}
+    seen = Seen.of(samples, names)
 
     def densities(lag: float, drift: float = 0.0) -> Floats:
         moved = [_late(log, lag, drift) for log in samples]

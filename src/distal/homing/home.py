@@ -1,14 +1,28 @@
-"""The state in which a filter begins a run after its homing move."""
+"""Homing of a filter: while the angle is known, the filter reads it, and its maps are conditioned
+on what it lacks.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from distal.arrays import Floats
-from distal.estimators import AdaptiveFilter, Belief
-from distal.homing.apply import calibrate_torque, calibrated, homing_prior
-from distal.homing.window import Window
-from distal.logs import Log
+import numpy as np
+
+from distal.arrays import Bools, Floats
+from distal.estimators import (
+    LARGEST_ANGLE,
+    AdaptiveFilter,
+    Belief,
+    channels_of,
+    of_part,
+    offsets_of,
+    parts_of,
+)
+from distal.homing.reference import TRUTH_NOISE
+from distal.kernels import covariance_of, mean_of, variances_of
+from distal.logs import Log, frozen, true_torques
+from distal.regression import Samples, from_prior, from_window, given
+from distal.rig import LearnedMap, Rig
 from distal.threads import one_blas_thread
 
 
@@ -38,22 +52,145 @@ def home(
 ) -> Homed:
     """Return filter, first belief and samples of a run, adapted by its homing move.
 
-    If the rig has maps of the angles, the move conditions them. Else the filter reads the reference
-    in the window.
+    The run itself reads no reference. Where no log has taught a map, the filter first reads the
+    reference in the window, and the run begins with the parameters that it then has, if it stays
+    bounded with them. What its angle lacks in the window conditions the maps.
 
     Args:
-        estimator: the filter, whose channels contain the reference.
+        estimator: the filter, whose channels contain the reference, with maps (see
+            `with_prior_maps`).
         start: its belief before the first sample.
         log: the whole run.
         samples: values of its channels, with the reference only in the window, (k, n_channels).
         truths: true angles [rad], NaN where not known, (k, n_joints).
         homing: length of the window [s].
     """
-    if estimator.maps.filter:
-        estimator, samples = calibrated(estimator, start, log, samples, truths, homing)
+    early = log.time - log.time[0] < homing
+    unaided = samples.copy()
+    unaided[:, len(estimator.positions) :] = np.nan
+    start = _anchored(start, truths[early], estimator.rig)
+    begun = start
+    if not all(learned.logs for learned in estimator.maps.filter):
+        begun = _with_parameters(estimator, start, log.time[early], samples[early])
+    plain = plain_samples(estimator, begun, log, unaided, truths)
+    if not np.all(np.abs(plain.angles[early]) <= LARGEST_ANGLE):  # NaN is not below it either
         begun = start
-    else:
-        begun = homing_prior(Window.of(estimator, start, log, samples, truths, homing))
-    if estimator.maps.torque:
-        estimator = calibrate_torque(estimator, log, samples, homing)
-    return Homed(estimator, begun, samples)
+        plain = plain_samples(estimator, start, log, unaided, truths)
+    names = estimator.channels[: len(estimator.positions)]
+    torques = true_torques(log, estimator.rig.joint_names) if estimator.maps.torque else None
+    changed = {"filter": _conditioned(estimator.maps.filter, plain, estimator.rig, names, early)}
+    if torques is not None:
+        of_torque = torque_samples(log, samples[:, : len(names)], torques)
+        changed["torque"] = _conditioned(
+            estimator.maps.torque, of_torque, estimator.rig, names, early
+        )
+    homed = estimator.with_maps(estimator.maps.model_copy(update=changed))
+    return Homed(homed, begun, unaided)
+
+
+def with_prior_maps(rig: Rig) -> Rig:
+    """Return the rig with a map of what its filter lacks for each independent part, of which
+    nothing is known yet; unchanged where it has learned ones.
+    """
+    if rig.map is not None and rig.map.filter:
+        return rig
+    maps = []
+    for part in parts_of(rig, channels_of(rig, "regression")):
+        none = np.zeros((2, len(part["joints"])))
+        rest = np.zeros((2, len(part["channels"])))
+        maps.append(from_prior(Samples("", np.arange(2.0), rest, none, none, none), part, {}))
+    return rig.with_map(filter=maps)
+
+
+def _anchored(start: Belief, truths: Floats, rig: Rig) -> Belief:
+    """Return a first belief in which each joint's first known angle counts, with the std of its
+    zero and its noise.
+    """
+    kernel_state = start.kernel_state.copy()
+    covariance = covariance_of(kernel_state, start.size)
+    offsets = offsets_of(rig)
+    for j, (joint, column) in enumerate(zip(rig.joint_names, truths.T)):
+        known = column[np.isfinite(column)]
+        if len(known):
+            before = covariance[j, j]
+            gain = before / (before + TRUTH_NOISE**2 + offsets.get(joint, 0.0) ** 2)
+            kernel_state[j] += gain * (known[0] - kernel_state[j])
+            covariance[j, :] = covariance[:, j] = 0.0
+            covariance[j, j] = (1.0 - gain) * before
+    return Belief(start.time, frozen(kernel_state), start.size)
+
+
+def _with_parameters(
+    estimator: AdaptiveFilter, start: Belief, time: Floats, samples: Floats
+) -> Belief:
+    """Return a first belief with the rig's parameters, and their covariance, after `samples` that
+    contain the reference; unchanged where the filter then diverges.
+    """
+    after = estimator.advanced(start, time, samples).kernel_states[-1]
+    if not np.isfinite(after).all():
+        return start
+    lasting = np.flatnonzero(estimator.states.lasting)
+    kernel_state = start.kernel_state.copy()
+    kernel_state[lasting] = after[lasting]
+    square = np.ix_(lasting, lasting)
+    covariance_of(kernel_state, start.size)[square] = covariance_of(after, start.size)[square]
+    return Belief(start.time, frozen(kernel_state), start.size)
+
+
+def _conditioned(
+    maps: tuple[LearnedMap, ...], samples: Samples, rig: Rig, names: tuple[str, ...], early: Bools
+) -> tuple[LearnedMap, ...]:
+    """Return maps conditioned on the targets of a run's first samples, `early`; `names` are those
+    of its readings.
+    """
+    offsets = offsets_of(rig)
+    after = []
+    for learned in maps:
+        part = of_part(samples, rig, names, learned.joints, learned.channels)
+        if learned.logs:
+            after.append(given(learned, part, early, offsets))
+        else:
+            fields = ("joints", "channels", "positions")
+            described = {name: getattr(learned, name) for name in fields}
+            after.append(from_window(part, described, early, offsets))
+    return tuple(after)
+
+
+def plain_samples(
+    estimator: AdaptiveFilter, start: Belief, log: Log, samples: Floats, truths: Floats
+) -> Samples:
+    """Return the readings of a filter over a log, the filter's own angles, and the errors of these,
+    true minus estimated.
+
+    Args:
+        estimator: the filter; the angles are those before its maps correct them.
+        start: belief before the first sample.
+        log: with its stamps.
+        samples: values of the channels, (k, n_channels).
+        truths: true angles [rad], NaN where not known, (k, n_joints).
+    """
+    kernel_states = estimator.advanced(start, log.time, samples).kernel_states
+    nj = truths.shape[1]
+    n = start.size
+    angles = mean_of(kernel_states, n)[:, :nj].copy()
+    variances = variances_of(kernel_states, n)[:, :nj].copy()
+    # a map reads the positions of drives as the filter tracks them, while they are read
+    readings = [
+        column if at is None else np.where(np.isfinite(column), kernel_states[:, at], np.nan)
+        for column, at in zip(samples.T, estimator.positions)
+    ]
+    since = log.time - log.time[0]
+    return Samples(log.source, since, np.column_stack(readings), angles, truths - angles, variances)
+
+
+def torque_samples(log: Log, readings: Floats, torques: Floats) -> Samples:
+    """Return the samples of a map of the torque over a log.
+
+    Args:
+        log: with its stamps.
+        readings: of the sensors, NaN where missing, (k, m).
+        torques: true external torques [N m], NaN where not known, (k, n_joints).
+    """
+    none = np.zeros((len(log), 0))
+    since = log.time - log.time[0]
+    return Samples(log.source, since, readings, none, torques, np.zeros(torques.shape))

@@ -16,11 +16,14 @@ from distal.regression.posterior import (
     Evidence,
     Prior,
     Weights,
+    conformal_factor,
     evidence_of,
     framed,
     from_prior,
+    from_window,
     given,
     rates_of,
+    shape_for,
 )
 from distal.regression.samples import Samples, correlated_samples, played
 from distal.regression.servos import servos_of
@@ -35,6 +38,7 @@ __all__ = [
     "Shape",
     "Weights",
     "carried_size",
+    "conformal_factor",
     "correlated_samples",
     "evidence_of",
     "features_along",
@@ -42,6 +46,7 @@ __all__ = [
     "folds_of",
     "framed",
     "from_prior",
+    "from_window",
     "given",
     "groups_of",
     "map_function",
@@ -51,6 +56,7 @@ __all__ = [
     "rates_of",
     "reporting_function",
     "servos_of",
+    "shape_for",
     "splits",
     "yardstick_error",
 ]

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from distal.arrays import Bools, Floats
+from distal.confidence import BAND, COVERED
 from distal.regression.features import Shape, empty_frame, features_along
 from distal.regression.samples import Samples
 from distal.rig import LearnedMap, MapArrays
@@ -136,13 +137,15 @@ class Weights:
         covariance[np.arange(n), np.arange(n)] += of_log
         return cls(shape, prior, mean, covariance)
 
-    def given(self, log: Evidence) -> Weights:
-        """Return the weights of a log in which some targets are known."""
+    def given(self, log: Evidence, offset: float = 0.0) -> Weights:
+        """Return the weights of a log in which some targets are known, but for one `offset` of all
+        of them, whose variance is given.
+        """
         if not len(log.target):
             return self
         noise = _noise(self.prior, log.spacing) + self._variance_beside(log)
         cross = log.phi @ self.covariance
-        inner = cross @ log.phi.T + np.diag(noise)
+        inner = cross @ log.phi.T + np.diag(noise) + offset
         gain = np.linalg.solve(inner, cross).T
         covariance = self.covariance - gain @ cross
         return replace(
@@ -191,6 +194,17 @@ def _variances(shape: Shape, prior: Prior) -> tuple[Floats, Floats]:
         [sizes[name] for name in ("constant", "readings", "slips")],
     )
     return shared, of_log
+
+
+def shape_for(log: Samples, described: Mapping[str, tuple[str, ...]], radial: int) -> Shape:
+    """Return the shape of a map with so many `radial` functions that logs like this one teach.
+
+    Args:
+        described: the fields of the `LearnedMap` that say which of its channels are positions.
+    """
+    channels, angles = log.readings.shape[1], log.angles.shape[1]
+    moving = [described["channels"].index(name) for name in described["positions"]]
+    return Shape(channels, angles, (*moving, *range(channels, channels + angles)), radial)
 
 
 def framed(shape: Shape, logs: Sequence[Samples], usual: Prior) -> dict[str, Floats]:
@@ -261,31 +275,43 @@ def evidence_of(
     )
 
 
-def from_prior(log: Samples, described: Mapping[str, object]) -> LearnedMap:
+def from_prior(
+    log: Samples, described: Mapping[str, tuple[str, ...]], offsets: Mapping[str, float]
+) -> LearnedMap:
     """Return the map before anything is known of its weights: those of the prior, with the scales
     of some samples of a log and of what is known of the targets in them, and without radial
-    functions; see `learned_map` for what it is `described` by.
+    functions; see `learned_map` for what it is `described` by, and `given` for the `offsets`.
+
+    Of an angle the prior's mean is that of the samples; of what a filter's angle lacks it is zero.
+    The scale of a reading that is no position, whose zero means none, contains its mean.
     """
+    shape = shape_for(log, described, 0)
+    angles = shape.angles
     prior = Prior()
-    shape = Shape(log.readings.shape[1], 0, (), 0)
     frame = framed(shape, [log], prior)
+    efforts = [i for i in range(shape.channels) if i not in shape.moving]
+    frame["scale"][efforts] = np.hypot(frame["scale"], frame["centre"])[efforts]
     weights = Weights.of(shape, prior, [])
-    joints = log.targets.shape[1]
-    has_target = np.isfinite(log.targets)
-    centres = np.array(
-        [np.mean(t[k]) if k.any() else 0.0 for t, k in zip(log.targets.T, has_target.T)]
-    )
-    spreads = np.array(
-        [np.std(t[k]) if k.any() else 1.0 for t, k in zip(log.targets.T, has_target.T)]
-    )
+    known = [column[np.isfinite(column)] for column in log.targets.T]
+    joints = len(known)
+    centres = np.array([np.mean(t) if len(t) and not angles else 0.0 for t in known])
+    squares = np.array([np.mean((t - c) ** 2) if len(t) else 0.0 for t, c in zip(known, centres)])
+    if angles:
+        # of an error of the filter, the angle itself is the scale
+        zeros = np.array([offsets.get(joint, 0.0) for joint in described["joints"]])
+        squares = np.maximum(squares - zeros**2, 0.0) + np.var(log.angles, axis=0)
+    squares = np.maximum(squares, SMALLEST_SPREAD**2)
     means = np.zeros((joints, shape.features.size))
     means[:, 0] = centres
-    squares = np.maximum(spreads, SMALLEST_SPREAD) ** 2
+    fields = {
+        **described,
+        "beside_filter": angles > 0,
+        "logs": 0,
+        "low": tuple(np.nanmin(log.every, axis=0).tolist()),
+        "high": tuple(np.nanmax(log.every, axis=0).tolist()),
+    }
     return LearnedMap(
-        **{**described, "positions": ()},
-        logs=0,
-        low=tuple(np.nanmin(log.every, axis=0).tolist()),
-        high=tuple(np.nanmax(log.every, axis=0).tolist()),
+        **fields,
         arrays=MapArrays(
             **frame,
             rate=rates_of([log], frame["scale"]),
@@ -293,7 +319,7 @@ def from_prior(log: Samples, described: Mapping[str, object]) -> LearnedMap:
             covariance=squares[:, None, None] * weights.covariance,
             radial=np.zeros(joints),
             noise=squares * np.exp(2 * prior.noise),
-            filter=np.zeros(joints),
+            filter=np.full(joints, float(angles > 0)),
             error_time=np.full(joints, np.exp(prior.error_time)),
         ),
     )
@@ -303,31 +329,86 @@ SMALLEST_SPREAD = float(np.deg2rad(0.1))
 """Least std of an angle by which a prior is scaled [rad]. Source: rounding (of a joint at rest)."""
 
 
-def given(learned: LearnedMap, log: Samples, known: Bools) -> LearnedMap:
+def from_window(
+    log: Samples,
+    described: Mapping[str, tuple[str, ...]],
+    known: Bools,
+    offsets: Mapping[str, float],
+) -> LearnedMap:
+    """Return the map of a log whose targets are known at some samples, where no other log taught
+    any: `given` these, `from_prior`. Its band is widened until it holds the errors on each half of
+    them, given the other.
+
+    Args:
+        described: see `from_prior`.
+        known: mask of these samples, (k,).
+        offsets: see `given`.
+    """
+    before = from_prior(log.part(known), described, offsets)
+    after = given(before, log, known, offsets)
+    factors = []
+    for weights, evidence in _as_weights(before, log.part(known)):
+        early = np.arange(len(evidence.target)) < len(evidence.target) // 2
+        halves = [weights.errors(replace(evidence, given=half)) for half in (early, ~early)]
+        factors.append(conformal_factor(halves) ** 2)
+    widened = {
+        name: after.arrays[name]
+        * np.array(factors).reshape(-1, *[1] * (after.arrays[name].ndim - 1))
+        for name in ("covariance", "radial", "noise")
+    }
+    return after.model_copy(update={"arrays": MapArrays(**{**after.arrays.by_name, **widened})})
+
+
+def conformal_factor(held_out: Sequence[tuple[Floats, Floats]]) -> float:
+    """Return the factor on the stds with which the band holds 95 % of the errors on logs left out,
+    at least 1 (split conformal prediction; Lei et al., JASA 113, 2018).
+
+    Args:
+        held_out: errors and their variances on each log.
+    """
+    ratios = np.concatenate([np.abs(e) / np.sqrt(v) for e, v in held_out])
+    return max(1.0, float(np.quantile(ratios, COVERED)) / BAND) if len(ratios) else 1.0
+
+
+def given(
+    learned: LearnedMap, log: Samples, known: Bools, offsets: Mapping[str, float]
+) -> LearnedMap:
     """Return the map of a log whose targets are known at some samples, such as those of a homing
     move: weights and this log's part together.
 
     Args:
         known: mask of these samples, (k,).
+        offsets: joint → std of a constant error of what is known, 0 where it is not named.
+    """
+    samples = replace(log, targets=np.where(known[:, None], log.targets, np.nan))
+    after = [
+        weights.given(evidence, offsets.get(joint, 0.0) ** 2)
+        for joint, (weights, evidence) in zip(learned.joints, _as_weights(learned, samples))
+    ]
+    changed = {
+        **learned.arrays.by_name,
+        "mean": np.stack([weights.mean for weights in after]),
+        "covariance": np.stack([weights.covariance for weights in after]),
+    }
+    return learned.model_copy(update={"arrays": MapArrays(**changed)})
+
+
+def _as_weights(learned: LearnedMap, log: Samples) -> list[tuple[Weights, Evidence]]:
+    """Return the weights of each joint of a map, with targets in SI and the factor on the band in
+    them, and a log as it sees it.
     """
     arrays = learned.arrays
     shape = Shape.of(learned)
     flat = np.concatenate([arrays[name].ravel(order="F") for name in shape.frame.names])
     along = features_along(shape, flat, log.time, log.every)
-    means, covariances = [], []
-    targets = np.where(known[:, None], log.targets, np.nan)
+    pairs = []
     for j in range(len(learned.joints)):
-        # the numbers are in SI, with the factor in them, so that the scale is 1 here
         prior = Prior(
             radial=float(np.log(arrays["radial"][j] + 1e-300) / 2),
             noise=float(np.log(arrays["noise"][j]) / 2),
             error_time=float(np.log(arrays["error_time"][j])),
             filter=float(np.log(arrays["filter"][j] + 1e-300)),
         )
-        before = Weights(shape, prior, arrays["mean"][j], arrays["covariance"][j])
-        samples = replace(log, targets=targets)
-        after = before.given(evidence_of(samples, along, j, 1.0, 0.0, None))
-        means.append(after.mean)
-        covariances.append(after.covariance)
-    changed = {**arrays.by_name, "mean": np.stack(means), "covariance": np.stack(covariances)}
-    return learned.model_copy(update={"arrays": MapArrays(**changed)})
+        weights = Weights(shape, prior, arrays["mean"][j], arrays["covariance"][j])
+        pairs.append((weights, evidence_of(log, along, j, 1.0, 0.0, None)))
+    return pairs

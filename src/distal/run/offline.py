@@ -27,7 +27,7 @@ from distal.estimators import (
     make_estimator,
     state_units,
 )
-from distal.homing.home import home
+from distal.homing.home import home, with_prior_maps
 from distal.homing.reference import check_homing, homed, with_references
 from distal.kernels import covariance_of
 from distal.logs import LARGEST_READING, Log, Source, frozen, read_log, true_angles, true_torques
@@ -194,7 +194,7 @@ def estimator_for(
         rig, references = with_references(rig, known_early(log, homing))
         check_homing(homing, log, rig.joint_names)
         if estimator == "adaptive":
-            return AdaptiveFilter(rig, compiled, references=references)
+            return AdaptiveFilter(with_prior_maps(rig), compiled, references=references)
         if estimator == "regression":
             return RegressionEstimator(rig, compiled, homing=True)
     return make_estimator(estimator, rig, compiled) if isinstance(estimator, str) else estimator

@@ -1,0 +1,159 @@
+"""Homing of a filter: the rig's parameters by the filter, then its maps by Bayes' rule; the run
+reads no reference.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from distal import Log, Rig, estimate, load_rig, simulate
+from distal.estimators import AdaptiveFilter, Belief, first_values
+from distal.homing import home, plain_samples, torque_samples, with_prior_maps, with_references
+from distal.rig import MapArrays
+from distal.run import samples_of
+from distal.simulation import build_scenario
+from tests.learned_maps import constant_map, drawn_map
+
+homing_of_a_run = sys.modules["distal.homing.home"]
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    time = np.arange(0.0, 3.0, 0.005)
+    angle = 0.5 * np.sin(2 * np.pi * 0.7 * time)
+    torque = 0.06 * np.sin(2 * np.pi * 0.7 * time + 0.4)
+    return Log(time, {"motor_angle": angle, "motor_torque": torque}, {"theta": 0.6 * angle + 0.05})
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return load_rig("capstan-joint").with_map(filter=[drawn_map()])
+
+
+def test_without_its_correction_a_filter_is_the_plain_one(rig: Rig, log: Log) -> None:
+    truths = np.full((len(log), 1), np.nan)
+    runs = []
+    for each in (rig, rig.bare()):
+        estimator = AdaptiveFilter(each, compiled=False)
+        samples = samples_of(log, estimator.channels)
+        runs.append(
+            plain_samples(
+                estimator, estimator.initial(0.0, first_values(samples)), log, samples, truths
+            )
+        )
+    np.testing.assert_allclose(runs[0].angles, runs[1].angles, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(runs[0].variances, runs[1].variances, rtol=1e-9)
+    np.testing.assert_allclose(runs[0].readings, runs[1].readings, rtol=0, atol=1e-15)
+
+
+def test_a_homing_move_takes_off_what_it_shows(rig: Rig, log: Log) -> None:
+    """A constant error that the prior allows is gone after the move, and the move itself is not
+    judged.
+    """
+    wide = constant_map("jaw", ("motor_angle", "motor_torque"), 0.2, 0.01)
+    arrays = dict(wide.arrays.by_name)
+    arrays["covariance"] = arrays["covariance"].copy()
+    arrays["covariance"][0, 0, 0] = 0.04
+    wide = wide.model_copy(update={"arrays": MapArrays(**arrays)})
+    described = rig.with_map(filter=[wide])
+    before, after = (
+        estimate(log, described, compiled=False),
+        estimate(log, described, compiled=False, homing=1.0),
+    )
+    assert np.isnan(after.errors()[log.time < 1.0]).all()
+    late = log.time >= 1.0
+    assert abs(np.mean(after.errors()[late])) < 0.5 * abs(np.mean(before.errors()[late]))
+    assert np.mean(after.theta_std[late]) < np.mean(before.theta_std[late])
+
+
+def test_what_a_contacts_map_sees_begins_at_zero(rig: Rig) -> None:
+    """The map's time is that since the log's first sample, and a gap keeps the last reading."""
+    time = 5.0 + np.arange(0.0, 1.0, 0.1)
+    angle = np.where(np.arange(10) == 4, np.nan, 0.1 * np.arange(10))
+    log = Log(time, {"motor_angle": angle, "motor_torque": np.ones(10)})
+    seen = torque_samples(log, angle[:, None], np.zeros((10, 1)))
+    np.testing.assert_allclose(seen.time, time - 5.0, atol=1e-12)
+    np.testing.assert_allclose(np.diff(seen.held[3:6, 0]), [0.0, 0.2], atol=1e-12)
+    assert seen.interval == pytest.approx(0.1)
+
+
+def wide(rig: Rig) -> Rig:
+    """A stranger's rig: radius known to 40 %, each stiffness to 60 %, each place to 3 mm, and no
+    force sensors.
+    """
+    radius = {
+        "value": rig.tendons[0].insertion.radius.value,
+        "shared": {"name": "disk", "std": "40 %"},
+    }
+    described = rig.with_values(
+        {
+            **{f"tendons.{i}.insertion.radius": radius for i in (0, 1)},
+            **{f"tendons.{i}.stiffness": {"value": 806.0, "std": "60 %"} for i in (0, 1)},
+            **{f"sensors.{name}.bias.std": "3 mm" for name in ("x1", "x2")},
+        }
+    )
+    raw = described.model_dump()["sensors"]
+    return described.with_values(
+        {"sensors": [sensor for sensor in raw if sensor["measures"] != "force"]}
+    )
+
+
+@pytest.fixture(scope="module")
+def of_stranger() -> Log:
+    """A plant whose radius is half as much again, one tendon twice as stiff, the other twice as
+    soft.
+    """
+    rig = load_rig("pulley-antagonist")
+    radius = 1.5 * rig.tendons[0].insertion.radius.value
+    plant = {f"tendons.{i}.insertion.radius": radius for i in (0, 1)}
+    plant |= {"tendons.0.stiffness": 1450.0, "tendons.1.stiffness": 320.0}
+    left = {"weight": {"mean": "3 N", "amplitude": "1 N", "frequency": "0.5 Hz"}}
+    drives = {"left": left, "right": {"weight": "3 N"}}
+    raw = {"rig": "pulley-antagonist", "duration": 4.0, "drives": drives, "plant": plant}
+    return simulate(rig, build_scenario(raw, "stranger"), 1)
+
+
+@pytest.mark.parametrize("zero", [0.0, np.deg2rad(40.0)])
+def test_a_rig_that_is_hardly_known_is_right_after_the_move(of_stranger: Log, zero: float) -> None:
+    """Also where the zero is off by tens of degrees, which no parameter of the rig tells."""
+    truth = of_stranger.truth["theta"] + zero
+    moved = replace(of_stranger, truth={"theta": truth})
+    result = estimate(moved, wide(load_rig("pulley-antagonist")), homing=2.0, compiled=False)
+    late = moved.time >= 2.0
+    errors = (result.theta - truth)[late]
+    assert np.rad2deg(np.sqrt(np.mean(errors**2))) < 0.5
+    assert np.mean(np.abs(errors) < 1.96 * result.theta_std[late]) > 0.9
+
+
+def test_parameters_with_which_the_filter_diverges_are_not_taken(
+    of_stranger: Log, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The run then begins with those of the rig file, and only its map is conditioned."""
+    rig = wide(load_rig("pulley-antagonist"))
+    described, references = with_references(rig, of_stranger)
+    estimator = AdaptiveFilter(with_prior_maps(described), compiled=False, references=references)
+    truths = of_stranger.truth["theta"][:, None]
+    read = samples_of(of_stranger, estimator.channels[:-1])
+    samples = np.column_stack([read, np.where(of_stranger.time[:, None] < 2.0, truths, np.nan)])
+    start = estimator.initial(0.0, first_values(samples))
+    homed = home(estimator, start, of_stranger, samples, truths, 2.0)
+    lasting = np.flatnonzero(estimator.states.lasting)
+    assert not np.array_equal(homed.start.kernel_state[lasting], start.kernel_state[lasting])
+    assert np.isnan(homed.samples[:, -1]).all()
+    before = homing_of_a_run._with_parameters
+
+    def far(*arguments: object) -> Belief:
+        begun = before(*arguments)
+        kernel_state = begun.kernel_state.copy()
+        kernel_state[0] = np.nan
+        return replace(begun, kernel_state=kernel_state)
+
+    monkeypatch.setattr(homing_of_a_run, "_with_parameters", far)
+    again = home(estimator, start, of_stranger, samples, truths, 2.0)
+    np.testing.assert_array_equal(again.start.kernel_state[lasting], start.kernel_state[lasting])
+    for learned in again.estimator.maps.filter:
+        assert np.isfinite(learned.arrays["mean"]).all()
