@@ -26,6 +26,7 @@ from distal.export import c_filter
 from distal.logs import write_columns
 from distal.run import samples_of
 from tests.export.test_export import build, needs_compiler, replayed
+from tests.learned_maps import with_drawn
 
 WINDOW = 0.5
 STD = 0.02
@@ -80,13 +81,20 @@ def test_live_as_over_a_log(name: str) -> None:
 
 @needs_compiler
 @pytest.mark.parametrize(
-    "name", [pytest.param("lab-bench"), pytest.param("wrist", marks=pytest.mark.slow)]
+    ("name", "is_mapped"),
+    [
+        pytest.param("lab-bench", False),
+        pytest.param("lab-bench", True),
+        pytest.param("wrist", False, marks=pytest.mark.slow),
+        pytest.param("wrist", True, marks=pytest.mark.slow),
+    ],
 )
-def test_in_c_as_live(name: str, tmp_path: Path) -> None:
+def test_in_c_as_live(name: str, is_mapped: bool, tmp_path: Path) -> None:
     """The replay with a column that says where each joint stands: at the beginning, and once more
-    later.
+    later. Learned maps are conditioned on it.
     """
     rig, log = case(name, "3 s")
+    rig = with_drawn(rig) if is_mapped else rig
     made = c_filter(rig, home=STD)
     homes = made.channels[len(made.channels) - len(rig.joints) :]
     assert homes == (
@@ -145,7 +153,5 @@ def test_what_cannot_home_is_refused() -> None:
     for bad in (-1.0, float("nan"), 1e9):
         with pytest.raises(EstimationError, match="a homing angle is known"):
             homing_filter(rig, bad)
-    with pytest.raises(EstimationError, match=r"has a \[map\]"):
-        homing_filter(load_rig("da-vinci-grasper"))
     with pytest.raises(ExportError, match="adaptive homes while it runs"):
         c_filter(rig, "ekf-2008", home=0.1)

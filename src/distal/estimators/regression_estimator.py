@@ -14,7 +14,7 @@ from distal.errors import EstimationError
 from distal.estimators.estimator_protocol import KernelEstimator
 from distal.estimators.read_channels import Channels, channels_of
 from distal.kernels import Kernel, kernel_state_layout
-from distal.logs import Log, frozen, true_angles
+from distal.logs import Log, TruthKind, frozen, true_angles
 from distal.regression import (
     PlacedMap,
     Samples,
@@ -100,10 +100,12 @@ def of_part(
     )
 
 
-def offsets_of(rig: Rig) -> dict[str, float]:
-    """Return joint → std of the zero of its angle's reference [rad], where the rig has a sensor of
-    it.
+def offsets_of(log: Log, rig: Rig) -> dict[str, float]:
+    """Return joint → std of the angle at which the log says that it stood [rad]; none for an
+    encoder, whose zero is what a map's angles are compared with.
     """
+    if log.truth_kind is not TruthKind.HOME:
+        return {}
     return {sensor.of: sensor.bias.filter_std for sensor in reversed(rig.sensors_of("angle"))}
 
 
@@ -156,7 +158,7 @@ class RegressionEstimator(KernelEstimator):
                 f"{log.source}: in the first {homing:g} s there are no samples with the "
                 "reference, which regression needs; home for longer"
             )
-        offsets = offsets_of(self.rig)
+        offsets = offsets_of(log, self.rig)
         if self._kernel is not None:
             after = [
                 given(

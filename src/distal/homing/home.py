@@ -4,6 +4,7 @@ on what it lacks.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,22 +69,26 @@ def home(
     early = log.time - log.time[0] < homing
     unaided = samples.copy()
     unaided[:, len(estimator.positions) :] = np.nan
-    start = _anchored(start, truths[early], estimator.rig)
+    offsets = offsets_of(log, estimator.rig)
     begun = start
     if not all(learned.logs for learned in estimator.maps.filter):
+        start = _anchored(start, truths[early], estimator.rig.joint_names, offsets)
         begun = _with_parameters(estimator, start, log.time[early], samples[early])
     plain = plain_samples(estimator, begun, log, unaided, truths)
     if not np.all(np.abs(plain.angles[early]) <= LARGEST_ANGLE):  # NaN is not below it either
         begun = start
         plain = plain_samples(estimator, start, log, unaided, truths)
     names = estimator.channels[: len(estimator.positions)]
+
+    def conditioned(maps: Sequence[LearnedMap], of: Samples) -> tuple[LearnedMap, ...]:
+        parts = [of_part(of, estimator.rig, names, one.joints, one.channels) for one in maps]
+        return tuple(_conditioned(one, part, early, offsets) for one, part in zip(maps, parts))
+
+    changed = {"filter": conditioned(estimator.maps.filter, plain)}
     torques = true_torques(log, estimator.rig.joint_names) if estimator.maps.torque else None
-    changed = {"filter": _conditioned(estimator.maps.filter, plain, estimator.rig, names, early)}
     if torques is not None:
         of_torque = torque_samples(log, samples[:, : len(names)], torques)
-        changed["torque"] = _conditioned(
-            estimator.maps.torque, of_torque, estimator.rig, names, early
-        )
+        changed["torque"] = conditioned(estimator.maps.torque, of_torque)
     homed = estimator.with_maps(estimator.maps.model_copy(update=changed))
     return Homed(homed, begun, unaided)
 
@@ -102,14 +107,15 @@ def with_prior_maps(rig: Rig) -> Rig:
     return rig.with_map(filter=maps)
 
 
-def _anchored(start: Belief, truths: Floats, rig: Rig) -> Belief:
+def _anchored(
+    start: Belief, truths: Floats, joints: Sequence[str], offsets: Mapping[str, float]
+) -> Belief:
     """Return a first belief in which each joint's first known angle counts, with the std of its
     zero and its noise.
     """
     kernel_state = start.kernel_state.copy()
     covariance = covariance_of(kernel_state, start.size)
-    offsets = offsets_of(rig)
-    for j, (joint, column) in enumerate(zip(rig.joint_names, truths.T)):
+    for j, (joint, column) in enumerate(zip(joints, truths.T)):
         known = column[np.isfinite(column)]
         if len(known):
             before = covariance[j, j]
@@ -138,22 +144,13 @@ def _with_parameters(
 
 
 def _conditioned(
-    maps: tuple[LearnedMap, ...], samples: Samples, rig: Rig, names: tuple[str, ...], early: Bools
-) -> tuple[LearnedMap, ...]:
-    """Return maps conditioned on the targets of a run's first samples, `early`; `names` are those
-    of its readings.
-    """
-    offsets = offsets_of(rig)
-    after = []
-    for learned in maps:
-        part = of_part(samples, rig, names, learned.joints, learned.channels)
-        if learned.logs:
-            after.append(given(learned, part, early, offsets))
-        else:
-            fields = ("joints", "channels", "positions")
-            described = {name: getattr(learned, name) for name in fields}
-            after.append(from_window(part, described, early, offsets))
-    return tuple(after)
+    learned: LearnedMap, samples: Samples, early: Bools, offsets: Mapping[str, float]
+) -> LearnedMap:
+    """Return a map conditioned on the targets of a run's first samples, `early`."""
+    if learned.logs:
+        return given(learned, samples, early, offsets)
+    described = {name: getattr(learned, name) for name in ("joints", "channels", "positions")}
+    return from_window(samples, described, early, offsets)
 
 
 def plain_samples(

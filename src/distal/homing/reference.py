@@ -145,29 +145,24 @@ def homing_filter(rig: Rig, std: float = 0.0, compiled: bool = True) -> Adaptive
     After its other channels it has one more for each joint, ``home`` or ``home_JOINT``. Its value
     is the angle [rad] while the joint is known to stand there, at a mark or against a stop, and NaN
     at all other times. Between that angle and the joint's own there is a constant offset of
-    standard deviation `std` [rad].
+    standard deviation `std` [rad]. Where the rig has learned maps beside the filter, that angle
+    conditions them and does not move the filter.
 
     Raises:
-        EstimationError: the std is out of bounds, the rig has a learned map, or the filter cannot
-            run on it.
+        EstimationError: the std is out of bounds, or the filter cannot run on it.
     """
     if not isinstance(std, (int, float, np.floating)) or not 0.0 <= std <= LARGEST_ANGLE:
         raise EstimationError(
             f"a homing angle is known to 0 to {LARGEST_ANGLE:g} rad, {std!r} came"
         )
-    if rig.map is not None and rig.map.filter:
-        raise EstimationError(
-            f"'{rig.name}' has a [map], which corrects an angle that no reference has "
-            "moved: take it out of the "
-            "rig file to home while it runs, or home a recorded move (distal fit MOVE.csv)"
-        )
     rate = max((sensor.rate for sensor in rig.sensors), default=100.0)
+    is_mapped = rig.map is not None and bool(rig.map.filter)
     names: list[str] = []
     for joint in reversed(rig.joints):
-        rig, sensor = _with_home(rig, joint.name, std, rate)
+        rig, sensor = _with_home(rig, joint.name, 0.0 if is_mapped else std, rate)
         names.insert(0, sensor.name)
     homes = [next(sensor for sensor in rig.sensors if sensor.name == name) for name in names]
-    return AdaptiveFilter(rig, compiled, references=homes)
+    return AdaptiveFilter(rig, compiled, references=homes, home_std=std if is_mapped else None)
 
 
 def check_homing(homing: float, log: Log, joints: Sequence[str]) -> Floats:

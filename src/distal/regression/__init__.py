@@ -4,13 +4,12 @@ kernel; and other regressions of several logs.
 
 from distal.regression.cross_validation import folds_of, groups_of, splits
 from distal.regression.features import Shape, features_along, first_memory
+from distal.regression.homed_map import homed_memory
 from distal.regression.known_angle import PlacedMap
 from distal.regression.map_function import (
-    carried_size,
     map_function,
     map_parameters,
     memory_size,
-    reporting_function,
 )
 from distal.regression.posterior import (
     Evidence,
@@ -25,6 +24,7 @@ from distal.regression.posterior import (
     rates_of,
     shape_for,
 )
+from distal.regression.reported_map import ReportedMap, reporting_function
 from distal.regression.samples import Samples, correlated_samples, played
 from distal.regression.servos import servos_of
 from distal.regression.yardsticks import YARDSTICKS, yardstick_error
@@ -34,10 +34,10 @@ __all__ = [
     "Evidence",
     "PlacedMap",
     "Prior",
+    "ReportedMap",
     "Samples",
     "Shape",
     "Weights",
-    "carried_size",
     "conformal_factor",
     "correlated_samples",
     "evidence_of",
@@ -49,6 +49,7 @@ __all__ = [
     "from_window",
     "given",
     "groups_of",
+    "homed_memory",
     "map_function",
     "map_parameters",
     "memory_size",

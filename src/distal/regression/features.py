@@ -173,11 +173,14 @@ def _remembered(shape: Shape) -> ca.Function:
         *steps
     )
     age = ca.if_else(is_there(mask), 0, was["age"] + dt)
+    # before the first sample, whose dt is 0, the filter has only its prior
+    first = ca.vertcat(ca.SX.zeros(n, 1), ca.repmat(dt <= 0, shape.angles, 1))
     slips, doubts, lows, highs = [], [], [], []
     for k, half in enumerate(HALF_WIDTHS):
         at = slice(k * shape.count, (k + 1) * shape.count)
         low, high = (
-            ca.fmin(ca.fmax(was[name][at], z - half), z + half) for name in ("low", "high")
+            ca.if_else(first, z + side, ca.fmin(ca.fmax(was[name][at], z - half), z + half))
+            for name, side in (("low", -half), ("high", half))
         )
         slips.append((z - (low + high) / 2) / half)
         doubts.append((high - low) / (2 * half))
@@ -186,7 +189,7 @@ def _remembered(shape: Shape) -> ca.Function:
     states = []
     for k, constant in enumerate(TIME_CONSTANTS):
         state = was["lags"][k * shape.count : (k + 1) * shape.count]
-        states.append(state + (1 - ca.exp(-dt / constant)) * (z - state))
+        states.append(ca.if_else(first, z, state + (1 - ca.exp(-dt / constant)) * (z - state)))
     after = shape.memory.joined(
         last=centre + scale * z,
         age=age,

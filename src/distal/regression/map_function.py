@@ -1,11 +1,8 @@
-"""A learned map as a CasADi function of one sample, with a memory between samples; and the function
-of a filter whose report maps correct.
-"""
+"""A learned map as a CasADi function of one sample, with a memory between samples."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import lru_cache, reduce
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -15,11 +12,6 @@ from distal.expressions import VectorNode
 from distal.kernels import Layout
 from distal.regression.features import Shape, features_function
 from distal.rig import HALF_WIDTHS, IN_RADIAL, TIME_CONSTANTS, LearnedMap
-
-CARRIED_TIME = 0.3
-"""Time constant with which a map's correction is forgotten while something touches a joint [s]: the
-map was learned in free motion, and does not hold there. Source: benchmark (docs/results/touch.md).
-"""
 
 
 def memory_size(learned: LearnedMap) -> int:
@@ -39,6 +31,7 @@ def map_layout(shape: Shape, joints: int) -> Layout:
         radial=joints,
         noise=joints,
         filter=joints,
+        error_time=joints,
         **weights,
     )
 
@@ -48,7 +41,7 @@ def map_parameters(learned: LearnedMap) -> Floats:
     arrays = learned.arrays
     shape = Shape.of(learned)
     frame = [arrays[name].ravel(order="F") for name in shape.frame.names]
-    names = ("rate", "mean", "radial", "noise", "filter", "covariance")
+    names = ("rate", "mean", "radial", "noise", "filter", "error_time", "covariance")
     return np.concatenate([*frame, *(arrays[name].ravel() for name in names)])
 
 
@@ -112,97 +105,3 @@ def _slopes(
             into[IN_RADIAL * n + i, k] = 1
         turns = turns + ca.mtimes(ca.densify(into), ca.fabs(towards[n:]))
     return slopes, turns
-
-
-def carried_size(learned: LearnedMap, touched: Sequence[int]) -> int:
-    """Return how many values of a map are remembered beside its memory while something touches a
-    joint: one for each joint, none for a map of the torque.
-    """
-    return len(learned.joints) if touched and learned.beside_filter else 0
-
-
-def reporting_function(
-    inner: ca.Function,
-    maps: Sequence[tuple[LearnedMap, Sequence[int], Sequence[int]]],
-    width: int,
-    positions: Sequence[int | None],
-    joints: int,
-    touched: Sequence[int] = (),
-) -> ca.Function:
-    """Return the function (kernel_state, x, p) → (kernel_state⁺, y) of a filter that also reports
-    some of its states with learned maps.
-
-    The filter's own states are as without maps. In y, after the filter's own outputs, stand for
-    each map the reported values of its states, the gains of these states' own errors, and the
-    variances that are added; see `distal.estimators.report`.
-
-    A map of own was learned in free motion. Where touches have shares of the joints, of which w
-    is the largest, the map's difference d from the filter's own angle θ is kept and forgotten: d⁺ =
-    (1 − w) (value − θ) + w e^{−dt/T} d. The filter's own error then counts more: gain⁺ = (1 − w)
-    gain + w.
-
-    Args:
-        inner: the filter's function; the first states are the joints' own.
-        maps: each map with the indices of the channels that it reads and of the states that it
-            reports, and whether these are own.
-        width: number of the filter's channels.
-        positions: for each channel the index in the kernel state of its drive's position, None for
-            a channel that is read.
-        joints: number of joints.
-        touched: for each joint that may be touched, the index in the kernel state of the share that
-            a touch has of it.
-    """
-    n_kernel_state = inner.size1_in(0)
-    n_parameters = inner.size1_in(2)
-    shapes = [Shape.of(learned) for learned, *_ in maps]
-    carried = [carried_size(learned, touched) for learned, *_ in maps]
-    sizes = [shape.memory.size + more for shape, more in zip(shapes, carried)]
-    counts = [
-        map_layout(shape, len(learned.joints)).size for shape, (learned, *_) in zip(shapes, maps)
-    ]
-    kernel_state = ca.MX.sym("kernel_state", n_kernel_state + sum(sizes))
-    x = ca.MX.sym("x", inner.size1_in(1))
-    p = ca.MX.sym("p", n_parameters + sum(counts))
-    following, y = inner(kernel_state[:n_kernel_state], x, p[:n_parameters])
-    memories = []
-    reports = []
-    at = n_kernel_state
-    number = n_parameters
-    share = reduce(ca.fmax, (following[at] for at in touched), ca.MX(0))
-    left = share * ca.exp(-x[0] / CARRIED_TIME)
-    for (learned, channels, states), shape, more, count in zip(maps, shapes, carried, counts):
-        readings = [
-            x[1 + i]
-            if positions[i] is None or not learned.beside_filter
-            else following[positions[i]]
-            for i in channels
-        ]
-        angles = following[list(states)]
-        if shape.angles:
-            readings.append(angles)
-        mask = x[[1 + width + i for i in channels]]
-        size = shape.memory.size
-        parameters = p[number : number + count]
-        values, gains, variances, after = map_function(shape, len(learned.joints))(
-            kernel_state[at : at + size], x[0], ca.vertcat(*readings), mask, parameters
-        )
-        if not learned.beside_filter:
-            values = values - angles
-            gains = ca.MX.zeros(len(states))
-        if more:
-            # while touched, nobody knows whether the correction still holds
-            variances = variances + share * values**2
-            values = (1 - share) * values + left * kernel_state[at + size : at + size + more]
-            gains = (1 - share) * gains + share
-            after = ca.vertcat(after, values)
-        reports += [angles + values, gains, variances]
-        memories.append(after)
-        at += size + more
-        number += count
-    names = ["kernel_state", "x", "p"], ["next", "y"]
-    return ca.Function(
-        "reporting",
-        [kernel_state, x, p],
-        [ca.vertcat(following, *memories), ca.vertcat(y, *reports)],
-        *names,
-    )

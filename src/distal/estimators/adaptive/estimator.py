@@ -29,9 +29,8 @@ from distal.kernels import Structure, kernel_of, structure_of
 from distal.logs import frozen
 from distal.regression import (
     PlacedMap,
-    carried_size,
+    ReportedMap,
     map_parameters,
-    memory_size,
     reporting_function,
 )
 from distal.rig import LearnedMap, LearnedMaps, Rig, Sensor
@@ -79,6 +78,8 @@ class AdaptiveFilter(KernelEstimator):
         trace: let the kernel put out what a smoother needs.
         kinds: functions that give the blocks of states of a rig, one for each kind of state.
         folded: write all numbers but the equations' parameters into the kernel, for C elsewhere.
+        home_std: where it is given, the references do not move the filter but condition its maps,
+            see `homing_filter` [rad].
 
     Raises:
         EstimationError: the sensors do not suffice, or a map was learned from other sensors.
@@ -97,6 +98,7 @@ class AdaptiveFilter(KernelEstimator):
         trace: bool = False,
         kinds: Sequence[Kind] = KINDS,
         folded: bool = False,
+        home_std: float | None = None,
     ) -> None:
         channels = channels_of(rig, name, references, others=True)
         guards = usual_guards(rig) if robustness is None else robustness
@@ -104,6 +106,7 @@ class AdaptiveFilter(KernelEstimator):
             rig, tuple(references), tuple(inputs), guards, tuple(kinds), folded
         )
         self._resolution = resolution
+        self._home_std = home_std
         # a smoother goes back over the filter's own states
         self.maps = LearnedMaps() if trace or rig.map is None else rig.map
         self._check_maps()
@@ -126,9 +129,7 @@ class AdaptiveFilter(KernelEstimator):
             state_names=state_names,
             measured=measured,
         )
-        self.report = Report.behind(
-            2 * len(self.measured), [states for _, _, states in self._placed]
-        )
+        self.report = Report.behind(2 * len(self.measured), [one.states for one in self._reported])
 
     def _check_maps(self) -> None:
         for learned in self.maps.torque:
@@ -143,36 +144,38 @@ class AdaptiveFilter(KernelEstimator):
         return (*self.maps.filter, *self.maps.torque)
 
     @property
-    def _placed(self) -> list[tuple[LearnedMap, list[int], list[int]]]:
-        """Each map that is reported, with the channels that it reads and the states that it speaks
-        of.
-        """
+    def _reported(self) -> list[ReportedMap]:
+        """Each map that is reported."""
         context = self._states.context
         names = context.channels.names
         joints = context.mechanism.rig.joint_names
-        placed = []
+        homes = {sensor.of: names.index(sensor.name) for sensor in context.channels.angles}
+        reported = []
         for learned in self._reporting_maps:
-            channels = [names.index(channel) for channel in learned.channels]
-            angles = [joints.index(joint) for joint in learned.joints]
-            states = angles if learned.beside_filter else self._torques(learned)
-            placed.append((learned, channels, states))
-        return placed
+            channels = tuple(names.index(channel) for channel in learned.channels)
+            is_filter = learned.beside_filter
+            angles = tuple(joints.index(joint) for joint in learned.joints)
+            states = angles if is_filter else self._torques(learned)
+            known = tuple(homes[joint] for joint in learned.joints) if self._homes(learned) else ()
+            reported.append(ReportedMap(learned, channels, states, known, bool(self.touched)))
+        return reported
 
-    def _torques(self, learned: LearnedMap) -> list[int]:
+    def _homes(self, learned: LearnedMap) -> bool:
+        """Return whether known angles condition a map."""
+        return self._home_std is not None and learned.beside_filter
+
+    def _torques(self, learned: LearnedMap) -> tuple[int, ...]:
         """Return the states that are the external torques on a map's joints."""
         kinds, parts = self.state_kinds, self.state_parts
-        return list(states_of(StateKind.EXTERNAL_TORQUE, learned.joints, kinds, parts).values())
+        return tuple(states_of(StateKind.EXTERNAL_TORQUE, learned.joints, kinds, parts).values())
 
     def _reporting(self, function: ca.Function) -> ca.Function:
         """Return the filter with the values of its maps among its outputs."""
-        context = self._states.context
-        width = len(context.channels.names)
-        joints = context.n_joints
-        return (
-            reporting_function(function, self._placed, width, self.positions, joints, self.touched)
-            if self._reporting_maps
-            else function
-        )
+        if not self._reporting_maps:
+            return function
+        n = len(self._states.names)
+        variances = [n + i * (n + 1) for i in range(self._states.context.n_joints)]
+        return reporting_function(function, self._reported, self.positions, variances, self.touched)
 
     def prior_function(self) -> ca.Function:
         """Return the function (values, mask, p) → (mean, covariance's diagonal, memory) before the
@@ -184,7 +187,7 @@ class AdaptiveFilter(KernelEstimator):
             for learned in self.maps.readings
         ]
         return prior_function(
-            self._states, self._placed, readings, self.positions, len(self._p), self.touched
+            self._states, self._reported, readings, self.positions, len(self._p), self._home_std
         )
 
     def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
@@ -237,6 +240,7 @@ class AdaptiveFilter(KernelEstimator):
             resolution=self._resolution,
             kinds=self._states.kinds,
             folded=True,
+            home_std=self._home_std,
         )
 
     def states_of(self, rig: Rig) -> StateVector:
@@ -269,7 +273,8 @@ class AdaptiveFilter(KernelEstimator):
             guards=context.robustness,
             smoothing=trace,
             maps=tuple(
-                (learned.structure, channels, states) for learned, channels, states in self._placed
+                (one.learned.structure, one.channels, one.states, one.homes)
+                for one in self._reported
             ),
         )
 
@@ -279,10 +284,11 @@ class AdaptiveFilter(KernelEstimator):
         memory = adaptive_layout(self._states).size
         parameters = len(self.parameter_names)
         placed = []
-        for learned in self.maps.filter:
-            placed.append(PlacedMap(learned, memory, parameters))
-            memory += memory_size(learned) + carried_size(learned, self.touched)
-            parameters += len(map_parameters(learned))
+        for one in self._reported[: len(self.maps.filter)]:
+            if not one.homes:
+                placed.append(PlacedMap(one.learned, memory, parameters))
+            memory += one.size
+            parameters += one.parameters
         return tuple(placed)
 
     @property

@@ -13,7 +13,14 @@ from distal.estimators.adaptive.touch import DRIVE, FORCE, touch_layout
 from distal.estimators.read_channels import UNKNOWN_POSITION
 from distal.expressions import Scalar, Vector
 from distal.kernels.mask import is_read
-from distal.regression import Shape, carried_size, first_memory, map_function, map_parameters
+from distal.regression import (
+    ReportedMap,
+    Shape,
+    first_memory,
+    homed_memory,
+    map_function,
+    map_parameters,
+)
 from distal.rig import LearnedMap, Sensor
 
 UNEXPLAINED_AT_FIRST = 0.25
@@ -29,11 +36,11 @@ is missing.
 
 def prior_function(
     states: StateVector,
-    maps: Sequence[tuple[LearnedMap, Sequence[int], Sequence[int]]],
+    maps: Sequence[ReportedMap],
     readings: Sequence[tuple[LearnedMap, Sequence[int]]],
     positions: Sequence[int | None],
     inputs: int,
-    touched: Sequence[int] = (),
+    home_std: float | None = None,
 ) -> ca.Function:
     """Return the function (values, mask, p) → (mean, covariance's diagonal, memory) before the
     first sample.
@@ -44,13 +51,12 @@ def prior_function(
     The angles are those of the maps on readings alone, where these are more certain than the rig.
 
     Args:
-        maps: each map that is reported, with the channels that it reads and the states that it
-            speaks of.
+        maps: each map that is reported.
         readings: each map on readings alone, with the joints that it speaks of.
         positions: for each channel the index in the kernel state of its drive's position, None for
             readings used as they are.
         inputs: length of p.
-        touched: indices in the kernel state of the share that a touch has of each joint.
+        home_std: std of the angles at which joints are known to stand [rad], if they ever are.
     """
     context = states.context
     names = context.channels.names
@@ -97,16 +103,16 @@ def prior_function(
     placed = ca.substitute([placed], [symbols], [p[: symbols.numel()]])[0]
     # maps beside the filter read the positions of drives as it has them, without a known offset
     of_filter = ca.Function("placed", [values, p], [ca.vertcat(placed, values[len(positions) :])])
-    return _with_maps(plain, of_filter, maps, readings, names, touched)
+    return _with_maps(plain, of_filter, maps, readings, names, home_std)
 
 
 def _with_maps(
     plain: ca.Function,
     of_filter: ca.Function,
-    maps: Sequence[tuple[LearnedMap, Sequence[int], Sequence[int]]],
+    maps: Sequence[ReportedMap],
     readings: Sequence[tuple[LearnedMap, Sequence[int]]],
     names: Sequence[str],
-    touched: Sequence[int],
+    home_std: float | None,
 ) -> ca.Function:
     """Return the function `plain` with the start by maps, and with the memories of maps."""
     values, is_present, p = (ca.MX.sym(n, plain.numel_in(i)) for i, n in enumerate("vmp"))
@@ -125,13 +131,18 @@ def _with_maps(
             mean[joint] = ca.if_else(better, angles[k], mean[joint])
             variances[joint] = ca.if_else(better, spreads[k], variances[joint])
     tracked = of_filter(values, p)
-    for learned, channels, states in maps:
-        columns = list(channels)
-        of = (tracked if learned.beside_filter else values)[columns]
-        if learned.beside_filter:
-            of = ca.vertcat(of, mean[list(states)])
-        begun = _memory_of(learned)(of, is_present[columns])
-        memory = ca.vertcat(memory, begun, ca.MX.zeros(carried_size(learned, touched)))
+    number = p.numel() - sum(one.parameters for one in maps)
+    for one in maps:
+        columns = list(one.channels)
+        of = (tracked if one.learned.beside_filter else values)[columns]
+        if one.learned.beside_filter:
+            of = ca.vertcat(of, mean[list(one.states)])
+        begun = _memory_of(one.learned)(of, is_present[columns])
+        if one.homes:
+            parameters = p[number : number + one.parameters]
+            begun = homed_memory(one.shape, one.joints)(begun, parameters, home_std)
+        memory = ca.vertcat(memory, begun, ca.MX.zeros(one.carried))
+        number += one.parameters
     return ca.Function("prior", [values, is_present, p], [mean, variances, memory])
 
 
