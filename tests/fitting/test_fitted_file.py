@@ -18,6 +18,7 @@ from distal.fitting.candidates import Candidate, Training
 from distal.fitting.fit_options import Options
 from distal.fitting.fitted_file import MARK, plain_value
 from distal.fitting.learn import Judged, Learned, learned_by, readings_map
+from distal.fitting.leave_out import WRITTEN, Compared, Fold, Score
 from distal.fitting.missing_terms import MissingTerm
 from distal.fitting.parameter_estimates import among_models, parameters_of, problem_of
 from distal.fitting.result import Fit
@@ -118,6 +119,20 @@ def test_an_encoders_zero_that_no_score_shows_is_said(
     result = Fit.of(found.learned(found.candidates[0]), found.rig, found.logs, OPTIONS, ())
     result = replace(result, reference_offset=share * result.scores()[0][1])
     assert any("whose own zero may be off by" in line for line in result.advice()) == said
+
+
+@pytest.mark.parametrize(("ratio", "said"), [(0.94, True), (0.97, False)])
+def test_another_way_that_errs_less_is_said_first(ratio: float, said: bool, found: Found) -> None:
+    """By more than 5 %."""
+    learned = found.learned(found.candidates[0])
+    result = Fit.of(learned, found.rig, found.logs, OPTIONS, ())
+    name = "least squares with lags"
+    scores = {WRITTEN: Score(0.01, 0.95, 0.02), name: Score(0.01 * ratio, np.nan, np.nan)}
+    fold = Fold(("log",), learned, (Compared("log", scores),))
+    answer = replace(result, folds=(fold,)).answer()
+    assert answer.startswith(f"another way errs less than what is written, {name}") == said
+    assert f"{name}: " in answer
+    assert "readings" not in replace(result, folds=()).answer()
 
 
 def test_other_models_widen_the_report_alone(found: Found) -> None:

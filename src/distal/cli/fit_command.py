@@ -255,6 +255,8 @@ def _say(result: Fit) -> None:
         )
         say(f"not determined by these logs: {', '.join(undetermined[:MOST_NAMES])}{more}")
     say_scores(result)
+    if answer := result.answer():
+        say(f"answer: {answer}")
     for line in result.advice()[:MOST_DOUBTS]:
         say(line)
     if result.interrupted:

@@ -18,12 +18,17 @@ from distal.fitting.fitted_file import MARK, plain_value, write_fitted
 from distal.fitting.fitted_parameter import FittedParameter, assignments
 from distal.fitting.learn import Learned
 from distal.fitting.learned_maps import MapFit
-from distal.fitting.leave_out import WRITTEN, Compared, Fold
+from distal.fitting.leave_out import REGRESSION, WRITTEN, Compared, Fold
 from distal.fitting.map_samples import reference_offset, reference_std
 from distal.logs import Log, shown
 from distal.regression import YARDSTICKS
 from distal.rig import Rig
 from distal.rounded import rounded
+
+WORSE = 1.05
+"""Ratio of the error of what is written to that of a way without a model of the rig, above which
+the answer says so first [1]. Source: definition (of what a fit promises).
+"""
 
 HIDDEN = 0.5
 """Ratio of the std of an encoder's zero to the error that is scored beside it, above which the
@@ -231,7 +236,7 @@ class Fit:
 
     def answer(self) -> str:
         """Return in a line how well the joints are known: error and band on held-out logs, beside
-        the best least squares; empty without held-out logs.
+        the best way without a model of the rig; empty without held-out logs.
         """
         scores = [
             score
@@ -242,14 +247,17 @@ class Fit:
             return ""
         error = np.rad2deg(np.sqrt(np.mean([score.rms**2 for score in scores])))
         half = np.rad2deg(np.mean([score.half for score in scores]))
-        squares = [rms for name, rms, _ in self.scores() if name in YARDSTICKS]
-        beside = ""
-        if squares:
-            beside = f"; the best least squares err by {rounded(np.rad2deg(min(squares)))}°"
-        return (
+        alone = [*YARDSTICKS, REGRESSION]
+        others = [(rms, name) for name, rms, _ in self.scores() if name in alone]
+        rms, name = min(others, default=(np.inf, ""))
+        text = (
             f"on logs left out the joints are known to ±{rounded(half)}° (95 %), with an RMS error "
-            f"of {rounded(error)}°{beside}"
+            f"of {rounded(error)}°"
         )
+        least = f"{name}: {rounded(np.rad2deg(rms))}°"
+        if rms * WORSE < self.scores()[0][1]:
+            return f"another way errs less than what is written, {least}; {text}"
+        return f"{text}; without a model of the rig the least is {least}" if others else text
 
     def advice(self) -> list[str]:
         """Return sentences on what to know before the rig is used: doubts, errors that no score

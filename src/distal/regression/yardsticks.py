@@ -1,5 +1,5 @@
 """Yardsticks: ordinary least squares of the angles on the readings, as ten lines of NumPy would do
-it.
+it, and boosted trees where scikit-learn is installed.
 
 They have no prior, no band and no limits, and no rig file holds them. Each fit is compared with
 them on the same held-out logs, which shows whether its physical model errs less.
@@ -8,6 +8,7 @@ them on the same held-out logs, which shows whether its physical model errs less
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from importlib.util import find_spec
 
 import numpy as np
 
@@ -45,13 +46,40 @@ def _with_plays(samples: Samples, ranges: Floats) -> Floats:
     return np.column_stack([samples.held, *passed])
 
 
-YARDSTICKS: Mapping[str, Callable[[Samples, Floats], Floats]] = {
-    "least squares": _straight,
-    "least squares with lags": _with_lags,
-    "least squares with plays": _with_plays,
+Regressor = Callable[[Floats, Floats, Floats], Floats]
+"""Function of (φ, angles, φ of the held-out log) that returns its angles."""
+
+
+def _least_squares(phi: Floats, angles: Floats, held_out: Floats) -> Floats:
+    # columns are scaled to one size against rounding errors
+    size = np.maximum(np.sqrt(np.mean(phi**2, axis=0)), 1e-300)
+    predicted: Floats = held_out @ (np.linalg.lstsq(phi / size, angles)[0] / size)
+    return predicted
+
+
+def _boosted_trees(phi: Floats, angles: Floats, held_out: Floats) -> Floats:
+    """Return what gradient boosting predicts (Friedman, Ann. Stat. 29, 2001), with the defaults of
+    scikit-learn.
+    """
+    from sklearn.ensemble import HistGradientBoostingRegressor
+
+    trees = HistGradientBoostingRegressor(random_state=0).fit(phi, angles)
+    predicted: Floats = trees.predict(held_out)
+    return predicted
+
+
+YARDSTICKS: Mapping[str, tuple[Callable[[Samples, Floats], Floats], Regressor]] = {
+    "least squares": (_straight, _least_squares),
+    "least squares with lags": (_with_lags, _least_squares),
+    "least squares with plays": (_with_plays, _least_squares),
+    **(
+        {"boosted trees with lags": (_with_lags, _boosted_trees)}
+        if find_spec("sklearn") is not None
+        else {}
+    ),
 }
 """Name → function that returns the columns φ(y) beside the constant, (k, n), from the samples of a
-log and the ranges of the readings, (m,).
+log and the ranges of the readings, (m,); and the regressor.
 """
 
 
@@ -59,11 +87,10 @@ def yardstick_error(name: str, training: Sequence[Samples], held_out: Samples) -
     """Return the RMS error of the yardstick `name` over all joints of a held-out log [rad], NaN
     where a joint's angle is known in no training log.
 
-    Least squares of the angles on (1, φ(y)) takes all samples of the training logs whose angle is
-    known; φ is that of `YARDSTICKS`.
+    It takes all samples of the training logs whose angle is known, see `YARDSTICKS`.
     """
     ranges = np.ptp(np.vstack([samples.held for samples in training]), axis=0)
-    columns = YARDSTICKS[name]
+    columns, regressor = YARDSTICKS[name]
     squares = []
     test = _design(columns, held_out, ranges)
     designs = [_design(columns, samples, ranges) for samples in training]
@@ -74,10 +101,7 @@ def yardstick_error(name: str, training: Sequence[Samples], held_out: Samples) -
         angles = np.concatenate([target[known] for target, known in zip(targets, rows)])
         if not len(angles):
             return float("nan")
-        # columns are scaled to one size against rounding errors
-        size = np.maximum(np.sqrt(np.mean(phi**2, axis=0)), 1e-300)
-        coefficients = np.linalg.lstsq(phi / size, angles)[0] / size
-        error = test @ coefficients - held_out.targets[:, joint]
+        error = regressor(phi, angles, test) - held_out.targets[:, joint]
         squares.append(error[np.isfinite(error)] ** 2)
     return float(np.sqrt(np.mean(np.concatenate(squares))))
 
