@@ -81,8 +81,12 @@ def home(
     names = estimator.channels[: len(estimator.positions)]
 
     def conditioned(maps: Sequence[LearnedMap], of: Samples) -> tuple[LearnedMap, ...]:
-        parts = [of_part(of, estimator.rig, names, one.joints, one.channels) for one in maps]
-        return tuple(_conditioned(one, part, early, offsets) for one, part in zip(maps, parts))
+        parts = [
+            of_part(of, estimator.rig, names, learned.joints, learned.channels) for learned in maps
+        ]
+        return tuple(
+            _conditioned(learned, part, early, offsets) for learned, part in zip(maps, parts)
+        )
 
     changed = {"filter": conditioned(estimator.maps.filter, plain)}
     torques = true_torques(log, estimator.rig.joint_names) if estimator.maps.torque else None
@@ -116,11 +120,11 @@ def _anchored(
     kernel_state = start.kernel_state.copy()
     covariance = covariance_of(kernel_state, start.size)
     for j, (joint, column) in enumerate(zip(joints, truths.T)):
-        known = column[np.isfinite(column)]
-        if len(known):
+        angles = column[np.isfinite(column)]
+        if len(angles):
             before = covariance[j, j]
             gain = before / (before + TRUTH_NOISE**2 + offsets.get(joint, 0.0) ** 2)
-            kernel_state[j] += gain * (known[0] - kernel_state[j])
+            kernel_state[j] += gain * (angles[0] - kernel_state[j])
             covariance[j, :] = covariance[:, j] = 0.0
             covariance[j, j] = (1.0 - gain) * before
     return Belief(start.time, frozen(kernel_state), start.size)

@@ -47,7 +47,7 @@ def homed_memory(shape: Shape, joints: int) -> ca.Function:
 
 @lru_cache(maxsize=32)
 def homed_function(shape: Shape, joints: int) -> ca.Function:
-    """Return the function (memory, dt, readings, mask, parameters, targets, known, beside) →
+    """Return the function (memory, dt, readings, mask, parameters, targets, given, beside) →
     (values, gains, variances, memory⁺): that of `map_function` with the weights of the memory,
     which known targets condition first.
 
@@ -58,7 +58,7 @@ def homed_function(shape: Shape, joints: int) -> ca.Function:
 
     Args:
         shape: of the map's features.
-        joints: number of joints. For each, `targets` is what the map should have given, `known` 1
+        joints: number of joints. For each, `targets` is what the map should have given, `given` 1
             where that is known, and `beside` the variance of the filter's own angle.
     """
     layout = homed_layout(shape, joints)
@@ -67,7 +67,7 @@ def homed_function(shape: Shape, joints: int) -> ca.Function:
     readings = ca.MX.sym("readings", shape.count)
     mask = ca.MX.sym("mask", shape.channels)
     parameters = ca.MX.sym("parameters", map_layout(shape, joints).size)
-    targets, known, beside = (ca.MX.sym(name, joints) for name in ("targets", "known", "beside"))
+    targets, is_given, beside = (ca.MX.sym(name, joints) for name in ("targets", "given", "beside"))
     was = layout.parts(memory)
     of = map_layout(shape, joints).parts(parameters)
     outputs, _ = features_function(shape)(was["map"], dt, readings, mask, of["frame"])
@@ -83,7 +83,7 @@ def homed_function(shape: Shape, joints: int) -> ca.Function:
         variance = of["noise"][j] * (1 + of["error_time"][j] / ca.fmax(since[j], SHORTEST))
         variance += of["radial"][j] * out["far"] + of["filter"][j] ** 2 * beside[j]
         variance += ca.dot(ca.fabs(mean[slips]), out["doubt"]) ** 2 / 3
-        gain = known[j] * cross / (ca.dot(phi, cross) + variance)
+        gain = is_given[j] * cross / (ca.dot(phi, cross) + variance)
         means.append(mean + gain * (targets[j] - ca.dot(phi, mean)))
         covariances[f"covariance_{j}"] = covariance - ca.mtimes(gain, cross.T)
     mean = ca.horzcat(*means)
@@ -92,10 +92,10 @@ def homed_function(shape: Shape, joints: int) -> ca.Function:
     values, gains, variances, after = map_function(shape, joints)(
         was["map"], dt, readings, mask, with_weights
     )
-    following = layout.joined(map=after, since=since * (1 - known), mean=mean, **covariances)
+    following = layout.joined(map=after, since=since * (1 - is_given), mean=mean, **covariances)
     return ca.Function(
         "homed_map",
-        [memory, dt, readings, mask, parameters, targets, known, beside],
+        [memory, dt, readings, mask, parameters, targets, is_given, beside],
         [values, gains, variances, following],
     )
 

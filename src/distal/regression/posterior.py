@@ -292,10 +292,10 @@ def from_prior(
     efforts = [i for i in range(shape.channels) if i not in shape.moving]
     frame["scale"][efforts] = np.hypot(frame["scale"], frame["centre"])[efforts]
     weights = Weights.of(shape, prior, [])
-    known = [column[np.isfinite(column)] for column in log.targets.T]
-    joints = len(known)
-    centres = np.array([np.mean(t) if len(t) and not angles else 0.0 for t in known])
-    squares = np.array([np.mean((t - c) ** 2) if len(t) else 0.0 for t, c in zip(known, centres)])
+    targets = [column[np.isfinite(column)] for column in log.targets.T]
+    joints = len(targets)
+    centres = np.array([np.mean(t) if len(t) and not angles else 0.0 for t in targets])
+    squares = np.array([np.mean((t - c) ** 2) if len(t) else 0.0 for t, c in zip(targets, centres)])
     if angles:
         # of an error of the filter, the angle itself is the scale
         zeros = np.array([offsets.get(joint, 0.0) for joint in described["joints"]])

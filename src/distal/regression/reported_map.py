@@ -105,12 +105,12 @@ def reporting_function(
     """
     n_kernel_state = inner.size1_in(0)
     n_parameters = inner.size1_in(2)
-    kernel_state = ca.MX.sym("kernel_state", n_kernel_state + sum(one.size for one in maps))
+    kernel_state = ca.MX.sym("kernel_state", n_kernel_state + sum(placed.size for placed in maps))
     x = ca.MX.sym("x", inner.size1_in(1))
-    p = ca.MX.sym("p", n_parameters + sum(one.parameters for one in maps))
+    p = ca.MX.sym("p", n_parameters + sum(placed.parameters for placed in maps))
     width = (x.numel() - 1) // 2
     read = ca.MX(x)
-    for home in {home for one in maps for home in one.homes}:
+    for home in {home for placed in maps for home in placed.homes}:
         read[1 + width + home] = 0
     following, y = inner(kernel_state[:n_kernel_state], read, p[:n_parameters])
     memories = []
@@ -119,43 +119,43 @@ def reporting_function(
     number = n_parameters
     share = reduce(ca.fmax, (following[at] for at in touched), ca.MX(0))
     left = share * ca.exp(-x[0] / CARRIED_TIME)
-    for one in maps:
+    for placed in maps:
         inputs: list[VectorNode] = [
             x[1 + i]
-            if positions[i] is None or not one.learned.beside_filter
+            if positions[i] is None or not placed.learned.beside_filter
             else following[positions[i]]
-            for i in one.channels
+            for i in placed.channels
         ]
-        angles = following[list(one.states)]
-        if one.shape.angles:
+        angles = following[list(placed.states)]
+        if placed.shape.angles:
             inputs.append(angles)
-        mask = x[[1 + width + i for i in one.channels]]
-        memory = kernel_state[at : at + one.memory]
-        parameters = p[number : number + one.parameters]
+        mask = x[[1 + width + i for i in placed.channels]]
+        memory = kernel_state[at : at + placed.memory]
+        parameters = p[number : number + placed.parameters]
         arguments = [memory, x[0], ca.vertcat(*inputs), mask, parameters]
-        if one.homes:
-            homes = list(one.homes)
+        if placed.homes:
+            homes = list(placed.homes)
             given = x[[1 + i for i in homes]] - angles
-            known = is_read(x[[1 + width + i for i in homes]])
-            beside = following[[variances[i] for i in one.states]]
-            function = homed_function(one.shape, one.joints)
-            values, gains, spreads, after = function(*arguments, given, known, beside)
+            is_given = is_read(x[[1 + width + i for i in homes]])
+            beside = following[[variances[i] for i in placed.states]]
+            function = homed_function(placed.shape, placed.joints)
+            values, gains, spreads, after = function(*arguments, given, is_given, beside)
         else:
-            values, gains, spreads, after = map_function(one.shape, one.joints)(*arguments)
-        if not one.learned.beside_filter:
+            values, gains, spreads, after = map_function(placed.shape, placed.joints)(*arguments)
+        if not placed.learned.beside_filter:
             values = values - angles
-            gains = ca.MX.zeros(len(one.states))
-        if one.carried:
+            gains = ca.MX.zeros(len(placed.states))
+        if placed.carried:
             # while touched, nobody knows whether the correction still holds
             spreads = spreads + share * values**2
-            carried = kernel_state[at + one.memory : at + one.size]
+            carried = kernel_state[at + placed.memory : at + placed.size]
             values = (1 - share) * values + left * carried
             gains = (1 - share) * gains + share
             after = ca.vertcat(after, values)
         reports += [angles + values, gains, spreads]
         memories.append(after)
-        at += one.size
-        number += one.parameters
+        at += placed.size
+        number += placed.parameters
     names = ["kernel_state", "x", "p"], ["next", "y"]
     return ca.Function(
         "reporting",

@@ -129,7 +129,9 @@ class AdaptiveFilter(KernelEstimator):
             state_names=state_names,
             measured=measured,
         )
-        self.report = Report.behind(2 * len(self.measured), [one.states for one in self._reported])
+        self.report = Report.behind(
+            2 * len(self.measured), [placed.states for placed in self._reported]
+        )
 
     def _check_maps(self) -> None:
         for learned in self.maps.torque:
@@ -156,8 +158,8 @@ class AdaptiveFilter(KernelEstimator):
             is_filter = learned.beside_filter
             angles = tuple(joints.index(joint) for joint in learned.joints)
             states = angles if is_filter else self._torques(learned)
-            known = tuple(homes[joint] for joint in learned.joints) if self._homes(learned) else ()
-            reported.append(ReportedMap(learned, channels, states, known, bool(self.touched)))
+            given = tuple(homes[joint] for joint in learned.joints) if self._homes(learned) else ()
+            reported.append(ReportedMap(learned, channels, states, given, bool(self.touched)))
         return reported
 
     def _homes(self, learned: LearnedMap) -> bool:
@@ -273,8 +275,8 @@ class AdaptiveFilter(KernelEstimator):
             guards=context.robustness,
             smoothing=trace,
             maps=tuple(
-                (one.learned.structure, one.channels, one.states, one.homes)
-                for one in self._reported
+                (placed.learned.structure, placed.channels, placed.states, placed.homes)
+                for placed in self._reported
             ),
         )
 
@@ -284,11 +286,11 @@ class AdaptiveFilter(KernelEstimator):
         memory = adaptive_layout(self._states).size
         parameters = len(self.parameter_names)
         placed = []
-        for one in self._reported[: len(self.maps.filter)]:
-            if not one.homes:
-                placed.append(PlacedMap(one.learned, memory, parameters))
-            memory += one.size
-            parameters += one.parameters
+        for reported in self._reported[: len(self.maps.filter)]:
+            if not reported.homes:
+                placed.append(PlacedMap(reported.learned, memory, parameters))
+            memory += reported.size
+            parameters += reported.parameters
         return tuple(placed)
 
     @property

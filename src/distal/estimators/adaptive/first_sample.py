@@ -131,18 +131,18 @@ def _with_maps(
             mean[joint] = ca.if_else(better, angles[k], mean[joint])
             variances[joint] = ca.if_else(better, spreads[k], variances[joint])
     tracked = of_filter(values, p)
-    number = p.numel() - sum(one.parameters for one in maps)
-    for one in maps:
-        columns = list(one.channels)
-        of = (tracked if one.learned.beside_filter else values)[columns]
-        if one.learned.beside_filter:
-            of = ca.vertcat(of, mean[list(one.states)])
-        begun = _memory_of(one.learned)(of, is_present[columns])
-        if one.homes:
-            parameters = p[number : number + one.parameters]
-            begun = homed_memory(one.shape, one.joints)(begun, parameters, home_std)
-        memory = ca.vertcat(memory, begun, ca.MX.zeros(one.carried))
-        number += one.parameters
+    number = p.numel() - sum(placed.parameters for placed in maps)
+    for placed in maps:
+        columns = list(placed.channels)
+        of = (tracked if placed.learned.beside_filter else values)[columns]
+        if placed.learned.beside_filter:
+            of = ca.vertcat(of, mean[list(placed.states)])
+        begun = _memory_of(placed.learned)(of, is_present[columns])
+        if placed.homes:
+            parameters = p[number : number + placed.parameters]
+            begun = homed_memory(placed.shape, placed.joints)(begun, parameters, home_std)
+        memory = ca.vertcat(memory, begun, ca.MX.zeros(placed.carried))
+        number += placed.parameters
     return ca.Function("prior", [values, is_present, p], [mean, variances, memory])
 
 
