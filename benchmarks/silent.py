@@ -88,7 +88,7 @@ def drives() -> None:
 
 
 def homing(until: float = 3.0) -> None:
-    """Compare homing over the log with homing while the filter runs, which is without maps."""
+    """Compare homing over the log with homing while the filter runs."""
     folder = Path(os.environ["DISTAL_DATA"]) / "da_vinci_grasper"
     rig, rows = load_rig("da-vinci-grasper"), []
     for path in sorted(folder.glob("run_*.csv")):
@@ -98,7 +98,7 @@ def homing(until: float = 3.0) -> None:
         since, truths = log.time - log.time[0], over.truths
         late, errors = since >= until, [over.theta - truths[:, 0]]
         live, said = (
-            LiveEstimator(rig, homing_filter(rig.model_copy(update={"map": None}))),
+            LiveEstimator(rig, homing_filter(rig)),
             [],
         )
         for k, time in enumerate(log.time):
@@ -113,7 +113,7 @@ def homing(until: float = 3.0) -> None:
     columns = [
         "log",
         "over the log [°]",
-        "while it runs, no map [°]",
+        "while it runs [°]",
     ]
     table("homing-live", "Homing a da Vinci grasper for 3 s: RMS error afterwards", columns, rows)
 

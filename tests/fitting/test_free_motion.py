@@ -20,7 +20,7 @@ from distal.fitting.learn_free_motion import NORMAL, SETTLING, closed_filter, fr
 from distal.fitting.touched_logs import touched_logs
 from distal.kernels import Feed, advance
 from distal.kernels.mask import READ
-from distal.regression.map_function import map_parameters, reporting_function
+from distal.regression import ReportedMap, map_parameters, reporting_function
 from distal.rig import FreeMotion, felt_in_words
 from distal.run import JointContact, Monitor
 from tests.learned_maps import drawn_map
@@ -219,9 +219,10 @@ def test_a_map_is_carried_on_and_fades_while_touched() -> None:
     learned, dt = drawn_map(), 0.05
     kernel_state, x, p = (ca.MX.sym(name, size) for name, size in (("c", 2), ("x", 5), ("p", 1)))
     inner = ca.Function("inner", [kernel_state, x, p], [kernel_state, ca.MX(1, 1)])
-    maps = [(learned, [0, 1], [0])]
-    free = reporting_function(inner, maps, 2, [None, None], 1)
-    held = reporting_function(inner, maps, 2, [None, None], 1, touched=[1])
+    placed = ReportedMap(learned, (0, 1), (0,))
+    free = reporting_function(inner, [placed], [None, None], [1])
+    may_be_touched = replace(placed, is_touched=True)
+    held = reporting_function(inner, [may_be_touched], [None, None], [1], touched=[1])
     sizes = free.size1_in(0) - 2
     parameters = np.concatenate([[0.0], map_parameters(learned)])
     sample = [dt, 0.1, 0.02, READ, READ]

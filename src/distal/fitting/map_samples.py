@@ -9,7 +9,6 @@ import numpy as np
 
 from distal.errors import DistalError
 from distal.estimators import AdaptiveFilter, channels_of, first_values
-from distal.fitting.samples_in_stops import in_stops
 from distal.homing import (
     check_homing,
     plain_samples,
@@ -29,12 +28,6 @@ offset. Source: judgement.
 SETTLING = 0.5
 """Time in which a filter without homing finds the joint [s]; errors count after it. Source:
 judgement.
-"""
-
-
-LEAST_FREE = 0.1
-"""Share of a log in which a joint is off its stops, below which samples within the stops count too.
-Source: judgement.
 """
 
 LARGEST_ANGLE = 100.0
@@ -127,11 +120,6 @@ def _filtered(log: Log, estimator: AdaptiveFilter, homing: float | None) -> Samp
         # the filter does not know yet where the joint begins: that is no error of the model
         early = log.time - log.time[0] < SETTLING
         truths = np.where(early[:, None], np.nan, truths)
-    if homing is None:
-        stopped = in_stops(log.time, truths, estimator.rig)
-        # a joint that hardly leaves its stops would have no known angle
-        moves = (np.isfinite(truths) & ~stopped).mean(axis=0) >= LEAST_FREE
-        truths = np.where(stopped & moves, np.nan, truths)
     return plain_samples(estimator, start, log, samples, truths)
 
 

@@ -169,7 +169,8 @@ class Weights:
         """
         after = self.given(log.rows(log.given)) if log.given.any() else self
         later = log.rows(~log.given)
-        spread = np.sum((later.phi @ after.covariance) * later.phi, axis=1)
+        # an inverse with rounding errors may be indefinite by a little
+        spread = np.maximum(np.sum((later.phi @ after.covariance) * later.phi, axis=1), 0.0)
         noise = np.exp(2 * self.prior.noise)
         return later.target - later.phi @ after.mean, spread + noise + after._variance_beside(later)
 
