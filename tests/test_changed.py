@@ -13,8 +13,8 @@ def touched(module: str) -> set[str]:
 
 
 def test_a_module_touches_the_tests_that_import_it() -> None:
-    found = touched("distal.homing.window")
-    assert "test_most_likely.py" in found
+    found = touched("distal.homing.home")
+    assert "test_home.py" in found
     assert "test_csv.py" not in found
 
 

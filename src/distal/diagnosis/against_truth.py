@@ -79,13 +79,13 @@ def against_truth(
         return []
     errors = np.abs(result.angles - result.truths)
     held = errors <= BAND * result.angle_stds
-    known = np.isfinite(errors)
-    shares = held.sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-    shares[~known.any(axis=0)] = 1.0
+    has_truth = np.isfinite(errors)
+    shares = held.sum(axis=0) / np.maximum(has_truth.sum(axis=0), 1)
+    shares[~has_truth.any(axis=0)] = 1.0
     worst = int(np.argmin(shares))
-    rms = np.sqrt(np.nansum(errors**2, axis=0) / np.maximum(known.sum(axis=0), 1))
+    rms = np.sqrt(np.nansum(errors**2, axis=0) / np.maximum(has_truth.sum(axis=0), 1))
     most = int(np.nanargmax(rms))
-    if held.sum() < LEAST_INSIDE * known.sum() or shares[worst] < LEAST_OF_JOINT:
+    if held.sum() < LEAST_INSIDE * has_truth.sum() or shares[worst] < LEAST_OF_JOINT:
         outside = texts.outside_the_truth(
             result.joint_names[worst], float(rms[worst]), float(shares[worst])
         )

@@ -199,9 +199,13 @@ def _followed(
 
 def _lag(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> ReferenceLag:
     """Return the lag of the reference; none where the map on readings cannot run."""
-    known = [i for i, log in enumerate(logs) if true_angles(log, rig.joint_names) is not None]
+    with_reference = [
+        i for i, log in enumerate(logs) if true_angles(log, rig.joint_names) is not None
+    ]
     try:
-        return reference_lag([logs[i] for i in known], rig, [folds[i] for i in known])
+        return reference_lag(
+            [logs[i] for i in with_reference], rig, [folds[i] for i in with_reference]
+        )
     except EstimationError:
         return ReferenceLag()
 

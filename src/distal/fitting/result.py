@@ -248,8 +248,8 @@ class Fit:
         error = np.rad2deg(np.sqrt(np.mean([score.rms**2 for score in scores])))
         half = np.rad2deg(np.mean([score.half for score in scores]))
         alone = [*YARDSTICKS, REGRESSION]
-        others = [(rms, name) for name, rms, _ in self.scores() if name in alone]
-        rms, name = min(others, default=(np.inf, ""))
+        modelless = [(rms, name) for name, rms, _ in self.scores() if name in alone]
+        rms, name = min(modelless, default=(np.inf, ""))
         text = (
             f"on logs left out the joints are known to ±{rounded(half)}° (95 %), with an RMS error "
             f"of {rounded(error)}°"
@@ -257,7 +257,7 @@ class Fit:
         least = f"{name}: {rounded(np.rad2deg(rms))}°"
         if rms * WORSE < self.scores()[0][1]:
             return f"another way errs less than what is written, {least}; {text}"
-        return f"{text}; without a model of the rig the least is {least}" if others else text
+        return f"{text}; without a model of the rig the least is {least}" if modelless else text
 
     def advice(self) -> list[str]:
         """Return sentences on what to know before the rig is used: doubts, errors that no score

@@ -75,9 +75,11 @@ def home(
         start = _anchored(start, truths[early], estimator.rig.joint_names, offsets)
         begun = _with_parameters(estimator, start, log.time[early], samples[early])
     plain = plain_samples(estimator, begun, log, unaided, truths)
-    if not np.all(np.abs(plain.angles[early]) <= LARGEST_ANGLE):  # NaN is not below it either
+    if not _is_bounded(plain):
         begun = start
         plain = plain_samples(estimator, start, log, unaided, truths)
+    if not _is_bounded(plain):
+        return Homed(estimator, start, unaided)
     names = estimator.channels[: len(estimator.positions)]
 
     def conditioned(maps: Sequence[LearnedMap], of: Samples) -> tuple[LearnedMap, ...]:
@@ -109,6 +111,11 @@ def with_prior_maps(rig: Rig) -> Rig:
         rest = np.zeros((2, len(part["channels"])))
         maps.append(from_prior(Samples("", np.arange(2.0), rest, none, none, none), part, {}))
     return rig.with_map(filter=maps)
+
+
+def _is_bounded(samples: Samples) -> bool:
+    """Return whether the filter's angles are bounded all along."""
+    return bool(np.all(np.abs(samples.angles) <= LARGEST_ANGLE))  # NaN is not below it either
 
 
 def _anchored(
@@ -153,7 +160,11 @@ def _conditioned(
     """Return a map conditioned on the targets of a run's first samples, `early`."""
     if learned.logs:
         return given(learned, samples, early, offsets)
-    described = {name: getattr(learned, name) for name in ("joints", "channels", "positions")}
+    described = {
+        "joints": learned.joints,
+        "channels": learned.channels,
+        "positions": learned.positions,
+    }
     return from_window(samples, described, early, offsets)
 
 

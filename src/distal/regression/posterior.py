@@ -154,6 +154,28 @@ class Weights:
             covariance=(covariance + covariance.T) / 2,
         )
 
+    def likeliest_share(self, log: Evidence, offset: float) -> float:
+        """Return the factor, at most 1, on the covariance of a prior of mean zero with which the
+        targets of a log are most likely (type-II maximum likelihood; Rasmussen and Williams, 2006,
+        §5.2); see `given` for the `offset`.
+        """
+        # loaded late: they take as long as all of distal
+        from scipy.linalg import eigh
+        from scipy.optimize import minimize_scalar
+
+        if not len(log.target):
+            return 1.0
+        noise = _noise(self.prior, log.spacing) + self._variance_beside(log)
+        values, axes = eigh(log.phi @ self.covariance @ log.phi.T, np.diag(noise) + offset)
+        squares = (axes.T @ log.target) ** 2
+
+        def cost(power: float) -> float:
+            variances = 1.0 + np.exp(power) * np.maximum(values, 0.0)
+            return float(np.sum(np.log(variances) + squares / variances))
+
+        search = minimize_scalar(cost, bounds=(np.log(LEAST_SHARE), 0.0), method="bounded")
+        return float(np.exp(search.x))
+
     def _variance_beside(self, log: Evidence) -> Floats:
         """Return the variances of radial part, slips' intervals and filter, (k,)."""
         slips = self.mean[self.shape.features["slips"]]
@@ -326,6 +348,9 @@ def from_prior(
     )
 
 
+LEAST_SHARE = 1e-12
+"""Least factor on a prior's covariance [1]. Source: rounding (nothing of it is left)."""
+
 SMALLEST_SPREAD = float(np.deg2rad(0.1))
 """Least std of an angle by which a prior is scaled [rad]. Source: rounding (of a joint at rest)."""
 
@@ -345,19 +370,29 @@ def from_window(
         known: mask of these samples, (k,).
         offsets: see `given`.
     """
+    samples = replace(log, targets=np.where(known[:, None], log.targets, np.nan))
     before = from_prior(log.part(known), described, offsets)
+    if before.beside_filter:
+        shares = [
+            weights.likeliest_share(evidence, offsets.get(joint, 0.0) ** 2)
+            for joint, (weights, evidence) in zip(before.joints, _as_weights(before, samples))
+        ]
+        before = _times(before, shares, ("covariance",))
     after = given(before, log, known, offsets)
     factors = []
-    for weights, evidence in _as_weights(before, log.part(known)):
+    for weights, evidence in _as_weights(before, samples):
         early = np.arange(len(evidence.target)) < len(evidence.target) // 2
         halves = [weights.errors(replace(evidence, given=half)) for half in (early, ~early)]
         factors.append(conformal_factor(halves) ** 2)
-    widened = {
-        name: after.arrays[name]
-        * np.array(factors).reshape(-1, *[1] * (after.arrays[name].ndim - 1))
-        for name in ("covariance", "radial", "noise")
-    }
-    return after.model_copy(update={"arrays": MapArrays(**{**after.arrays.by_name, **widened})})
+    return _times(after, factors, ("covariance", "radial", "noise"))
+
+
+def _times(learned: LearnedMap, factors: Sequence[float], names: Sequence[str]) -> LearnedMap:
+    """Return a map with some arrays of each joint times a factor."""
+    arrays = dict(learned.arrays.by_name)
+    for name in names:
+        arrays[name] = np.stack([f * array for f, array in zip(factors, arrays[name])])
+    return learned.model_copy(update={"arrays": MapArrays(**arrays)})
 
 
 def conformal_factor(held_out: Sequence[tuple[Floats, Floats]]) -> float:
