@@ -13,7 +13,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.expressions import Expression
 from distal.kernels import Layout
-from distal.rig import Rig, Sensor, gain_of, step_of
+from distal.rig import Sensor, gain_of, step_of
 
 HARMONICS = 3
 """Number of sine waves in a linearity curve [1]. Source: judgement."""
@@ -188,16 +188,3 @@ def systematic_variance(sensor: Sensor) -> float:
     deviation L.
     """
     return float((LINEARITY_STD * sensor.linearity) ** 2)
-
-
-def position_offsets(rig: Rig, names: Sequence[str]) -> Floats:
-    """Return the known offset (bias) of each named sensor that measures the position of a drive, 0
-    for other sensors [SI], (n,); it is subtracted from readings.
-    """
-    sensors = {sensor.name: sensor for sensor in rig.sensors}
-    return np.array(
-        [
-            sensors[name].bias.value if sensors[name].measures == "position" else 0.0
-            for name in names
-        ]
-    )

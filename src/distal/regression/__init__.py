@@ -25,7 +25,7 @@ from distal.regression.posterior import (
     shape_for,
 )
 from distal.regression.reported_map import ReportedMap, reporting_function
-from distal.regression.samples import Samples, correlated_samples, played
+from distal.regression.samples import Samples, played
 from distal.regression.servos import servos_of
 from distal.regression.yardsticks import YARDSTICKS, yardstick_error
 
@@ -39,7 +39,6 @@ __all__ = [
     "Shape",
     "Weights",
     "conformal_factor",
-    "correlated_samples",
     "evidence_of",
     "features_along",
     "first_memory",

@@ -41,11 +41,6 @@ class Samples:
         return np.column_stack([self.readings, self.angles])
 
     @property
-    def interval(self) -> float:
-        """Usual time between samples [s]."""
-        return float(np.median(np.diff(self.time))) if len(self.time) > 1 else 1.0
-
-    @property
     def held(self) -> Floats:
         """The readings, each missing one replaced by the last before it, at the beginning by the
         first after it.
@@ -82,22 +77,3 @@ def played(values: Floats, half: float) -> Floats:
     """
     after: Floats = advance(_play(), Feed(values[:1], values[:, None], np.array([half]))).ys[:, 0]
     return after
-
-
-def correlated_samples(residuals: Floats) -> float:
-    """Return how many of evenly spaced residuals, (k,), count as one independent sample: 1 + 2 Σ
-    ρ_j.
-
-    The sum goes over the autocorrelations ρ_j up to the first that is not positive (Sokal, 1997,
-    §3).
-    """
-    centred = residuals - residuals.mean()
-    n = len(residuals)
-    power = np.abs(np.fft.rfft(centred, 2 * n)) ** 2
-    correlation = np.fft.irfft(power)[:n]
-    if not correlation[0] > 0.0:
-        return 1.0
-    correlation = correlation / correlation[0]
-    ended = np.flatnonzero(correlation <= 0.0)
-    last = int(ended[0]) if len(ended) else n
-    return float(max(1.0, 1.0 + 2.0 * correlation[1:last].sum()))
