@@ -257,14 +257,14 @@ def framed(shape: Shape, logs: Sequence[Samples], usual: Prior) -> dict[str, Flo
 
 
 def rates_of(logs: Sequence[Samples], scale: Floats) -> Floats:
-    """Return the RMS speed of each reading over its `scale`, over some logs [1/s]."""
-    squares = np.zeros(len(scale))
-    counts = np.zeros(len(scale))
+    """Return the speed of each reading over its `scale` as a std of which the fastest motion of
+    some logs is the 95 % bound [1/s].
+    """
+    fastest = np.zeros(len(scale))
     for log in logs:
-        speeds = np.diff(log.every, axis=0) / np.diff(log.time)[:, None]
-        squares += np.nansum(speeds**2, axis=0)
-        counts += np.isfinite(speeds).sum(axis=0)
-    return np.asarray(np.sqrt(squares / np.maximum(counts, 1)) / scale)
+        speeds = np.abs(np.diff(log.every, axis=0)) / np.diff(log.time)[:, None]
+        fastest = np.fmax(fastest, np.fmax.reduce(speeds, axis=0, initial=0.0))
+    return np.asarray(fastest / scale / BAND)
 
 
 def evidence_of(
