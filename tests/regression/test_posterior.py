@@ -66,9 +66,9 @@ def test_a_log_of_which_something_is_known_is_conditioned_with_its_own_part() ->
     """What is known in a log tells its own part too: as one more log, of which all is asked."""
     logs, at = [evidence(1), evidence(2)], evidence(5, 40)
     known = at.rows(np.arange(40) < 15)
-    after = Weights.of(SHAPE, PRIOR, logs).given(known)
     shared, own = _variances(SHAPE, PRIOR)
-    before = Weights.of(SHAPE, PRIOR, logs)
+    before = with_zero(Weights.of(SHAPE, PRIOR, logs), 100.0)  # so that none is a surprise
+    after = before.given(known)
     inner = known.phi @ before.covariance @ known.phi.T + _noise(PRIOR, 0.5) * np.eye(15)
     gain = before.covariance @ known.phi.T @ np.linalg.inv(inner)
     expected = before.mean + gain @ (known.target - known.phi @ before.mean)
@@ -76,6 +76,39 @@ def test_a_log_of_which_something_is_known_is_conditioned_with_its_own_part() ->
     spread = np.einsum("ij,jk,ik->i", at.phi, after.covariance, at.phi)
     assert np.all(spread <= np.einsum("ij,jk,ik->i", at.phi, before.covariance, at.phi) + 1e-12)
     assert len(own) < len(shared)
+
+
+def with_zero(weights: Weights, variance: float) -> Weights:
+    """Return weights whose constant has a variance more."""
+    covariance = weights.covariance.copy()
+    covariance[0, 0] += variance
+    return replace(weights, covariance=covariance)
+
+
+@pytest.mark.parametrize(("zero", "offset"), [(0.0, 0.0), (5.0, 0.0), (-5.0, 1.0)])
+def test_a_zero_that_moved_as_never_before_has_the_likeliest_variance(
+    zero: float, offset: float
+) -> None:
+    before = Weights.of(SHAPE, PRIOR, [evidence(1), evidence(2), evidence(3)])
+    log = evidence(6)
+    spread = log.phi @ before.covariance @ log.phi.T + _noise(PRIOR, 0.5) * np.eye(25) + offset
+    told = log.phi @ before.mean + np.linalg.cholesky(spread) @ log.target + zero
+    known = replace(log, target=told)
+    residual = told - log.phi @ before.mean
+    variances = np.r_[0.0, np.geomspace(1e-3, 1e3, 4001)]
+    costs = [
+        np.linalg.slogdet(spread + v)[1] + residual @ np.linalg.solve(spread + v, residual)
+        for v in variances
+    ]
+    likeliest = variances[int(np.argmin(costs))]
+    after = before.given(known, offset)
+    inner = spread + likeliest
+    wider = with_zero(before, likeliest).covariance
+    gain = np.linalg.solve(inner, log.phi @ wider).T
+    np.testing.assert_allclose(after.mean, before.mean + gain @ residual, rtol=0.01, atol=0.01)
+    if zero:
+        assert likeliest > 4.0
+        assert after.mean[0] - before.mean[0] == pytest.approx(zero, abs=1.5)
 
 
 def test_a_log_is_held_out_with_its_group() -> None:

@@ -106,6 +106,7 @@ def test_a_filter_that_homes_conditions_its_map_as_a_whole_move_does(std: float)
     arrays = {name: array.copy() for name, array in drawn.arrays.by_name.items()}
     arrays["mean"][:, slips] = 0.0
     arrays["covariance"][:, slips, :] = arrays["covariance"][:, :, slips] = 0.0
+    arrays["covariance"][:, 0, 0] += 1.0  # so that no zero is a surprise
     drawn = drawn.model_copy(update={"arrays": MapArrays(**arrays)})
     rig = load_rig("capstan-joint").with_map(filter=[drawn])
     homing = homing_filter(rig, std, compiled=False)

@@ -16,11 +16,12 @@ from distal.regression.map_function import map_function, map_layout
 @lru_cache(maxsize=32)
 def homed_layout(shape: Shape, joints: int) -> Layout:
     """Return the layout of the memory: that of the map, then its weights and, behind them, the
-    constant error of the known angles; and for each joint the time since its angle was known.
+    constant error of the known angles; and for each joint the time since
+    its angle was known, and 1 where it was.
     """
     n = shape.features.size + 1
     weights = {f"covariance_{j}": (n, n) for j in range(joints)}
-    return Layout(map=shape.memory.size, since=joints, mean=(n, joints), **weights)
+    return Layout(map=shape.memory.size, since=joints, told=joints, mean=(n, joints), **weights)
 
 
 @lru_cache(maxsize=32)
@@ -40,7 +41,7 @@ def homed_memory(shape: Shape, joints: int) -> ca.Function:
     }
     mean = ca.vertcat(of["mean"], ca.MX.zeros(1, joints))
     memory = homed_layout(shape, joints).joined(
-        map=begun, since=ca.MX.zeros(joints), mean=mean, **covariances
+        map=begun, since=ca.MX.zeros(joints), told=ca.MX.zeros(joints), mean=mean, **covariances
     )
     return ca.Function("homed", [begun, parameters, std], [memory])
 
@@ -54,7 +55,9 @@ def homed_function(shape: Shape, joints: int) -> ca.Function:
     With φ of this sample, one feature more that is 1 for the constant error o of what is known, the
     innovation ν = target − φᵀ m − o and S = (φ, 1)ᵀ C (φ, 1) + R: m⁺ = m + C (φ, 1) ν/S and C⁺ = C
     − C (φ, 1) (φ, 1)ᵀ C/S. R is as over a log: σ² (1 + τ/Δt), for errors that last for a time τ
-    and a time Δt since the last known angle, and the variances `beside` the weights.
+    and a time Δt since the last known angle, and the variances `beside` the weights. At the first
+    known angle the constant's variance is larger by ν² − S if that is positive, see
+    `Weights.given`.
 
     Args:
         shape: of the map's features.
@@ -76,6 +79,11 @@ def homed_function(shape: Shape, joints: int) -> ca.Function:
     slips = shape.features["slips"]
     n = shape.features.size
     since = was["since"] + dt
+    tells = is_given * (since > 0)
+    first = tells * (1 - was["told"])
+    is_constant = ca.DM.zeros(n + 1, 1)
+    is_constant[0] = 1
+    is_constant = ca.MX(ca.densify(is_constant))
     means, covariances = [], {}
     for j in range(joints):
         mean, covariance = was["mean"][:, j], was[f"covariance_{j}"]
@@ -83,16 +91,27 @@ def homed_function(shape: Shape, joints: int) -> ca.Function:
         variance = of["noise"][j] * (1 + of["error_time"][j] / ca.fmax(since[j], SHORTEST))
         variance += of["radial"][j] * out["far"] + of["filter"][j] ** 2 * beside[j]
         variance += ca.dot(ca.fabs(mean[slips]), out["doubt"]) ** 2 / 3
-        gain = is_given[j] * cross / (ca.dot(phi, cross) + variance)
-        means.append(mean + gain * (targets[j] - ca.dot(phi, mean)))
-        covariances[f"covariance_{j}"] = covariance - ca.mtimes(gain, cross.T)
+        innovation = targets[j] - ca.dot(phi, mean)
+        spread = ca.dot(phi, cross) + variance
+        zero = first[j] * ca.fmax(innovation**2 - spread, 0)
+        cross = cross + zero * is_constant
+        gain = is_given[j] * cross / (spread + zero)
+        means.append(mean + gain * innovation)
+        widened = covariance + zero * ca.mtimes(is_constant, is_constant.T)
+        covariances[f"covariance_{j}"] = widened - ca.mtimes(gain, cross.T)
     mean = ca.horzcat(*means)
     weights = {name: covariance[:n, :n] for name, covariance in covariances.items()}
     with_weights = map_layout(shape, joints).joined(**{**of, "mean": mean[:n, :], **weights})
     values, gains, variances, after = map_function(shape, joints)(
         was["map"], dt, readings, mask, with_weights
     )
-    following = layout.joined(map=after, since=since * (1 - is_given), mean=mean, **covariances)
+    following = layout.joined(
+        map=after,
+        since=since * (1 - is_given),
+        told=ca.fmax(was["told"], tells),
+        mean=mean,
+        **covariances,
+    )
     return ca.Function(
         "homed_map",
         [memory, dt, readings, mask, parameters, targets, is_given, beside],

@@ -34,7 +34,8 @@ class PlacedMap:
         by how many of its standard deviations it was off.
 
         With φ of that sample, the innovation ν = target − φᵀ m and S = φᵀ C φ + σ² + s_r² far +
-        variance: m⁺ = m + C φ ν/S and C⁺ = C − C φ φᵀ C/S.
+        variance: m⁺ = m + C φ ν/S and C⁺ = C − C φ φᵀ C/S. Where ν² is larger than S, the zero has
+        moved: the constant's variance and S are larger by ν² − S, see `Weights.given`.
 
         Args:
             kernel_state: after the last sample.
@@ -63,6 +64,11 @@ class PlacedMap:
         spread = float(phi @ cross) + variance + of_map[layout["noise"]][joint]
         spread += of_map[layout["radial"]][joint] * out[shape.outputs["far"]][0]
         innovation = target - float(phi @ weights)
+        off = abs(innovation) / float(np.sqrt(spread))
+        zero = max(0.0, innovation**2 - spread)
+        covariance[0, 0] += zero
+        cross[0] += zero
+        spread += zero
         weights += cross * innovation / spread
         covariance -= np.outer(cross, cross) / spread
-        return abs(innovation) / float(np.sqrt(spread))
+        return off

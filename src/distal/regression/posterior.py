@@ -140,17 +140,28 @@ class Weights:
     def given(self, log: Evidence, offset: float = 0.0) -> Weights:
         """Return the weights of a log in which some targets are known, but for one `offset` of all
         of them, whose variance is given.
+
+        Its zero may have moved as never before: the constant has the variance more with which the
+        targets are most likely, (b/a)² − 1/a if that is positive, a = 1ᵀ K⁻¹ 1 and b = 1ᵀ K⁻¹ ν for
+        innovations ν of covariance K.
         """
         if not len(log.target):
             return self
         noise = _noise(self.prior, log.spacing) + self._variance_beside(log)
-        cross = log.phi @ self.covariance
-        inner = cross @ log.phi.T + np.diag(noise) + offset
-        gain = np.linalg.solve(inner, cross).T
-        covariance = self.covariance - gain @ cross
+        residual = log.target - log.phi @ self.mean
+        inner = log.phi @ self.covariance @ log.phi.T + np.diag(noise) + offset
+        ones = np.linalg.solve(inner, np.ones(len(noise)))
+        information = np.sum(ones)
+        # the likeliest variance of this log's zero beside what other logs tell of it
+        zero = max(0.0, (float(ones @ residual) / information) ** 2 - 1.0 / information)
+        before = self.covariance.copy()
+        before[0, 0] += zero
+        cross = log.phi @ before
+        gain = np.linalg.solve(inner + zero, cross).T
+        covariance = before - gain @ cross
         return replace(
             self,
-            mean=self.mean + gain @ (log.target - log.phi @ self.mean),
+            mean=self.mean + gain @ residual,
             covariance=(covariance + covariance.T) / 2,
         )
 
