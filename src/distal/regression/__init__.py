@@ -6,6 +6,12 @@ from distal.regression.cross_validation import folds_of, groups_of, splits
 from distal.regression.features import Shape, features_along, first_memory
 from distal.regression.homed_map import homed_memory
 from distal.regression.known_angle import PlacedMap
+from distal.regression.known_window import (
+    conformal_factor,
+    from_prior,
+    from_window,
+    given,
+)
 from distal.regression.map_function import (
     map_function,
     map_parameters,
@@ -15,12 +21,8 @@ from distal.regression.posterior import (
     Evidence,
     Prior,
     Weights,
-    conformal_factor,
     evidence_of,
     framed,
-    from_prior,
-    from_window,
-    given,
     rates_of,
     shape_for,
 )
