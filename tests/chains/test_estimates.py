@@ -201,6 +201,8 @@ def test_homing_of_some_joints(rig: Rig, log: Log) -> None:
         < 0.4
         < np.rad2deg(estimate(log, rig).angle_stds[50, 1])
     )
+    # of the other joint nothing more is known, and nothing less
+    assert result.angle_stds[-1, 0] < 1.1 * estimate(log, rig).angle_stds[-1, 0]
     marked, described = at_known_angle(
         replace(log, truth={}), rig, 0.5, np.deg2rad(25), np.deg2rad(0.5), joint="pip"
     )

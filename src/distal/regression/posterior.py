@@ -178,7 +178,7 @@ class Weights:
         from scipy.optimize import minimize_scalar
 
         if not len(log.target):
-            return 1.0
+            return 0.0
         noise = _noise(self.prior, log.spacing) + self._variance_beside(log)
         values, axes = eigh(log.phi @ self.covariance @ log.phi.T, np.diag(noise) + offset)
         squares = (axes.T @ log.target) ** 2
