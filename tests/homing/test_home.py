@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from distal import Log, Rig, estimate, load_rig, simulate
+from distal.errors import EstimationError
 from distal.estimators import AdaptiveFilter, Belief, first_values
 from distal.homing import home, plain_samples, torque_samples, with_prior_maps, with_references
 from distal.rig import MapArrays
@@ -156,3 +157,15 @@ def test_parameters_with_which_the_filter_diverges_are_not_taken(
     np.testing.assert_array_equal(again.start.kernel_state[lasting], start.kernel_state[lasting])
     for learned in again.estimator.maps.filter:
         assert np.isfinite(learned.arrays["mean"]).all()
+
+
+def test_regression_learns_nothing_where_no_drive_moves(of_stranger: Log) -> None:
+    """Its band would say that the joint stays where it is."""
+    rig = wide(load_rig("pulley-antagonist"))
+    early = of_stranger.time < 1.0
+    still = {
+        name: np.where(early, values[0], values) for name, values in of_stranger.channels.items()
+    }
+    with pytest.raises(EstimationError, match=r"no drive moves.*adaptive"):
+        estimate(replace(of_stranger, channels=still), rig, "regression", homing=1.0)
+    estimate(replace(of_stranger, channels=still), rig, homing=1.0, compiled=False)

@@ -149,7 +149,8 @@ class RegressionEstimator(KernelEstimator):
         The rig's own maps are conditioned on them; a rig without any begins with the prior.
 
         Raises:
-            EstimationError: no joint's angle is known in these seconds.
+            EstimationError: no joint's angle is known in these seconds; or no drive moves in them
+                and the rig has no map.
         """
         samples = samples_of_angles(log, self.rig)
         early = samples.time < homing
@@ -157,6 +158,13 @@ class RegressionEstimator(KernelEstimator):
             raise EstimationError(
                 f"{log.source}: in the first {homing:g} s there are no samples with the "
                 "reference, which regression needs; home for longer"
+            )
+        moves = np.ptp(samples.held[early, : self.bridged], axis=0) > 0.0
+        if self._kernel is None and self.bridged and not moves.any():
+            raise EstimationError(
+                f"{log.source}: in the first {homing:g} s no drive moves, and regression learns "
+                "there what the joint does with it; home with a move, or take the estimator "
+                "adaptive"
             )
         offsets = offsets_of(log, self.rig)
         if self._kernel is not None:
