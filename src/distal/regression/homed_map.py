@@ -15,9 +15,8 @@ from distal.regression.map_function import map_function, map_layout
 
 @lru_cache(maxsize=32)
 def homed_layout(shape: Shape, joints: int) -> Layout:
-    """Return the layout of the memory: that of the map, then its weights and, behind them, the
-    constant error of the known angles; and for each joint the time since
-    its angle was known, and 1 where it was.
+    """Return the layout of the memory: that of the map; for each joint the time since its angle was
+    known, and 1 once it was; the weights and, behind them, the constant error of known angles.
     """
     n = shape.features.size + 1
     weights = {f"covariance_{j}": (n, n) for j in range(joints)}
