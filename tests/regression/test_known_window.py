@@ -1,0 +1,112 @@
+"""What a window of known targets tells, and what it does not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from distal import LiveEstimator, homing_filter, load_rig
+from distal.estimators import Belief
+from distal.homing.home import _anchored
+from distal.kernels import covariance_of
+from distal.regression import Samples, Shape, Weights, features_along, from_window, rates_of
+from distal.regression.posterior import _noise
+from tests.learned_maps import constant_map
+from tests.regression.test_posterior import PRIOR, SHAPE, evidence
+
+DESCRIBED = {"joints": ("a",), "channels": ("x",), "positions": ("x",)}
+
+
+def test_the_likeliest_share_of_a_prior_is_that_with_the_largest_density() -> None:
+    weights, log = Weights.of(SHAPE, PRIOR, []), evidence(7)
+    explained = log.phi @ weights.covariance @ log.phi.T
+    noise = _noise(PRIOR, 0.5) * np.eye(25) + 0.3
+    for share in (0.01, 0.3):
+        drawn = np.linalg.cholesky(share * explained + noise) @ log.target
+        shares = np.geomspace(1e-6, 1.0, 2001)
+        costs = [
+            np.linalg.slogdet(s * explained + noise)[1]
+            + drawn @ np.linalg.solve(s * explained + noise, drawn)
+            for s in shares
+        ]
+        found = weights.likeliest_share(replace(log, target=drawn), 0.3)
+        assert np.log(found) == pytest.approx(np.log(shares[int(np.argmin(costs))]), abs=0.05)
+    nothing = log.rows(np.zeros(25, dtype=bool))
+    assert weights.likeliest_share(nothing, 0.0) == 0.0
+
+
+def window(bend: float) -> Samples:
+    """Return a log whose target bends in its second half."""
+    time = 0.01 * np.arange(300)
+    place = np.linspace(-1.0, 1.0, 300)
+    target = place + bend * np.maximum(place, 0.0)
+    none = np.zeros((300, 0))
+    return Samples("log", time, place[:, None], none, target[:, None], np.zeros((300, 1)))
+
+
+def test_a_band_is_widened_until_it_holds_each_half_given_the_other() -> None:
+    every = np.ones(300, dtype=bool)
+    straight, bent = (from_window(window(b), DESCRIBED, every, {}) for b in (0.0, 2.0))
+    spread = np.var(window(2.0).targets) / np.var(window(0.0).targets)
+    assert bent.arrays["noise"][0] > 4.0 * spread * straight.arrays["noise"][0]
+
+
+def test_the_scale_of_an_effort_contains_its_mean() -> None:
+    """Of a position, whose zero means nothing, it does not."""
+    log = window(0.0)
+    two = replace(log, readings=np.column_stack([log.readings + 5.0, log.readings + 5.0]))
+    described = {**DESCRIBED, "channels": ("x", "f")}
+    found = from_window(two, described, np.ones(300, dtype=bool), {})
+    spread = np.std(log.readings)
+    np.testing.assert_allclose(found.arrays["scale"], [spread, np.hypot(spread, 5.0)])
+
+
+def test_the_fastest_motion_is_the_95_percent_bound_of_a_rate() -> None:
+    log = window(0.0)
+    slow = replace(log, readings=0.1 * log.readings)
+    speed = 2.0 / 299 / 0.01
+    np.testing.assert_allclose(rates_of([slow, log], np.array([2.0])), [speed / 2.0 / 1.96], 1e-4)
+
+
+def test_the_first_angle_of_a_filter_is_that_after_the_first_sample() -> None:
+    """Its lags and plays begin there, whatever the memory before says."""
+    shape = Shape(1, 1, (0, 1), 0)
+    frame = np.zeros(shape.frame.size)
+    frame[shape.frame["scale"]] = frame[shape.frame["lengths"].start : shape.frame.size] = 1.0
+    along = features_along(shape, frame, np.array([0.0]), np.array([[0.3, 0.7]]))
+    from distal.regression.features import features_function
+
+    elsewhere = np.full(shape.memory.size, 9.0)
+    outputs, _ = features_function(shape)(elsewhere, 0.0, [0.3, 0.7], [1.0], frame)
+    at = np.array(shape.features.view(np.array(outputs).ravel()[shape.outputs["features"]], "lags"))
+    np.testing.assert_allclose(at[1::2], 0.0, atol=1e-12)
+    assert np.isfinite(along["features"]).all()
+
+
+def test_a_known_first_angle_counts_by_bayes_rule() -> None:
+    """A mark of ± 0.3 rad and a prior of ± 0.4 rad."""
+    state = np.zeros(2)
+    covariance_of(state, 1)[0, 0] = 0.16
+    begun = _anchored(Belief(0.0, state, 1), np.array([[np.nan], [1.0]]), ["a"], {"a": 0.3})
+    assert begun.kernel_state[0] == pytest.approx(0.64, abs=0.001)
+    assert begun.kernel_state[1] == pytest.approx(0.0576, abs=0.001)
+
+
+@pytest.mark.parametrize("way", ["known", "while it homes"])
+def test_a_zero_that_no_log_knew_follows_a_known_angle(way: str) -> None:
+    """A map that is sure of its constant to 0.002 rad, and a mark that says 0.2 rad more."""
+    sure = constant_map("jaw", ("motor_angle", "motor_torque"), 0.0, 0.002)
+    rig = load_rig("capstan-joint").with_map(filter=[sure])
+    homes = way != "known"
+    live = LiveEstimator(rig, homing_filter(rig, 0.0, False)) if homes else LiveEstimator(rig)
+    plain = LiveEstimator(rig)
+    for k in range(300):
+        sample = np.array([0.2 * np.sin(0.02 * k), 0.01])
+        plain.step(0.005 * k, sample)
+        at = plain.angle + 0.2 if 100 < k < 150 else np.nan
+        live.step(0.005 * k, np.array([*sample, at]) if homes else sample)
+        if k == 150 and not homes:
+            live.known(plain.angle + 0.2, 0.002)
+    assert live.angle - plain.angle == pytest.approx(0.2, abs=0.03)
