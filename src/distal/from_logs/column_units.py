@@ -9,6 +9,7 @@ from distal.errors import LogError, UnitError
 from distal.from_logs.column_names import NameEvidence, words_of
 from distal.from_logs.column_role import ColumnRole, Sureness
 from distal.from_logs.column_scores import MANY_COUNTS
+from distal.rig import COUNTS
 from distal.units import unit_factor
 
 LARGEST_RADIANS = 12.6
@@ -52,7 +53,7 @@ def with_unit(column: ColumnRole, name: NameEvidence, drives: Mapping[str, str])
         return column
     if drives.get(column.header):
         unit = drives[column.header]
-        if unit in ("count", "counts", "tick", "ticks"):
+        if unit in COUNTS:
             return replace(column, unit="count", si="count", unit_sureness="sure")
         return replace(column, unit=unit, si=_si_of(unit, column.header), unit_sureness="sure")
     if name.unit is not None and name.si is not None:

@@ -107,7 +107,7 @@ def _role(
     reasons = [f"values from {values.low:.4g} to {values.high:.4g}"]
     if values.is_constant:
         reasons = ["its value never changes"]
-    elif values.turn is not None:
+    elif values.turn is not None and role in ("position", "angle"):
         reasons.append(f"wraps after {values.turn:.6g}")
     elif values.step > 0.0:
         reasons.append(f"in steps of {values.step:.3g}")

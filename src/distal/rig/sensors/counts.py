@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from distal.errors import UnitError
 from distal.units import to_si
 
-COUNTS = frozenset({"count", "counts"})
+COUNTS = frozenset({"count", "counts", "tick", "ticks"})
 """Names of the unit of an encoder that counts."""
 
 ERRORS = ("noise", "linearity", "resolution", "bias")
