@@ -168,13 +168,19 @@ def save_figure(drawing: Figure, path: str | Path) -> None:
 
 
 def figure_bytes(drawing: Figure, path: str | Path) -> bytes:
-    """Return the content of a figure's file, in the format of the path's ending; see
-    `plot_kind`.
+    """Return the content of a figure's file, in the format of the path's ending; see `plot_kind`.
+
+    The figure's label, where it has one, is the title of an SVG or PDF, for readers who cannot see
+    it.
     """
     kind = plot_kind(path)
     buffer = io.BytesIO()
     # no dates inside, so that the same results give the same file
-    metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
+    title = drawing.get_label() or None
+    metadata = {
+        "svg": {"Date": None, "Title": title},
+        "pdf": {"CreationDate": None, "Title": title},
+    }.get(kind)
     with styled(), warnings.catch_warnings():
         # a title may hold characters that the font lacks, or be too long: the plot is made all the
         # same
