@@ -45,9 +45,9 @@ MODULES = {
 }
 """The modules of each part; of these patterns, those count that match a file."""
 
-NOT_ASKED = ("src/distal/paper", "src/distal/reports/drawing")
-"""Folders in which no mistakes are made: pictures are looked at, and what the paper says is no rule
-of the package.
+NOT_ASKED = ("src/distal/paper", "src/distal/reports/drawing_panel.py")
+"""Folders and modules in which no mistakes are made: pictures are looked at, and what the paper
+says is no rule of the package.
 """
 
 GOAL = 0.9

@@ -1,29 +1,27 @@
-"""The drawing of a rig: labels inside the figure and apart from each other, parts to scale, tendons
-that touch pulleys.
+"""The drawing of a rig: every part with its name and sizes, texts apart from each other and from
+tendons, and the way each tendon turns a joint.
 """
 
 from __future__ import annotations
 
-from itertools import combinations, pairwise
-from math import cos, hypot, pi, sin
+from collections import Counter
+from itertools import combinations
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
-from matplotlib.text import Text
 from typer.testing import CliRunner
 
 from distal import Rig, load_rig
 from distal.cli.app import app
 from distal.reports import draw_rig, rig_svg
-from distal.reports.drawing.labels import label_of
-from distal.reports.drawing.pose import stands, views_of
-from distal.reports.drawing.routes import WRAP, Wheel, route, route_heading
-from distal.results import COLOURS
+from distal.reports.drawing_panel import LAYOUT
+from distal.reports.rig_texts import quantity
+from distal.results import COLOURS, save_figure
 from distal.rig import build_rig, shipped_rigs
 
 LONG = "a_name_that_has_thirty_letters"
@@ -193,191 +191,196 @@ def odd_rig(name: str) -> Rig:
     )
 
 
-def labels(made: Figure) -> dict[str, Any]:
-    """Return every text of a figure that is seen, with its box in pixels."""
+ARROWS = ("↺", "↻")
+RIGS = [*shipped_rigs(), *ODD]
+
+
+def rig_of(name: str) -> Rig:
+    return odd_rig(name) if name in ODD else load_rig(name)
+
+
+def texts_of(rig: Rig) -> list[str]:
+    return [text.get_text() for text in draw_rig(rig).axes[0].texts]
+
+
+def boxes_of(made: Figure) -> list[tuple[str, Any]]:
+    """Return each text of a figure with its box [pixels]."""
+    made.set_dpi(150)  # as images are saved
     canvas = FigureCanvasAgg(made)
     canvas.draw()
-    renderer = canvas.get_renderer()
-    texts: list[Text] = []
-    for axes in made.axes:
-        texts += axes.texts
-        if axes.axison:
-            legend = axes.get_legend()
-            texts += [
-                axes.title,
-                axes.xaxis.label,
-                axes.yaxis.label,
-                *(legend.get_texts() if legend else []),
-            ]
-            for axis in (axes.xaxis, axes.yaxis):
-                low, high = sorted(axis.get_view_interval())
-                texts += [
-                    tick.label1 for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high
-                ]
-    seen = [text for text in texts if text.get_text().strip()]
-    boxes = [(t.get_text(), t.get_window_extent(renderer)) for t in seen]
-    return {f"{k}: {text}": box for k, (text, box) in enumerate(boxes)}
+    texts = [text for text in made.axes[0].texts if text.get_text()]
+    return [(text.get_text(), text.get_window_extent(canvas.get_renderer())) for text in texts]
 
 
-def check_labels(made: Figure) -> None:
-    boxes = labels(made)
-    assert len(boxes) > 5
-    width, height = made.bbox.width, made.bbox.height
-    for text, box in boxes.items():
-        outside = min(box.x0, box.y0, width - box.x1, height - box.y1) < 0
+def segments_of(made: Figure) -> list[Any]:
+    """Return left, low, right and high end of each tendon's line and each joint's [pixels]."""
+    lines = [line for line in made.axes[0].lines if len(line.get_xdata()) == 2]
+    ends = [made.axes[0].transData.transform(line.get_xydata()) for line in lines]
+    return [[*np.min(both, axis=0), *np.max(both, axis=0)] for both in ends]
+
+
+def frames_of(made: Figure) -> list[Any]:
+    """Return the frames of drives and joints [pixels]."""
+    (axes,) = made.axes
+    return [
+        axes.transData.transform_bbox(shape.get_paths()[0].get_extents())
+        for shape in axes.collections
+    ]
+
+
+def lines_of(made: Figure) -> list[Any]:
+    """Return the lines of tendons."""
+    return [line for line in made.axes[0].lines if line.get_color() in COLOURS]
+
+
+def crossings_of(rig: Rig, tendon: str) -> list[str]:
+    """Return for each circle at a tendon's line, from the left, whether it is above the line or
+    below it, its arrow, and the first line of the text beside it.
+    """
+    axes = draw_rig(rig).axes[0]
+    names = [text for text in axes.texts if text.get_text() == tendon]
+    (name,) = (text for text in names if text.get_position()[0] > LAYOUT.gap)
+    levels = [float(line.get_ydata()[0]) for line in lines_of(axes.figure)]
+    level = max(y for y in levels if y < name.get_position()[1])
+    texts = {tuple(text.get_position()): text.get_text() for text in axes.texts}
+    crossings = {}
+    for (x, y), arrow in texts.items():
+        if arrow in ARROWS and abs(abs(y - level) - LAYOUT.circle) < 1e-6:
+            beside = [at for at in texts if at[0] == x + 1.5 * LAYOUT.circle]
+            nearest = min(beside, key=lambda at: abs(at[1] - y))
+            crossings[x] = f"{'above' if y > level else 'below'} {arrow} {texts[nearest]}"
+    return [crossings[x] for x in sorted(crossings)]
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_texts_are_inside_and_apart_from_each_other_and_from_tendons(name: str) -> None:
+    made = draw_rig(rig_of(name))
+    boxes = boxes_of(made)
+    assert len(boxes) > 10
+    for text, box in boxes:
+        outside = min(box.x0, box.y0, made.bbox.width - box.x1, made.bbox.height - box.y1) < 0
         assert not outside, f"{text} leaves the figure"
-    for (one, a), (other, b) in combinations(boxes.items(), 2):
+    for (text, a), (other, b) in combinations(boxes, 2):
         across, up = min(a.x1, b.x1) - max(a.x0, b.x0), min(a.y1, b.y1) - max(a.y0, b.y0)
         # boxes are as high as the tallest letters of a font: a pixel of air may be shared
-        assert across <= 1.0 or up <= 1.5, f"{one} lies on {other}"
+        assert across <= 1.0 or up <= 1.5, f"{text} lies on {other}"
+    for x0, y0, x1, y1 in segments_of(made):
+        for text, box in boxes:
+            across = min(x1, box.x1) - max(x0, box.x0)
+            up = min(y1, box.y1) - max(y0, box.y0)
+            assert text in ARROWS or min(across, up) <= -1.0, f"a line lies on {text}"
+    for frame in frames_of(made):
+        for text, box in boxes:
+            if frame.contains(box.x0, (box.y0 + box.y1) / 2):
+                assert frame.contains(box.x1, box.y1), f"{text} leaves its frame"
 
 
-@pytest.mark.parametrize("name", shipped_rigs())
-def test_labels_of_shipped_rigs_are_inside_and_apart(name: str) -> None:
-    check_labels(draw_rig(load_rig(name)))
+def test_two_texts_at_one_point_would_be_seen() -> None:
+    made = draw_rig(load_rig("template"))
+    text = made.axes[0].texts[0]
+    made.axes[0].text(*text.get_position(), "on it")
+    boxes = dict(boxes_of(made))
+    assert boxes["on it"].overlaps(boxes[text.get_text()])
 
 
-@pytest.mark.parametrize("name", ODD)
-def test_labels_of_odd_rigs_are_inside_and_apart(name: str) -> None:
-    check_labels(draw_rig(odd_rig(name)))
+@pytest.mark.parametrize("name", RIGS)
+def test_each_part_is_named_once_and_each_sensor_stands_at_its_part(name: str) -> None:
+    rig = rig_of(name)
+    texts = draw_rig(rig).axes[0].texts
+    bold = [text for text in texts if text.get_fontweight() == "bold"]
+    named = Counter(text.get_text() for text in bold if text.get_fontsize() == LAYOUT.font)
+    assert named == Counter([*rig.joint_names, *rig.drive_names, *rig.tendon_names])
+    sensors = [text.get_text()[2:] for text in texts if text.get_text().startswith("◉ ")]
+    assert sorted(text.split(":")[0] for text in sensors if ":" in text) == sorted(rig.sensor_names)
 
 
-def test_parts_are_to_scale_and_tendons_touch_pulleys() -> None:
+def test_a_tendon_turns_each_joint_the_way_the_rig_says() -> None:
     rig = load_rig("finger-n-plus-1")
-    (axes,) = draw_rig(rig).axes
-    lines = {tuple(np.round(line.get_xydata().ravel(), 3)): line for line in axes.lines}
-    circles = [patch for patch in axes.patches if isinstance(patch, Circle)]
-    bar = next(text for text in axes.texts if text.get_text() == "20 mm")
-    rule = [
-        line
-        for line in lines.values()
-        if line.get_lw() == 2.0 and abs(np.mean(line.get_xdata()) - bar.get_position()[0]) < 1e-6
-    ]
-    scale = float(np.ptp(rule[0].get_xdata())) / 0.02
-    pulleys = {(round(c.center[0] / scale, 4), round(c.radius / scale, 4)) for c in circles}
-    assert {
-        (0.0, 0.008),
-        (0.0, 0.0075),
-        (0.045, 0.007),
-        (0.045, 0.0065),
-        (0.07, 0.006),
-        (0.07, 0.0055),
-    } <= pulleys
-    for tendon, colour in zip(rig.tendons, COLOURS):
-        way = np.vstack(
-            [
-                line.get_xydata()
-                for line in axes.lines
-                if line.get_color() == colour and line.get_lw() == 1.5
-            ]
-        )
-        for joint, at in (("mcp", 0.0), ("pip", 0.045), ("dip", 0.07)):
-            arm = tendon.arms().get(joint)
-            if arm is None:
-                continue
-            from_axis = way - [at * scale, 0.0]
-            nearest = np.hypot(*from_axis.T).min() / scale
-            # tendons on equal pulleys lie side by side: as much as that they may be further out
-            assert abs(arm) - 1e-5 < nearest < abs(arm) + 1e-3
-            # about y, which points into the paper, what pulls to +θ passes below
-            touching = from_axis[np.argmin(np.hypot(*from_axis.T))]
-            assert np.sign(touching[1]) == -np.sign(arm)
+    assert crossings_of(rig, "t1") == ["below ↺ +8 mm", "below ↺ +7 mm", "below ↺ +6 mm"]
+    assert crossings_of(rig, "t3") == ["above ↻ −8 mm", "below ↺ +7 mm"]
+    flipped = rig.with_values({"tendons.t1.crossings.1.side": -1})
+    assert crossings_of(flipped, "t1") == ["below ↺ +8 mm", "above ↻ −7 mm", "below ↺ +6 mm"]
 
 
-def test_a_route_touches_circles() -> None:
-    wheels = [Wheel((0.0, 0.0)), Wheel((2.0, 0.3), 0.5, -1), Wheel((4.0, -0.2), 0.8, 1)]
-    for one, other in pairwise(wheels):
-        along = route_heading(one, other)
-        start, end = np.array(one.point(along)), np.array(other.point(along))
-        assert np.allclose((end - start) / np.hypot(*(end - start)), [cos(along), sin(along)])
-        for wheel, touch in ((one, start), (other, end)):
-            assert hypot(*(touch - wheel.centre)) == pytest.approx(wheel.radius)
-            assert (touch - wheel.centre) @ [cos(along), sin(along)] == pytest.approx(
-                0.0, abs=1e-12
-            )
-    points = np.array(route(wheels, WRAP))
-    assert np.hypot(*(points - wheels[1].centre).T).min() == pytest.approx(0.5)
-    last = points[-1] - wheels[2].centre
-    assert np.hypot(*last) == pytest.approx(0.8)
-    assert cos(route_heading(wheels[1], wheels[2]) + WRAP - pi / 2) == pytest.approx(last[0] / 0.8)
+def test_a_tendon_goes_from_its_drive_to_the_last_joint_that_it_turns() -> None:
+    rig = load_rig("finger-n-plus-1")
+    drawn = lines_of(draw_rig(rig))
+    ends = [float(line.get_xdata()[-1]) for line in drawn if len(line.get_xdata()) == 2]
+    assert ends[0] == ends[1] > ends[2] == ends[3]  # the last two end at pip, before dip
 
 
-def test_joints_are_seen_along_their_axes() -> None:
-    rig = load_rig("wrist-instrument")
-    assert [turn for *_, turn in views_of(rig)] == [
-        -1,
-        -1,
-        -1,
-    ]  # tendons on one side stay there on paper
-    placed = stands(rig, 0.005)
-    assert np.allclose([stand.centre for stand in placed], [(0, 0), (0.009, 0), (0.019, 0)])
-    assert not any(stand.drawn_apart for stand in placed)
-    for (right, up, turn), each in zip(views_of(rig), rig.joints):
-        assert np.allclose(np.cross(right, up), turn * np.array(each.axis))
-    other = stands(odd_rig("axes that meet, two on the base"), 0.006)
-    assert [stand.drawn_apart for stand in other] == [False, True, True]
-    hanging = stands(odd_rig("one tendon, spring, gravity"), 0.01)[0]
-    # at its hanging angle of 30° the mass is below; about y angles turn clockwise
-    assert hanging.mass_at == pytest.approx((0.03 * sin(pi / 6), -0.03 * cos(pi / 6)))
+def test_the_sign_of_a_drive_that_pulls_a_tendon_in() -> None:
+    assert [t for t in texts_of(load_rig("wrist-instrument")) if "pulled" in t] == [
+        "pulled in by +φ",
+        "pulled in by −φ",
+    ] * 3
+    assert "pulled in by +x" in texts_of(load_rig("paper-2008"))
+    raw = load_rig("wrist-instrument").with_values({"tendons.yaw_a.side": -1})
+    assert texts_of(raw).count("pulled in by −φ") == 4
 
 
 def test_numbers_have_fitting_units() -> None:
-    said = [
-        label_of(*one)
-        for one in (
-            (23000.0, "N/m"),
-            (806.0, "N/m"),
-            (0.00953, "m"),
-            (0.15, "N m/rad"),
-            (-0.1, "rad"),
-        )
+    sizes = ((23e3, "N/m"), (806.0, "N/m"), (0.00953, "m"), (0.15, "N m/rad"), (-0.1, "rad"))
+    assert [quantity(*size) for size in sizes] == [
+        "23 kN/m",
+        "806 N/m",
+        "9.53 mm",
+        "150 mN·m/rad",
+        "−5.73°",
     ]
-    assert said == ["23 N/mm", "806 N/m", "9.53 mm", "0.15 N·m/rad", "−5.73°"]
-    assert [label_of(0.0, "rad"), label_of(0.015, "kg"), label_of(1e-7, "m")] == [
-        "0°",
-        "15 g",
-        "0.0001 mm",
-    ]
+    sizes = ((0.0, "rad"), (0.015, "kg"), (0.0, "m"), (12.3456, "m"), (0.1, ""))
+    assert [quantity(*size) for size in sizes] == ["0°", "15 g", "0 mm", "12346 mm", "0.1"]
 
 
-def test_what_is_written_beside_the_parts() -> None:
-    texts = {text.get_text() for text in draw_rig(load_rig("lab-bench")).axes[0].texts}
-    assert {
-        "Finger on the bench",
-        "spool r 5 mm",
-        "gear 30 : 1",
-        "pulley r 8 mm",
-        "−50°",
-        "50°",
-    } <= texts
-    assert {
-        "k 20 N/mm, T₀ 15 N",
-        "motor_angle",
-        "motor_torque",
-        "joint_encoder",
-        "φ",
-        "τ",
-        "θ",
-    } <= texts
-    texts = {text.get_text() for text in draw_rig(load_rig("finger-underactuated")).axes[0].texts}
-    assert {
-        "axis y ⊗",
-        "spring 0.15 N·m/rad",
-        "relaxed at −10°",
-        "g 9.81 m/s²",
-        "+9",
-        "100°",
-    } <= texts
-    assert "sheath 180°, μ 0.1" in {
-        t.get_text() for t in draw_rig(odd_rig("sheaths, extension spring, gear")).axes[0].texts
-    }
+@pytest.mark.parametrize(
+    ("name", "lines"),
+    [
+        (
+            "lab-bench",
+            "radius 5 mm|stops −50° … 50°|◉ motor_angle: position, gear 30|pretension 15 N",
+        ),
+        ("finger-underactuated", "on pip, axis y|at [25, 0, 0] mm|spring rest angle −10°"),
+        ("paper-2008", "slider|stops −2.5 mm … 7.5 mm|pinned|friction radius 3.18 mm"),
+        ("coupled", "coupled to a|coupled ratio −0.8|coupled offset 5.73°|stops 0° … 90°"),
+        ("sheaths, extension spring, gear", "extension spring stiffness 200 N/m|slack 1 mm"),
+        ("sheaths, extension spring, gear", "path friction 0.1|path wrap 180°"),
+        ("radii from 2 to 40 mm", "backlash width 1.15°|stops −172° … 172°|+40 mm"),
+        ("one tendon, spring, gravity", "gravity hanging angle 30°|◉ torque: torque"),
+        ("polynomial, cam, pin", "on a, axis −y|0 mm|+8.38 mm at 68.8°|polynomial|linkage"),
+        ("axes that meet, two on the base", "on a, axis x|on base, axis y|at [0, 30, 0] mm"),
+    ],
+)
+def test_what_is_written_at_the_parts(name: str, lines: str) -> None:
+    assert set(lines.split("|")) <= set(texts_of(rig_of(name)))
 
 
-def test_an_element_for_pages_says_what_it_shows() -> None:
-    text = rig_svg(load_rig("paper-2008"))
-    assert text.startswith("<svg role='img' aria-label='Drawing of the rig Nylon-tendon disk")
-    assert "drives left (slider), right (slider)" in text
-    assert text.rstrip().endswith("</svg>")
+def test_an_axis_of_three_numbers_is_written_out() -> None:
+    rig = load_rig("finger-2n").with_values({"joints.pip.axis": [-0.5, 0.01, 0.7]})
+    assert "on mcp, axis −0.58x +0.012y +0.81z" in texts_of(rig)
+
+
+def test_gravity_is_told_in_the_frame_of_the_world() -> None:
+    rig = load_rig("hand").with_values({"base.orientation": ["0 deg", "90 deg", "0 deg"]})
+    words = " ".join(texts_of(rig))
+    assert "Gravity [0, 0, −9.81] m/s², base turned by [0, 90, 0]°" in words
+    assert "Gravity" not in " ".join(texts_of(load_rig("template")))
+
+
+def test_fingers_that_nothing_connects_are_drawn_below_one_another() -> None:
+    assert draw_rig(load_rig("hand")).get_figwidth() < LAYOUT.across
+    joints = load_rig("hand").joint_names
+    assert [n for n in texts_of(load_rig("hand")) if n in joints] == joints
+
+
+def test_a_drawing_is_valid_svg_and_says_what_it_shows(tmp_path: Path) -> None:
+    element = ElementTree.fromstring(rig_svg(load_rig("paper-2008")))
+    assert element.get("role") == "img"
+    label = element.get("aria-label", "")
+    assert label.startswith("Drawing of the rig Nylon-tendon disk")
+    assert "drives left (slider), right (slider)" in label
+    save_figure(draw_rig(load_rig("paper-2008")), tmp_path / "rig.svg")
+    alone = ElementTree.parse(tmp_path / "rig.svg").getroot()
+    assert alone.findtext("{http://www.w3.org/2000/svg}title") == label
 
 
 @pytest.mark.parametrize("suffix", ["svg", "pdf", "png"])

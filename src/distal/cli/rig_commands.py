@@ -128,8 +128,8 @@ def draw_command(
     out: Annotated[Path, Option(help="Where to save it (.png, .svg or .pdf).")] = Path("rig.png"),
     set_: SetOption = None,
 ) -> None:
-    """Draw a rig to scale: drives, tendons, pulleys, springs, stops, sensors, with their
-    numbers.
+    """Draw a rig: which drive pulls which tendon, which joints it turns and which way, with
+    springs, stops, sensors and their numbers.
     """
     from distal.reports import draw_rig
     from distal.results import plot_kind, save_figure

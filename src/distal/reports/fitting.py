@@ -45,7 +45,7 @@ def fit_report(fit: Fit, logs: Sequence[Log], out: str | Path) -> Path:
         [estimate(log, rig, homing=fit.homing) for log in logs] for rig in (fit.start, fit.rig)
     )
     parts = [
-        picture(rig_svg(fit.rig), "The rig as fitted, to scale; circles are its sensors."),
+        picture(rig_svg(fit.rig), "The rig as fitted."),
         *_doubts(fit),
         *_left_out(fit),
         *_parameters(fit),

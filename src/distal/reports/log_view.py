@@ -143,7 +143,7 @@ def view_page(
         *([_summary(estimate)] if joints > 1 else []),
         f"<div class='beside'>{moving}<div>{curves}</div></div>",
         script,
-        picture(rig_svg(rig), "The rig to scale; circles are its sensors."),
+        picture(rig_svg(rig), "The rig: drives, tendons, joints and sensors."),
     ]
     lead = estimate.in_words() if joints == 1 else f"{estimate.estimator}: {joints} joints"
     write_whole(path, page(shown(Path(log.source).name), lead, parts))

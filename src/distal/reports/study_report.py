@@ -105,7 +105,7 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
         parts.append(paragraph("Black is the true angle, blue the estimate with its 95 % band."))
         for k, case in enumerate(answer.worst):
             parts.append(picture(f"<svg class='chart' id='case-{k}' role='img'></svg>", case.words))
-    parts += [heading("The rig"), picture(rig_svg(plan.rig), "To scale; circles are its sensors.")]
+    parts += [heading("The rig"), picture(rig_svg(plan.rig), "The rig before any change.")]
     if answer.problems:
         rows = [[escape(text), str(count)] for text, count in list(answer.problems.items())[:SHOWN]]
         parts += [heading("Runs that failed"), html_table(["why", "runs"], rows, [1])]

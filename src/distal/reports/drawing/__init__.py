@@ -1,1 +1,0 @@
-"""The components of a rig in a drawing: drives, tendons, joints and sensors."""
