@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import casadi as ca
 from pydantic import Field
@@ -34,9 +34,6 @@ class Linkage(Description):
     ℓ = l + x ∓ r [u + s u²/2 + c u³/3], less the same at θ = 0: the transmission ratio varies with
     the angle.
     """
-
-    DRAWN: ClassVar[str] = "cam r"
-    """What a drawing writes before the radius."""
 
     kind: Literal["linkage"]
     radius: Annotated[Parameter, In("m", "positive")] = Field(

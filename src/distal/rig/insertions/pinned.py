@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import casadi as ca
 from pydantic import Field
@@ -19,9 +19,6 @@ class Pinned(Description):
     """The tendon ends at a pin on the link: ℓ = sqrt(r²(1 − cos θ)² + (l + x ∓ r sin θ)²),
     equations (4) and (5).
     """
-
-    DRAWN: ClassVar[str] = "pin at r"
-    """What a drawing writes before the radius."""
 
     kind: Literal["pinned"]
     radius: Annotated[Parameter, In("m", "positive")] = Field(description="axis to insertion, r")

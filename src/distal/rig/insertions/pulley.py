@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
@@ -16,9 +16,6 @@ if TYPE_CHECKING:
 
 class Pulley(Description):
     """The tendon wraps round a pulley at the joint: ℓ = l + x ∓ r θ."""
-
-    DRAWN: ClassVar[str] = "pulley r"
-    """What a drawing writes before the radius."""
 
     kind: Literal["pulley"]
     radius: Annotated[Parameter, In("m", "positive")] = Field(description="radius of the pulley, r")

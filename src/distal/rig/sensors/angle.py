@@ -16,7 +16,6 @@ class Angle(Measurand):
     of = "joints"
     role = Role.REFERENCE
     si = "rad"
-    badge = "θ"
 
     def read(
         self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from distal.expressions import Scalar
-from distal.rig.drives import Capstan, effort_unit
+from distal.rig.drives import effort_unit
 from distal.rig.sensors.base import SensorBase
 from distal.rig.sensors.measurand import Measurand, Motion, Part, Parts, Role
 
@@ -20,10 +20,6 @@ class Force(Measurand):
     def unit(self, part: Part) -> str:
         """Return N or N m."""
         return effort_unit(part)  # type: ignore[arg-type]
-
-    def letter(self, part: Part) -> str:
-        """Return τ for a capstan, else U."""
-        return "τ" if isinstance(part, Capstan) else "U"
 
     def read(
         self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]

@@ -94,7 +94,6 @@ class Imu(Measurand):
     of = "joints"
     role = Role.COMPARED
     si = "rad/s"
-    badge = "ω"  # the numbers of an accelerometer have their own unit
 
     def values(self, raw: Mapping[str, object]) -> list[Mapping[str, object]]:
         """Return a sensor for each number of the unit, all six or those that the table names.

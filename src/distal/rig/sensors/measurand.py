@@ -116,16 +116,9 @@ class Measurand(ABC):
     si: ClassVar[str]
     """SI unit, where it does not depend on the part."""
 
-    badge: ClassVar[str]
-    """Letter of its badge in a drawing, where it does not depend on the part."""
-
     def unit(self, part: Part) -> str:
         """Return the SI unit of a sensor's readings and errors at a part."""
         return self.si
-
-    def letter(self, part: Part) -> str:
-        """Return the letter of a sensor's badge in a drawing, at a part."""
-        return self.badge
 
     @abstractmethod
     def read(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from distal.expressions import Scalar
-from distal.rig.drives import Capstan, position_unit
+from distal.rig.drives import position_unit
 from distal.rig.joints import REACH
 from distal.rig.sensors.base import SensorBase
 from distal.rig.sensors.measurand import Measurand, Motion, Part, Parts, Role
@@ -23,10 +23,6 @@ class Position(Measurand):
     def unit(self, part: Part) -> str:
         """Return m for a slider, rad for a capstan."""
         return position_unit(part)  # type: ignore[arg-type]
-
-    def letter(self, part: Part) -> str:
-        """Return φ for a capstan, else x."""
-        return "φ" if isinstance(part, Capstan) else "x"
 
     def read(
         self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]

@@ -17,7 +17,6 @@ class Tension(Measurand):
     of = "tendons"
     role = Role.TENSION
     si = "N"
-    badge = "T"
 
     def read(
         self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]

@@ -24,7 +24,6 @@ class Torque(Measurand):
     of = "joints"
     role = Role.REFERENCE
     si = "N m"
-    badge = "τ"
 
     def read(
         self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
