@@ -49,6 +49,7 @@ def drawn_map(
             noise=np.full(len(joints), size**2),
             filter=rng.uniform(0.2, 0.8, size=len(joints)),
             error_time=np.full(len(joints), 0.5),
+            correlation=np.full((len(joints), len(joints)), 0.3) + 0.7 * np.eye(len(joints)),
         ),
     )
 

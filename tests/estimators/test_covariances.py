@@ -116,12 +116,33 @@ def test_the_report_is_g_p_g_plus_u() -> None:
     rng = np.random.default_rng(0)
     root = rng.normal(size=(4, 4))
     covariance, y = root @ root.T, np.array([9.0, 9.0, 0.3, -0.7, 0.5, 0.0, 0.04, 0.09])
-    report = Report.behind(2, [[1, 3]])
+    correlation = np.array([[1.0, -0.4], [-0.4, 1.0]])
+    report = Report.behind(2, [[1, 3]], [correlation])
     gains = np.diag([1.0, 0.5, 1.0, 0.0])
     expected = gains @ covariance @ gains + np.diag([0.0, 0.04, 0.0, 0.09])
+    expected[1, 3] -= 0.4 * 0.2 * 0.3
+    expected[3, 1] -= 0.4 * 0.2 * 0.3
     np.testing.assert_allclose(report.covariances(covariance[None], y[None])[0], expected)
     np.testing.assert_allclose(
         report.variances_of(np.diag(covariance)[None], y[None])[0], np.diag(expected)
     )
     np.testing.assert_allclose(report.means(np.zeros((1, 4)), y[None])[0], [0.0, 0.3, 0.0, -0.7])
-    assert dataclasses.astuple(report.only([3])) == ((3,), (3,), (5,), (7,))
+    assert dataclasses.astuple(report.only([3])) == ((3,), (3,), (5,), (7,), ((1.0,),))
+
+
+def test_two_maps_are_independent_of_each_other() -> None:
+    from distal.estimators.report import Report
+
+    blocks = [np.array([[1.0, 0.5], [0.5, 1.0]]), np.ones((1, 1))]
+    report = Report.behind(0, [[0, 1], [2]], blocks)
+    np.testing.assert_allclose(report.correlation, [[1, 0.5, 0], [0.5, 1, 0], [0, 0, 1]])
+
+
+def test_regression_reports_how_joints_err_together() -> None:
+    """Off the diagonal stands the correlation of the joints of one map."""
+    rig = with_drawn(load_rig("finger-2n"))
+    result = estimate(motion(rig, 0.0), rig, "regression", compiled=False)
+    assert result.covariances is not None
+    spread = result.covariances[:, :2, :2]
+    stds = np.sqrt(np.einsum("kii->ki", spread))
+    np.testing.assert_allclose(spread[:, 0, 1] / (stds[:, 0] * stds[:, 1]), 0.3)

@@ -247,6 +247,25 @@ def test_readings_that_are_missing_or_never_moved_are_no_trouble() -> None:
     assert judged(found, replace(log, readings=with_still))[0] < 0.01
 
 
+def test_joints_that_err_together_are_said_to() -> None:
+    """Two references share an error that no reading shows, with opposite signs, and each has one
+    of its own, half as large: the correlation is −1/(1 + 1/4).
+    """
+    logs = []
+    for seed in range(4):
+        log = moved(seed, 3000)
+        rng = np.random.default_rng(60 + seed)
+        shared, first, second = rng.normal(size=(3, len(log.time))) * ((0.05,), (0.025,), (0.025,))
+        targets = log.targets + np.column_stack([shared + first, second - shared])
+        logs.append(replace(log, targets=targets, variances=np.zeros_like(targets)))
+    both = learned_map(logs, {**DESCRIBED, "joints": ("a", "b")}, range(4))
+    correlation = both.arrays["correlation"]
+    # of n samples it has the standard error (1 − ρ²)/√n
+    count = sum(len(log.targets[:: len(log.time) // 300]) for log in logs)
+    assert correlation[0, 1] == pytest.approx(-0.8, abs=4 * 0.36 / count**0.5)
+    np.testing.assert_array_equal(np.diag(correlation), 1.0)
+
+
 def test_beside_a_filter_that_is_right_a_map_adds_nothing() -> None:
     """Errors that have nothing to do with the readings: the map's values count with a share of
     almost none, and what is said of logs left out is the error with that share.

@@ -23,6 +23,7 @@ from distal.regression import (
     from_window,
     given,
     map_function,
+    map_layout,
     map_parameters,
     memory_size,
 )
@@ -260,34 +261,31 @@ def regression_function(
     sizes = [len(map_parameters(learned)) for learned in maps]
     p = ca.MX.sym("p", sum(sizes))
     memory = layout.part(kernel_state, "map")
-    means = [ca.MX(0)] * n
-    variances = [ca.MX(0)] * n
+    mean = ca.MX.zeros(n)
+    spread = ca.MX.zeros(n, n)
     after = []
     at = number = 0
     for learned, size in zip(maps, sizes):
         columns = [list(channels).index(name) for name in learned.channels]
         length = memory_size(learned)
-        values, _, spreads, following = map_function(Shape.of(learned), len(learned.joints))(
+        shape = Shape.of(learned)
+        numbers = p[number : number + size]
+        values, _, variances, following = map_function(shape, len(learned.joints))(
             memory[at : at + length],
             x[0],
             x[[1 + i for i in columns]],
             x[[1 + width + i for i in columns]],
-            p[number : number + size],
+            numbers,
         )
-        for k, joint in enumerate(learned.joints):
-            means[list(joints).index(joint)] = values[k]
-            variances[list(joints).index(joint)] = spreads[k]
+        rows = [list(joints).index(joint) for joint in learned.joints]
+        stds = ca.sqrt(variances)
+        correlation = map_layout(shape, len(rows)).part(numbers, "correlation")
+        mean[rows] = values
+        spread[rows, rows] = correlation * ca.mtimes(stds, stds.T)
         after.append(following)
         at += length
         number += size
-    spread = ca.MX.zeros(n, n)
-    for j, variance in enumerate(variances):
-        spread[j, j] = variance
-    following = layout.joined(
-        mean=ca.vertcat(*means),
-        covariance=spread,
-        map=ca.vertcat(*after),
-    )
+    following = layout.joined(mean=mean, covariance=spread, map=ca.vertcat(*after))
     return ca.Function(
         "regression",
         [kernel_state, x, p],

@@ -17,25 +17,31 @@ class Report:
     """Indices in a kernel's output y of the reported values, gains and variances of some states.
 
     A state x_i with error e_i is reported as a value v_i with the error g_i e_i + n_i, where n_i
-    has the variance u_i and is independent of everything else. With G the diagonal of the gains, 1
-    where nothing is reported, the covariance P becomes G P Gᵀ + diag(u), which is positive
-    semidefinite as P is.
+    has the variance u_i, is correlated by R with those of the other states of its map, and is
+    independent of everything else. With G the diagonal of the gains, 1 where nothing is reported,
+    the covariance P becomes G P Gᵀ + diag(√u) R diag(√u), which is positive semidefinite as P and
+    R are.
 
     Args:
         states: indices i of the states.
         values: indices of v in y.
         gains: indices of g in y.
         variances: indices of u in y.
+        correlation: R, a row for each of the states.
     """
 
     states: tuple[int, ...] = ()
     values: tuple[int, ...] = ()
     gains: tuple[int, ...] = ()
     variances: tuple[int, ...] = ()
+    correlation: tuple[tuple[float, ...], ...] = ()
 
     @classmethod
-    def behind(cls, start: int, groups: Sequence[Sequence[int]]) -> Report:
-        """Return the report of several maps, each of which corrects one of the `groups` of states.
+    def behind(
+        cls, start: int, groups: Sequence[Sequence[int]], correlations: Sequence[Floats]
+    ) -> Report:
+        """Return the report of several maps, each of which corrects one of the `groups` of states,
+        whose errors have such `correlations`.
 
         For one map after the other, its values, gains and variances stand in y from the index
         `start` on.
@@ -47,13 +53,22 @@ class Report:
                 columns += range(start, start + len(group))
                 start += len(group)
             states += group
-        return cls(tuple(states), *map(tuple, parts))
+        correlation = np.zeros((len(states), len(states)))
+        at = 0
+        for block in correlations:
+            correlation[at : at + len(block), at : at + len(block)] = block
+            at += len(block)
+        values, gains, variances = map(tuple, parts)
+        rows = tuple(map(tuple, correlation.tolist()))
+        return cls(tuple(states), values, gains, variances, rows)
 
     def only(self, states: Sequence[int]) -> Report:
         """Return the report of those of its states that are in `states`."""
         chosen = [k for k, state in enumerate(self.states) if state in states]
         parts = (self.states, self.values, self.gains, self.variances)
-        return Report(*(tuple(part[k] for k in chosen) for part in parts))
+        of, values, gains, variances = (tuple(part[k] for k in chosen) for part in parts)
+        rows = tuple(tuple(self.correlation[k][i] for i in chosen) for k in chosen)
+        return Report(of, values, gains, variances, rows)
 
     def means(self, means: Floats, ys: Floats) -> Floats:
         """Return the states as they are reported, (k, n), from the filter's own `means`, (k, n),
@@ -85,7 +100,11 @@ class Report:
         gains = np.ones(covariances.shape[:2])
         gains[:, self.states] = ys[:, self.gains]
         reported: Floats = covariances * gains[:, :, None] * gains[:, None, :]
-        reported[:, self.states, self.states] += ys[:, self.variances]
+        stds = np.sqrt(ys[:, self.variances])
+        added = np.array(self.correlation) * stds[:, :, None] * stds[:, None, :]
+        diagonal = np.arange(len(self.states))
+        added[:, diagonal, diagonal] = ys[:, self.variances]
+        reported[np.ix_(range(len(ys)), self.states, self.states)] += added
         return reported
 
 

@@ -185,8 +185,9 @@ def learned_map(
     seen = Seen.of(logs, described)
     joints = range(logs[0].targets.shape[1])
     results = [_of_joint(*seen.task(logs, joint, groups, homing)) for joint in joints]
-    arrays = {name: np.stack([result[name] for result in results]) for name in results[0]}
+    arrays = {name: np.stack([result[name] for result, _ in results]) for name in results[0][0]}
     scores = {name: tuple(arrays.pop(name).tolist()) for name in ("rms", "inside", "density")}
+    arrays["correlation"] = _correlation([standardized for _, standardized in results])
     every = np.vstack([log.every for log in logs])
     return LearnedMap(
         **described,
@@ -199,8 +200,23 @@ def learned_map(
     )
 
 
-def _of_joint(task: Task, centre: float, scale: float) -> dict[str, Floats]:
-    """Return the arrays of a joint's map, and its scores on logs left out."""
+def _correlation(standardized: Sequence[Floats]) -> Floats:
+    """Return the correlation of the joints' errors on logs left out, (n_joints, n_joints); joints
+    whose angles are not known at the same samples count as independent.
+    """
+    if len({errors.shape for errors in standardized}) > 1:
+        return np.eye(len(standardized))
+    products = np.array(standardized) @ np.array(standardized).T
+    stds = np.sqrt(np.maximum(np.diag(products), 1e-300))
+    correlation: Floats = products / np.outer(stds, stds)
+    np.fill_diagonal(correlation, 1.0)
+    return correlation
+
+
+def _of_joint(task: Task, centre: float, scale: float) -> tuple[dict[str, Floats], Floats]:
+    """Return the arrays of a joint's map with its scores on logs left out, and the errors there in
+    standard deviations, (k,).
+    """
     evidence, groups = task.logs, len(set(task.groups))
     if groups < 2:
         halves = [np.arange(len(log.target)) < len(log.target) // 2 for log in evidence]
@@ -224,7 +240,7 @@ def _of_joint(task: Task, centre: float, scale: float) -> dict[str, Floats]:
     mean = scale * weights.mean
     mean[0] += centre
     square = (factor * scale) ** 2
-    return {
+    arrays = {
         "mean": mean,
         "covariance": square * weights.covariance,
         "radial": square * np.exp(2 * np.array(prior.radial)),
@@ -235,6 +251,7 @@ def _of_joint(task: Task, centre: float, scale: float) -> dict[str, Floats]:
         "inside": np.mean(np.abs(errors) <= BAND * np.sqrt(variances)),
         "density": np.array(density(scale * errors, scale**2 * variances)),
     }
+    return arrays, errors / np.sqrt(variances)
 
 
 def _share(task: Task, held_out: Sequence[tuple[Floats, Floats]]) -> float:

@@ -14,6 +14,7 @@ from distal.regression.known_window import (
 )
 from distal.regression.map_function import (
     map_function,
+    map_layout,
     map_parameters,
     memory_size,
 )
@@ -52,6 +53,7 @@ __all__ = [
     "groups_of",
     "homed_memory",
     "map_function",
+    "map_layout",
     "map_parameters",
     "memory_size",
     "played",

@@ -69,6 +69,7 @@ def from_prior(
             noise=squares * np.exp(2 * prior.noise),
             filter=np.full(joints, float(angles > 0)),
             error_time=np.full(joints, np.exp(prior.error_time)),
+            correlation=np.eye(joints),
         ),
     )
 

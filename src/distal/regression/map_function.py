@@ -32,6 +32,7 @@ def map_layout(shape: Shape, joints: int) -> Layout:
         noise=joints,
         filter=joints,
         error_time=joints,
+        correlation=(joints, joints),
         **weights,
     )
 
@@ -41,7 +42,7 @@ def map_parameters(learned: LearnedMap) -> Floats:
     arrays = learned.arrays
     shape = Shape.of(learned)
     frame = [arrays[name].ravel(order="F") for name in shape.frame.names]
-    names = ("rate", "mean", "radial", "noise", "filter", "error_time", "covariance")
+    names = ("rate", "mean", "radial", "noise", "filter", "error_time", "correlation", "covariance")
     return np.concatenate([*frame, *(arrays[name].ravel() for name in names)])
 
 

@@ -143,6 +143,7 @@ class LearnedMap(Description):
             "noise": (joints,),
             "filter": (joints,),
             "error_time": (joints,),
+            "correlation": (joints, joints),
         }
 
     @property

@@ -130,7 +130,9 @@ class AdaptiveFilter(KernelEstimator):
             measured=measured,
         )
         self.report = Report.behind(
-            2 * len(self.measured), [placed.states for placed in self._reported]
+            2 * len(self.measured),
+            [placed.states for placed in self._reported],
+            [placed.learned.arrays["correlation"] for placed in self._reported],
         )
 
     def _check_maps(self) -> None:
