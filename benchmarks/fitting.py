@@ -209,44 +209,26 @@ def instrument() -> None:
     started = time.perf_counter()
     whole = fit(logs, rig, homing=3.0, units=r"run_(.)")
     took = time.perf_counter() - started
-    rows, point = [], []
-    for fold in whole.folds:
-        for one in fold.compared:
-            fitted, before = one.scores[WRITTEN], one.scores[AS_GIVEN]
-            assert fitted is not None
-            assert before is not None
-            near = estimate(
-                next(log for log in logs if log.source == one.log), fold.learned.rig, homing=0.2
-            )
-            point.append(near)
-            errors = (before.rms, fitted.rms, near.rms_error())
-            shares = (fitted.inside, near.inside_band())
-            rows.append(
-                [
-                    Path(one.log).stem,
-                    *(f"{np.rad2deg(e):.3f}" for e in errors),
-                    *(f"{100 * s:.0f} %" for s in shares),
-                ]
-            )
+    rows = []
+    for one in whole.compared:
+        before, fitted = one.scores[AS_GIVEN], one.scores[WRITTEN]
+        assert before is not None
+        assert fitted is not None
+        errors = np.rad2deg([before.rms, fitted.rms])
+        rows.append(
+            [Path(one.log).stem, *(f"{e:.3f}" for e in errors), f"{100 * fitted.inside:.0f} %"]
+        )
     pairs = [(one.scores[AS_GIVEN], one.scores[WRITTEN]) for one in whole.compared]
     said = [(alone.rms, fitted.rms, fitted.inside) for alone, fitted in pairs if alone and fitted]
-    before, after, inside = (np.array(column) for column in zip(*said))
-    nears, shares = (
-        np.array([one.rms_error() for one in point]),
-        [one.inside_band() for one in point],
-    )
+    first, after, inside = (np.array(column) for column in zip(*said))
     for name, of in (("mean", np.mean), ("worst", np.max)):
-        rows.append(
-            [name, *(f"{np.rad2deg(of(each)):.3f}" for each in (before, after, nears)), "", ""]
-        )
-    rows[-2][-2:] = f"{100 * np.mean(inside):.0f} %", f"{100 * np.mean(shares):.0f} %"
+        rows.append([name, *(f"{np.rad2deg(of(each)):.3f}" for each in (first, after)), ""])
+    rows[-2][-1] = f"{100 * np.mean(inside):.0f} %"
     columns = [
         "run",
         "move, before [°]",
         "homing move [°]",
-        "homing point [°]",
         "band, move",
-        "band, point",
     ]
     title = (
         f"da Vinci grasper, fitted without the run's motion class (all {len(logs)} runs at once: "

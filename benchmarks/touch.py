@@ -438,8 +438,8 @@ def figure(path: Path) -> None:
     from benchmarks.strangers.contact import finger, finger_rig
 
     described = finger_rig().with_values({"joints.finger.external_torque.std": 0.0})
-    calm = [(described, finger(seed, 12.0, None)[0]) for seed in range(3)]
-    free = free_motion_of(calm, 0.0, 1.0)
+    calm = [finger(seed, 12.0, None)[0] for seed in range(3)]
+    free = free_motion_of([described] * len(calm), calm, 0.0, 1.0)
     rig = described.model_copy(update={"free_motion": free})
     log = finger(7, 11.0, 6.0)[0]
     result = estimate(log, rig)

@@ -18,10 +18,10 @@ from distal.fitting.candidates import Candidate, Training
 from distal.fitting.fit_options import Options
 from distal.fitting.fitted_file import MARK, plain_value
 from distal.fitting.learn import Judged, Learned, learned_by, readings_map
-from distal.fitting.leave_out import WRITTEN, Compared, Fold, Score
-from distal.fitting.missing_terms import MissingTerm
+from distal.fitting.missing_terms import MissingTerm, with_parts
 from distal.fitting.parameter_estimates import among_models, parameters_of, problem_of
 from distal.fitting.result import Fit
+from distal.fitting.scores import WRITTEN, Compared, Score
 from distal.rig import build_rig, parse_toml
 
 OPTIONS = Options(workers=1)
@@ -63,9 +63,9 @@ class Found:
         self.line = readings_map(self.training)
         self.solutions = parameters_of(problem_of(self.logs, rig, OPTIONS), OPTIONS, None)
         play = [MissingTerm("play", BACKLASH)]
-        _, self.candidates, self.models = learning._chosen(
-            self.logs, self.training, self.line, self.solutions, play, None
-        )
+        named = with_parts(play, self.logs, rig, OPTIONS, self.solutions[0])
+        _, self.candidates = learning._judged(self.training, self.solutions, named, None)
+        self.models = [self.solutions[0], *(parameters for _, parameters in named)]
 
     def learned(self, candidate: Candidate, *, others: bool = True) -> Learned:
         """Return what a candidate teaches, with or without what other models make of the logs."""
@@ -89,7 +89,7 @@ def found(rig: Rig) -> Found:
 
 def check(found: Found, learned: Learned, text: str | None, path: Path) -> str:
     """Write what was learned and read it again."""
-    result = Fit.of(learned, found.rig, found.logs, OPTIONS, ())
+    result = Fit.of(learned, found.rig, found.logs, OPTIONS)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         result.save(path, text)
@@ -116,7 +116,7 @@ def test_each_candidate_is_written_as_it_was_judged(
 def test_an_encoders_zero_that_no_score_shows_is_said(
     share: float, said: bool, found: Found
 ) -> None:
-    result = Fit.of(found.learned(found.candidates[0]), found.rig, found.logs, OPTIONS, ())
+    result = Fit.of(found.learned(found.candidates[0]), found.rig, found.logs, OPTIONS)
     result = replace(result, reference_offset=share * result.scores()[0][1])
     assert any("whose own zero may be off by" in line for line in result.advice()) == said
 
@@ -125,14 +125,13 @@ def test_an_encoders_zero_that_no_score_shows_is_said(
 def test_another_way_that_errs_less_is_said_first(ratio: float, said: bool, found: Found) -> None:
     """By more than 5 %."""
     learned = found.learned(found.candidates[0])
-    result = Fit.of(learned, found.rig, found.logs, OPTIONS, ())
+    result = Fit.of(learned, found.rig, found.logs, OPTIONS)
     name = "least squares with lags"
     scores = {WRITTEN: Score(0.01, 0.95, 0.02), name: Score(0.01 * ratio, np.nan, np.nan)}
-    fold = Fold(("log",), learned, (Compared("log", scores),))
-    answer = replace(result, folds=(fold,)).answer()
+    answer = replace(result, compared=(Compared("log", scores),)).answer()
     assert answer.startswith(f"another way errs less than what is written, {name}") == said
     assert f"{name}: " in answer
-    assert "readings" not in replace(result, folds=()).answer()
+    assert "readings" not in replace(result, compared=()).answer()
 
 
 def test_other_models_widen_the_report_alone(found: Found) -> None:
@@ -160,7 +159,7 @@ def test_one_that_was_interrupted_is_written(found: Found, text: str, tmp_path: 
     parameters = found.solutions[-1]
     stopped = replace(parameters, optimum=replace(parameters.optimum, interrupted=True))
     chosen, candidates, models = learning._chosen(
-        found.logs, found.training, found.line, [stopped], None, None
+        found.logs, found.training, found.line, [stopped], None
     )
     assert (candidates, models) == ([], [])
     judged = Judged(found.logs, found.training, found.line, [stopped], [], chosen, [])
@@ -171,7 +170,7 @@ def test_one_that_was_interrupted_is_written(found: Found, text: str, tmp_path: 
 def test_without_an_angle_parameters_alone_are_written(
     found: Found, text: str, tmp_path: Path
 ) -> None:
-    chosen, _, _ = learning._chosen(found.logs, found.training, None, found.solutions, None, None)
+    chosen, _, _ = learning._chosen(found.logs, found.training, None, found.solutions, None)
     judged = Judged(found.logs, found.training, None, found.solutions, [], chosen, [])
     check(found, learned_by(judged, chosen), text, tmp_path / "fitted.toml")
 
@@ -187,7 +186,7 @@ def test_a_factor_gives_way_to_a_std(found: Found, text: str, tmp_path: Path) ->
 
 def test_the_text_of_another_rig_is_refused(found: Found, text: str, tmp_path: Path) -> None:
     learned = found.learned(found.candidates[0])
-    result = Fit.of(learned, found.rig, found.logs, OPTIONS, ())
+    result = Fit.of(learned, found.rig, found.logs, OPTIONS)
     other = text.replace('name = "finger"', 'name = "thumb"').replace('"finger"', '"thumb"')
     with pytest.raises(RigError, match="not that of the rig that was fitted"):
         result.save(tmp_path / "fitted.toml", other)
@@ -201,7 +200,7 @@ def test_what_does_not_fit_into_the_text_is_written_anew(
     monkeypatch.setattr("distal.fitting.fitted_file._put_into", lambda *_: text)
     candidate = next(c for c in found.candidates if c.parameters is not None)
     assert candidate.parameters is not None
-    result = Fit.of(found.learned(candidate), found.rig, found.logs, OPTIONS, ())
+    result = Fit.of(found.learned(candidate), found.rig, found.logs, OPTIONS)
     with pytest.warns(DistalWarning, match="written anew"):
         result.save(tmp_path / "fitted.toml", text)
     assert load_rig(tmp_path / "fitted.toml") == result.rig

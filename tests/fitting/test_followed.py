@@ -12,6 +12,7 @@ import pytest
 from distal import Log, Rig, load_rig
 from distal.errors import DivergedError
 from distal.fitting.learn_free_motion import untouched
+from distal.fitting.scores import WRITTEN, Compared, Score
 
 FIT = sys.modules["distal.fitting.fit"]
 LOG = Log(np.arange(3.0), {"x": np.zeros(3)}, source="one.csv")
@@ -28,6 +29,7 @@ class Candidate:
 class Learned:
     rig: Rig
     doubts: tuple[str, ...] = ()
+    compared: tuple[Compared, ...] = ()
 
 
 @pytest.fixture
@@ -40,26 +42,39 @@ def candidates(pulley_rig: Rig) -> list[Candidate]:
 
 
 def written(
-    candidates: list[Candidate], fails: list[Rig], monkeypatch: pytest.MonkeyPatch
+    candidates: list[Candidate],
+    fails: list[Rig],
+    monkeypatch: pytest.MonkeyPatch,
+    error: float = 0.0,
 ) -> Learned:
-    """Return what is written where the filters of some rigs leave all bounds."""
+    """Return what is written where the filters of some rigs leave all bounds, and the others err by
+    `error`; logs left out had an error of 0.01.
+    """
 
-    def estimate(log: Log, rig: Rig, **_: object) -> None:
+    def estimate(log: Log, rig: Rig, **_: object) -> SimpleNamespace:
         if rig in fails:
             raise DivergedError(log.source)
+        return SimpleNamespace(errors=lambda: np.full(3, error if rig == candidates[0].rig else 0))
 
+    compared = (Compared("one.csv", {WRITTEN: Score(0.01, 0.95, 0.02)}),)
     monkeypatch.setattr(FIT, "estimate", estimate)
-    monkeypatch.setattr(FIT, "learned_by", lambda _, candidate: Learned(candidate.rig))
+    monkeypatch.setattr(FIT, "reference_offset", lambda *_: 0.0)
+    monkeypatch.setattr(FIT, "learned_by", lambda _, one: Learned(one.rig, (), compared))
+    monkeypatch.setattr(
+        FIT, "_with_free_motion", lambda learned, *_: replace(learned, doubts=("whole",))
+    )
     options = SimpleNamespace(compiled=False, homing=None)
-    judged = SimpleNamespace(candidates=candidates, training=SimpleNamespace(options=options))
-    return FIT._followed(judged, candidates[0], [LOG], lambda it: replace(it, doubts=("whole",)))
+    training = SimpleNamespace(options=options)
+    judged = SimpleNamespace(candidates=candidates, training=training, chosen=candidates[0])
+    return FIT._followed(judged, [LOG])
 
 
 def test_a_rig_whose_filter_leaves_all_bounds_is_not_written(
     candidates: list[Candidate], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first, _, second = candidates
-    assert written(candidates, [], monkeypatch) == Learned(first.rig, ("whole",))
+    whole = written(candidates, [], monkeypatch)
+    assert (whole.rig, whole.doubts) == (first.rig, ("whole",))
     without_touches = written(candidates, [first.rig], monkeypatch)
     assert without_touches.rig == untouched(first.rig)
     assert without_touches.doubts == (
@@ -84,4 +99,15 @@ def test_ctrl_c_at_the_last_step_leaves_what_was_learned(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Rig, "__hash__", stopped)  # the first thing that is done with a rig
-    assert written(candidates, [], monkeypatch) == Learned(candidates[0].rig)
+    assert written(candidates, [], monkeypatch).rig == candidates[0].rig
+
+
+@pytest.mark.parametrize(("error", "said"), [(0.0195, False), (0.0205, True)])
+def test_a_rig_that_errs_twice_what_was_promised_is_not_written(
+    error: float, said: bool, candidates: list[Candidate], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On the very logs that it was learned from."""
+    result = written(candidates, [], monkeypatch, error)
+    assert result.rig == (untouched(candidates[0].rig) if said else candidates[0].rig)
+    line = "the filter of first errs by 1.2° on one.csv, where left out it had 0.57°"
+    assert (line in result.doubts) == said

@@ -9,13 +9,14 @@ import pytest
 
 from distal import Log, Rig, load_rig
 from distal.fitting.fitted_parameter import FittedParameter, assignments
+from distal.fitting.learned_maps import MapFit, with_its_reference_error
 from distal.fitting.map_samples import (
     filtered,
     reference_offset,
     reference_std,
-    with_reference_error,
     without_offset,
 )
+from distal.fitting.map_search import HeldOut
 from distal.logs import FROM_SENSOR, TruthKind, TruthSource
 from distal.regression import Samples
 
@@ -34,12 +35,16 @@ def test_an_encoders_offset_is_in_the_bands(rig: Rig) -> None:
     """σ² becomes σ² + σ_b² in either map, and stays where the truth is of no sensor."""
     offset = np.deg2rad(0.35)
     assert rig.map is not None
-    for learned in (*rig.map.readings, *rig.map.filter):
-        read = log(TruthSource(TruthKind.SENSOR, "column 'x'"))
-        wider = with_reference_error(learned, rig, [read])
-        before = learned.arrays["noise"]
-        np.testing.assert_allclose(wider.arrays["noise"], before + offset**2)
-        assert with_reference_error(learned, rig, [log("another file")]) is learned
+    read = log(TruthSource(TruthKind.SENSOR, "column 'x'"))
+    for kind, maps in (("readings", rig.map.readings), ("filter", rig.map.filter)):
+        scored = HeldOut(np.zeros(2), np.zeros(2), np.array([1e-4, 2e-4]))
+        fit = MapFit(kind, maps, rig, (), {"jaw": [scored]})
+        wider = with_its_reference_error(fit, [read])
+        before = maps[0].arrays["noise"]
+        np.testing.assert_allclose(wider.maps[0].arrays["noise"], before + offset**2)
+        np.testing.assert_allclose(wider.held_out(0)[0].variances, scored.variances + offset**2)
+        same = with_its_reference_error(fit, [log("another file")])
+        np.testing.assert_allclose(same.maps[0].arrays["noise"], before)
 
 
 def test_what_the_reference_errs_by(rig: Rig) -> None:
@@ -119,7 +124,7 @@ def test_the_zero_of_a_reference_that_is_held_is_the_joints(rig: Rig) -> None:
     assert held.map is not None
     (learned,) = held.map.filter
     read = log(TruthSource(TruthKind.SENSOR, "column 'x'"))
-    wider = with_reference_error(learned, held, [read])
+    (wider,) = with_its_reference_error(MapFit("filter", (learned,), held), [read]).maps
     np.testing.assert_allclose(wider.arrays["noise"], learned.arrays["noise"] + offset**2)
     assert reference_offset(held, read) == pytest.approx(offset)
 

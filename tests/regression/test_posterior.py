@@ -31,7 +31,7 @@ def evidence(seed: int, samples: int = 25) -> Evidence:
         np.zeros(samples),
         rng.normal(size=samples),
         np.zeros(samples),
-        0.5,
+        0.5 * np.arange(samples),
         np.zeros(samples, dtype=bool),
     )
 
@@ -149,7 +149,7 @@ DESCRIBED = {"joints": ("a",), "channels": ("x", "f"), "positions": ("x",)}
 
 
 def taught(logs: list[Samples], homing: float | None = None) -> LearnedMap:
-    return learned_map(logs, DESCRIBED, range(len(logs)), homing)
+    return learned_map(logs, DESCRIBED, range(len(logs)), homing)[0]
 
 
 def judged(learned: LearnedMap, log: Samples) -> tuple[float, float]:
@@ -241,7 +241,7 @@ def test_readings_that_are_missing_or_never_moved_are_no_trouble() -> None:
         readings[::3, 1] = np.nan
         logs.append(replace(log, readings=readings))
     described = {**DESCRIBED, "channels": ("x", "f", "still")}
-    found = learned_map(logs, described, range(3))
+    found = learned_map(logs, described, range(3))[0]
     log = moved(12)
     with_still = np.column_stack([log.readings, np.full(len(log.time), 7.0)])
     assert judged(found, replace(log, readings=with_still))[0] < 0.01
@@ -258,7 +258,7 @@ def test_joints_that_err_together_are_said_to() -> None:
         shared, first, second = rng.normal(size=(3, len(log.time))) * ((0.05,), (0.025,), (0.025,))
         targets = log.targets + np.column_stack([shared + first, second - shared])
         logs.append(replace(log, targets=targets, variances=np.zeros_like(targets)))
-    both = learned_map(logs, {**DESCRIBED, "joints": ("a", "b")}, range(4))
+    both = learned_map(logs, {**DESCRIBED, "joints": ("a", "b")}, range(4))[0]
     correlation = both.arrays["correlation"]
     # of n samples it has the standard error (1 − ρ²)/√n
     count = sum(len(log.targets[:: len(log.time) // 300]) for log in logs)
@@ -277,7 +277,7 @@ def test_beside_a_filter_that_is_right_a_map_adds_nothing() -> None:
         wander = np.interp(log.time, log.time[::100], rng.normal(size=len(log.time[::100])))
         beside = {"angles": log.targets, "targets": 0.01 * wander[:, None]}
         logs.append(replace(log, **beside, variances=np.full((len(log.time), 1), 1e-4)))
-    found = learned_map(logs, DESCRIBED, range(4))
+    found = learned_map(logs, DESCRIBED, range(4))[0]
     shown = [row for log in logs for row in log.targets[:: len(log.time) // 300, 0]]
     assert found.rms[0] == pytest.approx(np.sqrt(np.mean(np.square(shown))), rel=0.02)
     assert np.abs(found.arrays["mean"]).max() < 0.003
@@ -300,5 +300,5 @@ def test_beside_a_filter_that_lacks_something_the_error_left_out_is_what_the_map
         log = moved(seed)
         beside = {"angles": 0.9 * log.targets, "targets": 0.1 * log.targets}
         logs.append(replace(log, **beside, variances=np.full((len(log.time), 1), 1e-4)))
-    found = learned_map(logs, DESCRIBED, range(4))
+    found = learned_map(logs, DESCRIBED, range(4))[0]
     assert found.rms[0] < 0.2 * np.std(np.vstack([log.targets for log in logs]))

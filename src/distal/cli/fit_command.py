@@ -213,14 +213,11 @@ def fit_progress() -> Iterator[Callable[[Doing], None]]:
 
         def show(doing: Doing) -> None:
             nonlocal printed
-            part = "all logs" if doing.part == 0 else f"left out {doing.part} of {doing.parts - 1}"
-            bar.update(task, completed=doing.share, description=f"{part}: {doing.stage}")
+            bar.update(task, completed=doing.share, description=doing.stage)
             if not err().is_terminal and time.monotonic() - printed > EVERY:
                 printed = time.monotonic()
                 left = time_left(printed - began, doing.share)
-                err().print(
-                    f"{part}: {doing.stage}, about {100 * doing.share:.0f} % done, {left} left"
-                )
+                err().print(f"{doing.stage}, about {100 * doing.share:.0f} % done, {left} left")
 
         yield show
 
@@ -265,10 +262,12 @@ def _say(result: Fit) -> None:
 
 def say_scores(result: Fit) -> None:
     """Print a table that compares what is written with all other candidates."""
+    from distal.fitting import SETTLING
+
     scores = result.scores()
     if not scores:
         return
-    noise = result.reference_std if result.folds else 0.0
+    noise = result.reference_std
     shown = noise > NOISY * scores[0][1]
     rows = []
     for name, rms, inside in scores:
@@ -276,12 +275,8 @@ def say_scores(result: Fit) -> None:
         if shown:
             cells.append(f"{degrees(sqrt(max(rms**2 - noise**2, 0.0))):.3f}")
         rows.append([*cells, "–" if isnan(inside) else f"{100 * inside:.0f} %"])
-    done = len(result.folds)
-    asked = result.folds_asked
-    held_out = "each log held out once" if done == asked else f"{done} of {asked} logs held out"
-    if not result.folds:
-        held_out = "held-out logs, by candidate; the first is written"
     columns = ["what gives the angle", "RMS error [°]", "inside the 95 % band"]
     if shown:
         columns.insert(2, "less the encoder's noise [°]")
-    table(held_out, columns, rows)
+    after = "its homing move" if result.homing is not None else f"its first {SETTLING:g} s"
+    table(f"on each log after {after}, by what the others tell", columns, rows)

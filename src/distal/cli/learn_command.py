@@ -139,10 +139,10 @@ def _answer(result: Fit, logs: Sequence[Log]) -> None:
         for line in _limits(result, float(np.mean(errors))):
             say(line)
     elif result.interrupted:
-        say("interrupted before a log was left out: nothing is known of errors on unseen logs")
+        say("interrupted before anything was judged: nothing is known of errors on unseen logs")
     else:
         say(
-            "with three logs of known angles the answer has errors on logs that were not learned "
+            "with two logs of known angles the answer has errors on logs that were not learned "
             f"from; {len(logs)} came"
         )
     for line in result.advice()[:MOST_ADVICE]:

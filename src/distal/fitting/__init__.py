@@ -11,19 +11,20 @@ from distal.fitting.learned_maps import (
     MapFit,
     learn_map,
 )
-from distal.fitting.leave_out import WRITTEN, Compared, Fold, Score
+from distal.fitting.map_samples import SETTLING
 from distal.fitting.progress import Doing
 from distal.fitting.result import Fit
+from distal.fitting.scores import WRITTEN, Compared, Score
 from distal.regression import groups_of
 
 __all__ = [
     "AS_GIVEN",
+    "SETTLING",
     "WRITTEN",
     "Compared",
     "Doing",
     "Fit",
     "FittedParameter",
-    "Fold",
     "MapFit",
     "Observability",
     "Options",

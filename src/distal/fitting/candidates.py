@@ -37,14 +37,14 @@ which filters take them so. Source: judgement.
 """
 
 
-def groups_among(logs: Sequence[Log], options: Options) -> tuple[str, ...]:
+def groups_among(logs: Sequence[Log], units: str | None) -> tuple[str, ...]:
     """Return the group of each log, whose logs are held out together: its unit with the option
     `units`, else a group of its own.
     """
     names = [log.source for log in logs]
-    if options.units is None or not names:
+    if units is None or not names:
         return tuple(str(i) for i in range(len(names)))
-    return tuple(groups_of(names, options.units, 1))
+    return tuple(groups_of(names, units, 1))
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Training:
         joints = rig.joint_names
         with_truth = tuple(log for log in logs if true_angles(log, joints) is not None)
         unknown = tuple(unknown_joints(with_truth, rig)) if with_truth else ()
-        return cls(with_truth, groups_among(with_truth, options), rig, options, unknown)
+        return cls(with_truth, groups_among(with_truth, options.units), rig, options, unknown)
 
     @property
     def judges(self) -> bool:
@@ -98,6 +98,7 @@ class Candidate:
         error: RMS error of the angle on held-out logs [rad]; infinite where it cannot run.
         data: the filter's estimates along the logs, with parameters that have not seen them, by the
             index of the log.
+        rigs: the rigs with these parameters, by the index of the log.
         refused: sentences on logs that its filter could not follow.
         part: the term of the physics that was added to the original description, if any.
     """
@@ -108,6 +109,7 @@ class Candidate:
     hold: bool
     error: float
     data: Mapping[int, Samples]
+    rigs: tuple[Rig, ...] = ()
     refused: tuple[str, ...] = ()
     part: MissingTerm | None = None
 
@@ -119,7 +121,7 @@ class _Run:
     """
 
     rig: Rig
-    rigs: Sequence[Rig]
+    rigs: tuple[Rig, ...]
     hold: bool
     data: Mapping[int, Samples]
     refused: Sequence[str]
@@ -134,9 +136,11 @@ def filter_candidate(
     run = _surest(_run(training, parameters, False), training, parameters)
     # what a log teaches cannot be judged on it
     judged = bool(run.data) and len(set(training.folds)) > 1
-    error = mean_rms(run.data) if judged else np.inf
+    error = mean_rms(run.data, training.options.homing) if judged else np.inf
     refused = tuple(run.refused)
-    return Candidate(name, run.rig, parameters, run.hold, error, run.data, refused, training.part)
+    return Candidate(
+        name, run.rig, parameters, run.hold, error, run.data, run.rigs, refused, training.part
+    )
 
 
 def filter_map(candidate: Candidate, training: Training) -> MapFit:
@@ -158,7 +162,8 @@ def _surest(run: _Run, training: Training, parameters: ParameterEstimates | None
     surer = _run(training, parameters, True)
     return (
         surer
-        if len(surer.data) == len(run.data) and mean_rms(surer.data) < SURER * mean_rms(run.data)
+        if len(surer.data) == len(run.data)
+        and mean_rms(surer.data, None) < SURER * mean_rms(run.data, None)
         else run
     )
 
@@ -168,12 +173,12 @@ def _run(training: Training, parameters: ParameterEstimates | None, hold: bool) 
         return described(training.rig, assignments(source.fitted, source.problem.filter.rig, hold))
 
     rig = training.rig
-    rigs = [training.rig] * len(training.folds)
+    rigs = (training.rig,) * len(training.folds)
     if parameters is not None:
         of_folds = parameters_without(parameters, training.logs, training.folds)
         fold_rigs = [described_by(of_fold) for of_fold in of_folds]
         rig = described_by(parameters)
-        rigs = [fold_rigs[fold] for fold in training.folds]
+        rigs = tuple(fold_rigs[fold] for fold in training.folds)
     return _Run(
         rig,
         rigs,

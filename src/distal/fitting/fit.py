@@ -11,32 +11,34 @@ from pathlib import Path
 import numpy as np
 
 from distal.errors import DistalWarning, DivergedError, EstimationError, FitError
-from distal.fitting.candidates import Candidate
+from distal.fitting.candidates import Candidate, groups_among
 from distal.fitting.doubts import far_from_priors
 from distal.fitting.fit_options import Options
-from distal.fitting.learn import Judged, Learned, judge, learn, learned_by
+from distal.fitting.learn import Judged, Learned, judge, learned_by
 from distal.fitting.learn_free_motion import free_motion_of, untouched, widest
 from distal.fitting.learned_maps import MapFit, logs_read
-from distal.fitting.leave_out import (
-    WRITTEN,
-    Fold,
-    leave_out,
-)
 from distal.fitting.log_checks import check_logs
-from distal.fitting.progress import Progress, of_part
+from distal.fitting.map_samples import counted_from, reference_offset
+from distal.fitting.progress import Progress
 from distal.fitting.reference_lag import ReferenceLag, reference_lag
 from distal.fitting.result import Fit
+from distal.fitting.scores import WRITTEN
 from distal.fitting.touched_logs import touched_logs
 from distal.homing import check_homing
 from distal.logs import Log, Source, shown, true_angles
-from distal.regression import folds_of, groups_of, servos_of, splits
+from distal.regression import folds_of, groups_of, servos_of
 from distal.rig import Rig, as_rig, load_rig
 from distal.run import estimate
 from distal.threads import one_blas_thread
 
-FOR_LEAVING_OUT = 3
-"""Number of logs with a known angle (or of groups of them), from which on each is held out once.
+FEWEST = 3
+"""Number of logs with a known angle from which on the normal forces of free motion are recorded.
 Source: judgement.
+"""
+
+PROMISED = 2.0
+"""Ratio of a rig's error on a log that it was learned from to that on logs left out, above which it
+is not written [1]. Source: definition (of what a fit promises).
 """
 
 TRUSTED = 0.8
@@ -72,10 +74,9 @@ def fit(
     prior over all logs and channels, see `Problem` (prediction-error method; Ljung, 1999, ch. 7).
     The filter's angle is compared with the reference angle of a log; where the model explains the
     logs, the filter may read the reference too. With `homing` the filter reads the reference for
-    that long, and only the errors afterwards count, as in use. With three logs of known angle or
-    more, each is held out once: `learn` runs on the others, starting from the original rig. Logs
-    that do not agree with the rig or with each other are fitted as well as possible, and the result
-    says so.
+    that long, and only the errors afterwards count, as in use. With two logs of known angle or
+    more, each way is judged on each of them by what the others tell. Logs that do not agree with
+    the rig or with each other are fitted as well as possible, and the result says so.
 
     Args:
         logs: each a `Log`, a path or a frame (see `read_log`).
@@ -129,83 +130,75 @@ def fit(
     touched = [] if homing is not None or units is not None else touched_logs(read, rig)
     aside = [read[i] for i in touched]
     read = [log for i, log in enumerate(read) if i not in touched]
-    folds, enough = _folds(read, rig, units)
-    found_lag = ReferenceLag(lag) if lag is not None else _lag(read, rig, folds)
+    if units is not None:
+        groups_of([log.source for log in read], units)
+    found_lag = ReferenceLag(lag) if lag is not None else _lag(read, rig, units)
     read = found_lag.taken_off(read, rig)
     servos = servos_of(read, rig)
     rig = rig.with_values(servos)
-    parts = len(set(folds)) + 1 if enough else 1
-    judged = judge(read, rig, options, of_part(progress, 0, parts), early=early)
-    learned = learned_by(judged, judged.chosen)
-    # each fold chooses anew whether the term is used; the search for other terms costs too much
-    tried = [] if learned.part is None else [learned.part]
-
-    def of_fold(remaining: Sequence[Log], fold: int) -> Learned:
-        return learn(remaining, rig, options, of_part(progress, fold, parts), tried)
-
-    done = []
-    asked = 0
-    if enough and judged.line is not None and not learned.interrupted:
-        done = leave_out(read, rig, folds, of_fold, homing)
-        asked = parts - 1
-        learned = _followed(
-            judged,
-            judged.chosen,
-            read,
-            lambda learned: _with_free_motion(learned, done, read, folds),
-        )
-    elif not learned.interrupted:
-        learned = _followed(judged, judged.chosen, read, lambda learned: learned)
+    judged = judge(read, rig, options, progress, early)
+    learned = _followed(judged, read)
     doubts = (*found_lag.sentences, *_touched(aside), *learned.doubts)
     learned = replace(learned, doubts=doubts)
     for line in far_from_priors(learned.parameters.fitted, learned.parameters.problem):
         warnings.warn(line, DistalWarning, stacklevel=2)
-    return Fit.of(learned, start_rig, read, options, tuple(done), asked, servos)
+    return Fit.of(learned, start_rig, read, options, servos)
 
 
-def _followed(
-    judged: Judged, best: Candidate, logs: Sequence[Log], completed: Callable[[Learned], Learned]
-) -> Learned:
-    """Return what is learned by the `best` candidate, with its normal forces of free motion; where
-    the filter of the rig then leaves all bounds on a log, by the next one.
+def _followed(judged: Judged, logs: Sequence[Log]) -> Learned:
+    """Return what is learned by the best candidate, with its normal forces of free motion; where
+    the rig, as it would be written, fails on a log, by the next one.
 
     Candidates are judged without touches. So a rig that looks for none comes before another one.
     """
-    options = judged.training.options
-
-    def follows(rig: Rig, log: Log) -> bool:
-        try:
-            estimate(log, rig, compiled=options.compiled, homing=options.homing, covariances=False)
-        except DivergedError:
-            return False
-        return True
-
+    best = judged.chosen
     ranked = sorted(judged.candidates, key=lambda candidate: candidate.error)
     doubts = list[str]()
     with suppress(KeyboardInterrupt):  # what was learned stands
         for candidate in (best, *(candidate for candidate in ranked if candidate is not best)):
-            learned = completed(learned_by(judged, candidate))
+            learned = _with_free_motion(learned_by(judged, candidate), candidate, judged)
             for rig in dict.fromkeys((learned.rig, untouched(learned.rig))):
-                lost = next((log for log in logs if not follows(rig, log)), None)
-                if lost is None:
+                failures = (_failure(rig, log, learned, judged.training.options) for log in logs)
+                failure = next(filter(None, failures), None)
+                if failure is None:
                     return replace(learned, rig=rig, doubts=(*doubts, *learned.doubts))
                 touches = "" if rig is learned.rig else ", which looks for no touches,"
-                doubts.append(
-                    f"the filter of {candidate.name}{touches} leaves all bounds on {lost.source}"
-                )
+                doubts.append(f"the filter of {candidate.name}{touches} {failure}")
     learned = learned_by(judged, best)
     return replace(learned, doubts=(*doubts, *learned.doubts))
 
 
-def _lag(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> ReferenceLag:
-    """Return the lag of the reference; none where the map on readings cannot run."""
-    with_reference = [
-        i for i, log in enumerate(logs) if true_angles(log, rig.joint_names) is not None
-    ]
+def _failure(rig: Rig, log: Log, learned: Learned, options: Options) -> str | None:
+    """Return in words how a rig fails on a log that it was learned from; None where it does not."""
+    homing = options.homing
     try:
-        return reference_lag(
-            [logs[i] for i in with_reference], rig, [folds[i] for i in with_reference]
-        )
+        result = estimate(log, rig, compiled=options.compiled, homing=homing, covariances=False)
+    except DivergedError:
+        return f"leaves all bounds on {shown(log.source)}"
+    scores = {of_log.log: of_log.scores[WRITTEN] for of_log in learned.compared}
+    score = scores.get(shown(log.source))
+    if score is None:
+        return None
+    others = [each.rms for each in scores.values() if each is not None]
+    # no score has the zero of the encoder
+    said = np.hypot(max(score.rms, np.sqrt(np.mean(np.square(others)))), reference_offset(rig, log))
+    late = log.time - log.time[0] >= counted_from(log, homing)
+    errors = result.errors().reshape(len(log), -1)[late]
+    rms = float(np.sqrt(np.nanmean(errors**2)))
+    if rms <= PROMISED * said:
+        return None
+    return (
+        f"errs by {np.rad2deg(rms):.2g}° on {shown(log.source)}, where left out it had "
+        f"{np.rad2deg(score.rms):.2g}°"
+    )
+
+
+def _lag(logs: Sequence[Log], rig: Rig, units: str | None) -> ReferenceLag:
+    """Return the lag of the reference; none where the map on readings cannot run."""
+    with_reference = [log for log in logs if true_angles(log, rig.joint_names) is not None]
+    try:
+        groups = groups_among(with_reference, units)
+        return reference_lag(with_reference, rig, folds_of(groups))
     except EstimationError:
         return ReferenceLag()
 
@@ -222,46 +215,26 @@ def _touched(aside: Sequence[Log]) -> list[str]:
     ]
 
 
-def _with_free_motion(
-    learned: Learned, done: Sequence[Fold], logs: Sequence[Log], folds: Sequence[int]
-) -> Learned:
+def _with_free_motion(learned: Learned, candidate: Candidate, judged: Judged) -> Learned:
     """Return what was learned, with the normal forces of free motion (`FreeMotion`) from the
-    held-out logs; unchanged where the band holds too few of their samples.
+    held-out logs; unchanged where these are few, or the band holds too few of their samples.
     """
-    written = [score.scores[WRITTEN] for fold in done for score in fold.compared]
-    scores = [score for score in written if score is not None]
-    inside = float(np.mean([score.inside for score in scores])) if scores else 0.0
-    if inside < TRUSTED:
+    scores = [log.scores[WRITTEN] for log in learned.compared]
+    ran = [score for score in scores if score is not None]
+    inside = float(np.mean([score.inside for score in ran])) if ran else 0.0
+    if inside < TRUSTED or len(ran) < FEWEST:
         return learned
-    held_out = [
-        (fold.learned.rig, logs[i]) for fold, (out, _) in zip(done, splits(folds)) for i in out
-    ]
-    kept = [i for _, (out, _) in zip(done, splits(folds)) for i in out]
-    rms = float(np.sqrt(np.mean([score.rms**2 for score in scores])))
+    logs = [judged.training.logs[i] for i in candidate.data]
+    rms = float(np.sqrt(np.mean([score.rms**2 for score in ran])))
     try:
-        free = free_motion_of(held_out, rms, inside)
-        # the rig that is written may be another candidate than that of a fold
-        in_sample = free_motion_of([(learned.rig, logs[i]) for i in kept], rms, inside)
+        free = free_motion_of([candidate.rigs[i] for i in candidate.data], logs, rms, inside)
+        in_sample = free_motion_of([learned.rig] * len(logs), logs, rms, inside)
     except EstimationError:
         return learned  # a filter that fails on a log shows no normal forces
     if free is None or in_sample is None:
         return learned
     free = widest(free, in_sample)
     return replace(learned, rig=learned.rig.model_copy(update={"free_motion": free}))
-
-
-def _folds(logs: Sequence[Log], rig: Rig, units: str | None) -> tuple[list[int], bool]:
-    """Return the fold of each log, and whether enough logs have a known angle for each to be held
-    out once.
-    """
-    groups = (
-        [str(i) for i in range(len(logs))]
-        if units is None
-        else groups_of([log.source for log in logs], units)
-    )
-    joints = rig.joint_names
-    with_truth = {group for log, group in zip(logs, groups) if true_angles(log, joints) is not None}
-    return folds_of(groups), len(with_truth) >= FOR_LEAVING_OUT
 
 
 def _read(

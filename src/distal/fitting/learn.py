@@ -1,5 +1,5 @@
-"""`learn`: everything that is learned from logs. A fold of `leave_out` is the same call with fewer
-logs.
+"""Everything that is learned from logs: `judge` makes all candidates and judges them on logs left
+out, `learned_by` is what is written of one.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from distal.fitting.candidates import (
 from distal.fitting.fit_options import Options
 from distal.fitting.fitted_parameter import FittedParameter, assignments, described
 from distal.fitting.learned_maps import MapFit, learn_map, map_of, with_its_reference_error
-from distal.fitting.missing_terms import MissingTerm, Tried, tried_parts, with_parts
+from distal.fitting.missing_terms import MissingTerm, tried_parts
 from distal.fitting.parameter_estimates import (
     ParameterEstimates,
     among_models,
@@ -32,6 +32,7 @@ from distal.fitting.parameter_estimates import (
     problem_of,
 )
 from distal.fitting.progress import Progress, judging
+from distal.fitting.scores import Compared, comparisons
 from distal.fitting.sensor_curves import curves
 from distal.logs import Log, true_torques
 from distal.rig import Rig
@@ -50,6 +51,7 @@ class Learned:
         maps: the learned maps by their kinds, see `LearnedMaps`.
         part: the term of the physics that the rig lacked and `rig` now has, if any.
         candidates: the candidates that were judged, the chosen one first.
+        compared: the scores on each log left out.
         doubts: sentences with the reasons not to trust the fit.
     """
 
@@ -61,6 +63,7 @@ class Learned:
     maps: Mapping[str, MapFit]
     part: MissingTerm | None
     candidates: tuple[Candidate, ...]
+    compared: tuple[Compared, ...]
     doubts: tuple[str, ...]
 
     @property
@@ -76,36 +79,6 @@ class Learned:
             if self.kept
             else tuple(part.as_it_came for part in self.parameters.fitted)
         )
-
-
-def learn(
-    logs: Sequence[Log],
-    rig: Rig,
-    options: Options,
-    progress: Progress | None = None,
-    parts: Sequence[MissingTerm] | None = None,
-    early: Callable[[MapFit], None] | None = None,
-) -> Learned:
-    """Return all that is learned from logs: the candidate that errs least on held-out logs, and
-    what goes with it.
-
-    All choices that depend on logs are made here, starting from the original rig, whose values and
-    stds are the priors.
-
-    Args:
-        logs: the logs.
-        rig: the original rig.
-        options: those of `fit`.
-        progress: called with what the fit is doing.
-        parts: terms of the physics to try beside the rig's own; None for those that the residuals
-            name.
-        early: called with the map on readings alone as soon as the logs have passed all checks.
-
-    Raises:
-        FitError: the logs cannot be fitted.
-    """
-    judged = judge(logs, rig, options, progress, parts, early)
-    return learned_by(judged, judged.chosen)
 
 
 @dataclass(frozen=True)
@@ -137,11 +110,16 @@ def judge(
     rig: Rig,
     options: Options,
     progress: Progress | None = None,
-    parts: Sequence[MissingTerm] | None = None,
     early: Callable[[MapFit], None] | None = None,
 ) -> Judged:
-    """Return the candidates for a description of some logs, each judged on held-out logs; see
-    `learn` for the arguments.
+    """Return the candidates for a description of some logs, each judged on held-out logs.
+
+    Args:
+        logs: the logs.
+        rig: the original rig, whose values and stds are the priors.
+        options: those of `fit`.
+        progress: called with what the fit is doing.
+        early: called with the map on readings alone as soon as the logs have passed all checks.
 
     Raises:
         FitError: the logs cannot be fitted.
@@ -152,7 +130,7 @@ def judge(
     if line is not None and early is not None:
         early(line)
     solutions = parameters_of(problem, options, progress)
-    chosen, candidates, models = _chosen(logs, training, line, solutions, parts, progress)
+    chosen, candidates, models = _chosen(logs, training, line, solutions, progress)
     return Judged(logs, training, line, solutions, models, chosen, candidates)
 
 
@@ -169,26 +147,23 @@ def learned_by(judged: Judged, chosen: Candidate) -> Learned:
     )
     learned = described(chosen.rig.bare(), bends)
     maps = [*([] if line is None else [line]), *_torque_map(judged.logs, learned, options)]
-    candidates = list(judged.candidates)
     if line is not None and chosen.data:
-        map_fit = filter_map(chosen, judged.training)
-        maps.append(map_fit)
-        written = replace(
-            chosen, name=f"{chosen.name}, with the map", rig=map_fit.rig, error=map_fit.rms
-        )
-        candidates = [written, *candidates]
+        maps.append(filter_map(chosen, judged.training))
+    by_kind = {map_fit.kind: map_fit for map_fit in maps}
     ranked = sorted(
-        candidates, key=lambda candidate: (candidate is not candidates[0], candidate.error)
+        judged.candidates, key=lambda candidate: (candidate is not chosen, candidate.error)
     )
+    compared = comparisons(judged.training, ranked, by_kind) if ranked else ()
     return Learned(
         rig=learned.with_map(**{map_fit.kind: map_fit.maps for map_fit in maps}),
         parameters=parameters,
         kept=chosen.parameters is not None,
         hold=chosen.hold,
         curves=bends,
-        maps={map_fit.kind: map_fit for map_fit in maps},
+        maps=by_kind,
         part=chosen.part,
-        candidates=tuple(replace(candidate, data={}) for candidate in ranked),
+        candidates=tuple(replace(candidate, data={}, rigs=()) for candidate in ranked),
+        compared=compared,
         doubts=(
             *parameters.doubts,
             *_unknown(judged.training.unknown),
@@ -203,7 +178,6 @@ def _chosen(
     training: Training,
     line: MapFit | None,
     solutions: Sequence[ParameterEstimates],
-    parts: Sequence[MissingTerm] | None,
     progress: Progress | None,
 ) -> tuple[Candidate, list[Candidate], list[ParameterEstimates]]:
     """Return the candidate that is written, all that were judged, and the parameter estimates of
@@ -215,11 +189,7 @@ def _chosen(
     if line is None or solutions[-1].optimum.interrupted:
         return _alone(solutions[-1], training.rig), [], []
     try:
-        if parts is None:
-            tried = tried_parts(logs, training.rig, training.options, solutions[0])
-        else:
-            named = with_parts(parts, logs, training.rig, training.options, solutions[0])
-            tried = Tried(named, tuple(parameters for _, parameters in named))
+        tried = tried_parts(logs, training.rig, training.options, solutions[0])
         return (
             *_judged(training, solutions, tried.named, progress),
             [solutions[0], *tried.parameters],
@@ -305,5 +275,5 @@ def _torque_map(logs: Sequence[Log], learned: Rig, options: Options) -> list[Map
             felt.append(log)
     if not felt or any(joint.external_torque.std == 0.0 for joint in learned.joints):
         return []
-    groups = groups_among(felt, options)
+    groups = groups_among(felt, options.units)
     return [learn_map(felt, learned, "torque", homing=options.homing, groups=groups)]

@@ -48,9 +48,9 @@ NEVER = 1e6
 
 
 def free_motion_of(
-    held_out: Sequence[tuple[Rig, Log]], rms: float, inside: float
+    rigs: Sequence[Rig], logs: Sequence[Log], rms: float, inside: float
 ) -> FreeMotion | None:
-    """Return the normal forces of free motion in logs, each with the rig that the other logs
+    """Return the normal forces of free motion in `logs`, each with the rig that the other logs
     taught; None where no force is compared.
 
     The square of each force's mean innovation, in standard deviations, is fitted by a² + b² v² (see
@@ -58,17 +58,17 @@ def free_motion_of(
     below it. On these logs the angles have the RMS error `rms` [rad], and the share `inside` of
     them is inside the band.
     """
-    rig = held_out[0][0]
+    rig = rigs[0]
     channels = [s.name for s in rig.sensors if s.measures in ("force", "tension")]
     of_drives = {s.of: s.name for s in rig.sensors if s.measures == "position"}
     drives = tuple(drive.name for drive in rig.drives if drive.name in of_drives)
     if not channels or not drives:
         return None
-    positions = [[log.channels[of_drives[name]] for name in drives] for _, log in held_out]
+    positions = [[log.channels[of_drives[name]] for name in drives] for log in logs]
     spread = np.maximum(np.nanstd(np.hstack([np.array(rows) for rows in positions]), axis=1), 1e-9)
     squares, paces, seconds, neighbours, variances = (list[Floats]() for _ in range(5))
     strayed = 0.0
-    for (taught, log), readings in zip(held_out, positions):
+    for taught, log, readings in zip(rigs, logs, positions):
         estimator = closed_filter(taught)
         result = estimate(log, taught, estimator)
         begun = log.time - log.time[0] > SETTLING
@@ -87,7 +87,8 @@ def free_motion_of(
     compared = [name for name in names if name in channels]
     expected = np.vstack(variances)
     at = [names.index(name) for name in compared]
-    at_rest, moving = zip(*(_normal(square[:, k], pace) for k in at))
+    ends = np.cumsum([len(log) for log in squares])[:-1].tolist()
+    at_rest, moving = zip(*(_normal(square[:, k], pace, ends) for k in at))
     largest = np.quantile(np.vstack(seconds), NORMAL, axis=0)[at]
     correlations = np.clip(np.mean(neighbours, axis=0)[at], -1.0, 1.0)
     return FreeMotion(
@@ -105,7 +106,7 @@ def free_motion_of(
         fastest=float(np.max(pace)),
         drives=drives,
         spread=tuple(spread.tolist()),
-        logs=len(held_out),
+        logs=len(logs),
     )
 
 
@@ -204,12 +205,15 @@ def _pace(positions: Floats, log: Log) -> Floats:
     return paces
 
 
-def _normal(square: Floats, pace: Floats) -> tuple[float, float]:
-    """Return a and b for which the squares are below a² + b² v² in `NORMAL` of the time."""
+def _normal(square: Floats, pace: Floats, ends: Sequence[int]) -> tuple[float, float]:
+    """Return a and b for which the squares are below a² + b² v² in `NORMAL` of the time of each
+    log; all but the last log end at the indices `ends`.
+    """
     columns = np.column_stack([np.ones(len(pace)), pace])
     size = max(float(np.mean(square)), 1e-12)
     shares, _ = nnls(columns / (1.0, max(float(np.mean(pace)), 1e-12)), square / size)
     still, moving = shares * size / (1.0, max(float(np.mean(pace)), 1e-12))
     still = max(float(still), LEAST_AT_REST * size)
-    beyond = float(np.quantile(square / (still + moving * pace), NORMAL))
+    ratios = np.split(square / (still + moving * pace), ends)
+    beyond = max(float(np.quantile(ratio, NORMAL)) for ratio in ratios)
     return float(np.sqrt(still * beyond)), float(np.sqrt(moving * beyond))

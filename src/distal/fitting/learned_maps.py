@@ -4,8 +4,8 @@ lacks, and of the torque from outside.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +13,12 @@ import numpy as np
 from distal.errors import FitError
 from distal.estimators import channels_of, of_part, parts_of, samples_of_angles
 from distal.fitting.fitted_file import MARK, write_fitted
-from distal.fitting.map_samples import filtered, torques_of, with_reference_error
-from distal.fitting.map_search import learned_map
+from distal.fitting.map_samples import filtered, reference_variances, torques_of
+from distal.fitting.map_search import HeldOut, learned_map
 from distal.homing import check_homing
 from distal.logs import Log, Source, read_log, true_angles, true_torques
 from distal.regression import Samples, folds_of
-from distal.rig import LearnedMap, Rig, as_rig
+from distal.rig import LearnedMap, MapArrays, Rig, as_rig
 from distal.threads import one_blas_thread
 
 
@@ -31,12 +31,18 @@ class MapFit:
         maps: the maps.
         start: the original description.
         notes: sentences on logs that were passed over.
+        errors: joint → its errors on each log by what the other logs tell.
     """
 
     kind: str
     maps: tuple[LearnedMap, ...]
     start: Rig
     notes: tuple[str, ...] = ()
+    errors: Mapping[str, Sequence[HeldOut]] = field(default_factory=dict)
+
+    def held_out(self, log: int) -> list[HeldOut]:
+        """Return the errors of each joint on a log, by its index."""
+        return [self.errors[joint][log] for joint in self.start.joint_names]
 
     @property
     def rig(self) -> Rig:
@@ -140,7 +146,7 @@ def learn_map(
     if not by_log:
         raise FitError(f"adaptive cannot run on any of the logs: {refused[0]}")
     of_kind = map_of(list(by_log.values()), rig, kind, [folds[i] for i in by_log], homing)
-    return MapFit(kind, of_kind.maps, rig, tuple(refused))
+    return replace(of_kind, start=rig, notes=tuple(refused))
 
 
 def map_of(
@@ -168,18 +174,32 @@ def map_of(
     channels = channels_of(rig, "regression")
     names = [sensor.name for sensor in channels.proximal]
     maps = []
+    errors = dict[str, list[HeldOut]]()
     for part in parts_of(rig, channels):
         samples = [of_part(log, rig, names, part["joints"], part["channels"]) for log in data]
-        maps.append(learned_map(samples, part, folds, homing))
-    return MapFit(kind, tuple(maps), rig)
+        learned, held_out = learned_map(samples, part, folds, homing)
+        maps.append(learned)
+        errors.update(zip(part["joints"], held_out))
+    return MapFit(kind, tuple(maps), rig, (), errors)
 
 
 def with_its_reference_error(of_kind: MapFit, logs: Sequence[Log]) -> MapFit:
-    """Return maps with the error of the reference's zero in their band, see
-    `with_reference_error`.
+    """Return maps with the error of the reference's zero in their band: an encoder that is mounted
+    0.2° off is so in all logs, so that no held-out log shows it.
     """
-    maps = tuple(with_reference_error(learned, of_kind.start, logs) for learned in of_kind.maps)
-    return MapFit(of_kind.kind, maps, of_kind.start, of_kind.notes)
+    variances = reference_variances(of_kind.start, logs)
+    maps = []
+    for learned in of_kind.maps:
+        arrays = dict(learned.arrays.by_name)
+        arrays["noise"] = arrays["noise"] + [variances.get(j, 0.0) for j in learned.joints]
+        maps.append(learned.model_copy(update={"arrays": MapArrays(**arrays)}))
+    errors = {
+        joint: [
+            replace(log, variances=log.variances + variances.get(joint, 0.0)) for log in of_logs
+        ]
+        for joint, of_logs in of_kind.errors.items()
+    }
+    return replace(of_kind, maps=tuple(maps), errors=errors)
 
 
 def logs_read(

@@ -16,7 +16,7 @@ from distal.homing import (
 )
 from distal.logs import Log, TruthKind, shown, true_angles, true_torques
 from distal.regression import Samples
-from distal.rig import LearnedMap, MapArrays, Rig
+from distal.rig import Rig
 from distal.run import samples_of
 from distal.sensor_errors import variance
 
@@ -29,6 +29,16 @@ SETTLING = 0.5
 """Time in which a filter without homing finds the joint [s]; errors count after it. Source:
 judgement.
 """
+
+
+def counted_from(log: Log, homing: float | None) -> float:
+    """Return the time from which on errors on a log count [s]: the end of its homing move, or of
+    the time in which the filter finds the joint, unless the log is short.
+    """
+    if homing is not None:
+        return homing
+    return SETTLING if log.time[-1] - log.time[0] > 4 * SETTLING else 0.0
+
 
 LARGEST_ANGLE = 100.0
 """Angle beyond which a filter has left all bounds [rad]. Source: judgement (sixteen turns)."""
@@ -77,7 +87,7 @@ def without_offset(data: Sequence[Samples], rig: Rig) -> list[Samples]:
 
     Both the model and the encoder may have a constant error, and no log tells which; to correct the
     angle by the encoder's would be worse than no correction. The band contains the offset, see
-    `with_reference_error`.
+    `learned_maps.with_its_reference_error`.
     """
     doubts = {sensor.of: sensor.bias.filter_std for sensor in reversed(rig.sensors_of("angle"))}
     limits = OFFSETS * np.array([doubts.get(joint.name, 0.0) for joint in rig.joints])
@@ -93,19 +103,13 @@ def without_offset(data: Sequence[Samples], rig: Rig) -> list[Samples]:
     return [replace(samples, targets=samples.targets - common) for samples in data]
 
 
-def with_reference_error(learned: LearnedMap, rig: Rig, logs: Sequence[Log]) -> LearnedMap:
-    """Return a map of the angle with the variance of the reference's zero in its band.
-
-    An encoder that is mounted 0.2° off is so in all logs, so that no held-out log shows it. The std
-    is that of the offsets of the rig's angle sensors.
+def reference_variances(rig: Rig, logs: Sequence[Log]) -> dict[str, float]:
+    """Return joint → variance of the zero of the angle sensor that gives the reference [rad²]; none
+    for a reference from elsewhere.
     """
     if not any(log.truth_kind is TruthKind.SENSOR for log in logs):
-        return learned
-    offsets = {sensor.of: sensor.bias.total_std for sensor in reversed(rig.sensors_of("angle"))}
-    arrays = dict(learned.arrays.by_name)
-    more = np.array([offsets.get(joint, 0.0) for joint in learned.joints])
-    arrays["noise"] = arrays["noise"] + more**2
-    return learned.model_copy(update={"arrays": MapArrays(**arrays)})
+        return {}
+    return {sensor.of: sensor.bias.total_std**2 for sensor in reversed(rig.sensors_of("angle"))}
 
 
 def _filtered(log: Log, estimator: AdaptiveFilter, homing: float | None) -> Samples:
@@ -116,16 +120,17 @@ def _filtered(log: Log, estimator: AdaptiveFilter, homing: float | None) -> Samp
     start = estimator.initial(log.time[0], first_values(samples))
     if homing is not None:
         check_homing(homing, log, joints)
-    elif log.time[-1] - log.time[0] > 4 * SETTLING:
+    else:
         # the filter does not know yet where the joint begins: that is no error of the model
-        early = log.time - log.time[0] < SETTLING
+        early = log.time - log.time[0] < counted_from(log, None)
         truths = np.where(early[:, None], np.nan, truths)
     return plain_samples(estimator, start, log, samples, truths)
 
 
-def mean_rms(data: Mapping[int, Samples]) -> float:
-    """Return the mean over logs of the RMS error of the filter's angles [rad]."""
-    log_errors = [samples.targets[np.isfinite(samples.targets)] for samples in data.values()]
+def mean_rms(data: Mapping[int, Samples], homing: float | None) -> float:
+    """Return the mean over logs of the RMS error of the filter's angles after homing [rad]."""
+    late = [samples.targets[samples.time >= (homing or 0.0)] for samples in data.values()]
+    log_errors = [targets[np.isfinite(targets)] for targets in late]
     return float(np.mean([np.sqrt(np.mean(errors**2)) for errors in log_errors if len(errors)]))
 
 

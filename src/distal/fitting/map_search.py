@@ -164,6 +164,17 @@ class Seen:
         return Task(self.shape, evidence, tuple(groups)), centre, scale
 
 
+@dataclass(frozen=True)
+class HeldOut:
+    """The errors of a joint's angle on a log [rad], (k,), by what other logs tell, their variances,
+    and the time since the log's beginning [s].
+    """
+
+    time: Floats
+    errors: Floats
+    variances: Floats
+
+
 SMALLEST_SCALE = 1e-9
 """Least scale of targets [rad, N m]. Source: rounding (division by a scale of zero)."""
 
@@ -173,8 +184,9 @@ def learned_map(
     described: Mapping[str, tuple[str, ...]],
     groups: Sequence[int],
     homing: float | None = None,
-) -> LearnedMap:
-    """Return the map that logs teach.
+) -> tuple[LearnedMap, list[list[HeldOut]]]:
+    """Return the map that logs teach, and of each joint the errors on each log by what the other
+    groups tell.
 
     Args:
         logs: the samples of each; with one log its two halves are held out in turn.
@@ -187,9 +199,9 @@ def learned_map(
     results = [_of_joint(*seen.task(logs, joint, groups, homing)) for joint in joints]
     arrays = {name: np.stack([result[name] for result, _ in results]) for name in results[0][0]}
     scores = {name: tuple(arrays.pop(name).tolist()) for name in ("rms", "inside", "density")}
-    arrays["correlation"] = _correlation([standardized for _, standardized in results])
+    arrays["correlation"] = _correlation([held_out for _, held_out in results])
     every = np.vstack([log.every for log in logs])
-    return LearnedMap(
+    learned = LearnedMap(
         **described,
         beside_filter=seen.shape.angles > 0,
         logs=len(logs),
@@ -198,12 +210,16 @@ def learned_map(
         **scores,
         arrays=MapArrays(**seen.frame, rate=rates_of(logs, seen.frame["scale"]), **arrays),
     )
+    return learned, [held_out for _, held_out in results]
 
 
-def _correlation(standardized: Sequence[Floats]) -> Floats:
+def _correlation(held_out: Sequence[Sequence[HeldOut]]) -> Floats:
     """Return the correlation of the joints' errors on logs left out, (n_joints, n_joints); joints
     whose angles are not known at the same samples count as independent.
     """
+    standardized = [
+        np.concatenate([log.errors / np.sqrt(log.variances) for log in logs]) for logs in held_out
+    ]
     if len({errors.shape for errors in standardized}) > 1:
         return np.eye(len(standardized))
     products = np.array(standardized) @ np.array(standardized).T
@@ -213,10 +229,8 @@ def _correlation(standardized: Sequence[Floats]) -> Floats:
     return correlation
 
 
-def _of_joint(task: Task, centre: float, scale: float) -> tuple[dict[str, Floats], Floats]:
-    """Return the arrays of a joint's map with its scores on logs left out, and the errors there in
-    standard deviations, (k,).
-    """
+def _of_joint(task: Task, centre: float, scale: float) -> tuple[dict[str, Floats], list[HeldOut]]:
+    """Return the arrays of a joint's map with its scores on logs left out, and its errors there."""
     evidence, groups = task.logs, len(set(task.groups))
     if groups < 2:
         halves = [np.arange(len(log.target)) < len(log.target) // 2 for log in evidence]
@@ -235,11 +249,15 @@ def _of_joint(task: Task, centre: float, scale: float) -> tuple[dict[str, Floats
         ]
     # Student's distribution for as many logs
     factor = conformal_factor(held_out) * np.sqrt(student(groups - 1))
-    errors, variances = (np.concatenate(parts) for parts in zip(*held_out))
-    variances = factor**2 * variances
+    square = (factor * scale) ** 2
+    scored = [
+        HeldOut(log.time[~log.given], scale * error, square * variance)
+        for log, (error, variance) in zip(task.logs, held_out)
+    ]
+    errors = np.concatenate([log.errors for log in scored])
+    variances = np.concatenate([log.variances for log in scored])
     mean = scale * weights.mean
     mean[0] += centre
-    square = (factor * scale) ** 2
     arrays = {
         "mean": mean,
         "covariance": square * weights.covariance,
@@ -247,11 +265,11 @@ def _of_joint(task: Task, centre: float, scale: float) -> tuple[dict[str, Floats
         "noise": square * np.exp(2 * np.array(prior.noise)),
         "filter": factor * np.exp(np.array(prior.filter)),
         "error_time": np.exp(np.array(prior.error_time)),
-        "rms": scale * np.sqrt(np.mean(errors**2)),
+        "rms": np.sqrt(np.mean(errors**2)),
         "inside": np.mean(np.abs(errors) <= BAND * np.sqrt(variances)),
-        "density": np.array(density(scale * errors, scale**2 * variances)),
+        "density": np.array(density(errors, variances)),
     }
-    return arrays, errors / np.sqrt(variances)
+    return arrays, scored
 
 
 def _share(task: Task, held_out: Sequence[tuple[Floats, Floats]]) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 TYPICAL_ITERATIONS = 8.0
 """Typical number of iterations of a search, for the bar alone. Source: layout."""
@@ -22,22 +22,13 @@ class Doing:
 
     Args:
         stage: the stage in words.
-        within: about which share of the part is done.
+        share: about which share of the fit is done.
         iteration: of the search; 0 outside a search.
-        part: 0 is the fit to all logs; the folds follow, from 1.
-        parts: number of all parts.
     """
 
     stage: str
-    within: float
+    share: float
     iteration: int = 0
-    part: int = 0
-    parts: int = 1
-
-    @property
-    def share(self) -> float:
-        """About which share of the whole fit is done."""
-        return (self.part + self.within) / self.parts
 
 
 Progress = Callable[[Doing], None]
@@ -60,12 +51,3 @@ def judging(progress: Progress | None, stage: str, done: int, count: int) -> Non
     """Report that a candidate is judged next, after `done` of `count` candidates."""
     if progress is not None:
         progress(Doing(stage, AFTER_SEARCH + (1.0 - AFTER_SEARCH) * done / count))
-
-
-def of_part(progress: Progress | None, part: int, parts: int) -> Progress | None:
-    """Return the progress of one part of a fit: part 0 is the fit to all logs; the folds follow
-    from part 1.
-    """
-    return (
-        None if progress is None else lambda doing: progress(replace(doing, part=part, parts=parts))
-    )

@@ -18,8 +18,8 @@ from distal.fitting.fitted_file import MARK, plain_value, write_fitted
 from distal.fitting.fitted_parameter import FittedParameter, assignments
 from distal.fitting.learn import Learned
 from distal.fitting.learned_maps import MapFit
-from distal.fitting.leave_out import REGRESSION, WRITTEN, Compared, Fold
 from distal.fitting.map_samples import reference_offset, reference_std
+from distal.fitting.scores import REGRESSION, WRITTEN, Compared
 from distal.logs import Log, shown
 from distal.regression import YARDSTICKS
 from distal.rig import Rig
@@ -61,11 +61,9 @@ class Fit:
         iterations: number of iterations of the search.
         converged: whether the search converged; if not, there are no standard errors.
         interrupted: whether the user interrupted the fit.
-        folds_asked: number of folds that were planned; `folds` has fewer where the user
-            interrupted.
         curves: path → learned value, for the position sensors' systematic errors.
         maps: the learned maps by their kinds, see `LearnedMaps`.
-        folds: the results of cross-validation, in which each log (or unit) is held out once.
+        compared: each log of known angle, with the scores on it of all that the other logs teach.
         doubts: sentences with the reasons not to trust the fit.
         hold: whether filters are to take the parameters as exactly known.
         added: path → what was added to the description: the term it lacked, and the servos'
@@ -95,10 +93,9 @@ class Fit:
     iterations: int
     converged: bool
     interrupted: bool
-    folds_asked: int
     curves: Mapping[str, object] = field(default_factory=dict)
     maps: Mapping[str, MapFit] = field(default_factory=dict)
-    folds: tuple[Fold, ...] = ()
+    compared: tuple[Compared, ...] = ()
     doubts: tuple[str, ...] = ()
     hold: bool = False
     added: Mapping[str, object] = field(default_factory=dict)
@@ -113,19 +110,15 @@ class Fit:
         start: Rig,
         logs: Sequence[Log],
         options: Options,
-        folds: tuple[Fold, ...],
-        asked: int = 0,
         servos: Mapping[str, object] | None = None,
     ) -> Fit:
-        """Return the result of a fit from what was learned from logs, and from its folds.
+        """Return the result of a fit from what was learned from logs.
 
         Args:
             learned: what was learned.
             start: the original rig.
             logs: the logs.
             options: those of the fit.
-            folds: the folds that were done.
-            asked: number of folds that were planned.
             servos: path → stiffness or dead band of a servo.
         """
         part = {} if learned.part is None else learned.part.values
@@ -159,11 +152,10 @@ class Fit:
             cost_after=optimum.cost,
             iterations=optimum.iterations,
             converged=optimum.converged,
-            interrupted=optimum.interrupted or len(folds) < asked,
-            folds_asked=asked,
+            interrupted=optimum.interrupted,
             curves=learned.curves,
             maps=learned.maps,
-            folds=folds,
+            compared=learned.compared,
             doubts=learned.doubts,
             hold=learned.hold,
             candidates=learned.candidates,
@@ -205,22 +197,15 @@ class Fit:
             "in all"
         )
 
-    @property
-    def compared(self) -> tuple[Compared, ...]:
-        """Each held-out log, with the scores on it of all that the other logs teach."""
-        return tuple(comparison for fold in self.folds for comparison in fold.compared)
-
     def scores(self) -> list[tuple[str, float, float]]:
         """Return (name, mean RMS error [rad], mean share inside the band) on held-out logs, for
         each candidate and yardstick.
 
-        The first row is the rig that is written, with all choices made anew without each log; the
-        others follow from the least error up. A share is NaN where there is no band. Without folds
-        each candidate has its own error: its maps and parameters have not seen the log, but the
-        choice among candidates has.
+        The first row is what is written; the others follow from the least error up. A share is NaN
+        where there is no band.
         """
         if not self.compared:
-            return [(c.name, c.error, float("nan")) for c in self.candidates if c.error < np.inf]
+            return []
         names = [
             name
             for name in self.compared[0].scores

@@ -82,7 +82,7 @@ class Evidence:
         far: shares of the radial part's variance that nothing explains, (k,).
         target: scaled, (k,).
         filter: variances of the filter's own angle over the square of the target's scale, (k,).
-        spacing: usual time between these samples [s].
+        time: since the beginning of the log [s], (k,).
         given: which of them are known in use too, as in a homing move, (k,).
     """
 
@@ -91,8 +91,13 @@ class Evidence:
     far: Floats
     target: Floats
     filter: Floats
-    spacing: float
+    time: Floats
     given: Bools
+
+    @cached_property
+    def spacing(self) -> float:
+        """Usual time between these samples [s]."""
+        return float(np.median(np.diff(self.time))) if len(self.time) > 1 else 1.0
 
     @cached_property
     def gram(self) -> Floats:
@@ -106,7 +111,7 @@ class Evidence:
 
     def rows(self, rows: Bools) -> Evidence:
         """Return the samples in a mask."""
-        names = ("phi", "doubt", "far", "target", "filter", "given")
+        names = ("phi", "doubt", "far", "target", "filter", "time", "given")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
 
@@ -307,6 +312,6 @@ def evidence_of(
         along["far"][rows, 0],
         (log.targets[rows, joint] - centre) / scale,
         log.variances[rows, joint] / scale**2,
-        float(np.median(np.diff(time))) if len(rows) > 1 else 1.0,
+        time,
         np.zeros(len(rows), dtype=bool) if homing is None else time < homing,
     )

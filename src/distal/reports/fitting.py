@@ -199,10 +199,9 @@ def _left_out(fit: Fit) -> list[str]:
         for name, rms, inside in fit.scores()
     ]
     text = (
-        "Each log was estimated by what the others teach alone: all of the fit was done without "
-        "it, "
-        "and all choices were made anew. Least squares have no prior, no band and no limits: "
-        "they show what physics is worth."
+        "Each log was estimated by what the others teach alone: parameters, maps and least squares "
+        "without it. Only the choice among these rows has seen it. Least squares have no prior, no "
+        "band and no limits: they show what physics is worth."
     )
     of_all = html_table(
         ("what gives the angle", "RMS error [°]", "inside the 95 % band"), rows, values=(1, 2)

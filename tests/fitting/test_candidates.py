@@ -1,6 +1,4 @@
-"""A log that is left out teaches nothing: what a fold learns is, to the last bit, what the other
-logs teach alone.
-"""
+"""Candidates, each judged on logs left out by what the others tell."""
 
 from __future__ import annotations
 
@@ -22,37 +20,20 @@ from distal.fitting.candidates import (
 )
 from distal.fitting.fit_options import Options
 from distal.fitting.jackknife import parameters_without
-from distal.fitting.learn import Learned, learn
+from distal.fitting.learn import Learned, judge, learned_by
 from distal.fitting.learn_free_motion import untouched
-from distal.fitting.leave_out import leave_out
 from distal.fitting.map_samples import filtered
 from distal.fitting.parameter_estimates import ParameterEstimates
-from distal.regression import Samples
+from distal.fitting.scores import REGRESSION, WRITTEN
+from distal.regression import YARDSTICKS, Samples
 
 SECONDS = 3.0
 OPTIONS = Options(workers=1)
 
 
-def planted(kind: str) -> Log:
-    """Return a log that would change each choice of a fit that saw it."""
-    log = replace(finger_log(7, SECONDS), source="planted")
-    theta, channels = log.truth["theta"], dict(log.channels)
-    rng = np.random.default_rng(3)
-    if kind == "another rig":  # numbers, stds, doubts, logs that contradict each other
-        theta = 0.6 * theta
-    elif (
-        kind == "an encoder that errs"
-    ):  # whether the reference is one more sensor, the size of bands
-        theta = theta + 0.2 * np.sin(3.0 * log.time)
-    elif kind == "another range":  # scale, range and terms of the maps
-        channels = {name: 3.0 * values for name, values in channels.items()}
-        theta = 3.0 * theta
-    elif kind == "loud sensors":  # the noise
-        channels = {
-            name: values + 0.2 * np.ptp(values) * rng.normal(size=len(log))
-            for name, values in channels.items()
-        }
-    return replace(log, truth={"theta": theta}, channels=channels)
+def learn(logs: list[Log], rig: Rig, options: Options) -> Learned:
+    judged = judge(logs, rig, options)
+    return learned_by(judged, judged.chosen)
 
 
 @pytest.fixture(scope="module")
@@ -76,37 +57,23 @@ def with_cable(others: list[Log]) -> Learned:
     return learn(others, cable_rig(), OPTIONS)
 
 
-@pytest.mark.filterwarnings(
-    "ignore::distal.errors.DistalWarning"
-)  # readings outside of what was learned
-@pytest.mark.parametrize(
-    "kind", ["another rig", "an encoder that errs", "another range", "loud sensors"]
-)
-def test_a_log_that_is_left_out_teaches_nothing(
-    kind: str, others: list[Log], alone: Learned
+def test_each_log_has_a_score_of_every_way(others: list[Log], alone: Learned) -> None:
+    names = {WRITTEN, REGRESSION, AS_GIVEN, BY_EQUATIONS, *YARDSTICKS}
+    assert [one.log for one in alone.compared] == [log.source for log in others]
+    for one in alone.compared:
+        assert names <= set(one.scores)
+        assert all(score is not None and score.rms > 0.0 for score in one.scores.values())
+
+
+def test_a_score_is_of_parameters_that_have_not_seen_the_log(
+    others: list[Log], alone: Learned
 ) -> None:
-    rig = finger_rig().bare()
-    logs = [planted(kind), *others]
-    fold = leave_out(logs, rig, [0, 1, 1], lambda rest, _: learn(rest, rig, OPTIONS), None)[0]
-    assert fold.left_out == ("planted",)
-    assert fold.learned.rig == alone.rig
-    assert repr(fold.learned.fitted) == repr(alone.fitted)  # what is not known is NaN
-    assert (fold.learned.doubts, fold.learned.hold) == (alone.doubts, alone.hold)
-    assert [(c.name, c.rig, c.error) for c in fold.learned.candidates] == [
-        (c.name, c.rig, c.error) for c in alone.candidates
-    ]
-    assert len(fold.compared) == 1
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "kind", ["another rig", "an encoder that errs", "another range", "loud sensors"]
-)
-def test_each_planted_log_would_be_seen(kind: str, others: list[Log], alone: Learned) -> None:
-    """With it among the logs, what is learned is another rig, so that the test above cannot pass by
-    accident.
-    """
-    assert learn([planted(kind), *others], finger_rig().bare(), OPTIONS).rig != alone.rig
+    """By those of all logs the filter errs less on them."""
+    candidate = next(c for c in alone.candidates if c.name == BY_EQUATIONS)
+    seen, _ = filtered(others, [candidate.rig] * len(others), None, False)
+    scores = [one.scores[BY_EQUATIONS] for one in alone.compared]
+    in_sample = [np.nanmean(samples.targets**2) for samples in seen.values()]
+    assert np.mean([score.rms**2 for score in scores if score]) > 1.01 * np.mean(in_sample)
 
 
 def test_workers_change_no_number(others: list[Log], alone: Learned) -> None:
@@ -137,18 +104,6 @@ def test_maps_learn_from_numbers_that_have_not_seen_the_log(
         assert moved.any()
         assert not moved[whole.left[shared]].any()
     assert parameters_without(whole, others, [0, 0]) == [whole]
-
-
-def test_ctrl_c_ends_all_folds(others: list[Log], alone: Learned) -> None:
-    calls = list[int]()
-
-    def interrupted(rest: object, fold: int) -> Learned:
-        calls.append(fold)
-        found = replace(alone.parameters.optimum, interrupted=True)
-        return replace(alone, parameters=replace(alone.parameters, optimum=found))
-
-    assert leave_out(others, finger_rig(), [0, 1], interrupted, None) == []
-    assert calls == [1]
 
 
 @pytest.mark.parametrize("where", ["doubts", "jackknife", "missing_terms"])
