@@ -269,17 +269,17 @@ def regression_function(
         columns = [list(channels).index(name) for name in learned.channels]
         length = memory_size(learned)
         shape = Shape.of(learned)
-        numbers = p[number : number + size]
+        parameters = p[number : number + size]
         values, _, variances, following = map_function(shape, len(learned.joints))(
             memory[at : at + length],
             x[0],
             x[[1 + i for i in columns]],
             x[[1 + width + i for i in columns]],
-            numbers,
+            parameters,
         )
         rows = [list(joints).index(joint) for joint in learned.joints]
         stds = ca.sqrt(variances)
-        correlation = map_layout(shape, len(rows)).part(numbers, "correlation")
+        correlation = map_layout(shape, len(rows)).part(parameters, "correlation")
         mean[rows] = values
         spread[rows, rows] = correlation * ca.mtimes(stds, stds.T)
         after.append(following)

@@ -179,13 +179,13 @@ def _failure(rig: Rig, log: Log, learned: Learned, options: Options) -> str | No
     score = scores.get(shown(log.source))
     if score is None:
         return None
-    others = [each.rms for each in scores.values() if each is not None]
+    squares = [of_log.rms**2 for of_log in scores.values() if of_log is not None]
     # no score has the zero of the encoder
-    said = np.hypot(max(score.rms, np.sqrt(np.mean(np.square(others)))), reference_offset(rig, log))
+    promised = np.hypot(max(score.rms, np.sqrt(np.mean(squares))), reference_offset(rig, log))
     late = log.time - log.time[0] >= counted_from(log, homing)
     errors = result.errors().reshape(len(log), -1)[late]
     rms = float(np.sqrt(np.nanmean(errors**2)))
-    if rms <= PROMISED * said:
+    if rms <= PROMISED * promised:
         return None
     return (
         f"errs by {np.rad2deg(rms):.2g}° on {shown(log.source)}, where left out it had "

@@ -41,14 +41,14 @@ class Score:
     def of(cls, joints: Sequence[HeldOut], begin: float) -> Score:
         """Return the score of each joint's errors, which count from the time `begin` on [s]."""
         parts = [(joint, joint.time >= begin) for joint in joints]
-        every = [(joint.errors[late], np.sqrt(joint.variances[late])) for joint, late in parts]
-        errors, stds = (np.concatenate(columns) for columns in zip(*every))
+        pairs = [(joint.errors[late], np.sqrt(joint.variances[late])) for joint, late in parts]
+        errors, stds = (np.concatenate(columns) for columns in zip(*pairs))
         return cls(
             _mean(errors**2) ** 0.5,
             _mean(np.abs(errors) <= BAND * stds),
             BAND * _mean(stds),
-            tuple(_mean(of_joint**2) ** 0.5 for of_joint, _ in every),
-            tuple(BAND * _mean(of_joint) for _, of_joint in every),
+            tuple(_mean(of_joint**2) ** 0.5 for of_joint, _ in pairs),
+            tuple(BAND * _mean(of_joint) for _, of_joint in pairs),
         )
 
 
@@ -88,7 +88,7 @@ def comparisons(
     if len(set(training.folds)) < 2:
         return ()
     homing = training.options.homing
-    samples = [samples_of_angles(log, training.rig) for log in training.logs]
+    every = [samples_of_angles(log, training.rig) for log in training.logs]
     compared = []
     for i, log in enumerate(training.logs):
         begin = counted_from(log, homing)
@@ -101,12 +101,12 @@ def comparisons(
             scores[WRITTEN] = Score.of(of_map, begin)
         scores[REGRESSION] = Score.of(maps["readings"].held_out(i), begin)
         if homing is None:
-            groups = zip(training.groups, samples)
-            others = [other for group, other in groups if group != training.groups[i]]
-            early = (samples[i].time < begin)[:, None]
-            late = replace(samples[i], targets=np.where(early, np.nan, samples[i].targets))
+            groups = zip(training.groups, every)
+            remaining = [samples for group, samples in groups if group != training.groups[i]]
+            early = (every[i].time < begin)[:, None]
+            late = replace(every[i], targets=np.where(early, np.nan, every[i].targets))
             for name in YARDSTICKS:
-                rms = yardstick_error(name, others, late)
+                rms = yardstick_error(name, remaining, late)
                 scores[name] = Score(rms, float("nan"), float("nan"))
         compared.append(Compared(shown(log.source), scores))
     return tuple(compared)

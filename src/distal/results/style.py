@@ -176,11 +176,9 @@ def figure_bytes(drawing: Figure, path: str | Path) -> bytes:
     kind = plot_kind(path)
     buffer = io.BytesIO()
     # no dates inside, so that the same results give the same file
-    title = drawing.get_label() or None
-    metadata = {
-        "svg": {"Date": None, "Title": title},
-        "pdf": {"CreationDate": None, "Title": title},
-    }.get(kind)
+    label = drawing.get_label()
+    title = {"Title": label} if label else {}
+    metadata = {"svg": {"Date": None, **title}, "pdf": {"CreationDate": None, **title}}.get(kind)
     with styled(), warnings.catch_warnings():
         # a title may hold characters that the font lacks, or be too long: the plot is made all the
         # same
