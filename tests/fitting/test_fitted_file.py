@@ -14,7 +14,7 @@ from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 from distal import Rig, fit, load_rig
 from distal.errors import DistalWarning, RigError
 from distal.fitting import learn as learning
-from distal.fitting.candidates import Candidate, Training
+from distal.fitting.candidates import Candidate, Training, filter_candidate
 from distal.fitting.fit_options import Options
 from distal.fitting.fitted_file import MARK, plain_value
 from distal.fitting.learn import Judged, Learned, learned_by, readings_map
@@ -64,7 +64,18 @@ class Found:
         self.solutions = parameters_of(problem_of(self.logs, rig, OPTIONS), OPTIONS, None)
         play = [MissingTerm("play", BACKLASH)]
         named = with_parts(play, self.logs, rig, OPTIONS, self.solutions[0])
-        _, self.candidates = learning._judged(self.training, self.solutions, named, None)
+        ways = [
+            *learning._ways(self.training, self.solutions),
+            *(
+                (
+                    part.name,
+                    replace(self.training, rig=rig.with_values(part.values), part=part),
+                    way,
+                )
+                for part, way in named
+            ),
+        ]
+        self.candidates = [filter_candidate(*way) for way in ways]
         self.models = [self.solutions[0], *(parameters for _, parameters in named)]
 
     def learned(self, candidate: Candidate, *, others: bool = True) -> Learned:
@@ -78,6 +89,7 @@ class Found:
             models,
             candidate,
             self.candidates,
+            False,
         )
         return learned_by(judged, candidate)
 
@@ -154,24 +166,36 @@ def test_a_file_of_its_own_is_written_anew(found: Found, tmp_path: Path) -> None
     check(found, found.learned(candidate), None, tmp_path / "fitted.toml")
 
 
-def test_one_that_was_interrupted_is_written(found: Found, text: str, tmp_path: Path) -> None:
-    """Ctrl-C while candidates are judged leaves the best numbers so far."""
-    parameters = found.solutions[-1]
-    stopped = replace(parameters, optimum=replace(parameters.optimum, interrupted=True))
-    chosen, candidates, models = learning._chosen(
-        found.logs, found.training, found.line, [stopped], None
-    )
-    assert (candidates, models) == ([], [])
-    judged = Judged(found.logs, found.training, found.line, [stopped], [], chosen, [])
-    written = check(found, learned_by(judged, chosen), text, tmp_path / "fitted.toml")
+@pytest.mark.parametrize("after", range(2))
+def test_one_that_was_interrupted_is_written(
+    after: int, found: Found, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl-C while candidates are judged leaves the best so far with its map and its scores, before
+    the first the parameters.
+    """
+    calls = list[str]()
+
+    def judged_so_far(name: str, *arguments: object) -> Candidate:
+        if len(calls) == after:
+            raise KeyboardInterrupt
+        calls.append(name)
+        return filter_candidate(name, *arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(learning, "filter_candidate", judged_so_far)
+    judged = learning.judge(found.logs, found.rig, OPTIONS)
+    assert [candidate.name for candidate in judged.candidates] == calls
+    learned = learned_by(judged, judged.chosen)
+    assert learned.interrupted
+    assert ("filter" in learned.maps, len(learned.compared)) == (after == 1, 3 * after)
+    written = check(found, learned, text, tmp_path / "fitted.toml")
     assert "interrupted" in written
 
 
 def test_without_an_angle_parameters_alone_are_written(
     found: Found, text: str, tmp_path: Path
 ) -> None:
-    chosen, _, _ = learning._chosen(found.logs, found.training, None, found.solutions, None)
-    judged = Judged(found.logs, found.training, None, found.solutions, [], chosen, [])
+    chosen = learning._alone(found.solutions[-1], found.rig)
+    judged = Judged(found.logs, found.training, None, found.solutions, [], chosen, [], False)
     check(found, learned_by(judged, chosen), text, tmp_path / "fitted.toml")
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import _thread
 import os
 import signal
 import sys
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -40,6 +42,11 @@ NOISY = 0.3
 """Ratio of the reference sensor's noise to the error above which the error without this noise is
 shown, too. Source: judgement.
 """
+
+MinutesOption = Annotated[
+    float | None,
+    Option("--minutes", min=0.01, help="End after so long, with the best so far [min]."),
+]
 
 PROVISIONAL = (
     "the fit that writes this file has not ended: it has the map of the logs, all other "
@@ -114,6 +121,7 @@ def fit_command(
         ),
     ] = None,
     reference_lag: LagOption = None,
+    minutes: MinutesOption = None,
     seed: Annotated[int, Option(min=0, help="Seed of the starts.")] = 0,
     jobs: Annotated[int, Option(min=1, help="How many logs are run at once.")] = 2,
     repeated: RepeatedOption = None,
@@ -145,19 +153,8 @@ def fit_command(
     changes = settings(set_, repeated)
     description = load_rig(rig, changes)
     read = [read_log(path, description, truth) for path in logs]
-    signal.signal(
-        signal.SIGTERM, signal.default_int_handler
-    )  # a job that is ended keeps the best so far, as by Ctrl-C
-
     text = edited_text(rig, changes)
-
-    def early(line: MapFit) -> None:
-        say(f"at once, {line.text}")
-        if out is not None:
-            line.save(out, text, provisional=PROVISIONAL)
-            say(f"wrote {out} with it (--estimator regression); the fit replaces it")
-
-    with fit_progress() as show:
+    with ended_after(minutes), fit_progress() as show:
         result = fitted_to(
             read,
             description,
@@ -171,7 +168,7 @@ def fit_command(
             units=units,
             start=start,
             progress=show,
-            early=early,
+            early=written_at_once(out, text),
             lag=lag_time(reference_lag),
         )
     _say(result)
@@ -186,8 +183,38 @@ def fit_command(
             say(f"wrote {fit_report(result, read, report)}")
 
     write_each(save, save_report)
-    if result.interrupted:
+    if result.interrupted and minutes is None:
         raise typer.Exit(130)
+
+
+def written_at_once(out: Path | None, text: str) -> Callable[[MapFit], None]:
+    """Return the function that writes a rig file with the map on readings alone, while a fit goes
+    on; `text` is that of the rig.
+    """
+
+    def write(line: MapFit) -> None:
+        say(f"at once, {line.text}")
+        if out is not None:
+            line.save(out, text, provisional=PROVISIONAL)
+            say(f"wrote {out} with it (--estimator regression); the fit replaces it")
+
+    return write
+
+
+@contextmanager
+def ended_after(minutes: float | None) -> Iterator[None]:
+    """Interrupt what is done after some minutes, as Ctrl-C does, and where the job is ended
+    (SIGTERM): the best so far is kept.
+    """
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    timer = threading.Timer(60.0 * (minutes or 0.0), _thread.interrupt_main)
+    timer.daemon = True
+    if minutes is not None:
+        timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 @contextmanager

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Sequence
 from math import degrees
 from pathlib import Path
@@ -12,7 +11,13 @@ import typer
 from typer import Option
 
 from distal.cli.console import say, table
-from distal.cli.fit_command import fit_progress, say_scores
+from distal.cli.fit_command import (
+    MinutesOption,
+    ended_after,
+    fit_progress,
+    say_scores,
+    written_at_once,
+)
 from distal.cli.from_logs_command import (
     DrivesOption,
     IgnoreOption,
@@ -63,6 +68,7 @@ def learn_command(
     drive: DrivesOption = None,
     ignore: IgnoreOption = None,
     reference_lag: LagOption = None,
+    minutes: MinutesOption = None,
     report: Annotated[
         Path | None, Option(help="Folder for the answer as a page; default: beside --out.")
     ] = None,
@@ -89,10 +95,14 @@ def learn_command(
     raw.pop("map", None)  # it is learned anew
     description = build_rig(raw, out.stem)
     read = [read_log(source, description) for source in sources_of(logs)]
-    # a job that is ended keeps the best so far, as by Ctrl-C
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    with fit_progress() as show:
-        result = fit(read, description, progress=show, lag=lag_time(reference_lag))
+    with ended_after(minutes), fit_progress() as show:
+        result = fit(
+            read,
+            description,
+            progress=show,
+            early=written_at_once(out, text),
+            lag=lag_time(reference_lag),
+        )
     _answer(result, read)
 
     def save() -> None:
@@ -111,7 +121,7 @@ def learn_command(
         say(f"wrote {page}: the same as a page with curves")
 
     write_each(save, save_report)
-    if result.interrupted:
+    if result.interrupted and minutes is None:
         raise typer.Exit(130)
 
 

@@ -183,7 +183,12 @@ def _run(training: Training, parameters: ParameterEstimates | None, hold: bool) 
         rig,
         rigs,
         hold,
-        *filtered(training.logs, rigs, training.options.homing, training.options.compiled),
+        *filtered(
+            training.logs,
+            rigs,
+            training.options.homing,
+            "quick" if training.options.compiled else False,
+        ),
     )
 
 

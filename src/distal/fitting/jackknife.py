@@ -31,7 +31,7 @@ def parameters_without(
 
     The `folds` are those of `logs`, the logs of known angle.
     """
-    if len(set(folds)) < 2 or parameters.optimum.interrupted:
+    if len(set(folds)) < 2 or not parameters.optimum.derivatives.of_logs:
         return [parameters] * len(set(folds))
     return [without(parameters, [logs[i] for i in out]) for out, _ in splits(folds)]
 

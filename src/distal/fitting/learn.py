@@ -24,7 +24,7 @@ from distal.fitting.candidates import (
 from distal.fitting.fit_options import Options
 from distal.fitting.fitted_parameter import FittedParameter, assignments, described
 from distal.fitting.learned_maps import MapFit, learn_map, map_of, with_its_reference_error
-from distal.fitting.missing_terms import MissingTerm, tried_parts
+from distal.fitting.missing_terms import MissingTerm, Tried, tried_parts
 from distal.fitting.parameter_estimates import (
     ParameterEstimates,
     among_models,
@@ -36,6 +36,9 @@ from distal.fitting.scores import Compared, comparisons
 from distal.fitting.sensor_curves import curves
 from distal.logs import Log, true_torques
 from distal.rig import Rig
+
+JUDGED = 5
+"""Number of candidates of a fit at most, for the bar alone. Source: layout."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,7 @@ class Learned:
         part: the term of the physics that the rig lacked and `rig` now has, if any.
         candidates: the candidates that were judged, the chosen one first.
         compared: the scores on each log left out.
+        interrupted: whether the user interrupted what was done.
         doubts: sentences with the reasons not to trust the fit.
     """
 
@@ -64,12 +68,8 @@ class Learned:
     part: MissingTerm | None
     candidates: tuple[Candidate, ...]
     compared: tuple[Compared, ...]
+    interrupted: bool
     doubts: tuple[str, ...]
-
-    @property
-    def interrupted(self) -> bool:
-        """Whether the user interrupted the search for the parameters."""
-        return self.parameters.optimum.interrupted
 
     @property
     def fitted(self) -> tuple[FittedParameter, ...]:
@@ -92,8 +92,9 @@ class Judged:
         solutions: the parameter estimates by the rig's equations and by its filter, where each was
             asked.
         models: the parameter estimates of all models whose equations were tried.
-        chosen: the each that errs least on held-out logs.
+        chosen: the candidate that errs least on held-out logs.
         candidates: all candidates that were judged.
+        interrupted: whether the user interrupted it; what was judged until then stands.
     """
 
     logs: Sequence[Log]
@@ -103,6 +104,7 @@ class Judged:
     models: Sequence[ParameterEstimates]
     chosen: Candidate
     candidates: Sequence[Candidate]
+    interrupted: bool
 
 
 def judge(
@@ -130,8 +132,38 @@ def judge(
     if line is not None and early is not None:
         early(line)
     solutions = parameters_of(problem, options, progress)
-    chosen, candidates, models = _chosen(logs, training, line, solutions, progress)
-    return Judged(logs, training, line, solutions, models, chosen, candidates)
+    stopped = solutions[-1].optimum.interrupted
+    models = [solutions[0]]
+    candidates = list[Candidate]()
+    if line is None:
+        chosen = _alone(solutions[-1], rig)
+        return Judged(logs, training, line, solutions, models, chosen, candidates, stopped)
+    try:
+        for name, way, parameters in _ways(training, solutions):
+            judging(progress, f"judging {name}", len(candidates), JUDGED)
+            candidates.append(filter_candidate(name, way, parameters))
+        tried = Tried() if stopped else tried_parts(logs, rig, options, solutions[0])
+        models += tried.parameters
+        for part, parameters in tried.named:
+            name = f"{BY_EQUATIONS}, with {part.name}"
+            judging(progress, f"judging {name}", len(candidates), JUDGED)
+            way = replace(training, rig=rig.with_values(part.values), part=part)
+            candidates.append(filter_candidate(name, way, parameters))
+    except KeyboardInterrupt:
+        stopped = True
+    chosen = best_of(candidates) if candidates else _alone(solutions[-1], rig)
+    return Judged(logs, training, line, solutions, models, chosen, candidates, stopped)
+
+
+def _ways(
+    training: Training, solutions: Sequence[ParameterEstimates]
+) -> list[tuple[str, Training, ParameterEstimates | None]]:
+    """Return name, logs and parameters of the candidates that every fit has."""
+    of_rig = [
+        (BY_EQUATIONS if parameters.by_equations else BY_FILTER, training, parameters)
+        for parameters in reversed(solutions)
+    ]
+    return [*of_rig, (AS_GIVEN, training, None)]
 
 
 def learned_by(judged: Judged, chosen: Candidate) -> Learned:
@@ -164,6 +196,7 @@ def learned_by(judged: Judged, chosen: Candidate) -> Learned:
         part=chosen.part,
         candidates=tuple(replace(candidate, data={}, rigs=()) for candidate in ranked),
         compared=compared,
+        interrupted=judged.interrupted,
         doubts=(
             *parameters.doubts,
             *_unknown(judged.training.unknown),
@@ -171,60 +204,6 @@ def learned_by(judged: Judged, chosen: Candidate) -> Learned:
             *_as_given(chosen, judged.candidates),
         ),
     )
-
-
-def _chosen(
-    logs: Sequence[Log],
-    training: Training,
-    line: MapFit | None,
-    solutions: Sequence[ParameterEstimates],
-    progress: Progress | None,
-) -> tuple[Candidate, list[Candidate], list[ParameterEstimates]]:
-    """Return the candidate that is written, all that were judged, and the parameter estimates of
-    all models of the equations.
-
-    Where no candidate can be judged, or the user interrupts (Ctrl-C), the first has parameters
-    alone and the others are empty.
-    """
-    if line is None or solutions[-1].optimum.interrupted:
-        return _alone(solutions[-1], training.rig), [], []
-    try:
-        tried = tried_parts(logs, training.rig, training.options, solutions[0])
-        return (
-            *_judged(training, solutions, tried.named, progress),
-            [solutions[0], *tried.parameters],
-        )
-    except KeyboardInterrupt:
-        parameters = replace(
-            solutions[-1], optimum=replace(solutions[-1].optimum, interrupted=True)
-        )
-        return _alone(parameters, training.rig), [], []
-
-
-def _judged(
-    training: Training,
-    solutions: Sequence[ParameterEstimates],
-    more: Sequence[tuple[MissingTerm, ParameterEstimates]],
-    progress: Progress | None,
-) -> tuple[Candidate, list[Candidate]]:
-    """Return the best candidate, and all: the estimated parameters, those with a term more, the rig
-    as given.
-    """
-    ways = list[tuple[str, Training, ParameterEstimates | None]]()
-    for parameters in reversed(solutions):
-        if not parameters.optimum.interrupted:
-            ways.append(
-                (BY_EQUATIONS if parameters.by_equations else BY_FILTER, training, parameters)
-            )
-    for part, parameters in more:
-        described_as = replace(training, rig=training.rig.with_values(part.values), part=part)
-        ways.append((f"{BY_EQUATIONS}, with {part.name}", described_as, parameters))
-    ways.append((AS_GIVEN, training, None))
-    filters = list[Candidate]()
-    for name, described_as, way_parameters in ways:
-        judging(progress, f"judging {name}", len(filters), len(ways))
-        filters.append(filter_candidate(name, described_as, way_parameters))
-    return best_of(filters), filters
 
 
 def _alone(parameters: ParameterEstimates, rig: Rig) -> Candidate:

@@ -14,6 +14,7 @@ from distal.homing import (
     plain_samples,
     torque_samples,
 )
+from distal.kernels import Compiled
 from distal.logs import Log, TruthKind, shown, true_angles, true_torques
 from distal.regression import Samples
 from distal.rig import Rig
@@ -48,7 +49,7 @@ def filtered(
     logs: Sequence[Log],
     rigs: Sequence[Rig],
     homing: float | None,
-    compiled: bool,
+    compiled: Compiled,
 ) -> tuple[dict[int, Samples], list[str]]:
     """Return the samples of the filter along logs of known angle, by the index of the log, and
     sentences on the logs that it cannot follow.
@@ -58,7 +59,7 @@ def filtered(
         rigs: the rig of each log, without maps; the first gives the stds of the encoders'
             offsets.
         homing: length of the homing move [s], None for none.
-        compiled: whether the filter is compiled; else it is interpreted.
+        compiled: how the filter is compiled, see `Compiled`.
     """
     data = dict[int, Samples]()
     refused = list[str]()

@@ -152,7 +152,7 @@ class Fit:
             cost_after=optimum.cost,
             iterations=optimum.iterations,
             converged=optimum.converged,
-            interrupted=optimum.interrupted,
+            interrupted=learned.interrupted,
             curves=learned.curves,
             maps=learned.maps,
             compared=learned.compared,

@@ -7,7 +7,7 @@ from distal.kernels.compiler import c_source, find_compiler
 from distal.kernels.driver import advance, advance_all, at_samples
 from distal.kernels.feed import Advanced, Feed
 from distal.kernels.indices import Indices, PlacedKernel, side_by_side
-from distal.kernels.kernel import Evaluation, Kernel
+from distal.kernels.kernel import Compiled, Evaluation, Kernel
 from distal.kernels.lanes import LaneKernel, lanes_here
 from distal.kernels.layout import Layout, covariance_of, kernel_state_layout, mean_of, variances_of
 from distal.kernels.parallel import in_order
@@ -18,6 +18,7 @@ from distal.kernels.structure import Structure, structure_of
 
 __all__ = [
     "Advanced",
+    "Compiled",
     "Evaluation",
     "Feed",
     "Indices",

@@ -17,6 +17,8 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import KernelWarning
 from distal.kernels.compiler import (
+    OPTIMISED,
+    QUICK,
     CompileError,
     UnwantedError,
     c_source,
@@ -32,6 +34,12 @@ judgement.
 """
 
 Backend = Literal["compiled", "interpreted"]
+
+Compiled = bool | Literal["lanes", "quick"]
+"""How a kernel is compiled: where possible, or never; only for several runs at once; or in a third
+of the time, to run half as fast.
+"""
+
 _warned: set[str] = set()
 _building = threading.Lock()
 
@@ -43,12 +51,10 @@ class Kernel:
     Args:
         function: the CasADi function, whose inputs and outputs are dense columns, or its recipe.
         compiled: whether to compile it where possible; with False it is always interpreted, with
-            "lanes" only one run alone is.
+            "lanes" only one run alone is, see `Compiled`.
     """
 
-    def __init__(
-        self, function: ca.Function | Recipe, compiled: bool | Literal["lanes"] = True
-    ) -> None:
+    def __init__(self, function: ca.Function | Recipe, compiled: Compiled = True) -> None:
         self._recipe = Recipe(lambda: function) if isinstance(function, ca.Function) else function
         self.backend: Backend = "interpreted"
         self.reason = "asked for"
@@ -58,16 +64,16 @@ class Kernel:
         self._lanes_alone = compiled == "lanes"
         self._sizes: tuple[int, ...] = ()
         self._external: ca.Function | None = None
-        if compiled is True:
+        if compiled is True or compiled == "quick":
             try:
-                self._external = self._load()
+                self._external = self._load(QUICK if compiled == "quick" else OPTIMISED)
             except CompileError as problem:
                 self.reason = str(problem)
                 if not isinstance(problem, UnwantedError):
                     _warn(self.reason)
 
-    def _load(self) -> ca.Function:
-        library = library_of(self._recipe, "scan", c_source)
+    def _load(self, level: str) -> ca.Function:
+        library = library_of(self._recipe, "scan", c_source, level)
         try:
             external = ca.external(f"{library.name}_kernel", str(library.path))
             scan = getattr(ctypes.CDLL(str(library.path)), f"{library.name}_scan")

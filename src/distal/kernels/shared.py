@@ -8,11 +8,11 @@ import os
 from collections import OrderedDict
 from collections.abc import Callable
 from threading import RLock
-from typing import Literal, TypeVar, cast
+from typing import TypeVar, cast
 
 import casadi as ca
 
-from distal.kernels.kernel import Kernel
+from distal.kernels.kernel import Compiled, Kernel
 from distal.kernels.recipe import Recipe
 from distal.kernels.structure import Structure
 
@@ -30,7 +30,7 @@ Made = TypeVar("Made")
 def kernel_of(
     structure: Structure | None,
     make: Callable[[], ca.Function],
-    compiled: bool | Literal["lanes"] = True,
+    compiled: Compiled = True,
 ) -> Kernel:
     """Return the kernel of a structure: the one that this process keeps, or a new one.
 

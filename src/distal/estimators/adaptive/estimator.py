@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from functools import cached_property, lru_cache
-from typing import Literal
 
 import casadi as ca
 import numpy as np
@@ -25,7 +24,7 @@ from distal.estimators.estimator_protocol import KernelEstimator
 from distal.estimators.read_channels import channels_of
 from distal.estimators.report import Report
 from distal.estimators.state_kinds import StateKind, states_of
-from distal.kernels import Structure, kernel_of, structure_of
+from distal.kernels import Compiled, Structure, kernel_of, structure_of
 from distal.logs import frozen
 from distal.regression import (
     PlacedMap,
@@ -88,7 +87,7 @@ class AdaptiveFilter(KernelEstimator):
     def __init__(
         self,
         rig: Rig,
-        compiled: bool | Literal["lanes"] = True,
+        compiled: Compiled = True,
         robustness: Robustness | None = None,
         *,
         name: str = "adaptive",
