@@ -37,6 +37,8 @@ NO_OVERRIDES = Overrides(drives={})
         ("soll_position", "command", None, ""),
         ("lc1_g", "effort", "gf", "1_g"),
         ("supply [V]", "other", "V", "supply"),
+        ("load_2 [%]", "effort", "%", "2"),
+        ("humidity [%]", "other", "%", ""),
     ],
 )
 def test_a_name_says_role_unit_and_whose_it_is(

@@ -172,6 +172,8 @@ UNITS: Mapping[str, tuple[str, str]] = {
     "c": ("degC", "K"),
     "°c": ("degC", "K"),
     "%": ("%", ""),
+    "pct": ("%", ""),
+    "percent": ("%", ""),
 }
 """How units are written in headers → the unit, and the SI unit of its dimension."""
 
@@ -185,7 +187,7 @@ OF_UNIT: Mapping[str, tuple[Role, ...]] = {
     "A": ("effort",),
     "V": ("other",),
     "K": ("other",),
-    "": ("other",),
+    "": ("other", "effort"),
 }
 """SI unit → the roles that a column in it can have."""
 

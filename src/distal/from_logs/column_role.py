@@ -9,7 +9,10 @@ from typing import Literal
 from distal.from_logs.column_names import Role
 from distal.from_logs.column_values import ValueEvidence
 
-Sureness = Literal["sure", "likely", "a guess"]
+Sureness = Literal["sure", "likely", "a guess", "assumed"]
+"""How sure something is. An assumed unit is that of a scale that no log tells, as of a load in
+percent.
+"""
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,11 @@ class ColumnRole:
         """All of it in a line."""
         of = f" of {self.part}" if self.part else ""
         unit = f" in {self.unit}" if self.unit else ""
+        if self.unit_sureness == "assumed":
+            return (
+                f"{self.header}: {self.role}{of} of an assumed scale, {self.sureness}: "
+                f"{self.evidence}"
+            )
         doubt = "" if self.unit_sureness == "sure" or not self.unit else f" ({self.unit_sureness})"
         return f"{self.header}: {self.role}{of}{unit}{doubt}, {self.sureness}: {self.evidence}"
 

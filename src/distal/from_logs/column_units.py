@@ -38,6 +38,10 @@ FORCES = frozenset(
 """Words of a force, where a header has no unit."""
 
 
+NO_SCALE = frozenset(["load", "raw", "register", "lsb", "pwm", "duty", "pct", "percent"])
+"""Words of an effort whose scale no log tells; it is taken as a current's."""
+
+
 def check_unit(column: ColumnRole, name: NameEvidence) -> None:
     """Raise a `LogError` where a column that is used has a unit in brackets that is not known."""
     if name.unknown_unit and column.role != "other":
@@ -56,6 +60,9 @@ def with_unit(column: ColumnRole, name: NameEvidence, drives: Mapping[str, str])
         if unit in COUNTS:
             return replace(column, unit="count", si="count", unit_sureness="sure")
         return replace(column, unit=unit, si=_si_of(unit, column.header), unit_sureness="sure")
+    scaled = name.si == "" or (name.si is None and NO_SCALE & set(words_of(column.header)))
+    if column.role == "effort" and scaled:
+        return replace(column, unit="A", si="A", unit_sureness="assumed")
     if name.unit is not None and name.si is not None:
         return replace(column, unit=name.unit, si=name.si, unit_sureness="sure")
     unit, si, sureness = _unit_by_size(column)
@@ -155,6 +162,8 @@ def with_forces_of_sliders(columns: Sequence[ColumnRole]) -> list[ColumnRole]:
         unit = TAKEN_FORCES.get(column.unit) if column.part in in_line else None
         if column.role != "effort" or unit is None:
             changed.append(column)
+        elif column.unit_sureness == "assumed":
+            changed.append(replace(column, unit=unit, si="N"))
         elif column.header.rstrip().endswith("]"):
             changed.append(replace(column, role="other", part=""))
         else:

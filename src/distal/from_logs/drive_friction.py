@@ -25,6 +25,15 @@ stretch hide 5 to 10 % of their pull, which looks like it [1]. Source: judgement
 """
 
 
+FEWEST_LOGS = 3
+"""With fewer logs nobody knows which of them is odd. Source: definition."""
+
+TURNED = 0.8
+"""RMS of what is left of efforts with the other sign in one log per that as it is, below which that
+log is odd [1]. Source: judgement (0.24 and 0.64 where one is; 0.93 to 6 where none is).
+"""
+
+
 @dataclass(frozen=True)
 class DriveFriction:
     """Friction of a drive and its tendons.
@@ -93,6 +102,27 @@ def is_reversed(logs: Sequence[MotionData], drive: int, structure: DriveStructur
         return False
     solution, left = scaled_solution(matrix, efforts)
     return bool(solution[-3] < -CLEAR * left * relative_errors(matrix)[-3])
+
+
+def odd_sign(logs: Sequence[MotionData], drive: int, structure: DriveStructure) -> int | None:
+    """Return the index of the log in which a drive's effort is read with another sign than in the
+    others, so that all efforts together are explained clearly better with the other sign there;
+    None where there is no such log, or too few to tell.
+    """
+    if len(logs) < FEWEST_LOGS:
+        return None
+    parts = [_rows(log, drive, structure) for log in logs]
+    matrix = np.delete(np.vstack([rows for rows, _ in parts]), len(structure.joints), axis=1)
+    if len(matrix) < matrix.shape[1]:
+        return None
+
+    def left(odd: int | None) -> float:
+        efforts = [-effort if k == odd else effort for k, (_, effort) in enumerate(parts)]
+        return scaled_solution(matrix, np.concatenate(efforts))[1]
+
+    changed = [left(k) for k in range(len(logs))]
+    best = int(np.argmin(changed))
+    return best if changed[best] < TURNED * left(None) else None
 
 
 def _by_effort(

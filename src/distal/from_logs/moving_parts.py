@@ -8,6 +8,7 @@ import numpy as np
 
 from distal.errors import RigError
 from distal.from_logs.column_role import ColumnRole
+from distal.from_logs.drive_friction import odd_sign
 from distal.from_logs.drive_helps import drive_helps, explained_by_drives
 from distal.from_logs.found_parts import FoundDrive, FoundJoint
 from distal.from_logs.motion_data import MotionData
@@ -19,6 +20,7 @@ from distal.from_logs.structure import (
     drive_structure,
     with_joint,
 )
+from distal.logs import shown
 
 WELL_EXPLAINED = 0.85
 """Share of a drive's variance that joints explain, below which that is doubted [1]. Source:
@@ -171,6 +173,17 @@ def check_arms(joints: Sequence[FoundJoint], drives: Sequence[FoundDrive]) -> No
                     f"{joints[j].angle.header}; a hand's arms are {1e3 * SHORTEST_ARM:g} to "
                     f"{1e3 * LONGEST_ARM:g} mm. Is the unit of one of them right?"
                 )
+
+
+def check_efforts(drives: Sequence[FoundDrive], logs: Sequence[MotionData]) -> None:
+    """Raise a `RigError` where the effort of a drive is read with another sign in one log."""
+    for drive in drives:
+        odd = None if drive.effort is None else odd_sign(logs, drive.index, drive.structure)
+        if drive.effort is not None and odd is not None:
+            raise RigError(
+                f"{shown(logs[odd].source)}: {drive.effort.header} has another sign than in the "
+                "other logs; correct the file, or leave it or the column out"
+            )
 
 
 def check_moved(

@@ -9,8 +9,10 @@ Raw = dict[str, object]
 
 
 def column_of(column: ColumnRole) -> str:
-    """Return a column as a rig file names it: a unit in square brackets is the log's own."""
-    return name_and_unit(column.header)[0]
+    """Return a column as a rig file names it: a unit in square brackets is the log's own, unless
+    its scale is assumed.
+    """
+    return column.header if column.unit_sureness == "assumed" else name_and_unit(column.header)[0]
 
 
 def number(value: float, unit: str = "") -> object:
