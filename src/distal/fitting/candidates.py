@@ -143,13 +143,14 @@ def filter_candidate(
     )
 
 
-def filter_map(candidate: Candidate, training: Training) -> MapFit:
+def filter_map(candidate: Candidate, training: Training, line: MapFit) -> MapFit:
     """Return the map of what the angles of a candidate's filter lack, on logs that its parameters
-    have not seen.
+    have not seen; it reads what the map on readings alone does, `line`.
     """
     folds = folds_of([training.groups[i] for i in candidate.data])
     homing = training.options.homing
-    map_fit = map_of(list(candidate.data.values()), candidate.rig, "filter", folds, homing)
+    data = list(candidate.data.values())
+    map_fit = map_of(data, candidate.rig, "filter", line.parts, folds, homing)
     return map_fit if homing is not None else with_its_reference_error(map_fit, training.logs)
 
 

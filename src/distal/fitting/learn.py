@@ -23,7 +23,13 @@ from distal.fitting.candidates import (
 )
 from distal.fitting.fit_options import Options
 from distal.fitting.fitted_parameter import FittedParameter, assignments, described
-from distal.fitting.learned_maps import MapFit, learn_map, map_of, with_its_reference_error
+from distal.fitting.learned_maps import (
+    MapFit,
+    learn_map,
+    map_of,
+    parts_read,
+    with_its_reference_error,
+)
 from distal.fitting.missing_terms import MissingTerm, Tried, tried_parts
 from distal.fitting.parameter_estimates import (
     ParameterEstimates,
@@ -180,7 +186,7 @@ def learned_by(judged: Judged, chosen: Candidate) -> Learned:
     learned = described(chosen.rig.bare(), bends)
     maps = [*([] if line is None else [line]), *_torque_map(judged.logs, learned, options)]
     if line is not None and chosen.data:
-        maps.append(filter_map(chosen, judged.training))
+        maps.append(filter_map(chosen, judged.training, line))
     by_kind = {map_fit.kind: map_fit for map_fit in maps}
     ranked = sorted(
         judged.candidates, key=lambda candidate: (candidate is not chosen, candidate.error)
@@ -238,7 +244,8 @@ def readings_map(training: Training) -> MapFit:
     """Return the map of the angles by readings alone."""
     data = [samples_of_angles(log, training.rig) for log in training.logs]
     homing = training.options.homing
-    map_fit = map_of(data, training.rig, "readings", training.folds, homing)
+    parts = parts_read(data, training.rig, training.folds)
+    map_fit = map_of(data, training.rig, "readings", parts, training.folds, homing)
     return map_fit if homing is not None else with_its_reference_error(map_fit, training.logs)
 
 

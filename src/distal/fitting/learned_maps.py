@@ -17,9 +17,18 @@ from distal.fitting.map_samples import filtered, reference_variances, torques_of
 from distal.fitting.map_search import HeldOut, learned_map
 from distal.homing import check_homing
 from distal.logs import Log, Source, read_log, true_angles, true_torques
-from distal.regression import Samples, folds_of
+from distal.regression import Samples, folds_of, splits, yardstick_error
 from distal.rig import LearnedMap, MapArrays, Rig, as_rig
 from distal.threads import one_blas_thread
+
+CLEAR = 2.0
+"""Standard errors of a gain above zero from which on it is clear. Source: definition (97.7 % of a
+normal distribution).
+"""
+
+
+Part = dict[str, tuple[str, ...]]
+"""The fields of a `LearnedMap` that say what it speaks of and reads."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +48,14 @@ class MapFit:
     start: Rig
     notes: tuple[str, ...] = ()
     errors: Mapping[str, Sequence[HeldOut]] = field(default_factory=dict)
+
+    @property
+    def parts(self) -> list[Part]:
+        """What each map speaks of and reads."""
+        return [
+            {"joints": m.joints, "channels": m.channels, "positions": m.positions}
+            for m in self.maps
+        ]
 
     def held_out(self, log: int) -> list[HeldOut]:
         """Return the errors of each joint on a log, by its index."""
@@ -140,23 +157,32 @@ def learn_map(
             check_homing(homing, log, joints)
     if kind != "filter":
         of = torques_of if kind == "torque" else samples_of_angles
-        return map_of([of(log, rig) for log in with_reference], rig, kind, folds, homing)
+        data = [of(log, rig) for log in with_reference]
+        return map_of(data, rig, kind, parts_read(data, rig, folds), folds, homing)
     bare = rig.bare()
     by_log, refused = filtered(with_reference, [bare] * len(with_reference), homing, compiled)
     if not by_log:
         raise FitError(f"adaptive cannot run on any of the logs: {refused[0]}")
-    of_kind = map_of(list(by_log.values()), rig, kind, [folds[i] for i in by_log], homing)
+    angles = [samples_of_angles(log, rig) for log in with_reference]
+    parts = parts_read(angles, rig, folds)
+    of_kind = map_of(list(by_log.values()), rig, kind, parts, [folds[i] for i in by_log], homing)
     return replace(of_kind, start=rig, notes=tuple(refused))
 
 
 def map_of(
-    data: Sequence[Samples], rig: Rig, kind: str, folds: Sequence[int], homing: float | None
+    data: Sequence[Samples],
+    rig: Rig,
+    kind: str,
+    parts: Sequence[Part],
+    folds: Sequence[int],
+    homing: float | None,
 ) -> MapFit:
     """Return the maps of a kind that logs teach.
 
     Args:
         data: the samples of each log, of all sensors and joints.
         kind: as for `learn_map`.
+        parts: what each map speaks of and reads, see `parts_read`.
         folds: the fold of each log.
         homing: length of the homing window [s], or None.
 
@@ -171,16 +197,60 @@ def map_of(
                     "external_torque a std (--set "
                     f"'joints.{joint.name}.external_torque.std=\"0.05 N m\"')"
                 )
-    channels = channels_of(rig, "regression")
-    names = [sensor.name for sensor in channels.proximal]
+    names = [sensor.name for sensor in channels_of(rig, "regression").proximal]
     maps = []
     errors = dict[str, list[HeldOut]]()
-    for part in parts_of(rig, channels):
+    for part in parts:
         samples = [of_part(log, rig, names, part["joints"], part["channels"]) for log in data]
         learned, held_out = learned_map(samples, part, folds, homing)
         maps.append(learned)
         errors.update(zip(part["joints"], held_out))
     return MapFit(kind, tuple(maps), rig, (), errors)
+
+
+def parts_read(data: Sequence[Samples], rig: Rig, folds: Sequence[int]) -> list[Part]:
+    """Return what the map of each independent part of a rig speaks of and reads: its own sensors,
+    or those of all parts, where these tell its joints clearly better.
+
+    Args:
+        data: the samples of each log, of all sensors and joints, with the angles as targets.
+        folds: the fold of each log.
+    """
+    channels = channels_of(rig, "regression")
+    names = tuple(sensor.name for sensor in channels.proximal)
+    every = {"channels": names, "positions": tuple(s.name for s in channels.positions)}
+    parts = parts_of(rig, channels)
+    if len(parts) == 1:
+        return parts
+
+    def seen(part: Part, read: Sequence[str]) -> list[Samples]:
+        return [of_part(log, rig, names, part["joints"], read) for log in data]
+
+    return [
+        {**part, **every}
+        if _tells_more(seen(part, names), seen(part, part["channels"]), folds)
+        else part
+        for part in parts
+    ]
+
+
+def _tells_more(wide: Sequence[Samples], own: Sequence[Samples], folds: Sequence[int]) -> bool:
+    """Return whether the readings of all parts tell a part's joints better than its own do: least
+    squares err less on logs left out, in the mean by more than `CLEAR` standard errors, since a
+    description may lack what joins two parts.
+    """
+    gains = []
+    for out, remaining in splits(folds):
+        for i in out:
+            errors = [
+                yardstick_error("least squares", [logs[k] for k in remaining], logs[i])
+                for logs in (own, wide)
+            ]
+            gains.append(np.log(errors[0] / max(errors[1], 1e-300)))
+    finite = np.array(gains)[np.isfinite(gains)]
+    if len(finite) < 2:
+        return False
+    return bool(np.mean(finite) > CLEAR * np.std(finite) / np.sqrt(len(finite) - 1))
 
 
 def with_its_reference_error(of_kind: MapFit, logs: Sequence[Log]) -> MapFit:
