@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from distal.fitting import (
         Fit,
         fit,
+        learn,
         learn_map,
         observability,
     )
@@ -74,6 +75,7 @@ __all__ = [
     "fit",
     "homing_filter",
     "lab_page",
+    "learn",
     "learn_map",
     "load_rig",
     "load_scenario",
@@ -101,6 +103,7 @@ _NAMES = {
     "fitting": (
         "Fit",
         "fit",
+        "learn",
         "learn_map",
         "observability",
     ),

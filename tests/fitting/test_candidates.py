@@ -20,7 +20,7 @@ from distal.fitting.candidates import (
 )
 from distal.fitting.fit_options import Options
 from distal.fitting.jackknife import parameters_without
-from distal.fitting.learn import Learned, judge, learned_by
+from distal.fitting.judge import Learned, judge, learned_by
 from distal.fitting.learn_free_motion import untouched
 from distal.fitting.map_samples import filtered
 from distal.fitting.parameter_estimates import ParameterEstimates

@@ -13,11 +13,11 @@ from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 
 from distal import Rig, fit, load_rig
 from distal.errors import DistalWarning, RigError
-from distal.fitting import learn as learning
+from distal.fitting import judge as judging
 from distal.fitting.candidates import Candidate, Training, filter_candidate
 from distal.fitting.fit_options import Options
 from distal.fitting.fitted_file import MARK, plain_value
-from distal.fitting.learn import Judged, Learned, learned_by, readings_map
+from distal.fitting.judge import Judged, Learned, learned_by, readings_map
 from distal.fitting.missing_terms import MissingTerm, with_parts
 from distal.fitting.parameter_estimates import among_models, parameters_of, problem_of
 from distal.fitting.result import Fit
@@ -65,7 +65,7 @@ class Found:
         play = [MissingTerm("play", BACKLASH)]
         named = with_parts(play, self.logs, rig, OPTIONS, self.solutions[0])
         ways = [
-            *learning._ways(self.training, self.solutions),
+            *judging._ways(self.training, self.solutions),
             *(
                 (
                     part.name,
@@ -181,8 +181,8 @@ def test_one_that_was_interrupted_is_written(
         calls.append(name)
         return filter_candidate(name, *arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(learning, "filter_candidate", judged_so_far)
-    judged = learning.judge(found.logs, found.rig, OPTIONS)
+    monkeypatch.setattr(judging, "filter_candidate", judged_so_far)
+    judged = judging.judge(found.logs, found.rig, OPTIONS)
     assert [candidate.name for candidate in judged.candidates] == calls
     learned = learned_by(judged, judged.chosen)
     assert learned.interrupted
@@ -194,7 +194,7 @@ def test_one_that_was_interrupted_is_written(
 def test_without_an_angle_parameters_alone_are_written(
     found: Found, text: str, tmp_path: Path
 ) -> None:
-    chosen = learning._alone(found.solutions[-1], found.rig)
+    chosen = judging._alone(found.solutions[-1], found.rig)
     judged = Judged(found.logs, found.training, None, found.solutions, [], chosen, [], False)
     check(found, learned_by(judged, chosen), text, tmp_path / "fitted.toml")
 

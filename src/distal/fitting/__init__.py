@@ -7,6 +7,7 @@ from distal.fitting.candidates import AS_GIVEN
 from distal.fitting.fit import fit
 from distal.fitting.fit_options import Options
 from distal.fitting.fitted_parameter import FittedParameter
+from distal.fitting.learn_logs import learn
 from distal.fitting.learned_maps import (
     MapFit,
     learn_map,
@@ -31,6 +32,7 @@ __all__ = [
     "Score",
     "fit",
     "groups_of",
+    "learn",
     "learn_map",
     "observability",
 ]

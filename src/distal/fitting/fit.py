@@ -14,7 +14,7 @@ from distal.errors import DistalWarning, DivergedError, EstimationError, FitErro
 from distal.fitting.candidates import Candidate, groups_among
 from distal.fitting.doubts import far_from_priors
 from distal.fitting.fit_options import Options
-from distal.fitting.learn import Judged, Learned, judge, learned_by
+from distal.fitting.judge import Judged, Learned, judge, learned_by
 from distal.fitting.learn_free_motion import free_motion_of, untouched, widest
 from distal.fitting.learned_maps import MapFit, logs_read
 from distal.fitting.log_checks import check_logs

@@ -234,7 +234,7 @@ def parts_read(data: Sequence[Samples], rig: Rig, folds: Sequence[int]) -> list[
     ]
 
 
-def _tells_more(wide: Sequence[Samples], own: Sequence[Samples], folds: Sequence[int]) -> bool:
+def _tells_more(wide: Sequence[Samples], narrow: Sequence[Samples], folds: Sequence[int]) -> bool:
     """Return whether the readings of all parts tell a part's joints better than its own do: least
     squares err less on logs left out, in the mean by more than `CLEAR` standard errors, since a
     description may lack what joins two parts.
@@ -244,7 +244,7 @@ def _tells_more(wide: Sequence[Samples], own: Sequence[Samples], folds: Sequence
         for i in out:
             errors = [
                 yardstick_error("least squares", [logs[k] for k in remaining], logs[i])
-                for logs in (own, wide)
+                for logs in (narrow, wide)
             ]
             gains.append(np.log(errors[0] / max(errors[1], 1e-300)))
     finite = np.array(gains)[np.isfinite(gains)]

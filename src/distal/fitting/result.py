@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
+from textwrap import fill
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,14 +18,18 @@ from distal.fitting.choice_of_parameters import paths_of
 from distal.fitting.fit_options import Options
 from distal.fitting.fitted_file import MARK, plain_value, write_fitted
 from distal.fitting.fitted_parameter import FittedParameter, assignments
-from distal.fitting.learn import Learned
+from distal.fitting.judge import Learned
 from distal.fitting.learned_maps import MapFit
 from distal.fitting.map_samples import reference_offset, reference_std
 from distal.fitting.scores import REGRESSION, WRITTEN, Compared
 from distal.logs import Log, shown
 from distal.regression import YARDSTICKS
+from distal.results import BLACK, COLOURS, figure
 from distal.rig import Rig
 from distal.rounded import rounded
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 WORSE = 1.05
 """Ratio of the error of what is written to that of a way without a model of the rig, above which
@@ -71,6 +77,8 @@ class Fit:
         candidates: the candidates that were judged, the chosen one first.
         reference_std: std of the reference sensor's random error, which scores contain [rad].
         reference_offset: std of the reference sensor's zero, which no score shows [rad].
+        text: TOML of the original rig into which `save` writes by default; empty where there is
+            none.
     """
 
     rig: Rig
@@ -102,6 +110,7 @@ class Fit:
     candidates: tuple[Candidate, ...] = ()
     reference_std: float = 0.0
     reference_offset: float = 0.0
+    text: str = ""
 
     @classmethod
     def of(
@@ -219,6 +228,35 @@ class Fit:
             rows.append((name, float(rms), float(inside)))
         return sorted(rows, key=lambda row: (row[0] != WRITTEN, row[1]))
 
+    def summary(self) -> list[dict[str, object]]:
+        """Return a row for each way to know the angle: its RMS error on logs left out [deg] and the
+        share of samples inside its band, None where it has no band.
+        """
+        return [
+            {
+                "what gives the angle": name,
+                "RMS error [deg]": float(np.rad2deg(rms)),
+                "inside band": None if np.isnan(inside) else inside,
+            }
+            for name, rms, inside in self.scores()
+        ]
+
+    def plot(self) -> Figure:
+        """Return a figure of the RMS error of each way to know the angle on each log left out."""
+        names = [name for name, _, _ in self.scores()]
+        with figure(size=(6.5, 1.2 + 0.5 * len(names))) as (drawing, (axes,)):
+            for row, name in enumerate(names):
+                scores = [comparison.scores[name] for comparison in self.compared]
+                errors = [np.rad2deg(score.rms) for score in scores if score is not None]
+                axes.plot(errors, np.full(len(errors), row), "o", color=COLOURS[0], alpha=0.6)
+                axes.plot(np.mean(errors), row, "|", color=BLACK, markersize=16, markeredgewidth=2)
+            axes.set_yticks(range(len(names)), [fill(name, 36) for name in names])
+            axes.invert_yaxis()
+            axes.set_xlim(left=0.0)
+            axes.set_xlabel("RMS error on each log left out [°]; | is their mean")
+            drawing.set_layout_engine("tight")
+        return drawing
+
     def answer(self) -> str:
         """Return in a line how well the joints are known: error and band on held-out logs, beside
         the best way without a model of the rig; empty without held-out logs.
@@ -296,13 +334,14 @@ class Fit:
     def save(self, path: str | Path, text: str | None = None) -> None:
         """Write the fitted rig file; if that fails, the old file is kept.
 
-        The values are written into `text`, the TOML of the original rig, so that its comments stay;
-        without it the file is written anew.
+        The values are written into `text`, the TOML of the original rig, by default that of the
+        result, so that its comments stay; without any the file is written anew.
 
         Raises:
             OutputError: the file cannot be written.
         """
-        write_fitted(path, self.rig, self.start, self.assignments(), self._account(), text)
+        before = text if text is not None else self.text or None
+        write_fitted(path, self.rig, self.start, self.assignments(), self._account(), before)
 
     def assignments(self) -> dict[str, object]:
         """Return path → value (with its std, where it had one) of all that the fit changed, as for
