@@ -240,8 +240,7 @@ def _of_joint(task: Task, centre: float, scale: float) -> tuple[dict[str, Floats
     held_out = task.held_out(prior)
     weights = Weights.of(task.shape, prior, evidence)
     if task.shape.angles:
-        # one log cannot show which errors recur
-        share = _share(task, held_out) if groups > 1 else 0.0
+        share = _share(task, held_out)
         weights = replace(weights, mean=share * weights.mean)
         held_out = [
             (log.target[~log.given] * (1 - share) + share * error, variance)
