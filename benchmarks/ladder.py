@@ -30,7 +30,7 @@ from benchmarks.strangers.foreign_plants import hand_log as foreign_hand_log
 from benchmarks.strangers.foreign_plants import hand_rig as foreign_hand_rig
 from benchmarks.strangers.hands_plants import bowden_log, bowden_rig, ropes_log, ropes_rig
 from distal import Log, Rig, diagnose, estimate, load_rig, read_log
-from distal.diagnosis import finding_texts as texts
+from distal.diagnosis import finding as texts
 from distal.diagnosis import why_diverged
 from distal.errors import DivergedError
 from distal.logs import write_log

@@ -1,30 +1,36 @@
-"""The whole diagnosis of an estimate: by the estimate itself, and by its log and its rig, for which
-the filter is run again with changes.
+"""The whole diagnosis of an estimate: by the estimate itself, by its log and rig, and by score
+tests of what may be wrong.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import cache
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
-from distal.arrays import Floats
-from distal.diagnosis import finding_texts as texts
-from distal.diagnosis.against_truth import LOST, against_truth, causes
-from distal.diagnosis.channel_statistics import channel_statistics_of
-from distal.diagnosis.comparison import disagreement, disagreement_with_map
-from distal.diagnosis.explanations import explanations
-from distal.diagnosis.finding import Finding
-from distal.diagnosis.gears import out_of_reach
-from distal.diagnosis.of_estimate import Diagnosis, diagnose_estimate
-from distal.diagnosis.rerun import Rerun
-from distal.diagnosis.untested import untestable
-from distal.diagnosis.what_if import overconfidence, with_learned_parameters
+from distal.arrays import Bools, Floats
+from distal.confidence import BAND, COVERED
+from distal.diagnosis import finding as texts
+from distal.diagnosis.causes import Cause, causes_of
+from distal.diagnosis.finding import Finding, Kind
+from distal.diagnosis.known_motion import sizes
+from distal.diagnosis.naming import Search, Trial, candidates, unfelt
+from distal.diagnosis.of_estimate import (
+    ChannelStatistics,
+    Diagnosis,
+    channels_of,
+    diagnose_estimate,
+    statistics_of,
+)
+from distal.diagnosis.perturbed_runs import Change, Outcome, PerturbedRuns, derivatives_of
+from distal.diagnosis.score_test import SPAN, quantile
 from distal.errors import EstimationError
 from distal.estimators import AdaptiveFilter
+from distal.estimators.dead_sensors import dead_after
 from distal.logs import Log
-from distal.results import Estimate
+from distal.results import LARGE_PRIOR, Estimate
 from distal.rig import Rig
 from distal.run.drive_range import position_range
 from distal.run.offline import estimator_for
@@ -32,6 +38,10 @@ from distal.run.offline import estimator_for
 OUTSIDE_SHARE = 0.05
 """Share of a log's samples outside a drive's range, or outside the range of a fit, from which on a
 finding says so [1]. Source: judgement.
+"""
+
+ACTIVE = 0.5
+"""Spread of a force, as a share of that elsewhere, from which on it goes on [1]. Source: judgement.
 """
 
 
@@ -48,10 +58,10 @@ def diagnose(
     """Return what was tested, what disagrees, and what no sensor in the log can test.
 
     The result alone gives its innovations, and states that left their priors. With log and rig
-    there are also: a reference angle outside the band with its likeliest cause; displacements
-    beyond the range of their drive; a kinematic estimate that excludes this one; a band that
-    depends on the start of the filter. By running `adaptive` again with one thing changed, it is
-    found what would explain a disagreement, or, where there is none, what cannot be tested.
+    there are also: a reference angle outside the band; displacements beyond the range of their
+    drive, or stuck. One pass of `adaptive` over copies in which
+    one thing each is perturbed tells which causes the log would show; where something disagrees,
+    two more passes without the likeliest causes tell which explains it.
 
     Args:
         result: the estimate.
@@ -60,8 +70,7 @@ def diagnose(
         homing: time for which the reference angle was used [s], or None.
         ranges: channel → lowest and highest value that a fit has seen, SI; by default those of the
             rig's `[map]`, if any.
-        what_if: whether the filter is run again with changes; that costs 20 to 150 runs of the
-            log's first 2000 samples.
+        what_if: whether the filter is run with changes.
 
     Raises:
         EstimationError: only one of log and rig is given.
@@ -72,44 +81,48 @@ def diagnose(
         )
     if log is None or rig is None:
         return diagnose_estimate(result)
-
-    @cache
-    def rerun() -> Rerun:
-        estimator = estimator_for(log, rig, "adaptive", compiled, homing)
-        assert isinstance(estimator, AdaptiveFilter)
-        return Rerun(log, estimator, homing)
-
-    truth = against_truth(
-        result, log, rig, rerun if what_if and result.estimator == "adaptive" else None
-    )
+    free = rig.free_motion
+    farthest = LARGE_PRIOR if free is None else free.departure(LARGE_PRIOR)
+    truth = against_truth(result)
     further = [
         *truth,
         *elsewhere(log, rig),
+        *stuck_positions(log, rig),
         *out_of_range(log, _learned_range(rig) if ranges is None else ranges),
     ]
     if result.estimator != "adaptive":
-        return diagnose_estimate(result, further)
-    further += disagreement(result, log, rig, homing) + disagreement_with_map(
-        result, log, rig, homing
-    )
-    channels = channel_statistics_of(result)
-    if what_if and any(finding.contradicts for finding in channels.findings()):
-        channels = channel_statistics_of(with_learned_parameters(result, rerun()))
-    first = diagnose_estimate(result, further, channels)
+        return diagnose_estimate(result, further, farthest=farthest)
+    first = diagnose_estimate(result, further, farthest=farthest)
     if not what_if:
         return first
-    # the band of a wrong rig says nothing, so it is not tested
-    if not any(finding.contradicts for finding in first.findings):
-        further += overconfidence(rerun())
-        first = diagnose_estimate(result, further, channels)
-    against = [finding for finding in first.findings if finding.contradicts]
-    if any(finding.kind != "overconfident" for finding in against):
-        named = any(finding.contradicts for finding in truth)
-        explained = [] if named else [*explanations(rerun()), *out_of_reach(log, rig)]
-        return diagnose_estimate(result, [*explained, *further], channels)
-    if against:
+    runs = _runs(log, rig, homing, compiled=compiled)
+    derivatives = derivatives_of(runs, _causes(runs))
+    if not derivatives.base.bounded:
         return first
-    return diagnose_estimate(result, [*further, *untestable(rerun())], channels)
+    usual = _usual(runs)
+    test = derivatives.test(of_truth=False, usual=usual[:, 0])
+    channels = channels_of(result)
+    if channels.disagreeing() and result.state_names == runs.estimator.state_names:
+        # what the filter learns within the rig's own stds contradicts nothing
+        again = _channels(runs, runs.begun_with(result.means[-1]))
+        channels = channels if again.disagreeing() else again
+    has_truths = result.truths is not None
+    wide = has_truths and not truth and free is None
+    is_stuck = any(finding.kind == "stuck" for finding in further)
+    if not is_stuck and (truth or channels.disagreeing() or wide):
+        sized = _sized(runs, derivatives.causes)
+        tests = [test]
+        if has_truths and runs.truths is not None:
+            tests.append(derivatives.test(of_truth=True, usual=usual[:, 0]))
+        changes = candidates(derivatives.causes, sized, tests)
+        # what disagrees is explained, else an error that the band allows
+        ways = [True] * bool(truth) + [False] * bool(channels.disagreeing()) + [True] * wide
+        trials = _explained(runs, derivatives.base, changes, ways)
+        kind: Kind = "looks like" if truth or channels.disagreeing() else "would explain"
+        further += _named(trials, kind, rig)
+    if not any(finding.contradicts for finding in (*further, *channels.disagreeing())):
+        further += _cannot_be_felt(unfelt(derivatives, test), rig)
+    return diagnose_estimate(result, further, channels, farthest)
 
 
 def why_diverged(
@@ -123,36 +136,170 @@ def why_diverged(
         rig: of the log.
         homing: time for which the reference angle is used [s], or None.
     """
-    found = causes(log, rig, LOST)
-    if not found:
-        # an estimated external torque would hide what is wrong with the rig
-        untouched = rig.with_values({"joints.*.touch": "never"})
-        estimator = estimator_for(log, untouched, "adaptive", compiled, homing)
-        assert isinstance(estimator, AdaptiveFilter)
-        found = [*explanations(Rerun(log, estimator, homing)), *out_of_reach(log, rig)]
-    return found
+    # an estimated external torque would hide what is wrong with the rig
+    runs = _runs(log, rig.with_values({"joints.*.touch": "never"}), homing, compiled=compiled)
+    causes = _causes(runs)
+    (base,) = runs([{}])
+    changes = candidates(causes, _sized(runs, causes), ())
+    trials = _explained(runs, base, changes, [True] * (runs.truths is not None) + [False])
+    return _named(trials, "looks like", rig)
 
 
-def _learned_range(rig: Rig) -> dict[str, tuple[float, float]]:
-    """Return channel → range of the logs from which the rig's map was learned, wider by a
-    tenth at each end.
+def _explained(
+    runs: PerturbedRuns, base: Outcome, changes: Sequence[Change], ways: Sequence[bool]
+) -> list[Trial]:
+    """Return the trials that explain something, by the first way that finds any: by known angles,
+    or by innovations, of which none may disagree then.
     """
-    maps = () if rig.map is None else rig.map.readings
-    ends = (end for each in maps for end in zip(each.channels, each.low, each.high))
-    return {name: (low - 0.1 * (high - low), high + 0.1 * (high - low)) for name, low, high in ends}
+    for of_truth in ways:
+        trials = Search(runs, base, of_truth=of_truth)(changes)
+        if not of_truth:
+            trials = [trial for trial in trials if not _channels(runs, trial.outcome).disagreeing()]
+        if trials:
+            return trials
+    return []
+
+
+def _runs(log: Log, rig: Rig, homing: float | None, *, compiled: bool) -> PerturbedRuns:
+    estimator = estimator_for(log, rig, "adaptive", compiled, homing)
+    assert isinstance(estimator, AdaptiveFilter)
+    return PerturbedRuns(log, estimator, homing)
+
+
+def _causes(runs: PerturbedRuns) -> list[Cause]:
+    return causes_of(runs.estimator, float(np.median(np.diff(runs.log.time))))
+
+
+def _usual(runs: PerturbedRuns) -> Floats:
+    """Return for each channel the largest normal mean of ν²/S and its correlation, (m, 2)."""
+    free = runs.estimator.rig.free_motion
+    names = runs.estimator.measured
+    return np.array(free.usual(names) if free else [(1.0, 0.0)] * len(names)).reshape(-1, 2)
+
+
+def _sized(runs: PerturbedRuns, causes: Sequence[Cause]) -> dict[Cause, float]:
+    return {} if runs.truths is None else sizes(runs.estimator, runs.log, runs.truths, causes)
+
+
+def _channels(runs: PerturbedRuns, outcome: Outcome) -> ChannelStatistics:
+    names = runs.estimator.measured
+    usual = [*map(tuple, _usual(runs))]
+    return statistics_of(names, outcome.normalized, runs.log.time, usual)
+
+
+def _named(trials: Sequence[Trial], kind: Kind, rig: Rig) -> list[Finding]:
+    """Return the likeliest causes in words: one, two that are wrong together, or two that cannot be
+    told apart.
+    """
+    if not trials:
+        return []
+    named = [[texts.named_cause(kind, rig, *pair) for pair in t.change.items()] for t in trials]
+    alternatives = [
+        findings_of[0]
+        for trial, findings_of in zip(trials, named)
+        if trials[0].gain - trial.gain < quantile(1) ** 2
+        and findings_of[0].subject != named[0][0].subject
+    ]
+    other = [
+        replace(finding, text=f"or {finding.text} (these cannot be told apart)")
+        for finding in alternatives
+    ]
+    return [*named[0], *other[:1]]
+
+
+def _cannot_be_felt(causes: Sequence[Cause], rig: Rig) -> list[Finding]:
+    """Return the groups of causes that no sensor tests, each with its drives."""
+    drives = dict[str, list[str]]()
+    groups = {"scale": texts.SCALE, "arm": texts.SCALE, "zero": texts.ZERO}
+    of = {sensor.name: sensor for sensor in rig.sensors}
+    for cause in causes:
+        sensor = of[cause.channels[0]] if cause.channels else None
+        group = groups.get(cause.kind, texts.COMPLIANCE)
+        if sensor is not None and sensor.measures != "position":
+            group = texts.COMPLIANCE
+        tendon = int(cause.paths[0].split(".")[1]) if cause.paths else 0
+        drive = rig.tendons[tendon].drive if sensor is None else sensor.of
+        drives.setdefault(group, [])
+        if drive not in drives[group]:
+            drives[group].append(drive)
+    return [
+        texts.cannot_be_felt(
+            group, "all drives" if len(named) == len(rig.drives) > 1 else ", ".join(named)
+        )
+        for group, named in drives.items()
+    ]
+
+
+def against_truth(result: Estimate) -> list[Finding]:
+    """Return a finding where the band of a joint contains the reference angles less often than
+    chance allows.
+
+    The share inside is a mean over spans of time that count as independent: below c − z √(c (1 −
+    c)/n) the band is wrong, with c = 95 %, n spans, and z of `LEVEL` over all joints.
+    """
+    if result.truths is None:
+        return []
+    errors = np.abs(result.angles - result.truths)
+    has_truth = np.isfinite(errors)
+    counts = has_truth.sum(axis=0)
+    shares = (errors <= BAND * result.angle_stds).sum(axis=0) / np.maximum(counts, 1)
+    spans = max(float(np.ptp(result.time)) / SPAN, 1.0)
+    least = COVERED - quantile(len(shares)) * np.sqrt(COVERED * (1.0 - COVERED) / spans)
+    shares[counts == 0] = 1.0
+    worst = int(np.argmin(shares))
+    if shares[worst] >= least:
+        return []
+    rms = float(np.sqrt(np.nanmean(errors[:, worst] ** 2)))
+    return [texts.outside_the_truth(result.joint_names[worst], rms, float(shares[worst]))]
 
 
 def elsewhere(log: Log, rig: Rig) -> list[Finding]:
     """Return the displacements that are beyond the range of their drives."""
+    return [
+        texts.drive_elsewhere(sensor.name)
+        for sensor in rig.sensors_of("position")
+        if sensor.name in log.channels
+        and _share_outside(log.channels[sensor.name], *position_range(rig, sensor)) > OUTSIDE_SHARE
+    ]
+
+
+def stuck_positions(log: Log, rig: Rig) -> list[Finding]:
+    """Return the positions that stay at one value for longer than a sensor is silent before it
+    counts as dead, while the force of their drive goes on.
+    """
     findings = []
     for sensor in rig.sensors_of("position"):
-        readings = log.channels.get(sensor.name)
-        if (
-            readings is not None
-            and _share_outside(readings, *position_range(rig, sensor)) > OUTSIDE_SHARE
-        ):
-            findings.append(texts.drive_elsewhere(sensor.name))
+        forces = [s.name for s in rig.sensors_of("force") if s.of == sensor.of]
+        if sensor.name in log.channels and forces and forces[0] in log.channels:
+            force = log.channels[forces[0]]
+            for rows in _same(log.channels[sensor.name]):
+                begin, end = log.time[rows.start], log.time[rows.stop - 1]
+                elsewhere = np.delete(force, np.arange(rows.start, rows.stop))
+                is_long = end - begin > max(SPAN, dead_after(sensor))
+                if is_long and _spread(force[rows]) > ACTIVE * _spread(elsewhere):
+                    findings.append(texts.stuck(sensor.name, begin, end))
     return findings
+
+
+def _same(readings: Floats) -> Iterator[slice]:
+    """Yield the runs of readings that are the same."""
+    turns = np.flatnonzero(readings[1:] != readings[:-1]) + 1
+    edges = [0, *turns.tolist(), len(readings)]
+    return (slice(begin, end) for begin, end in pairwise(edges) if end - begin > 1)
+
+
+def _spread(values: Floats) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.std(finite)) if len(finite) else 0.0
+
+
+def _learned_range(rig: Rig) -> dict[str, tuple[float, float]]:
+    """Return channel → range of the logs from which the rig's map was learned, wider by a tenth at
+    each end.
+    """
+    maps = () if rig.map is None else rig.map.readings
+    ends = (end for of in maps for end in zip(of.channels, of.low, of.high))
+    return {name: (low - 0.1 * (high - low), high + 0.1 * (high - low)) for name, low, high in ends}
 
 
 def out_of_range(log: Log, ranges: Mapping[str, tuple[float, float]]) -> list[Finding]:
@@ -171,5 +318,6 @@ def out_of_range(log: Log, ranges: Mapping[str, tuple[float, float]]) -> list[Fi
 
 
 def _share_outside(readings: Floats, low: float, high: float) -> float:
-    finite = readings[np.isfinite(readings)]
-    return float(np.mean((finite < low) | (finite > high))) if len(finite) else 0.0
+    finite: Floats = readings[np.isfinite(readings)]
+    outside: Bools = (finite < low) | (finite > high)
+    return float(np.mean(outside)) if len(finite) else 0.0

@@ -1,14 +1,52 @@
-"""Diagnosis of an estimate in one line: what disagrees, else what was tested and what was not."""
+"""What an estimate says by itself: innovations that are too large or not white, states that left
+their priors; and the diagnosis in one line.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from distal.diagnosis.channel_statistics import ChannelStatistics, channel_statistics_of
-from distal.diagnosis.finding import Finding
-from distal.diagnosis.states import left_their_priors, turning_too_far, undeclared_friction
+import numpy as np
+
+from distal.arrays import Floats
+from distal.diagnosis import finding as texts
+from distal.diagnosis.finding import Finding, Kind
+from distal.diagnosis.score_test import SPAN, quantile, span_sums
+from distal.estimators import StateKind
 from distal.results.estimate import Estimate
+from distal.results.thresholds import LARGE_PRIOR, SMALL
+
+LARGE_RATIO = 1.7
+"""Largest normal mean of ν²/S of a channel where no fit has learned it [1]; a filter is an
+approximation, and right rigs have up to that. Source: judgement.
+"""
+
+SELDOM = 0.5
+"""Share of a channel's samples that are compared, below which a finding says so [1]. Source:
+judgement.
+"""
+
+NEVER_COMPARED = 0.1
+"""Share of a channel's samples that are compared, below which the channel tests nothing [1].
+Source: judgement.
+"""
+
+COLOURED = 0.3
+"""Correlation of a channel's neighbouring innovations from which on the rig or the sensor is
+doubted [1]. On right rigs it is below 0.13 where ν²/S is above `WHOLE`; a moment arm that is 20 %
+wrong on one side of two gives 0.3 to 0.7. Source: judgement.
+"""
+
+NOISE_RATIO = 0.5
+"""Mean of ν²/S above which a channel's innovations are mostly noise [1]. Below it, S is mostly the
+uncertainty of the rig's parameters, whose errors last. Source: judgement.
+"""
+
+LARGEST_TRAVEL = float(np.deg2rad(270.0))
+"""Range of an angle above which it is of no joint that tendons pull [rad]; fingers and wrists turn
+by 180° at most. Source: judgement.
+"""
 
 LONGEST = 200
 """Largest number of characters of the line, roughly. Source: layout."""
@@ -20,30 +58,196 @@ NOTHING = (
 
 
 @dataclass(frozen=True)
+class ChannelStatistics:
+    """Statistics of the innovations of each channel, all in the order of `names`.
+
+    Args:
+        names: of the channels.
+        ratios: means of ν²/S over what is normal, NaN where nothing was compared.
+        correlations: of neighbouring normalised innovations.
+        since: time from which on a channel disagrees to the end [s], or NaN.
+        shares: of the samples that were compared.
+        limits: of the ratios, by chance.
+    """
+
+    names: tuple[str, ...]
+    ratios: tuple[float, ...]
+    correlations: tuple[float, ...]
+    since: tuple[float, ...]
+    shares: tuple[float, ...]
+    limits: tuple[float, ...]
+
+    @property
+    def tested(self) -> tuple[str, ...]:
+        """Names of the channels that could have disagreed."""
+        statistics = zip(self.names, self.ratios, self.shares)
+        return tuple(
+            name for name, ratio, share in statistics if ratio >= SMALL and share >= NEVER_COMPARED
+        )
+
+    def disagreeing(self) -> list[Finding]:
+        """Return the findings on channels that disagree."""
+        channels = range(len(self.names))
+        large = [i for i in channels if self.ratios[i] > self.limits[i]]
+        if large:
+            late = [i for i in large if np.isfinite(self.since[i])]
+            if len(large) == len(late) == 1:
+                return [texts.disagrees_since(self.names[late[0]], self.since[late[0]])]
+            worst = max(self.ratios[i] for i in large)
+            return [texts.too_large([self.names[i] for i in large], worst)]
+        coloured = [
+            i for i in channels if self.correlations[i] > COLOURED and self.ratios[i] > NOISE_RATIO
+        ]
+        if coloured:
+            largest = max(self.correlations[i] for i in coloured)
+            return [texts.not_white([self.names[i] for i in coloured], largest)]
+        return []
+
+    def untested(self) -> list[Finding]:
+        """Return the findings on channels that test nothing."""
+        findings = []
+        for name, ratio, share in zip(self.names, self.ratios, self.shares):
+            if share < SELDOM:
+                findings.append(texts.hardly_compared(name, share))
+            if share >= NEVER_COMPARED and ratio < SMALL:
+                findings.append(texts.not_tested(name, ratio))
+        return findings
+
+
+def statistics_of(
+    names: Sequence[str], scaled: Floats, time: Floats, usual: Sequence[tuple[float, float]]
+) -> ChannelStatistics:
+    """Return the statistics of the innovations of channels.
+
+    The mean of m squares of variance 2 of correlated values, ρ their correlation, is significant
+    beyond 1 + z √(2 (1 + ρ²)/((1 − ρ²) m)) of what is normal (Bartlett 1946).
+
+    Args:
+        names: of the channels.
+        scaled: ν/√S, (k, m), NaN where not compared.
+        time: stamps [s], (k,).
+        usual: for each channel the largest normal mean of ν²/S and the correlation of neighbours,
+            as a fit has learned them; empty where none has.
+    """
+    normal = np.array(usual or [(1.0, 0.0)] * len(names)).reshape(-1, 2)
+    # in the first moments the filter still finds the parameters
+    settled = time >= time[0] + min(0.5, 0.1 * float(np.ptp(time)))
+    columns = (scaled / np.sqrt(normal[:, 0])).T
+    likely = [_neighbours(column[settled]) for column in columns]
+    limits = []
+    for column, correlation in zip(columns, likely):
+        count = max(int(np.isfinite(column[settled]).sum()), 1)
+        square = min(correlation**2, 0.99)
+        spread = np.sqrt(2.0 * (1.0 + square) / (1.0 - square) / count)
+        limits.append(LARGE_RATIO * (1.0 + quantile(len(names)) * float(spread)))
+    return ChannelStatistics(
+        tuple(names),
+        tuple(_mean(column[settled] ** 2) for column in columns),
+        tuple(rho * (1.0 - normal_rho) for rho, normal_rho in zip(likely, normal[:, 1])),
+        tuple(_since(time, column, limit) for column, limit in zip(columns, limits)),
+        tuple(float(np.mean(np.isfinite(column))) for column in columns),
+        tuple(limits),
+    )
+
+
+def _mean(values: Floats) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.mean(finite)) if len(finite) else float("nan")
+
+
+def _neighbours(values: Floats) -> float:
+    finite = values[np.isfinite(values)]
+    if len(finite) < 20 or float(np.std(finite)) == 0.0:
+        return 0.0
+    return float(np.clip(np.mean(finite[1:] * finite[:-1]) / np.mean(finite**2), -1, 1))
+
+
+def _since(time: Floats, scaled: Floats, limit: float) -> float:
+    """Return the time from which on a channel is too large to the end; NaN if it is from the begin,
+    or is not.
+
+    Of all spans it is the one from which on ν²/S is most above its limit, in the sum (the change
+    point of Page's cumulative sum, Biometrika 41, 1954).
+    """
+    squares = scaled[:, None] ** 2
+    sums = span_sums(squares - np.where(np.isfinite(squares), limit, 0.0), time).ravel()
+    above = np.cumsum(sums[::-1])[::-1]
+    first = int(np.argmax(above))
+    before = sums[:first].sum()
+    return float(time[0] + first * SPAN) if first > 0 and before < 0.0 < above[first] else np.nan
+
+
+def of_states(estimate: Estimate, farthest: float = LARGE_PRIOR) -> list[Finding]:
+    """Return the findings by the states of an estimate: parameters that left their priors, angles
+    of no joint, and friction that the rig does not declare.
+
+    Args:
+        estimate: to be diagnosed.
+        farthest: distance from its prior from which on a parameter has left it [its stds].
+    """
+    return [*_left(estimate, farthest), *_turning(estimate), *_friction(estimate)]
+
+
+def _left(estimate: Estimate, farthest: float) -> list[Finding]:
+    means = estimate.prior_means
+    stds = estimate.prior_stds
+    if means is None or stds is None:
+        return []
+    worst: dict[str, tuple[float, Finding]] = {}
+    states = zip(estimate.state_names, estimate.state_kinds, estimate.state_parts)
+    for i, (name, kind, part) in enumerate(states):
+        end = estimate.means[-1, i]
+        std = float(np.sqrt(estimate.variances[-1, i]))
+        away = abs(end - means[i])
+        if not (stds[i] > 0.0 and away - std > farthest * stds[i]):  # NaN: it is meant to move
+            continue
+        # the weights of a sensor's linearity are one thing
+        subject = f"linearity_{part}" if kind is StateKind.LINEARITY else name
+        away_and_finding = (
+            away / stds[i],
+            texts.left_its_prior(subject, end, std, means[i], float(stds[i])),
+        )
+        if subject not in worst or away_and_finding[0] > worst[subject][0]:
+            worst[subject] = away_and_finding
+    return [finding for _, finding in sorted(worst.values(), key=lambda distance: -distance[0])]
+
+
+def _turning(estimate: Estimate) -> list[Finding]:
+    covered = zip(estimate.joint_names, np.ptp(estimate.angles, axis=0).tolist())
+    return [texts.turns_too_far(joint, most) for joint, most in covered if most > LARGEST_TRAVEL]
+
+
+def _friction(estimate: Estimate) -> list[Finding]:
+    findings = []
+    for i, (kind, drive) in enumerate(zip(estimate.state_kinds, estimate.state_parts)):
+        friction = estimate.means[-1, i]
+        std = np.sqrt(estimate.variances[-1, i])
+        prior = np.sqrt(estimate.variances[0, i])
+        if kind is StateKind.FRICTION and friction > 0.25 * prior and friction > 3.0 * std:
+            findings.append(texts.friction_undeclared(drive, float(friction)))
+    return findings
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """What a log says of the rig, the sensors and the band.
 
     Args:
-        channels: names of the channels with an innovation.
-        ratios: mean of ν²/S per channel; 1 is expected, less where a force tells little.
-        correlations: of neighbouring normalised innovations, per channel.
-        since: time from which on a channel disagrees to the end [s], or NaN, per channel.
-        text: the diagnosis in one line.
+        channels: statistics of the innovations.
         findings: contradictions first, then what is untested.
-        tested: names of the channels that could have disagreed.
     """
 
-    channels: tuple[str, ...]
-    ratios: tuple[float, ...]
-    correlations: tuple[float, ...]
-    since: tuple[float, ...]
-    text: str
+    channels: ChannelStatistics
     findings: tuple[Finding, ...] = ()
-    tested: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         """Return the line."""
         return self.text
+
+    @property
+    def tested(self) -> tuple[str, ...]:
+        """Names of the channels that could have disagreed."""
+        return self.channels.tested
 
     @property
     def headline(self) -> str:
@@ -51,18 +255,53 @@ class Diagnosis:
         return self.text.split(":")[0]
 
     @property
+    def contradicts(self) -> bool:
+        """Whether anything contradicts."""
+        return any(finding.contradicts for finding in self.findings)
+
+    @property
     def untested(self) -> bool:
         """Whether nothing was tested and nothing contradicts."""
-        return not self.tested and not any(finding.contradicts for finding in self.findings)
+        return not self.tested and not self.contradicts
 
     @property
     def consistent(self) -> bool:
         """Whether something was tested and nothing contradicts."""
-        return bool(self.tested) and not any(finding.contradicts for finding in self.findings)
+        return bool(self.tested) and not self.contradicts
+
+    def _of(self, kind: Kind) -> list[Finding]:
+        return [finding for finding in self.findings if finding.kind == kind]
+
+    @property
+    def text(self) -> str:
+        """The diagnosis in one line."""
+        hardly = [finding.text for finding in self._of("hardly compared")]
+        if self.contradicts:
+            return _joined([f.text for f in self.findings if f.contradicts] + hardly)
+        beyond = [finding.subject for finding in self._of("cannot test")]
+        small = self._of("not tested")
+        parts = [f"an error inside the band: {f.text}" for f in self._of("would explain")]
+        if not self.channels.names:
+            parts.append(NOTHING)
+        elif not self.tested:
+            parts += [f.text for f in small] or ["not tested: hardly anything could be compared"]
+        else:
+            shares = zip(self.channels.names, self.channels.shares)
+            least = min(share for name, share in shares if name in self.tested)
+            verb = "agrees" if len(self.tested) == 1 else "agree"
+            compared = f"{100 * least:.0f} % compared"
+            agree = f"{', '.join(self.tested)} {verb} with the rig, {compared}"
+            parts.append(agree if beyond or parts else f"consistent: {agree}")
+            silent = ", ".join(finding.subject for finding in small)
+            hardly += [f"not tested by {silent}"] if small else []
+        return _joined([*parts, *hardly], beyond)
 
 
 def diagnose_estimate(
-    estimate: Estimate, further: Sequence[Finding] = (), channels: ChannelStatistics | None = None
+    estimate: Estimate,
+    further: Sequence[Finding] = (),
+    channels: ChannelStatistics | None = None,
+    farthest: float = LARGE_PRIOR,
 ) -> Diagnosis:
     """Return what the innovations and states of an estimate say, together with findings by other
     means; see `distal.diagnose`.
@@ -70,87 +309,43 @@ def diagnose_estimate(
     Args:
         estimate: to be diagnosed.
         further: findings by other means.
-        channels: statistics of the innovations; by default those of the estimate, else those of a
-            filter that began with what it learned (`with_learned_parameters`).
+        channels: statistics of the innovations; by default those of the estimate.
+        farthest: as for `of_states`.
     """
-    channels = channel_statistics_of(estimate) if channels is None else channels
-    states = [
-        *left_their_priors(estimate),
-        *turning_too_far(estimate),
-        *undeclared_friction(estimate),
-    ]
-    # what would explain it comes right after what disagrees, before what follows from it
-    looks = [finding for finding in further if finding.kind == "looks like"]
-    truth = [finding for finding in further if finding.kind == "against the truth"]
-    consequences = [
-        finding for finding in further if finding.kind not in ("looks like", "against the truth")
-    ]
-    # the truth has the last word, so it is said first
+    channels = channels_of(estimate) if channels is None else channels
+    # the truth has the last word, so it is said first; causes come right after what they explain
+    ranks: list[Sequence[Kind]] = [("against the truth",), ("looks like",)]
+    truth, looks = ([f for f in further if f.kind in kinds] for kinds in ranks)
+    disagreeing = channels.disagreeing()
     findings = [
         *truth,
-        *(looks if truth else ()),
-        *channels.findings(),
-        *(() if truth else looks),
-        *states,
-        *consequences,
+        *(looks + disagreeing if truth else disagreeing + looks),
+        *of_states(estimate, farthest),
+        *(finding for finding in further if finding not in (*truth, *looks)),
+        *channels.untested(),
     ]
-    contradicting = [finding for finding in findings if finding.contradicts]
-    silent = [finding for finding in findings if not finding.contradicts]
-    statistics = channels.names, channels.ratios, channels.correlations, channels.since
-    text = _text(contradicting, silent, channels)
-    return Diagnosis(*statistics, text, (*contradicting, *silent), channels.tested)
+    findings.sort(key=lambda finding: not finding.contradicts)
+    return Diagnosis(channels, tuple(findings))
 
 
-def _text(
-    contradicting: Sequence[Finding], silent: Sequence[Finding], channels: ChannelStatistics
-) -> str:
-    tested = channels.tested
-    not_tested = [finding for finding in silent if finding.kind == "not tested"]
-    hardly = [finding.text for finding in silent if finding.kind == "hardly compared"]
-    if contradicting:
-        return _joined([finding.text for finding in contradicting] + hardly)
-    beyond = [finding.subject for finding in silent if finding.kind == "cannot test"]
-    explained = [finding.text for finding in silent if finding.kind == "would explain"]
-    # an error that the band allows is said first, with its likeliest cause
-    held = [
-        ": ".join([finding.text, *explained[:1]])
-        for finding in silent
-        if finding.kind == "errs inside"
-    ]
-    held += explained[1:]
-    if not channels.names:
-        return _joined([*held, NOTHING], beyond)
-    if not tested:
-        small = [finding.text for finding in not_tested] or [
-            "not tested: hardly anything could be compared"
-        ]
-        return _joined([*held, *small, *hardly], beyond)
-    least = min(share for name, share in zip(channels.names, channels.shares) if name in tested)
-    agree = (
-        f"{', '.join(tested)} agree{'s' * (len(tested) == 1)} with the rig, {100 * least:.0f} "
-        "% compared"
-    )
-    silence = (
-        [f"not tested by {', '.join(finding.subject for finding in not_tested)}"]
-        if not_tested
-        else []
-    )
-    return _joined([*held, agree if held else f"consistent: {agree}", *hardly, *silence], beyond)
+def channels_of(estimate: Estimate) -> ChannelStatistics:
+    """Return the statistics of the innovations of an estimate."""
+    scaled = estimate.innovations / np.sqrt(estimate.innovation_variances)
+    return statistics_of(estimate.measured, scaled, estimate.time, estimate.usual)
 
 
 def _joined(parts: Sequence[str], beyond: Sequence[str] = ()) -> str:
-    """Return the parts and what cannot be tested as one line; parts that do not fit are counted,
-    and the list of what cannot be tested is cut.
+    """Return the parts and what cannot be felt as one line; parts that do not fit are counted, and
+    the list of what cannot be felt is cut.
     """
     line = parts[0]
-    cannot = f"cannot test: {'; '.join(beyond)}"
-    more = [*parts[1:], cannot] if beyond else parts[1:]
-    for k, part in enumerate(more):
+    for k, part in enumerate(parts[1:]):
         if len(line) + len(part) + 2 > LONGEST:
-            room = LONGEST - len(line) - 10
-            cut = part[: max(room, 0)].rpartition("; ")[0]
-            if cut and part is cannot:
-                return f"{line}; {cut}; …"
-            return f"{line}; and {len(more) - k} more (--findings)"
+            return f"{line}; and {len(parts) - 1 - k} more (--findings)"
         line = f"{line}; {part}"
+    for k, subject in enumerate(beyond):
+        added = f"; {subject}" if k else f"; cannot be felt: {subject}"
+        if len(line) + len(added) > LONGEST - 3:
+            return f"{line}; …"
+        line += added
     return line

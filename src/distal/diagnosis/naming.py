@@ -1,0 +1,219 @@
+"""Which cause explains what a log says against its rig: sizes by known motion and by the score
+test, then the filter itself, run without each likely cause.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from distal.arrays import Floats
+from distal.confidence import BAND
+from distal.diagnosis.causes import Cause
+from distal.diagnosis.perturbed_runs import Change, Derivatives, Outcome, PerturbedRuns
+from distal.diagnosis.score_test import ScoreTest, independent, quantile
+
+NEARER = (0.6, 0.85, 1.15, 1.4)
+"""Shares of a change that are tried beside it [1]. Source: judgement."""
+
+LIKELIEST = 4
+"""Number of the likeliest causes that are refined; twice as many are tried beside the first.
+Source: judgement.
+"""
+
+FARTHEST = 0.7
+"""Largest change of a factor by the score test alone [1]: it is linear. Source: judgement."""
+
+FRICTIONS = (-0.6, 1.5)
+"""Changes of friction and damping that are tried [1]: kinks hide their derivatives. Source:
+judgement.
+"""
+
+HALF = 0.5
+"""Largest share of the error of a joint that a cause may leave [1]: what leaves more explains
+little. Source: judgement.
+"""
+
+NOISE = 0.3
+"""Share ε of the band's std that is noise, and not an error of the rig [1]: smaller errors are not
+explained. Source: judgement.
+"""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Causes that are taken off in a run of the filter: one, or two together.
+
+    Args:
+        change: size of each change.
+        outcome: of the run.
+        gain: in −2 ln p.
+    """
+
+    change: Change
+    outcome: Outcome
+    gain: float
+
+
+def candidates(
+    causes: Sequence[Cause], sized: Mapping[Cause, float], tests: Sequence[ScoreTest]
+) -> list[Change]:
+    """Return changes that may explain what was found: signs, units and exchanged columns; sizes by
+    known motion, and half of them; and those of causes that a score test finds significant.
+
+    Args:
+        causes: all.
+        sized: sizes by known motion.
+        tests: score tests, in the order of the causes.
+    """
+    chosen = list[Change]()
+    for i, cause in enumerate(causes):
+        tried = [*cause.tried, *(FRICTIONS if cause.kind in ("friction", "damping") else ())]
+        if cause in sized:
+            x = sized[cause]
+            tried += [x, float(np.sqrt(1.0 + x)) - 1.0] if cause.is_factor and x > -1.0 else [x]
+        limit = FARTHEST if cause.is_factor else np.inf
+        tried += [
+            float(np.clip(test.estimates[i], -limit, limit))
+            for test in tests
+            if cause.kind != "swap" and test.significant[i]
+        ]
+        chosen += [{cause: x} for x in tried if x != 0.0]
+    return chosen
+
+
+class Search:
+    """Runs without each likely cause, and what is gained by it.
+
+    −2 ln p = k Σ_j ln(e_j² + (ε σ_j)²) + 2 ln(1 + δ²) with known angles: the mean square error e_j²
+    of joint j and the variance σ_j² of its band, of which the share ε is noise; the number k of
+    independent values, and the distance δ of the change from the rig in its stds, with Cauchy's
+    prior. If the sensors agree less with each other, that is subtracted. Without known angles it is
+    −2 ln p of the innovations; readings that are scaled have the density of what they were.
+
+    Args:
+        runs: of the filter.
+        base: the run as the rig says.
+        of_truth: whether known angles are asked, not the innovations.
+    """
+
+    def __init__(self, runs: PerturbedRuns, base: Outcome, *, of_truth: bool) -> None:
+        self._runs = runs
+        self._base = base
+        self._of_truth = of_truth
+        self._count = self._independent(base)
+
+    def __call__(self, changes: Sequence[Change]) -> list[Trial]:
+        """Return the trials of causes that explain something by more than chance, the best of each
+        cause, the likeliest first.
+        """
+        outcomes = [pair for pair in zip(changes, self._runs(changes)) if pair[1].bounded]
+        if not outcomes:
+            return []
+        if self._of_truth:
+            nearest = min(
+                (outcome for _, outcome in outcomes),
+                key=lambda outcome: float(max(self._squares(outcome))),
+            )
+            self._count = self._independent(nearest)
+        trials = self._best(self._weighed(outcomes))
+        if self._of_truth:
+            near = [
+                {cause: share * x}
+                for trial in trials[:LIKELIEST]
+                for cause, x in trial.change.items()
+                for share in NEARER
+                if cause.kind != "swap"
+            ]
+            trials = self._best([*trials, *self._tried(near)])
+            best = trials[0]
+            likely = {cause for trial in trials[1 : 2 * LIKELIEST] for cause in trial.change}
+            others = [change for change in changes if likely.issuperset(change)]
+            pairs = self._tried({**best.change, **other} for other in others)
+            both = max(pairs, key=lambda trial: trial.gain, default=best)
+            if both.gain > best.gain + quantile(len(trials)) ** 2 and self._halves(
+                both.outcome, best.outcome
+            ):
+                trials = [both]
+            trials = [trial for trial in trials if self._halves(trial.outcome, self._base)]
+        else:
+            # a known angle may speak against what the innovations allow
+            trials = [trial for trial in trials if not self._halves(self._base, trial.outcome)]
+        # of a filter that was lost anything that is not is likelier
+        least = quantile(1) ** 2 if self._base.bounded else -np.inf
+        return [trial for trial in trials if trial.gain > least]
+
+    def _tried(self, changes: Iterable[Change]) -> list[Trial]:
+        asked = list(changes)
+        return self._weighed(pair for pair in zip(asked, self._runs(asked)) if pair[1].bounded)
+
+    def _weighed(self, outcomes: Iterable[tuple[Change, Outcome]]) -> list[Trial]:
+        return [Trial(*pair, self._gain(*pair)) for pair in outcomes]
+
+    def _best(self, trials: Sequence[Trial]) -> list[Trial]:
+        best = dict[tuple[Cause, ...], Trial]()
+        for trial in sorted(trials, key=lambda trial: -trial.gain):
+            best.setdefault(tuple(trial.change), trial)
+        return list(best.values())
+
+    def _halves(self, outcome: Outcome, before: Outcome) -> bool:
+        """Return whether the largest error of a joint falls to `HALF` of what it was before; a
+        filter that was lost had an error of a radian.
+        """
+        last = max(self._squares(before)) if before.bounded else 1.0
+        return outcome.bounded and bool(max(self._squares(outcome)) < HALF**2 * last)
+
+    def _independent(self, outcome: Outcome) -> float:
+        residuals = self._runs.errors(outcome) if self._of_truth else outcome.normalized
+        return float(np.max(independent(residuals, self._runs.log.time), initial=1.0))
+
+    def _squares(self, outcome: Outcome) -> Floats:
+        squares = self._runs.errors(outcome) ** 2
+        counts = np.maximum(np.isfinite(squares).sum(axis=0), 1)
+        means: Floats = np.nansum(squares, axis=0) / counts
+        return means
+
+    def _cost(self, outcome: Outcome) -> float:
+        """Return k Σ_j ln(e_j² + (ε σ_j)²); 0, of errors of a radian, where the filter is lost."""
+        spread = self._squares(outcome) + NOISE**2 * np.mean(outcome.variances, axis=0)
+        return self._count * float(np.sum(np.log(spread))) if outcome.bounded else 0.0
+
+    def _gain(self, change: Change, outcome: Outcome) -> float:
+        base = self._base
+        far = sum(float(np.log1p(cause.distance(x) ** 2)) for cause, x in change.items())
+        if self._of_truth:
+            worse = outcome.excess() - (base.excess() if base.bounded else 0.0)
+            if worse > HALF:
+                return -np.inf  # a reading so wrong that the filter leaves it out explains nothing
+            likelier = 0.5 * (self._cost(base) - self._cost(outcome)) - self._count * max(
+                worse, 0.0
+            )
+        else:
+            values = outcome.log_likelihoods() - (base.log_likelihoods() if base.bounded else 0.0)
+            for k, name in enumerate(self._runs.estimator.measured):
+                values[k] += sum(c.jacobian(x) for c, x in change.items() if c.channels == (name,))
+            likelier = self._count * float(np.mean(values))
+        return 2.0 * (likelier - far)
+
+
+def unfelt(derivatives: Derivatives, test: ScoreTest) -> list[Cause]:
+    """Return the causes that no innovation shows before the angle leaves its band: the smallest
+    change that the score test would notice, or of a factor the whole, moves an angle by more than
+    the band.
+
+    Args:
+        derivatives: of the filter's results.
+        test: score test of the innovations.
+    """
+    noticed = test.limit * np.hypot(test.standard_errors, test.stds)
+    moved = np.sqrt(np.mean(derivatives.angles**2, axis=1))
+    band = BAND * np.sqrt(np.mean(derivatives.base.variances, axis=0))
+    chosen = []
+    for cause, least, by in zip(derivatives.causes, noticed, moved):
+        change = min(least, 1.0) if cause.is_factor else least
+        hidden = by > 0.0
+        if cause.kind in ("scale", "zero", "arm", "stiffness") and hidden.any():
+            chosen += [cause] if np.any(change * by[hidden] > band[hidden]) else []
+    return chosen

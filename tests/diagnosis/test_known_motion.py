@@ -1,0 +1,140 @@
+"""Sizes of causes by known angles: on logs that are typed out they are exact."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from distal import Log, Rig, load_rig
+from distal.arrays import Floats
+from distal.diagnosis.causes import Cause, causes_of
+from distal.diagnosis.known_motion import sizes
+from distal.estimators import AdaptiveFilter
+
+ARMS = np.array([[8e-3, 0.0], [-8e-3, 0.0], [7e-3, 6e-3], [-7e-3, -6e-3]])
+"""Moment arms of finger-2n: tendons by joints [m]."""
+
+DRIVES, STIFFNESS = ("mcp_f", "mcp_e", "pip_f", "pip_e"), 2500.0
+TIME = np.arange(0.0, 12.0, 0.01)
+
+
+@pytest.fixture(scope="module")
+def finger() -> Rig:
+    return load_rig("finger-2n")
+
+
+def angles_at(time: Floats) -> Floats:
+    return np.column_stack([0.5 * np.sin(1.3 * time), 0.4 + 0.4 * np.sin(0.7 * time + 1)])
+
+
+def log_of(arms: Floats = ARMS, stiffness: float = STIFFNESS, delay: float = 0.0) -> Log:
+    """Return positions s = A θ + F/k of both joints in motion, the first drive's late."""
+
+    def positions(at: Floats) -> tuple[Floats, Floats]:
+        forces = np.column_stack([3 + np.sin(2.1 * at + k) for k in range(4)])
+        soft = forces / np.array([stiffness, *[STIFFNESS] * 3])
+        return forces, angles_at(at) @ arms.T + soft
+
+    forces, placed = positions(TIME)
+    placed[:, 0] = positions(TIME - delay)[1][:, 0]
+    channels = {f"x_{name}": placed[:, k] for k, name in enumerate(DRIVES)}
+    channels |= {f"F_{name}": forces[:, k] for k, name in enumerate(DRIVES)}
+    return Log(TIME, channels)
+
+
+def found(log: Log, rig: Rig) -> dict[tuple[str, str], float]:
+    estimator = AdaptiveFilter(rig, compiled=False)
+    sized = sizes(estimator, log, angles_at(log.time), causes_of(estimator, 0.01))
+    return {(cause.kind, cause.subject): x for cause, x in sized.items()}
+
+
+def changed(log: Log, name: str, values: Floats) -> Log:
+    return replace(log, channels={**log.channels, name: values})
+
+
+@pytest.mark.parametrize("factor", [1.5, 0.67, -1.0, 1000.0])
+def test_the_scale_of_a_position(finger: Rig, factor: float) -> None:
+    """The change that takes it off is 1/factor − 1, exactly, also that of a sign or a unit."""
+    log = log_of()
+    wrong = changed(log, "x_mcp_f", factor * log.channels["x_mcp_f"])
+    assert found(wrong, finger)["scale", "x_mcp_f"] == pytest.approx(1.0 / factor - 1.0, abs=1e-6)
+    assert found(wrong, finger)["scale", "x_mcp_e"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_zero_of_a_position(finger: Rig) -> None:
+    log = log_of()
+    wrong = changed(log, "x_pip_f", log.channels["x_pip_f"] + 2e-3)
+    assert found(wrong, finger)["zero", "x_pip_f"] == pytest.approx(-2e-3, rel=1e-6)
+
+
+@pytest.mark.parametrize(("joint", "name"), [(0, "mcp"), (1, "pip")])
+@pytest.mark.parametrize("factor", [1.5, 0.5])
+def test_an_arm_at_each_joint(finger: Rig, joint: int, name: str, factor: float) -> None:
+    arms = ARMS.copy()
+    arms[2, joint] *= factor
+    x = found(log_of(arms), finger)["arm", f"pip_f at {name}"]
+    assert x == pytest.approx(factor - 1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.5])
+def test_a_stiffness(finger: Rig, factor: float) -> None:
+    sized = found(log_of(stiffness=factor * STIFFNESS), finger)
+    assert sized["stiffness", "F_mcp_f"] == pytest.approx(factor - 1.0, abs=1e-6)
+    assert sized["scale", "F_mcp_f"] == pytest.approx(1.0 / factor - 1.0, abs=1e-6)
+
+
+def test_a_delay_but_for_its_curvature(finger: Rig) -> None:
+    """s(t − τ) is s − τ ds/dt to second order: ω τ/2 of it is 5 % at 2.1 rad/s."""
+    x = found(log_of(delay=0.05), finger)["delay", "x_mcp_f"]
+    assert x == pytest.approx(0.05, rel=0.05)
+
+
+def test_friction_is_no_cause(finger: Rig) -> None:
+    """A shift against the last motion, with the load, is taken up beside each cause."""
+    log = log_of()
+    way = np.sign(np.gradient(log.channels["x_mcp_f"]))
+    soft = log.channels["F_mcp_f"] / STIFFNESS
+    wrong = changed(log, "x_mcp_f", log.channels["x_mcp_f"] + 0.2 * way * soft)
+    # turning takes TURNS_BACK of the range, in which friction is between its limits
+    assert found(wrong, finger)["scale", "x_mcp_f"] == pytest.approx(0.0, abs=0.03)
+
+
+def test_pre_tension_is_no_zero(finger: Rig) -> None:
+    tense = finger.with_values({f"tendons.{k}.pretension": 5.0 for k in range(4)})
+    log = log_of()
+    shifted = {
+        name: values - 5.0 / STIFFNESS * name.startswith("x_")
+        for name, values in log.channels.items()
+    }
+    right = found(replace(log, channels=shifted), tense)
+    assert right["zero", "x_mcp_f"] == pytest.approx(0.0, abs=1e-9)
+    assert found(log, tense)["zero", "x_mcp_f"] == pytest.approx(-5.0 / STIFFNESS, rel=1e-6)
+
+
+def test_a_joint_without_a_known_angle_leaves_the_drives_of_others(finger: Rig) -> None:
+    """Those of mcp pull at it alone; those of pip cross both joints."""
+    estimator = AdaptiveFilter(finger, compiled=False)
+    truths = angles_at(TIME)
+    truths[:, 1] = np.nan
+    sized = sizes(estimator, log_of(), truths, causes_of(estimator, 0.01))
+    assert {cause.subject for cause in sized if cause.kind == "zero"} == {"x_mcp_f", "x_mcp_e"}
+
+
+def test_units_and_signs_are_tried_whatever_the_size() -> None:
+    """Of a force in N m: a sign, millinewtons, and their inverse."""
+    estimator = AdaptiveFilter(load_rig("lab-bench"), compiled=False)
+    tried = {c.subject: c.tried for c in causes_of(estimator, 0.01) if c.kind == "scale"}
+    assert tried["motor_torque"] == pytest.approx((-2.0, 999.0, -0.999))
+    assert tried["motor_angle"][0] == -2.0
+
+
+def test_the_distance_of_a_change_is_in_stds_of_the_rig() -> None:
+    """A factor counts in logarithms, a sign as three stds, a zero in its own std."""
+    arm = Cause("arm", "a at b", paths=("p",), std=0.1)
+    assert arm.distance(0.21) == pytest.approx(2.0)
+    assert arm.distance(1.0 / 1.21 - 1.0) == pytest.approx(2.0)
+    assert arm.distance(-2.0) == pytest.approx(3.0)
+    assert Cause("zero", "x", ("x",), std=2e-3, unit="m").distance(-6e-3) == pytest.approx(3.0)
+    assert Cause("scale", "F", ("F",), tried=(999.0,), unit="N").distance(999.0) == 3.0
