@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import tempfile
 from dataclasses import replace
+from pathlib import Path
 from typing import cast
 
 import numpy as np
 import pytest
 from benchmarks.cases import paper_log, paper_rig
+from benchmarks.ladder import log_of
 from scipy.stats import binom
 
-from distal import Log, Rig, diagnose, estimate, load_rig, load_scenario, simulate
+from distal import Log, Rig, diagnose, estimate, load_rig, load_scenario, read_log, simulate
 from distal.confidence import BAND, COVERED
 from distal.diagnosis import why_diverged
 from distal.diagnosis.causes import Cause, causes_of
 from distal.diagnosis.diagnose import against_truth, elsewhere, out_of_range
+from distal.diagnosis.naming import Search
 from distal.diagnosis.perturbed_runs import MOST_SAMPLES, PerturbedRuns, derivatives_of
 from distal.diagnosis.score_test import LEVEL, SPAN
 from distal.estimators import AdaptiveFilter
@@ -99,6 +103,20 @@ class TestRuns:
             size = np.sqrt(np.mean(one**2))
             assert np.sqrt(np.mean((one - other) ** 2)) < 0.2 * size
 
+    def test_derivatives_have_the_sign_of_the_change(self, runs: PerturbedRuns) -> None:
+        """They lead to the run with ten times the step, nearly: a kinked filter is no straight
+        line, so that only the sign of the correlation is asked, clearly: half of it.
+        """
+        (zero,) = [c for c in causes_of(runs.estimator, 0.01) if c.kind == "zero"][:1]
+        slopes = derivatives_of(runs, [zero])
+        (base, far) = runs([{}, {zero: 10.0 * zero.step}])
+        for slope, change in (
+            (slopes.angles[0], far.angles - base.angles),
+            (slopes.innovations[0], far.normalized - base.normalized),
+        ):
+            both = np.isfinite(slope) & np.isfinite(change)
+            assert np.corrcoef(slope[both], change[both])[0, 1] > 0.5
+
     def test_a_start_with_what_was_learned(self, rig: Rig, log: Log, runs: PerturbedRuns) -> None:
         result = estimate(log, rig)
         began = runs.begun_with(result.means[-1])
@@ -123,6 +141,16 @@ class TestRuns:
         channels = {name: np.resize(values, len(times)) for name, values in log.channels.items()}
         estimator = cast(AdaptiveFilter, estimator_for(log, rig, "adaptive"))
         assert len(PerturbedRuns(Log(times, channels), estimator).log) == MOST_SAMPLES
+
+
+def _filter(rig: Rig) -> AdaptiveFilter:
+    return AdaptiveFilter(rig, "lanes")
+
+
+def _log_of_finger(data: Path, rig: Rig) -> Log:
+    assert data
+    with tempfile.TemporaryDirectory() as folder:
+        return read_log(log_of("finger", 4, Path(folder)), rig)
 
 
 def with_outside(result: Estimate, share: float) -> Estimate:
@@ -166,6 +194,19 @@ def test_outside_the_range_of_a_fit(rig: Rig, log: Log) -> None:
     assert [(one.kind, one.subject) for one in out_of_range(log, half)] == [("out of range", "u1")]
     verdict = diagnose(estimate(log, rig), log, rig, ranges=half, what_if=False)
     assert not verdict.consistent
+
+
+def test_a_band_of_many_turns_is_no_noise(data: Path) -> None:
+    """Of a force in millinewtons a filter makes a band in which any angle is: that does not excuse
+    the error that its unit takes off.
+    """
+    rig = load_rig(data / "newcomer" / "finger.toml")
+    runs = PerturbedRuns(_log_of_finger(data, rig), _filter(rig))
+    (base,) = runs([{}])
+    wide = replace(base, variances=np.full_like(base.variances, 100.0), angles=base.angles + 0.5)
+    search = Search(runs, wide, of_truth=True)
+    (zero,) = [c for c in causes_of(runs.estimator, 0.01) if c.kind == "zero"][:1]
+    assert search([{zero: 0.1 * zero.std}])
 
 
 def test_why_a_run_left_all_bounds_is_said() -> None:

@@ -47,7 +47,7 @@ def log_of(arms: Floats = ARMS, stiffness: float = STIFFNESS, delay: float = 0.0
 def found(log: Log, rig: Rig) -> dict[tuple[str, str], float]:
     estimator = AdaptiveFilter(rig, compiled=False)
     sized = sizes(estimator, log, angles_at(log.time), causes_of(estimator, 0.01))
-    return {(cause.kind, cause.subject): x for cause, x in sized.items()}
+    return {(cause.kind, cause.subject): xs[0] for cause, xs in sized.items() if xs}
 
 
 def changed(log: Log, name: str, values: Floats) -> Log:
@@ -83,6 +83,17 @@ def test_a_stiffness(finger: Rig, factor: float) -> None:
     sized = found(log_of(stiffness=factor * STIFFNESS), finger)
     assert sized["stiffness", "F_mcp_f"] == pytest.approx(factor - 1.0, abs=1e-6)
     assert sized["scale", "F_mcp_f"] == pytest.approx(1.0 / factor - 1.0, abs=1e-6)
+
+
+def test_a_stiffness_whose_force_hardly_varies_is_sized_without_a_shift(finger: Rig) -> None:
+    """F = 3 N all the time: a shift beside it would take it up."""
+    log = log_of(stiffness=0.5 * STIFFNESS)
+    steady = changed(log, "F_mcp_f", np.full(len(TIME), 3.0))
+    placed = angles_at(TIME) @ ARMS[0] + 3.0 / (0.5 * STIFFNESS)
+    estimator = AdaptiveFilter(finger, compiled=False)
+    causes = [each for each in causes_of(estimator, 0.01) if each.kind == "stiffness"]
+    sized = sizes(estimator, changed(steady, "x_mcp_f", placed), angles_at(TIME), causes)
+    assert sized[causes[0]][-1] == pytest.approx(-0.5, abs=1e-6)
 
 
 def test_a_delay_but_for_its_curvature(finger: Rig) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -22,8 +23,13 @@ from distal import (
     simulate,
 )
 from distal.diagnosis import Diagnosis, Finding, why_diverged
+from distal.diagnosis.causes import causes_of
+from distal.diagnosis.naming import Search
+from distal.diagnosis.perturbed_runs import PerturbedRuns
 from distal.errors import DivergedError
+from distal.estimators import AdaptiveFilter
 from distal.rig import log_factor
+from distal.run.offline import estimator_for
 
 DEGREES = np.pi / 180
 
@@ -127,6 +133,36 @@ def test_two_columns_that_are_exchanged(joint: Rig, log: Log, hide: bool) -> Non
     wrong = swapped(blind(log) if hide else log, joint)
     found = looks(said(wrong, joint))
     assert [each.text for each in found] == ["encoder and current look swapped"]
+
+
+def test_what_makes_the_filter_leave_a_sensor_out_explains_nothing(joint: Rig, log: Log) -> None:
+    """Exchanged columns that are exchanged back in the wrong unit are readings that the filter
+    throws away; an encoder in the wrong unit is so too.
+    """
+    wrong = swapped(log, joint)
+    runs = PerturbedRuns(wrong, cast(AdaptiveFilter, estimator_for(wrong, joint, "adaptive")))
+    (base,) = runs([{}])
+    (swap,) = [cause for cause in causes_of(runs.estimator, 0.01) if cause.kind == "swap"]
+    search = Search(runs, base, of_truth=True)
+    assert search([{swap: 1.0}])
+    assert search([{replace(swap, ratio=1.0 / swap.ratio): 1.0}]) == []
+
+
+def test_a_known_angle_speaks_against_what_innovations_allow() -> None:
+    """Of a motor and its torque either may have the wrong sign, says the torque; the angle tells
+    which.
+    """
+    plan = load_scenario("lab-bench")
+    bench = scenario_rig(plan)
+    seen = simulate(bench, plan, 2)
+    wrong = changed(seen, motor_torque=-seen.channels["motor_torque"])
+    assert [each.text for each in looks(said(wrong, bench))] == [
+        "motor_torque looks as if its sign were wrong"
+    ]
+    texts = [each.text for each in looks(said(blind(wrong), bench))]
+    assert len(texts) == 2
+    assert texts[1].endswith("(these cannot be told apart)")
+    assert any("motor_torque looks as if its sign" in text for text in texts)
 
 
 def test_two_columns_of_a_kind() -> None:

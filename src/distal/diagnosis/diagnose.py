@@ -140,7 +140,9 @@ def why_diverged(
     runs = _runs(log, rig.with_values({"joints.*.touch": "never"}), homing, compiled=compiled)
     causes = _causes(runs)
     (base,) = runs([{}])
-    changes = candidates(causes, _sized(runs, causes), ())
+    sized = _sized(runs, causes)
+    # without known angles only what is wrong with readings: friction may hold any filter
+    changes = candidates(causes if sized else [c for c in causes if c.channels], sized, ())
     trials = _explained(runs, base, changes, [True] * (runs.truths is not None) + [False])
     return _named(trials, "looks like", rig)
 
@@ -177,7 +179,7 @@ def _usual(runs: PerturbedRuns) -> Floats:
     return np.array(free.usual(names) if free else [(1.0, 0.0)] * len(names)).reshape(-1, 2)
 
 
-def _sized(runs: PerturbedRuns, causes: Sequence[Cause]) -> dict[Cause, float]:
+def _sized(runs: PerturbedRuns, causes: Sequence[Cause]) -> dict[Cause, list[float]]:
     return {} if runs.truths is None else sizes(runs.estimator, runs.log, runs.truths, causes)
 
 

@@ -47,9 +47,10 @@ class _Drive:
 
 def sizes(
     estimator: AdaptiveFilter, log: Log, truths: Floats, causes: Sequence[Cause]
-) -> dict[Cause, float]:
-    """Return the size of each cause that explains the positions of a drive best, as the only one
-    beside a shift and friction; causes that do not act on a position are left out.
+) -> dict[Cause, list[float]]:
+    """Return the sizes of each cause that explain the positions of a drive best, as the only one
+    beside friction: with a shift of the position beside it, and without; causes that do not act on
+    a position are left out.
 
     Args:
         estimator: filter of the rig.
@@ -58,13 +59,12 @@ def sizes(
         causes: to be sized.
     """
     paths = sorted({path for cause in causes for path in cause.paths})
-    sized = dict[Cause, float]()
+    sized = dict[Cause, list[float]]()
     for drive in _drives(estimator, log, truths, paths):
         for cause in causes:
             column = _column(cause, drive, log.time)
-            x = None if column is None else _fitted(cause, column, drive)
-            if x is not None:
-                sized[cause] = x
+            if column is not None and np.isfinite(column + drive.residual).any():
+                sized[cause] = _fitted(cause, column, drive)
     return sized
 
 
@@ -125,22 +125,23 @@ def _column(cause: Cause, drive: _Drive, time: Floats) -> Floats | None:
     return None
 
 
-def _fitted(cause: Cause, column: Floats, drive: _Drive) -> float | None:
+def _fitted(cause: Cause, column: Floats, drive: _Drive) -> list[float]:
     usable = np.isfinite(drive.residual) & np.isfinite(column)
+    residual = drive.residual[usable]
     way = _direction(drive.reading[usable])
-    columns = [column[usable], way, way * np.abs(drive.softened[usable])]
-    if cause.kind != "zero":
-        columns.append(np.ones(len(way)))
-    matrix = np.column_stack(columns)
-    scales = np.linalg.norm(matrix, axis=0)
-    if not len(matrix) or scales[0] == 0.0:
-        return None
-    scales[scales == 0.0] = 1.0
-    fitted = np.linalg.lstsq(matrix / scales, drive.residual[usable], rcond=1e-9)[0] / scales
-    x = -float(fitted[0])
-    if cause.kind == "stiffness":
-        x = x / (1.0 - x) if x < 1.0 else -1.0  # ρ is linear in 1/K: 1/(1 + x) = 1 − x'
-    return None if cause.paths and x <= -1.0 else x
+    matrix = np.column_stack([column[usable], way, way * np.abs(drive.softened[usable])])
+    shifted = np.column_stack([matrix, np.ones(len(way))])
+    sizes_of = list[float]()
+    for columns in [matrix] if cause.kind == "zero" else [shifted, matrix]:
+        scales = np.linalg.norm(columns, axis=0)
+        scales[scales == 0.0] = 1.0
+        fitted = np.linalg.lstsq(columns / scales, residual, rcond=1e-9)[0] / scales
+        x = -float(fitted[0])
+        if cause.kind == "stiffness":
+            x = x / (1.0 - x) if x < 1.0 else -1.0  # ρ is linear in 1/K: 1/(1 + x) = 1 − x'
+        if x > -1.0 or not cause.paths:
+            sizes_of.append(x)
+    return sizes_of
 
 
 def _direction(readings: Floats) -> Floats:

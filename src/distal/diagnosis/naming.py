@@ -58,7 +58,7 @@ class Trial:
 
 
 def candidates(
-    causes: Sequence[Cause], sized: Mapping[Cause, float], tests: Sequence[ScoreTest]
+    causes: Sequence[Cause], sized: Mapping[Cause, Sequence[float]], tests: Sequence[ScoreTest]
 ) -> list[Change]:
     """Return changes that may explain what was found: signs, units and exchanged columns; sizes by
     known motion, and half of them; and those of causes that a score test finds significant.
@@ -71,8 +71,7 @@ def candidates(
     chosen = list[Change]()
     for i, cause in enumerate(causes):
         tried = [*cause.tried, *(FRICTIONS if cause.kind in ("friction", "damping") else ())]
-        if cause in sized:
-            x = sized[cause]
+        for x in sized.get(cause, ()):
             tried += [x, float(np.sqrt(1.0 + x)) - 1.0] if cause.is_factor and x > -1.0 else [x]
         limit = FARTHEST if cause.is_factor else np.inf
         tried += [
@@ -176,9 +175,18 @@ class Search:
         return means
 
     def _cost(self, outcome: Outcome) -> float:
-        """Return k Σ_j ln(e_j² + (ε σ_j)²); 0, of errors of a radian, where the filter is lost."""
-        spread = self._squares(outcome) + NOISE**2 * np.mean(outcome.variances, axis=0)
-        return self._count * float(np.sum(np.log(spread))) if outcome.bounded else 0.0
+        """Return k Σ_j ln(e_j² + (ε σ_j)²); 0, of errors of a radian, where the filter is lost.
+
+        The σ are those of the run, at most those of the base; a run whose band is more than twice
+        as wide pays for it, since a sensor that it leaves out explains nothing.
+        """
+        if not outcome.bounded:
+            return 0.0
+        variances = np.mean(outcome.variances, axis=0)
+        usual = np.mean(self._base.variances, axis=0) if self._base.bounded else variances
+        noise = NOISE**2 * np.minimum(variances, usual)
+        spread = self._squares(outcome) + noise + np.maximum(HALF**2 * variances - usual, 0.0)
+        return self._count * float(np.sum(np.log(spread)))
 
     def _gain(self, change: Change, outcome: Outcome) -> float:
         base = self._base

@@ -193,23 +193,22 @@ def _left(estimate: Estimate, farthest: float) -> list[Finding]:
     stds = estimate.prior_stds
     if means is None or stds is None:
         return []
-    worst: dict[str, tuple[float, Finding]] = {}
-    states = zip(estimate.state_names, estimate.state_kinds, estimate.state_parts)
-    for i, (name, kind, part) in enumerate(states):
-        end = estimate.means[-1, i]
-        std = float(np.sqrt(estimate.variances[-1, i]))
-        away = abs(end - means[i])
-        if not (stds[i] > 0.0 and away - std > farthest * stds[i]):  # NaN: it is meant to move
-            continue
+    ends = estimate.means[-1]
+    spreads = np.sqrt(estimate.variances[-1])
+    away = np.abs(ends - means)
+    left = dict[str, Finding]()
+    with np.errstate(invalid="ignore", divide="ignore"):
+        # NaN: a state that is meant to move
+        order = np.flatnonzero((stds > 0.0) & (away - spreads > farthest * stds))
+        order = order[np.argsort(-away[order] / stds[order], kind="stable")]
+    for i in order:
         # the weights of a sensor's linearity are one thing
-        subject = f"linearity_{part}" if kind is StateKind.LINEARITY else name
-        away_and_finding = (
-            away / stds[i],
-            texts.left_its_prior(subject, end, std, means[i], float(stds[i])),
-        )
-        if subject not in worst or away_and_finding[0] > worst[subject][0]:
-            worst[subject] = away_and_finding
-    return [finding for _, finding in sorted(worst.values(), key=lambda distance: -distance[0])]
+        is_linearity = estimate.state_kinds[i] is StateKind.LINEARITY
+        part = f"linearity_{estimate.state_parts[i]}"
+        subject = part if is_linearity else estimate.state_names[i]
+        moments = (ends[i], spreads[i], means[i], stds[i])
+        left.setdefault(subject, texts.left_its_prior(subject, *map(float, moments)))
+    return list(left.values())
 
 
 def _turning(estimate: Estimate) -> list[Finding]:
