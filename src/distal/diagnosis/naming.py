@@ -126,15 +126,16 @@ class Search:
                 for share in NEARER
                 if cause.kind != "swap"
             ]
-            trials = self._best([*trials, *self._tried(near)])
-            best = trials[0]
             likely = {cause for trial in trials[1 : 2 * LIKELIEST] for cause in trial.change}
             others = [change for change in changes if likely.issuperset(change)]
-            pairs = self._tried({**best.change, **other} for other in others)
-            both = max(pairs, key=lambda trial: trial.gain, default=best)
-            if both.gain > best.gain + quantile(len(trials)) ** 2 and self._halves(
-                both.outcome, best.outcome
-            ):
+            pairs = [{**trials[0].change, **other} for other in others]
+            again = self._tried([*near, *pairs])
+            trials = self._best([*trials, *(trial for trial in again if len(trial.change) == 1)])
+            best = trials[0]
+            together = (trial for trial in again if len(trial.change) == 2)
+            both = max(together, key=lambda trial: trial.gain, default=best)
+            needed = best.gain + quantile(len(trials)) ** 2
+            if both.gain > needed and self._halves(both.outcome, best.outcome):
                 trials = [both]
             trials = [trial for trial in trials if self._halves(trial.outcome, self._base)]
         else:
