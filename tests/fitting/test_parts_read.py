@@ -38,7 +38,7 @@ def logs(rig: Rig, shared: float) -> list[Samples]:
 
 
 def test_each_part_reads_its_sensors(rig: Rig) -> None:
-    parts = parts_read(logs(rig, 0.0), rig, FOLDS)
+    parts = parts_read(logs(rig, 0.0), rig, FOLDS, True)
     for i, part in enumerate(parts):
         assert len(part["joints"]) == 1
         assert all(name.startswith(f"f{i}_") for name in part["channels"])
@@ -47,9 +47,10 @@ def test_each_part_reads_its_sensors(rig: Rig) -> None:
 def test_parts_that_move_each_other_read_all(rig: Rig) -> None:
     """A description that lacks what joins them does not keep the map from the readings."""
     data = logs(rig, 0.2)
-    parts = parts_read(data, rig, FOLDS)
+    parts = parts_read(data, rig, FOLDS, True)
     names = tuple(sensor.name for sensor in channels_of(rig, "regression").proximal)
     assert [part["channels"] for part in parts] == [names, names]
+    assert parts_read(data, rig, FOLDS) == parts_read(logs(rig, 0.0), rig, FOLDS, True)
     wide = map_of(data, rig, "readings", parts, FOLDS, None)
     assert wide.parts == parts
     assert wide.rms < 3e-3  # the reference's noise is 2e-3; of the other motor's share 0.07 is left

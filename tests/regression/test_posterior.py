@@ -289,9 +289,9 @@ def test_a_share_is_that_of_least_squares_on_held_out_logs() -> None:
     pairs = [(log.target - value, np.ones(len(value))) for log, value in zip(logs, values)]
     target, mapped = np.concatenate([log.target for log in logs]), np.concatenate(values)
     expected = min(float(target @ mapped / (mapped @ mapped)), 1.0)
-    assert _share(Task(SHAPE, logs, (0, 1)), pairs) == pytest.approx(expected)
+    assert _share(list(zip(logs, pairs))) == pytest.approx(expected)
     against = [(log.target + value, v) for log, value, (_, v) in zip(logs, values, pairs)]
-    assert _share(Task(SHAPE, logs, (0, 1)), against) == 0.0
+    assert _share(list(zip(logs, against))) == 0.0
 
 
 def test_beside_a_filter_that_lacks_something_the_error_left_out_is_what_the_map_leaves() -> None:

@@ -102,6 +102,7 @@ def learn_command(
             progress=show,
             early=written_at_once(out, text),
             lag=lag_time(reference_lag),
+            guessed=rig is None,
         )
     _answer(result, read)
 

@@ -66,6 +66,7 @@ def fit(
     start: Rig | str | Path | None = None,
     early: Callable[[MapFit], None] | None = None,
     lag: float | None = None,
+    guessed: bool = False,
 ) -> Fit:
     """Fit a rig's parameters and noise to logs, learn a map of the angle error that remains, and
     test both on held-out logs.
@@ -100,10 +101,11 @@ def fit(
         start: a fitted rig whose values the search begins with; the priors are those of `rig`.
         early: called with the map on readings alone within seconds, once the logs have passed all
             checks.
-
         lag: by how much the true angles are later than the drives [s]; None: it is found, and taken
             off where it makes the logs more probable by more than its standard error. A joint that
             follows its drives late looks the same.
+        guessed: whether the structure of the rig is a guess, as from logs alone: maps may then read
+            the sensors of all its independent parts.
 
     Raises:
         FitError: the logs cannot be fitted; says which and why.
@@ -124,6 +126,7 @@ def fit(
         start=start if start is None or isinstance(start, Rig) else load_rig(start),
         workers=workers,
         compiled=compiled,
+        guessed=guessed,
     )
     read = _read(logs, rig, truth, homing)
     start_rig = rig

@@ -1,4 +1,4 @@
-"""The options of a fit as one frozen object: all inputs of `learn` beside the logs and the rig."""
+"""The options of a fit as one frozen object: all its inputs beside the logs and the rig."""
 
 from __future__ import annotations
 
@@ -21,3 +21,4 @@ class Options:
     start: Rig | None = None
     workers: int = 2
     compiled: bool = True
+    guessed: bool = False

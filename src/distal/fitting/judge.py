@@ -244,7 +244,7 @@ def readings_map(training: Training) -> MapFit:
     """Return the map of the angles by readings alone."""
     data = [samples_of_angles(log, training.rig) for log in training.logs]
     homing = training.options.homing
-    parts = parts_read(data, training.rig, training.folds)
+    parts = parts_read(data, training.rig, training.folds, training.options.guessed)
     map_fit = map_of(data, training.rig, "readings", parts, training.folds, homing)
     return map_fit if homing is not None else with_its_reference_error(map_fit, training.logs)
 

@@ -45,5 +45,5 @@ def learn(
     """
     draft = rig_from_logs(logs, truth=truth, drives=drives, ignore=ignore)
     read = [read_log(source, draft.rig) for source in logs]
-    result = fit(read, draft.rig, progress=progress, early=early, lag=lag)
+    result = fit(read, draft.rig, progress=progress, early=early, lag=lag, guessed=True)
     return replace(result, text=draft.text)

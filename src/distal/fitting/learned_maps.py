@@ -10,22 +10,17 @@ from pathlib import Path
 
 import numpy as np
 
+from distal.confidence import BAND
 from distal.errors import FitError
 from distal.estimators import channels_of, of_part, parts_of, samples_of_angles
 from distal.fitting.fitted_file import MARK, write_fitted
 from distal.fitting.map_samples import filtered, reference_variances, torques_of
-from distal.fitting.map_search import HeldOut, learned_map
+from distal.fitting.map_search import HeldOut, learned_map, student
 from distal.homing import check_homing
 from distal.logs import Log, Source, read_log, true_angles, true_torques
 from distal.regression import Samples, folds_of, splits, yardstick_error
 from distal.rig import LearnedMap, MapArrays, Rig, as_rig
 from distal.threads import one_blas_thread
-
-CLEAR = 2.0
-"""Standard errors of a gain above zero from which on it is clear. Source: definition (97.7 % of a
-normal distribution).
-"""
-
 
 Part = dict[str, tuple[str, ...]]
 """The fields of a `LearnedMap` that say what it speaks of and reads."""
@@ -208,9 +203,12 @@ def map_of(
     return MapFit(kind, tuple(maps), rig, (), errors)
 
 
-def parts_read(data: Sequence[Samples], rig: Rig, folds: Sequence[int]) -> list[Part]:
-    """Return what the map of each independent part of a rig speaks of and reads: its own sensors,
-    or those of all parts, where these tell its joints clearly better.
+def parts_read(
+    data: Sequence[Samples], rig: Rig, folds: Sequence[int], guessed: bool = False
+) -> list[Part]:
+    """Return what the map of each independent part of a rig speaks of and reads: its own sensors;
+    or those of all parts, where these tell its joints clearly better and the structure of the rig
+    is `guessed`, since fingers that move together in all logs seem to tell of each other.
 
     Args:
         data: the samples of each log, of all sensors and joints, with the angles as targets.
@@ -220,7 +218,7 @@ def parts_read(data: Sequence[Samples], rig: Rig, folds: Sequence[int]) -> list[
     names = tuple(sensor.name for sensor in channels.proximal)
     every = {"channels": names, "positions": tuple(s.name for s in channels.positions)}
     parts = parts_of(rig, channels)
-    if len(parts) == 1:
+    if len(parts) == 1 or not guessed:
         return parts
 
     def seen(part: Part, read: Sequence[str]) -> list[Samples]:
@@ -236,8 +234,8 @@ def parts_read(data: Sequence[Samples], rig: Rig, folds: Sequence[int]) -> list[
 
 def _tells_more(wide: Sequence[Samples], narrow: Sequence[Samples], folds: Sequence[int]) -> bool:
     """Return whether the readings of all parts tell a part's joints better than its own do: least
-    squares err less on logs left out, in the mean by more than `CLEAR` standard errors, since a
-    description may lack what joins two parts.
+    squares err less on logs left out, in the mean by more than the 95 % band of Student's
+    distribution, since a description may lack what joins two parts.
     """
     gains = []
     for out, remaining in splits(folds):
@@ -250,7 +248,9 @@ def _tells_more(wide: Sequence[Samples], narrow: Sequence[Samples], folds: Seque
     finite = np.array(gains)[np.isfinite(gains)]
     if len(finite) < 2:
         return False
-    return bool(np.mean(finite) > CLEAR * np.std(finite) / np.sqrt(len(finite) - 1))
+    freedom = len(finite) - 1
+    error = np.std(finite) / np.sqrt(freedom)
+    return bool(np.mean(finite) > BAND * student(freedom) * error)
 
 
 def with_its_reference_error(of_kind: MapFit, logs: Sequence[Log]) -> MapFit:

@@ -240,7 +240,10 @@ def _of_joint(task: Task, centre: float, scale: float) -> tuple[dict[str, Floats
     held_out = task.held_out(prior)
     weights = Weights.of(task.shape, prior, evidence)
     if task.shape.angles:
-        share = _share(task, held_out)
+        # of one log the half that tells least decides: what both share is not what the next log has
+        pairs = list(zip(task.logs, held_out))
+        together = [pairs] if groups > 1 else [[pair] for pair in pairs]
+        share = min(_share(of_logs) for of_logs in together)
         weights = replace(weights, mean=share * weights.mean)
         held_out = [
             (log.target[~log.given] * (1 - share) + share * error, variance)
@@ -271,13 +274,12 @@ def _of_joint(task: Task, centre: float, scale: float) -> tuple[dict[str, Floats
     return arrays, scored
 
 
-def _share(task: Task, held_out: Sequence[tuple[Floats, Floats]]) -> float:
+def _share(held_out: Sequence[tuple[Evidence, tuple[Floats, Floats]]]) -> float:
     """Return the share of a map's values, 0 to 1, with which it errs least on held-out logs beside
     the filter alone (stacking; Wolpert, Neural Networks 5, 1992).
     """
     with_values = [
-        (log.target[~log.given], log.target[~log.given] - error)
-        for log, (error, _) in zip(task.logs, held_out)
+        (log.target[~log.given], log.target[~log.given] - error) for log, (error, _) in held_out
     ]
     products = sum(float(np.mean(target * mapped)) for target, mapped in with_values if len(target))
     squares = sum(float(np.mean(mapped**2)) for _, mapped in with_values if len(mapped))
