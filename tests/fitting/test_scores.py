@@ -1,0 +1,51 @@
+"""Scores on logs left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from benchmarks.strangers.foreign_plants import finger_log, finger_rig
+
+from distal.confidence import BAND
+from distal.estimators import samples_of_angles
+from distal.fitting.candidates import Training
+from distal.fitting.fit_options import Options
+from distal.fitting.judge import readings_map
+from distal.fitting.map_samples import SETTLING
+from distal.fitting.map_search import HeldOut
+from distal.fitting.scores import REGRESSION, WRITTEN, Score, comparisons
+from distal.regression import yardstick_error
+
+
+def test_a_score_is_of_the_errors_after_the_beginning() -> None:
+    """Two joints, of which the first has one sample of four outside its band, and a beginning that
+    does not count.
+    """
+    time = np.arange(5.0)
+    first = HeldOut(time, np.array([90.0, 1.0, -1.0, 1.0, 3.0]), np.full(5, 1.0))
+    second = HeldOut(time, np.array([90.0, 0.2, 0.2, 0.2, 0.2]), np.full(5, 0.04))
+    score = Score.of([first, second], 1.0)
+    assert score.joint_rms == pytest.approx((3.0**0.5, 0.2))
+    assert score.rms == pytest.approx(((12.0 + 0.16) / 8.0) ** 0.5)
+    assert score.inside == pytest.approx(7.0 / 8.0)
+    assert score.joint_halves == pytest.approx((BAND, 0.2 * BAND))
+    assert score.half == pytest.approx(0.6 * BAND)
+
+
+def test_least_squares_of_a_log_are_solved_without_it() -> None:
+    logs = [replace(finger_log(seed, 3.0), source=f"log {seed}") for seed in range(3)]
+    rig = finger_rig().bare()
+    training = Training.of(logs, rig, Options(workers=1))
+    compared = comparisons(training, (), {"readings": readings_map(training)})
+    samples = [samples_of_angles(log, rig) for log in logs]
+    for i, one in enumerate(compared):
+        early = (samples[i].time < SETTLING)[:, None]
+        late = replace(samples[i], targets=np.where(early, np.nan, samples[i].targets))
+        expected = yardstick_error("least squares", samples[:i] + samples[i + 1 :], late)
+        score = one.scores["least squares"]
+        assert score is not None
+        assert score.rms == pytest.approx(expected)
+        assert one.scores[WRITTEN] is None
+        assert one.scores[REGRESSION] is not None
