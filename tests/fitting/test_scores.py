@@ -49,3 +49,14 @@ def test_least_squares_of_a_log_are_solved_without_it() -> None:
         assert score.rms == pytest.approx(expected)
         assert one.scores[WRITTEN] is None
         assert one.scores[REGRESSION] is not None
+
+
+def test_a_log_whose_angle_is_known_at_the_beginning_alone_has_no_score() -> None:
+    logs = [replace(finger_log(seed, 3.0), source=f"log {seed}") for seed in range(3)]
+    early = np.where(logs[0].time < 0.4, logs[0].truth["theta"], np.nan)
+    logs[0] = replace(logs[0], truth={"theta": early})
+    training = Training.of(logs, finger_rig().bare(), Options(workers=1))
+    compared = comparisons(training, (), {"readings": readings_map(training)})
+    assert [one.log for one in compared] == ["log 1", "log 2"]
+    for one in compared:
+        assert np.isfinite([score.rms for score in one.scores.values() if score]).all()

@@ -138,8 +138,8 @@ def _answer(result: Fit, logs: Sequence[Log]) -> None:
         if (score := comparison.scores.get(WRITTEN)) is not None
     ]
     if scores:
-        errors = np.sqrt(np.mean(np.square([score.joint_rms for score in scores]), axis=0))
-        halves = np.mean([score.joint_halves for score in scores], axis=0)
+        errors = np.sqrt(np.nanmean(np.square([score.joint_rms for score in scores]), axis=0))
+        halves = np.nanmean([score.joint_halves for score in scores], axis=0)
         rows = [
             (joint, f"{degrees(error):.3f}", f"±{degrees(half):.3f}")
             for joint, error, half in zip(result.rig.joint_names, errors, halves)

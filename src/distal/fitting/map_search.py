@@ -240,7 +240,7 @@ def _of_joint(task: Task, centre: float, scale: float) -> tuple[dict[str, Floats
     held_out = task.held_out(prior)
     weights = Weights.of(task.shape, prior, evidence)
     if task.shape.angles:
-        # of one log the half that tells least decides: what both share is not what the next log has
+        # halves of one log are more alike than two logs, so the smaller of their shares is taken
         pairs = list(zip(task.logs, held_out))
         together = [pairs] if groups > 1 else [[pair] for pair in pairs]
         share = min(_share(of_logs) for of_logs in together)

@@ -78,7 +78,8 @@ class Compared:
 def comparisons(
     training: Training, candidates: Sequence[Candidate], maps: Mapping[str, MapFit]
 ) -> tuple[Compared, ...]:
-    """Return the scores on each log of known angle.
+    """Return the scores on each log of known angle, but those whose angle is known at the beginning
+    alone, which does not count.
 
     Args:
         training: the logs.
@@ -92,6 +93,8 @@ def comparisons(
     compared = []
     for i, log in enumerate(training.logs):
         begin = counted_from(log, homing)
+        if not np.isfinite(every[i].targets[every[i].time >= begin]).any():
+            continue
         scores: dict[str, Score | None] = {WRITTEN: None}
         for candidate in candidates:
             data = candidate.data.get(i)
