@@ -1,5 +1,4 @@
-"""How far and how fast searches come: steps of four fixed dampings, of dampings around the last
-one, and with bends.
+"""How far and how fast searches come: that of a fit, and SciPy's `least_squares`.
 
 `python -m benchmarks.searches` (part of `make accuracy`) catches what a fit of each rig of
 `benchmarks.newcomers`, and of some of `benchmarks.strangers.lacking`, searches with all logs by the
@@ -20,6 +19,7 @@ from unittest import mock
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from benchmarks.newcomers import CASES
 from benchmarks.report import table
@@ -27,21 +27,14 @@ from benchmarks.strangers.drawn import FITTED
 from benchmarks.strangers.drawn_rigs import drawn_rig
 from benchmarks.strangers.lacking import logs_of
 from distal import Log, Rig, fit
-from distal.fitting import inverse_dynamics, likelihood_search, parameter_estimates
+from distal.fitting import inverse_dynamics, likelihood, likelihood_search, parameter_estimates
 from distal.rig import build_rig
 
 Floats = NDArray[np.float64]
 
-PLAIN = mock.patch.object(likelihood_search, "_bent", return_value=[])
-FIXED = mock.patch.multiple(
-    likelihood_search,
-    FIRST_DAMPING=0.1,
-    LEAST_DAMPING=0.1,
-    MOST_DAMPING=0.1,
-    DAMPINGS=(1.0, 10.0, 1000.0),
-)
-WAYS = {"four fixed dampings": (PLAIN, FIXED), "around the last": (PLAIN,), "with bends": ()}
+WAYS = ("of a fit", "by SciPy")
 MOST = 200
+ROUNDS = 3
 FIRST_LACKING = 100
 
 
@@ -68,7 +61,7 @@ def caught(rig: Rig, logs: Sequence[Log], most: int) -> list[tuple[Any, Any, dic
     return found
 
 
-def searched(problem: Any, start: Any, options: dict[str, Any]) -> tuple[float, float]:
+def searched(problem: Any, start: Any, options: dict[str, Any], way: str) -> tuple[float, float]:
     """Return −ln p at the end and the work in gradients."""
     rows, real = [0], type(problem).run
 
@@ -77,8 +70,61 @@ def searched(problem: Any, start: Any, options: dict[str, Any]) -> tuple[float, 
         return real(self, tasks)
 
     with mock.patch.object(type(problem), "run", run):
-        end = likelihood_search.search(problem, start, most=MOST, **options)
-    return end.cost, rows[0] / len(problem.data) / (problem.size + 1)
+        if way == WAYS[1]:
+            end = by_scipy(problem, start, options.get("fixed"))
+        else:
+            end = likelihood_search.search(problem, start, most=MOST, **options).z
+    return float(problem.costs([end])[0]), rows[0] / len(problem.data) / (problem.size + 1)
+
+
+def by_scipy(problem: Any, start: Any, fixed: Any) -> Floats:
+    """Return where SciPy's trust region ends in three rounds, each with the channels' scales as
+    found at its beginning.
+    """
+    low, high = problem.bounds.T
+    z = np.clip(start, low, high)
+    free = np.ones(problem.size, dtype=bool) if fixed is None else ~fixed
+    widths = likelihood_search.first_widths(problem)[free]
+    for _ in range(ROUNDS):
+        scale = problem.scales(problem.at(z))
+
+        def residuals(at: Floats, z: Floats = z, scale: Floats = scale) -> Floats:
+            whole = z.copy()
+            whole[free] = at
+            runs = problem.at(whole)
+            parts = [
+                residuals_of(run, problem._weighing(log, scale)) for log, run in enumerate(runs)
+            ]
+            return np.concatenate([*parts, whole / problem.prior_stds])
+
+        def slopes(at: Floats, residuals: Any = residuals) -> Floats:
+            base = residuals(at)
+            ends = np.where(at + widths <= high[free], at + widths, at - widths)
+            columns = []
+            for k, end in enumerate(ends):
+                moved = at.copy()
+                moved[k] = end
+                columns.append((residuals(moved) - base) / (end - at[k]))
+            return np.column_stack(columns)
+
+        bounds = (low[free], high[free])
+        found = least_squares(residuals, z[free], slopes, bounds, x_scale="jac", max_nfev=MOST)
+        z = z.copy()
+        z[free] = found.x
+    return z
+
+
+def residuals_of(run: Any, weighing: Any) -> Floats:
+    """Return values of which half the squares sum up to −ln p of a run, less its scales."""
+    compared = np.isfinite(run.values)
+    ratio = np.where(compared, run.values, 0.0) ** 2 / np.where(compared, run.variances, 1.0)
+    ratio /= weighing.scale
+    beyond = np.maximum(1.0, ratio / weighing.tolerance)
+    weights = weighing.share * likelihood.evened(run, weighing)
+    whole = np.sign(np.nan_to_num(run.values)) * np.sqrt(
+        weights * (ratio / beyond + np.log(beyond))
+    )
+    return np.asarray(whole).ravel()
 
 
 def rigs(folder: Path, lacking: int) -> Iterator[tuple[str, Rig, Sequence[Log]]]:
@@ -106,13 +152,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for name, rig, logs in rigs(Path(folder), given.lacking):
-            problems, ends = caught(rig, logs, given.most), []
-            for patches in WAYS.values():
-                for patch in patches:
-                    patch.start()
-                ends.append([searched(*each) for each in problems])
-                for patch in patches:
-                    patch.stop()
+            problems = caught(rig, logs, given.most)
+            ends = [[searched(*each, way) for each in problems] for way in WAYS]
             costs, work = np.moveaxis(np.array(ends), -1, 0)
             above = costs - costs.min(axis=0)
             whole += [work.sum(axis=1), above.sum(axis=1)]
