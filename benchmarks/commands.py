@@ -31,7 +31,7 @@ from distal.confidence import BAND
 from distal.control.tracking import FOR, HUNTS, constant_parts
 from distal.errors import DistalWarning
 from distal.inverse import Command, Commands, Feedback
-from distal.inverse.servo import sent
+from distal.inverse.command_inputs import sent
 from distal.logs import FROM_SENSOR
 
 Floats = NDArray[np.float64]

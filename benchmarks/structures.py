@@ -23,9 +23,8 @@ import numpy as np
 from distal import Log, Rig, load_rig, simulate, write_log
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive.filter_function import adaptive_function
-from distal.inverse.held import held_kernel
 from distal.inverse.live_inverse_function import live_function, live_structure
-from distal.inverse.reached import spread_kernel
+from distal.inverse.rest import rest_kernel
 from distal.inverse.setpoint_function import CommandModel
 from distal.kernels import Feed, Kernel, Structure, advance_all, lanes_here, structure_of
 from distal.model import Mechanism
@@ -93,7 +92,7 @@ def functions_of(rig: Rig) -> dict[str, tuple[Structure, Callable[[], ca.Functio
             lambda: live_function(model, estimator.states),
         ),
     }
-    commands = {"command": CommandModel.function, "band": spread_kernel, "held": held_kernel}
+    commands = {"command": CommandModel.function, "rest": rest_kernel}
     for kind, make in commands.items():
         structure = structure_of(kind, model.mechanism)
         functions[kind] = structure, lambda make=make: make(model)

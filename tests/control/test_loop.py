@@ -22,7 +22,6 @@ from distal import (
     simulate_batch,
 )
 from distal.control import ControlledPlant, plot_control, trackings_of
-from distal.control.closed_loop import _by_calls, _by_scan
 from distal.errors import ControlError, ScenarioError
 from distal.rig import Rig
 from distal.run import Reading
@@ -234,46 +233,7 @@ def test_the_inverse_as_feedback_leads_the_joint_along_a_smooth_reference() -> N
         closed_loop(rig, described, feedback="comand")
 
 
-@pytest.mark.parametrize("feedback", ["encoder", "adaptive", "ratio"])
-def test_one_scan_gives_what_calls_give(rig: Rig, feedback: str) -> None:
-    """Plant, sensors, filter and PID in one kernel or one after the other: the same to rounding."""
-    described = scenario(control={**PID, "deadband": "0.5 deg"}, set={})
-    limited = rig.with_values(
-        {"drives.*.lag": "20 ms", "drives.left.limit": "9 N", "sensors.u1.resolution": "0.05 N"}
-    )
-    plant = ControlledPlant(limited, described, 0.01)
-    scanned, called = _by_scan(plant, feedback, 2), _by_calls(plant, feedback, 2)
-    assert scanned is not None
-    np.testing.assert_allclose(scanned.time, called.time, rtol=0, atol=1e-12)
-    for name in ("angles", "estimates", "stds"):
-        np.testing.assert_allclose(
-            getattr(scanned, name), getattr(called, name), rtol=0, atol=1e-11, err_msg=name
-        )
-    for name, values in called.commands.items():
-        np.testing.assert_allclose(scanned.commands[name], values, rtol=0, atol=1e-8)
-    np.testing.assert_array_equal(scanned.log.time, called.log.time)
-    for name, values in {**called.log.truth, **called.log.channels}.items():
-        found = {**scanned.log.truth, **scanned.log.channels}[name]
-        np.testing.assert_allclose(found, values, rtol=0, atol=1e-8, err_msg=name)
-
-
-def test_a_scan_is_only_for_sensors_that_are_read_once_a_period(rig: Rig) -> None:
-    described = scenario(control=PID)
-    assert described.control is not None
-    for changed, period in (
-        ({"sensors.u1.rate": 50.0}, 0.01),
-        ({"sensors.u1.rate": 100.0 * (1.0 + 1e-12)}, 0.01),
-        ({"sensors.u1.delay": 0.003}, 0.01),
-        ({}, 0.02),
-    ):
-        other = rig.with_values(changed)
-        assert _by_scan(ControlledPlant(other, described, period), "encoder", 0) is None
-        assert len(closed_loop(other, described, period=period, feedback="encoder").time) == round(
-            1.0 / period
-        )
-
-
-def test_an_angle_that_is_lost_is_left_to_the_calls_which_say_so(rig: Rig) -> None:
+def test_a_loop_whose_angle_is_lost_says_when(rig: Rig) -> None:
     """With a filter that begins 60° unsure, and forces that tell nothing, the commands are held at
     first.
     """

@@ -14,7 +14,7 @@ import pytest
 from distal import load_rig
 from distal.confidence import BAND
 from distal.control import PID, ClosedLoop, Held, plot_control, trackings_of
-from distal.control.pid import allocated
+from distal.control.controllers import allocated
 from distal.control.tracking import constant_parts
 from distal.logs import Log
 from distal.model import Mechanism
@@ -43,7 +43,7 @@ def torque_of(commands: dict[str, float]) -> float:
 def shared(name: str, tension: float, angles: list[float], torques: list[float]) -> list[float]:
     """Return the drives' commands for torques."""
     mechanism = Mechanism(load_rig(name))
-    found = allocated(mechanism, ca.SX(ca.DM(angles)), ca.SX(ca.DM(torques)), ca.SX(tension))
+    found = allocated(mechanism, ca.SX(ca.DM(angles)), ca.SX(ca.DM(torques)), tension)
     p = mechanism.parameters
     return list(ca.Function("commands", [p.symbols], [found])(p.values).full().ravel())
 
@@ -144,9 +144,9 @@ def test_a_joint_that_rests_goes_on_resting_until_its_error_has_doubled() -> Non
     for k, (angle, rests) in enumerate(
         ((7.0, False), (8.5, True), (6.5, True), (5.9, False), (6.5, False))
     ):
-        before = pid.part("integral")[0]
+        before = pid.part("effort")[0]
         pid(0.01 * k, {}, seen(angle * DEGREE))
-        assert (pid.part("integral")[0] == before) == rests
+        assert (pid.part("effort")[0] == before) == rests
 
 
 def test_without_an_angle_the_last_commands_are_held() -> None:

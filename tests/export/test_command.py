@@ -17,7 +17,7 @@ from distal.errors import ExportError
 from distal.export import export_c
 from distal.export.command_source import c_command
 from distal.export.source import c_filter
-from distal.inverse.motor_readings import OLDEST
+from distal.inverse.motor_readings import USUAL
 from distal.kernels.compiler import find_compiler
 from tests.export.helpers import missing_tools
 from tests.export.test_microcontroller import cases, measure
@@ -130,7 +130,7 @@ def test_c_sends_nothing_before_drives_are_read_and_stands_where_they_are_lost(
     positions = np.array(rows)[:, at]
     assert codes[0] == 2
     assert np.isnan(rows[0]).all()
-    lost_for = round(OLDEST / dt)
+    lost_for = round(USUAL.oldest / dt)
     assert codes[1 : 100 + lost_for - 1] == [0] * (98 + lost_for)
     assert codes[100 + lost_for + 1 : 160] == [1] * (59 - lost_for)
     assert np.ptp(positions[100 + lost_for + 1 : 160]) == 0.0

@@ -10,11 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from distal import Rig, load_rig
-from distal.inverse.goal_gate import AHEAD, LAG, PATIENCE, GoalGate
-from distal.inverse.motor_readings import AGREES, ARRIVED, OLDEST, SPOOL
+from distal.inverse.goal_gate import GoalGate
+from distal.inverse.motor_readings import USUAL, Caution
 from distal.run.log_units import FASTEST
 
 PERIOD = 0.01
+LAG, OLDEST, ARRIVED = USUAL.lag, USUAL.oldest, USUAL.arrived
+AHEAD = 2 * ARRIVED
+FINGER = np.array([8e-3, 8e-3, 13e-3, 13e-3])
+"""How far the drives of `finger-2n` go as its joints turn by 1 rad [m/rad]."""
 
 
 def two_motors(**values: object) -> Rig:
@@ -58,7 +62,32 @@ def test_a_goal_stays_within_the_range_and_the_speed() -> None:
     free.passed(0.0, np.zeros(4))
     free.read(0.01, np.zeros(4))
     sent = free.passed(0.01, np.full(4, 5.0))
-    np.testing.assert_allclose(sent, FASTEST * 0.01 + AGREES * SPOOL)
+    np.testing.assert_allclose(sent, FASTEST * 0.01 + USUAL.agrees * FINGER)
+
+
+class UpTo:
+    """A limit of one's own: no goal above a position."""
+
+    def ends(self, before: np.ndarray, since: float, motors: object) -> tuple[object, object]:
+        return np.full(4, -np.inf), np.full(4, 0.5e-3)
+
+
+def test_a_limit_of_ones_own_is_kept_with_the_others() -> None:
+    gate = GoalGate(two_motors())
+    gate.limits = (*gate.limits, UpTo())
+    gate.read(0.0, np.zeros(4))
+    np.testing.assert_array_equal(gate.passed(0.0, np.full(4, 1e-3)), 0.5e-3)
+
+
+def test_how_long_a_reading_is_believed_can_be_said() -> None:
+    """On a bus that is slow a reading of 0.25 s ago still tells; by default it does not."""
+    for oldest, stands in ((0.1, True), (0.3, False)):
+        gate = GoalGate(two_motors(), caution=Caution(oldest=oldest))
+        time = moved(gate, 0.0, 0.2)
+        for k in range(25):
+            gate.read(time + k * PERIOD, np.full(4, nan))
+            gate.passed(time + k * PERIOD, np.zeros(4))
+        assert gate.stopped.all() == stands
 
 
 def test_one_lost_read_changes_nothing() -> None:
@@ -100,7 +129,7 @@ def test_a_motor_that_stands_keeps_the_force_that_it_held(load: float) -> None:
     """Its goal is as far ahead of its place as it was: it does not give way."""
     gate = GoalGate(two_motors())
     time = moved(gate, 0.0, 0.3, load)
-    for k in range(round(PATIENCE / PERIOD) - 5):
+    for k in range(round(USUAL.patience / PERIOD) - 5):
         gate.read(time + k * PERIOD, np.full(4, nan))
         sent = gate.passed(time + k * PERIOD, np.full(4, nan))
     np.testing.assert_allclose(sent, load, atol=1e-3)
@@ -115,7 +144,7 @@ def test_a_moving_motor_is_not_thrown_back() -> None:
         gate.read(time + k * PERIOD, np.full(4, nan))
         sent = gate.passed(time + k * PERIOD, np.full(4, speed * (time + k * PERIOD + LAG)))
     assert (sent >= last).all()
-    assert (sent <= last + speed * (OLDEST + 2 * LAG) + AGREES).all()
+    assert (sent <= last + speed * (OLDEST + 2 * LAG) + USUAL.agrees).all()
 
 
 @pytest.mark.parametrize("when_lost", ["hold", "relax"])
@@ -299,7 +328,7 @@ def test_whatever_comes_goals_are_numbers_and_no_faster_than_a_motor(
         sent = gate.passed(time, np.full(4, goal))
         assert not np.isinf(sent).any()
         if np.isfinite(sent[1]) and np.isfinite(before) and not gate.stopped[1]:
-            most = FASTEST * min(dt, OLDEST) + AGREES * SPOOL + 1e-9
+            most = FASTEST * min(dt, OLDEST) + USUAL.agrees * FINGER[1] + 1e-9
             assert abs(sent[1] - before) <= most or abs(sent[1]) <= max(abs(before), most)
         before = float(sent[1])
 

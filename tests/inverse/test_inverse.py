@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 from benchmarks.chains import PLANTS as RIGS
 from benchmarks.strangers import chain_plants
-from scipy.optimize import linprog, nnls
+from scipy.optimize import linprog
 
 from distal import Rig, load_rig
 from distal.errors import CommandError
 from distal.inverse import Commands, Inverse
 from distal.inverse.distribution import least_pulls
-from distal.inverse.reached import lacking
 from distal.rig import number
 from distal.study.plants import draws_of
 from tests.learned_maps import constant_map
@@ -47,7 +46,7 @@ def test_the_least_pulls_are_those_of_a_linear_programme(seed: int) -> None:
     arms -= np.outer(arms @ balance, balance) / (balance @ balance)
     torques, lowest = rng.normal(size=n) * 0.05, rng.uniform(0.5, 3.0, m)
     symbols = [ca.SX.sym("A", n, m), ca.SX.sym("t", n), ca.SX.sym("low", m)]
-    function = ca.Function("least", symbols, [least_pulls(*symbols, [True] * m, "tension")])
+    function = ca.Function("least", symbols, [least_pulls(*symbols, [True] * m)])
     pulls = np.array(function(arms, torques, lowest)).ravel()
     known = linprog(
         np.ones(m), A_eq=arms, b_eq=torques, bounds=[(low, None) for low in lowest], method="highs"
@@ -56,29 +55,6 @@ def test_the_least_pulls_are_those_of_a_linear_programme(seed: int) -> None:
     assert pulls.sum() == pytest.approx(known.fun, rel=1e-6)
     np.testing.assert_allclose(arms @ pulls, torques, atol=1e-12)
     assert np.all(pulls >= lowest - 1e-9)
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_the_coolest_pulls_are_those_of_a_quadratic_programme(seed: int) -> None:
-    """Least Σ f² against SciPy's non-negative least squares, with the torques as heavy rows
-    (Haskell and Hanson, 1981).
-    """
-    rng = np.random.default_rng(seed)
-    n = int(rng.integers(1, 3))
-    m = n + 1 if seed % 2 else 2 * n
-    balance = rng.uniform(0.5, 2.0, m)
-    arms = rng.normal(size=(n, m)) * 1e-2
-    arms -= np.outer(arms @ balance, balance) / (balance @ balance)
-    torques, lowest = rng.normal(size=n) * 0.05, rng.uniform(0.5, 3.0, m)
-    symbols = [ca.SX.sym("A", n, m), ca.SX.sym("t", n), ca.SX.sym("low", m)]
-    function = ca.Function("least", symbols, [least_pulls(*symbols, [True] * m, "heat")])
-    pulls = np.array(function(arms, torques, lowest)).ravel()
-    weight = 1e8
-    above, _ = nnls(
-        np.vstack([np.eye(m), weight * arms]),
-        np.concatenate([-lowest, weight * (torques - arms @ lowest)]),
-    )
-    np.testing.assert_allclose(pulls, lowest + above, rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -153,11 +129,9 @@ def test_a_joint_whose_drives_end_rests_where_friction_holds_it(desired: float) 
     commands = inverse(time, np.deg2rad(desired) * way[:, None])
     model = inverse.model
     free, positions = ca.SX.sym("free", model.nf), ca.SX.sym("positions", model.nd)
-    still, none = ca.SX.zeros(model.nf), ca.SX.zeros(model.nj)
+    still = ca.SX.zeros(model.nf)
     p = model.mechanism.parameters
-    look = ca.Function(
-        "look", [free, positions, p.symbols], lacking(model, free, positions, still, none)
-    )
+    look = ca.Function("look", [free, positions, p.symbols], model.lacking(free, positions, still))
     lacks, friction = look(commands.angles[-1], commands.positions[-1], p.values)
     assert abs(float(lacks)) <= 1.001 * float(friction)
     reached = np.rad2deg(commands.angles[:, 0]) * np.sign(desired)
@@ -269,7 +243,11 @@ def test_commands_are_written_by_the_rigs_own_columns(tmp_path: Path) -> None:
         (TIME, {"mcp": TIME}, "mcp, pip"),
         (TIME, np.zeros((len(TIME), 3)), "2 angles"),
         (TIME, np.full((len(TIME), 2), np.nan), "finite"),
-        (TIME, np.full((len(TIME), 2), 60.0), "mcp is wanted at 60 rad; no joint turns beyond 50"),
+        (
+            TIME,
+            np.full((len(TIME), 2), 60.0),
+            "mcp is wanted at 60 rad at 0 s; .*no joint turns beyond 50",
+        ),
         (TIME[::-1], np.zeros((len(TIME), 2)), "rise"),
         ([0.0], np.zeros((1, 2)), "two stamps"),
     ],
@@ -329,36 +307,3 @@ def test_the_band_is_what_the_numbers_stds_move_the_joint_by() -> None:
     limit, stiffness = 0.15 * 2e-3 * commands.tensions[0].sum(), 2 * 20e3 * 8e-3**2
     off[0] += (limit / stiffness) ** 2 / 3
     np.testing.assert_allclose(commands.stds[[0, 150], 0], np.sqrt(off), rtol=0.03)
-
-
-def test_a_joint_is_as_stiff_as_its_tendons_say() -> None:
-    """Tendons of k at arms r hold the joint with Σ k r², whatever their tension: pulleys, and
-    straight springs.
-    """
-    inverse = Inverse("finger-2n", compiled=False)
-    found = inverse.stiffness({"mcp": 0.4, "pip": 0.3}, "3 N")
-    rig = inverse.rig
-    for joint, stiffness in zip(inverse.joints, found):
-        arms = [tendon.arms().get(joint, 0.0) for tendon in rig.tendons]
-        springs = [tendon.stiffness.value for tendon in rig.tendons]
-        assert stiffness == pytest.approx(
-            sum(k * r**2 for k, r in zip(springs, arms)), rel=0.05
-        )  # and gravity
-    np.testing.assert_allclose(found, inverse.stiffness([0.4, 0.3], 30.0), rtol=1e-6)
-    assert inverse.pretension([0.4, 0.3], 0.5 * found.min()) == pytest.approx(0.1)
-    with pytest.raises(CommandError, match="more than the tendons give"):
-        inverse.pretension([0.4, 0.3], 2.0 * found.max())
-
-
-def test_pretension_makes_a_joint_stiff_whose_tendons_stiffen() -> None:
-    """The stiffness that is wanted is that at the tension that is returned."""
-    stiffening = load_rig("paper-2008").with_values(
-        {f"tendons.{i}.stiffening": 200.0 for i in range(2)}
-    )
-    inverse = Inverse(stiffening, compiled=False)
-    low, high = (float(inverse.stiffness([0.2], tension)[0]) for tension in (1.0, 50.0))
-    assert high > 1.1 * low
-    tension = inverse.pretension([0.2], 0.5 * (low + high))
-    assert float(inverse.stiffness([0.2], tension)[0]) == pytest.approx(
-        0.5 * (low + high), rel=1e-3
-    )

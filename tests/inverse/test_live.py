@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 from distal import Inverse, LiveInverse, Rig, load_rig
 from distal.errors import CommandError
 from distal.inverse import Feedback
-from distal.inverse.expected_readings import readings
+from distal.inverse.command_inputs import followable, sent
+from distal.inverse.feedback import LEAVES
 from distal.inverse.live_inverse import ACROSS
-from distal.inverse.live_inverse_function import LEAVES, MOST, SMOOTHED, SPEEDS_UP, _guide
-from distal.inverse.servo import followable, sent
+from distal.inverse.live_inverse_function import RESPONDS, SMOOTHED, guide_function, readings
 from distal.inverse.setpoint_function import CommandModel
 from tests.learned_maps import constant_map
 
@@ -53,7 +53,7 @@ def naive_guide(v: dict[str, float]) -> dict[str, float]:
     first = v["angles"] if v["trusted"] else v["desired"]
     before = v["reference_before"] if v["started_before"] else first
     wished, fastest = v["wished_before"] if v["started_before"] else first, v["fastest"]
-    most = fastest / SPEEDS_UP
+    most = fastest / RESPONDS
     braking = np.sqrt(2 * most * abs(wished - before))
     rate = max(-fastest, min(fastest, (v["desired"] - wished) / dt)) + np.clip(
         (wished - before) / dt, -braking, braking
@@ -75,13 +75,17 @@ def naive_guide(v: dict[str, float]) -> dict[str, float]:
         0.0 if rests or not v["trusted"] else np.sign(error) * max(abs(error) - v["deadband"], 0.0)
     )
     correction = max(
-        -MOST, min(MOST, v["correction_before"] + v["winds"] * v["follow"] * counted * dt)
+        -v["correction_limit"],
+        min(
+            v["correction_limit"],
+            v["correction_before"] + v["winds"] * v["follow"] * counted * dt,
+        ),
     )
     turning = (v["angles"] - v["last_before"]) / dt if v["started_before"] else 0.0
     asked = (
-        v["kp"] * counted
-        + v["ki"] * v["effort_before"]
-        + v["kd"] * v["trusted"] * (speed - turning)
+        v["proportional"] * counted
+        + v["integral"] * v["effort_before"]
+        + v["derivative"] * v["trusted"] * (speed - turning)
     )
     pushed = max(-v["torque_limit"], min(v["torque_limit"], asked))
     return {
@@ -102,9 +106,9 @@ def naive_guide(v: dict[str, float]) -> dict[str, float]:
 @given(st.integers(0, 10_000))
 def test_the_guide_is_that_of_plain_numbers(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    guide = _guide(CommandModel(load_rig(RIG)))
+    guide = guide_function(CommandModel(load_rig(RIG)))
     values = {name: float(rng.normal()) for name in guide.name_in()}
-    positive = ("fastest", "follow", "deadband", "kp", "ki", "kd", "torque_limit")
+    positive = ("fastest", *vars(Feedback()))
     values |= {name: abs(values[name]) for name in positive} | {"dt": rng.uniform(0.001, 0.02)}
     values |= {
         name: float(rng.integers(2))
@@ -211,7 +215,7 @@ def test_a_jump_is_as_fast_as_joints_may_turn_and_no_angle_is_the_one_before(
     # inertia at the largest acceleration, friction that turns over, and the motion itself
     fastest = np.ptp(inverse.rig.joints[0].travel) / ACROSS
     arm, inertia = 9.53e-3, inverse.rig.joints[0].inertia.value
-    stretch = (inertia * fastest / SPEEDS_UP + 2 * 0.03) / arm / 806.0
+    stretch = (inertia * fastest / RESPONDS + 2 * 0.03) / arm / 806.0
     assert np.abs(np.diff(positions, axis=0)).max() < 2 * stretch + fastest * 0.01 * arm
     assert np.abs(positions[-1] - positions[9]).max() > 0.15 * arm
     np.testing.assert_allclose(positions[-1], positions[42], atol=2e-4)
@@ -338,7 +342,7 @@ def test_nothing_winds_up_against_a_stop_or_the_end_of_a_range() -> None:
             abs(float(inverse._loop.kernel_state[inverse._layouts.kernel_state["reference"]][0]))
             <= (joint.stops or (0.0, 3.0))[1]
         )
-    assert abs(correction) < 0.5 * MOST
+    assert abs(correction) < 0.5 * Feedback().correction_limit
 
 
 def test_a_drive_that_follows_speeds_comes_back_to_its_place(inverse: LiveInverse) -> None:
@@ -386,7 +390,8 @@ def test_a_servo_is_where_it_has_to_be_in_time() -> None:
         away = np.abs(error[1000:2500]).max() / 5e-3
         assert away < most
         assert away > most / 10
-    fast = followable(time, np.where(time < 1.5, 0.0, 1.0), 2.0)
+    quick = rig.with_values({"drives.0.servo": {"fastest": 2.0}}).drives[0]
+    fast = followable(time, np.where(time < 1.5, 0.0, 1.0), quick)
     assert np.abs(np.diff(fast)).max() <= 2.0 * step * (1 + 1e-9)
     assert fast[1500] == pytest.approx(0.5, abs=0.01)  # half of a jump before it, half after
 
@@ -414,7 +419,7 @@ def test_a_gain_that_makes_no_sense_is_named(gain: str, wrong: float) -> None:
 
 @pytest.mark.parametrize("limit", [0.0, -1.0, np.nan])
 def test_a_limit_of_torque_is_above_zero(limit: float) -> None:
-    with pytest.raises(CommandError, match=r"feedback\.torque_limit: a torque above 0"):
+    with pytest.raises(CommandError, match=r"feedback\.torque_limit: a number above 0"):
         Feedback(torque_limit=limit)
 
 

@@ -14,7 +14,7 @@ from distal.control.closed_loop import (
 )
 from distal.control.control_figures import plot_control
 from distal.control.controlled_plant import ControlledPlant, SteppedPlant
-from distal.control.pid import PID, Held
+from distal.control.controllers import PID, Held
 from distal.control.tracking import Hunting, Tracking, trackings_of
 
 __all__ = [

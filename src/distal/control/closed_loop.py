@@ -10,18 +10,15 @@ from typing import TypeAlias
 import numpy as np
 
 from distal.arrays import Floats
-from distal.control.commanded_forces import CommandedForces
-from distal.control.compiled import scan_loop
 from distal.control.controlled_plant import ControlledPlant, SteppedPlant
-from distal.control.pid import PID, Held
+from distal.control.controllers import PID, CommandedForces, Held
 from distal.errors import ControlError
-from distal.estimators import DEFAULT, ESTIMATORS, KernelEstimator, make_estimator
+from distal.estimators import DEFAULT, ESTIMATORS
 from distal.logs import Log
 from distal.rig import Rig, as_rig
 from distal.run import LiveEstimator, Monitor, Reading
 from distal.sensor_errors import quantisation_variance, quantised_values
 from distal.simulation import Scenario, load_scenario, simulate_plant
-from distal.simulation.simulate import SIMULATED, true_motion
 from distal.suggestions import did_you_mean
 from distal.units import to_si
 
@@ -157,63 +154,16 @@ def closed_loop(
         raise ControlError("no controller: give one, or a [control] table in the scenario")
     _check_joints(rig, control.joints)
     plant = ControlledPlant(rig, scenario, length)
-    run = None if feedback == COMMAND else _by_scan(plant, feedback, seed)
-    run = run or _by_calls(plant, feedback, seed)
+    if feedback == COMMAND:
+        commanded = CommandedForces(rig, control.joints, control.co_contraction)
+        run = _run(plant, commanded, commanded.tell, feedback, seed)
+    else:
+        pid = PID(rig, control.joints, length, control.co_contraction)
+        run = run_controller(plant, pid, feedback, seed, encoder_step=control.encoder_resolution)
+        run = replace(run, held=pid.held)
     return replace(
         run,
         references={name: joint.reference.at(run.time) for name, joint in control.joints.items()},
-    )
-
-
-def _by_calls(plant: ControlledPlant, feedback: str, seed: int) -> ClosedLoop:
-    """Return the loop of the shipped controller, called period after period."""
-    control = plant.prepared.scenario.control
-    assert control is not None
-    if feedback == COMMAND:
-        commanded = CommandedForces(plant.rig, control.joints, control.co_contraction)
-        return _run(plant, commanded, commanded.tell, feedback, seed)
-    pid = PID(plant.rig, control.joints, plant.period, control.co_contraction)
-    run = run_controller(plant, pid, feedback, seed, encoder_step=control.encoder_resolution)
-    return replace(run, held=pid.held)
-
-
-def _by_scan(plant: ControlledPlant, feedback: str, seed: int) -> ClosedLoop | None:
-    """Return the loop of the shipped controller from one scan; None where the sensors are not all
-    read once a period, or an angle was not always known.
-    """
-    rig = plant.rig
-    period = plant.period
-    errors = plant.errors(seed)
-    estimator = None if feedback == ENCODER else make_estimator(_estimator_name(feedback), rig)
-    if errors is None or not (
-        estimator is None
-        or (isinstance(estimator, KernelEstimator) and _is_plain(estimator, period))
-    ):
-        return None
-    scanned = scan_loop(plant, errors, estimator)
-    if scanned is None:
-        return None
-    time = np.round(period * np.arange(len(scanned.readings), dtype=np.float64), 9)
-    channels = {
-        sensor.name: scanned.readings[:, k] for k, sensor in enumerate(plant.plant.rig.sensors)
-    }
-    source = plant.prepared.scenario.name or "simulation"
-    log = Log(time, channels, true_motion(scanned.motion, time, time), source, SIMULATED)
-    commands = {drive.name: scanned.commands[:, i] for i, drive in enumerate(rig.drives)}
-    angles = scanned.motion.q[:, : len(rig.joints)]
-    return ClosedLoop(
-        rig, log, feedback, time, angles, scanned.estimates, scanned.stds, commands, {}
-    )
-
-
-def _is_plain(estimator: KernelEstimator, period: float) -> bool:
-    """Return whether an estimator's angles are states of its filter, and its interval is one
-    period.
-    """
-    return (
-        estimator.has_kernel
-        and not estimator.report.states
-        and abs(estimator.interval - period) < 1e-9
     )
 
 
@@ -324,16 +274,12 @@ def _encoder(plant: SteppedPlant, step: float) -> Teller:
 
 def _estimator(rig: Rig, name: str) -> Teller:
     """Return the function (stamp, sample) → an estimator's reading of the angles."""
-    monitor = Monitor(LiveEstimator(rig, _estimator_name(name)))
-    at = [rig.sensor_names.index(channel) for channel in monitor.channels]
-    return lambda stamp, values: monitor.take(stamp, values[at])
-
-
-def _estimator_name(feedback: str) -> str:
-    name = "inextensible" if feedback == RATIO else feedback
+    name = "inextensible" if name == RATIO else name
     if name not in ESTIMATORS:
         allowed = [ENCODER, RATIO, COMMAND, *ESTIMATORS]
         raise ControlError(
             f"feedback: '{name}' is none of {', '.join(allowed)}{did_you_mean(name, allowed)}"
         )
-    return name
+    monitor = Monitor(LiveEstimator(rig, name))
+    at = [rig.sensor_names.index(channel) for channel in monitor.channels]
+    return lambda stamp, values: monitor.take(stamp, values[at])

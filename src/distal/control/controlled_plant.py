@@ -14,7 +14,6 @@ from typing import Protocol
 import numpy as np
 
 from distal.arrays import Floats
-from distal.control.pid import UNBOUNDED
 from distal.errors import ControlError, ScenarioError
 from distal.kernels import Feed, advance
 from distal.logs import Log
@@ -137,16 +136,6 @@ class ControlledPlant:
         other.begin = at_rest(alike, inputs, start, self._kernel, parameters)
         other._shares, other._lowest, other._highest = drive_parameters(plant.rig, self.prepared.dt)
         return other
-
-    def errors(self, seed: int) -> SensorErrors | None:
-        """Return the errors of all sensors in the run of a seed; None where the sensors are not all
-        read once a period, without delay and lag.
-        """
-        fits = len(self._all_rows) % self._per_period == 0
-        groups = errors_by_rate(self.plant.rig, seed)
-        once = len(groups) == 1 and abs(next(iter(groups)) * self.period - 1.0) < 1e-9
-        at_once = all(sensor.delay == sensor.lag == 0.0 for sensor in self.plant.rig.sensors)
-        return next(iter(groups.values()))[1] if fits and once and at_once else None
 
     @property
     def time(self) -> float:
@@ -289,6 +278,6 @@ def drive_parameters(rig: Rig, dt: float) -> Floats:
     it follows within an interval `dt` [s], and the lowest and highest command.
     """
     shares = [1.0 - exp(-dt / drive.lag) if drive.lag > 0.0 else 1.0 for drive in rig.drives]
-    high = [min(inf if drive.limit is None else drive.limit, UNBOUNDED) for drive in rig.drives]
+    high = [inf if drive.limit is None else drive.limit for drive in rig.drives]
     low = [0.0 if drive.kind == "slider" else -bound for drive, bound in zip(rig.drives, high)]
     return np.array([shares, low, high])

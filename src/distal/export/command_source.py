@@ -14,12 +14,12 @@ from distal.errors import ExportError
 from distal.estimators import AdaptiveFilter
 from distal.export.names import checked_name
 from distal.export.outputs import angle_fields, comment, filled, torque_fields
+from distal.inverse.distribution import LEAST_TENSION
 from distal.inverse.goal_gate import crossed_joints
-from distal.inverse.least_tension import LEAST_TENSION
-from distal.inverse.live_inverse import FIRST, gains_of
+from distal.inverse.live_inverse import gains_of, inputs_of
 from distal.inverse.live_inverse_function import layouts, live_function
 from distal.inverse.motor_readings import MotorReadings
-from distal.inverse.setpoint_function import CommandModel
+from distal.inverse.setpoint_function import ROUNDS, CommandModel
 from distal.rig import Rig
 from distal.run import LOST
 
@@ -64,9 +64,7 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
         advance = emitter.add(step, in_place=True)
     except CodeError as problem:
         raise ExportError(f"the inverse of '{rig.name}' has no C: {problem}") from None
-    gains = gains_of(model, LEAST_TENSION, None, None)
-    of_filter = estimator.parameters[: len(estimator.parameter_names)]
-    parameters = np.concatenate([gains, of_filter, model.derived])
+    parameters = inputs_of(model, estimator, gains_of(model, LEAST_TENSION, None, None))
     at = {sensor.of: estimator.channels.index(sensor.name) for sensor in rig.sensors_of("position")}
     crossed = crossed_joints(rig)
     moves = crossed @ (np.array(model.mechanism.spread) != 0.0)
@@ -117,7 +115,7 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
         },
         "zero": real.constant(0.0),
         "one": real.constant(1.0),
-        "first": str(FIRST),
+        "first": str(ROUNDS),
         "prelude": real.prelude(emitter.text),
         "functions": emitter.text,
         "advance": advance,

@@ -2,6 +2,8 @@
 
 from distal.inverse.command_trajectory import Inverse
 from distal.inverse.commands import Commands
-from distal.inverse.live_inverse import Command, Feedback, LiveInverse
+from distal.inverse.feedback import Feedback
+from distal.inverse.live_inverse import Command, LiveInverse
+from distal.inverse.motor_readings import Caution
 
-__all__ = ["Command", "Commands", "Feedback", "Inverse", "LiveInverse"]
+__all__ = ["Caution", "Command", "Commands", "Feedback", "Inverse", "LiveInverse"]

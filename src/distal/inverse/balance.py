@@ -9,28 +9,52 @@ tensions T, the direction of motion d, and the external torque τ_ext. All terms
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
+from inspect import signature
+from typing import NamedTuple
 
 import casadi as ca
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from distal.arrays import Floats
 from distal.expressions import Matrix, Vector
-from distal.inverse.setpoint_inputs import DERIVED, command_inputs
+from distal.inverse.command_inputs import DERIVED, command_inputs
 from distal.model import Mechanism
 from distal.model.parameters import Derived, Symbolic
+from distal.model.tendons import Pulls
 from distal.rig import Rig
 
 
-@dataclass(frozen=True)
-class CoupledJoints:
+def traced(method: Callable[..., Iterable[Vector]]) -> cached_property[ca.Function]:
+    """Return a method of a `Balance` as a CasADi function, which is made once for each object.
+
+    The arguments are symbols: `p` are the parameters of the equations, and the others have the
+    lengths in `Balance.lengths`, by their names.
+    """
+
+    def made(balance: Balance) -> ca.Function:
+        _, *names = signature(method).parameters
+        own = {"p": balance.mechanism.parameters.symbols}
+        symbols = [
+            own[name] if name in own else ca.SX.sym(name, balance.lengths[name]) for name in names
+        ]
+        outputs = [ca.densify(ca.SX(each)) for each in method(balance, *symbols)]
+        return ca.Function(method.__name__.strip("_"), symbols, ca.cse(outputs))
+
+    made.__doc__ = method.__doc__
+    return cached_property(made)
+
+
+class CoupledJoints(NamedTuple):
     """Free joints and the drives that move them, which move no other joint: indices among the free
     joints, and among the drives.
     """
 
-    joints: tuple[int, ...]
-    drives: tuple[int, ...]
+    joints: list[int]
+    drives: list[int]
 
 
 class Balance:
@@ -39,6 +63,10 @@ class Balance:
 
     A free joint is one whose angle follows no other joint's. The pull f of a drive [N] is the force
     along its first tendon, at the joint's end, that acts on the joints as all of its tendons do.
+
+    In the functions, θ are the angles of all joints, θ_free, ω_free and α_free angles, speeds and
+    accelerations of the free joints, s the drives' positions, d the directions of motion, from −1
+    to 1, and τ_ext the external torques on all joints.
     """
 
     def __init__(self, rig: Rig, folded: bool = False) -> None:
@@ -51,33 +79,45 @@ class Balance:
         self.nd = mechanism.n_drives
         self.nt = mechanism.n_tendons
         self.nf = len(self.free)
+        self.n_inside = len(mechanism.plays) + len(mechanism.strains)
         self.tendons_of = [
             [i for i in range(self.nt) if mechanism.drive_of[i] == self.nj + d]
             for d in range(self.nd)
         ]
+        of_free = ("free", "desired", "speeds", "accelerations", "turned")
+        of_drives = (
+            *("positions", "within", "rates", "drives_turned", "pulls", "before", "rubbed"),
+            *("steepest", "low", "high", "excess", "slope"),
+        )
+        self.lengths = (
+            dict.fromkeys(of_free, self.nf)
+            | dict.fromkeys(of_drives, self.nd)
+            | dict.fromkeys(("angles", "external"), self.nj)
+            | {"shares": self.nt, "dt": 1, "lowest": 1}
+        )
 
     @cached_property
-    def parts(self) -> tuple[CoupledJoints, ...]:
-        """Groups of free joints and drives that are not coupled to one another."""
-        pattern = self.arms(
-            ca.SX.sym("q", self.nj), ca.SX.sym("s", self.nd), self.mechanism.parameters.symbols
+    def moved_by(self) -> Matrix:
+        """Torque on each free joint per pull of each drive at all angles, by its pattern alone."""
+        return ca.sparsify(
+            self.arms(
+                ca.SX.sym("q", self.nj), ca.SX.sym("s", self.nd), self.mechanism.parameters.symbols
+            )
         )
-        moved = {(int(r), int(c)) for r, c in zip(*ca.sparsify(pattern).sparsity().get_triplet())}
-        left = set(range(self.nf))
-        parts = []
-        while left:
-            joints = {min(left)}
-            drives = set[int]()
-            while True:
-                drives_now = {d for j, d in moved if j in joints}
-                joints_now = joints | {j for j, d in moved if d in drives_now}
-                if drives_now == drives and joints_now == joints:
-                    break
-                joints = joints_now
-                drives = drives_now
-            left -= joints
-            parts.append(CoupledJoints(tuple(sorted(joints)), tuple(sorted(drives))))
-        return tuple(parts)
+
+    @cached_property
+    def parts(self) -> list[CoupledJoints]:
+        """Groups of free joints and drives that are not coupled to one another."""
+        joints, drives = (np.array(at, dtype=int) for at in self.moved_by.sparsity().get_triplet())
+        size = self.nf + self.nd
+        links = coo_array((np.ones(len(joints)), (joints, self.nf + drives)), shape=(size, size))
+        count, groups = connected_components(links, directed=False)
+        members = [np.flatnonzero(groups == k).tolist() for k in range(count)]
+        parts = [
+            CoupledJoints([i for i in at if i < self.nf], [i - self.nf for i in at if i >= self.nf])
+            for at in members
+        ]
+        return [part for part in parts if part.joints]
 
     @property
     def one_sided(self) -> list[bool]:
@@ -117,59 +157,56 @@ class Balance:
         arms = -ca.mtimes(levers, ca.SX(self.mechanism.spread)).T
         return ca.substitute(arms, self.mechanism.parameters.symbols, p)
 
-    @cached_property
-    def pull(self) -> ca.Function:
+    @traced
+    def pull(self, angles: Vector, positions: Vector, shares: Vector, p: Vector) -> list[Vector]:
         """Function (θ, s, shares, p) → pulls of the drives [N], and their derivatives by the
         drives' positions [N/m, N/rad], (n_drives,) each.
         """
-        mechanism = self.mechanism
-        angles = ca.SX.sym("angles", self.nj)
-        positions = ca.SX.sym("positions", self.nd)
-        shares = ca.SX.sym("c", self.nt)
-        tensions = mechanism.pulls(
-            ca.vertcat(angles, positions), ca.SX.zeros(mechanism.n_bodies)
-        ).joint
+        tensions = self._pulls_at(angles, positions).joint
         pulls = ca.vertcat(
             *(sum((shares[i] * tensions[i] for i in own), ca.SX(0)) for own in self.tendons_of)
         )
-        slopes = ca.jtimes(pulls, positions, ca.SX.ones(self.nd))
-        arguments = [angles, positions, shares, mechanism.parameters.symbols]
-        return ca.Function("pull", arguments, ca.cse([ca.densify(pulls), ca.densify(slopes)]))
+        return [pulls, ca.jtimes(pulls, positions, ca.SX.ones(self.nd))]
 
-    @cached_property
-    def geometry(self) -> ca.Function:
+    def _pulls_at(self, angles: Vector, positions: Vector, settled: bool = False) -> Pulls:
+        """Return the pulls of the tendons at rest."""
+        bodies = ca.vertcat(angles, positions)
+        return self.mechanism.pulls(bodies, ca.SX.zeros(self.mechanism.n_bodies), settled=settled)
+
+    @traced
+    def geometry(self, angles: Vector, positions: Vector, p: Vector) -> list[Vector]:
         """Function (θ, s, p) → moment arms (n_free, n_drives), shares (n_tendons,), and the largest
         possible derivative of each drive's pull by its position (n_drives,).
         """
-        angles = ca.SX.sym("angles", self.nj)
-        positions = ca.SX.sym("positions", self.nd)
-        p = self.mechanism.parameters.symbols
         levers = self._levers(angles, positions)
-        steepest = []
         shares = self._shares(angles, positions)
-        for d, tendons in enumerate(self.tendons_of):
-            stiff = (
-                ca.fabs(shares[i] * levers[i, self.nj + d]) * self.mechanism.stiffest(i)
-                for i in tendons
+        steepest = [
+            sum(
+                (
+                    ca.fabs(shares[i] * levers[i, self.nj + d]) * self.mechanism.stiffest(i)
+                    for i in tendons
+                ),
+                ca.SX(0),
             )
-            steepest.append(sum(stiff, ca.SX(0)))
-        outputs = [ca.densify(self.arms(angles, positions, p)), shares, ca.vertcat(*steepest)]
-        return ca.Function("geometry", [angles, positions, p], outputs)
+            for d, tendons in enumerate(self.tendons_of)
+        ]
+        return [self.arms(angles, positions, p), shares, ca.vertcat(*steepest)]
 
-    @cached_property
-    def needed(self) -> ca.Function:
+    @traced
+    def needed(
+        self,
+        free: Vector,
+        speeds: Vector,
+        accelerations: Vector,
+        positions: Vector,
+        turned: Vector,
+        external: Vector,
+        p: Vector,
+    ) -> list[Vector]:
         """Function (θ_free, ω_free, α_free, s, d, τ_ext, p) → torques τ that the tendons have to
         make, and friction limits, (n_free,) each [N m].
-
-        The direction d of each free joint's friction is −1 to 1, and τ_ext acts on all joints.
         """
         mechanism = self.mechanism
-        nf = self.nf
-        free, speeds, accelerations, turned = (
-            ca.SX.sym(name, nf) for name in ("free", "omega", "alpha", "turned")
-        )
-        positions = ca.SX.sym("positions", self.nd)
-        external = ca.SX.sym("tau", self.nj)
         q = ca.vertcat(self.all_joints(free), positions)
         v = ca.vertcat(self.all_joints(speeds, False), ca.SX.zeros(self.nd))
         pulls = mechanism.pulls(q, ca.SX.zeros(mechanism.n_bodies))
@@ -178,78 +215,80 @@ class Balance:
         moving = mechanism.moving_forces(q, v, self.all_joints(accelerations, False))
         moving += (mechanism.dampings() * v - mechanism.passive_forces(q))[: self.nj] - external
         friction = ca.mtimes(ca.fabs(spread).T, ca.vertcat(*(limit.mean for limit in limits)))
-        torques = ca.mtimes(spread.T, moving) + turned * friction
-        arguments = [
-            free,
-            speeds,
-            accelerations,
-            positions,
-            turned,
-            external,
-            mechanism.parameters.symbols,
-        ]
-        return ca.Function("needed", arguments, ca.cse([ca.densify(torques), ca.densify(friction)]))
+        return [ca.mtimes(spread.T, moving) + turned * friction, friction]
 
-    @cached_property
-    def driven(self) -> ca.Function:
-        """Function (θ, s, s limited to its range, ṡ, d_s, p) → force of each drive, and tensions at
-        the drives; d_s is the direction of the drives' friction, −1 to 1.
+    @traced
+    def driven(
+        self,
+        angles: Vector,
+        positions: Vector,
+        within: Vector,
+        rates: Vector,
+        drives_turned: Vector,
+        p: Vector,
+    ) -> list[Vector]:
+        """Function (θ, s, s limited to its range, ṡ, d of the drives, p) → force of each drive, and
+        tensions at the drives.
         """
         mechanism = self.mechanism
-        angles = ca.SX.sym("angles", self.nj)
-        positions, within, rates, turned = (
-            ca.SX.sym(name, self.nd) for name in ("s", "within", "r", "d")
-        )
         q = ca.vertcat(angles, positions)
         v = ca.vertcat(ca.SX.zeros(self.nj), rates)
-        pulls = mechanism.pulls(q, ca.SX.zeros(mechanism.n_bodies))
+        pulls = self._pulls_at(angles, positions)
         limits = mechanism.friction_limits(q, v, pulls.joint, pulls.drive)[self.nj :]
         friction = [
-            limit.mean * turned[d] + limit.asymmetry * ca.fabs(turned[d])
+            limit.mean * drives_turned[d] + limit.asymmetry * ca.fabs(drives_turned[d])
             for d, limit in enumerate(limits)
         ]
         drag = mechanism.dampings() * v - mechanism.passive_forces(ca.vertcat(angles, within))
         force = drag[self.nj :] - pulls.forces[self.nj :] + ca.vertcat(*friction)
-        return ca.Function(
-            "driven",
-            [angles, positions, within, rates, turned, mechanism.parameters.symbols],
-            [force, pulls.drive],
-        )
+        return [force, pulls.drive]
 
-    @cached_property
-    def moved(self) -> ca.Function:
-        """Function (q, dt, p) → internal state after a time dt at q = (θ, s): backlash, points of
-        sheaths, creep.
+    @traced
+    def moved(self, angles: Vector, positions: Vector, dt: Vector, p: Vector) -> list[Vector]:
+        """Function (θ, s, dt, p) → internal state after a time dt: backlash, points of sheaths,
+        creep.
         """
-        mechanism = self.mechanism
-        q = ca.SX.sym("q", self.mechanism.n_bodies)
-        dt = ca.SX.sym("dt")
-        p = self.mechanism.parameters.symbols
-        inside = [*mechanism.internal_state(q).inside, *mechanism.crept(q, dt)]
-        return ca.Function("moved", [q, dt, p], [ca.densify(ca.vertcat(*inside))])
+        q = ca.vertcat(angles, positions)
+        return [ca.vertcat(*self.mechanism.internal_state(q).inside, *self.mechanism.crept(q, dt))]
 
-    @cached_property
-    def tangent(self) -> ca.Function:
+    @traced
+    def tangent(
+        self,
+        free: Vector,
+        pulls: Vector,
+        positions: Vector,
+        turned: Vector,
+        external: Vector,
+        p: Vector,
+    ) -> list[Vector]:
         """Function (θ_free, f, s, d, τ_ext, p) → residual torque A f − τ of the free joints at
         rest, and its derivatives by θ_free at constant pulls f.
         """
-        nf = self.nf
+        still = ca.SX.zeros(self.nf)
+        needed, _ = self.needed(free, still, still, positions, turned, external, p)
+        made = ca.mtimes(self.arms(self.all_joints(free), positions, p), pulls)
+        return [made - needed, ca.jacobian(made - needed, free)]
+
+    def lacking(self, free: Vector, positions: Vector, turned: Vector) -> tuple[Vector, Vector]:
+        """Return the residual torques of joints at rest and their friction limits, (n_free,) each
+        [N m].
+
+        Args:
+            free: angles of the free joints [rad], (n_free,).
+            positions: of the drives [m, rad], (n_drives,).
+            turned: direction in which friction acts, −1 to 1, (n_free,).
+        """
+        still = ca.SX.zeros(self.nf)
+        none = ca.SX.zeros(self.nj)
         p = self.mechanism.parameters.symbols
-        free = ca.SX.sym("free", nf)
-        pulls = ca.SX.sym("pulls", self.nd)
-        positions = ca.SX.sym("positions", self.nd)
-        turned = ca.SX.sym("turned", nf)
-        external = ca.SX.sym("tau", self.nj)
-        zeros = ca.SX.zeros(nf)
-        arms = self.arms(self.all_joints(free), positions, p)
-        lacking = (
-            ca.mtimes(arms, pulls)
-            - self.needed(free, zeros, zeros, positions, turned, external, p)[0]
-        )
-        arguments = [free, pulls, positions, turned, external, p]
-        return ca.Function(
-            "tangent", arguments, ca.cse([lacking, ca.densify(ca.jacobian(lacking, free))])
-        )
+        needed, friction = self.needed(free, still, still, positions, turned, none, p)
+        forces = self._pulls_at(self.all_joints(free), positions, settled=True).forces
+        return ca.mtimes(ca.SX(self.mechanism.spread).T, forces[: self.nj]) - needed, friction
+
+    @traced
+    def spread(self, free: Vector) -> list[Vector]:
+        """Function θ_free → angles of all joints, (n_joints,)."""
+        return [self.all_joints(free)]
 
     def number(self, p: Symbolic, names: Sequence[str]) -> Symbolic:
         """Return the inputs with these `names`, those of `command_inputs` without its prefix, out
@@ -284,8 +323,3 @@ class Balance:
             if self.rig.drives[drive].kind == "capstan"
             else 1
         )
-
-    def spread(self) -> ca.Function:
-        """Return the function that gives the angles of all joints from those of the free joints."""
-        free = ca.SX.sym("free", self.nf)
-        return ca.Function("spread", [free], [ca.densify(self.all_joints(free))])

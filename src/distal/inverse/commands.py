@@ -1,4 +1,4 @@
-"""Commands of drives over time, and the angles that they reach."""
+"""Commands of drives over time, the angles that they reach, and what they cannot do, in words."""
 
 from __future__ import annotations
 
@@ -9,15 +9,26 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from distal.arrays import Floats
+from distal.arrays import Bools, Floats
 from distal.confidence import BAND
+from distal.inverse.command_inputs import radius_of
+from distal.inverse.setpoint_function import TURNS, CommandModel
 from distal.logs import write_columns
 from distal.results import BAND_ALPHA, BLACK, COLOURS, DASHES, figure, legend_above, save_figure
 from distal.rig import Rig, angle_names, gain_of, log_factor, position_unit, std_name
+from distal.rounded import rounded
 from distal.units import unit_factor
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+NAMED = 3
+"""Number of joints that are named as not at their desired angles. Source: layout."""
+
+TINY = 1e-9
+"""Difference up to which two positions [m, rad], or two pulls [N], are equal. Source: rounding
+(positions and pulls that are equal).
+"""
 
 
 @dataclass(frozen=True, repr=False)
@@ -69,30 +80,24 @@ class Commands:
             unit: of the angles, "rad" or "deg".
         """
         rig = self.rig
+        read = expected_readings(rig, self.sent, self.forces, self.tensions)
+        sensors = {(sensor.of, sensor.measures): sensor for sensor in reversed(rig.sensors)}
         columns = {rig.log.time.column: self.time / unit_factor(rig.log.time.unit, "s")}
         for i, drive in enumerate(rig.drives):
-            units = {
-                "position": position_unit(drive),
-                "force": "N" if drive.kind == "slider" else "N m",
-            }
-            for kind, values in (("position", self.sent[:, i]), ("force", self.forces[:, i])):
-                sensor = next(
-                    (one for one in rig.sensors if one.of == drive.name and one.measures == kind),
-                    None,
-                )
+            unit_of_force = "N" if drive.kind == "slider" else "N m"
+            for kind, own, values in (
+                ("position", position_unit(drive), self.sent),
+                ("force", unit_of_force, self.forces),
+            ):
+                sensor = sensors.get((drive.name, kind))
                 if sensor is None:
-                    columns[f"{drive.name}_{kind} [{units[kind]}]"] = values
+                    columns[f"{drive.name}_{kind} [{own}]"] = values[:, i]
                 else:
-                    # what is sent is a reading already
-                    read = (
-                        values
-                        if kind == "position"
-                        else gain_of(sensor).value * values + sensor.bias.value
-                    )
-                    columns[sensor.log_column] = sensor.sign * read / log_factor(sensor)
-            columns[f"{drive.name}_speed [{units['position']}/s]"] = self.speeds[:, i]
+                    read_there = sensor.sign * read[sensor.name]
+                    columns[sensor.log_column] = read_there / log_factor(sensor)
+            columns[f"{drive.name}_speed [{position_unit(drive)}/s]"] = self.speeds[:, i]
+        factor = unit_factor(unit, "rad")
         for j, name in enumerate(angle_names(rig.joint_names)):
-            factor = unit_factor(unit, "rad")
             columns[f"{name} [{unit}]"] = self.angles[:, j] / factor
             columns[f"{std_name(name)} [{unit}]"] = self.stds[:, j] / factor
         return columns
@@ -152,3 +157,141 @@ class Commands:
         if path is not None:
             save_figure(drawing, path)
         return drawing
+
+
+def expected_readings(
+    rig: Rig, positions: Floats, forces: Floats, tensions: Floats
+) -> dict[str, Floats]:
+    """Return what the sensors of drives and tendons would read, by sensor, (k,) each [SI].
+
+    Args:
+        rig: the description.
+        positions: as the drives' sensors read them, (k, n_drives) [m, rad].
+        forces: of the drives, (k, n_drives) [N, N m].
+        tensions: of the tendons at their drives, (k, n_tendons) [N].
+    """
+    of = {
+        "position": dict(zip(rig.drive_names, positions.T)),
+        "force": dict(zip(rig.drive_names, forces.T)),
+        "tension": dict(zip([tendon.name for tendon in rig.tendons], tensions.T)),
+    }
+    found = {}
+    for sensor in rig.sensors:
+        true = of.get(sensor.measures, {}).get(sensor.of)
+        if true is not None and sensor.measures == "position":
+            found[sensor.name] = true
+        elif true is not None:
+            found[sensor.name] = gain_of(sensor).value * true + sensor.bias.value
+    return found
+
+
+def within_stops(model: CommandModel, time: Floats, desired: Floats) -> tuple[list[str], Floats]:
+    """Return which desired angles lie beyond stops, in words, and the angles limited to the stops,
+    (k, n_free) [rad].
+
+    Args:
+        model: the inverse of the rig.
+        time: stamps [s], (k,).
+        desired: angles of the free joints [rad], (k, n_free).
+    """
+    notes = list[str]()
+    held = desired.copy()
+    for k, j in enumerate(model.free):
+        joint = model.rig.joints[j]
+        if joint.stops is None:
+            continue
+        held[:, k] = np.clip(desired[:, k], *joint.stops)
+        beyond = np.abs(held[:, k] - desired[:, k])
+        if beyond.max() > TURNS:
+            low, high = np.rad2deg(joint.stops)
+            notes.append(
+                f"{joint.name} is wanted {rounded(np.rad2deg(beyond.max()), 3)}° beyond its "
+                "stops "
+                f"({low:.4g} to {high:.4g}°), "
+                f"first at {time[beyond > TURNS][0]:.4g} s"
+            )
+    return notes, held
+
+
+def not_reached(
+    model: CommandModel, time: Floats, desired: Floats, reached: Floats, cut: Bools
+) -> list[str]:
+    """Return which joints do not reach their desired angles, in words, the farthest first.
+
+    Args:
+        model: the inverse of the rig.
+        time: stamps [s], (k,).
+        desired: angles of the free joints [rad], (k, n_free).
+        reached: angles that the free joints reach with what is sent [rad], (k, n_free).
+        cut: where drives cannot do what the desired angles ask for, (k, n_drives).
+    """
+    joints = [model.rig.joints[j].name for j in model.free]
+    away = np.abs(reached - desired)
+    far = [k for k in np.argsort(-away.max(axis=0)) if away[:, k].max() > TURNS]
+    if not far:
+        return []
+    each = [
+        f"{joints[k]} {rounded(np.rad2deg(away[:, k].max()))}° (first at "
+        f"{time[away[:, k] > TURNS][0]:.4g} s)"
+        for k in far[:NAMED]
+    ]
+    more = f" and {len(far) - NAMED} more" if len(far) > NAMED else ""
+    names = [model.rig.drives[i].name for i in np.flatnonzero(cut.any(axis=0))]
+    why = (
+        f"{', '.join(names)} cannot do what is wanted, which leaves joints off by up to"
+        if names
+        else "fewer drives than joints, these follow their springs, off by up to"
+    )
+    return [f"{why}: {', '.join(each)}{more}"]
+
+
+def beyond(
+    model: CommandModel,
+    time: Floats,
+    read: Mapping[str, Floats],
+    asked: Floats,
+    least: float,
+) -> list[str]:
+    """Return which limits of drives are passed, and which tendons go slack, in words.
+
+    Args:
+        model: the inverse of the rig.
+        time: stamps [s], (k,).
+        read: part of the kernel's output, such as "forces" → its values, (k, n) each, SI.
+        asked: positions of the drives that the desired angles ask for, (k, n_drives) [m, rad].
+        least: least tension of the tendons [N].
+    """
+    notes = []
+    for i, drive in enumerate(model.rig.drives):
+        unit = "N" if drive.kind == "slider" else "N m"
+        needed = read["forces"][:, i] + radius_of(drive) * read["short"][:, i]
+        largest = float(np.abs(needed).max())
+        if _is_passed(largest, drive.limit):
+            notes.append(
+                f"{drive.name} would need {largest:.3g} {unit}, its limit is "
+                f"{drive.limit:.3g} {unit}"
+            )
+        reaches = None if drive.servo is None else drive.servo.fastest
+        fastest = float(np.abs(np.gradient(read["positions"][:, i], time)).max())
+        if _is_passed(fastest, reaches):
+            notes.append(
+                f"{drive.name} would need a speed of {fastest:.3g}, it reaches {reaches:.3g}: it "
+                "is late there"
+            )
+        cut = np.abs(asked[:, i] - read["positions"][:, i]) > TINY
+        if drive.stops is not None and cut.any():
+            low, high = drive.stops
+            notes.append(
+                f"{drive.name} would have to go beyond its range [{low:.4g}, {high:.4g}], "
+                f"first at {time[cut][0]:.4g} s"
+            )
+    for i, tendon in enumerate(model.rig.tendons):
+        slack = read["tensions"][:, i] < 0.5 * min(least, 1e-3)
+        if slack.any():
+            notes.append(f"tendon {tendon.name} goes slack, first at {time[slack][0]:.4g} s")
+    return notes
+
+
+def _is_passed(needed: float, limit: float | None) -> bool:
+    """Return whether a limit is passed by as much as the three digits show that are said of it."""
+    return limit is not None and float(f"{needed:.3g}") > float(f"{limit:.3g}")

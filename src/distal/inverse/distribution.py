@@ -1,25 +1,24 @@
 """Distribution of the joints' torques over the tendons, where these may be more than the joints and
-all stay taut.
+all stay taut, and the least tension that is kept.
 
-The pulls f solve A f = τ with f ≥ f_min. The least Σ f is a linear programme: at its solution as
-many pulls are at their minimum as there are more pulls than torques (a vertex). The least Σ f², the
-heat of equal motors, is a quadratic programme: some pulls are at their minimum, and the others are
-the shortest vector that makes the remaining torque. The few sets of pulls that may be at their
-minimum are tried one by one, without iteration, in exported C too.
+The pulls f solve A f = τ with f ≥ f_min and the least Σ f, a linear programme: at its solution as
+many pulls are at their minimum as there are more pulls than torques (a vertex). The few sets of
+pulls that may be at their minimum are tried one by one, without iteration, in exported C too.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations
-from typing import Literal
+from math import inf
 
 import casadi as ca
 
-from distal.expressions import Matrix, Scalar, Vector
-
-Prefer = Literal["tension", "heat"]
-"""What is least: the sum of the pulls ("tension"), or the sum of their squares ("heat")."""
+from distal.errors import CommandError
+from distal.expressions import Matrix, Vector
+from distal.rig import Rig, check_scales
+from distal.rounded import rounded
+from distal.units import to_si
 
 VIOLATED = 1e6
 """Cost of a newton below the minimum beside that of a newton above it [1]: where no solution keeps
@@ -31,12 +30,45 @@ SINGULAR = 1e-12
 which its matrix counts as singular [1]. Source: rounding (division by a determinant of zero).
 """
 
+LEAST_TENSION = 1.0
+"""Default of the tension that commands keep in the tendons [N]. Source: judgement."""
 
-def least_pulls(
-    arms: Matrix, torques: Vector, lowest: Vector, one_sided: Sequence[bool], prefer: Prefer
-) -> Vector:
-    """Return the pulls f, (m,) [N], that solve A f = τ with the least sum, or the least sum of
-    squares.
+FARTHEST = 0.1
+"""Largest distance along its tendon, from where a drive is, at which its next position is looked
+for, and by which the least tension may stretch a tendon [m]. Source: judgement.
+"""
+
+
+def least_tension_of(value: float | str, rig: Rig) -> float:
+    """Return a least tension [N], checked for a rig.
+
+    Args:
+        value: newtons, or a text with a unit.
+        rig: whose tendons shall keep it.
+
+    Raises:
+        CommandError: the value is no tension of 0 N or more, stretches a tendon too far, or the
+            rig's scale of force was taken.
+    """
+    check_scales(rig, "a command that keeps tendons taut", "tension")
+    try:
+        tension = to_si(value, "N")
+    except ValueError as problem:
+        raise CommandError(f"least_tension: {problem}") from None
+    if not 0.0 <= tension < inf:
+        raise CommandError(f"least_tension: at least 0 N, {value} came")
+    for tendon in rig.tendons:
+        most = FARTHEST * tendon.stiffness.value
+        if tension > most:
+            raise CommandError(
+                f"least_tension: {value} would stretch tendon '{tendon.name}' by more than "
+                f"{FARTHEST:g} m; up to {rounded(most, 3)} N can be"
+            )
+    return tension
+
+
+def least_pulls(arms: Matrix, torques: Vector, lowest: Vector, one_sided: Sequence[bool]) -> Vector:
+    """Return the pulls f, (m,) [N], that solve A f = τ with the least sum.
 
     Where n < m, one-sided pulls are at least `lowest`, if any solution allows that. Where n = m,
     the one solution is returned as it is.
@@ -47,7 +79,6 @@ def least_pulls(
         lowest: f_min, (m,) [N].
         one_sided: which pulls are of drives with a single tendon; a motor that winds two tendons
             pulls either way.
-        prefer: which sum is least.
     """
     n, m = arms.shape
     if n == m:
@@ -55,22 +86,15 @@ def least_pulls(
     best = ca.SX.zeros(m)
     cost = ca.SX(ca.inf)
     sided = [i for i in range(m) if one_sided[i]]
-    counts = range(m - n + 1) if prefer == "heat" else (m - n,)
-    for held in (at for count in counts for at in combinations(sided, count)):
-        free = [i for i in range(m) if i not in held]
-        at = list(held)
+    for at in map(list, combinations(sided, m - n)):
+        free = [i for i in range(m) if i not in at]
         own = arms[:, free]
         if ca.sprank(own) < n:
             continue
         pulls = ca.SX(m, 1)
         pulls[at] = lowest[at]
-        left = torques - ca.mtimes(arms[:, at], lowest[at])
-        pulls[free] = (
-            solved(own, left)
-            if len(free) == n
-            else ca.mtimes(own.T, solved(ca.mtimes(own, own.T), left))
-        )
-        total = ca.sumsqr(pulls) if prefer == "heat" else ca.sum1(ca.fabs(pulls))
+        pulls[free] = solved(own, torques - ca.mtimes(arms[:, at], lowest[at]))
+        total = ca.sum1(ca.fabs(pulls))
         for i in free:
             if one_sided[i]:
                 total += VIOLATED * ca.fmax(lowest[i] - pulls[i], 0)
@@ -81,37 +105,17 @@ def least_pulls(
 
 
 def solved(matrix: Matrix, right: Vector) -> Vector:
-    """Return M⁻¹ b, by Cramer's rule up to three rows and by CasADi's `solve` beyond.
+    """Return M⁻¹ b, by its adjugate and determinant up to three rows and by CasADi's `solve`
+    beyond.
 
     Up to three rows a singular M gives zero. The `matrix` is M, (n, n), and `right` is b, (n,).
     """
-    n = matrix.size1()
-    if n <= 3:
-        bound = ca.SX(1)
-        for row in ca.vertsplit(matrix):
-            bound *= ca.norm_2(row)
-        determinant = _determinant(matrix)
-        columns = []
-        for k in range(n):
-            replaced = ca.SX(matrix)
-            replaced[:, k] = right
-            columns.append(_over(_determinant(replaced), determinant, bound))
-        return ca.vertcat(*columns)
-    return ca.solve(ca.densify(matrix), right)
-
-
-def _determinant(matrix: Matrix) -> Scalar:
-    if matrix.size1() == 1:
-        return matrix[0, 0]
-    total = ca.SX(0)
-    rows = list(range(1, matrix.size1()))
-    for k in range(matrix.size2()):
-        others = [j for j in range(matrix.size2()) if j != k]
-        total += (-1) ** k * matrix[0, k] * _determinant(matrix[rows, others])
-    return total
-
-
-def _over(value: Scalar, divisor: Scalar, bound: Scalar) -> Scalar:
-    """Return a quotient, zero where the divisor is zero but for rounding, beside its `bound`."""
-    usable = ca.fabs(divisor) > SINGULAR * bound
-    return ca.if_else(usable, value / ca.if_else(usable, divisor, 1), 0)
+    if matrix.size1() > 3:
+        return ca.solve(ca.densify(matrix), right)
+    bound = ca.SX(1)
+    for row in ca.vertsplit(matrix):
+        bound *= ca.norm_2(row)
+    determinant = ca.det(matrix)
+    usable = ca.fabs(determinant) > SINGULAR * bound
+    found = ca.mtimes(ca.adj(matrix), right) / ca.if_else(usable, determinant, 1)
+    return ca.if_else(usable, found, 0)

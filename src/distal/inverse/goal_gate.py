@@ -1,50 +1,93 @@
 """The gate through which every goal of a motor goes: what does not pass is not sent.
 
 A motor gets no goal before its sensor was read, nor while its reading is in doubt. A goal is a
-finite position within the motor's range that changes no faster than the motor can go. A motor
-without a reading for `OLDEST` stops, and with it every motor whose tendons cross one of its joints.
+finite position within every `Limit`: the motor's range, what it can go by then, and a way that is
+tried where it stands. A motor without a reading for `Caution.oldest` stops, and with it every motor
+whose tendons cross one of its joints.
 
 A motor that stops keeps the force F that it holds. A servo of stiffness K and lag T, at position s
 and speed v, holds F with a goal at u = s + v T + F/K. Where the goal that was sent last agrees with
 this u, as the last readings give it, the motor keeps that goal, and otherwise it gets u. With a
-goal at s it would give way by F/K. After `PATIENCE` the motor does what the rig's `when_lost` says;
-a hot motor begins to let go at once.
+goal at s it would give way by F/K. After `Caution.patience` the motor does what the rig's
+`when_lost` says; a hot motor begins to let go at once.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy, deepcopy
-from math import inf, pi
+from dataclasses import dataclass
+from math import inf
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
-from distal.inverse.motor_readings import AGREES, ARRIVED, OLDEST, MotorReadings
+from distal.inverse.motor_readings import USUAL, Caution, MotorReadings
 from distal.rig import Rig
 from distal.run.drive_range import motor_range, position_range
 from distal.run.live_estimator import LATEST
 from distal.run.monitor import REWOUND
 
-PATIENCE = 1.0
-"""Time for which a stopped motor holds its force before it does what the rig's `when_lost` says
-[s]. Source: judgement.
-"""
 
-EASES = 1.0
-"""Time over which a stopped motor lets go of its force [s]. Source: judgement."""
+class Limit(Protocol):
+    """Between which positions goals may lie."""
 
-LAG = 0.05
-"""Lag of a servo that the rig does not describe, as of a small servo with a bandwidth of 3 Hz [s].
-Source: judgement.
-"""
+    def ends(self, before: Floats, since: float, motors: MotorReadings) -> tuple[Floats, Floats]:
+        """Return the lowest and the highest goals, (n_drives,) each [m, rad].
+
+        Args:
+            before: goals that were sent last, or readings before the first goal [m, rad].
+            since: time since then [s].
+            motors: what the motors read.
+        """
 
 
-AHEAD = 2 * ARRIVED
-"""Largest distance of a goal from the one with which a standing motor rests, until the motor moves
-[rad]. Source: judgement.
-"""
+@dataclass(frozen=True)
+class RangeLimit:
+    """A goal is within the motor's range, [low, high], or no further beyond than the one before."""
+
+    low: Floats
+    high: Floats
+
+    def ends(self, before: Floats, since: float, motors: MotorReadings) -> tuple[Floats, Floats]:
+        """Return the lowest and the highest goals; see `Limit`."""
+        return np.fmin(self.low, before), np.fmax(self.high, before)
+
+
+class RateLimit:
+    """A goal changes no faster than the motor can go; back to where the motor is, it may go at
+    once.
+    """
+
+    def ends(self, before: Floats, since: float, motors: MotorReadings) -> tuple[Floats, Floats]:
+        """Return the lowest and the highest goals; see `Limit`."""
+        most = motors.fastest * min(since, motors.caution.oldest) + motors.agrees
+        return (
+            np.fmin(before - most, motors.position),
+            np.fmax(before + most, motors.position),
+        )
+
+
+@dataclass(frozen=True)
+class StandingLimit:
+    """A motor that stands is sent little beyond the goal with which it rests, until it moves.
+
+    Args:
+        calibrated: whether motors that rest hold a force.
+    """
+
+    calibrated: bool
+
+    def ends(self, before: Floats, since: float, motors: MotorReadings) -> tuple[Floats, Floats]:
+        """Return the lowest and the highest goals; see `Limit`."""
+        rests = motors.position + motors.ahead_of_rest(self.calibrated)
+        most = 2 * motors.caution.arrived
+        return (
+            np.where(motors.stands, rests - most, -inf),
+            np.where(motors.stands, rests + most, inf),
+        )
 
 
 def columns_of(rig: Rig, channels: Sequence[str], kind: str) -> NDArray[np.int_]:
@@ -67,15 +110,20 @@ class GoalGate:
         calibrated: whether the ranges of the joints are known: then goals stay within them, and
             motors that stop hold their force. In a power-on routine they are not, and motors that
             stop let go of their force.
+        caution: how much of what motors read is believed.
     """
 
-    def __init__(self, rig: Rig, *, calibrated: bool = True) -> None:
+    def __init__(self, rig: Rig, *, calibrated: bool = True, caution: Caution = USUAL) -> None:
         self._rig = rig
         self._names = rig.drive_names
-        self._motors = MotorReadings(rig)
+        self._caution = caution
+        self._motors = MotorReadings(rig, caution)
         servos = [drive.servo for drive in rig.drives]
-        self._lag = np.array([LAG if s is None else s.delay + _lag(s.bandwidth) for s in servos])
-        self._ends = np.array([_ends(rig, name, calibrated) for name in self._names])
+        self._lag = np.array([caution.lag if servo is None else servo.lag for servo in servos])
+        self._range = RangeLimit(
+            *np.array([_ends(rig, name, calibrated) for name in self._names]).T
+        )
+        self.limits: tuple[Limit, ...] = (self._range, RateLimit(), StandingLimit(calibrated))
         crossed = crossed_joints(rig)
         self._together = (crossed @ crossed.T) | np.eye(len(crossed), dtype=bool)
         self._calibrated = calibrated
@@ -232,10 +280,11 @@ class GoalGate:
         lost = self._lost
         failing = self._is_failing
         eased = stopped & (self._share < 1.0)
+        oldest = f"{self._caution.oldest:g} s: stands"
         parts = [
             ("no goal is sent to {}: where it is, is in doubt; power_on tells", doubted),
-            (f"no goal arrives at {{}} for {OLDEST:g} s: stands", failing),
-            (f"{{}} not read for {OLDEST:g} s: stands", lost & ~doubted & ~deaf & ~failing),
+            (f"no goal arrives at {{}} for {oldest}", failing),
+            (f"{{}} not read for {oldest}", lost & ~doubted & ~deaf & ~failing),
             ("{} does not follow its goals: they stay near it", deaf),
             ("{} answers with an old reading", stale & ~stopped),
             ("{} stands too: its tendons cross the same joint", stopped & ~lost & ~doubted),
@@ -256,36 +305,22 @@ class GoalGate:
                 (n_drives,).
         """
         time = time if abs(time) < LATEST else self._time
-        since = min(max(time - self._passed_at, 0.0), OLDEST)
+        since = max(time - self._passed_at, 0.0)
         self._time = max(self._time, time)
         self._passed_at = time
-        low, high = self._ends.T
+        motors = self._motors
         desired = np.where(np.isfinite(goals), goals, self._sent)
         before = self.expected
         before = np.where(np.isfinite(before), before, desired)
-        low = np.fmin(low, before)
-        high = np.fmax(high, before)
-        desired = np.clip(desired, low, high)
-        most = self._motors.fastest * since + AGREES * self._motors.scale
-        position = self._motors.position
-        # back to where a motor is, a goal may go at once
-        desired = np.clip(
-            desired, np.fmin(before - most, position), np.fmax(before + most, position)
-        )
-        rests = position + self._ahead
-        near = np.clip(desired, rests - AHEAD, rests + AHEAD)
-        desired = np.where(self._motors.stands, near, desired)
+        for limit in self.limits:
+            desired = np.clip(desired, *limit.ends(before, since, motors))
         stopped = self.stopped
-        sent = desired
-        if stopped.any():
-            sent = np.where(stopped, np.clip(self._eased(time, stopped), low, high), desired)
-        else:
-            self._share = np.ones(len(desired))
+        eased = np.clip(self._eased(time, stopped), *self._range.ends(before, since, motors))
         self._held = np.where(stopped, self._held, np.nan)
         self._before = self._sent
-        never_read = self._motors.has_sensor & ~np.isfinite(self._motors.position)
-        self._sent = np.where(never_read, np.nan, sent)
-        return np.where(self._motors.doubted, np.nan, self._sent)
+        never_read = motors.has_sensor & ~np.isfinite(motors.position)
+        self._sent = np.where(never_read, np.nan, np.where(stopped, eased, desired))
+        return np.where(motors.doubted, np.nan, self._sent)
 
     def confirm(self, arrived: bool) -> None:
         """Take in whether the goals that passed last were sent; where they were not, the goals
@@ -312,23 +347,24 @@ class GoalGate:
         since = np.minimum(self._time - motors.at, motors.oldest)
         coming = motors.position + motors.speed * (since + self._lag) + self._ahead
         # a motor that overshoots comes back to its goal: either way is as likely
-        near = AGREES * motors.scale + np.abs(motors.speed) * (since + 2.0 * self._lag)
+        near = motors.agrees + np.abs(motors.speed) * (since + 2.0 * self._lag)
         agrees = np.abs(self._sent - motors.position - self._ahead) <= near
         # how far it gives way is not known yet
         gives_way = ~np.isfinite(motors.ahead) & self._calibrated
-        gives_way &= ~motors.is_motor | (np.abs(self._sent - motors.position) <= near + ARRIVED)
+        away = np.abs(self._sent - motors.position)
+        gives_way &= ~motors.is_motor | (away <= near + self._caution.arrived)
         return np.where(np.isfinite(self._sent) & (agrees | gives_way), self._sent, coming)
 
     @property
     def _ahead(self) -> Floats:
         """By how much goals are ahead of standing motors that hold their force."""
-        holds = np.isfinite(self._motors.ahead) & self._calibrated
-        return np.where(holds, self._motors.ahead, 0.0)
+        return self._motors.ahead_of_rest(self._calibrated)
 
     def _left(self) -> Floats:
         """Return the share of its force that each motor may still hold."""
-        patience = np.where(self._hot, 0.0, PATIENCE)
-        eased = np.clip((self._time - self._stopped_at - patience) / EASES, 0.0, 1.0)
+        patience = np.where(self._hot, 0.0, self._caution.patience)
+        waited = self._time - self._stopped_at - patience
+        eased = np.clip(waited / self._caution.eases, 0.0, 1.0)
         left = np.zeros(len(eased))
         if not self._relaxes:
             torques = np.maximum(np.abs(self._motors.torque), 1e-12)
@@ -337,10 +373,6 @@ class GoalGate:
 
     def _named(self, chosen: Bools) -> list[str]:
         return [name for name, is_chosen in zip(self._names, chosen) if is_chosen]
-
-
-def _lag(bandwidth: float | None) -> float:
-    return 0.0 if bandwidth is None else 1.0 / (2 * pi * bandwidth)
 
 
 def _ends(rig: Rig, name: str, calibrated: bool) -> tuple[float, float]:

@@ -8,18 +8,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite, nan
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from distal.arrays import Bools, Floats
+from distal.confidence import BAND
 from distal.errors import CommandError
 from distal.estimators import SHORTEST, AdaptiveFilter, sample_problem
+from distal.inverse.distribution import LEAST_TENSION, least_tension_of
+from distal.inverse.feedback import Feedback
 from distal.inverse.goal_gate import GoalGate, columns_of, crossed_joints
-from distal.inverse.least_tension import LEAST_TENSION, least_tension_of
-from distal.inverse.live_inverse_function import GAINS, layouts, live_function, live_structure
-from distal.inverse.setpoint_function import CommandModel
-from distal.kernels import kernel_of
+from distal.inverse.live_inverse_function import layouts, live_function, live_structure
+from distal.inverse.motor_readings import MISSED, USUAL, Caution
+from distal.inverse.setpoint_function import ROUNDS, CommandModel
+from distal.kernels import Layout, kernel_of
 from distal.rig import Rig, as_rig
 from distal.run import LiveEstimator, Monitor, Reading
 
@@ -27,56 +29,6 @@ ACROSS = 0.25
 """Time in which a joint goes through its whole range with the default of the largest speed [s].
 Source: judgement.
 """
-
-PAUSE = 3.0
-"""Longest step in time of the reference, in intervals of the rig's samples [1]: after a later
-sample it moves no further. Source: judgement.
-"""
-
-CLEARLY = 3.0
-"""Distance from its reference, in standard deviations, beyond which a joint is clearly elsewhere
-[1]. Source: judgement.
-"""
-
-FIRST = 3
-"""Number of rounds in which the drives' positions and the internal state are made to agree at the
-start. Source: judgement.
-"""
-
-
-@dataclass(frozen=True)
-class Feedback:
-    """Feedback of a joint's estimated angle.
-
-    Args:
-        follow: rate at which the commanded angle corrects an error of the angle [1/s]; 0 for none.
-        deadband: error that is not corrected [rad], so that a loop with friction and backlash does
-            not hunt.
-        proportional: gain for drives that follow forces [N m/rad].
-        integral: gain for drives that follow forces [N m/(rad s)].
-        derivative: gain for drives that follow forces [N m s/rad].
-        torque_limit: of the sum of the three torques [N m].
-
-    Raises:
-        CommandError: a gain is negative or not finite, or the torque limit is not above zero.
-    """
-
-    follow: float = 1.0
-    deadband: float = float(np.deg2rad(0.5))
-    proportional: float = 0.0
-    integral: float = 0.0
-    derivative: float = 0.0
-    torque_limit: float = 1e300
-
-    def __post_init__(self) -> None:
-        for name in ("follow", "deadband", "proportional", "integral", "derivative"):
-            gain = getattr(self, name)
-            if not (isfinite(gain) and gain >= 0.0):
-                raise CommandError(f"feedback.{name}: 0 or a finite number above, {gain} came")
-        if not self.torque_limit > 0.0:
-            raise CommandError(
-                f"feedback.torque_limit: a torque above 0 N m, {self.torque_limit} came"
-            )
 
 
 @dataclass(frozen=True)
@@ -105,8 +57,8 @@ def gains_of(
     feedback: Feedback | Mapping[str, Feedback] | None,
     fastest: float | None,
     compensates: bool = False,
-) -> Floats:
-    """Return the gains of `live_function`, (n_gains,); see `LiveInverse`.
+) -> dict[str, Floats]:
+    """Return the gains of `live_function` by name; see `LiveInverse`.
 
     Args:
         model: the inverse of the rig.
@@ -129,21 +81,21 @@ def gains_of(
         )
     if fastest is not None and not fastest > 0.0:
         raise CommandError(f"fastest: a speed above 0 rad/s, {fastest} came")
-    of = [given.get(name, Feedback(follow=0.0)) for name in names]
-    parts = {
-        "fastest": [
-            np.ptp(joint.travel) / ACROSS if fastest is None else fastest for joint in joints
-        ],
-        "lowest": [lowest],
-        "compensates": [float(compensates)],
-        "follow": [one.follow for one in of],
-        "deadband": [one.deadband for one in of],
-        "kp": [one.proportional for one in of],
-        "ki": [one.integral for one in of],
-        "kd": [one.derivative for one in of],
-        "torque_limit": [one.torque_limit for one in of],
+    return {
+        "lowest": np.array([lowest]),
+        "compensates": np.array([float(compensates)]),
+        "fastest": np.array([fastest or np.ptp(joint.travel) / ACROSS for joint in joints]),
+        **Feedback.gains([given.get(name, Feedback(follow=0.0)) for name in names]),
     }
-    return np.concatenate([np.array(parts[name], dtype=np.float64) for name in GAINS])
+
+
+def inputs_of(
+    model: CommandModel, estimator: AdaptiveFilter, gains: Mapping[str, Floats]
+) -> Floats:
+    """Return the parameters of `live_function` with the `gains` by name, (n,)."""
+    of_filter = estimator.parameters[: len(estimator.parameter_names)]
+    of_gains = layouts(model, estimator.states).gains
+    return np.concatenate([*(gains[name] for name in of_gains.names), of_filter, model.derived])
 
 
 class LiveInverse:
@@ -173,6 +125,7 @@ class LiveInverse:
             object that is grasped is pressed no harder because it pushes back.
         gate: a gate that has taken in the samples before they come here; by default the inverse has
             its own.
+        caution: of its own gate: how much of what motors read is believed.
 
     Raises:
         CommandError: an argument is out of its range, or names an unknown joint.
@@ -189,17 +142,11 @@ class LiveInverse:
         compensates: bool = False,
         compiled: bool = True,
         gate: GoalGate | None = None,
+        caution: Caution = USUAL,
     ) -> None:
         self._rig = as_rig(rig)
         estimator = AdaptiveFilter(self._rig, compiled)
         model = CommandModel(self._rig)
-        self._setup: dict[str, Any] = {
-            "least_tension": least_tension,
-            "feedback": feedback,
-            "fastest": fastest,
-            "compensates": compensates,
-            "compiled": compiled,
-        }
         self._live = LiveEstimator(self._rig, estimator)
         self._free = model.free
         self.joints = tuple(self._rig.joints[j].name for j in model.free)
@@ -210,24 +157,26 @@ class LiveInverse:
         )
         lowest = least_tension_of(least_tension, self._rig)
         gains = gains_of(model, lowest, feedback, fastest, compensates)
+        self._parameters = inputs_of(model, estimator, gains)
         self._monitor = Monitor(self._live)
-        self._loop = self._kernel.loop(
-            np.concatenate(
-                [gains, estimator.parameters[: len(estimator.parameter_names)], model.derived]
-            )
-        )
         self._has_map = bool(estimator.report.states)
-        self._gate = GoalGate(self._rig) if gate is None else gate
+        self._gate = GoalGate(self._rig, caution=caution) if gate is None else gate
         self._is_believed = gate is not None
         self._positions = columns_of(self._rig, estimator.channels, "position")
         self._moves = crossed_joints(self._rig) @ (np.array(model.mechanism.spread) != 0.0)
-        kernel_state = self._layouts.kernel_state
-        self._kernel_state = {
-            name: self._loop.kernel_state[kernel_state[name]] for name in kernel_state.names
-        }
-        self._x = {name: self._loop.x[self._layouts.x[name]] for name in self._layouts.x.names}
-        self._y = {name: self._loop.y[self._layouts.y[name]] for name in self._layouts.y.names}
+        self._begin_loop()
         self.reset()
+
+    def _begin_loop(self) -> None:
+        """Begin a loop of the kernel, with the parts of its arrays by name."""
+        self._loop = self._kernel.loop(self._parameters)
+
+        def parts(layout: Layout, array: Floats) -> dict[str, Floats]:
+            return {name: array[layout[name]] for name in layout.names}
+
+        self._kernel_state = parts(self._layouts.kernel_state, self._loop.kernel_state)
+        self._x = parts(self._layouts.x, self._loop.x)
+        self._y = parts(self._layouts.y, self._loop.y)
 
     def reset(self) -> None:
         """Forget everything: the next sample is the first."""
@@ -235,6 +184,7 @@ class LiveInverse:
         self._loop.kernel_state[:] = 0.0
         if not self._is_believed:
             self._gate.reset()
+        # these are replaced, and never changed in place: a clone may share them
         self._forces = np.full(len(self._rig.drives), nan)
         self._asked = np.full(len(self.joints), nan)
         self._stood = np.zeros(len(self.joints), dtype=bool)
@@ -242,16 +192,14 @@ class LiveInverse:
 
     def clone(self) -> LiveInverse:
         """Return a copy with the same belief, which goes on by itself."""
-        other = LiveInverse(self._rig, **self._setup)
+        other = object.__new__(LiveInverse)
+        vars(other).update(vars(self))
         other._live = self._live.clone()
         other._monitor = self._monitor.clone(other._live)
+        other._gate = self._gate.clone()
+        other._begin_loop()
         other._loop.kernel_state[:] = self._loop.kernel_state
         other._loop.y[:] = self._loop.y
-        other._gate = self._gate.clone()
-        other._forces = self._forces.copy()
-        other._time = self._time
-        other._asked = self._asked.copy()
-        other._stood = self._stood.copy()
         return other
 
     @property
@@ -286,18 +234,7 @@ class LiveInverse:
         Raises:
             CommandError: there are more or fewer angles than joints, or a name is unknown.
         """
-        if isinstance(desired, Mapping):
-            desired = (
-                [desired.get(name, nan) for name in self.joints]
-                if set(desired) <= set(self.joints)
-                else []
-            )
-        angles = np.atleast_1d(np.asarray(desired, dtype=np.float64))
-        if angles.shape != (len(self.joints),):
-            raise CommandError(
-                f"wanted are angles of {', '.join(self.joints)}; {len(angles)} came, or another "
-                "joint's"
-            )
+        angles = self._angles(desired)
         if sample_problem(sample, self.channels) is None and not self._is_believed:
             sample = self._gate.believed(time, sample, self.channels)
         reading = self._monitor.take(time, sample)
@@ -310,8 +247,6 @@ class LiveInverse:
         if self._time is None and reading.unusable:
             return self._command(reading, [reading.unusable])
         x = self._x
-        y = self._y
-        unusable = reading.unusable
         self._asked = np.where(np.isfinite(angles), angles, self._asked)
         x["state"][:] = self._live.mean
         if self._has_map:
@@ -319,7 +254,7 @@ class LiveInverse:
         # without a reading a drive counts as being where it was sent
         read = np.where(self._positions >= 0, sample[self._positions], nan)
         np.copyto(x["read"], np.where(np.isfinite(read), read, self._gate.expected))
-        x["trusted"][0] = not unusable
+        x["trusted"][0] = not reading.unusable
         x["touched"][0] = self._live.touched
         stopped = self._gate.stopped
         stands = stopped @ self._moves if stopped.any() else np.zeros_like(self._stood)
@@ -330,20 +265,34 @@ class LiveInverse:
             self._loop.kernel_state[:] = 0.0
             x["desired"][:] = begin
             x["dt"][0] = 0.0
-            for _ in range(FIRST):
+            for _ in range(ROUNDS):
                 self._loop.step()
         else:
             self._rest(stands | self._stood)
             x["desired"][:] = np.where(stands, self._kernel_state["reference"], self._asked)
             # after a pause the reference goes on from where it was, and does not jump
-            x["dt"][0] = min(max(time - self._time, SHORTEST), PAUSE * self._live.interval)
+            x["dt"][0] = min(max(time - self._time, SHORTEST), MISSED * self._live.interval)
             self._loop.step()
         self._time = time
         self._stood = stands
-        ended = [drive.name for drive, is_cut in zip(self._rig.drives, y["at_end"]) if is_cut]
-        notes = [f"no feedback: {unusable}"] if unusable else []
+        at_end = zip(self._rig.drive_names, self._y["at_end"])
+        ended = [name for name, is_cut in at_end if is_cut]
+        notes = [f"no feedback: {reading.unusable}"] if reading.unusable else []
         notes += [f"{', '.join(ended)} at the end of its range"] if ended else []
         return self._command(reading, notes)
+
+    def _angles(self, desired: Sequence[float] | Floats | Mapping[str, float]) -> Floats:
+        """Return desired angles in the order of `joints`, (n_free,), NaN where one is left out."""
+        if isinstance(desired, Mapping):
+            known = set(desired) <= set(self.joints)
+            desired = [desired.get(name, nan) for name in self.joints] if known else []
+        angles = np.atleast_1d(np.asarray(desired, dtype=np.float64))
+        if angles.shape != (len(self.joints),):
+            raise CommandError(
+                f"wanted are angles of {', '.join(self.joints)}; {len(angles)} came, or another "
+                "joint's"
+            )
+        return angles
 
     def _rest(self, stands: Bools) -> None:
         """Set the references of joints that stand to where these clearly are, and keep feedback
@@ -353,7 +302,7 @@ class LiveInverse:
             return
         angles = self._live.mean[self._free]
         stds = self._live.angle_stds[self._free]
-        away = stands & (np.abs(self._kernel_state["reference"] - angles) > CLEARLY * stds)
+        away = stands & (np.abs(self._kernel_state["reference"] - angles) > BAND * stds)
         for name in ("reference", "wished"):
             np.copyto(self._kernel_state[name], angles, where=away)
         for name in ("rate", "speed", "acceleration"):
@@ -370,9 +319,8 @@ class LiveInverse:
             note = "; ".join([*notes, "nothing is sent before the first readings"])
             return Command(nothing, nothing.copy(), nothing.copy(), reading, note)
         is_new = all(map(isfinite, reading.angles))
-        positions = self._gate.passed(
-            reading.time, y["positions"] if is_new else np.full(count, nan)
-        )
+        goals = y["positions"] if is_new else np.full(count, nan)
+        positions = self._gate.passed(reading.time, goals)
         stands = self._gate.stopped
         self._forces = np.where(stands, self._forces, y["forces"])
         notes = [*notes, self._gate.note] if self._gate.note else notes

@@ -9,6 +9,7 @@ the torque that it had near the last goal that it reached.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import inf
 
 import numpy as np
@@ -17,35 +18,9 @@ from distal.arrays import Bools, Floats
 from distal.rig import Rig
 from distal.run.log_units import FASTEST
 
-OLDEST = 0.1
-"""Age beyond which a reading does not tell where a motor is [s]. Source: judgement."""
-
 MISSED = 2.5
-"""Age beyond which a reading of a slow sensor does not tell where a motor is, in intervals of the
-sensor [1]. Source: judgement.
-"""
-
-SPOOL = 0.01
-"""Radius of a usual spool: a limit for the angle of a motor, times this, is the limit for the
-position of a slider [m/rad]. Source: judgement.
-"""
-
-STANDS = 0.05
-"""Speed below which a motor stands [rad/s]. Source: judgement."""
-
-AGREES = 0.05
-"""Distance within which a goal agrees with a motor's last position and force [rad]. Source:
-judgement.
-"""
-
-JUMP = 0.1
-"""Distance beyond what a motor can go at its speed, from which on its reading is in doubt [rad].
-Source: judgement.
-"""
-
-ARRIVED = 0.15
-"""Distance from its goal within which a motor has arrived [rad]: so far may a small servo give way
-at its largest torque. Source: judgement.
+"""Time without a sample after which nothing is known of what went on, in intervals of the sensor
+[1]. Source: judgement.
 """
 
 REMEMBERED = 10
@@ -57,18 +32,53 @@ Source: judgement.
 """
 
 
+@dataclass(frozen=True)
+class Caution:
+    """How much of what motors read is believed, and what motors do that are not read.
+
+    Angles are those of motors. For a slider `agrees` is that angle of its joints.
+
+    Args:
+        oldest: age beyond which a reading does not tell where a motor is [s].
+        patience: time for which a stopped motor holds its force before it does what the rig's
+            `when_lost` says [s]; a motor stands if it would move by less than `agrees` in it.
+        eases: time over which a stopped motor lets go of its force [s].
+        lag: of a servo that the rig does not describe [s]; that of a bandwidth of 3 Hz.
+        agrees: distance within which a goal agrees with a motor's last position and force [rad].
+        jump: distance beyond what a motor can go at its speed, from which on its reading is in
+            doubt [rad].
+        arrived: distance from its goal within which a motor has arrived [rad]: so far may a small
+            servo give way at its largest torque. A motor that stands is sent no more than twice as
+            far, until it moves.
+    """
+
+    oldest: float = 0.1
+    patience: float = 1.0
+    eases: float = 1.0
+    lag: float = 0.05
+    agrees: float = 0.05
+    jump: float = 0.1
+    arrived: float = 0.15
+
+
+USUAL = Caution()
+"""What is used unless another one is given."""
+
+
 class MotorReadings:
     """Positions, speeds and torques of motors as far as they can be believed, (n_drives,) each, SI.
 
     Args:
         rig: the description.
+        caution: how much is believed.
 
     Attributes:
         fastest: largest speed of each motor [rad/s].
         oldest: age beyond which a reading does not tell where a motor is [s].
         is_motor: whether a drive turns a spool; a slider does not.
-        scale: limit for a drive per limit for the angle of a motor: 1, or `SPOOL` of a slider
-            [m/rad].
+        scale: limit for a drive per limit for the angle of a motor: 1, or how far a slider goes as
+            the joints that its tendons cross turn by 1 rad [m/rad].
+        agrees: distance within which two positions agree.
         has_sensor: whether a sensor reads the position.
         position: the last one that was believed, NaN before the first.
         speed: of that position.
@@ -82,19 +92,25 @@ class MotorReadings:
         stale: whether the last reading is an old one.
     """
 
-    def __init__(self, rig: Rig) -> None:
+    def __init__(self, rig: Rig, caution: Caution = USUAL) -> None:
         drives = rig.drives
         names = [drive.name for drive in drives]
-        servos = [drive.servo for drive in drives]
-        fastest = [None if servo is None else servo.fastest for servo in servos]
-        self.fastest = np.array([FASTEST if most is None else most for most in fastest])
+        self.caution = caution
+        self.fastest = np.array(
+            [drive.servo.fastest or FASTEST if drive.servo else FASTEST for drive in drives]
+        )
         rates = {sensor.of: sensor.rate for sensor in rig.sensors_of("position")}
-        self.oldest = np.maximum([MISSED / rates.get(name, inf) for name in names], OLDEST)
+        self.oldest = np.maximum([MISSED / rates.get(name, inf) for name in names], caution.oldest)
         self.has_sensor = np.array([name in rates for name in names])
         # how fast a slider goes, and what it has to feel, is not known: only motors can be told to
         # answer with old readings, or to be deaf, and a slider leaps only where it is absurd
         self.is_motor = np.array([drive.kind == "capstan" for drive in drives])
-        self.scale = np.where(self.is_motor, 1.0, SPOOL)
+        ways = [
+            max(tendon.total_arm for tendon in rig.tendons if tendon.drive == name)
+            for name in names
+        ]
+        self.scale = np.where(self.is_motor, 1.0, ways)
+        self.agrees = caution.agrees * self.scale
         noise = {sensor.of: sensor.noise for sensor in rig.sensors_of("force")}
         self._quiet = NOISES * np.array([noise.get(name, 0.0) for name in names])
         self.reset()
@@ -133,9 +149,9 @@ class MotorReadings:
         self._raw_at = np.where(known, time, self._raw_at)
         self.position = np.where(sound, positions, self.position)
         self.at = np.where(sound, time, self.at)
-        slow = np.abs(self.speed) < STANDS * self.scale
+        slow = np.abs(self.speed) * self.caution.patience < self.agrees
         self.stands = slow & self.is_motor
-        near = ~(np.abs(sent - self.position) > ARRIVED)
+        near = ~(np.abs(sent - self.position) > self.caution.arrived)
         acts = self._acts(slow, near, torques)
         self._followed_at = np.where(near | acts, time, self._followed_at)
         self.deaf = (self.deaf | (time - self._followed_at > self.oldest)) & ~acts
@@ -143,6 +159,12 @@ class MotorReadings:
         self.ahead = np.where(rests, sent - positions, self.ahead)
         self.torque = np.where(np.isfinite(torques), torques, self.torque)
         return np.where(sound, positions, np.nan)
+
+    def ahead_of_rest(self, calibrated: bool) -> Floats:
+        """Return by how much goals are ahead of standing motors that hold their force, which they
+        do where the ranges of the joints are known.
+        """
+        return np.where(np.isfinite(self.ahead) & calibrated, self.ahead, 0.0)
 
     def lost(self, time: float) -> Bools:
         """Return which motors have no reading that is young enough, or have for as long not
@@ -154,11 +176,12 @@ class MotorReadings:
 
     def _in_doubt(self, time: float, positions: Floats, known: Bools, sent: Floats) -> Bools:
         """Return which positions are in doubt."""
+        caution = self.caution
         moved = np.abs(positions - self._raw)
-        leaps = known & (moved > self.fastest * (time - self._raw_at) + JUMP)
-        silent = np.minimum(time - self.at, self.oldest)
-        is_back = leaps & (np.abs(positions - self.position) <= self.fastest * silent + JUMP)
-        arrived = known & (np.abs(positions - sent) <= ARRIVED)
+        leaps = known & (moved > self.fastest * (time - self._raw_at) + caution.jump)
+        silent = self.fastest * np.minimum(time - self.at, self.oldest)
+        is_back = leaps & (np.abs(positions - self.position) <= silent + caution.jump)
+        arrived = known & (np.abs(positions - sent) <= caution.arrived)
         doubted: Bools = (self.doubted | leaps) & ~(self.doubted & is_back) & ~arrived
         return doubted
 
@@ -178,9 +201,9 @@ class MotorReadings:
         """
         same = (positions == self._raw) & (torques == self.torque) & (torques != 0.0)
         ahead = np.where(np.isfinite(self.ahead), self.ahead, 0.0)
-        has_to_move = np.abs(sent - self._raw - ahead) > AGREES
+        has_to_move = np.abs(sent - self._raw - ahead) > self.agrees
         unmoved = same & (self.stale | has_to_move)
         came_before = (self._before == [positions, torques]).all(axis=1).any(axis=0)
-        again = came_before & (np.abs(positions - self._raw) > AGREES / 2) & (torques != 0.0)
+        again = came_before & (np.abs(positions - self._raw) > self.agrees / 2) & (torques != 0.0)
         stale: Bools = self.is_motor & (unmoved | again)
         return stale

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import pi
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -162,6 +163,13 @@ class Servo(Description):
     continuous_torque: Annotated[float, In("N m", "positive")] | None = Field(
         None, description="torque that it may hold for hours; default: what it holds"
     )
+
+    @property
+    def lag(self) -> float:
+        """By how much it is late at a constant speed: its delay, and 1/(2π f) by its bandwidth f
+        [s].
+        """
+        return self.delay + (0.0 if self.bandwidth is None else 1.0 / (2 * pi * self.bandwidth))
 
 
 class SliderServo(Servo):

@@ -1,0 +1,131 @@
+"""What commands take from the rig beside the parameters of the equations (limits, ranges, stds and
+servos), and setpoints that make up for a servo's speed limit, lag and delay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import inf
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from distal.arrays import Floats
+from distal.confidence import BAND
+from distal.model import Mechanism
+from distal.rig import Capstan, Rig, Slider
+from distal.rig.drives import Drive
+
+DERIVED = "command."
+"""Prefix of the names of these inputs."""
+
+
+def command_inputs(rig: Rig) -> dict[str, float]:
+    """Return the inputs of the commands' kernels beside the equations' parameters: name with the
+    prefix `DERIVED` → value.
+    """
+    return {f"{DERIVED}{name}": value for name, value in _inputs(rig)}
+
+
+def _inputs(rig: Rig) -> Iterator[tuple[str, float]]:
+    # the slowest drive sets how far ahead angles are commanded
+    yield "lead", max((drive.servo.lag for drive in rig.drives if drive.servo), default=0.0)
+    for j, joint in enumerate(rig.joints):
+        yield from _ends(f"joints.{j}", joint.stops)
+    for d, drive in enumerate(rig.drives):
+        path = f"drives.{d}"
+        limit = inf if drive.limit is None else drive.limit
+        servo = drive.servo
+        yield from _ends(path, drive.stops)
+        yield f"{path}.limit", limit
+        yield f"{path}.radius", radius_of(drive)
+        yield f"{path}.most_pull", limit / radius_of(drive)
+        yield f"{path}.margin", _margin(rig, drive)
+        # a servo of stiffness K and dead band δ, with the force F in the direction d, is at
+        # s = u − F/K − δ d
+        yield f"{path}.soft", 0.0 if servo is None or not servo.stiffness else 1 / servo.stiffness
+        yield f"{path}.dead", 0.0 if servo is None else servo.dead_band
+    parameters = Mechanism(rig).parameters
+    for name, std in zip(parameters.names, parameters.independent_stds):
+        if std > 0.0:
+            yield f"{name}.std", float(std)
+    for name, (std, _) in parameters.shared.items():
+        yield f"shared.{name}.std", std
+
+
+def _ends(path: str, stops: tuple[float, float] | None) -> Iterator[tuple[str, float]]:
+    low, high = stops or (-inf, inf)
+    yield f"{path}.low", low
+    yield f"{path}.high", high
+
+
+def _margin(rig: Rig, drive: Drive) -> float:
+    """Return the factor by which pulls are commanded above the least tension, so that all but 2.5 %
+    of the rigs as built keep that.
+
+    At a given position of a drive, softer tendons pull less, in proportion to their stiffness.
+    """
+    tendons = [tendon for tendon in rig.tendons if tendon.drive == drive.name]
+    return 1.0 + BAND * max(
+        tendon.stiffness.total_std / tendon.stiffness.value for tendon in tendons
+    )
+
+
+def radius_of(drive: Drive) -> float:
+    """Return how far a drive's motion moves its tendon, per unit of the drive [m/rad, 1]."""
+    return drive.radius.value if drive.kind == "capstan" else 1.0
+
+
+def followable(time: Floats, positions: Floats, drive: Slider | Capstan) -> Floats:
+    """Return a drive's positions, no faster than its servo can go, (k,).
+
+    A jump is spread to both sides of it: the result is the mean of a rate limiter that is run
+    forwards and one that is run backwards. Of the jump of a drive at a reversal, which takes up
+    stretch, half comes before the joint turns.
+
+    Args:
+        time: rising stamps [s], (k,).
+        positions: (k,) [m, rad].
+        drive: the drive with its servo.
+    """
+    if drive.servo is None or drive.servo.fastest is None:
+        return positions
+    most = drive.servo.fastest * np.diff(time)
+    forth = _rate_limited(positions, most)
+    back = _rate_limited(positions[::-1], most[::-1])[::-1]
+    middle: Floats = (forth + back) / 2
+    return middle
+
+
+def _rate_limited(positions: Floats, most: Floats) -> Floats:
+    """Return positions that change by no more than `most` from each sample to the next."""
+    limited = positions.copy()
+    for k, step in enumerate(most):
+        limited[k + 1] = min(max(positions[k + 1], limited[k] - step), limited[k] + step)
+    return limited
+
+
+def sent(time: Floats, positions: Floats, drive: Slider | Capstan) -> Floats:
+    """Return the setpoints u(t) = s(t + T) + ds/dt(t + T)/(2π f) of a drive that follows positions,
+    (k,).
+
+    Its servo has the bandwidth f and the delay T. Without a servo in the rig the positions s are
+    sent as they are.
+
+    Args:
+        time: rising stamps [s], (k,).
+        positions: s, (k,) [m, rad].
+        drive: the drive with its servo.
+    """
+    servo = drive.servo
+    if servo is None:
+        return positions
+    step = float(np.median(np.diff(time)))
+    lag = servo.lag - servo.delay
+    # a servo cannot follow a corner: corners are rounded over its lag, so that the lead stays small
+    width = max(1, 2 * round(lag / step / 2) + 1)
+    rounded = uniform_filter1d(followable(time, positions, drive), width, mode="nearest")
+    ahead = np.interp(time + servo.delay, time, rounded)
+    speed = np.interp(time + servo.delay, time, np.gradient(rounded, time))
+    command: Floats = ahead + lag * speed
+    return command
