@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from distal.arrays import Floats
@@ -108,16 +107,13 @@ class Balance:
     @cached_property
     def parts(self) -> list[CoupledJoints]:
         """Groups of free joints and drives that are not coupled to one another."""
-        joints, drives = (np.array(at, dtype=int) for at in self.moved_by.sparsity().get_triplet())
-        size = self.nf + self.nd
-        links = coo_array((np.ones(len(joints)), (joints, self.nf + drives)), shape=(size, size))
-        count, groups = connected_components(links, directed=False)
-        members = [np.flatnonzero(groups == k).tolist() for k in range(count)]
-        parts = [
-            CoupledJoints([i for i in at if i < self.nf], [i - self.nf for i in at if i >= self.nf])
-            for at in members
+        moves = np.array(ca.DM.ones(self.moved_by.sparsity())) > 0.0
+        count, groups = connected_components(moves @ moves.T)
+        joints = [np.flatnonzero(groups == k) for k in range(count)]
+        return [
+            CoupledJoints(of.tolist(), np.flatnonzero(moves[of].any(axis=0)).tolist())
+            for of in joints
         ]
-        return [part for part in parts if part.joints]
 
     @property
     def one_sided(self) -> list[bool]:

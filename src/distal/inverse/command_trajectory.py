@@ -152,7 +152,7 @@ class Inverse:
             "variances": np.tile(position_variances(self.rig), (len(angles), 1)),
             "turned": view(run.kernel_states, "turned"),
             "inside": view(run.kernel_states, "inside"),
-            "cut": cut.any(axis=1, keepdims=True),
+            "cut": cut.any(axis=1, keepdims=True).astype(np.float64),
         }
         rows = np.column_stack([parts[name] for name in rest_layout(self.model).names])
         begin = np.array([*angles[0], 0.0])

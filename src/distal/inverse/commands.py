@@ -14,12 +14,20 @@ from distal.confidence import BAND
 from distal.inverse.command_inputs import radius_of
 from distal.inverse.setpoint_function import TURNS, CommandModel
 from distal.logs import write_columns
-from distal.results import BAND_ALPHA, BLACK, COLOURS, DASHES, figure, legend_above, save_figure
+from distal.results import (
+    BAND_ALPHA,
+    COLOURS,
+    curve_style,
+    figure,
+    legend_above,
+    save_figure,
+)
 from distal.rig import Rig, angle_names, gain_of, log_factor, position_unit, std_name
 from distal.rounded import rounded
 from distal.units import unit_factor
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 NAMED = 3
@@ -123,40 +131,37 @@ class Commands:
         rows = len(names) + 1
         with figure(rows, 1, (6.5, 1.6 + 1.6 * rows), sharex=True) as (drawing, axes):
             for j, (name, axis) in enumerate(zip(names, axes)):
-                desired, angle, half = (
-                    np.rad2deg(part[:, j]) for part in (self.desired, self.angles, BAND * self.stds)
-                )
-                axis.fill_between(
-                    self.time, angle - half, angle + half, color=COLOURS[0], alpha=BAND_ALPHA, lw=0
-                )
-                axis.plot(
-                    self.time,
-                    angle,
-                    color=COLOURS[0],
-                    lw=1.2,
-                    label="reached by the commands, 95 % band",
-                )
-                axis.plot(
-                    self.time, desired, color=COLOURS[1], lw=1.0, dashes=(4, 2), label="desired"
-                )
+                curves = {
+                    "reached by the commands, 95 % band": self.angles[:, j],
+                    "desired": self.desired[:, j],
+                }
                 if truth is not None:
-                    axis.plot(self.time, np.rad2deg(truth[name]), color=BLACK, lw=1.0, label="true")
+                    curves["true"] = truth[name]
+                ends = (self.angles[:, j] + side * BAND * self.stds[:, j] for side in (-1, 1))
+                axis.fill_between(
+                    self.time, *map(np.rad2deg, ends), alpha=BAND_ALPHA, lw=0, color=COLOURS[0]
+                )
+                _draw(axis, self.time, {label: np.rad2deg(at) for label, at in curves.items()})
                 axis.set_ylabel(f"{name} [°]")
             legend_above(axes[0])
-            for i, drive in enumerate(self.rig.drives):
-                scale, unit = (1e3, "mm") if drive.kind == "slider" else (180 / np.pi, "°")
-                look = {
-                    "color": COLOURS[i % 6],
-                    "linestyle": DASHES[i % 6],
-                    "label": f"{drive.name} [{unit}]",
-                }
-                axes[-1].plot(self.time, scale * self.positions[:, i], **look)
+            scales = {"slider": (1e3, "mm"), "capstan": (180 / np.pi, "°")}
+            positions = {}
+            for drive, at in zip(self.rig.drives, self.positions.T):
+                scale, unit = scales[drive.kind]
+                positions[f"{drive.name} [{unit}]"] = scale * at
+            _draw(axes[-1], self.time, positions)
             axes[-1].set_ylabel("position")
             axes[-1].set_xlabel("time [s]")
             legend_above(axes[-1])
         if path is not None:
             save_figure(drawing, path)
         return drawing
+
+
+def _draw(axis: Axes, time: Floats, curves: Mapping[str, Floats]) -> None:
+    """Draw curves over time by their labels, each in a look of its own."""
+    for k, (label, values) in enumerate(curves.items()):
+        axis.plot(time, values, lw=1.0, label=label, **curve_style(k))
 
 
 def expected_readings(
@@ -205,10 +210,8 @@ def within_stops(model: CommandModel, time: Floats, desired: Floats) -> tuple[li
         if beyond.max() > TURNS:
             low, high = np.rad2deg(joint.stops)
             notes.append(
-                f"{joint.name} is wanted {rounded(np.rad2deg(beyond.max()), 3)}° beyond its "
-                "stops "
-                f"({low:.4g} to {high:.4g}°), "
-                f"first at {time[beyond > TURNS][0]:.4g} s"
+                f"{joint.name} is wanted {rounded(np.rad2deg(beyond.max()), 3)}° beyond its stops "
+                f"({low:.4g} to {high:.4g}°), {_first(time, beyond > TURNS)}"
             )
     return notes, held
 
@@ -231,8 +234,7 @@ def not_reached(
     if not far:
         return []
     each = [
-        f"{joints[k]} {rounded(np.rad2deg(away[:, k].max()))}° (first at "
-        f"{time[away[:, k] > TURNS][0]:.4g} s)"
+        f"{joints[k]} {rounded(np.rad2deg(away[:, k].max()))}° ({_first(time, away[:, k] > TURNS)})"
         for k in far[:NAMED]
     ]
     more = f" and {len(far) - NAMED} more" if len(far) > NAMED else ""
@@ -283,15 +285,20 @@ def beyond(
             low, high = drive.stops
             notes.append(
                 f"{drive.name} would have to go beyond its range [{low:.4g}, {high:.4g}], "
-                f"first at {time[cut][0]:.4g} s"
+                f"{_first(time, cut)}"
             )
     for i, tendon in enumerate(model.rig.tendons):
         slack = read["tensions"][:, i] < 0.5 * min(least, 1e-3)
         if slack.any():
-            notes.append(f"tendon {tendon.name} goes slack, first at {time[slack][0]:.4g} s")
+            notes.append(f"tendon {tendon.name} goes slack, {_first(time, slack)}")
     return notes
 
 
 def _is_passed(needed: float, limit: float | None) -> bool:
     """Return whether a limit is passed by as much as the three digits show that are said of it."""
     return limit is not None and float(f"{needed:.3g}") > float(f"{limit:.3g}")
+
+
+def _first(time: Floats, at: Bools) -> str:
+    """Return in words when something is so for the first time."""
+    return f"first at {time[at][0]:.4g} s"

@@ -15,7 +15,7 @@ goal at s it would give way by F/K. After `Caution.patience` the motor does what
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy, deepcopy
+from copy import copy
 from dataclasses import dataclass
 from math import inf
 from typing import Protocol
@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from distal.arrays import Bools, Floats
 from distal.inverse.motor_readings import USUAL, Caution, MotorReadings
 from distal.rig import Rig
+from distal.rig.drives import Drive
 from distal.run.drive_range import motor_range, position_range
 from distal.run.live_estimator import LATEST
 from distal.run.monitor import REWOUND
@@ -70,19 +71,12 @@ class RateLimit:
         )
 
 
-@dataclass(frozen=True)
 class StandingLimit:
-    """A motor that stands is sent little beyond the goal with which it rests, until it moves.
-
-    Args:
-        calibrated: whether motors that rest hold a force.
-    """
-
-    calibrated: bool
+    """A motor that stands is sent little beyond the goal with which it rests, until it moves."""
 
     def ends(self, before: Floats, since: float, motors: MotorReadings) -> tuple[Floats, Floats]:
         """Return the lowest and the highest goals; see `Limit`."""
-        rests = motors.position + motors.ahead_of_rest(self.calibrated)
+        rests = motors.position + motors.holds_ahead
         most = 2 * motors.caution.arrived
         return (
             np.where(motors.stands, rests - most, -inf),
@@ -117,16 +111,15 @@ class GoalGate:
         self._rig = rig
         self._names = rig.drive_names
         self._caution = caution
-        self._motors = MotorReadings(rig, caution)
+        self._motors = MotorReadings(rig, caution, calibrated)
         servos = [drive.servo for drive in rig.drives]
         self._lag = np.array([caution.lag if servo is None else servo.lag for servo in servos])
         self._range = RangeLimit(
-            *np.array([_ends(rig, name, calibrated) for name in self._names]).T
+            *np.array([_ends(rig, drive, calibrated) for drive in rig.drives]).T
         )
-        self.limits: tuple[Limit, ...] = (self._range, RateLimit(), StandingLimit(calibrated))
+        self.limits: tuple[Limit, ...] = (self._range, RateLimit(), StandingLimit())
         crossed = crossed_joints(rig)
         self._together = (crossed @ crossed.T) | np.eye(len(crossed), dtype=bool)
-        self._calibrated = calibrated
         self._relaxes = rig.when_lost == "relax"
         holds = [getattr(servo, "continuous_torque", None) for servo in servos]
         self._continuous = np.array([inf if most is None else most for most in holds])
@@ -136,11 +129,9 @@ class GoalGate:
         """Forget everything: the next reading of each motor is its first."""
         n = len(self._names)
         self._motors.reset()
-        self._sent, self._held = np.full((2, n), np.nan)
+        self.release()
         self._stopped_at = np.full(n, -inf)
         self._hot = np.zeros(n, dtype=bool)
-        self._share = np.ones(n)
-        self._before = self._sent
         self._read_at = -inf
         self._late_at = -inf
         self._late = 0
@@ -162,8 +153,8 @@ class GoalGate:
     def clone(self) -> GoalGate:
         """Return a copy of the gate that goes on by itself."""
         other = copy(self)
-        # what the gate itself keeps is replaced, and never changed in place
-        other._motors = deepcopy(self._motors)
+        # what they keep is replaced, and never changed in place
+        other._motors = copy(self._motors)
         return other
 
     def read(self, time: float, positions: Floats, torques: Floats | None = None) -> Floats:
@@ -224,7 +215,7 @@ class GoalGate:
     @property
     def unread(self) -> list[str]:
         """Names of the motors that have a position sensor but were never read."""
-        return self._named(self._motors.has_sensor & ~np.isfinite(self._motors.position))
+        return self._named(self._motors.unread)
 
     @property
     def expected(self) -> Floats:
@@ -249,10 +240,7 @@ class GoalGate:
         """Which motors are stopped because a reading is lost or in doubt, their own or that of a
         motor with a common joint, (n_drives,).
         """
-        alone = self._lost | self._motors.doubted
-        if not alone.any():
-            return alone
-        stopped: Bools = self._together @ alone
+        stopped: Bools = self._together @ (self._lost | self._motors.doubted)
         return stopped
 
     @property
@@ -263,10 +251,7 @@ class GoalGate:
     @property
     def holding(self) -> Floats:
         """Forces that stopped motors still hold [N, N m], infinite for the others, (n_drives,)."""
-        stopped = self.stopped
-        if not stopped.any():
-            return np.full(len(stopped), inf)
-        return np.where(stopped, np.abs(self._motors.torque) * self._share, inf)
+        return np.where(self.stopped, np.abs(self._motors.torque) * self._share, inf)
 
     @property
     def note(self) -> str:
@@ -274,8 +259,6 @@ class GoalGate:
         stopped = self.stopped
         deaf = self._motors.deaf
         stale = self._motors.stale
-        if not (stopped | deaf | stale).any():
-            return ""
         doubted = self._motors.doubted
         lost = self._lost
         failing = self._is_failing
@@ -318,8 +301,7 @@ class GoalGate:
         eased = np.clip(self._eased(time, stopped), *self._range.ends(before, since, motors))
         self._held = np.where(stopped, self._held, np.nan)
         self._before = self._sent
-        never_read = motors.has_sensor & ~np.isfinite(motors.position)
-        self._sent = np.where(never_read, np.nan, np.where(stopped, eased, desired))
+        self._sent = np.where(motors.unread, np.nan, np.where(stopped, eased, desired))
         return np.where(motors.doubted, np.nan, self._sent)
 
     def confirm(self, arrived: bool) -> None:
@@ -339,26 +321,21 @@ class GoalGate:
         self._stopped_at = np.where(begins, time, self._stopped_at)
         # what was let go is not held again before the motor is read
         self._share = np.where(stopped, np.minimum(self._share, self._left()), 1.0)
-        return self._held - (1.0 - self._share) * self._ahead
+        return self._held - (1.0 - self._share) * self._motors.holds_ahead
 
     def _where_it_stops(self) -> Floats:
         """Return the goals of motors that stop now, by their last goals and readings."""
         motors = self._motors
         since = np.minimum(self._time - motors.at, motors.oldest)
-        coming = motors.position + motors.speed * (since + self._lag) + self._ahead
+        coming = motors.position + motors.speed * (since + self._lag) + motors.holds_ahead
         # a motor that overshoots comes back to its goal: either way is as likely
         near = motors.agrees + np.abs(motors.speed) * (since + 2.0 * self._lag)
-        agrees = np.abs(self._sent - motors.position - self._ahead) <= near
+        agrees = np.abs(self._sent - motors.position - motors.holds_ahead) <= near
         # how far it gives way is not known yet
-        gives_way = ~np.isfinite(motors.ahead) & self._calibrated
+        gives_way = ~np.isfinite(motors.ahead) & motors.calibrated
         away = np.abs(self._sent - motors.position)
         gives_way &= ~motors.is_motor | (away <= near + self._caution.arrived)
         return np.where(np.isfinite(self._sent) & (agrees | gives_way), self._sent, coming)
-
-    @property
-    def _ahead(self) -> Floats:
-        """By how much goals are ahead of standing motors that hold their force."""
-        return self._motors.ahead_of_rest(self._calibrated)
 
     def _left(self) -> Floats:
         """Return the share of its force that each motor may still hold."""
@@ -375,23 +352,18 @@ class GoalGate:
         return [name for name, is_chosen in zip(self._names, chosen) if is_chosen]
 
 
-def _ends(rig: Rig, name: str, calibrated: bool) -> tuple[float, float]:
+def _ends(rig: Rig, drive: Drive, calibrated: bool) -> tuple[float, float]:
     """Return between which positions a drive may be sent, as its sensor reads them."""
-    sensor = next((s for s in rig.sensors_of("position") if s.of == name), None)
-    drive = next(drive for drive in rig.drives if drive.name == name)
+    sensor = next((each for each in rig.sensors_of("position") if each.of == drive.name), None)
     if sensor is None or not calibrated:
         return -inf, inf
-    if drive.stops is not None:
-        return position_range(rig, sensor)
-    return motor_range(rig, sensor)
+    return motor_range(rig, sensor) if drive.stops is None else position_range(rig, sensor)
 
 
 def crossed_joints(rig: Rig) -> Bools:
     """Return which joints the tendons of each drive cross, (n_drives, n_joints)."""
-    joints = rig.joint_names
-    at = {drive.name: i for i, drive in enumerate(rig.drives)}
-    crossed = np.zeros((len(at), len(joints)), dtype=bool)
-    for tendon in rig.tendons:
-        for joint in tendon.joints:
-            crossed[at[tendon.drive], joints.index(joint)] = True
-    return crossed
+    crossed = [
+        {joint for tendon in rig.tendons if tendon.drive == drive for joint in tendon.joints}
+        for drive in rig.drive_names
+    ]
+    return np.array([[joint in of for joint in rig.joint_names] for of in crossed])

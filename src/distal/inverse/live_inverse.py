@@ -256,8 +256,7 @@ class LiveInverse:
         np.copyto(x["read"], np.where(np.isfinite(read), read, self._gate.expected))
         x["trusted"][0] = not reading.unusable
         x["touched"][0] = self._live.touched
-        stopped = self._gate.stopped
-        stands = stopped @ self._moves if stopped.any() else np.zeros_like(self._stood)
+        stands = self._gate.stopped @ self._moves
         if self._time is None or (stands.all() and self._gate.are_ignored):
             # it begins anew: joints did not go where their commands would have brought them
             begin = self._live.mean[self._free]

@@ -71,6 +71,7 @@ class MotorReadings:
     Args:
         rig: the description.
         caution: how much is believed.
+        calibrated: whether the ranges of the joints are known.
 
     Attributes:
         fastest: largest speed of each motor [rad/s].
@@ -92,10 +93,11 @@ class MotorReadings:
         stale: whether the last reading is an old one.
     """
 
-    def __init__(self, rig: Rig, caution: Caution = USUAL) -> None:
+    def __init__(self, rig: Rig, caution: Caution = USUAL, calibrated: bool = True) -> None:
         drives = rig.drives
         names = [drive.name for drive in drives]
         self.caution = caution
+        self.calibrated = calibrated
         self.fastest = np.array(
             [drive.servo.fastest or FASTEST if drive.servo else FASTEST for drive in drives]
         )
@@ -160,11 +162,18 @@ class MotorReadings:
         self.torque = np.where(np.isfinite(torques), torques, self.torque)
         return np.where(sound, positions, np.nan)
 
-    def ahead_of_rest(self, calibrated: bool) -> Floats:
-        """Return by how much goals are ahead of standing motors that hold their force, which they
-        do where the ranges of the joints are known.
+    @property
+    def holds_ahead(self) -> Floats:
+        """By how much goals are ahead of standing motors that hold their force; zero where the
+        ranges of the joints are not known, since no force is held there.
         """
-        return np.where(np.isfinite(self.ahead) & calibrated, self.ahead, 0.0)
+        return np.where(np.isfinite(self.ahead) & self.calibrated, self.ahead, 0.0)
+
+    @property
+    def unread(self) -> Bools:
+        """Which motors have a position sensor but were never read."""
+        unread: Bools = self.has_sensor & ~np.isfinite(self.position)
+        return unread
 
     def lost(self, time: float) -> Bools:
         """Return which motors have no reading that is young enough, or have for as long not
