@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import replace
-from math import exp, inf, isfinite
+from math import ceil, exp, inf, isfinite
 from pathlib import Path
 from typing import Protocol
 
@@ -19,7 +19,6 @@ from distal.kernels import Feed, advance
 from distal.logs import Log
 from distal.model import Mechanism
 from distal.rig import Rig
-from distal.sensor_errors import SensorErrors
 from distal.simulation import Scenario
 from distal.simulation.plant import (
     PlantMotion,
@@ -28,9 +27,9 @@ from distal.simulation.plant import (
     plant_kernel,
     rows_of,
 )
-from distal.simulation.readings import Readings, errors_by_rate
+from distal.simulation.readings import Sampler, stamps_of
 from distal.simulation.signal_inputs import initial_angles
-from distal.simulation.simulate import SIMULATED, prepare, stamps_of, true_motion
+from distal.simulation.simulate import log_of, prepare
 from distal.suggestions import did_you_mean
 
 SHORTEST_PERIOD = 1e-4
@@ -106,7 +105,9 @@ class ControlledPlant:
         self.begin = at_rest(prepared.plant, prepared.inputs, prepared.start, self._kernel)
         self._per_period = round(period / prepared.dt)
         self._all_rows = rows_of(prepared.inputs, prepared.dt)
-        self._stamps = stamps_of(prepared.plant.rig, prepared.scenario.duration)
+        self._stamps = stamps_of(prepared.plant.rig, 0.0, prepared.scenario.duration)
+        latest = max((sensor.delay for sensor in prepared.plant.rig.sensors), default=0.0)
+        self._looks_back = ceil(latest / prepared.dt) + self._per_period + 1
         self._shares, self._lowest, self._highest = drive_parameters(
             prepared.plant.rig, prepared.dt
         )
@@ -163,8 +164,7 @@ class ControlledPlant:
         self._rows = self._all_rows.copy()
         self._efforts: Floats = np.zeros(len(self._drives))
         self._samples = np.full((len(self._stamps), len(rig.sensors)), np.nan)
-        errors = errors_by_rate(rig, seed)
-        self._groups = [_Rate(self.plant, rate, self._stamps, *errors[rate]) for rate in errors]
+        self._sampler = Sampler(self.plant, seed)
         return self._read()
 
     def step(self, commands: Mapping[str, float]) -> list[tuple[float, Floats]]:
@@ -202,12 +202,10 @@ class ControlledPlant:
 
     def log(self) -> Log:
         """Return what the sensors have read so far, with the truth beside it."""
+        motion = PlantMotion(self.plant, self._y[: self._done + 1])
         grid: Floats = self.prepared.dt * np.arange(self._done + 1, dtype=np.float64)
-        stamps = self._stamps[: self._taken]
-        values = self._samples[: self._taken]
-        truth = true_motion(PlantMotion(self.plant, self._y[: self._done + 1]), grid, stamps)
-        channels = {sensor.name: values[:, k] for k, sensor in enumerate(self.plant.rig.sensors)}
-        return Log(stamps, channels, truth, self.prepared.scenario.name or "simulation", SIMULATED)
+        read = self._samples[: self._taken]
+        return log_of(motion, grid, self._stamps[: self._taken], read, self.prepared.scenario)
 
     def _checked(self, commands: Mapping[str, float]) -> Floats:
         names = [drive.name for drive in self._drives]
@@ -231,46 +229,13 @@ class ControlledPlant:
     def _read(self) -> list[tuple[float, Floats]]:
         """Return the samples whose stamps have come."""
         end = int(np.searchsorted(self._stamps, self.time + 1e-9, side="right"))
-        samples = []
-        for k in range(self._taken, end):
-            stamp = float(self._stamps[k])
-            for group in self._groups:
-                if group.due[k]:
-                    true = group.true(self._y[: self._done + 1], stamp, self.prepared.dt)
-                    self._samples[k, group.at] = group.errors.read(true[None])[0]
-            samples.append((stamp, self._samples[k]))
+        stamps = self._stamps[self._taken : end]
+        rows = np.arange(max(0, self._done - self._looks_back), self._done + 1)
+        grid: Floats = self.prepared.dt * rows.astype(np.float64)
+        samples = self._sampler.read(self._y[rows], grid, stamps)
+        self._samples[self._taken : end] = samples
         self._taken = end
-        return samples
-
-
-class _Rate:
-    """The sensors of one rate: which they are, when they are due, what they measure, and their
-    errors.
-    """
-
-    def __init__(
-        self, plant: Mechanism, rate: float, stamps: Floats, at: list[int], errors: SensorErrors
-    ) -> None:
-        self.at = at
-        self.errors = errors
-        sensors = [plant.rig.sensors[k] for k in at]
-        self.due = np.isin(stamps, np.round(np.arange(0.0, stamps[-1] + 0.5 / rate, 1.0 / rate), 9))
-        self._readings = Readings(plant, sensors)
-        self._delays = np.array([sensor.delay for sensor in sensors])
-
-    def true(self, y: Floats, stamp: float, dt: float) -> Floats:
-        """Return what the sensors measure at a stamp, each after its delay; between two intervals
-        the motion is a straight line.
-        """
-        position = np.maximum(stamp - self._delays, 0.0) / dt
-        before = np.minimum((position + 1e-6).astype(np.intp), len(y) - 1)
-        after = np.minimum(before + 1, len(y) - 1)
-        share = position - before
-        share[share < 1e-6] = 0.0
-        # each sensor reads in its own row, since each has its own delay
-        early, late = (np.diagonal(self._readings.at(y[rows])) for rows in (before, after))
-        readings: Floats = early + share * (late - early)
-        return readings
+        return [*zip(stamps.tolist(), samples)]
 
 
 def drive_parameters(rig: Rig, dt: float) -> Floats:

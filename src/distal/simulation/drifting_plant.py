@@ -19,10 +19,10 @@ from distal.logs import Log
 from distal.model import Mechanism
 from distal.rig import Rig, as_rig, named
 from distal.simulation.plant import PlantMotion, at_rest, plant_kernel, rows_of
-from distal.simulation.readings import ErrorsByRate, Readings, errors_by_rate
+from distal.simulation.readings import Sampler, stamps_of
 from distal.simulation.scenario import Rezero, Scenario, load_scenario
 from distal.simulation.signal_inputs import BodyInputs, body_inputs
-from distal.simulation.simulate import SIMULATED, prepare, true_motion
+from distal.simulation.simulate import log_of, prepare
 from distal.suggestions import did_you_mean
 
 PIECE = 60.0
@@ -77,8 +77,7 @@ def simulate_pieces(
     kernel_state, y = at_rest(plant, prepared.inputs, prepared.start, kernel)
     walks = np.zeros(len(scheduled))
     rng = np.random.default_rng([seed, 1])
-    errors = errors_by_rate(plant.rig, seed)
-    readings = Readings(plant)
+    sampler = Sampler(plant, seed)
     for k in range(ceil(scenario.duration / length - 1e-9)):
         begin = k * length
         p = plant.parameters.values.copy()
@@ -94,7 +93,9 @@ def simulate_pieces(
         kernel_state = kernel_states[-1]
         y = ys[-1:]
         motion.check()
-        yield _read(motion, readings.at(motion.y).T, grid, errors, scenario)
+        stamps = stamps_of(plant.rig, begin, begin + length)
+        log = log_of(motion, grid, stamps, sampler.read(motion.y, grid, stamps), scenario)
+        yield Piece(log, _known(scenario.rezero, plant.rig, stamps))
 
 
 def parameters_at(plant: Mechanism, path: str) -> list[int]:
@@ -147,42 +148,12 @@ def _replace(
     inputs.servo[at] = pulls.servo[at]
 
 
-def _read(
-    motion: PlantMotion, readings: Floats, grid: Floats, errors: ErrorsByRate, scenario: Scenario
-) -> Piece:
-    """Return what the sensors read in a piece, from its begin up to its end, which is excluded."""
-    rig = motion.plant.rig
-    begin = grid[0]
-    end = grid[-1]
-    times = {
-        rate: np.arange(ceil(begin * rate - 1e-6), ceil(end * rate - 1e-6)) / rate
-        for rate in errors
-    }
-    stamps = np.unique(np.round(np.concatenate(list(times.values())), 9))
-    channels = {}
-    for rate, (at, of_rate) in errors.items():
-        sensors = [rig.sensors[k] for k in at]
-        rows = np.searchsorted(stamps, np.round(times[rate], 9))
-        true = [
-            np.interp(times[rate] - sensor.delay, grid, readings[k])
-            for k, sensor in zip(at, sensors)
-        ]
-        for sensor, read in zip(sensors, of_rate.read(np.column_stack(true)).T):
-            channels[sensor.name] = np.full(len(stamps), np.nan)
-            channels[sensor.name][rows] = read
-    angles = np.full((len(stamps), motion.plant.n_joints), np.nan)
-    if scenario.rezero is not None:
-        since = _since(scenario.rezero, stamps)
-        late = (since >= scenario.rezero.lasts / 2) & (since < scenario.rezero.lasts)
-        name = scenario.rezero.joint
-        joint = 0 if name is None else rig.joint_names.index(name)
-        angles[late, joint] = scenario.rezero.angle
-    channels = {sensor.name: channels[sensor.name] for sensor in rig.sensors}
-    log = Log(
-        stamps,
-        channels,
-        true_motion(motion, grid, stamps),
-        scenario.name or "simulation",
-        SIMULATED,
-    )
-    return Piece(log, angles)
+def _known(rezero: Rezero | None, rig: Rig, stamps: Floats) -> Floats:
+    """Return the angles that a rezero gives at `stamps` [s], NaN elsewhere [rad], (k, n_joints)."""
+    angles = np.full((len(stamps), len(rig.joints)), np.nan)
+    if rezero is not None:
+        since = _since(rezero, stamps)
+        late = (since >= rezero.lasts / 2) & (since < rezero.lasts)
+        joint = 0 if rezero.joint is None else rig.joint_names.index(rezero.joint)
+        angles[late, joint] = rezero.angle
+    return angles

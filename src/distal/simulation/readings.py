@@ -1,11 +1,10 @@
-"""The readings of the sensors in a simulated motion: without errors (`Readings`), and with them, as
-one function (`reading_function`).
+"""The readings of the sensors in a simulated motion: without errors (`Readings`), and with them, at
+the sensors' rates (`Sampler`) or as one function (`reading_function`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TypeAlias
+from math import ceil
 
 import casadi as ca
 import numpy as np
@@ -13,7 +12,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.expressions import Vector
 from distal.model import Mechanism, Moment
-from distal.rig import Rig, Sensor, travel_of
+from distal.rig import Rig, travel_of
 from distal.sensor_errors import SENSOR, SensorErrors, reading
 
 
@@ -28,16 +27,13 @@ def moment_of(plant: Mechanism, y: Vector) -> Moment:
 
 
 class Readings:
-    """The readings without errors of some of a plant's sensors, by default of all."""
+    """The readings without errors of a plant's sensors."""
 
-    def __init__(self, plant: Mechanism, sensors: Sequence[Sensor] | None = None) -> None:
+    def __init__(self, plant: Mechanism) -> None:
         y = ca.SX.sym("y", 3 * plant.n_bodies + plant.n_tendons)
         p = plant.parameters
         moment = moment_of(plant, y)
-        readings = [
-            ca.SX(moment.read(sensor))
-            for sensor in (plant.rig.sensors if sensors is None else sensors)
-        ]
+        readings = [ca.SX(moment.read(sensor)) for sensor in plant.rig.sensors]
         # most sensors read one of the plant's outputs: those are taken as they are
         positions = {y[i].element_hash(): i for i in range(y.numel())}
         self._columns = np.array(
@@ -59,20 +55,47 @@ class Readings:
         return readings
 
 
-ErrorsByRate: TypeAlias = dict[float, tuple[list[int], SensorErrors]]
-"""Rate of sensors [Hz] → the indices of the sensors with this rate, and their errors."""
+class Sampler:
+    """What a plant's sensors read in the run of a seed, each at its own rate, along a motion that
+    may come in pieces.
+    """
+
+    def __init__(self, plant: Mechanism, seed: int) -> None:
+        self._rig = rig = plant.rig
+        self._readings = Readings(plant)
+        rngs = np.random.default_rng(seed).spawn(len(rig.sensors))
+        self._errors = [
+            SensorErrors([sensor], [travel_of(sensor, rig)], [rng])
+            for sensor, rng in zip(rig.sensors, rngs)
+        ]
+
+    def read(self, y: Floats, grid: Floats, stamps: Floats) -> Floats:
+        """Return what the sensors read at the next `stamps`, (k, n_sensors) [SI], NaN for a sensor
+        that is not due.
+
+        Args:
+            y: outputs of the plant's kernel, (n, n_y).
+            grid: times of these outputs [s], (n,); between them the motion is a straight line.
+            stamps: rising, of `stamps_of` [s], (k,).
+        """
+        read = np.full((len(stamps), len(self._errors)), np.nan)
+        true = self._readings.at(y)
+        for k, (sensor, errors) in enumerate(zip(self._rig.sensors, self._errors)):
+            times = np.round(stamps * sensor.rate) / sensor.rate
+            due = np.flatnonzero(np.round(times, 9) == stamps)
+            if len(due):
+                at = np.interp(times[due] - sensor.delay, grid, true[:, k])
+                read[due, k] = errors.read(at[:, None])[:, 0]
+        return read
 
 
-def errors_by_rate(rig: Rig, seed: int) -> ErrorsByRate:
-    """Return the errors of a rig's sensors in the run of a seed."""
-    sensors = rig.sensors
-    errors = ErrorsByRate()
-    rngs = np.random.default_rng(seed).spawn(len(sensors))
-    for rate in sorted({sensor.rate for sensor in sensors}):
-        at = [k for k, sensor in enumerate(sensors) if sensor.rate == rate]
-        ranges = [travel_of(sensors[k], rig) for k in at]
-        errors[rate] = at, SensorErrors([sensors[k] for k in at], ranges, [rngs[k] for k in at])
-    return errors
+def stamps_of(rig: Rig, begin: float, end: float) -> Floats:
+    """Return the stamps from `begin` up to `end`, which is excluded, at which at least one of a
+    rig's sensors is sampled [s], (k,). They are rounded, so that those of several rates meet.
+    """
+    rates = {sensor.rate for sensor in rig.sensors} or {100.0}
+    each = (np.arange(ceil(begin * r - 1e-6), ceil(end * r - 1e-6)) / r for r in rates)
+    return np.unique(np.round(np.concatenate([*each]), 9))
 
 
 def reading_function(plant: Mechanism) -> ca.Function:

@@ -12,10 +12,9 @@ from distal.arrays import Floats
 from distal.errors import ScenarioError
 from distal.logs import Log, TruthKind, TruthSource
 from distal.model import Mechanism, substeps
-from distal.rig import Rig, angle_names, as_rig, torque_names, travel_of
-from distal.sensor_errors import measure
+from distal.rig import Rig, angle_names, as_rig, torque_names
 from distal.simulation.plant import PlantMotion, equilibrium, longest_interval, run_plant
-from distal.simulation.readings import Readings
+from distal.simulation.readings import Sampler, stamps_of
 from distal.simulation.scenario import Scenario, load_scenario
 from distal.simulation.signal_inputs import BodyInputs, body_inputs, initial_angles
 
@@ -153,28 +152,21 @@ def sampled(prepared: Prepared, motion: PlantMotion, seed: int) -> Log:
     """
     # in a batch one mechanism stands for all plants of a structure: here are this run's own values
     motion = PlantMotion(prepared.plant, motion.y)
-    rig = prepared.plant.rig
-    duration = prepared.scenario.duration
     grid: Floats = prepared.dt * np.arange(len(motion.y), dtype=np.float64)
-    stamps = stamps_of(rig, duration)
-    rngs = np.random.default_rng(seed).spawn(len(rig.sensors))
-    channels = {}
-    for sensor, rng, readings in zip(rig.sensors, rngs, Readings(motion.plant).at(motion.y).T):
-        due = np.arange(0.0, duration - 1e-9, 1.0 / sensor.rate)
-        true = np.interp(due - sensor.delay, grid, readings)
-        column = np.full(len(stamps), np.nan)
-        # stamps are rounded, so that those of several rates meet
-        column[np.searchsorted(stamps, np.round(due, 9))] = measure(
-            sensor, true, travel_of(sensor, rig), rng
-        )
-        channels[sensor.name] = column
-    return Log(
-        stamps,
-        channels,
-        true_motion(motion, grid, stamps),
-        prepared.scenario.name or "simulation",
-        SIMULATED,
-    )
+    stamps = stamps_of(prepared.plant.rig, 0.0, prepared.scenario.duration)
+    read = Sampler(prepared.plant, seed).read(motion.y, grid, stamps)
+    return log_of(motion, grid, stamps, read, prepared.scenario)
+
+
+def log_of(
+    motion: PlantMotion, grid: Floats, stamps: Floats, read: Floats, scenario: Scenario
+) -> Log:
+    """Return the log of a motion at the times `grid` [s], with what its sensors read at `stamps`
+    [s], (k, n_sensors).
+    """
+    channels = {sensor.name: read[:, k] for k, sensor in enumerate(motion.plant.rig.sensors)}
+    truth = true_motion(motion, grid, stamps)
+    return Log(stamps, channels, truth, scenario.name or "simulation", SIMULATED)
 
 
 def true_motion(motion: PlantMotion, grid: Floats, stamps: Floats) -> dict[str, Floats]:
@@ -197,12 +189,3 @@ def true_motion(motion: PlantMotion, grid: Floats, stamps: Floats) -> dict[str, 
         f"tension_{tendon.name}": motion.tensions[:, i] for i, tendon in enumerate(rig.tendons)
     }
     return {name: np.interp(stamps, grid, values) for name, values in columns.items()}
-
-
-def stamps_of(rig: Rig, duration: float) -> Floats:
-    """Return the stamps at which at least one of a rig's sensors is sampled in a `duration` [s],
-    (k,).
-    """
-    rates = {sensor.rate for sensor in rig.sensors} or {100.0}
-    stamps = [np.round(np.arange(0.0, duration - 1e-9, 1.0 / rate), 9) for rate in rates]
-    return np.unique(np.concatenate(stamps))
