@@ -23,7 +23,7 @@ import numpy as np
 from distal import Log, Rig, load_rig, simulate, write_log
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive.filter_function import adaptive_function
-from distal.inverse.live_inverse_function import live_function, live_structure
+from distal.inverse.live_inverse_function import LiveModel
 from distal.inverse.rest import rest_kernel
 from distal.inverse.setpoint_function import CommandModel
 from distal.kernels import Feed, Kernel, Structure, advance_all, lanes_here, structure_of
@@ -82,15 +82,13 @@ def rigs_like(name: str, seed: int = 1) -> Iterator[Rig]:
 def functions_of(rig: Rig) -> dict[str, tuple[Structure, Callable[[], ca.Function]]]:
     """Return kind → the structure of a kernel and what makes its function."""
     estimator, model = AdaptiveFilter(rig, compiled=False), CommandModel(rig)
+    live = LiveModel(rig, estimator.states)
     assert estimator.structure is not None  # no states by others
     plant = Mechanism(rig, remembers=True)
     functions: dict[str, tuple[Structure, Callable[[], ca.Function]]] = {
         "plant": (structure_of("plant", plant), lambda: plant_function(plant, 4)),
         "filter": (estimator.structure, lambda: adaptive_function(estimator.states)),
-        "live": (
-            live_structure(model, estimator.states),
-            lambda: live_function(model, estimator.states),
-        ),
+        "live": (live.structure, live.function),
     }
     commands = {"command": CommandModel.function, "rest": rest_kernel}
     for kind, make in commands.items():

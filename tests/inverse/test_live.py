@@ -20,7 +20,6 @@ from distal.inverse.command_inputs import followable, sent
 from distal.inverse.feedback import LEAVES
 from distal.inverse.live_inverse import ACROSS
 from distal.inverse.live_inverse_function import RESPONDS, SMOOTHED, guide_function, readings
-from distal.inverse.setpoint_function import CommandModel
 from tests.learned_maps import constant_map
 
 RIG = "paper-2008-observed"
@@ -106,7 +105,7 @@ def naive_guide(v: dict[str, float]) -> dict[str, float]:
 @given(st.integers(0, 10_000))
 def test_the_guide_is_that_of_plain_numbers(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    guide = guide_function(CommandModel(load_rig(RIG)))
+    guide = guide_function(1)
     values = {name: float(rng.normal()) for name in guide.name_in()}
     positive = ("fastest", *vars(Feedback()))
     values |= {name: abs(values[name]) for name in positive} | {"dt": rng.uniform(0.001, 0.02)}
@@ -361,7 +360,7 @@ def test_a_reading_is_the_place_its_offset_and_its_curve() -> None:
         {"sensors.x1.bias": {"value": 2e-4, "std": 0.0}, "sensors.x1.curve": [0.0, 5e-5]}
     )
     positions = np.linspace(-2e-3, 6e-3, 9)
-    found = readings(CommandModel(rig), np.column_stack([positions, positions]))
+    found = readings(rig, np.column_stack([positions, positions]))
     low, high = rig.drives[0].stops
     expected = positions + 2e-4 + 5e-5 * np.cos(np.pi * (positions - low) / (high - low))
     np.testing.assert_allclose(found[:, 0], expected, atol=1e-7)

@@ -14,12 +14,11 @@ from distal.errors import ExportError
 from distal.estimators import AdaptiveFilter
 from distal.export.names import checked_name
 from distal.export.outputs import angle_fields, comment, filled, torque_fields
-from distal.inverse.distribution import LEAST_TENSION
 from distal.inverse.goal_gate import crossed_joints
-from distal.inverse.live_inverse import gains_of, inputs_of
-from distal.inverse.live_inverse_function import layouts, live_function
+from distal.inverse.live_inverse import live_parameters
+from distal.inverse.live_inverse_function import LiveModel
 from distal.inverse.motor_readings import MotorReadings
-from distal.inverse.setpoint_function import ROUNDS, CommandModel
+from distal.inverse.setpoint_function import ROUNDS
 from distal.rig import Rig
 from distal.run import LOST
 
@@ -56,15 +55,14 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
     """
     checked_name(name)
     estimator = AdaptiveFilter(rig, False, folded=True)
-    model = CommandModel(rig, folded=True)
-    layout = layouts(model, estimator.states)
-    step = live_function(model, estimator.states)
+    layout = LiveModel(rig, estimator.states, folded=True)
+    model = layout.model
     emitter = Emitter(real)
     try:
-        advance = emitter.add(step, in_place=True)
+        advance = emitter.add(layout.function(), in_place=True)
     except CodeError as problem:
         raise ExportError(f"the inverse of '{rig.name}' has no C: {problem}") from None
-    parameters = inputs_of(model, estimator, gains_of(model, LEAST_TENSION, None, None))
+    parameters = live_parameters(layout, estimator)
     at = {sensor.of: estimator.channels.index(sensor.name) for sensor in rig.sensors_of("position")}
     crossed = crossed_joints(rig)
     moves = crossed @ (np.array(model.mechanism.spread) != 0.0)

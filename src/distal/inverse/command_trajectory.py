@@ -132,7 +132,7 @@ class Inverse:
             angles=reached @ spread.T + offsets,
             stds=np.sqrt((np.sqrt(variances) @ np.abs(spread).T) ** 2 + unsure),
             positions=positions,
-            sent=readings(model, ahead),
+            sent=readings(self.rig, ahead),
             speeds=np.gradient(positions, stamps, axis=0),
             forces=read["forces"],
             tensions=read["tensions"],
@@ -207,7 +207,7 @@ class Inverse:
         described.
         """
         y = {name: self.model.y.view(run.ys, name) for name in ("forces", "tensions")}
-        at = readings(self.model, self.model.y.view(run.ys, "positions"))
+        at = readings(self.rig, self.model.y.view(run.ys, "positions"))
         expected = expected_readings(self.rig, at, y["forces"], y["tensions"])
         nothing = np.full(len(time), np.nan)
         samples = np.column_stack([expected.get(name, nothing) for name in estimator.channels])

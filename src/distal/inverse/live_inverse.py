@@ -18,9 +18,9 @@ from distal.estimators import SHORTEST, AdaptiveFilter, sample_problem
 from distal.inverse.distribution import LEAST_TENSION, least_tension_of
 from distal.inverse.feedback import Feedback
 from distal.inverse.goal_gate import GoalGate, columns_of, crossed_joints
-from distal.inverse.live_inverse_function import layouts, live_function, live_structure
+from distal.inverse.live_inverse_function import LiveModel
 from distal.inverse.motor_readings import MISSED, USUAL, Caution
-from distal.inverse.setpoint_function import ROUNDS, CommandModel
+from distal.inverse.setpoint_function import ROUNDS
 from distal.kernels import Layout, kernel_of
 from distal.rig import Rig, as_rig
 from distal.run import LiveEstimator, Monitor, Reading
@@ -51,26 +51,22 @@ class Command:
     note: str = ""
 
 
-def gains_of(
-    model: CommandModel,
-    lowest: float,
-    feedback: Feedback | Mapping[str, Feedback] | None,
-    fastest: float | None,
+def live_parameters(
+    live: LiveModel,
+    estimator: AdaptiveFilter,
+    least_tension: float | str = LEAST_TENSION,
+    feedback: Feedback | Mapping[str, Feedback] | None = None,
+    fastest: float | None = None,
     compensates: bool = False,
-) -> dict[str, Floats]:
-    """Return the gains of `live_function` by name; see `LiveInverse`.
-
-    Args:
-        model: the inverse of the rig.
-        lowest: least tension [N].
-        feedback: of all joints, or by their names.
-        fastest: largest speed of the free joints [rad/s].
-        compensates: whether commands hold against external torques.
+) -> Floats:
+    """Return the parameters of the kernel of a live inverse, (n,); see `LiveInverse`.
 
     Raises:
-        CommandError: a joint of the feedback is unknown, or the speed is not above zero.
+        CommandError: the least tension is none that the tendons can have, a joint of the feedback
+            is unknown, or the speed is not above zero.
     """
-    joints = [model.rig.joints[j] for j in model.free]
+    rig = live.model.rig
+    joints = [rig.joints[j] for j in live.model.free]
     names = [joint.name for joint in joints]
     given = (
         feedback if isinstance(feedback, Mapping) else dict.fromkeys(names, feedback or Feedback())
@@ -81,21 +77,15 @@ def gains_of(
         )
     if fastest is not None and not fastest > 0.0:
         raise CommandError(f"fastest: a speed above 0 rad/s, {fastest} came")
-    return {
-        "lowest": np.array([lowest]),
-        "compensates": np.array([float(compensates)]),
-        "fastest": np.array([fastest or np.ptp(joint.travel) / ACROSS for joint in joints]),
+    gains = {
+        "lowest": [least_tension_of(least_tension, rig)],
+        "compensates": [compensates],
+        "fastest": [fastest or np.ptp(joint.travel) / ACROSS for joint in joints],
         **Feedback.gains([given.get(name, Feedback(follow=0.0)) for name in names]),
     }
-
-
-def inputs_of(
-    model: CommandModel, estimator: AdaptiveFilter, gains: Mapping[str, Floats]
-) -> Floats:
-    """Return the parameters of `live_function` with the `gains` by name, (n,)."""
     of_filter = estimator.parameters[: len(estimator.parameter_names)]
-    of_gains = layouts(model, estimator.states).gains
-    return np.concatenate([*(gains[name] for name in of_gains.names), of_filter, model.derived])
+    of_rig = live.model.derived
+    return np.concatenate([*(gains[name] for name in live.gains.names), of_filter, of_rig])
 
 
 class LiveInverse:
@@ -146,24 +136,20 @@ class LiveInverse:
     ) -> None:
         self._rig = as_rig(rig)
         estimator = AdaptiveFilter(self._rig, compiled)
-        model = CommandModel(self._rig)
+        self._layouts = live = LiveModel(self._rig, estimator.states)
         self._live = LiveEstimator(self._rig, estimator)
-        self._free = model.free
-        self.joints = tuple(self._rig.joints[j].name for j in model.free)
-        self._layouts = layouts(model, estimator.states)
-        structure = live_structure(model, estimator.states)
-        self._kernel = kernel_of(
-            structure, lambda: live_function(model, estimator.states), compiled
+        self._free = live.model.free
+        self.joints = tuple(self._rig.joints[j].name for j in self._free)
+        self._kernel = kernel_of(live.structure, live.function, compiled)
+        self._parameters = live_parameters(
+            live, estimator, least_tension, feedback, fastest, compensates
         )
-        lowest = least_tension_of(least_tension, self._rig)
-        gains = gains_of(model, lowest, feedback, fastest, compensates)
-        self._parameters = inputs_of(model, estimator, gains)
         self._monitor = Monitor(self._live)
         self._has_map = bool(estimator.report.states)
         self._gate = GoalGate(self._rig, caution=caution) if gate is None else gate
         self._is_believed = gate is not None
         self._positions = columns_of(self._rig, estimator.channels, "position")
-        self._moves = crossed_joints(self._rig) @ (np.array(model.mechanism.spread) != 0.0)
+        self._moves = crossed_joints(self._rig) @ (np.array(live.model.mechanism.spread) != 0.0)
         self._begin_loop()
         self.reset()
 

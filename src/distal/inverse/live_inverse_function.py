@@ -11,8 +11,6 @@ of a dead band. Drives that follow forces get the torque of `feedback_torques` i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import casadi as ca
 import numpy as np
 
@@ -24,6 +22,7 @@ from distal.inverse.command_inputs import DERIVED
 from distal.inverse.feedback import Feedback, feedback_torques, limited
 from distal.inverse.setpoint_function import KERNEL, CommandModel
 from distal.kernels import Layout, Structure, structure_of
+from distal.rig import Rig
 
 SMOOTHED = 0.005
 """Time constant with which the reference's speed and acceleration are smoothed [s]. Source:
@@ -57,123 +56,149 @@ OF_EACH = ("fastest", *vars(Feedback()))
 """Gains of each free joint: its largest speed [rad/s], and those of its `Feedback`."""
 
 
-@dataclass(frozen=True)
-class LiveLayouts:
-    """Layouts of the kernel state, the sample, the gains and the output of `live_function`."""
+class LiveModel:
+    """The inverse of a rig in a control loop as a kernel: its function, and the layouts of its
+    kernel state, of a sample, of its gains and of its output.
 
-    kernel_state: Layout
-    x: Layout
-    gains: Layout
-    y: Layout
+    Args:
+        rig: the description.
+        states: of the filter that tells the angles.
+        folded: whether what the rig states is a constant of the function.
+    """
 
-
-def layouts(model: CommandModel, states: StateVector) -> LiveLayouts:
-    """Return the layouts of the live inverse of a rig."""
-    nf = model.nf
-    nd = model.nd
-    return LiveLayouts(
-        kernel_state=Layout(
+    def __init__(self, rig: Rig, states: StateVector, folded: bool = False) -> None:
+        self.model = model = CommandModel(rig, folded)
+        self.states = states
+        nf = model.nf
+        nd = model.nd
+        self.kernel_state = Layout(
             **dict.fromkeys((*GUIDED, "last", "mapped"), nf),
             at_end=1,
             started=1,
             command=model.kernel_state.size,
-        ),
-        x=Layout(dt=1, desired=nf, state=len(states), mapped=nf, read=nd, trusted=1, touched=1),
-        gains=Layout(**dict.fromkeys(OF_ALL, 1), **dict.fromkeys(OF_EACH, nf)),
-        y=Layout(angles=nf, positions=nd, speeds=nd, forces=nd, tensions=model.nt, at_end=nd),
-    )
+        )
+        self.x = Layout(
+            dt=1, desired=nf, state=len(states), mapped=nf, read=nd, trusted=1, touched=1
+        )
+        self.gains = Layout(**dict.fromkeys(OF_ALL, 1), **dict.fromkeys(OF_EACH, nf))
+        self.y = Layout(angles=nf, positions=nd, speeds=nd, forces=nd, tensions=model.nt, at_end=nd)
+
+    @property
+    def structure(self) -> Structure:
+        """The structure on which the compiled kernel depends."""
+        of_filter = self.states.context.mechanism.parameters.names, self.states.structure
+        return structure_of("live", self.model.mechanism, filter=of_filter)
+
+    def function(self) -> ca.Function:
+        """Return the kernel (kernel_state, x, p) → (kernel_state⁺, y) of one sample, whose output y
+        are the drives' commands.
+
+        The parameters p are the gains, the filter's parameters and the inputs of `command_inputs`.
+        In the sample x, `state` is the filter's mean with the angles as they are reported, `mapped`
+        the correction of these by maps, and `read` what the drives' position sensors read. The
+        positions in y are as these sensors would read them.
+        """
+        model = self.model
+        states = self.states
+        kernel_state = ca.MX.sym("kernel_state", self.kernel_state.size)
+        x = ca.MX.sym("x", self.x.size)
+        sizes = self.gains.size, len(states.context.mechanism.parameters), len(model.derived)
+        p = ca.MX.sym("p", sum(sizes))
+        of_gains, own, derived = ca.vertsplit(p, np.cumsum([0, *sizes]).tolist())
+        was = self.kernel_state.parts(kernel_state)
+        came = self.x.parts(x)
+        gains = self.gains.parts(of_gains)
+        command, mapped, at_end = (was.pop(name) for name in ("command", "mapped", "at_end"))
+        # maps that are not trusted, far from where they were learned, are not followed, nor torques
+        # from outside
+        mapped = ca.if_else(came["trusted"] > 0, came["mapped"], mapped)
+        parameters, torques = self._believed()(came["state"], own, derived)
+        inputs = {f"{name}_before": part for name, part in was.items()}
+        inputs |= {name: gains[name] for name in OF_EACH}
+        free = came["touched"] < TOUCHED
+        # nothing winds up against a stop, nor against the end of a drive's range
+        guided = guide_function(model.nf)(
+            angles=came["state"][model.free],
+            desired=model.within_stops(came["desired"], parameters),
+            dt=came["dt"],
+            trusted=came["trusted"],
+            free=free,
+            winds=came["trusted"] * (1 - at_end) * free,
+            **inputs,
+        )
+        later = model.number(parameters, ["lead"])
+        bend = limited(later**2 / 2 * guided["acceleration"], ca.fabs(later * guided["speed"]))
+        ahead = guided["reference"] + later * guided["speed"] + bend + guided["correction"] - mapped
+        row = model.x.joined(
+            dt=came["dt"],
+            angles=model.within_stops(ahead, parameters),
+            speeds=guided["speed"] + guided["correcting"],
+            accelerations=guided["acceleration"],
+            torques=came["trusted"] * gains["compensates"] * torques
+            + ca.mtimes(
+                ca.DM(np.linalg.pinv(np.array(model.mechanism.spread)).T), guided["pushed"]
+            ),
+            lowest=gains["lowest"],
+        )
+        command, y = model.function()(command, row, parameters)
+        sent = model.y.parts(y)
+        at_end = ca.fabs(model.kernel_state.part(command, "positions") - sent["positions"]) > BEYOND
+        forces = self._within_limits(sent["forces"], parameters)
+        positions = read_function(states)(sent["positions"], came["state"], own)
+        # servos give way: by their stiffness, and by their dead band in the direction of motion
+        ahead = model.of_drives(parameters, "soft") * forces
+        ahead += model.of_drives(parameters, "dead") * model.kernel_state.part(
+            command, "drives_turned"
+        )
+        following = self.kernel_state.joined(
+            **{name: guided[name] for name in GUIDED},
+            last=came["state"][model.free],
+            mapped=mapped,
+            at_end=ca.dot(at_end, at_end) > 0,
+            started=ca.MX(1),
+            command=command,
+        )
+        y = self.y.joined(
+            angles=sent["angles"],
+            positions=positions + ahead,
+            speeds=sent["speeds"] + (positions - came["read"]) / RESPONDS,
+            forces=forces,
+            tensions=sent["tensions"],
+            at_end=at_end,
+        )
+        return ca.Function("live_command", [kernel_state, x, p], [following, y], *KERNEL)
+
+    def _within_limits(self, forces: ca.MX, parameters: ca.MX) -> ca.MX:
+        """Return the forces of drives, limited to what each can do; a slider cannot push."""
+        high = self.model.of_drives(parameters, "limit")
+        pushes = ca.DM([drive.kind != "slider" for drive in self.model.rig.drives])
+        # no product with a limit that may be infinite
+        return ca.fmin(ca.fmax(forces, ca.if_else(pushes, -high, 0)), high)
+
+    def _believed(self) -> ca.Function:
+        """Return the function (state, p, derived) → parameters of the inverse as the filter
+        believes them, and external torques, (n_joints,).
+        """
+        model = self.model
+        states = self.states
+        state = ca.SX.sym("state", len(states))
+        known = states.context.mechanism.parameters
+        derived = ca.SX.sym("derived", len(model.derived))
+        learned = dict(zip(known.names, ca.vertsplit(states.parameters(state))))
+        others = iter(ca.vertsplit(derived))
+        names = model.mechanism.parameters.names[: model.n_parameters]
+        parameters = [next(others) if name.startswith(DERIVED) else learned[name] for name in names]
+        outputs = [ca.densify(ca.vertcat(*parameters)), ca.densify(states.torques(state))]
+        return ca.Function("believed", [state, known.symbols, derived], outputs)
 
 
-def live_function(model: CommandModel, states: StateVector) -> ca.Function:
-    """Return the kernel (kernel_state, x, p) → (kernel_state⁺, y) of one sample, whose output y are
-    the drives' commands.
-
-    The parameters p are the gains, the filter's parameters and the inputs of `command_inputs`. In
-    the sample x, `state` is the filter's mean with the angles as they are reported, `mapped` the
-    correction of these by maps, and `read` what the drives' position sensors read. The positions in
-    y are as these sensors would read them.
-    """
-    layout = layouts(model, states)
-    kernel_state = ca.MX.sym("kernel_state", layout.kernel_state.size)
-    x = ca.MX.sym("x", layout.x.size)
-    ends = np.cumsum(
-        [0, layout.gains.size, len(states.context.mechanism.parameters), len(model.derived)]
-    )
-    p = ca.MX.sym("p", int(ends[-1]))
-    of_gains, own, derived = ca.vertsplit(p, ends.tolist())
-    was = layout.kernel_state.parts(kernel_state)
-    came = layout.x.parts(x)
-    gains = layout.gains.parts(of_gains)
-    command, mapped, at_end = (was.pop(name) for name in ("command", "mapped", "at_end"))
-    # maps that are not trusted, far from where they were learned, are not followed, nor torques
-    # from outside
-    mapped = ca.if_else(came["trusted"] > 0, came["mapped"], mapped)
-    parameters, torques = _believed(model, states)(came["state"], own, derived)
-    inputs = {f"{name}_before": part for name, part in was.items()}
-    inputs |= {name: gains[name] for name in OF_EACH}
-    free = came["touched"] < TOUCHED
-    # nothing winds up against a stop, nor against the end of a drive's range
-    guided = guide_function(model)(
-        angles=came["state"][model.free],
-        desired=model.within_stops(came["desired"], parameters),
-        dt=came["dt"],
-        trusted=came["trusted"],
-        free=free,
-        winds=came["trusted"] * (1 - at_end) * free,
-        **inputs,
-    )
-    later = model.number(parameters, ["lead"])
-    bend = limited(later**2 / 2 * guided["acceleration"], ca.fabs(later * guided["speed"]))
-    ahead = guided["reference"] + later * guided["speed"] + bend + guided["correction"] - mapped
-    row = model.x.joined(
-        dt=came["dt"],
-        angles=model.within_stops(ahead, parameters),
-        speeds=guided["speed"] + guided["correcting"],
-        accelerations=guided["acceleration"],
-        torques=came["trusted"] * gains["compensates"] * torques
-        + ca.mtimes(ca.DM(np.linalg.pinv(np.array(model.mechanism.spread)).T), guided["pushed"]),
-        lowest=gains["lowest"],
-    )
-    command, y = model.function()(command, row, parameters)
-    sent = model.y.parts(y)
-    at_end = ca.fabs(model.kernel_state.part(command, "positions") - sent["positions"]) > BEYOND
-    forces = _within_limits(model, sent["forces"], parameters)
-    positions = read_function(model, states)(sent["positions"], came["state"], own)
-    # servos give way: by their stiffness, and by their dead band in the direction of motion
-    ahead = model.of_drives(parameters, "soft") * forces
-    ahead += model.of_drives(parameters, "dead") * model.kernel_state.part(command, "drives_turned")
-    following = layout.kernel_state.joined(
-        **{name: guided[name] for name in GUIDED},
-        last=came["state"][model.free],
-        mapped=mapped,
-        at_end=ca.dot(at_end, at_end) > 0,
-        started=ca.MX(1),
-        command=command,
-    )
-    y = layout.y.joined(
-        angles=sent["angles"],
-        positions=positions + ahead,
-        speeds=sent["speeds"] + (positions - came["read"]) / RESPONDS,
-        forces=forces,
-        tensions=sent["tensions"],
-        at_end=at_end,
-    )
-    return ca.Function("live_command", [kernel_state, x, p], [following, y], *KERNEL)
-
-
-def live_structure(model: CommandModel, states: StateVector) -> Structure:
-    """Return the structure on which the compiled kernel of `live_function` depends."""
-    of_filter = states.context.mechanism.parameters.names, states.structure
-    return structure_of("live", model.mechanism, filter=of_filter)
-
-
-def guide_function(model: CommandModel) -> ca.Function:
+def guide_function(nf: int) -> ca.Function:
     """Return the function of one sample of the reference and its motion, the correction, and the
-    torque of feedback.
+    torque of feedback, for `nf` joints.
     """
     of_all = dict.fromkeys(("dt", "trusted", "winds", "free", "started_before"), 1)
     before = (f"{name}_before" for name in (*GUIDED, "last"))
-    sizes = dict.fromkeys(("desired", "angles", *before, *OF_EACH), model.nf) | of_all
+    sizes = dict.fromkeys(("desired", "angles", *before, *OF_EACH), nf) | of_all
     v = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
     dt = v["dt"]
     angles = v["angles"]
@@ -227,58 +252,34 @@ def guide_function(model: CommandModel) -> ca.Function:
     return ca.Function("guide", list(v.values()), list(found.values()), list(v), list(found))
 
 
-def _within_limits(model: CommandModel, forces: ca.MX, parameters: ca.MX) -> ca.MX:
-    """Return the forces of drives, limited to what each can do; a slider cannot push."""
-    high = model.of_drives(parameters, "limit")
-    pushes = ca.DM([drive.kind != "slider" for drive in model.rig.drives])
-    # no product with a limit that may be infinite
-    return ca.fmin(ca.fmax(forces, ca.if_else(pushes, -high, 0)), high)
-
-
-def _believed(model: CommandModel, states: StateVector) -> ca.Function:
-    """Return the function (state, p, derived) → parameters of the inverse as the filter believes
-    them, and external torques, (n_joints,).
-    """
-    state = ca.SX.sym("state", len(states))
-    known = states.context.mechanism.parameters
-    derived = ca.SX.sym("derived", len(model.derived))
-    learned = dict(zip(known.names, ca.vertsplit(states.parameters(state))))
-    others = iter(ca.vertsplit(derived))
-    names = model.mechanism.parameters.names[: model.n_parameters]
-    parameters = [next(others) if name.startswith(DERIVED) else learned[name] for name in names]
-    outputs = [ca.densify(ca.vertcat(*parameters)), ca.densify(states.torques(state))]
-    return ca.Function("believed", [state, known.symbols, derived], outputs)
-
-
-def read_function(model: CommandModel, states: StateVector) -> ca.Function:
+def read_function(states: StateVector) -> ca.Function:
     """Return the function (positions, state, p) → readings of the drives' position sensors,
     (n_drives,) [m, rad], with the offsets and curves that the filter assumes in its `state`.
     """
     state = ca.SX.sym("state", len(states))
-    positions = ca.SX.sym("s", model.nd)
+    mechanism = states.context.mechanism
+    positions = ca.SX.sym("s", mechanism.n_drives)
     read = ca.SX(positions)
-    for d in range(model.nd):
+    for d in range(mechanism.n_drives):
         sensor = states.context.position_sensor(d)
         if sensor is not None:
             # the sensor's error at the true position is nearly its error at the reading
             offset = states.context.number(f"{states.context.path(sensor)}.bias")
             read[d] += positions[d] - states.position(d, positions[d], state) + offset
-    return ca.Function(
-        "read", [positions, state, states.context.mechanism.parameters.symbols], [read]
-    )
+    return ca.Function("read", [positions, state, mechanism.parameters.symbols], [read])
 
 
-def readings(model: CommandModel, positions: Floats) -> Floats:
+def readings(rig: Rig, positions: Floats) -> Floats:
     """Return the readings of the drives' position sensors at `positions` by the rig file, both (k,
     n_drives) [m, rad].
 
     Where the filter cannot run on the rig, the positions themselves are returned.
     """
     try:
-        states = state_vector(model.rig)
+        states = state_vector(rig)
     except EstimationError:
         return positions
-    read = read_function(model, states).map(len(positions))
+    read = read_function(states).map(len(positions))
     known = states.context.mechanism.parameters.values
     found: Floats = read(positions.T, states.means, known).full().T
     return found
