@@ -63,9 +63,9 @@ def rest_kernel(model: CommandModel) -> ca.Function:
         angles = model.within_stops(
             angles + step(angles, came["positions"], parameters), parameters
         )
-    away = ca.mmax(ca.fabs(angles - came["angles"])) > LARGEST
+    away = ca.fabs(angles - came["angles"]) > LARGEST
     was_behind = kernel_state[model.nf] > 0
-    behind = ca.logic_or(came["cut"] > 0, ca.logic_and(was_behind, away))
+    behind = ca.logic_or(came["cut"] > 0, ca.logic_and(was_behind, ca.dot(away, away) > 0))
     angles = ca.if_else(behind, angles, came["angles"])
     # friction may act either way where a drive is cut
     turned = came["turned"] * (1 - came["cut"])
@@ -86,7 +86,7 @@ def _functions(model: CommandModel) -> tuple[ca.Function, ca.Function]:
     nf = model.nf
     p = model.mechanism.parameters.symbols
     free, turned = (ca.SX.sym(name, nf) for name in ("free", "turned"))
-    positions, place_variances = (ca.SX.sym(name, model.nd) for name in ("s", "variances"))
+    positions, square_stds = (ca.SX.sym(name, model.nd) for name in ("s", "variances"))
     lacks, friction = model.lacking(free, positions, ca.SX.zeros(nf))
     beyond = lacks - limited(lacks, friction)
     softer = SOFTEST * ca.SX.eye(nf)
@@ -95,14 +95,14 @@ def _functions(model: CommandModel) -> tuple[ca.Function, ca.Function]:
     lacks, friction = model.lacking(free, positions, turned)
     slopes = ca.jacobian(lacks, free) - softer
     by_parameters = ca.mtimes(ca.jacobian(lacks, p), covariance_root(model))
-    by_positions = ca.mtimes(ca.jacobian(lacks, positions), ca.diag(ca.sqrt(place_variances)))
+    by_positions = ca.mtimes(ca.jacobian(lacks, positions), ca.diag(ca.sqrt(square_stds)))
     # all torques within friction that has not turned over are equally likely: the variance is a
     # third of its square
     left = ca.sqrt(friction**2 * ca.fmax(1 - turned**2, 0) / 3)
     variances = ca.SX.zeros(nf)
     for column in ca.horzsplit(ca.densify(ca.horzcat(by_parameters, by_positions, ca.diag(left)))):
         variances += solved(slopes, column) ** 2
-    arguments = [free, positions, turned, place_variances, p]
+    arguments = [free, positions, turned, square_stds, p]
     return step, ca.Function("variances", arguments, [ca.cse(ca.densify(variances))])
 
 
