@@ -9,8 +9,10 @@ import pytest
 
 from distal import Rig, load_rig, load_scenario, scenario_rig, shipped_scenarios, simulate
 from distal.errors import ScenarioError
+from distal.model import Mechanism
 from distal.rig import angle_names
 from distal.simulation import build_scenario, simulate_pieces
+from distal.simulation.readings import Sampler, stamps_of
 
 EXAMPLE = """
 rig = "paper-2008-printed"
@@ -245,3 +247,27 @@ def test_a_scenario_nested_too_deeply_is_one_line() -> None:
         build_scenario(
             {"rig": "paper-2008-printed", "duration": "1 s", "drives": {"left": {"weight": weight}}}
         )
+
+
+def test_a_motion_in_pieces_is_read_as_the_whole() -> None:
+    """Sensors of three rates: the same noise at the same stamps, and NaN where a sensor is not
+    due.
+    """
+    rig = load_rig("paper-2008").with_values(
+        {"sensors.u1.rate": 30.0, "sensors.u2.rate": 25.0, "sensors.x1.noise": 1e-3}
+    )
+    plant = Mechanism(rig)
+    grid = 1e-3 * np.arange(1001)
+    y = np.random.default_rng(1).normal(size=(1001, 3 * plant.n_bodies + plant.n_tendons))
+    whole = Sampler(plant, 2).read(y, grid, stamps_of(rig, 0.0, 1.0))
+    sampler = Sampler(plant, 2)
+    pieces = [
+        sampler.read(y[a : b + 1], grid[a : b + 1], stamps_of(rig, 1e-3 * a, 1e-3 * b))
+        for a, b in ((0, 250), (250, 600), (600, 1000))
+    ]
+    np.testing.assert_allclose(np.vstack(pieces), whole, rtol=0, atol=1e-9)
+    due = {sensor.name: k for k, sensor in enumerate(rig.sensors)}
+    assert np.isfinite(whole[:, due["u1"]]).sum() == 30
+    assert np.isfinite(whole[:, due["u2"]]).sum() == 25
+    other = Sampler(plant, 3).read(y, grid, stamps_of(rig, 0.0, 1.0))
+    assert not np.allclose(other[:, due["x1"]], whole[:, due["x1"]], atol=1e-5, equal_nan=True)

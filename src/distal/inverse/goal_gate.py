@@ -105,6 +105,10 @@ class GoalGate:
             motors that stop hold their force. In a power-on routine they are not, and motors that
             stop let go of their force.
         caution: how much of what motors read is believed.
+
+    Attributes:
+        limits: of the goals, one after the other; goals of motors that are stopped keep to the
+            range alone.
     """
 
     def __init__(self, rig: Rig, *, calibrated: bool = True, caution: Caution = USUAL) -> None:
