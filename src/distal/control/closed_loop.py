@@ -18,7 +18,7 @@ from distal.logs import Log
 from distal.rig import Rig, as_rig
 from distal.run import LiveEstimator, Monitor, Reading
 from distal.sensor_errors import quantisation_variance, quantised_values
-from distal.simulation import Scenario, load_scenario, simulate_plant
+from distal.simulation import Control, Scenario, load_scenario, simulate_plant
 from distal.suggestions import did_you_mean
 from distal.units import to_si
 
@@ -41,8 +41,8 @@ COMMAND = "command"
 inverse gives for the reference, and those of the gains.
 """
 
-ENCODER_STEP = np.pi / 180.0
-"""Step of the encoder where the scenario gives none [rad]: 1°. Source: judgement."""
+ENCODER_STEP: float = Control.model_fields["encoder_resolution"].default
+"""Step of the encoder where there is no ``[control]`` [rad]: the default of one."""
 
 
 @dataclass(frozen=True, repr=False)

@@ -71,17 +71,14 @@ class Inverse:
         self.rig = as_rig(rig)
         self.least_tension = least_tension_of(least_tension, self.rig)
         self.model = model = CommandModel(self.rig)
+        self.joints = tuple(self.rig.joints[j].name for j in model.free)
+        """Names of the free joints, whose angles are desired; the other joints follow these."""
         self._compiled = compiled
         self._parameters = model.mechanism.parameters.values[: model.n_parameters]
         self._kernel = kernel_of(structure_of("command", model.mechanism), model.function, compiled)
         self._rest = kernel_of(
             structure_of("rest", model.mechanism), lambda: rest_kernel(model), compiled
         )
-
-    @cached_property
-    def joints(self) -> tuple[str, ...]:
-        """Names of the free joints, whose angles are desired; the other joints follow these."""
-        return tuple(self.rig.joints[j].name for j in self.model.free)
 
     def __call__(
         self, time: Sequence[float] | Floats, angles: Floats | Mapping[str, Floats]
@@ -233,8 +230,8 @@ class Inverse:
                 )
             angles = np.column_stack([np.asarray(angles[name], dtype=np.float64) for name in names])
         desired = np.asarray(angles, dtype=np.float64)
-        if len(time) and desired.size % len(time) == 0:
-            desired = desired.reshape(len(time), -1)
+        if desired.ndim == 1:
+            desired = desired[:, None]
         if time.ndim != 1 or len(time) < 2 or desired.shape != (len(time), len(names)):
             raise CommandError(
                 f"wanted are {len(names)} angles ({', '.join(names)}) at each of two stamps or "

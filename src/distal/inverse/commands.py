@@ -199,16 +199,12 @@ def within_stops(model: CommandModel, time: Floats, desired: Floats) -> tuple[li
         time: stamps [s], (k,).
         desired: angles of the free joints [rad], (k, n_free).
     """
-    notes = list[str]()
-    held = desired.copy()
-    for k, j in enumerate(model.free):
-        joint = model.rig.joints[j]
-        if joint.stops is None:
-            continue
-        held[:, k] = np.clip(desired[:, k], *joint.stops)
-        beyond = np.abs(held[:, k] - desired[:, k])
+    joints = [model.rig.joints[j] for j in model.free]
+    stops = np.array([joint.stops or (-np.inf, np.inf) for joint in joints])
+    held = np.clip(desired, *stops.T)
+    notes = []
+    for joint, (low, high), beyond in zip(joints, np.rad2deg(stops), np.abs(held - desired).T):
         if beyond.max() > TURNS:
-            low, high = np.rad2deg(joint.stops)
             notes.append(
                 f"{joint.name} is wanted {rounded(np.rad2deg(beyond.max()), 3)}° beyond its stops "
                 f"({low:.4g} to {high:.4g}°), {_first(time, beyond > TURNS)}"

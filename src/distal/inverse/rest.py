@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
-from distal.expressions import Matrix, Vector
+from distal.expressions import Matrix
 from distal.inverse.distribution import solved
 from distal.inverse.feedback import limited
 from distal.inverse.setpoint_function import KERNEL, STEPS, CommandModel
@@ -94,7 +94,7 @@ def _functions(model: CommandModel) -> tuple[ca.Function, ca.Function]:
     step = ca.Function("step", [free, positions, p], [ca.cse(ca.densify(limited(newton, LARGEST)))])
     lacks, friction = model.lacking(free, positions, turned)
     slopes = ca.jacobian(lacks, free) - softer
-    by_parameters = ca.mtimes(ca.jacobian(lacks, p), covariance_root(model))
+    by_parameters = _by_parameters(model, ca.jacobian(lacks, p))
     by_positions = ca.mtimes(ca.jacobian(lacks, positions), ca.diag(ca.sqrt(square_stds)))
     # all torques within friction that has not turned over are equally likely: the variance is a
     # third of its square
@@ -106,22 +106,21 @@ def _functions(model: CommandModel) -> tuple[ca.Function, ca.Function]:
     return step, ca.Function("variances", arguments, [ca.cse(ca.densify(variances))])
 
 
-def covariance_root(model: CommandModel) -> Matrix:
-    """Return R, (n_p, k), with R Rᵀ the covariance of the parameters: a column for each parameter's
-    own error, and one for each error that several share.
+def _by_parameters(model: CommandModel, slopes: Matrix) -> Matrix:
+    """Return J R from the derivatives J by the parameters, (n, k), with R Rᵀ the covariance of the
+    parameters: a column for each parameter's own error, and one for each error that several share.
     """
     parameters = model.mechanism.parameters
     p = parameters.symbols
-    columns = list[Vector]()
-    for i in np.flatnonzero(parameters.independent_stds > 0.0).tolist():
-        column = ca.SX(len(parameters), 1)
-        column[i] = model.number(p, [f"{parameters.names[i]}.std"])
-        columns.append(column)
-    for name, (_, members) in parameters.shared.items():
-        column = ca.SX(len(parameters), 1)
-        column[members] = model.number(p, [f"shared.{name}.std"]) * p[members]
-        columns.append(column)
-    return ca.horzcat(ca.SX(len(parameters), 0), *columns)
+    columns = [
+        slopes[:, i] * model.number(p, [f"{parameters.names[i]}.std"])
+        for i in np.flatnonzero(parameters.independent_stds > 0.0).tolist()
+    ]
+    columns += [
+        ca.mtimes(slopes[:, members], p[members]) * model.number(p, [f"shared.{name}.std"])
+        for name, (_, members) in parameters.shared.items()
+    ]
+    return ca.horzcat(ca.SX(slopes.size1(), 0), *columns)
 
 
 def position_variances(rig: Rig) -> Floats:
