@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from distal import Rig, load_rig
-from distal.inverse.goal_gate import GoalGate
+from distal.inverse.goal_gate import GoalGate, Sending
 from distal.inverse.motor_readings import USUAL, Caution
 from distal.run.log_units import FASTEST
 
@@ -68,7 +68,7 @@ def test_a_goal_stays_within_the_range_and_the_speed() -> None:
 class UpTo:
     """A limit of one's own: no goal above a position."""
 
-    def ends(self, before: np.ndarray, since: float, motors: object) -> tuple[object, object]:
+    def ends(self, now: Sending) -> tuple[np.ndarray, np.ndarray]:
         return np.full(4, -np.inf), np.full(4, 0.5e-3)
 
 

@@ -170,7 +170,6 @@ def expected_readings(
     """Return what the sensors of drives and tendons would read, by sensor, (k,) each [SI].
 
     Args:
-        rig: the description.
         positions: as the drives' sensors read them, (k, n_drives) [m, rad].
         forces: of the drives, (k, n_drives) [N, N m].
         tensions: of the tendons at their drives, (k, n_tendons) [N].

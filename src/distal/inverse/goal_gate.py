@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from math import inf
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,17 +32,25 @@ from distal.run.live_estimator import LATEST
 from distal.run.monitor import REWOUND
 
 
+class Sending(NamedTuple):
+    """What limits of goals depend on.
+
+    Args:
+        before: goals that were sent last, or readings before the first goal, (n_drives,) [m, rad].
+        since: time since then [s].
+        motors: what the motors read.
+    """
+
+    before: Floats
+    since: float
+    motors: MotorReadings
+
+
 class Limit(Protocol):
     """Between which positions goals may lie."""
 
-    def ends(self, before: Floats, since: float, motors: MotorReadings) -> tuple[Floats, Floats]:
-        """Return the lowest and the highest goals, (n_drives,) each [m, rad].
-
-        Args:
-            before: goals that were sent last, or readings before the first goal [m, rad].
-            since: time since then [s].
-            motors: what the motors read.
-        """
+    def ends(self, now: Sending) -> tuple[Floats, Floats]:
+        """Return the lowest and the highest goals, (n_drives,) each [m, rad]."""
 
 
 @dataclass(frozen=True)
@@ -52,30 +60,34 @@ class RangeLimit:
     low: Floats
     high: Floats
 
-    def ends(self, before: Floats, since: float, motors: MotorReadings) -> tuple[Floats, Floats]:
+    def ends(self, now: Sending) -> tuple[Floats, Floats]:
         """Return the lowest and the highest goals; see `Limit`."""
-        return np.fmin(self.low, before), np.fmax(self.high, before)
+        return np.fmin(self.low, now.before), np.fmax(self.high, now.before)
 
 
+@dataclass(frozen=True)
 class RateLimit:
     """A goal changes no faster than the motor can go; back to where the motor is, it may go at
     once.
     """
 
-    def ends(self, before: Floats, since: float, motors: MotorReadings) -> tuple[Floats, Floats]:
+    def ends(self, now: Sending) -> tuple[Floats, Floats]:
         """Return the lowest and the highest goals; see `Limit`."""
-        most = motors.fastest * min(since, motors.caution.oldest) + motors.agrees
+        motors = now.motors
+        most = motors.fastest * min(now.since, motors.caution.oldest) + motors.agrees
         return (
-            np.fmin(before - most, motors.position),
-            np.fmax(before + most, motors.position),
+            np.fmin(now.before - most, motors.position),
+            np.fmax(now.before + most, motors.position),
         )
 
 
+@dataclass(frozen=True)
 class StandingLimit:
     """A motor that stands is sent little beyond the goal with which it rests, until it moves."""
 
-    def ends(self, before: Floats, since: float, motors: MotorReadings) -> tuple[Floats, Floats]:
+    def ends(self, now: Sending) -> tuple[Floats, Floats]:
         """Return the lowest and the highest goals; see `Limit`."""
+        motors = now.motors
         rests = motors.position + motors.holds_ahead
         most = 2 * motors.caution.arrived
         return (
@@ -299,10 +311,11 @@ class GoalGate:
         desired = np.where(np.isfinite(goals), goals, self._sent)
         before = self.expected
         before = np.where(np.isfinite(before), before, desired)
+        now = Sending(before, since, motors)
         for limit in self.limits:
-            desired = np.clip(desired, *limit.ends(before, since, motors))
+            desired = np.clip(desired, *limit.ends(now))
         stopped = self.stopped
-        eased = np.clip(self._eased(time, stopped), *self._range.ends(before, since, motors))
+        eased = np.clip(self._eased(time, stopped), *self._range.ends(now))
         self._held = np.where(stopped, self._held, np.nan)
         self._before = self._sent
         self._sent = np.where(motors.unread, np.nan, np.where(stopped, eased, desired))

@@ -61,6 +61,10 @@ def live_parameters(
 ) -> Floats:
     """Return the parameters of the kernel of a live inverse, (n,); see `LiveInverse`.
 
+    Args:
+        least_tension: newtons, or a text with a unit.
+        fastest: largest speed of the free joints [rad/s].
+
     Raises:
         CommandError: the least tension is none that the tendons can have, a joint of the feedback
             is unknown, or the speed is not above zero.
