@@ -24,8 +24,7 @@ from distal import Log, Rig, load_rig, simulate, write_log
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive.filter_function import adaptive_function
 from distal.inverse.live_inverse_function import LiveModel
-from distal.inverse.rest import rest_kernel
-from distal.inverse.setpoint_function import CommandModel
+from distal.inverse.rest import RestModel
 from distal.kernels import Feed, Kernel, Structure, advance_all, lanes_here, structure_of
 from distal.model import Mechanism
 from distal.rig import build_rig, shipped_rigs
@@ -81,7 +80,7 @@ def rigs_like(name: str, seed: int = 1) -> Iterator[Rig]:
 
 def functions_of(rig: Rig) -> dict[str, tuple[Structure, Callable[[], ca.Function]]]:
     """Return kind → the structure of a kernel and what makes its function."""
-    estimator, model = AdaptiveFilter(rig, compiled=False), CommandModel(rig)
+    estimator, model = AdaptiveFilter(rig, compiled=False), RestModel(rig)
     live = LiveModel(rig, estimator.states)
     assert estimator.structure is not None  # no states by others
     plant = Mechanism(rig, remembers=True)
@@ -90,7 +89,7 @@ def functions_of(rig: Rig) -> dict[str, tuple[Structure, Callable[[], ca.Functio
         "filter": (estimator.structure, lambda: adaptive_function(estimator.states)),
         "live": (live.structure, live.function),
     }
-    commands = {"command": CommandModel.function, "rest": rest_kernel}
+    commands = {"command": RestModel.function, "rest": RestModel.rest_function}
     for kind, make in commands.items():
         structure = structure_of(kind, model.mechanism)
         functions[kind] = structure, lambda make=make: make(model)

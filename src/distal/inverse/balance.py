@@ -31,14 +31,14 @@ def traced(method: Callable[..., Iterable[Vector]]) -> cached_property[ca.Functi
     """Return a method of a `Balance` as a CasADi function, which is made once for each object.
 
     The arguments are symbols: `p` are the parameters of the equations, and the others have the
-    lengths in `Balance.lengths`, by their names.
+    shapes in `Balance.shapes`, by their names.
     """
 
     def made(balance: Balance) -> ca.Function:
         _, *names = signature(method).parameters
         own = {"p": balance.mechanism.parameters.symbols}
         symbols = [
-            own[name] if name in own else ca.SX.sym(name, balance.lengths[name]) for name in names
+            own[name] if name in own else ca.SX.sym(name, *balance.shapes[name]) for name in names
         ]
         outputs = [ca.densify(ca.SX(each)) for each in method(balance, *symbols)]
         return ca.Function(method.__name__.strip("_"), symbols, ca.cse(outputs))
@@ -83,16 +83,16 @@ class Balance:
             [i for i in range(self.nt) if mechanism.drive_of[i] == self.nj + d]
             for d in range(self.nd)
         ]
-        of_free = ("free", "desired", "speeds", "accelerations", "turned")
+        of_free = ("free", "desired", "speeds", "accelerations", "turned", "torques")
         of_drives = (
             *("positions", "within", "rates", "drives_turned", "pulls", "before", "rubbed"),
-            *("steepest", "low", "high", "excess", "slope"),
+            *("steepest", "low", "high", "excess", "slope", "least", "variances"),
         )
-        self.lengths = (
-            dict.fromkeys(of_free, self.nf)
-            | dict.fromkeys(of_drives, self.nd)
-            | dict.fromkeys(("angles", "external"), self.nj)
-            | {"shares": self.nt, "dt": 1, "lowest": 1}
+        self.shapes = (
+            dict.fromkeys(of_free, (self.nf,))
+            | dict.fromkeys(of_drives, (self.nd,))
+            | dict.fromkeys(("angles", "external"), (self.nj,))
+            | {"arms": (self.nf, self.nd), "shares": (self.nt,), "dt": (1,), "lowest": (1,)}
         )
 
     @cached_property

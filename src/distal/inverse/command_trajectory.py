@@ -23,8 +23,8 @@ from distal.inverse.commands import (
 )
 from distal.inverse.distribution import LEAST_TENSION, least_tension_of
 from distal.inverse.live_inverse_function import readings
-from distal.inverse.rest import position_variances, rest_kernel, rest_layout
-from distal.inverse.setpoint_function import ROUNDS, CommandModel
+from distal.inverse.rest import RestModel, position_variances
+from distal.inverse.setpoint_function import ROUNDS
 from distal.kernels import (
     Advanced,
     Feed,
@@ -70,15 +70,13 @@ class Inverse:
     ) -> None:
         self.rig = as_rig(rig)
         self.least_tension = least_tension_of(least_tension, self.rig)
-        self.model = model = CommandModel(self.rig)
+        self.model = model = RestModel(self.rig)
         self.joints = tuple(self.rig.joints[j].name for j in model.free)
         """Names of the free joints, whose angles are desired; the other joints follow these."""
         self._compiled = compiled
         self._parameters = model.mechanism.parameters.values[: model.n_parameters]
         self._kernel = kernel_of(structure_of("command", model.mechanism), model.function, compiled)
-        self._rest = kernel_of(
-            structure_of("rest", model.mechanism), lambda: rest_kernel(model), compiled
-        )
+        self._rest = kernel_of(structure_of("rest", model.mechanism), model.rest_function, compiled)
 
     def __call__(
         self, time: Sequence[float] | Floats, angles: Floats | Mapping[str, Floats]
@@ -151,7 +149,7 @@ class Inverse:
             "inside": view(run.kernel_states, "inside"),
             "cut": cut.any(axis=1, keepdims=True).astype(np.float64),
         }
-        rows = np.column_stack([parts[name] for name in rest_layout(self.model).names])
+        rows = np.column_stack([parts[name] for name in self.model.rest_x.names])
         begin = np.array([*angles[0], 0.0])
         ys = advance(self._rest, Feed(begin, rows, self._parameters)).ys
         return ys[:, : self.model.nf], ys[:, self.model.nf :]

@@ -118,30 +118,22 @@ class Commands:
         """
         write_columns(self.columns(unit), path)
 
-    def plot(
-        self, path: str | Path | None = None, truth: Mapping[str, Floats] | None = None
-    ) -> Figure:
-        """Draw the desired and the reached angles with their 95 % band, then the drives' positions.
-
-        Args:
-            path: file of the figure; None writes none.
-            truth: joint → its true angle, (k,) [rad], which is drawn too.
+    def plot(self, path: str | Path | None = None) -> Figure:
+        """Draw the desired and the reached angles with their 95 % band, then the drives' positions,
+        and write the figure to a file, if a `path` is given.
         """
         names = self.rig.joint_names
         rows = len(names) + 1
         with figure(rows, 1, (6.5, 1.6 + 1.6 * rows), sharex=True) as (drawing, axes):
             for j, (name, axis) in enumerate(zip(names, axes)):
-                curves = {
-                    "reached by the commands, 95 % band": self.angles[:, j],
-                    "desired": self.desired[:, j],
-                }
-                if truth is not None:
-                    curves["true"] = truth[name]
-                ends = (self.angles[:, j] + side * BAND * self.stds[:, j] for side in (-1, 1))
-                axis.fill_between(
-                    self.time, *map(np.rad2deg, ends), alpha=BAND_ALPHA, lw=0, color=COLOURS[0]
+                desired, angle, half = (
+                    np.rad2deg(part[:, j]) for part in (self.desired, self.angles, BAND * self.stds)
                 )
-                _draw(axis, self.time, {label: np.rad2deg(at) for label, at in curves.items()})
+                axis.fill_between(
+                    self.time, angle - half, angle + half, alpha=BAND_ALPHA, lw=0, color=COLOURS[0]
+                )
+                curves = {"reached by the commands, 95 % band": angle, "desired": desired}
+                _draw(axis, self.time, curves)
                 axis.set_ylabel(f"{name} [°]")
             legend_above(axes[0])
             scales = {"slider": (1e3, "mm"), "capstan": (180 / np.pi, "°")}

@@ -13,11 +13,14 @@ anywhere within the friction limit l of that.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
-from distal.expressions import Matrix
+from distal.expressions import Matrix, Vector
+from distal.inverse.balance import traced
 from distal.inverse.distribution import solved
 from distal.inverse.feedback import limited
 from distal.inverse.setpoint_function import KERNEL, STEPS, CommandModel
@@ -35,92 +38,99 @@ band [N m/rad]. Source: rounding (division by a stiffness of zero).
 """
 
 
-def rest_layout(model: CommandModel) -> Layout:
-    """Return the layout of a sample: desired angles, drives' positions and their variances, the
-    directions of friction, the internal state, and whether a drive is cut.
-    """
-    nf = model.nf
-    nd = model.nd
-    return Layout(angles=nf, positions=nd, variances=nd, turned=nf, inside=model.n_inside, cut=1)
+class RestModel(CommandModel):
+    """The inverse of a rig, with the angles at which its joints rest as a second kernel."""
 
-
-def rest_kernel(model: CommandModel) -> ca.Function:
-    """Return the kernel (kernel_state, x, p) → (kernel_state⁺, y) of the angles at which free
-    joints rest and their variances, y = (θ_free [rad], σ² [rad²]), (2 n_free,).
-
-    A sample x has the layout `rest_layout`; the kernel state is (θ_free, whether joints were left
-    behind). As long as they were not, θ_free are the desired angles.
-    """
-    layout = rest_layout(model)
-    kernel_state = ca.MX.sym("kernel_state", model.nf + 1)
-    x = ca.MX.sym("x", layout.size)
-    p = ca.MX.sym("p", model.n_parameters)
-    came = layout.parts(x)
-    parameters = ca.vertcat(p, came["inside"])
-    step, variances = _functions(model)
-    angles = kernel_state[: model.nf]
-    for _ in range(STEPS):
-        angles = model.within_stops(
-            angles + step(angles, came["positions"], parameters), parameters
+    @cached_property
+    def rest_x(self) -> Layout:
+        """Layout of a sample of that kernel: desired angles, drives' positions and their variances,
+        the directions of friction, the internal state, and whether a drive is cut.
+        """
+        return Layout(
+            angles=self.nf,
+            positions=self.nd,
+            variances=self.nd,
+            turned=self.nf,
+            inside=self.n_inside,
+            cut=1,
         )
-    away = ca.fabs(angles - came["angles"]) > LARGEST
-    was_behind = kernel_state[model.nf] > 0
-    behind = ca.logic_or(came["cut"] > 0, ca.logic_and(was_behind, ca.dot(away, away) > 0))
-    angles = ca.if_else(behind, angles, came["angles"])
-    # friction may act either way where a drive is cut
-    turned = came["turned"] * (1 - came["cut"])
-    spread = variances(angles, came["positions"], turned, came["variances"], parameters)
-    following = ca.vertcat(angles, behind)
-    return ca.Function(
-        "rest", [kernel_state, x, p], [following, ca.vertcat(angles, spread)], *KERNEL
-    )
 
+    def rest_function(self) -> ca.Function:
+        """Return the kernel (kernel_state, x, p) → (kernel_state⁺, y) of the angles at which free
+        joints rest and their variances, y = (θ_free [rad], σ² [rad²]), (2 n_free,).
 
-def _functions(model: CommandModel) -> tuple[ca.Function, ca.Function]:
-    """Return two functions: (θ_free, s, p) → Newton's step towards rest, where a joint whose
-    residual torque friction holds stays, and (θ_free, s, d, σ_s², p) → variances of θ_free [rad²].
+        The kernel state is (θ_free, whether joints were left behind). As long as they were not,
+        θ_free are the desired angles.
+        """
+        kernel_state = ca.MX.sym("kernel_state", self.nf + 1)
+        x = ca.MX.sym("x", self.rest_x.size)
+        p = ca.MX.sym("p", self.n_parameters)
+        came = self.rest_x.parts(x)
+        parameters = ca.vertcat(p, came["inside"])
+        angles, was_behind = ca.vertsplit(kernel_state, [0, self.nf, self.nf + 1])
+        for _ in range(STEPS):
+            step = self._step(angles, came["positions"], parameters)
+            angles = self.within_stops(angles + step, parameters)
+        away = ca.fabs(angles - came["angles"]) > LARGEST
+        stays = ca.logic_and(was_behind > 0, ca.dot(away, away) > 0)
+        behind = ca.logic_or(came["cut"] > 0, stays)
+        angles = ca.if_else(behind, angles, came["angles"])
+        # friction may act either way where a drive is cut
+        turned = came["turned"] * (1 - came["cut"])
+        spread = self._spread(angles, came["positions"], turned, came["variances"], parameters)
+        following = ca.vertcat(angles, behind)
+        return ca.Function(
+            "rest", [kernel_state, x, p], [following, ca.vertcat(angles, spread)], *KERNEL
+        )
 
-    The variances follow from the stds of the rig's parameters, from the variances σ_s² of the
-    drives' positions, and from friction that has not turned over, by its directions d.
-    """
-    nf = model.nf
-    p = model.mechanism.parameters.symbols
-    free, turned = (ca.SX.sym(name, nf) for name in ("free", "turned"))
-    positions, square_stds = (ca.SX.sym(name, model.nd) for name in ("s", "variances"))
-    lacks, friction = model.lacking(free, positions, ca.SX.zeros(nf))
-    beyond = lacks - limited(lacks, friction)
-    softer = SOFTEST * ca.SX.eye(nf)
-    newton = -solved(ca.jacobian(lacks, free) - softer, beyond)
-    step = ca.Function("step", [free, positions, p], [ca.cse(ca.densify(limited(newton, LARGEST)))])
-    lacks, friction = model.lacking(free, positions, turned)
-    slopes = ca.jacobian(lacks, free) - softer
-    by_parameters = _by_parameters(model, ca.jacobian(lacks, p))
-    by_positions = ca.mtimes(ca.jacobian(lacks, positions), ca.diag(ca.sqrt(square_stds)))
-    # all torques within friction that has not turned over are equally likely: the variance is a
-    # third of its square
-    left = ca.sqrt(friction**2 * ca.fmax(1 - turned**2, 0) / 3)
-    variances = ca.SX.zeros(nf)
-    for column in ca.horzsplit(ca.densify(ca.horzcat(by_parameters, by_positions, ca.diag(left)))):
-        variances += solved(slopes, column) ** 2
-    arguments = [free, positions, turned, square_stds, p]
-    return step, ca.Function("variances", arguments, [ca.cse(ca.densify(variances))])
+    @traced
+    def _step(self, free: Vector, positions: Vector, p: Vector) -> list[Vector]:
+        """Function (θ_free, s, p) → Newton's step towards rest; a joint whose residual torque
+        friction holds stays.
+        """
+        lacks, friction = self.lacking(free, positions, ca.SX.zeros(self.nf))
+        beyond = lacks - limited(lacks, friction)
+        return [limited(-solved(self._slopes(lacks, free), beyond), LARGEST)]
 
+    def _slopes(self, lacks: Vector, free: Vector) -> Matrix:
+        """Return the derivatives of the residual torques by the angles."""
+        return ca.jacobian(lacks, free) - SOFTEST * ca.SX.eye(self.nf)
 
-def _by_parameters(model: CommandModel, slopes: Matrix) -> Matrix:
-    """Return J R from the derivatives J by the parameters, (n, k), with R Rᵀ the covariance of the
-    parameters: a column for each parameter's own error, and one for each error that several share.
-    """
-    parameters = model.mechanism.parameters
-    p = parameters.symbols
-    columns = [
-        slopes[:, i] * model.number(p, [f"{parameters.names[i]}.std"])
-        for i in np.flatnonzero(parameters.independent_stds > 0.0).tolist()
-    ]
-    columns += [
-        ca.mtimes(slopes[:, members], p[members]) * model.number(p, [f"shared.{name}.std"])
-        for name, (_, members) in parameters.shared.items()
-    ]
-    return ca.horzcat(ca.SX(slopes.size1(), 0), *columns)
+    @traced
+    def _spread(
+        self, free: Vector, positions: Vector, turned: Vector, variances: Vector, p: Vector
+    ) -> list[Vector]:
+        """Function (θ_free, s, d, σ_s², p) → variances of θ_free [rad²].
+
+        They follow from the stds of the rig's parameters, from the variances σ_s² of the drives'
+        positions, and from friction that has not turned over, by its directions d.
+        """
+        lacks, friction = self.lacking(free, positions, turned)
+        slopes = self._slopes(lacks, free)
+        by_positions = ca.mtimes(ca.jacobian(lacks, positions), ca.diag(ca.sqrt(variances)))
+        # all torques within friction that has not turned over are equally likely: the variance is a
+        # third of its square
+        left = ca.sqrt(friction**2 * ca.fmax(1 - turned**2, 0) / 3)
+        errors = ca.horzcat(self._by_parameters(lacks), by_positions, ca.diag(left))
+        columns = ca.horzsplit(ca.densify(errors))
+        return [sum((solved(slopes, column) ** 2 for column in columns), ca.SX.zeros(self.nf))]
+
+    def _by_parameters(self, lacks: Vector) -> Matrix:
+        """Return how residual torques change with the parameters, (n_free, k): a column for one std
+        of each parameter's own error, and one for that of each error that several share.
+        """
+        parameters = self.mechanism.parameters
+        p = parameters.symbols
+        slopes = ca.jacobian(lacks, p)
+        columns = [
+            slopes[:, i] * self.number(p, [f"{parameters.names[i]}.std"])
+            for i in np.flatnonzero(parameters.independent_stds > 0.0).tolist()
+        ]
+        columns += [
+            ca.mtimes(slopes[:, members], p[members]) * self.number(p, [f"shared.{name}.std"])
+            for name, (_, members) in parameters.shared.items()
+        ]
+        return ca.horzcat(ca.SX(self.nf, 0), *columns)
 
 
 def position_variances(rig: Rig) -> Floats:

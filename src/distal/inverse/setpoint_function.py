@@ -13,7 +13,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from distal.expressions import Vector
+from distal.expressions import Matrix, Vector
 from distal.inverse.balance import Balance, traced
 from distal.inverse.distribution import FARTHEST, least_pulls, solved
 from distal.inverse.feedback import limited
@@ -120,7 +120,7 @@ class CommandModel(Balance):
             )
             joints = self.spread(held)
             arms, shares, steepest = self.geometry(joints, s, p)
-            asked = self._pulls()(arms, torques, lowest * self.of_drives(p, "margin"), f)
+            asked = self._pulls(arms, torques, lowest * self.of_drives(p, "margin"), f)
             f = limited(asked, most)
             sprung = f
             rubbed = was["rubbed"]
@@ -153,26 +153,21 @@ class CommandModel(Balance):
         )
         return ca.Function("command", [kernel_state, x, own], [after, y], *KERNEL)
 
-    def _pulls(self) -> ca.Function:
-        """Return the function (arms, τ, least, f) → pulls of the drives, not below `least` for
-        one-sided ones. Where drives are fewer than the joints that they move, f stays.
+    @traced
+    def _pulls(self, arms: Matrix, torques: Vector, least: Vector, before: Vector) -> list[Vector]:
+        """Function (arms, τ, least, f) → pulls of the drives, not below `least` for one-sided ones.
+        Where drives are fewer than the joints that they move, f stays.
         """
-        arms = ca.SX.sym("arms", self.nf, self.nd)
-        torques = ca.SX.sym("torques", self.nf)
-        least = ca.SX.sym("least", self.nd)
-        before = ca.SX.sym("before", self.nd)
         pulls = ca.SX(before)
         # an arm that is zero at all angles is none
         moving = ca.project(arms, self.moved_by.sparsity())
-        for part in self.parts:
-            joints = part.joints
-            drives = part.drives
+        for joints, drives in self.parts:
             if len(drives) >= len(joints):
                 sided = [self.one_sided[d] for d in drives]
                 found = least_pulls(moving[joints, drives], torques[joints], least[drives], sided)
                 for d, is_sided, pull in zip(drives, sided, ca.vertsplit(found)):
                     pulls[d] = ca.fmax(pull, least[d]) if is_sided else pull
-        return ca.Function("pulls", [arms, torques, least, before], [ca.cse(ca.densify(pulls))])
+        return [pulls]
 
     @traced
     def _reached(
