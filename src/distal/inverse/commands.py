@@ -118,9 +118,14 @@ class Commands:
         """
         write_columns(self.columns(unit), path)
 
-    def plot(self, path: str | Path | None = None) -> Figure:
-        """Draw the desired and the reached angles with their 95 % band, then the drives' positions,
-        and write the figure to a file, if a `path` is given.
+    def plot(
+        self, path: str | Path | None = None, truth: Mapping[str, Floats] | None = None
+    ) -> Figure:
+        """Draw the desired and the reached angles with their 95 % band, then the drives' positions.
+
+        Args:
+            path: file of the figure; None writes none.
+            truth: joint → its true angle, (k,) [rad], which is drawn too.
         """
         names = self.rig.joint_names
         rows = len(names) + 1
@@ -133,6 +138,8 @@ class Commands:
                     self.time, angle - half, angle + half, alpha=BAND_ALPHA, lw=0, color=COLOURS[0]
                 )
                 curves = {"reached by the commands, 95 % band": angle, "desired": desired}
+                if truth is not None:
+                    curves["true"] = np.rad2deg(truth[name])
                 _draw(axis, self.time, curves)
                 axis.set_ylabel(f"{name} [°]")
             legend_above(axes[0])
