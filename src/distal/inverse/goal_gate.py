@@ -275,6 +275,8 @@ class GoalGate:
         stopped = self.stopped
         deaf = self._motors.deaf
         stale = self._motors.stale
+        if not (stopped | deaf | stale).any():
+            return ""
         doubted = self._motors.doubted
         lost = self._lost
         failing = self._is_failing
@@ -315,10 +317,14 @@ class GoalGate:
         for limit in self.limits:
             desired = np.clip(desired, *limit.ends(now))
         stopped = self.stopped
-        eased = np.clip(self._eased(time, stopped), *self._range.ends(now))
+        if stopped.any():
+            eased = np.clip(self._eased(time, stopped), *self._range.ends(now))
+            desired = np.where(stopped, eased, desired)
+        else:
+            self._share = np.ones(len(stopped))
         self._held = np.where(stopped, self._held, np.nan)
         self._before = self._sent
-        self._sent = np.where(motors.unread, np.nan, np.where(stopped, eased, desired))
+        self._sent = np.where(motors.unread, np.nan, desired)
         return np.where(motors.doubted, np.nan, self._sent)
 
     def confirm(self, arrived: bool) -> None:
