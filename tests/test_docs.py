@@ -153,7 +153,7 @@ def test_what_the_page_on_security_says_of_the_code_is_so() -> None:
             r"(?<![\w.])(eval|exec)\(|pickle\.loads?\(|allow_pickle=True|shell=True", text
         ), name
     starts = {name for name, text in sources.items() if re.search(r"subprocess\.(run|Popen)", text)}
-    assert starts == {"compiler.py", "binaries.py", "webassembly.py", "reader_process.py"}
+    assert starts == {"compiler.py", "fmu.py", "webassembly.py", "reader_process.py"}
     for variable in ("DISTAL_COMPILE", "DISTAL_CACHE"):
         assert variable in said
         assert any(variable in text for text in sources.values())

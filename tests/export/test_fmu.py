@@ -21,7 +21,7 @@ from distal.cli.app import app
 from distal.errors import ExportError, OutputError
 from distal.estimators import first_values, make_estimator
 from distal.export import Fmu, export_fmu
-from distal.export.binaries import binaries_of
+from distal.export.fmu import binaries_of
 from distal.kernels import find_compiler
 from distal.rig import build_rig
 from distal.run import samples_of

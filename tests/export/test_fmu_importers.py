@@ -18,7 +18,7 @@ from distal import LiveEstimator, Log, Rig, load_rig, load_scenario, scenario_ri
 from distal.cli.app import app
 from distal.estimators import make_estimator
 from distal.export import Fmu, export_fmu
-from distal.export.binaries import ZIG_TARGETS, this_platform
+from distal.export.fmu import ZIG_TARGETS, this_platform
 from distal.run import samples_of
 from tests.export.test_export import CC
 from tests.export.test_fmu import at_the_ends

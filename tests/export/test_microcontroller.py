@@ -16,7 +16,7 @@ import pytest
 from distal import Rig, estimate, load_rig, load_scenario, scenario_rig, simulate
 from distal.estimators import make_estimator
 from distal.export import Exported, c_filter
-from distal.export.outputs import angle_fields
+from distal.export.names import angle_fields
 from distal.run import samples_of
 from distal.simulation import Scenario, build_scenario
 from tests.export.helpers import missing_tools

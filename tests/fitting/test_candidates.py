@@ -17,9 +17,9 @@ from distal.fitting.candidates import (
     Training,
     best_of,
     filter_candidate,
+    parameters_without,
 )
 from distal.fitting.fit_options import Options
-from distal.fitting.jackknife import parameters_without
 from distal.fitting.judge import Learned, judge, learned_by
 from distal.fitting.learn_free_motion import untouched
 from distal.fitting.map_samples import filtered
@@ -106,7 +106,7 @@ def test_maps_learn_from_numbers_that_have_not_seen_the_log(
     assert parameters_without(whole, others, [0, 0]) == [whole]
 
 
-@pytest.mark.parametrize("where", ["doubts", "jackknife", "missing_terms"])
+@pytest.mark.parametrize("where", ["doubts", "candidates", "missing_terms"])
 def test_ctrl_c_is_not_taken_for_an_answer(
     where: str, monkeypatch: pytest.MonkeyPatch, others: list[Log], with_cable: Learned
 ) -> None:

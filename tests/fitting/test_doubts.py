@@ -8,8 +8,7 @@ from typing import Any
 import pytest
 
 from distal.fitting.doubts import far_from_priors
-from distal.fitting.fitted_parameter import FittedParameter
-from distal.fitting.free_parameter import Free
+from distal.fitting.free_parameter import FittedParameter, Free
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive.filter_function import adaptive_layout
 from distal.estimators.adaptive.touch import DRIVE, FORCE
 from distal.fitting.learn_free_motion import NORMAL, SETTLING, closed_filter, free_motion_of, widest
-from distal.fitting.touched_logs import touched_logs
+from distal.fitting.log_checks import touched_logs
 from distal.kernels import Feed, advance
 from distal.kernels.mask import READ
 from distal.regression import ReportedMap, map_parameters, reporting_function

@@ -14,6 +14,7 @@ from benchmarks.strangers.hands_plants import ropes_log, ropes_rig
 
 from distal import Log, Rig, load_rig, simulate
 from distal.fitting import Options
+from distal.fitting.candidates import parameters_without
 from distal.fitting.fit_filter import FitFilter
 from distal.fitting.inverse_dynamics import (
     INTERVAL,
@@ -22,7 +23,6 @@ from distal.fitting.inverse_dynamics import (
     InverseProblem,
     inverse_problem,
 )
-from distal.fitting.jackknife import parameters_without
 from distal.fitting.missing_terms import Tried, terms_of, tried_parts
 from distal.fitting.parameter_estimates import (
     ParameterEstimates,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from distal import Log, Rig, load_rig
-from distal.fitting.fitted_parameter import FittedParameter, assignments
+from distal.fitting.free_parameter import FittedParameter, assignments
 from distal.fitting.learned_maps import MapFit, with_its_reference_error
 from distal.fitting.map_samples import (
     filtered,

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from distal import Log, load_rig
-from distal.fitting.fit_filter import FitFilter
-from distal.fitting.resampling import FINEST, refined, steps_per_sample
+from distal.fitting.fit_filter import FINEST, FitFilter, refined, steps_per_sample
 from distal.homing import with_references
 
 TIME = np.arange(0.0, 2.0, 0.01)

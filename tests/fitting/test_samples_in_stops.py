@@ -11,9 +11,9 @@ import pytest
 
 from distal import Log, Rig, load_rig, simulate
 from distal.fitting import Options
+from distal.fitting.fit_filter import AFTER_STOP, NEAR_STOP, in_stops
 from distal.fitting.map_samples import filtered
 from distal.fitting.parameter_estimates import problem_of
-from distal.fitting.samples_in_stops import AFTER_STOP, NEAR_STOP, in_stops
 from distal.simulation import Scenario
 from tests.fitting.helpers import drawn_plant, logs_of, start_rig
 

@@ -1,21 +1,57 @@
 """C of a function of matrices (MX): its instructions, each by its writer, then its outputs. Scratch
 is laid out at the end.
+
+C of operations that are done element by element; an operand of one number is used for all
+elements.
+
+C of calls: a result that is nothing but an output of the caller is written straight into that
+output, every other one into scratch.
 """
 
 from __future__ import annotations
 
 import casadi as ca
 
-from distal.codegen.calls import call
-from distal.codegen.dataflow import Dataflow
-from distal.codegen.elements import elementwise
-from distal.codegen.frame import framed
-from distal.codegen.memory import Memory, Value
+from distal.codegen.memory import Memory, Value, for_each
 from distal.codegen.number_types import Dialect
-from distal.codegen.placement import Placement
+from distal.codegen.operations import BINARY
+from distal.codegen.placement import Dataflow, Placement
 from distal.codegen.products import dot, product, rank_one
 from distal.codegen.slices import argument, constant, get, join, put, shape, split, transpose
-from distal.codegen.workspace import Workspace, WriteFunction, Writer, Written
+from distal.codegen.workspace import Step, Workspace, WriteFunction, Writer, Written, framed
+
+
+def elementwise(work: Workspace, step: Step) -> list[str]:
+    """Write an operation of scalars for each element of its operands."""
+    n = int(step.node.nnz())
+    work.cost.operations += n
+    to = work.placement.over_an_input(step.k, n)
+    used = step.inputs if step.operation in BINARY else step.inputs[:1]
+    memory = work.memory
+
+    def line(index: str | int) -> str:
+        operands = [memory.at(value, 0 if value.size == 1 else index) for value in used]
+        return f"{memory.at(to, index)} = {memory.dialect.operation(step.operation, *operands)};"
+
+    return for_each(n, line)
+
+
+def call(work: Workspace, step: Step) -> list[str]:
+    """Write the call of another function."""
+    called = step.node.which_function()
+    written = work.written(called, False)
+    work.cost.add(written.cost)
+    results = []
+    for i, number in enumerate(step.makes):
+        size = int(called.nnz_out(i))
+        if number in work.flow.direct:
+            output, offset = work.flow.direct[number]
+            results.append(work.placement.put(number, Value(f"r{output}", offset, size)))
+        else:
+            results.append(work.placement.new(step.k, number, size))
+    addresses = [work.memory.address(value) for value in (*step.inputs, *results)]
+    return [f"  {written.name}({', '.join(addresses)});"]
+
 
 WRITERS: dict[int, Writer] = {
     ca.OP_INPUT: argument,

@@ -6,10 +6,9 @@ from __future__ import annotations
 
 import casadi as ca
 
-from distal.codegen.frame import framed
 from distal.codegen.number_types import Dialect
 from distal.codegen.operations import BINARY, CALLED, INLINE, CodeError
-from distal.codegen.workspace import Cost, WriteFunction, Written
+from distal.codegen.workspace import Cost, WriteFunction, Written, framed
 
 
 def write_scalars(

@@ -10,8 +10,7 @@ from pathlib import Path
 from distal.confidence import BAND
 from distal.errors import OutputError
 from distal.export.health_source import spoken
-from distal.export.names import c_name
-from distal.export.outputs import angle_fields, comment, filled
+from distal.export.names import angle_fields, c_name, comment, filled
 from distal.export.project import check_ours, readme, write_files
 from distal.export.source import Exported, c_filter
 from distal.rig import Rig, Sensor, log_factor, log_unit

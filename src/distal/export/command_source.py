@@ -12,8 +12,7 @@ from distal.arrays import Bools
 from distal.codegen import CodeError, Emitter, Plain
 from distal.errors import ExportError
 from distal.estimators import AdaptiveFilter
-from distal.export.names import checked_name
-from distal.export.outputs import angle_fields, comment, filled, torque_fields
+from distal.export.names import angle_fields, checked_name, comment, filled, torque_fields
 from distal.inverse.goal_gate import crossed_joints
 from distal.inverse.live_inverse import live_parameters
 from distal.inverse.live_inverse_function import LiveModel

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from distal.codegen import CodeError, Emitter, Plain
 from distal.errors import ExportError
 from distal.estimators import KernelEstimator
-from distal.export.outputs import angle_fields, filled
+from distal.export.names import angle_fields, filled
 from distal.run.health import HEALTH, Health, begun, watch_of
 
 

@@ -11,8 +11,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.codegen import CodeError, Emitter, Plain
 from distal.errors import ExportError
-from distal.export.names import checked_name
-from distal.export.outputs import comment, filled
+from distal.export.names import checked_name, comment, filled
 from distal.kernels import Kernel
 from distal.model import Mechanism
 from distal.rig import Rig, gain_of, step_of, travel_of

@@ -10,8 +10,7 @@ from pathlib import Path
 from distal.codegen import Plain
 from distal.errors import ExportError, OutputError
 from distal.export.command_source import c_command
-from distal.export.names import c_name, checked_name
-from distal.export.outputs import comment, filled
+from distal.export.names import c_name, checked_name, comment, filled
 from distal.export.plant_source import c_plant
 from distal.export.source import Exported, c_filter
 from distal.logs import check_outputs, outputs_in, write_together

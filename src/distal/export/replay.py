@@ -5,7 +5,7 @@ reads.
 from __future__ import annotations
 
 from distal.estimators import KernelEstimator
-from distal.export.outputs import angle_fields, filled, torque_fields
+from distal.export.names import angle_fields, filled, torque_fields
 from distal.logs import LARGEST_READING, header
 from distal.rig import angle_names, log_factor, log_unit, std_name
 from distal.units import unit_factor

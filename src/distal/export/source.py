@@ -19,8 +19,7 @@ from distal.estimators import (
 )
 from distal.estimators.gaps import MOST_BRIDGES, SPLIT
 from distal.export.health_source import health_codes, health_source
-from distal.export.names import c_name, checked_name
-from distal.export.outputs import comment, filled, members, outputs
+from distal.export.names import c_name, checked_name, comment, filled, members, outputs
 from distal.export.replay import replay_program
 from distal.homing import homing_filter
 from distal.kernels.mask import MISSING, READ

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from distal.arrays import Floats
-from distal.fitting.fitted_parameter import FittedParameter
+from distal.fitting.free_parameter import FittedParameter
 from distal.fitting.likelihood import Innovations
 from distal.fitting.likelihood_search import Optimum, search
 from distal.fitting.problem import Problem

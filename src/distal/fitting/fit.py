@@ -1,9 +1,12 @@
-"""`fit`: learn a rig's parameters from logs, and test the result on held-out logs."""
+"""`fit`: learn a rig's parameters from logs, and test the result on held-out logs.
+
+`learn`: from logs to angles, without a rig file.
+"""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -13,19 +16,18 @@ import numpy as np
 from distal.errors import DistalWarning, DivergedError, EstimationError, FitError
 from distal.fitting.candidates import Candidate, groups_among
 from distal.fitting.doubts import far_from_priors
-from distal.fitting.fit_options import Options
+from distal.fitting.fit_options import Options, Progress
 from distal.fitting.judge import Judged, Learned, judge, learned_by
 from distal.fitting.learn_free_motion import free_motion_of, untouched, widest
 from distal.fitting.learned_maps import MapFit, logs_read
-from distal.fitting.log_checks import check_logs
+from distal.fitting.log_checks import check_logs, touched_logs
 from distal.fitting.map_samples import counted_from, reference_offset
-from distal.fitting.progress import Progress
 from distal.fitting.reference_lag import ReferenceLag, reference_lag
 from distal.fitting.result import Fit
 from distal.fitting.scores import WRITTEN
-from distal.fitting.touched_logs import touched_logs
+from distal.from_logs import rig_from_logs
 from distal.homing import check_homing
-from distal.logs import Log, Source, shown, true_angles
+from distal.logs import Log, Source, read_log, shown, true_angles
 from distal.regression import folds_of, groups_of, servos_of
 from distal.rig import Rig, as_rig, load_rig
 from distal.run import estimate
@@ -268,3 +270,39 @@ def _read(
 
 def _listed(paths: Sequence[str] | str) -> tuple[str, ...]:
     return (paths,) if isinstance(paths, str) else tuple(paths)
+
+
+def learn(
+    logs: Sequence[Source],
+    *,
+    truth: Sequence[str] = (),
+    drives: Mapping[str, str] | None = None,
+    ignore: Sequence[str] = (),
+    lag: float | None = None,
+    progress: Progress | None = None,
+    early: Callable[[MapFit], None] | None = None,
+) -> Fit:
+    """Learn from logs alone how well the joints can be known from the motors: which columns are
+    what, the structure of the rig, its parameters and its maps.
+
+    `Fit.answer` says how well, `Fit.save` writes the rig file, and `estimate` takes `Fit.rig`.
+
+    Args:
+        logs: paths or frames with the same columns; three of 20 to 40 s with the joints' angles are
+            enough.
+        truth: columns of joints' reference angles, where names do not say so.
+        drives: column of a drive's position → its unit, or empty.
+        ignore: columns that are none of this.
+        lag: by how much the true angles are later than the drives [s]; see `fit`.
+        progress: called with what the fit is doing.
+        early: called with the map on readings alone within seconds.
+
+    Raises:
+        LogError: a log cannot be read, or has no time.
+        RigError: no drive or no joint can be found; says what would help.
+        FitError: the logs cannot be fitted.
+    """
+    draft = rig_from_logs(logs, truth=truth, drives=drives, ignore=ignore)
+    read = [read_log(source, draft.rig) for source in logs]
+    result = fit(read, draft.rig, progress=progress, early=early, lag=lag, guessed=True)
+    return replace(result, text=draft.text)

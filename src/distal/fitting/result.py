@@ -17,7 +17,7 @@ from distal.fitting.candidates import BY_EQUATIONS, Candidate
 from distal.fitting.choice_of_parameters import paths_of
 from distal.fitting.fit_options import Options
 from distal.fitting.fitted_file import MARK, plain_value, write_fitted
-from distal.fitting.fitted_parameter import FittedParameter, assignments
+from distal.fitting.free_parameter import FittedParameter, assignments
 from distal.fitting.judge import Learned
 from distal.fitting.learned_maps import MapFit
 from distal.fitting.map_samples import reference_offset, reference_std

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import hypot
 
 from distal.errors import RigError
-from distal.fitting.fitted_parameter import COMMON
+from distal.fitting.free_parameter import COMMON
 from distal.rig import Rig, in_words, number, parameters_below
 
 CLEARLY = 3.0

@@ -11,7 +11,7 @@ import numpy as np
 
 from distal.errors import FitError
 from distal.fitting import Options
-from distal.fitting.fitted_parameter import assignments
+from distal.fitting.free_parameter import assignments
 from distal.fitting.parameter_estimates import ParameterEstimates, from_starts, problem_of
 from distal.hands.findings import LOOSE, longer
 from distal.hands.springs_from_stops import Springs, springs_of

@@ -4,17 +4,22 @@ interpreter.
 
 from distal.kernels.cache import cache_folder
 from distal.kernels.compiler import c_source, find_compiler
-from distal.kernels.driver import advance, advance_all, at_samples
+from distal.kernels.driver import (
+    Indices,
+    PlacedKernel,
+    advance,
+    advance_all,
+    at_samples,
+    in_order,
+    side_by_side,
+)
 from distal.kernels.feed import Advanced, Feed
-from distal.kernels.indices import Indices, PlacedKernel, side_by_side
 from distal.kernels.kernel import Compiled, Evaluation, Kernel
 from distal.kernels.lanes import LaneKernel, lanes_here
 from distal.kernels.layout import Layout, covariance_of, kernel_state_layout, mean_of, variances_of
-from distal.kernels.parallel import in_order
 from distal.kernels.probe import probe
-from distal.kernels.recipe import Recipe
 from distal.kernels.shared import forget, function_of, kernel_of
-from distal.kernels.structure import Structure, structure_of
+from distal.kernels.structure import Recipe, Structure, structure_of
 
 __all__ = [
     "Advanced",

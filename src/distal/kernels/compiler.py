@@ -19,8 +19,7 @@ import casadi as ca
 
 from distal.codegen import CodeError, Emitter, Lanes, Plain
 from distal.kernels.cache import Cache, Library, cache_folder, check_own, cpu, digest
-from distal.kernels.recipe import Recipe
-from distal.kernels.structure import Structure
+from distal.kernels.structure import Recipe, Structure
 
 # with 512-bit vectors GCC 12 makes wrong code of some filters: a covariance is no longer symmetric
 NARROW = ("-mprefer-vector-width=256",) if platform.machine() in ("x86_64", "AMD64") else ()

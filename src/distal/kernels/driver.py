@@ -1,14 +1,146 @@
 """Runs of kernels: their kernel states and outputs, for one run or for several side by side in
 vector lanes.
+
+Numbers of a vector by their indices, by which functions of parts are joined to one function of
+the whole.
+
+Work on many items by several threads. Results come in the items' order, and only what is in work
+is in memory.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TypeVar
 
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.expressions import MatrixNode, VectorNode
 from distal.kernels.feed import Advanced, Feed
-from distal.kernels.indices import Indices
 from distal.kernels.kernel import Kernel
+
+Indices = NDArray[np.intp]
+
+
+def taken(vector: VectorNode, at: Indices) -> VectorNode:
+    """Return the numbers of a vector at some indices."""
+    return vector[at.tolist()]
+
+
+def placed(parts: Sequence[MatrixNode], positions: Sequence[Indices], size: int) -> VectorNode:
+    """Return a vector of length `size` with the numbers of the `parts` at their `positions`, and
+    zero elsewhere.
+    """
+    order = np.concatenate(positions)
+    sources = np.full(size, len(order))
+    sources[order] = np.arange(len(order))
+    joined: VectorNode = ca.vertcat(*parts, 0.0)
+    return joined[sources.tolist()]
+
+
+@dataclass(frozen=True)
+class PlacedKernel:
+    """The function (kernel_state, x, p) → (kernel_state⁺, y) of a part, and the indices that the
+    numbers of each of these vectors have in that of the whole.
+    """
+
+    function: ca.Function
+    kernel_state: Indices
+    x: Indices
+    p: Indices
+    y: Indices
+
+
+def side_by_side(
+    name: str, parts: Sequence[PlacedKernel], sizes: tuple[int, int, int, int]
+) -> ca.Function:
+    """Return the function (kernel_state, x, p) → (kernel_state⁺, y) of several independent parts
+    together.
+
+    The `sizes` are the lengths of kernel_state, x, p and y. Numbers of the kernel state that belong
+    to no part stay as they are; those of y are zero.
+    """
+    kernel_state, x, p = (
+        ca.MX.sym(symbol, size) for symbol, size in zip(("kernel_state", "x", "p"), sizes)
+    )
+    following = ca.MX(kernel_state)
+    outputs = list[VectorNode]()
+    for part in parts:
+        after, y = part.function(
+            taken(kernel_state, part.kernel_state), taken(x, part.x), taken(p, part.p)
+        )
+        following[part.kernel_state.tolist()] = after
+        outputs.append(y)
+    y = placed(outputs, [part.y for part in parts], sizes[3])
+    return ca.Function(
+        name, [kernel_state, x, p], [following, y], ["kernel_state", "x", "p"], ["next", "y"]
+    )
+
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+AHEAD = 2
+"""Number of groups of items that are in work or ready, for each worker. Source: judgement."""
+
+
+def grouped(items: Iterable[Item], size: int) -> Iterator[list[Item]]:
+    """Yield items in groups of `size`, for vector lanes. Items that came before an error are
+    yielded before it is raised.
+    """
+    group: list[Item] = []
+    try:
+        for item in items:
+            group.append(item)
+            if len(group) == size:
+                yield group
+                group = []
+    except Exception:
+        if group:
+            yield group
+        raise
+    if group:
+        yield group
+
+
+def in_order(
+    items: Iterable[Item], size: int, work: Callable[[list[Item]], list[Result]], workers: int
+) -> Iterator[tuple[Item, Result]]:
+    """Yield each item with its result, in order. Items that came before an error are yielded before
+    it is raised.
+
+    Args:
+        size: number of items in a group.
+        work: returns the results of a group.
+        workers: number of threads.
+    """
+    groups = grouped(items, size)
+    waiting: deque[tuple[list[Item], Future[list[Result]]]] = deque()
+    ended: BaseException | None = None
+    pool = ThreadPoolExecutor(workers)
+    try:
+        while True:
+            try:
+                while ended is None and len(waiting) < AHEAD * workers:
+                    group = next(groups, None)
+                    if group is None:
+                        break
+                    waiting.append((group, pool.submit(work, group)))
+            except Exception as problem:
+                ended = problem
+            if not waiting:
+                if ended is not None:
+                    raise ended
+                return
+            done, future = waiting.popleft()
+            yield from zip(done, future.result())
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
 
 
 def advance(kernel: Kernel, feed: Feed, keep: Sequence[int] | None = None) -> Advanced:

@@ -26,7 +26,7 @@ from distal.kernels.compiler import (
     library_of,
 )
 from distal.kernels.lanes import LaneKernel, begin_lanes
-from distal.kernels.recipe import Recipe
+from distal.kernels.structure import Recipe
 
 AT_ONCE = 1 << 20
 """Numbers of whole kernel states that are in memory where few of them are kept [1]: 8 MB. Source:

@@ -21,7 +21,7 @@ from distal.kernels.compiler import (
     library_of,
 )
 from distal.kernels.feed import Advanced, Feed
-from distal.kernels.recipe import Recipe
+from distal.kernels.structure import Recipe
 
 _BATCH = """
 /* {lanes} runs of {name}: of each sample's kernel_state the numbers `keep` are kept, and y; a run

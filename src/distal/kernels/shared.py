@@ -13,8 +13,7 @@ from typing import TypeVar, cast
 import casadi as ca
 
 from distal.kernels.kernel import Compiled, Kernel
-from distal.kernels.recipe import Recipe
-from distal.kernels.structure import Structure
+from distal.kernels.structure import Recipe, Structure
 
 MOST_KEPT = 128
 """Largest number of kernels and functions that a process keeps; those that were not asked for the

@@ -20,7 +20,7 @@ from distal.arrays import Floats
 from distal.confidence import BAND
 from distal.estimators import external_torques_of, make_estimator
 from distal.estimators.dead_sensors import DEAD
-from distal.export.outputs import filled, torque_fields
+from distal.export.names import filled, torque_fields
 from distal.export.plant_source import ExportedPlant, resting_pull
 from distal.lab.webassembly import LabModule, lab_module
 from distal.logs import write_whole

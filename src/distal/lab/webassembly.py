@@ -16,7 +16,7 @@ from distal.errors import EstimationError, ExportError
 from distal.estimators import make_estimator
 from distal.export import Exported, c_filter
 from distal.export.command_source import ExportedCommand, c_command
-from distal.export.outputs import angle_fields, filled, torque_fields
+from distal.export.names import angle_fields, filled, torque_fields
 from distal.export.plant_source import ExportedPlant, c_plant
 from distal.rig import Rig, std_name
 

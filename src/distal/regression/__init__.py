@@ -2,11 +2,10 @@
 kernel; and other regressions of several logs.
 """
 
-from distal.regression.cross_validation import folds_of, groups_of, splits
 from distal.regression.features import Shape, features_along, first_memory
 from distal.regression.homed_map import homed_memory
-from distal.regression.known_angle import PlacedMap
 from distal.regression.known_window import (
+    PlacedMap,
     conformal_factor,
     from_prior,
     from_window,
@@ -28,7 +27,7 @@ from distal.regression.posterior import (
     shape_for,
 )
 from distal.regression.reported_map import ReportedMap, reporting_function
-from distal.regression.samples import Samples, played
+from distal.regression.samples import Samples, folds_of, groups_of, played, splits
 from distal.regression.servos import servos_of
 from distal.regression.yardsticks import YARDSTICKS, yardstick_error
 

@@ -2,12 +2,11 @@
 health of a stream.
 """
 
-from distal.run.accuracy_by_hour import Hour, by_hour, plot_hours
 from distal.run.estimate_batch import estimate_batch, estimate_on_cluster
 from distal.run.health import HEALTH
 from distal.run.live_estimator import JointContact, LiveEstimator
 from distal.run.log_units import LiveInLogUnits, LogUnits
-from distal.run.long_logs import PieceEstimate, estimate_pieces
+from distal.run.long_logs import Hour, PieceEstimate, by_hour, estimate_pieces, plot_hours
 from distal.run.monitor import LOST, Monitor, Reading, log_health
 from distal.run.offline import estimate, samples_of, with_channel
 from distal.run.smoothing import smooth
