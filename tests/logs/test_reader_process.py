@@ -155,7 +155,7 @@ def test_a_small_recording_that_unpacks_to_much(
     monkeypatch.setenv("DISTAL_MAX_MEMORY", "300 MB")
     with pytest.raises(
         LogError,
-        match=r"200,000,\d\d\d bytes in a chunk, about 0.4 GB in memory; 0.3 GB are allowed",
+        match=r"200,000,\d\d\d bytes in a chunk, about 0.6 GB in memory; 0.3 GB are allowed",
     ):
         read_log(path, load_rig("template"))
     data = path.read_bytes()
@@ -202,7 +202,5 @@ def test_text_that_repeats_is_long_as_a_whole(
     pl.select(pl.repeat("1.6" + "0" * 5000, 50_000).alias("a")).write_parquet(path)
     assert path.stat().st_size < 1_000_000
     monkeypatch.setenv("DISTAL_MAX_MEMORY", "400 MB")
-    with pytest.raises(
-        LogError, match=r"its column a holds 250,150,000 bytes of text, about 0.8 GB in memory"
-    ):
+    with pytest.raises(LogError, match=r"takes too much memory to read; 0.4 GB are allowed"):
         read_table(path, ["a"])

@@ -21,9 +21,8 @@ from distal.logs.log_files import (
 from distal.logs.messages import MessageReader
 from distal.logs.mujoco_recorder import mujoco_recorder
 from distal.logs.output_targets import Output, check_outputs, outputs_in, shown
-from distal.logs.recorded_columns import recorded_columns
 from distal.logs.recorder import ESTIMATE_TOPIC, SAMPLE_TOPIC, Recorder, estimate_schema
-from distal.logs.recordings import is_recording, open_recording
+from distal.logs.recordings import is_recording, open_recording, recorded_columns
 from distal.logs.sources import Source
 from distal.logs.tables import open_table, read_table, table_of
 from distal.logs.truth import FROM_SENSOR, TruthKind, TruthSource

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from distal.errors import OutputError
@@ -37,31 +37,76 @@ def write_together(files: Mapping[Path, bytes | str]) -> None:
     Raises:
         OutputError: one of the files cannot be written.
     """
-    written: list[_Written] = []
-    try:
-        for path, data in files.items():
-            # a text may name a file whose name is no UTF-8; such bytes are replaced, so that the
-            # text is still written
-            content = data.encode(errors="replace") if isinstance(data, str) else data
-            check_writable(path)
-            with _as_output_error(path):
-                if path.exists() and not path.is_file():
-                    # a device or a pipe, such as /dev/stdout, cannot be replaced
-                    path.write_bytes(content)
-                else:
-                    written.append(_Written(path, content))
-        for file in written:
-            with _as_output_error(file.path):
-                file.move_in(keep=len(written) > 1)
-    except BaseException as problem:
-        for file in reversed(written):
-            file.move_back()
-        if isinstance(problem, OutputError):
+    with ExitStack() as tidied, ExitStack() as undone:
+        try:
+            moves = [_prepared(path, data, tidied, len(files) > 1) for path, data in files.items()]
+            for move in filter(None, moves):
+                move(undone)
+        except OutputError as problem:
             problem.unsaved = dict(files)
-        raise
-    finally:
-        for file in written:
-            file.tidy()
+            raise
+        undone.pop_all()
+
+
+def _prepared(
+    path: Path, data: bytes | str, tidied: ExitStack, keep: bool
+) -> Callable[[ExitStack], None] | None:
+    """Write a content to a temporary file beside its path, and return the function that renames it.
+
+    That function puts into an `ExitStack` what undoes it. A device or a pipe, such as /dev/stdout,
+    cannot be replaced: it is written at once, and None is returned.
+
+    Args:
+        keep: whether a copy of the old file is kept beside it, to be put back.
+    """
+    check_writable(path)
+    with _as_output_error(path):
+        if path.exists() and not path.is_file():
+            path.write_bytes(_encoded(data))
+            return None
+        target = path.resolve()  # a link is followed, so that what it points to is replaced
+        is_there = target.exists()
+        if is_there and not os.access(target, os.W_OK):
+            raise OutputError(f"{path}: cannot be written (it is read-only)")
+        temporary = _beside(target, _encoded(data), tidied)
+        old = _beside(target, target.read_bytes(), tidied) if is_there and keep else None
+
+    def move(undone: ExitStack) -> None:
+        with _as_output_error(path):
+            os.replace(temporary, target)
+        if old is not None:
+            undone.callback(put_back, old)
+        elif not is_there:
+            undone.callback(target.unlink, missing_ok=True)
+
+    def put_back(old: str) -> None:
+        try:
+            os.replace(old, target)
+        except OSError:
+            tidied.pop_all()  # the old file stays beside its path
+
+    return move
+
+
+def _encoded(data: bytes | str) -> bytes:
+    """Return a file's content; a text may name a file whose name is no UTF-8, and is then written
+    with another character in its place.
+    """
+    return data.encode(errors="replace") if isinstance(data, str) else data
+
+
+def _beside(target: Path, content: bytes, tidied: ExitStack) -> str:
+    """Write a temporary file beside another path, with the rights that a file there has, and return
+    its path; it is removed in the end, where it still stands.
+    """
+    handle, path = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+    tidied.callback(Path(path).unlink, missing_ok=True)
+    with os.fdopen(handle, "wb") as file:
+        file.write(content)
+    umask = os.umask(0)
+    os.umask(umask)
+    os.chmod(path, target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~umask)
+    return path
 
 
 def keep_elsewhere(files: Mapping[Path, bytes | str]) -> Path | None:
@@ -75,8 +120,7 @@ def keep_elsewhere(files: Mapping[Path, bytes | str]) -> Path | None:
         with suppress(OSError, RuntimeError):
             folder = Path(tempfile.mkdtemp(prefix="distal-", dir=parent))
             for path, data in files.items():
-                content = data.encode(errors="replace") if isinstance(data, str) else data
-                (folder / path.name).write_bytes(content)
+                (folder / path.name).write_bytes(_encoded(data))
             return folder
     return None
 
@@ -97,70 +141,3 @@ def _as_output_error(path: Path) -> Iterator[None]:
         raise OutputError(
             f"{shown(path)}: cannot be written ({problem}); give another name"
         ) from None
-
-
-class _Written:
-    """A file whose content is complete in a temporary file, which `move_in` renames to its path."""
-
-    def __init__(self, path: Path, content: bytes) -> None:
-        self.path = path
-        # a link is followed, so that what it points to is replaced
-        self._target = path.resolve()
-        self._backup: str | None = None
-        self._moved = False
-        self._replaces = self._target.exists()
-        if self._replaces and not os.access(self._target, os.W_OK):
-            raise OutputError(f"{path}: cannot be written (it is read-only)")
-        handle, self._temporary = self._beside()
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(content)
-            umask = os.umask(0)
-            os.umask(umask)
-            os.chmod(
-                self._temporary,
-                self._target.stat().st_mode & 0o777 if self._replaces else 0o666 & ~umask,
-            )
-        except BaseException:
-            os.unlink(self._temporary)
-            raise
-
-    def _beside(self) -> tuple[int, str]:
-        return tempfile.mkstemp(dir=self._target.parent, prefix=f".{self._target.name}.")
-
-    def move_in(self, keep: bool) -> None:
-        """Rename the temporary file to its path; `keep` says to keep the old file beside it until
-        `tidy`.
-        """
-        if keep and self._replaces:
-            handle, backup = self._beside()
-            os.close(handle)
-            os.unlink(backup)
-            try:
-                os.link(self._target, backup)
-            except OSError:
-                os.replace(self._target, backup)  # a file system without hard links
-            self._backup = backup
-        os.replace(self._temporary, self._target)
-        self._moved = True
-
-    def move_back(self) -> None:
-        """Put the old file back at its path; where that is not possible, the old file stays beside
-        it.
-        """
-        with suppress(OSError):
-            if self._backup is not None:
-                os.replace(self._backup, self._target)
-                if os.path.exists(
-                    self._backup
-                ):  # replacing a file by its own hard link does nothing
-                    os.unlink(self._backup)
-                self._backup = None
-            elif self._moved and not self._replaces:
-                os.unlink(self._target)
-
-    def tidy(self) -> None:
-        """Remove the temporary files that are still beside the path."""
-        for path in (self._temporary, self._backup if self._moved else None):
-            if path is not None and os.path.exists(path):
-                os.unlink(path)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import chain
 from math import inf, isinf, nan
 from pathlib import Path
@@ -102,9 +103,11 @@ def in_memory(
         names: names of all columns that the file has.
     """
     rows = len(next(iter(columns.values()), ()))
-    return Cells(
-        lambda desired: [[columns[name] for name in desired]], path, first_row, tuple(names), rows
-    )
+    return Cells(partial(_whole, columns), path, first_row, tuple(names), rows)
+
+
+def _whole(columns: Mapping[str, Column], desired: Sequence[str]) -> list[list[Column]]:
+    return [[columns[name] for name in desired]]
 
 
 def parsed_cells(column: Column, path: Path, name: str, first_row: int) -> Floats:

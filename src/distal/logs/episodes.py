@@ -12,7 +12,8 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import DistalWarning, LogError
 from distal.logs.cells import Cells, in_memory
-from distal.logs.reader_process import table_by_process
+from distal.logs.formats.parquet import read_parquet
+from distal.logs.reader_process import read_apart
 from distal.logs.vectors import INFO, dataset_info
 
 EPISODE = "episode_index"
@@ -69,7 +70,7 @@ def episodes_of(folder: Path) -> list[Episode]:
     problems = list[LogError]()
     for file in files:
         try:
-            cells = table_by_process(file, [EPISODE])
+            cells = read_apart(read_parquet, file, [EPISODE])
         except LogError as problem:
             problems.append(problem)  # a recording that broke off leaves a file without its end
             continue
@@ -127,6 +128,6 @@ def _file(path: Path, written: int, columns: tuple[str, ...] | None) -> tuple[Ce
     The file is kept for the next call, since its episodes are read one after the other. `written`
     is when the file was changed last [ns], so that a changed file is read again.
     """
-    cells = table_by_process(path, columns)
+    cells = read_apart(read_parquet, path, columns)
     cells.check([EPISODE])
     return cells, cells.values([EPISODE])[EPISODE]

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from distal.arrays import Bools, Floats
 from distal.errors import DistalWarning, LogError, OutputError
 from distal.logs.atomic_writes import write_whole
+from distal.logs.cells import in_memory
 from distal.logs.formats import TABLES, format_of
 from distal.logs.header_units import factor_of, scale, time_factor
 from distal.logs.log import LARGEST_READING, Log, check_stamps
-from distal.logs.reader_process import recording_by_process
-from distal.logs.recordings import is_recording
+from distal.logs.reader_process import read_apart
+from distal.logs.recordings import is_recording, open_recording
 from distal.logs.sources import Source
 from distal.logs.stamps import Clock, clock_of
 from distal.logs.tables import Table, open_table, table_of
@@ -61,9 +62,9 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
     asked = [time_column, *desired, *optional, *([] if truth is None else [str(truth)])]
     recorded = None
     if is_recording(path):
-        cells, recorded = recording_by_process(
-            Path(path), asked, time_column, unit_factor(rig.log.time.unit, "s")
-        )
+        unit = unit_factor(rig.log.time.unit, "s")
+        columns, recorded = read_apart(open_recording, Path(path), asked, time_column, unit)
+        cells = in_memory(columns, Path(path), 0, columns)
     else:
         cells = open_table(path, asked, time_column)
     column = str(truth) if truth is not None and _is_column(cells.names, str(truth)) else None

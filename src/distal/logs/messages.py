@@ -6,7 +6,8 @@ import csv
 import json
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import is_dataclass
 from math import isnan, nan
 
 import numpy as np
@@ -17,6 +18,9 @@ from distal.logs.cells import MISSING
 from distal.logs.header_units import factor_of, time_factor, units_of
 from distal.rig import Rig, log_factor
 from distal.units import unit_factor
+
+INDEX = re.compile("[0-9]{1,9}")
+"""An index of an array in a path."""
 
 STAMPS = ("timestamp", "ts", "time", "t")
 """Names under which a JSON message may have its stamp [s] where it lacks the rig's own time
@@ -40,8 +44,7 @@ class MessageReader:
         self._sensors = [sensors[channel] for channel in channels]
         self._columns = [sensor.log_column for sensor in self._sensors]
         self._factors = np.array([sensor.sign * log_factor(sensor) for sensor in self._sensors])
-        self._at: list[int] | None = None
-        self._width = 0
+        self._at: dict[str, int] = {}
         self._separator = ","
         self._sample = np.zeros(len(channels))
 
@@ -61,45 +64,39 @@ class MessageReader:
             raise LogError(f"the stream's header has '{name[:80]}' twice")
         headers = units_of(names, [self._time, *self._columns], "the stream")
         name_of = {header: name for name, (header, _) in headers.items()}
-        names = [name_of.get(name, name) for name in names]
-        units = {name: unit for name, (_, unit) in headers.items()}
-        if self._time not in names:
+        at = {name_of.get(text, text): i for i, text in enumerate(names)}
+        known = ", ".join(at)[:200]
+        if self._time not in at:
             raise LogError(
-                f"the stream's header lacks the time column '{self._time}' (it has "
-                f"{', '.join(names)[:200]})"
+                f"the stream's header lacks the time column '{self._time}' (it has {known})"
             )
-        if not any(column in names for column in self._columns):
+        if at.keys().isdisjoint(self._columns):
             raise LogError(
                 f"the stream's header has none of the columns {', '.join(self._columns)} (it has "
-                f"{', '.join(names)[:200]})"
+                f"{known})"
             )
-        self._width = len(names)
+        units = {name: unit for name, (_, unit) in headers.items()}
         self._time_factor = time_factor(self._rig, units.get(self._time), "the stream")
-        for i, sensor in enumerate(self._sensors):
-            self._factors[i] = sensor.sign * factor_of(
-                sensor, units.get(sensor.log_column), "the stream"
-            )
-        self._at = [
-            names.index(name) if name in names else -1 for name in (self._time, *self._columns)
+        self._factors[:] = [
+            sensor.sign * factor_of(sensor, units.get(sensor.log_column), "the stream")
+            for sensor in self._sensors
         ]
+        self._at = at
 
     @property
     def absent(self) -> list[str]:
-        """Columns of the rig's sensors that the header lacks."""
-        return (
-            [] if self._at is None else [c for c, at in zip(self._columns, self._at[1:]) if at < 0]
-        )
+        """Columns of the rig's sensors that the header of a CSV stream lacks."""
+        return [column for column in self._columns if column not in self._at]
 
     def _cells(self, line: str) -> list[str]:
-        if '"' not in line:
-            return [cell.strip() for cell in line.strip("\r\n").split(self._separator)]
-        try:
-            return [
-                cell.strip()
-                for cell in next(csv.reader([line.strip("\r\n")], delimiter=self._separator))
-            ]
-        except (csv.Error, StopIteration) as problem:
-            raise LogError(f"the line is no CSV ({problem})") from None
+        line = line.strip("\r\n")
+        cells = line.split(self._separator)
+        if '"' in line:
+            try:
+                cells = next(csv.reader([line], delimiter=self._separator))
+            except (csv.Error, StopIteration) as problem:
+                raise LogError(f"the line is no CSV ({problem})") from None
+        return [cell.strip() for cell in cells]
 
     def csv(self, line: str) -> tuple[float, Floats]:
         """Return the stamp [s] and the sample of a CSV line, in SI, (m,); the next call reuses the
@@ -108,15 +105,17 @@ class MessageReader:
         Raises:
             LogError: the line has more or fewer cells than the header, or a cell is no number.
         """
-        assert self._at is not None
         cells = self._cells(line)
-        if len(cells) != self._width:
-            raise LogError(f"{len(cells)} cells came, the header has {self._width}")
-        time = number_of(cells[self._at[0]], self._time)
-        for i, at in enumerate(self._at[1:]):
-            self._sample[i] = nan if at < 0 else number_of(cells[at], self._columns[i])
-        self._sample *= self._factors
-        return time * self._time_factor, self._sample
+        if len(cells) != len(self._at):
+            raise LogError(f"{len(cells)} cells came, the header has {len(self._at)}")
+        came = dict(zip(self._at, cells))
+        time = number_of(came[self._time], self._time) * self._time_factor
+        return time, self._in_si(came.get(column) for column in self._columns)
+
+    def _in_si(self, cells: Iterable[object]) -> Floats:
+        readings = [number_of(cell, name) for cell, name in zip(cells, self._columns)]
+        self._sample[:] = self._factors * readings
+        return self._sample
 
     def json(self, text: str | bytes) -> tuple[float, Floats]:
         """Return the stamp [s] and the sample of a JSON object, in SI, (m,); the next call reuses
@@ -133,19 +132,15 @@ class MessageReader:
             raise LogError(f"no JSON ({str(problem)[:80]})") from None
         if not isinstance(message, dict):
             raise LogError("a JSON object is expected, with a member for each column")
-        stamp = find(message, self._time)
-        time = number_of(stamp, self._time) * self._time_factor
-        if stamp is None:
-            stamps = (find(message, name) for name in STAMPS)
-            time = next(
-                (number_of(stamp, "timestamp") for stamp in stamps if stamp is not None), nan
-            )
+        stamps = ((name, find(message, name)) for name in (self._time, *STAMPS))
+        name, stamp = next((at for at in stamps if at[1] is not None), (self._time, None))
+        # a stamp under another name than the rig's is in seconds
+        factor = self._time_factor if name == self._time else 1.0
+        time = number_of(stamp, name) * factor
         if isnan(time):
             names = ", ".join(name for name in STAMPS if name != self._time)
             raise LogError(f"no stamp: neither '{self._time}' nor {names} is there with a value")
-        self._sample[:] = [number_of(find(message, column), column) for column in self._columns]
-        self._sample *= self._factors
-        return time, self._sample
+        return time, self._in_si(find(message, column) for column in self._columns)
 
     def message(self, time: float, sample: Floats) -> dict[str, float]:
         """Return a JSON object in the rig's columns and units, as `json` reads it.
@@ -161,9 +156,10 @@ class MessageReader:
 
 
 def find(message: object, path: str) -> object:
-    """Return a member of nested JSON objects and arrays by its path, or None where it is not there.
+    """Return a member of nested JSON objects, messages of ROS and arrays by its path, or None where
+    it is not there.
 
-    A path is, for example, ``motors/left.force`` or ``position[0]``.
+    A path is, for example, ``motors/left.force``, ``wrench.force.z`` or ``position[0]``.
     """
     while isinstance(message, dict):
         if path in message:
@@ -176,18 +172,14 @@ def find(message: object, path: str) -> object:
         message = message[name]
         path = tail
     for part in re.findall(r"[^./\[\]]+", path):
-        if isinstance(message, dict) and part in message:
-            message = message[part]
-        elif isinstance(message, list) and _is_index(part) and int(part) < len(message):
-            message = message[int(part)]
+        if isinstance(message, dict):
+            message = message.get(part)
+        elif isinstance(message, list | np.ndarray):
+            is_there = INDEX.fullmatch(part) and int(part) < len(message)
+            message = message[int(part)] if is_there else None
         else:
-            return None
+            message = getattr(message, part, None) if is_dataclass(message) else None
     return message
-
-
-def _is_index(part: str) -> bool:
-    """Return whether a part of a path is an index of an array: up to nine digits from 0 to 9."""
-    return part.isascii() and part.isdecimal() and len(part) < 10
 
 
 def number_of(cell: object, name: str) -> float:

@@ -1,7 +1,7 @@
-"""Read binary logs in a process of its own, so that a damaged file cannot end the caller's process.
+"""Read binary logs in a process of its own, with a limit on its memory.
 
-Compiled code reads these files. The process has a limit on its memory, and is used again for the
-next file.
+Compiled code of others reads these files: a damaged one may end the process that reads it, and a
+small one can ask for more memory than there is. The process is used again for the next file.
 """
 
 from __future__ import annotations
@@ -9,85 +9,176 @@ from __future__ import annotations
 import atexit
 import json
 import os
+import pickle
 import subprocess
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from threading import Lock
+from typing import Concatenate, ParamSpec, TypeAlias, TypeVar
 
-from distal.errors import DistalWarning, LogError
-from distal.logs.cells import Cells, Column, in_memory
-from distal.logs.memory_limit import how_to_allow, memory_limit
+from distal.errors import DistalWarning, LogError, UnitError
 from distal.logs.output_targets import shown
-from distal.logs.reader import STAMPS, ReaderAnswer, Request, answer_to, unpacked
+from distal.units import to_si
+
+MOST = 2_000_000_000
+"""Memory that reading a log may take, unless the user sets another limit [bytes]. Source:
+judgement.
+"""
+
+COPIES = 3
+"""Copies of what is read that are in memory while it is turned into numbers. Source: benchmark
+(benchmarks/csv_readers).
+"""
+
+MEMORY_VARIABLE = "DISTAL_MAX_MEMORY"
+"""Name of the environment variable that sets another limit; processes hand it on to those they
+start.
+"""
 
 _BEGIN = (
-    "import sys, json; sys.path[:] = json.loads(sys.argv[1]); from distal.logs.reader import "
-    "serve; serve()"
+    "import sys, json; sys.path[:] = json.loads(sys.argv[1]); from distal.logs.reader_process "
+    "import serve; serve()"
 )
 
 _LOCK = Lock()
 
+P = ParamSpec("P")
+T = TypeVar("T")
 
-def table_by_process(path: Path, columns: Sequence[str] | None) -> Cells:
-    """Return the table that a format's reader reads from a file, in a process of its own.
 
-    Args:
-        columns: names of the columns that are needed; None needs all.
+def memory_limit() -> int:
+    """Return the memory that reading one log may take [bytes]: $DISTAL_MAX_MEMORY where it is set,
+    such as ``8 GB``, else `MOST`.
 
     Raises:
-        LogError: the file cannot be read, is damaged, or takes too much memory.
+        LogError: $DISTAL_MAX_MEMORY holds no size, or one below 1 MB.
     """
-    names, held_columns = _asked(
-        {"path": str(path), "columns": None if columns is None else [*columns]}
+    text = os.environ.get(MEMORY_VARIABLE)
+    if not text:
+        return MOST
+    try:
+        size = to_si(float(text) if text.strip().isdecimal() else text, "byte")
+    except UnitError as problem:
+        raise LogError(f"{MEMORY_VARIABLE}: {problem}") from None
+    if not 1e6 <= size < 1e18:
+        raise LogError(
+            f"{MEMORY_VARIABLE}: '{text}' is no size to read logs with; from 1 MB on is allowed, "
+            "e.g. 8 GB"
+        )
+    return int(size)
+
+
+def check_memory(path: Path, needed: float, why: str) -> None:
+    """Raise a `LogError` where reading a log needs more memory than is allowed.
+
+    Args:
+        needed: memory that reading takes [bytes].
+        why: first words of the message, which say what takes this memory.
+    """
+    if needed > memory_limit():
+        raise LogError(
+            f"{shown(path)}: {why}, about {needed / 1e9:.1f} GB in memory; {_how_to_allow()}"
+        )
+
+
+def _how_to_allow() -> str:
+    """Return a sentence that says how the user allows more memory."""
+    return (
+        f"{memory_limit() / 1e9:.3g} GB are allowed; if the file is to be trusted, allow more "
+        f"with {MEMORY_VARIABLE}=16GB distal …"
     )
-    return in_memory(held_columns, path, 1, names)
 
 
-def recording_by_process(
-    path: Path, columns: Sequence[str], time: str, unit: float
-) -> tuple[Cells, Column]:
-    """Return the table and the stamps [ns] that `open_recording` reads, in a process of its own.
-
-    Args:
-        columns: see `open_recording`.
-        time: name of the rig's time column.
-        unit: unit of the time column [s].
-
-    Raises:
-        LogError: the file cannot be read, is damaged, or takes too much memory.
-    """
-    names, recorded = _asked({"path": str(path), "columns": [*columns], "time": time, "unit": unit})
-    return in_memory(recorded, path, 0, names), recorded[STAMPS]
-
-
-def _asked(request: Request) -> tuple[list[str], dict[str, Column]]:
-    """Return the names of all columns and the columns that were read; the reader's warnings are
+def read_apart(
+    read: Callable[Concatenate[Path, P], T], path: Path, *args: P.args, **kwargs: P.kwargs
+) -> T:
+    """Return ``read(path, *args, **kwargs)``, called in a process of its own; its warnings are
     repeated here.
 
+    Args:
+        read: function of a module, so that another process finds it by its name.
+
     Raises:
         LogError: the file cannot be read, is damaged, or takes too much memory.
     """
-    path = request["path"]
     try:
-        path.encode()
-    except UnicodeEncodeError:
-        raise LogError(f"{shown(path)}: the name is no UTF-8 text; rename the file") from None
-    with suppress(FileNotFoundError):  # the folder may be gone
-        request["folder"] = os.getcwd()
+        folder = os.getcwd()
+    except FileNotFoundError:  # the folder is gone
+        folder = ""
+    request = pickle.dumps((folder, path, read, args, kwargs))
     with _LOCK:
         try:
             reader = _Reader.current()
         except OSError:  # where no process can be started, such as in an embedded interpreter
             reader = None
-        answer, payload = answer_to(request) if reader is None else reader.ask(request)
-    for text in answer.get("warnings", ()):
-        warnings.warn(text, DistalWarning, stacklevel=5)
-    if "error" in answer:
-        raise LogError(answer["error"])
-    return [*answer["names"]], unpacked(payload, answer["held"])
+        answer = _answer(request) if reader is None else reader.ask(request, path)
+    result, error, messages = answer
+    for text in messages:
+        warnings.warn(text, DistalWarning, stacklevel=4)
+    if error:
+        raise LogError(error)
+    found: T = pickle.loads(result)
+    return found
+
+
+Answer: TypeAlias = tuple[bytes, str, list[str]]
+"""The pickled result of a request, the error in its place, and the warnings."""
+
+
+def _answer(request: bytes) -> Answer:
+    """Return what a request asks for."""
+    folder, path, read, args, kwargs = pickle.loads(request)
+    error = ""
+    result = b""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", DistalWarning)
+        try:
+            if folder:
+                os.chdir(folder)  # the caller may have gone elsewhere since
+            result = pickle.dumps(read(path, *args, **kwargs))
+        except LogError as problem:
+            error = str(problem)
+        except MemoryError:
+            error = f"{shown(path)}: takes too much memory to read; {_how_to_allow()}"
+        except Exception as problem:
+            reason = (str(problem).splitlines() or [""])[0][:120]
+            error = (
+                f"{shown(path)}: cannot be read ({type(problem).__name__}: {reason}); the file is "
+                "damaged"
+            )
+    messages = [str(each.message) for each in caught if issubclass(each.category, DistalWarning)]
+    return result, error, messages
+
+
+def serve() -> None:
+    """Answer requests that come on standard input, until it ends."""
+    # whatever a library prints must not stand between the answers
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    with suppress(EOFError):
+        while True:
+            request = pickle.load(sys.stdin.buffer)
+            _limit_memory(memory_limit())
+            pickle.dump(_answer(request), answers)
+            answers.flush()
+
+
+def _limit_memory(size: int) -> None:
+    """Allow this process `size` bytes of memory, where the operating system has such a limit."""
+    with suppress(ImportError, OSError, ValueError, AttributeError):
+        import resource
+
+        status = Path("/proc/self/status").read_text(encoding="ascii", errors="replace").split()
+        # RLIMIT_DATA counts what is reserved, too, and that is VmData
+        reserved, resident = (
+            1024 * int(status[status.index(name) + 1]) for name in ("VmData:", "VmRSS:")
+        )
+        _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+        most = reserved + max(size - resident, 0)
+        resource.setrlimit(resource.RLIMIT_DATA, (most if hard < 0 else min(most, hard), hard))
 
 
 class _Reader:
@@ -101,7 +192,7 @@ class _Reader:
         limit = memory_limit()
         now = cls._now
         if now is None or now._of != (os.getpid(), limit) or now._process.poll() is not None:
-            if now is not None and now._of[0] == os.getpid():
+            if now is not None:
                 now.end()
             cls._now = now = cls(limit)
         return now
@@ -121,34 +212,30 @@ class _Reader:
         )
         atexit.register(self.end)
 
-    def ask(self, request: Request) -> tuple[ReaderAnswer, bytes]:
-        """Return the answer to a request and the bytes of its table.
+    def ask(self, request: bytes, path: Path) -> Answer:
+        """Return the answer to a request.
 
         Raises:
-            LogError: reading ended the process.
+            LogError: reading the file at `path` ended the process.
         """
         process = self._process
         assert process.stdin is not None
         assert process.stdout is not None
         try:
-            process.stdin.write(json.dumps(request).encode() + b"\n")
+            pickle.dump(request, process.stdin)
             process.stdin.flush()
-            answer: ReaderAnswer = json.loads(process.stdout.readline())
-            payload = process.stdout.read(answer["bytes"])
-            if len(payload) < answer["bytes"]:
-                raise EOFError
-        except (OSError, ValueError, EOFError):
+            answer: Answer = pickle.load(process.stdout)
+        except (OSError, EOFError, pickle.UnpicklingError):
             code = self.end(patience=2.0)
             cause = f"signal {-code}" if code < 0 else f"exit code {code}"
             raise LogError(
-                f"{shown(request['path'])}: cannot be read, it ended its reader ({cause}): it is "
-                "damaged, "
-                f"or takes too much memory ({how_to_allow()})"
+                f"{shown(path)}: cannot be read, it ended its reader ({cause}): it is damaged, or "
+                f"takes too much memory ({_how_to_allow()})"
             ) from None
         except BaseException:
             self.end()
             raise
-        return answer, payload
+        return answer
 
     def end(self, patience: float = 0.0) -> int:
         """Stop the process, after `patience` [s] in which it may end by itself, and return its exit

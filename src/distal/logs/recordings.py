@@ -6,7 +6,10 @@ from __future__ import annotations
 
 import re
 import warnings
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import fields, is_dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import TypeAlias, TypeGuard
@@ -16,14 +19,20 @@ from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.errors import DistalWarning, LogError
-from distal.logs.formats import Message, check_is_content, format_of
-from distal.logs.messages import number_of
+from distal.logs.formats import Message, UndecodableError, check_is_content, format_of
+from distal.logs.messages import STAMPS, number_of
 from distal.logs.stamps import LATEST
+from distal.logs.vectors import WIDEST_VECTOR
 from distal.suggestions import did_you_mean
 
 NEAR = 0.1
 """Share of the busiest topic's interval within which messages belong to one row. Source:
 judgement.
+"""
+
+OF_A_TOPIC = 50
+"""Number of messages of one topic that are looked at for columns: a driver may publish each joint
+in a message of its own. Source: judgement.
 """
 
 SET_BACK = 1_000_000_000
@@ -298,3 +307,59 @@ def messages_of(path: Path, topics: set[str]) -> Iterator[Message]:
         raise LogError(
             f"{path}: cannot be read ({type(problem).__name__}: {str(problem)[:120]})"
         ) from None
+
+
+def recorded_columns(path: str | Path) -> list[str]:
+    """Return the columns with numbers in a recording: ``/topic.field``, and for an array beside
+    names ``/topic[name].field``; stamps are none.
+
+    Raises:
+        LogError: the recording cannot be read, or a package for that is missing.
+    """
+    seen = Counter[str]()
+    columns = dict[str, None]()
+    for message in messages_of(Path(path), set()):
+        seen[message.topic] += 1
+        if seen[message.topic] <= OF_A_TOPIC:
+            # messages that nobody asks for may be of a kind that cannot be read
+            with suppress(UndecodableError, RecursionError):
+                columns |= dict.fromkeys(_columns_of(message))
+    return list(columns)
+
+
+def _columns_of(message: Message) -> Iterator[str]:
+    topic = "" if message.json and "/" not in message.topic else message.topic
+    names = message.read("name")
+    of_joints = [str(name) for name in names] if isinstance(names, list) else []
+    for field in _fields(message.content):
+        if message.json and field in STAMPS:
+            continue
+        array, _, index = field.partition("[")
+        index = index.rstrip("]")
+        if topic and index.isdecimal() and int(index) < len(of_joints):
+            yield f"{topic}[{of_joints[int(index)]}].{array}"
+        else:
+            yield f"{topic}.{field}" if topic else field
+
+
+def _fields(content: object) -> Iterator[str]:
+    """Yield the paths of all numbers in a message but those of its header."""
+    if is_dataclass(content):
+        members = {part.name: getattr(content, part.name) for part in fields(content)}
+    elif isinstance(content, dict):
+        members = content
+    else:
+        return
+    for name, member in members.items():
+        if name == "header" or isinstance(member, bool):
+            continue
+        if isinstance(member, int | float | np.number):
+            yield str(name)
+        elif isinstance(member, list | np.ndarray):
+            is_numeric = len(member) <= WIDEST_VECTOR and all(
+                isinstance(number, int | float | np.number) and not isinstance(number, bool)
+                for number in member
+            )
+            yield from (f"{name}[{i}]" for i in range(len(member)) if is_numeric)
+        else:
+            yield from (f"{name}.{inner}" for inner in _fields(member))

@@ -19,7 +19,7 @@ from distal.logs.episodes import Episode, rows_of_episode
 from distal.logs.formats import check_is_content, format_of
 from distal.logs.header_units import header, needed, scale, units_of
 from distal.logs.output_targets import shown
-from distal.logs.reader_process import table_by_process
+from distal.logs.reader_process import read_apart
 from distal.logs.sources import Source
 from distal.logs.vectors import INFO
 
@@ -107,9 +107,9 @@ def _opened(path: Source, columns: Sequence[str] | None, index_name: str | None)
         if kind.read is None:
             raise LogError(f"{path}: is a recording of topics; a CSV or Parquet file is expected")
         check_is_content(path)
-        return (
-            table_by_process(path, columns) if exists and kind.apart else kind.read(path, columns)
-        )
+        if exists and kind.apart:
+            return read_apart(kind.read, path, columns)
+        return kind.read(path, columns)
     if not hasattr(path, "columns"):
         raise LogError(f"a log is a path, a frame or a distal.Log; {type(path).__name__} came")
     columns_of = {

@@ -11,6 +11,11 @@ from distal.errors import LogError
 INFO = Path("meta") / "info.json"
 """Path of a LeRobot dataset's description in its folder; it names the numbers of vectors."""
 
+WIDEST_VECTOR = 256
+"""Longest vector whose numbers are read as columns; a longer one is an image or a cloud of points.
+Source: judgement.
+"""
+
 ABOVE = 4
 """How many folders above a file its dataset is looked for. Source: judgement."""
 

@@ -14,18 +14,13 @@ from numpy.typing import NDArray
 from distal.errors import LogError
 from distal.logs.cells import Cells
 from distal.logs.formats.format import Format
-from distal.logs.memory_limit import check_memory, memory_limit
+from distal.logs.reader_process import COPIES, check_memory, memory_limit
 
 SEPARATORS = (",", ";", "\t")
 """Characters that may separate the cells of a file: comma, semicolon, tab."""
 
 SEPARATOR = "\0"
 """Character between cells after the quotes are taken off; no text has a zero byte."""
-
-COPIES = 3
-"""Copies of the file that are in memory while it is read, and one more where it has quotes. Source:
-benchmark (benchmarks/csv_readers).
-"""
 
 CELL = 16
 """Memory that each cell takes besides the copies of the file [bytes]; this is more than was
@@ -94,7 +89,7 @@ def read_csv(path: Path, columns: Sequence[str] | None = None) -> Cells:
     return Cells(blocks, path, above + 2, names, rows)
 
 
-def _blocks(data: bytes, at: int = 0) -> Iterator[bytes]:
+def _blocks(data: bytes, at: int) -> Iterator[bytes]:
     """Yield whole lines of a text, some at a time, each time without the last line's end."""
     while at < len(data):
         end = data.find(b"\n", at + BLOCK)
@@ -112,15 +107,11 @@ def _check_text(path: Path, data: bytes, above: int) -> None:
             )
         row = data[: data.index(0)].count(b"\n") + 1 + above
         raise LogError(f"{path}: row {row}: holds a zero byte, which is no text")
-    if not data.isascii():
-        row = 1 + above
-        for block in _blocks(data):
-            try:
-                block.decode()
-            except UnicodeDecodeError as problem:
-                row += block[: problem.start].count(b"\n")
-                raise LogError(f"{path}: row {row}: is not UTF-8 text") from None
-            row += block.count(b"\n") + 1
+    try:
+        data.decode()
+    except UnicodeDecodeError as problem:
+        row = data[: problem.start].count(b"\n") + 1 + above
+        raise LogError(f"{path}: row {row}: is not UTF-8 text") from None
     if data.startswith(b"#"):
         raise LogError(
             f"{path}: row {above + 1}: begins with '#'; comment lines are not supported, remove "

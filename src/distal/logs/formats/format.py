@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from distal.errors import LogError
 from distal.logs.cells import Cells
-from distal.logs.formats.ros_messages import field, stamp_of
 from distal.logs.messages import find
 
 
@@ -56,12 +55,13 @@ class Message:
 
     @property
     def stamp(self) -> int | None:
-        """Stamp in the message's header [ns], None where it has none."""
-        return None if self.json else stamp_of(self.content)
+        """Stamp in the header of a message of ROS [ns], None where it has none."""
+        stamp = getattr(getattr(self.content, "header", None), "stamp", None)
+        return None if stamp is None else int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
     def read(self, path: str) -> object:
-        """Return the content of a field, None where the message lacks it."""
-        return (find if self.json else field)(self.content, path)
+        """Return the content of a field, None where the message lacks it; see `find`."""
+        return find(self.content, path)
 
 
 @dataclass(frozen=True)

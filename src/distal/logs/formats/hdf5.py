@@ -12,13 +12,8 @@ from distal.errors import LogError
 from distal.logs.cells import Cells, Column, in_memory
 from distal.logs.formats.format import Format
 from distal.logs.header_units import needed
-from distal.logs.memory_limit import check_memory
-from distal.logs.vectors import numbered
-
-WIDEST_VECTOR = 256
-"""Longest vector per row that is read as columns; a wider data set is an image or the like. Source:
-judgement.
-"""
+from distal.logs.reader_process import COPIES, check_memory
+from distal.logs.vectors import WIDEST_VECTOR, numbered
 
 
 def read_hdf5(path: Path, columns: Sequence[str] | None) -> Cells:
@@ -54,7 +49,7 @@ def read_hdf5(path: Path, columns: Sequence[str] | None) -> Cells:
             size = sum(
                 sets[name].dtype.itemsize * sets[name].shape[0] for name, _ in chosen.values()
             )
-            check_memory(path, 3 * size, f"it holds {len(chosen)} columns of that")
+            check_memory(path, COPIES * size, f"it holds {len(chosen)} columns of that")
             held = dict[str, Column]()
             for column, (name, k) in chosen.items():
                 held[column] = np.asarray(sets[name][:] if k is None else sets[name][:, k])

@@ -13,7 +13,7 @@ from typing import Any, BinaryIO
 
 from distal.errors import DistalWarning, LogError
 from distal.logs.formats.format import Format, Message
-from distal.logs.memory_limit import check_memory, memory_limit
+from distal.logs.reader_process import COPIES, check_memory, memory_limit
 
 MAGIC = b"\x89MCAP0\r\n"
 """First and last bytes of an MCAP file. Source: definition (MCAP specification)."""
@@ -40,7 +40,7 @@ def read_mcap(path: Path, topics: set[str]) -> Iterator[Message]:
             for chunk in [] if summary is None else summary.chunk_indexes:
                 check_memory(
                     path,
-                    2 * chunk.uncompressed_size,
+                    COPIES * chunk.uncompressed_size,
                     f"its header says {chunk.uncompressed_size:,} bytes in a chunk",
                 )
         else:

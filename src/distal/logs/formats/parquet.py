@@ -16,18 +16,8 @@ from distal.errors import LogError
 from distal.logs.cells import Cells, Column, in_memory
 from distal.logs.formats.format import Format
 from distal.logs.header_units import needed
-from distal.logs.memory_limit import check_memory
+from distal.logs.reader_process import COPIES, check_memory
 from distal.logs.vectors import component_names_in, numbered
-
-WIDEST = 16
-"""Assumed size of a cell whose size the header does not say, such as text [bytes]. Source:
-judgement.
-"""
-
-COPIES = 3
-"""Copies of a column that are in memory while it is read and turned into numbers. Source:
-judgement.
-"""
 
 TEXTS = ("string", "large_string", "string_view")
 """Names of Arrow's types of text."""
@@ -57,39 +47,18 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
     with source:
         try:
             file = pyarrow.parquet.ParquetFile(source)
-            schema = file.schema_arrow
             rows = file.metadata.num_rows
-            vectors = _vectors(path, file)
-            inside = {name: position for name, position in vectors.items() if needed(name, columns)}
-            chosen = [
-                name
-                for name in schema.names
-                if needed(name, columns) or name in dict(inside.values())
-            ]
-            chosen = [
-                name
-                for name in chosen
-                if name not in dict(vectors.values()) or name in dict(inside.values())
-            ]
-            kinds = {name: schema.field(name).type for name in chosen}
-            size = rows * sum(_bytes_of(kind) for kind in kinds.values())
-            check_memory(
-                path, COPIES * size, f"its header says {rows:,} rows of {len(chosen)} columns"
-            )
-            # a text that many rows share is then held in memory once
-            texts = [name for name, kind in kinds.items() if str(kind) in TEXTS]
-            file = pyarrow.parquet.ParquetFile(source, read_dictionary=texts)
-            table = file.read(columns=chosen, use_threads=False)
-            whole = [name for name in chosen if name not in dict(inside.values())]
-            held: dict[str, Column] = {name: _column(path, name, table[name]) for name in whole}
-            for name, (column, k) in inside.items():
-                held[name] = _of_vectors(path, column, table[column], k)
-            return in_memory(
-                held,
-                path,
-                1,
-                [*(n for n in schema.names if n not in dict(vectors.values())), *vectors],
-            )
+            parts = _parts(path, file)
+            chosen = {name: part for name, part in parts.items() if needed(name, columns)}
+            read = list(dict.fromkeys(column for column, _ in chosen.values()))
+            size = COPIES * rows * len(read) * np.dtype(np.float64).itemsize
+            check_memory(path, size, f"its header says {rows:,} rows of {len(read)} columns")
+            table = file.read(columns=read, use_threads=False)
+            held = {
+                name: _column(path, column, table[column], at)
+                for name, (column, at) in chosen.items()
+            }
+            return in_memory(held, path, 1, parts)
         except MemoryError:  # Arrow's memory error is one of both kinds
             raise
         except (pyarrow.ArrowException, OSError, KeyError, UnicodeDecodeError) as problem:
@@ -98,73 +67,51 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
             ) from None
 
 
-def _vectors(path: Path, file: Any) -> dict[str, tuple[str, int]]:
-    """Return, for each number of each column of vectors, its name → the column and the number's
-    position.
+def _parts(path: Path, file: Any) -> dict[str, tuple[str, int | None]]:
+    """Return the names of all columns → the column of the file, and the position in its vectors,
+    None where it holds no vectors.
 
     The first row's vector says how many numbers there are.
     """
     from pyarrow import types
 
-    found = dict[str, tuple[str, int]]()
+    plain = dict[str, tuple[str, int | None]]()
+    of_vectors = dict[str, tuple[str, int | None]]()
     for column in file.schema_arrow:
         kind = column.type
-        if not (types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind)):
-            continue
-        if not types.is_floating(kind.value_type) and not types.is_integer(kind.value_type):
-            continue
-        batch = next(file.iter_batches(1, columns=[column.name]), None)
-        first = None if batch is None or not batch.num_rows else batch.column(0)[0].as_py()
+        first = None
+        is_vector = (
+            types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind)
+        )
+        if is_vector and (types.is_floating(kind.value_type) or types.is_integer(kind.value_type)):
+            batch = next(file.iter_batches(1, columns=[column.name]), None)
+            first = None if batch is None or not batch.num_rows else batch[0][0].as_py()
         if first:
             names = numbered(column.name, component_names_in(path, column.name), len(first))
-            found |= {name: (column.name, k) for k, name in enumerate(names)}
-    return found
+            of_vectors |= {name: (column.name, k) for k, name in enumerate(names)}
+        else:
+            plain[column.name] = column.name, None
+    return plain | of_vectors
 
 
-def _of_vectors(path: Path, name: str, column: Any, position: int) -> Column:
-    """Return the number at one position of each vector of a column."""
-    import pyarrow.compute
-
-    chunks = column.combine_chunks()
-    lengths = np.asarray(
-        pyarrow.compute.list_value_length(chunks).to_numpy(zero_copy_only=False), dtype=np.float64
-    )
-    if len(lengths) and (np.isnan(lengths).any() or np.ptp(lengths) > 0.0):
-        raise LogError(
-            f"{path}: column '{name}' holds vectors of different lengths, or misses some"
-        )
-    return np.asarray(pyarrow.compute.list_element(chunks, position).to_numpy(zero_copy_only=False))
-
-
-def _bytes_of(kind: Any) -> int:
-    """Return the least size of a cell of an Arrow type [bytes]."""
-    try:
-        return max(int(kind.bit_width) // 8, 1)
-    except ValueError:
-        return WIDEST
-
-
-def _column(path: Path, name: str, column: Any) -> Column:
-    """Return the cells of an Arrow column; whole numbers stay whole where none is missing, dates
-    keep their unit.
+def _column(path: Path, name: str, column: Any, at: int | None) -> Column:
+    """Return the cells of an Arrow column, or the numbers `at` a position of its vectors; whole
+    numbers stay whole where none is missing, dates keep their unit.
     """
     import pyarrow.compute
     from pyarrow import types
 
+    if at is not None:
+        lengths = pyarrow.compute.list_value_length(column)
+        if lengths.null_count or len(lengths.unique()) > 1:
+            raise LogError(
+                f"{path}: column '{name}' holds vectors of different lengths, or misses some"
+            )
+        column = pyarrow.compute.list_element(column, at)
     kind = column.type
-    if types.is_dictionary(kind) and str(kind.value_type) in TEXTS:
-        parts = [(chunk.dictionary, chunk.indices) for chunk in column.chunks]
-        length = 0
-        for texts, positions in parts:
-            lengths = pyarrow.compute.binary_length(texts).take(positions)
-            length += pyarrow.compute.sum(lengths).as_py() or 0
-        check_memory(path, COPIES * length, f"its column {name} holds {length:,} bytes of text")
-        read = ((texts.to_pylist(), positions.to_pylist()) for texts, positions in parts)
-        return [
-            "" if position is None else texts[position] or ""
-            for texts, positions in read
-            for position in positions
-        ]
+    if str(kind) in TEXTS:
+        texts: list[str] = column.fill_null("").to_pylist()
+        return texts
     if types.is_decimal(kind):
         column = column.cast("float64")
     elif not (
