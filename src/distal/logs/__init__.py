@@ -5,12 +5,10 @@ from distal.logs.cells import Column
 from distal.logs.data_frames import pandas_frame, polars_frame
 from distal.logs.datasets import da_vinci_grasper
 from distal.logs.episodes import Episode, episodes_of, is_dataset
-from distal.logs.formats import TABLES
+from distal.logs.formats import TABLES, check_format, file_of
 from distal.logs.header_units import header, name_and_unit
 from distal.logs.log import LARGEST_READING, Log, frozen, true_angles, true_torques
 from distal.logs.log_files import (
-    check_format,
-    file_of,
     read_angles,
     read_log,
     read_truth,

@@ -3,28 +3,28 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.arrays import Bools, Floats
-from distal.errors import DistalWarning, LogError, OutputError
+from distal.arrays import Floats
+from distal.errors import DistalWarning, LogError
 from distal.logs.atomic_writes import write_whole
 from distal.logs.cells import in_memory
-from distal.logs.formats import TABLES, format_of
+from distal.logs.formats import TABLES, file_of
 from distal.logs.header_units import factor_of, scale, time_factor
-from distal.logs.log import LARGEST_READING, Log, check_stamps
+from distal.logs.log import Log, check_stamps
 from distal.logs.reader_process import read_apart
 from distal.logs.recordings import is_recording, open_recording
 from distal.logs.sources import Source
 from distal.logs.stamps import Clock, clock_of
 from distal.logs.tables import Table, open_table, table_of
 from distal.logs.truth import NO_SOURCE, TruthKind, TruthSource
-from distal.rig import REFERENCES, Capstan, Rig, Sensor, angle_names, log_factor, torque_names
+from distal.logs.unit_doubts import doubts_of_units
+from distal.rig import REFERENCES, Rig, Sensor, angle_names, log_factor, torque_names
 from distal.units import unit_factor
 
 
@@ -49,13 +49,11 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
     """
     needed = [sensor for sensor in rig.sensors if sensor.measures not in REFERENCES]
     desired = [sensor.log_column for sensor in needed]
-    references = [
-        sensor.log_column for kind in ("angle", "torque") for sensor in rig.sensors_of(kind)
-    ]
     joints = rig.joint_names
+    goals = _goals_of(rig)
     optional = [
-        *references,
-        *_goal_columns(rig).values(),
+        *(sensor.log_column for sensor in rig.sensors if sensor.measures in REFERENCES),
+        *(column for column, _ in goals.values()),
         *(f"true_{name}" for name in (*angle_names(joints), *torque_names(joints))),
     ]
     time_column = rig.log.time.column
@@ -69,14 +67,15 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
         cells = open_table(path, asked, time_column)
     column = str(truth) if truth is not None and _is_column(cells.names, str(truth)) else None
     cells.check([time_column])
-    clock = clock_of(
-        cells, time_column, time_factor(rig, cells.units.get(time_column), str(cells.path))
-    )
+    factor = time_factor(rig, cells.units.get(time_column), str(cells.path))
+    clock = clock_of(cells, time_column, factor)
     table = table_of(cells, desired, [*optional, *([column] if column else [])])
     time = clock.time
     stamps = clock.stamps if recorded is None else np.asarray(recorded)
     if rig.log.time.repeated != "refused":
-        rows = _distinct(time, last=rig.log.time.repeated == "last")
+        same = np.diff(time) == 0.0
+        at = len(same) if rig.log.time.repeated == "last" else 0
+        rows = ~np.insert(same, at, False)
         table = replace(
             table, columns={name: values[rows] for name, values in table.columns.items()}
         )
@@ -99,18 +98,15 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
                 f"{table.source}: the truth ({origin}) reaches {largest:.3g} rad, which is no angle"
             )
     known = angles | _known_torques(rig, table)
-    log = Log(time, channels, known, table.source, origin, stamps, _goals(rig, table))
-    for message in _doubts(log, rig):
+    setpoints = {
+        name: _in_si(position, table, column)
+        for name, (column, position) in goals.items()
+        if column in table.columns
+    }
+    log = Log(time, channels, known, table.source, origin, stamps, setpoints)
+    for message in doubts_of_units(log, rig):
         warnings.warn(message, DistalWarning, stacklevel=2)
     return log
-
-
-def _distinct(time: Floats, last: bool) -> Bools:
-    """Return which rows stay where neighbours have the same stamp, (n,): the `last` of them or the
-    first.
-    """
-    same = np.diff(time) == 0.0
-    return ~np.append(same, False) if last else ~np.insert(same, 0, False)
 
 
 def _known_torques(rig: Rig, table: Table) -> dict[str, Floats]:
@@ -118,19 +114,9 @@ def _known_torques(rig: Rig, table: Table) -> dict[str, Floats]:
 
     A simulated log's own true torque comes before a torque sensor's reading.
     """
-    joints = rig.joint_names
-    names = dict(zip(joints, torque_names(joints)))
-    read = {
-        names[s.of]: _in_si(s, table)
-        for s in rig.sensors_of("torque")
-        if s.log_column in table.columns
-    }
-    simulated = {
-        n: table.in_si(f"true_{n}", "N m") for n in names.values() if f"true_{n}" in table.columns
-    }
-    return {
-        name: values for name, values in {**read, **simulated}.items() if np.isfinite(values).any()
-    }
+    names = torque_names(rig.joint_names)
+    known = _of_references(rig, "torque", names, table) | _simulated(names, "N m", table)
+    return {name: values for name, values in known.items() if np.isfinite(values).any()}
 
 
 def _known_angles(
@@ -140,41 +126,46 @@ def _known_angles(
     the source of these angles.
     """
     joints = rig.joint_names
-    names = dict(zip(joints, angle_names(joints)))
-    references = {sensor.log_column: sensor for sensor in rig.sensors_of("angle")}
+    names = angle_names(joints)
     if column is not None:
-        sensor = references.get(column)
-        if sensor is None and len(joints) > 1:
+        source = f"column '{column}'"
+        for sensor in rig.sensors_of("angle"):
+            if sensor.log_column == column:
+                name = names[joints.index(sensor.of)]
+                return {name: _in_si(sensor, table)}, TruthSource(TruthKind.SENSOR, source)
+        if len(joints) > 1:
             raise LogError(
                 f"truth '{column}' is one column, but the rig has the joints {', '.join(joints)}; "
-                "give a file with t, "
-                f"{', '.join(names.values())}, or an angle sensor for each joint in the rig file"
+                f"give a file with t, {', '.join(names)}, or an angle sensor for each joint in the "
+                "rig file"
             )
-        if sensor is None:
-            return {names[joints[0]]: table.in_si(column, "rad")}, TruthSource(
-                TruthKind.COLUMN, f"column '{column}'"
-            )
-        return {names[sensor.of]: _in_si(sensor, table)}, TruthSource(
-            TruthKind.SENSOR, f"column '{column}'"
-        )
+        return {names[0]: table.in_si(column, "rad")}, TruthSource(TruthKind.COLUMN, source)
     if truth is not None:
-        return read_truth(truth, clock.time, joints, clock.start), TruthSource(
-            TruthKind.FILE, str(truth)
-        )
-    simulated = {name: f"true_{name}" for name in names.values()}
-    angles = {
-        name: table.in_si(header, "rad")
-        for name, header in simulated.items()
-        if header in table.columns
-    }
+        angles = read_truth(truth, clock.time, joints, clock.start)
+        return angles, TruthSource(TruthKind.FILE, str(truth))
+    angles = _simulated(names, "rad", table)
     if angles:
-        return angles, TruthSource(
-            TruthKind.COLUMN, "column " + ", ".join(f"'{simulated[name]}'" for name in angles)
-        )
-    read = {names[s.of]: s for s in references.values() if s.log_column in table.columns}
-    listed = ", ".join(f"'{sensor.log_column}'" for sensor in read.values())
-    origin = TruthSource(TruthKind.SENSOR, f"column {listed}") if read else NO_SOURCE
-    return {name: _in_si(sensor, table) for name, sensor in read.items()}, origin
+        listed = ", ".join(f"'true_{name}'" for name in angles)
+        return angles, TruthSource(TruthKind.COLUMN, f"column {listed}")
+    angles = _of_references(rig, "angle", names, table)
+    read = [s.log_column for s in rig.sensors_of("angle") if s.log_column in table.columns]
+    listed = ", ".join(f"'{name}'" for name in read)
+    return angles, TruthSource(TruthKind.SENSOR, f"column {listed}") if read else NO_SOURCE
+
+
+def _of_references(rig: Rig, kind: str, names: Sequence[str], table: Table) -> dict[str, Floats]:
+    """Return name → what reference sensors of a kind read in SI, of the joints that have one in the
+    table; `names` has one name for each joint.
+    """
+    name_of = dict(zip(rig.joint_names, names))
+    sensors = [s for s in rig.sensors_of(kind) if s.log_column in table.columns]
+    return {name_of[sensor.of]: _in_si(sensor, table) for sensor in sensors}
+
+
+def _simulated(names: Sequence[str], si: str, table: Table) -> dict[str, Floats]:
+    """Return name → the true values in SI that a simulation wrote."""
+    there = [name for name in names if f"true_{name}" in table.columns]
+    return {name: table.in_si(f"true_{name}", si) for name in there}
 
 
 def _is_column(names: tuple[str, ...], name: str) -> bool:
@@ -244,95 +235,21 @@ def unit_of_angles(path: str | Path, names: Sequence[str]) -> str:
     return "deg" if units & {"deg", "°", "degrees", "degree"} else "rad"
 
 
-def _in_si(sensor: Sensor, table: Table) -> Floats:
+def _in_si(sensor: Sensor, table: Table, column: str | None = None) -> Floats:
+    """Return in SI what a sensor reads, or another `column` in its unit and sign."""
     factor = factor_of(sensor, table.units.get(sensor.log_column), table.source)
-    values: Floats = sensor.sign * factor * table.columns[sensor.log_column]
+    values: Floats = sensor.sign * factor * table.columns[column or sensor.log_column]
     return values
 
 
-def _goal_columns(rig: Rig) -> dict[str, str]:
-    """Return drive → the log column of its setpoint, for the drives whose rig names one."""
-    read = {sensor.of for sensor in rig.sensors_of("position")}
-    servos = {drive.name: drive.servo for drive in rig.drives if drive.name in read}
-    return {name: servo.goal for name, servo in servos.items() if servo and servo.goal}
-
-
-def _goals(rig: Rig, table: Table) -> dict[str, Floats]:
-    """Return drive → its setpoints in SI, (n,), for the drives whose setpoints the table has."""
-    positions = {sensor.of: sensor for sensor in rig.sensors_of("position")}
-    goals = {}
-    for name, column in _goal_columns(rig).items():
-        if column in table.columns:
-            position = positions[name]
-            factor = factor_of(position, table.units.get(position.log_column), table.source)
-            goals[name] = position.sign * factor * table.columns[column]
-    return goals
-
-
-def _doubts(log: Log, rig: Rig) -> Iterator[str]:
-    """Yield a sentence for each sign that a unit is wrong: readings, intervals or angles of an
-    unlikely size.
+def _goals_of(rig: Rig) -> dict[str, tuple[str, Sensor]]:
+    """Return drive → the log column of its setpoint and its position sensor, for the drives whose
+    rig names such a column.
     """
-    drives = {drive.name: drive for drive in rig.drives}
-    for sensor in rig.sensors_of("position"):
-        values = log.channels[sensor.name]
-        values = np.where(np.abs(values) > LARGEST_READING, np.nan, values)
-        if not np.isfinite(values).any():
-            continue
-        drive = drives[sensor.of]
-        if drive.stops is not None:
-            yield from _doubts_of_stops(log, sensor, values, drive.stops)
-        span = float(np.nanmax(values) - np.nanmin(values))
-        lever = drive.radius.value if isinstance(drive, Capstan) else 1.0
-        # a joint turns by a few radians at most, and a tendon stretches by less than that
-        travel = (
-            span * lever / max(*(t.total_arm for t in rig.tendons if t.drive == sensor.of), 1e-12)
-        )
-        if travel > 50.0:
-            hint = "mm" if sensor.si == "m" else "deg"
-            yield (
-                f"{log.source}: '{sensor.log_column}' spans {span:.3g} {sensor.si} when read in "
-                f"'{sensor.unit or sensor.si}', far more than the joint can turn; is the log in "
-                f"{hint}? "
-                f"(--set 'sensors.{sensor.name}.unit=\"{hint}\"')"
-            )
-    rate = max((sensor.rate for sensor in rig.sensors), default=0.0)
-    step = float(np.median(np.diff(log.time)))
-    if rate > 0.0 and not 0.05 < step * rate < 20.0:
-        yield (
-            f"{log.source}: the stamps are {step:g} s apart, the rig's sensors give a value every "
-            f"{1 / rate:g} s; is "
-            "the unit of time right? (--set 'log.time.unit=\"ms\"', or the sensors' rate)"
-        )
-    joints = rig.joint_names
-    names = dict(zip(joints, angle_names(joints)))
-    for sensor in rig.sensors_of("angle"):
-        theta = log.truth.get(names[sensor.of])
-        largest = 0.0 if theta is None else float(np.nanmax(np.abs(theta), initial=0.0))
-        if largest > 20.0:
-            yield (
-                f"{log.source}: the reference angle reaches {largest:.3g} rad; is it in degrees? "
-                f"(--set 'sensors.{sensor.name}.unit=\"deg\"')"
-            )
-
-
-def _doubts_of_stops(
-    log: Log, sensor: Sensor, values: Floats, stops: tuple[float, float]
-) -> Iterator[str]:
-    """Yield a sentence where a drive goes well beyond the stops that the rig gives it.
-
-    The window of the motor's positions, its zero or its sign may then be wrong.
-    """
-    room = 0.02 * (stops[1] - stops[0]) + sensor.linearity + 5.0 * sensor.noise
-    low = float(np.nanquantile(values, 0.02))
-    high = float(np.nanquantile(values, 0.98))
-    if low < stops[0] - room or high > stops[1] + room:
-        drive = f"drives.{sensor.of}.stops"
-        yield (
-            f"{log.source}: '{sensor.log_column}' is between {low:.4g} and {high:.4g} {sensor.si} "
-            "most of the time, beyond "
-            f"{drive} = {list(stops)}; is the window right? (--set '{drive}=[…]')"
-        )
+    servos = {drive.name: drive.servo for drive in rig.drives}
+    read = {sensor.of: sensor for sensor in rig.sensors_of("position")}
+    goals = {name: servo.goal for name, servo in servos.items() if servo and servo.goal}
+    return {name: (goal, read[name]) for name, goal in goals.items() if name in read}
 
 
 def write_log(log: Log, rig: Rig, path: str | Path) -> None:
@@ -350,17 +267,11 @@ def write_log(log: Log, rig: Rig, path: str | Path) -> None:
             columns[sensor.log_column] = (
                 sensor.sign * log.channels[sensor.name] / log_factor(sensor)
             )
-    positions = {sensor.of: sensor for sensor in rig.sensors_of("position")}
-    for name, column in _goal_columns(rig).items():
+    for name, (column, position) in _goals_of(rig).items():
         if name in log.goals:
-            position = positions[name]
             columns[column] = position.sign * log.goals[name] / log_factor(position)
     columns.update({f"true_{name}": values for name, values in log.truth.items()})
     write_columns(columns, path)
-
-
-WRITTEN = "results are written as CSV (.csv, .txt) or Parquet (.parquet, .pq)"
-"""Part of the message where a path ends in no format that can be written."""
 
 
 def write_columns(columns: Mapping[str, NDArray[np.generic]], path: str | Path) -> None:
@@ -370,29 +281,3 @@ def write_columns(columns: Mapping[str, NDArray[np.generic]], path: str | Path) 
         OutputError: the file cannot be written.
     """
     write_whole(path, file_of(columns, path))
-
-
-def file_of(columns: Mapping[str, NDArray[np.generic]], path: str | Path) -> bytes:
-    """Return columns as the content of the file `path`, in the format of its ending.
-
-    Raises:
-        OutputError: see `check_format`.
-    """
-    check_format(path)
-    write = format_of(path).write
-    if write is None:
-        raise OutputError(f"{path}: {WRITTEN}")
-    return write(columns)
-
-
-def check_format(path: str | Path) -> None:
-    """Raise an `OutputError` where a path ends as a file that is never written (.xlsx, .ods, .mat,
-    .npz, .h5), or where the package for its format is missing.
-    """
-    if Path(path).suffix.lower() in (".xlsx", ".xls", ".ods", ".mat", ".npz", ".h5"):
-        raise OutputError(f"{path}: {WRITTEN}")
-    package = format_of(path).package
-    if package is not None and find_spec(package[0]) is None:
-        raise OutputError(
-            f"{path}: needs the package {package[0]} (pip install '.[{package[1]}]'); or write CSV"
-        )

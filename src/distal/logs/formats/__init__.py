@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
+from importlib.util import find_spec
 from pathlib import Path
 
-from distal.errors import LogError
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.errors import LogError, OutputError
 from distal.logs.formats.csv import CSV
 from distal.logs.formats.format import Format, Message, UndecodableError
 from distal.logs.formats.hdf5 import HDF5
@@ -13,7 +18,16 @@ from distal.logs.formats.mcap import MCAP
 from distal.logs.formats.parquet import PARQUET
 from distal.logs.formats.rosbag import ROSBAG
 
-__all__ = ["FORMATS", "TABLES", "Message", "UndecodableError", "check_is_content", "format_of"]
+__all__ = [
+    "FORMATS",
+    "TABLES",
+    "Message",
+    "UndecodableError",
+    "check_format",
+    "check_is_content",
+    "file_of",
+    "format_of",
+]
 
 FORMATS = (CSV, PARQUET, HDF5, MCAP, ROSBAG)
 """All formats of logs, in the order in which a path is compared with them."""
@@ -52,3 +66,33 @@ def format_of(path: str | Path) -> Format:
             ):
                 return kind
     return CSV
+
+
+WRITTEN = "results are written as CSV (.csv, .txt) or Parquet (.parquet, .pq)"
+"""Part of the message where a path ends in no format that can be written."""
+
+
+def file_of(columns: Mapping[str, NDArray[np.generic]], path: str | Path) -> bytes:
+    """Return columns as the content of the file `path`, in the format of its ending.
+
+    Raises:
+        OutputError: see `check_format`.
+    """
+    check_format(path)
+    write = format_of(path).write
+    if write is None:
+        raise OutputError(f"{path}: {WRITTEN}")
+    return write(columns)
+
+
+def check_format(path: str | Path) -> None:
+    """Raise an `OutputError` where a path ends as a file that is never written (.xlsx, .ods, .mat,
+    .npz, .h5), or where the package for its format is missing.
+    """
+    if Path(path).suffix.lower() in (".xlsx", ".xls", ".ods", ".mat", ".npz", ".h5"):
+        raise OutputError(f"{path}: {WRITTEN}")
+    package = format_of(path).package
+    if package is not None and find_spec(package[0]) is None:
+        raise OutputError(
+            f"{path}: needs the package {package[0]} (pip install '.[{package[1]}]'); or write CSV"
+        )
