@@ -2,7 +2,7 @@
 # # The jaw of a da Vinci grasper, without its encoder
 #
 # Run it as a script (`python examples/da_vinci/grasper.py`), or cell by cell in an editor that knows `# %%`.
-# It needs twelve public logs, which are fetched once (`pip install 'distal[data]'`).
+# It needs twelve public logs, which are fetched once.
 
 # %%
 from __future__ import annotations

@@ -34,7 +34,7 @@ def test_what_is_not_known_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path:
         datasets.check_fingerprint("00", datasets.counts_of(RAW))
     with pytest.raises(LogError, match="not a table of numbers"):
         datasets.counts_of("<html>moved</html>")
-    monkeypatch.setattr(datasets, "_fetched", lambda run, folder: RAW)
+    monkeypatch.setattr(datasets, "_fetched", lambda run: RAW)
     with pytest.raises(LogError, match="nothing was kept"):
         da_vinci_grasper(tmp_path)
     assert list(tmp_path.iterdir()) == []
@@ -57,7 +57,7 @@ def test_a_fetched_run_is_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) 
     counts, asked = datasets.counts_of(RAW), []
     monkeypatch.setattr(datasets, "FINGERPRINTS", {"00": datasets.fingerprint(counts)})
 
-    def fetched(run: str, folder: Path) -> str:
+    def fetched(run: str) -> str:
         asked.append(run)
         return RAW
 

@@ -19,7 +19,6 @@ _EXTRAS = {
     "polars": "polars",
     "mcap": "mcap",
     "rosbags": "ros",
-    "pooch": "data",
     "plotly": "view",
 }
 """Packages that are not needed, and the extra that installs each."""

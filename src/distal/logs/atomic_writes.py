@@ -20,6 +20,22 @@ def check_writable(path: Path) -> None:
         raise OutputError(f"{path}: the folder '{path.parent}' does not exist")
 
 
+def target_of(path: Path) -> Path | None:
+    """Return the file that a path stands for; a link is followed, so that what it points to is
+    replaced. A device or a pipe, such as /dev/stdout, cannot be replaced, and is None.
+
+    Raises:
+        OutputError: no file can be written there.
+    """
+    check_writable(path)
+    if path.exists() and not path.is_file():
+        return None
+    target = path.resolve()
+    if target.exists() and not os.access(target, os.W_OK):
+        raise OutputError(f"{path}: cannot be written (it is read-only)")
+    return target
+
+
 def write_whole(path: str | Path, data: bytes | str) -> None:
     """Write a file completely, or leave the old file of that name unchanged where writing fails;
     see `write_together`.
@@ -59,27 +75,24 @@ def _prepared(
     Args:
         keep: whether a copy of the old file is kept beside it, to be put back.
     """
-    check_writable(path)
-    with _as_output_error(path):
-        if path.exists() and not path.is_file():
+    with as_output_error(path):
+        target = target_of(path)
+        if target is None:
             path.write_bytes(_encoded(data))
             return None
-        target = path.resolve()  # a link is followed, so that what it points to is replaced
         is_there = target.exists()
-        if is_there and not os.access(target, os.W_OK):
-            raise OutputError(f"{path}: cannot be written (it is read-only)")
-        temporary = _beside(target, _encoded(data), tidied)
-        old = _beside(target, target.read_bytes(), tidied) if is_there and keep else None
+        temporary = beside(target, _encoded(data), tidied)
+        old = beside(target, target.read_bytes(), tidied) if is_there and keep else None
 
     def move(undone: ExitStack) -> None:
-        with _as_output_error(path):
+        with as_output_error(path):
             os.replace(temporary, target)
         if old is not None:
             undone.callback(put_back, old)
         elif not is_there:
             undone.callback(target.unlink, missing_ok=True)
 
-    def put_back(old: str) -> None:
+    def put_back(old: Path) -> None:
         try:
             os.replace(old, target)
         except OSError:
@@ -95,17 +108,18 @@ def _encoded(data: bytes | str) -> bytes:
     return data.encode(errors="replace") if isinstance(data, str) else data
 
 
-def _beside(target: Path, content: bytes, tidied: ExitStack) -> str:
+def beside(target: Path, content: bytes, tidied: ExitStack) -> Path:
     """Write a temporary file beside another path, with the rights that a file there has, and return
     its path; it is removed in the end, where it still stands.
     """
-    handle, path = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-    tidied.callback(Path(path).unlink, missing_ok=True)
+    handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+    path = Path(name)
+    tidied.callback(path.unlink, missing_ok=True)
     with os.fdopen(handle, "wb") as file:
         file.write(content)
     umask = os.umask(0)
     os.umask(umask)
-    os.chmod(path, target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~umask)
+    path.chmod(target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~umask)
     return path
 
 
@@ -126,7 +140,7 @@ def keep_elsewhere(files: Mapping[Path, bytes | str]) -> Path | None:
 
 
 @contextmanager
-def _as_output_error(path: Path) -> Iterator[None]:
+def as_output_error(path: Path) -> Iterator[None]:
     """Turn an error of the file system into an `OutputError` that names the path."""
     try:
         yield

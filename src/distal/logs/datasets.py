@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from importlib import import_module
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +43,6 @@ FINGERPRINTS = {
 }
 """Run → SHA-256 of the part of its file that is used: stamps [ms] and counts of every fifth row."""
 
-NEEDS = "fetching needs pooch; `pip install '.[data]'`, or set DISTAL_DATA"
 
 TORQUE = 0.04872866 / 1224
 """Torque per count of both torque sensors [N m]. Source: judgement."""
@@ -76,50 +73,42 @@ def da_vinci_grasper(folder: str | Path | None = None) -> tuple[Path, ...]:
     Raises:
         LogError: the logs cannot be fetched, or a fetched file differs from its fingerprint.
     """
+    from distal.kernels import cache_folder
+
     shared = os.environ.get("DISTAL_DATA") if folder is None else None
-    if folder is None:
-        folder = Path(shared or _pooch().os_cache("distal")) / "da_vinci_grasper"
-    folder = Path(folder)
+    folder = Path(folder or Path(shared or cache_folder()) / "da_vinci_grasper")
     paths = tuple(folder / f"run_{run}.csv" for run in FINGERPRINTS)
+    missing = [path for path in paths if not path.is_file()]
     if shared:
-        missing = [path for path in paths if not path.is_file()]
         if missing:
             raise LogError(
                 f"{missing[0]}: is not there; DISTAL_DATA must be the folder that holds "
                 "da_vinci_grasper"
             )
         return paths
+    folder.mkdir(parents=True, exist_ok=True)
     for run, path in zip(FINGERPRINTS, paths):
-        if not path.is_file():
-            counts = counts_of(_fetched(run, folder))
+        if path in missing:
+            counts = counts_of(_fetched(run))
             check_fingerprint(run, counts)
             write_whole(path, csv_of(counts))
     write_whole(folder / "LICENCE.txt", LICENCE)
     return paths
 
 
-def _pooch() -> ModuleType:
-    try:
-        return import_module("pooch")
-    except ImportError:
-        raise LogError(NEEDS) from None
+def _fetched(run: str) -> str:
+    """Return the text of a raw file."""
+    from urllib.request import urlopen
 
+    from distal.cluster import PATIENCE
 
-def _fetched(run: str, folder: Path) -> str:
-    """Return the text of a raw file, which pooch fetches once and keeps."""
-    pooch = _pooch()
     url = SOURCE.format(run=run)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        # the used part of the file is compared with its own fingerprint later
-        path = pooch.retrieve(
-            url, known_hash=None, fname=f"{run}.TXT", path=folder / "raw", progressbar=False
-        )
-        return Path(path).read_text(encoding="utf-8", errors="replace")
-    except Exception as problem:  # pooch hands on whatever its downloader raises
-        raise LogError(
-            f"{url}: cannot be fetched ({type(problem).__name__}); are you online?"
-        ) from None
+        with urlopen(url, timeout=PATIENCE) as answer:
+            text: str = answer.read().decode(errors="replace")
+    except OSError as problem:
+        raise LogError(f"{url}: cannot be fetched ({problem}); are you online?") from None
+    return text
 
 
 def counts_of(text: str) -> NDArray[np.int64]:

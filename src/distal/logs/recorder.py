@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
 from distal.errors import OutputError
-from distal.logs.atomic_writes import check_writable
+from distal.logs.atomic_writes import as_output_error, beside, target_of
 from distal.logs.stamps import LATEST
 from distal.rig import angle_names, std_name
 
@@ -19,11 +20,6 @@ SAMPLE_TOPIC = "distal/sample"
 
 ESTIMATE_TOPIC = "distal/estimate"
 """Topic of the estimates."""
-
-LONGEST_STEM = 230
-"""Bytes of the output's name that the name of its temporary file keeps, so that the longer name
-stays within the 255 bytes of most file systems. Source: judgement.
-"""
 
 SAMPLE_SCHEMA = {
     "title": "distal.Sample",
@@ -42,30 +38,18 @@ def estimate_schema(joints: Sequence[str], torques: Sequence[str] = ()) -> dict[
     Args:
         torques: names of the external torques that are estimated.
     """
-    number: dict[str, object] = {"type": ["number", "null"]}
-    properties: dict[str, object] = {
-        "t": {"type": "number", "description": "stamp of the sample [s]"}
+    unit_of = dict.fromkeys(angle_names(joints), "rad") | dict.fromkeys(torques, "N m")
+    of = {
+        column: f"{text} [{unit}]; null where the sample was skipped"
+        for name, unit in unit_of.items()
+        for column, text in ((name, name), (std_name(name), f"standard deviation of {name}"))
     }
-    which = (
-        ["joint angle"] if len(joints) == 1 else [f"angle of the joint {joint}" for joint in joints]
-    )
-    quantities = [
-        *(
-            (name, f"{of} [rad]; null where the sample was skipped", "rad")
-            for name, of in zip(angle_names(joints), which)
-        ),
-        *(
-            (name, "torque on the joint from outside [N m]; null where it was skipped", "N m")
-            for name in torques
-        ),
-    ]
-    for name, description, unit in quantities:
-        properties[name] = number | {"description": description}
-        properties[std_name(name)] = number | {
-            "description": f"standard deviation of its error [{unit}]"
-        }
-    properties["health"] = {"type": "string", "description": "one word: see distal.run.HEALTH"}
-    properties["detail"] = {"type": "string", "description": "which sensor, how long"}
+    numbers = {"t": "stamp of the sample [s]"} | of
+    properties = {
+        name: {"type": ["number", "null"], "description": text} for name, text in numbers.items()
+    }
+    words = {"health": "one word: see distal.run.HEALTH", "detail": "which sensor, how long"}
+    properties |= {name: {"type": "string", "description": text} for name, text in words.items()}
     return {
         "title": "distal.Estimate",
         "description": "The joint angle at a stamp, and how it came about.",
@@ -98,20 +82,12 @@ class Recorder:
             raise OutputError(
                 f"{path}: MCAP needs the package mcap (pip install '.[mcap]')"
             ) from None
-        check_writable(path)
-        # a link is followed; a device or a pipe cannot be replaced, and is written as it is
-        target = path.resolve()
         self._path = path
-        self._target = target
-        stem = target.name.encode(errors="ignore")[:LONGEST_STEM].decode(errors="ignore")
-        self._part = target.with_name(f".{stem}.{os.getpid()}.part")
-        self._direct = target.exists() and not target.is_file()
-        if target.is_file() and not os.access(target, os.W_OK):
-            raise OutputError(f"{path}: cannot be written (it is read-only)")
-        try:
-            self._file = (target if self._direct else self._part).open("wb")
-        except OSError as problem:
-            raise OutputError(f"{path}: cannot be written ({problem.strerror})") from None
+        with as_output_error(path):
+            self._target = target_of(path)
+            # where it ends early, what was recorded until then stays beside the path
+            self._part = path if self._target is None else beside(self._target, b"", ExitStack())
+            self._file = self._part.open("wb")
         self._writer: Any = Writer(self._file)
         self._writer.start(profile="", library="distal")
         self._channels = {}
@@ -141,12 +117,10 @@ class Recorder:
         }
         stamp = max(0, round(time * 1e9)) if isfinite(time) and abs(time) < LATEST else 0
         self._count += 1
-        try:
+        with as_output_error(self._path):
             self._writer.add_message(
                 self._channels[topic], stamp, json.dumps(clean).encode(), stamp, self._count
             )
-        except OSError as problem:
-            raise OutputError(f"{self._path}: cannot be written ({problem.strerror})") from None
         self._samples += topic == SAMPLE_TOPIC
 
     def close(self) -> bool:
@@ -158,14 +132,13 @@ class Recorder:
         try:
             self._writer.finish()
             self._file.close()
-            if self._samples and not self._direct:
+            if self._samples and self._target is not None:
                 os.replace(self._part, self._target)
         except OSError as problem:
             raise OutputError(
                 f"{self._path}: cannot be written ({problem.strerror}); what was recorded until "
-                "then is in "
-                f"{self._part.name} beside it"
+                f"then is in {self._part.name} beside it"
             ) from None
-        if not self._samples and not self._direct:
+        if not self._samples and self._target is not None:
             self._part.unlink(missing_ok=True)
         return self._samples > 0

@@ -7,10 +7,10 @@ from __future__ import annotations
 import re
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
-from itertools import pairwise
+from functools import lru_cache
 from pathlib import Path
 from typing import TypeAlias, TypeGuard
 
@@ -38,16 +38,11 @@ in a message of its own. Source: judgement.
 SET_BACK = 1_000_000_000
 """A clock was set back where its stamps go back by more than this [ns]. Source: judgement."""
 
-Read = Callable[[str], object]
-"""A function from a field's path to its content in a message, None where the message lacks the
-field.
-"""
-
 Reading: TypeAlias = tuple[int | None, int, float]
 """Stamp in the message's header [ns] or None, stamp of the recorder [ns], and value."""
 
-Stamped: TypeAlias = tuple[int, float]
-"""Stamp [ns] and value."""
+Stamped: TypeAlias = tuple[NDArray[np.int64], Floats]
+"""Stamps [ns] and values of a column, (n,) each."""
 
 
 def is_recording(path: object) -> TypeGuard[str | Path]:
@@ -78,14 +73,11 @@ def open_recording(
             columns is there.
     """
     path = Path(path)
-    desired = [(column, *_named(column)) for column in columns if column != time]
-    readings: dict[str, list[Reading]] = {column: [] for column, _, _ in desired}
+    readings: dict[str, list[Reading]] = {column: [] for column in columns if column != time}
     topics: set[str] = set()
     for message in messages_of(path, topics):
-        for column, topic, field in desired:
-            cell = element(message.read, field) if field and topic == message.topic else None
-            if cell is None and message.json:
-                cell = message.read(column)
+        for column, samples in readings.items():
+            cell = _cell(message, column)
             if cell is None:
                 continue
             stamp = _json_stamp(path, message, time, unit) if message.json else message.stamp
@@ -99,23 +91,23 @@ def open_recording(
                     f"{path}: '{message.topic}' was recorded at {message.recorded} ns, which is "
                     "no time"
                 )
-            readings[column].append((stamp, message.recorded, number))
-    if not any(readings.values()):
-        first = next(iter(readings), "")
+            samples.append((stamp, message.recorded, number))
+    readings = {column: samples for column, samples in readings.items() if samples}
+    if not readings:
+        first = next((column for column in columns if column != time), "")
         raise LogError(
             f"{path}: no message has '{first}'{did_you_mean(first.partition('.')[0], topics)}; "
             "columns are /topic.field, "
             f"the topics are {', '.join(sorted(topics))[:300] or 'none'}"
         )
-    stamped = _stamped(path, {column: samples for column, samples in readings.items() if samples})
-    stamped = _in_cycles(
-        stamped,
-        {column: topic for column, topic, field in desired if field[:1] == "[" and topic in topics},
-    )
-    rows = _merged([[stamp for stamp, _ in samples] for samples in stamped.values()])
+    stamped = _stamped(path, readings)
+    for topic in topics:
+        in_cycle = [c for c in stamped if _named(c)[:2] == (topic, True)]
+        if len(in_cycle) > 1:
+            stamped |= _in_cycles({column: stamped[column] for column in in_cycle})
+    rows = _merged([np.unique(stamps) for stamps, _ in stamped.values()])
     columns_of = {time: (rows - rows[0]) * 1e-9 / unit}
-    for column, samples in stamped.items():
-        stamps, values = zip(*samples)
+    for column, (stamps, values) in stamped.items():
         columns_of[column] = np.full(len(rows), np.nan)
         columns_of[column][np.searchsorted(rows, stamps, side="right") - 1] = values
     return columns_of, rows
@@ -128,35 +120,35 @@ def _number(path: Path, cell: object, name: str) -> float:
         raise LogError(f"{path}: {problem}") from None
 
 
-def _named(column: str) -> tuple[str, str]:
-    """Return the topic and the field of a column, or the two parts of a path in a JSON message.
-
-    In ``/joint_states[left.wrist].position`` the field is ``[left.wrist].position``; see `element`.
+@lru_cache
+def _named(column: str) -> tuple[str, bool, str, str]:
+    """Return the topic of a column, whether it names a joint, that joint, and the field; or the two
+    parts of a path in a JSON message.
     """
-    match = re.fullmatch(r"([^\[\].]+)(\[[^\[\]]+\]\..+)", column)
+    match = re.fullmatch(r"([^\[\].]+)\[([^\[\]]+)\]\.(.+)", column)
     if match is not None:
-        return match[1], match[2]
+        return match[1], True, match[2], match[3]
     topic, _, field = column.partition(".")
-    return topic, field
+    return topic, False, "", field
 
 
-def element(read: Read, field: str) -> object:
-    """Return the content of a field of a message, or None where the message lacks it.
+def _cell(message: Message, column: str) -> object:
+    """Return what a message holds of a column, or None where it lacks that."""
+    topic, is_of_joint, joint, field = _named(column)
+    cell = None
+    if field and topic == message.topic:
+        cell = _element(message, joint, field) if is_of_joint else message.read(field)
+    return message.read(column) if cell is None and message.json else cell
 
-    The field ``[left_wrist].position`` is the element of ``position`` at the index at which
-    ``name`` holds ``left_wrist``.
-    """
-    match = re.fullmatch(r"\[([^\[\]]+)\]\.(.+)", field)
-    if match is None:
-        return read(field)
-    names = read("name")
-    if (
-        isinstance(names, str)
-        or not isinstance(names, Iterable)
-        or match[1] not in (names := list(names))
-    ):
-        return None  # a driver may publish each joint in a message of its own
-    return read(f"{match[2]}[{names.index(match[1])}]")
+
+def _element(message: Message, joint: str, field: str) -> object:
+    """Return the element of a field at the index at which ``name`` holds the joint."""
+    names = message.read("name")
+    if isinstance(names, str) or not isinstance(names, Iterable):
+        return None
+    known = list(names)
+    # a driver may publish each joint in a message of its own
+    return message.read(f"{field}[{known.index(joint)}]") if joint in known else None
 
 
 def _json_stamp(path: Path, message: Message, time: str, unit: float) -> int | None:
@@ -175,24 +167,26 @@ def _json_stamp(path: Path, message: Message, time: str, unit: float) -> int | N
     return None
 
 
-def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, list[Stamped]]:
+def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, Stamped]:
     """Return column → its stamps and values, all by one clock: that of the headers where a topic
     has them, else the recorder's.
 
     Where a clock was set back, only the longest part is taken, with a warning.
     """
-    stamped: dict[str, list[Stamped]] = {}
+    parts: dict[str, list[Stamped]] = {}
     have_headers = set()
     for column, samples in readings.items():
         # a stamp of zero counts as missing, unless another stamp of the column is not zero, as in a
         # simulation that begins at zero
         by_header = any(stamp for stamp, _, _ in samples)
         have_headers.add(by_header)
-        stamped[column] = [
-            (stamp if by_header and stamp is not None else at, number)
-            for stamp, at, number in samples
-        ]
-    starts = [samples[0][0] for samples in stamped.values()]
+        stamps = np.array(
+            [stamp if by_header and stamp is not None else at for stamp, at, _ in samples]
+        )
+        values = np.array([number for _, _, number in samples])
+        ends = np.flatnonzero(np.diff(stamps) < -SET_BACK) + 1
+        parts[column] = list(zip(np.split(stamps, ends), np.split(values, ends)))
+    starts = [int(of_column[0][0][0]) for of_column in parts.values()]
     if len(have_headers) > 1 and max(starts) - min(starts) > 1e15:
         raise LogError(
             f"{path}: some topics have stamps of their own (from {min(starts) * 1e-9:.6g} s on), "
@@ -200,89 +194,68 @@ def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, list[S
             f"recorder ({max(starts) * 1e-9:.12g} s): two clocks; record all with headers, or all "
             "without"
         )
-    parts = {column: _parts(samples) for column, samples in stamped.items()}
-    if all(len(of_column) == 1 for of_column in parts.values()):
-        return stamped
-    counts = {len(of_column) for of_column in parts.values()}
-    if len(counts) > 1:
-        resets = ", ".join(
-            f"{column} {len(of_column) - 1} times" for column, of_column in parts.items()
-        )
+    counts = {column: len(of_column) for column, of_column in parts.items()}
+    count = max(counts.values())
+    if min(counts.values()) < count:
+        resets = ", ".join(f"{column} {number - 1} times" for column, number in counts.items())
         raise LogError(
             f"{path}: clocks of the topics were set back ({resets}), so that their parts do not "
             "match; record again"
         )
-    count = counts.pop()
-    longest = max(
-        range(count), key=lambda i: min(len(of_column[i]) for of_column in parts.values())
-    )
-    warnings.warn(
-        f"{path}: the clock was set back {count - 1} times; only part {longest + 1} of {count} is "
-        "read, the longest",
-        DistalWarning,
-        stacklevel=4,
-    )
+    shortest = [min(len(values) for _, values in part) for part in zip(*parts.values())]
+    longest = int(np.argmax(shortest))
+    if count > 1:
+        warnings.warn(
+            f"{path}: the clock was set back {count - 1} times; only part {longest + 1} of {count} "
+            "is read, the longest",
+            DistalWarning,
+            stacklevel=4,
+        )
     return {column: of_column[longest] for column, of_column in parts.items()}
 
 
-def _in_cycles(
-    stamped: dict[str, list[Stamped]], topic_of: dict[str, str]
-) -> dict[str, list[Stamped]]:
-    """Return the same columns with one stamp for all joints of a cycle.
+def _in_cycles(stamped: dict[str, Stamped]) -> dict[str, Stamped]:
+    """Return columns of one topic with one stamp for all joints of a cycle.
 
-    This is for drivers that publish each joint in a message of its own. A cycle of a topic ends
-    before a joint that it has already, and half an interval after it began.
-
-    Args:
-        topic_of: column → topic, for columns that name an element.
+    This is for drivers that publish each joint in a message of its own. A cycle ends before a joint
+    that it has already, and half an interval after it began.
     """
-    moved = dict(stamped)
-    for topic in sorted(set(topic_of.values())):
-        columns = [column for column in stamped if topic_of.get(column) == topic]
-        if len(columns) < 2:
-            continue
-        intervals = [
-            np.median(np.diff([at for at, _ in stamped[c]])) for c in columns if len(stamped[c]) > 1
-        ]
-        longest = 0.5 * float(min(intervals, default=0.0))
-        samples = sorted(
-            (stamp, column, number) for column in columns for stamp, number in stamped[column]
-        )
-        moved.update({column: [] for column in columns})
-        begun = samples[0][0]
-        cycle = set[str]()
-        for stamp, column, number in samples:
-            if column in cycle or stamp - begun > longest:
-                begun = stamp
-                cycle = set()
-            cycle.add(column)
-            moved[column].append((begun, number))
-    return moved
+    longest = 0.5 * _shortest_interval([stamps for stamps, _ in stamped.values()])
+    samples = sorted(
+        (stamp, column, number)
+        for column, (stamps, numbers) in stamped.items()
+        for stamp, number in zip(stamps, numbers)
+    )
+    moved: dict[str, list[tuple[np.int64, float]]] = {column: [] for column in stamped}
+    begun = samples[0][0]
+    cycle = set[str]()
+    for stamp, column, number in samples:
+        if column in cycle or stamp - begun > longest:
+            begun = stamp
+            cycle = set()
+        cycle.add(column)
+        moved[column].append((begun, number))
+    return {
+        column: (np.array([at for at, _ in pairs]), np.array([number for _, number in pairs]))
+        for column, pairs in moved.items()
+    }
 
 
-def _parts(samples: list[Stamped]) -> list[list[Stamped]]:
-    """Return the parts of a column between the moments at which the clock was set back."""
-    parts = [samples[:1]]
-    for before, sample in pairwise(samples):
-        if sample[0] < before[0] - SET_BACK:
-            parts.append([])
-        parts[-1].append(sample)
-    return parts
+def _shortest_interval(stamps: list[NDArray[np.int64]]) -> float:
+    """Return the usual interval of the busiest column [ns], 0 where none has two stamps."""
+    intervals = [np.median(np.diff(of_column)) for of_column in stamps if len(of_column) > 1]
+    return float(min(intervals, default=0.0))
 
 
-def _merged(stamps: list[list[int]]) -> NDArray[np.int64]:
+def _merged(stamps: list[NDArray[np.int64]]) -> NDArray[np.int64]:
     """Return the stamps of the rows [ns], (n,).
 
     Stamps that are nearer to a row's first stamp than `NEAR` times the busiest column's interval
     belong to this row.
     """
-    distinct = [np.unique(np.array(of_column, dtype=np.int64)) for of_column in stamps]
-    intervals = [
-        float(np.median(np.diff(of_column))) for of_column in distinct if len(of_column) > 1
-    ]
-    near = NEAR * min(intervals, default=0.0)
+    near = NEAR * _shortest_interval(stamps)
     rows: list[np.int64] = []
-    for stamp in np.unique(np.concatenate(distinct)):
+    for stamp in np.unique(np.concatenate(stamps)):
         if not rows or stamp - rows[-1] > near:
             rows.append(stamp)
     return np.array(rows, dtype=np.int64)
