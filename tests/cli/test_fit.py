@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from distal import load_rig, write_log
-from distal.cli.fit_command import time_left
+from distal.cli.console import time_left
 from tests.cli.test_cli import Ran, refused, run  # noqa: F401
 from tests.fitting.helpers import drawn_plant, logs_of, start_rig, without_truth
 

@@ -8,13 +8,20 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from threading import Timer
+from threading import Event, Thread
+from time import monotonic
+from typing import TYPE_CHECKING
 
 from rich import box
 from rich.console import Console
 from rich.table import Table
 
 from distal.errors import DistalError, one_line, printable
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from distal.fitting import Doing
 
 
 def out() -> Console:
@@ -119,115 +126,113 @@ judgement.
 
 
 class _Activity(logging.Handler):
-    """What a command is doing, which is passed to `show`.
-
-    Where stderr is no terminal, it is also printed as a line after `QUIET` seconds.
+    """What a command is doing: a bar on a terminal; elsewhere a line after `QUIET` seconds, and
+    after twice the silence the next.
     """
 
-    def __init__(self, show: Callable[[str], None], *, silent: bool) -> None:
+    def __init__(self, bar: Progress, doing: str) -> None:
         super().__init__()
-        self._show = show
-        self._silent = silent
-        self._doing = ""
-        self._text = ""
-        self._wait = QUIET
-        self.timer = Timer(0.0, self._print)
+        self._bar = bar
+        self._task = bar.add_task(doing, total=None)
+        self._doing = self._text = doing
+        self._ended = Event()
+        if bar.disable:
+            Thread(target=self._print_lines, daemon=True).start()
 
-    def now(self, doing: str) -> None:
-        self._doing = doing
-        self._tell(doing)
+    def now(self, doing: str, done: float | None = None, total: float | None = None) -> None:
+        """Say what the command does now, and how much of it is done."""
+        self._doing = self._text = doing
+        self._bar.update(self._task, description=doing, completed=done, total=total)
 
     def emit(self, record: logging.LogRecord) -> None:
         detail = record.getMessage()  # what happens to a kernel; empty once it is done
-        self._tell(f"{self._doing}: {detail}" if detail else self._doing)
+        self._text = f"{self._doing}: {detail}" if detail else self._doing
+        self._bar.update(self._task, description=self._text)
 
-    def _tell(self, text: str) -> None:
-        self._text = text
-        self._show(text)
-        if not self._silent and not self.timer.is_alive():
-            self._begin()
-
-    def _begin(self) -> None:
-        self.timer = Timer(self._wait, self._print)
-        self.timer.daemon = True
-        self.timer.start()
+    def _print_lines(self) -> None:
+        wait = QUIET
+        while not self._ended.wait(wait):
+            print(f"{self._text} …", file=sys.stderr, flush=True)
+            wait *= 2.0
 
     def end(self) -> None:
         """Print nothing from now on, whatever another thread still tells."""
-        self._silent = True
-        self.timer.cancel()
+        self._ended.set()
 
-    def _print(self) -> None:
-        if self._silent:
-            return
-        self._wait *= 2.0
-        print(f"{self._text} …", file=sys.stderr, flush=True)
-        self._begin()
+
+@contextmanager
+def activity(doing: str) -> Iterator[_Activity]:
+    """Show what a command is doing and for how long, on a terminal; elsewhere print a line after a
+    while.
+    """
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    console = err()
+    kernels = logging.getLogger("distal.kernels")
+    text = TextColumn("{task.description}", markup=False)
+    with Progress(
+        *(text, BarColumn(), TimeElapsedColumn(), TextColumn("time left"), TimeRemainingColumn()),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+        redirect_stdout=sys.stdout is not None and sys.stdout.isatty(),
+    ) as bar:
+        shown = _Activity(bar, doing)
+        kernels.addHandler(shown)
+        kernels.setLevel(logging.INFO)
+        try:
+            yield shown
+        finally:
+            kernels.removeHandler(shown)
+            shown.end()
 
 
 @contextmanager
 def working(doing: str) -> Iterator[Callable[[str], None]]:
-    """Show what a command is doing and for how long, on a terminal; elsewhere print a line after a
-    while.
-
-    The context gives a function that takes a text on what the command does next.
-    """
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    shown = err()
-    kernels = logging.getLogger("distal.kernels")
-    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
-    with Progress(
-        *columns,
-        console=shown,
-        transient=True,
-        disable=not shown.is_terminal,
-        redirect_stdout=False,
-    ) as bar:
-        task = bar.add_task(doing, total=None)
-        activity = _Activity(
-            lambda text: bar.update(task, description=text), silent=shown.is_terminal
-        )
-        kernels.addHandler(activity)
-        kernels.setLevel(logging.INFO)
-        try:
-            activity.now(doing)
-            yield activity.now
-        finally:
-            kernels.removeHandler(activity)
-            activity.end()
+    """Show an `activity`; the context gives a function that takes a text on what comes next."""
+    with activity(doing) as shown:
+        yield shown.now
 
 
 @contextmanager
 def progress_bar(label: str, total: int | None = None) -> Iterator[Callable[..., None]]:
-    """Show on a terminal how many steps are done and how long the others will take; elsewhere print
-    a line now and then.
-
-    The context gives a function that takes the number of steps done, and their total where it was
-    not known.
+    """Show an `activity`; the context gives a function that takes the number of steps done, and
+    their total where it was not known.
     """
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeRemainingColumn,
-    )
+    with activity(label) as shown:
 
-    columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    is_terminal = err().is_terminal
-    activity = _Activity(lambda _: None, silent=is_terminal)
-    with Progress(
-        *columns, console=err(), transient=True, disable=not is_terminal, redirect_stdout=False
-    ) as bar:
-        task = bar.add_task(label, total=total)
+        def show(done: int, of: int | None = total) -> None:
+            shown.now(f"{label}: {done}" + (f" of {of}" if of else ""), done, of)
 
-        def show(done: int, of: int | None = None) -> None:
-            bar.update(task, completed=done, total=of)
-            activity.now(f"{label}: {done}" + (f" of {of or total}" if of or total else ""))
+        yield show
 
-        try:
-            activity.now(label)
-            yield show
-        finally:
-            activity.end()
+
+def time_left(passed: float, share: float) -> str:
+    """Return in words how long a task will still take at its present pace.
+
+    Args:
+        passed: time that has passed [s].
+        share: share of the task that is done.
+    """
+    seconds = passed * (1.0 - share) / max(share, 0.01)
+    return f"{seconds:.0f} s" if seconds < 100.0 else f"{seconds / 60.0:.0f} min"
+
+
+@contextmanager
+def fit_progress() -> Iterator[Callable[[Doing], None]]:
+    """Show an `activity`; the context gives a function that takes what a fit is doing."""
+    began = monotonic()
+    with activity("fitting") as shown:
+
+        def show(doing: Doing) -> None:
+            left = time_left(monotonic() - began, doing.share)
+            text = f"{doing.stage}, about {100 * doing.share:.0f} % done, {left} left"
+            shown.now(text, doing.share, 1.0)
+
+        yield show

@@ -5,9 +5,7 @@ from __future__ import annotations
 import _thread
 import os
 import signal
-import sys
 import threading
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -18,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from distal.cli.console import err, say, table
+from distal.cli.console import fit_progress, say, table
 from distal.cli.paths import check_command_outputs, check_ending, to_file, to_folder, write_each
 from distal.cli.shared_options import (
     LagOption,
@@ -32,11 +30,8 @@ from distal.cli.shared_options import (
 from distal.errors import FitError
 
 if TYPE_CHECKING:
-    from distal.fitting import Doing, Fit, MapFit
+    from distal.fitting import Fit, MapFit
 
-
-EVERY = 3.0
-"""Time between lines on the progress where stderr is no terminal [s]. Source: judgement."""
 
 NOISY = 0.3
 """Ratio of the reference sensor's noise to the error above which the error without this noise is
@@ -215,49 +210,6 @@ def ended_after(minutes: float | None) -> Iterator[None]:
         yield
     finally:
         timer.cancel()
-
-
-@contextmanager
-def fit_progress() -> Iterator[Callable[[Doing], None]]:
-    """Show one bar for the whole fit on a terminal; elsewhere print a line now and then."""
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    printed = began = time.monotonic()
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("time left"),
-        TimeRemainingColumn(),
-    )
-    with Progress(
-        *columns,
-        console=err(),
-        transient=True,
-        disable=not err().is_terminal,
-        redirect_stdout=sys.stdout.isatty(),
-    ) as bar:
-        task = bar.add_task("fitting", total=1.0)
-
-        def show(doing: Doing) -> None:
-            nonlocal printed
-            bar.update(task, completed=doing.share, description=doing.stage)
-            if not err().is_terminal and time.monotonic() - printed > EVERY:
-                printed = time.monotonic()
-                left = time_left(printed - began, doing.share)
-                err().print(f"{doing.stage}, about {100 * doing.share:.0f} % done, {left} left")
-
-        yield show
-
-
-def time_left(passed: float, share: float) -> str:
-    """Return in words how long a task will still take at its present pace.
-
-    Args:
-        passed: time that has passed [s].
-        share: share of the task that is done.
-    """
-    seconds = passed * (1.0 - share) / max(share, 0.01)
-    return f"{seconds:.0f} s" if seconds < 100.0 else f"{seconds / 60.0:.0f} min"
 
 
 def _say(result: Fit) -> None:

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Option
 
-from distal.cli.console import say, table
+from distal.cli.console import fit_progress, say, table
 from distal.cli.fit_command import (
     MinutesOption,
     ended_after,
-    fit_progress,
     say_scores,
     written_at_once,
 )

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 from typer import Option
 
-from distal.cli.console import err, say, table
+from distal.cli.console import progress_bar, say, table
 from distal.cli.paths import check_command_outputs, to_folder
-
-if TYPE_CHECKING:
-    from rich.progress import Progress
 
 
 def reproduce_command(
@@ -33,39 +31,29 @@ def reproduce_command(
     """Simulate and filter the 2008 paper's two test series; write its figures, results and a
     page.
     """
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
     from distal.paper.map import SEARCH_FILES
     from distal.paper.paper_page import REPRODUCTION_FILES
 
     check_command_outputs(to_folder("--out", out, SEARCH_FILES if search else REPRODUCTION_FILES))
     if lab is not None and search:
         raise typer.BadParameter("--lab is for the reproduction; leave it out with --search")
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-    )
-    with Progress(*columns, console=err()) as progress:
-        if search:
-            _search(out, progress)
-        else:
-            _reproduce(out, progress, lab)
+    if search:
+        _search(out)
+    else:
+        _reproduce(out, lab)
 
 
-def _reproduce(out: Path, progress: Progress, lab: Path | None) -> None:
+def _reproduce(out: Path, lab: Path | None) -> None:
     """Run the reproduction and print its results."""
     from distal.paper.claims import GROUPS
     from distal.paper.paper_page import DRAWN, reproduce, rms_of
     from distal.paper.positioned import FEEDBACKS
     from distal.paper.series import PLANTS, SEEDS, SERIES_2, series_count
 
-    task = progress.add_task(
-        "simulating and filtering", total=series_count() + len(FEEDBACKS) + len(DRAWN)
-    )
-    claims, runs = reproduce(out, lambda: progress.advance(task), lab)
-    progress.stop()
+    done = count(1)
+    total = series_count() + len(FEEDBACKS) + len(DRAWN)
+    with progress_bar("simulating and filtering", total) as show:
+        claims, runs = reproduce(out, lambda: show(next(done)), lab)
     observed = PLANTS[1].name
     weights = {
         run.series: run.log.source.removeprefix("Series 2: ").replace(" against ", " / ")
@@ -101,15 +89,14 @@ def _reproduce(out: Path, progress: Progress, lab: Path | None) -> None:
     )
 
 
-def _search(out: Path, progress: Progress) -> None:
+def _search(out: Path) -> None:
     """Search for the rig that the authors may have had, and print which statements hold on it."""
     from distal.paper.map import SEARCH_FILES, search_in_words, write_search
     from distal.paper.rig_search import DRAWN, search_rigs
 
-    task = progress.add_task("simulating plants", total=sum(DRAWN))
-    searched = search_rigs(lambda done: progress.update(task, completed=done))
+    with progress_bar("simulating plants", sum(DRAWN)) as show:
+        searched = search_rigs(show)
     write_search(searched, out)
-    progress.stop()
     for line in search_in_words(searched):
         say(line)
     say(f"wrote {', '.join(f'{out}/{name}' for name in SEARCH_FILES)}")
