@@ -490,21 +490,6 @@ def test_doctor(run) -> None:
     assert "casadi" in said
 
 
-def test_doctor_says_what_kernels_depend_on(run) -> None:
-    """A number leaves the list as it is; a term that comes, or more sub-steps, changes it."""
-
-    def listed(*changes: str) -> str:
-        words = [word for change in changes for word in ("--set", change)]
-        said = str(run("doctor", "capstan-joint", *words).out)
-        return said[said.index("kernels of capstan-joint") :]
-
-    rig = listed()
-    assert "1 joint, 1 drive, 2 tendons, 3 sensors" in rig
-    assert listed("joints.0.unmodelled=0.1", "sensors.0.noise=0.01") == rig
-    assert listed("sensors.0.lag=20 ms") != rig
-    assert listed("tendons.*.pretension=0 N") != rig
-
-
 def test_doctor_says_why_there_are_no_compiled_kernels(tmp_path: Path) -> None:
     environment = {**os.environ, "PATH": str(tmp_path), "DISTAL_CACHE": str(tmp_path)}
     environment.pop("CC", None)

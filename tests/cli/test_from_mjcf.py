@@ -31,21 +31,6 @@ def test_a_rig_file_that_the_other_commands_take(run, model: Path, tmp_path: Pat
     assert run("rig", "draw", out, "--out", tmp_path / "finger.png").code == 0
 
 
-def test_a_vendors_table_with_units_in_its_header(run, model: Path, tmp_path: Path) -> None:
-    table = tmp_path / "lengths.csv"
-    table.write_text(
-        "mcp [deg],pip [deg],flexor [mm]\n0,0,100\n30,0,95.81\n0,30,95.29\n30,30,91.10\n"
-    )
-    ran = run("rig", "from-mjcf", model, "--out", tmp_path / "rig.toml", "--compare", table)
-    assert ran.code == 0
-    lines = [line.split() for line in ran.out.splitlines() if line.strip().startswith("flexor")]
-    assert [line[:4] for line in lines] == [
-        ["flexor", "mcp", "8.00", "8.00"],
-        ["flexor", "pip", "6.00", "9.00"],
-    ]
-    assert ["differs" in line for line in lines] == [False, True]
-
-
 @pytest.mark.parametrize(
     ("words", "said"),
     [

@@ -35,7 +35,7 @@ def test_numbers_are_no_structure(name: str) -> None:
 
 
 def test_a_term_that_comes_is_another_structure() -> None:
-    """Each of these is printed by `distal doctor`."""
+    """A part, a term or a sub-step more is another kernel."""
     rig = load_rig("capstan-joint")
     changes: list[dict[str, object]] = [
         {"joints.0.damping": {"value": 0.0}},

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
 import sys
 import warnings
+from _thread import interrupt_main
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from threading import Event, Thread
+from threading import Event, Thread, Timer, current_thread, main_thread
 from time import monotonic
 from typing import TYPE_CHECKING
 
@@ -236,3 +238,20 @@ def fit_progress() -> Iterator[Callable[[Doing], None]]:
             shown.now(text, doing.share, 1.0)
 
         yield show
+
+
+@contextmanager
+def stoppable(minutes: float | None = None) -> Iterator[None]:
+    """Interrupt what is done after some minutes, as Ctrl-C does, and where the job is ended
+    (SIGTERM), so that what is found by then is kept.
+    """
+    if current_thread() is main_thread():
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+    timer = Timer(60.0 * (minutes or 0.0), interrupt_main)
+    timer.daemon = True
+    if minutes is not None:
+        timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()

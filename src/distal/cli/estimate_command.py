@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
+import os
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import typer
 from typer import Argument, Option
 
-from distal.cli.console import continue_on_failure, failure, say, table, working
-from distal.cli.paths import check_command_outputs, check_ending, to_file
+from distal.cli.comparison import Comparison, compared, say_errors
+from distal.cli.console import continue_on_failure, failure, progress_bar, say, table, warn, working
+from distal.cli.paths import check_command_outputs, check_ending, check_folder, to_file, to_folder
 from distal.cli.shared_options import (
     PlotOption,
     RepeatedOption,
@@ -25,13 +29,16 @@ from distal.cli.shared_options import (
     joint_angle,
     settings,
 )
-from distal.errors import DistalError, DivergedError, EstimationError
+from distal.errors import DistalError, DistalWarning, EstimationError, OutputError
 
 if TYPE_CHECKING:
-    from distal.logs import Log
+    from distal.logs import Episode, Log, Output
     from distal.results import Estimate
     from distal.rig import Rig
 
+
+FEW = 4
+"""Number of warnings printed for many logs; the others are counted. Source: layout."""
 
 MOST_FULL = 6
 """Number of joints up to which the filters on the full state are compared unasked; with more, a
@@ -110,13 +117,6 @@ def estimate_command(
         float, Option(help="Share of the errors that bands hold, as they are printed and drawn.")
     ] = 0.95,
     repeated: RepeatedOption = None,
-    scheduler: Annotated[
-        str | None,
-        Option(
-            help="Address of a Dask scheduler, tcp://host:8786: its workers estimate, from the "
-            "same files."
-        ),
-    ] = None,
     set_: SetOption = None,
 ) -> None:
     """Estimate the joint angle over a log, or many; where the truth of one is known, compare all
@@ -124,10 +124,16 @@ def estimate_command(
     """
     from distal.confidence import half_width
     from distal.estimators import DEFAULT, AdaptiveFilter
-    from distal.logs import episodes_of, file_of, is_dataset, read_log, true_angles, write_together
+    from distal.logs import (
+        file_of,
+        read_log,
+        sources_of,
+        true_angles,
+        write_columns,
+        write_together,
+    )
     from distal.results import PANELS, check_panels, plot_kind
     from distal.rig import load_rig
-    from distal.run import smooth as smoothed
 
     if out is None and (unit != "rad" or every):
         raise EstimationError(
@@ -143,40 +149,30 @@ def estimate_command(
         raise EstimationError(
             f"--smooth is of adaptive; leave out -e {', '.join(estimator or ())}, or --smooth"
         )
-    if len(logs) > 1 or is_dataset(logs[0]) or scheduler is not None:
-        sources = [
-            source
-            for path in logs
-            for source in (episodes_of(path) if is_dataset(path) else [path])
-        ]
-        _check_for_many(
-            len(sources),
-            {
-                "--homing-angle": bool(homing_angle),
-                "--plot": plot is not None,
-                "--panel": bool(panel),
-                "--smooth": smooth,
-                "--findings": findings,
-                "a second --estimator": len(estimator or ()) > 1,
-            },
-        )
-        from distal.cli.many_logs_command import estimate_many, estimates_of
-
-        check_command_outputs(estimates_of(sources, out), logs=logs, rig=rig, truth=truth)
+    sources = sources_of(logs)
+    if sources != logs[:1]:
+        for_one = {
+            "--homing-angle": homing_angle,
+            "--plot": plot,
+            "--panel": panel,
+            "--smooth": smooth,
+            "--findings": findings,
+            "a second --estimator": (estimator or ())[1:],
+        }
+        wrong = [option for option, given in for_one.items() if given]
+        if wrong:
+            raise EstimationError(
+                f"{', '.join(wrong)} is for one log, {len(sources)} came; give one log"
+            )
+        outputs = estimates_of(sources, out)
+        check_command_outputs(outputs, logs=logs, rig=rig, truth=truth)
         description = load_rig(rig, settings(set_, repeated))
         name = (estimator or [DEFAULT])[0]
-        estimate_many(
-            sources,
-            description,
-            name,
-            truth,
-            home,
-            out,
-            unit=unit,
-            every=every,
-            level=level,
-            scheduler=scheduler,
-        )
+
+        def write(result: Estimate, path: Path) -> None:
+            write_columns(result.columns(unit, every=every), path)
+
+        _estimate_many(sources, description, name, truth, home, out, level, write)
         return
     panels = check_panels(PANELS if "all" in (panel or ()) else tuple(dict.fromkeys(panel or ())))
     if plot is not None:
@@ -200,11 +196,7 @@ def estimate_command(
         # the diagnosis's kernel is compiled while the estimate runs; errors come from the estimate
         with suppress(DistalError):
             AdaptiveFilter(description, "lanes").kernel.begin_lanes()
-    comparison = _Comparison(level, comparing=estimator is None)
-    _estimates(log, description, names, home, comparison)
-    if smooth:
-        with working("smoothing"):
-            comparison.add(smoothed(log, description), 0)
+    comparison = compared(log, description, names, home, level, estimator is None, smooth)
     results = comparison.results
     files: dict[Path, bytes | str] = {}
     if out is not None:
@@ -223,7 +215,7 @@ def estimate_command(
             else ""
         )
         say(f"truth: {origin}{used}")
-        _compare(comparison)
+        say_errors(comparison, level)
     else:
         for reason in comparison.failed.values():
             failure(reason)
@@ -238,22 +230,22 @@ def estimate_command(
     )
 
 
-def _check_for_many(count: int, asked: Mapping[str, bool]) -> None:
-    """Raise where an option that is for one log is given with several."""
-    wrong = [option for option, is_asked in asked.items() if is_asked]
-    if wrong:
-        raise EstimationError(f"{', '.join(wrong)} is for one log, {count} came; give one log")
+def _check_names(names: Sequence[str], rig: Rig) -> None:
+    """Raise an `EstimationError` where a name is that of no estimator."""
+    from distal.estimators import ESTIMATORS, make_estimator
+
+    for name in names:
+        if name not in ESTIMATORS:
+            make_estimator(name, rig)  # raises an error that lists the names
 
 
 def _names(asked: list[str] | None, rig: Rig, is_known: bool) -> list[str]:
     """Return the names of the estimators to run: those asked for, else the default, and all others
     where the truth is known.
     """
-    from distal.estimators import DEFAULT, ESTIMATORS, make_estimator
+    from distal.estimators import DEFAULT, ESTIMATORS
 
-    for name in asked or ():
-        if name not in ESTIMATORS:
-            make_estimator(name, rig)  # raises an error that lists the names
+    _check_names(asked or (), rig)
     names = list(dict.fromkeys(asked or ([DEFAULT, *ESTIMATORS] if is_known else [DEFAULT])))
     left = [name for name in names if name.startswith("ekf")]
     if asked or len(rig.joints) <= MOST_FULL or not left:
@@ -284,79 +276,6 @@ def _at_home(log: Log, rig: Rig, positions: list[str], home: float | None) -> tu
     return log, rig
 
 
-@dataclass
-class _Comparison:
-    """What estimators found.
-
-    In a comparison that was not asked for, only the first estimate stays in memory.
-
-    Args:
-        level: of the bands.
-        comparing: whether estimators are compared that nobody asked for.
-    """
-
-    level: float
-    comparing: bool
-    results: list[Estimate] = field(default_factory=list)
-    rows: list[tuple[str, ...]] = field(default_factory=list)
-    notes: dict[str, None] = field(default_factory=dict)
-    failed: dict[str, str] = field(default_factory=dict)
-
-    def add(self, result: Estimate, at: int) -> None:
-        """Take in an estimate, whose row stands `at` a position in the table."""
-        result = replace(result, level=self.level)
-        self.notes |= dict.fromkeys(result.notes)
-        if result.truths is not None:
-            self.rows.insert(at, _row(result))
-        if at == 0 or not self.comparing:
-            self.results.insert(at, result)
-
-
-def _estimates(
-    log: Log, rig: Rig, names: list[str], home: float | None, comparison: _Comparison
-) -> None:
-    """Put what the estimators find, and the reasons why some fail, into `comparison`.
-
-    Where the first estimator fails, the others are still shown before its error is raised.
-    """
-    from distal.estimators.regression_estimator import NEEDS
-    from distal.run import estimate
-
-    # in a comparison by default, an estimator that cannot run is a row with what it needs
-    has_map = rig.map is not None and rig.map.readings
-    if comparison.comparing and not has_map and home is None and "regression" in names:
-        comparison.failed["regression"] = f"regression {NEEDS}"
-    lost: DistalError | None = None
-    with working("estimating") as show:
-        for name in (name for name in names if name not in comparison.failed):
-            show(f"estimating with {name}")
-            try:
-                result = estimate(log, rig, name, homing=home, covariances=False)
-                comparison.add(result, len(comparison.rows or comparison.results))
-            except DistalError as problem:
-                comparison.failed[name] = (
-                    f"{name}: {str(problem).removeprefix(f'{name}: ')}"  # some errors have it
-                )
-                lost = lost or (problem if name == names[0] else None)
-    if lost is not None:
-        if comparison.rows:
-            _compare(comparison)
-        raise _explained(lost, log, rig, home) if isinstance(lost, DivergedError) else lost
-
-
-def _explained(problem: DivergedError, log: Log, rig: Rig, home: float | None) -> DivergedError:
-    """Return the error of an estimate that left all bounds, with what would explain it in front, if
-    anything would.
-    """
-    from distal.diagnosis import why_diverged
-
-    causes = ""
-    doing = "looking for what made the estimate leave all bounds"
-    with continue_on_failure(doing), working(doing):
-        causes = "; ".join(finding.text for finding in why_diverged(log, rig, home))
-    return DivergedError(f"{causes}: {problem}") if causes else problem
-
-
 def _picture(
     log: Log, rig: Rig, drawn: list[Estimate], panels: tuple[str, ...], path: Path
 ) -> bytes:
@@ -369,7 +288,7 @@ def _picture(
 
 
 def _say(
-    comparison: _Comparison,
+    comparison: Comparison,
     log: Log,
     rig: Rig,
     home: float | None,
@@ -439,28 +358,122 @@ def _describe(log: Log, rig: Rig) -> None:
         )
 
 
-def _row(result: Estimate) -> tuple[str, ...]:
-    """Return the cells of an estimate in the table of errors."""
+@contextmanager
+def _few_warnings() -> Iterator[None]:
+    """Print the first warnings and the number of the others, since many logs may have the same."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", DistalWarning)
+        yield
+    messages = list(dict.fromkeys(str(warning.message) for warning in caught))
+    for message in messages[:FEW]:
+        warn(message)
+    if len(messages) > FEW:
+        warn(
+            f"and {len(messages) - FEW} more of the other logs (estimate one log alone to see its "
+            "warnings)"
+        )
+
+
+def _estimate_many(
+    logs: Sequence[Path | Episode],
+    rig: Rig,
+    estimator: str,
+    truth: str | None,
+    homing: float | None,
+    out: Path | None,
+    level: float,
+    write: Callable[[Estimate, Path], None],
+) -> None:
+    """Estimate over many logs, write each estimate to a folder, and print a line for each.
+
+    A log that cannot be estimated is reported and skipped, and the command then ends with exit code
+    2.
+
+    Args:
+        estimator: name of the estimator.
+        truth: the true angle: a column of the logs, or a file; or None.
+        homing: time for which the truth is used [s], or None.
+        out: the folder; with None nothing is written.
+        level: share of the errors that bands are to hold.
+        write: function that writes an estimate to a path.
+
+    Raises:
+        EstimationError: the estimator is unknown.
+    """
     import numpy as np
 
-    return (
-        result.estimator,
-        f"{degrees(result.rms_error()):.3f}",
-        f"{degrees(result.max_error()):.3f}",
-        f"{100 * result.inside_band():.0f} %",
-        f"±{degrees(result.stds_of_band * np.median(result.angle_stds)):.3f}",
-    )
+    from distal.diagnosis import diagnose_estimate
+    from distal.results import make_folder
+    from distal.run import estimate_batch
+
+    _check_names([estimator], rig)
+    if out is not None:
+        make_folder(out)
+    failed: dict[str, str] = {}
+
+    def skip(source: str, problem: DistalError) -> None:
+        failed[source] = str(problem)
+
+    rows = list[tuple[str, ...]]()
+    waiting = iter(logs)
+    with _few_warnings(), progress_bar("estimating", len(logs)) as advance:
+        for result in estimate_batch(
+            logs, rig, estimator, truth, homing, progress=advance, skip=skip
+        ):
+            # results come in the order of the logs
+            path = next(each for each in waiting if str(each) not in failed)
+            if out is not None:
+                try:
+                    write(result, out / f"{path.stem}.csv")
+                except OutputError as problem:
+                    skip(str(path), problem)
+                    continue
+            result = replace(result, level=level)
+            half = degrees(result.stds_of_band * float(np.median(result.angle_stds)))
+            known = ("–", "–")
+            if result.truths is not None:
+                known = (
+                    f"{degrees(result.rms_error()):.3f}",
+                    f"{100 * result.inside_band():.0f} %",
+                )
+            headline = diagnose_estimate(result).headline
+            rows.append((path.name, f"{len(result)}", f"±{half:.2f}", *known, headline))
+    if rows:
+        columns = ["log", "samples", "median band [°]", "RMS [°]", "inside the band", "innovations"]
+        table(f"{estimator} over {len(rows)} logs", columns, rows)
+        if out is not None:
+            say(f"wrote {len(rows)} estimates to {out}")
+    for text in failed.values():
+        failure(text)
+    if failed:
+        raise typer.Exit(2)
 
 
-def _compare(comparison: _Comparison) -> None:
-    """Print the errors of each estimator as a table, and the reasons of those that failed."""
-    from distal.confidence import in_percent
+def estimates_of(logs: Sequence[Path | Episode], out: Path | None) -> list[Output]:
+    """Return the file of each log's estimate.
 
-    level = in_percent(comparison.level)
-    table(
-        "error against truth",
-        ["estimator", "RMS [°]", "maximum [°]", f"inside {level} band", "median band [°]"],
-        [*comparison.rows, *((name, "–", "–", "–", "–") for name in comparison.failed)],
-    )
-    for reason in comparison.failed.values():
-        say(reason)
+    Raises:
+        OutputError: a log came twice, two logs have the same name, or `out` is a file.
+    """
+    if len(
+        {
+            (os.path.realpath(path if isinstance(path, Path) else path.path), str(path.stem))
+            for path in logs
+        }
+    ) < len(logs):
+        raise OutputError("a log came more than once; give each once")
+    if out is None:
+        return []
+    check_folder(out, "of several logs")
+    names = [f"{path.stem}.csv" for path in logs]
+    for path, name in zip(logs, names):
+        if names.count(name) > 1:
+            raise OutputError(
+                f"{path}: another log has the name '{path.stem}' too; rename one, or estimate "
+                "them apart"
+            )
+    return [
+        file
+        for path, name in zip(logs, names)
+        for file in to_folder(f"--out for {path}", out, [name])
+    ]

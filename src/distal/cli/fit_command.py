@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import _thread
 import os
-import signal
-import threading
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from math import degrees, isnan, sqrt
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from distal.cli.console import fit_progress, say, table
+from distal.cli.console import fit_progress, say, stoppable, table
 from distal.cli.paths import check_command_outputs, check_ending, to_file, to_folder, write_each
 from distal.cli.shared_options import (
     LagOption,
@@ -149,7 +145,7 @@ def fit_command(
     description = load_rig(rig, changes)
     read = [read_log(path, description, truth) for path in logs]
     text = edited_text(rig, changes)
-    with ended_after(minutes), fit_progress() as show:
+    with stoppable(minutes), fit_progress() as show:
         result = fitted_to(
             read,
             description,
@@ -194,22 +190,6 @@ def written_at_once(out: Path | None, text: str) -> Callable[[MapFit], None]:
             say(f"wrote {out} with it (--estimator regression); the fit replaces it")
 
     return write
-
-
-@contextmanager
-def ended_after(minutes: float | None) -> Iterator[None]:
-    """Interrupt what is done after some minutes, as Ctrl-C does, and where the job is ended
-    (SIGTERM): the best so far is kept.
-    """
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    timer = threading.Timer(60.0 * (minutes or 0.0), _thread.interrupt_main)
-    timer.daemon = True
-    if minutes is not None:
-        timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
 
 
 def _say(result: Fit) -> None:

@@ -10,12 +10,11 @@ from typer import Argument, Option
 
 from distal.cli.console import say
 from distal.cli.paths import check_command_outputs, check_ending, check_new, to_file
-from distal.cli.rig_import_commands import app as app
+from distal.cli.rig_commands import app as app
 from distal.errors import RigError
 
 if TYPE_CHECKING:
     from distal.from_logs import RigFromLogs
-    from distal.logs import Episode
 
 LogsArgument = Annotated[
     list[Path],
@@ -45,6 +44,7 @@ def found_in(
 ) -> RigFromLogs:
     """Return what logs say of a rig, by the options of a command."""
     from distal.from_logs import rig_from_logs
+    from distal.logs import sources_of
 
     return rig_from_logs(
         sources_of(logs),
@@ -64,6 +64,7 @@ def completed(
 ) -> str:
     """Return the text of a rig file with the columns of these logs, by the options of a command."""
     from distal.from_logs import draft_columns
+    from distal.logs import sources_of
     from distal.rig import edited_text, load_rig
 
     columns = draft_columns(
@@ -87,15 +88,6 @@ def _units_of(drive: list[str] | None) -> dict[str, str]:
             raise RigError(f"--drive is a column and its unit, such as m1=ticks; '{text}' came")
         drives[column] = unit
     return drives
-
-
-def sources_of(logs: list[Path]) -> list[Path | Episode]:
-    """Return logs, each dataset as its episodes."""
-    from distal.logs import episodes_of, is_dataset
-
-    return [
-        source for path in logs for source in (episodes_of(path) if is_dataset(path) else [path])
-    ]
 
 
 def _listed(text: str | None) -> list[str]:

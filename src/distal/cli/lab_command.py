@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import webbrowser
 from pathlib import Path
 from typing import Annotated
 
@@ -19,9 +18,6 @@ def lab_command(
     *,
     out: Annotated[Path, Option(help="The page (HTML), one file.")],
     estimator: EstimatorOption = "adaptive",
-    open_: Annotated[
-        bool, Option("--open/--no-open", help="Open the page in the browser.")
-    ] = False,
     set_: SetOption = None,
 ) -> None:
     """Write a page in which the rig moves and is estimated: change what is true, and see when an
@@ -37,5 +33,3 @@ def lab_command(
     with working("writing plant and filter as C and compiling them to WebAssembly"):
         lab_page(described, out, estimator, " ".join([shlex.quote(rig), *settings]))
     say(f"wrote {out}: one file of {out.stat().st_size / 1000:.0f} kB; open it in a browser")
-    if open_ and not webbrowser.open(out.resolve().as_uri()):
-        say("no browser could be opened; open the file yourself")

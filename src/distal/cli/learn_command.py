@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Option
 
-from distal.cli.console import fit_progress, say, table
+from distal.cli.console import fit_progress, say, stoppable, table
 from distal.cli.fit_command import (
     MinutesOption,
-    ended_after,
     say_scores,
     written_at_once,
 )
@@ -25,7 +24,6 @@ from distal.cli.from_logs_command import (
     completed,
     found_in,
     say_found,
-    sources_of,
 )
 from distal.cli.paths import (
     check_command_outputs,
@@ -74,7 +72,7 @@ def learn_command(
 ) -> None:
     """Learn from logs how well the joints can be known from the motors: rig, fit and an answer."""
     from distal.fitting import fit
-    from distal.logs import read_log
+    from distal.logs import read_log, sources_of
     from distal.reports import FIT_PAGES, fit_report
     from distal.rig import build_rig, parse_toml
 
@@ -94,7 +92,7 @@ def learn_command(
     raw.pop("map", None)  # it is learned anew
     description = build_rig(raw, out.stem)
     read = [read_log(source, description) for source in sources_of(logs)]
-    with ended_after(minutes), fit_progress() as show:
+    with stoppable(minutes), fit_progress() as show:
         result = fit(
             read,
             description,

@@ -151,3 +151,11 @@ def check_new(path: Path) -> None:
     """Raise an `OutputError` where a file exists already, since a user may have edited it."""
     if path.exists():
         raise OutputError(f"{path}: exists already; give another name or remove it")
+
+
+def check_folder(out: Path, when: str) -> None:
+    """Raise an `OutputError` where a folder is a file, or named like one."""
+    from distal.logs import TABLES
+
+    if os.path.isfile(out) or out.suffix.lower() in TABLES:
+        raise OutputError(f"{out}: is a file, or named like one; {when}, --out is a folder")

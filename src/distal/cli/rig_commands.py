@@ -1,8 +1,11 @@
-"""`distal rigs`, `distal rig check`, `distal rig draw`, `distal rig show`, `distal rig new`."""
+"""`distal rigs`; `distal rig check`, `draw`, `show`, `new`; `distal rig from-table`, `from-orca`,
+`from-aero`, `from-mjcf`: a rig file from a table or from a maker's or a simulator's files.
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,12 +14,12 @@ import typer
 from typer import Argument, Option
 
 from distal.cli.console import say, table, warn, working
-from distal.cli.paths import check_command_outputs, check_new, to_file
+from distal.cli.paths import check_command_outputs, check_ending, check_new, to_file
 from distal.cli.shared_options import RigArgument, SetOption
 from distal.rounded import rounded
 
 if TYPE_CHECKING:
-    pass
+    from distal.rig import Imported
 
 GEOMETRY = re.compile(
     r"\.(offset|link\.centre|link\.inertia)\.\d$|\.friction\.reference$|\.terms\.\d+\.coefficient$"
@@ -166,3 +169,95 @@ def new_command(
     check_new(out)
     write_whole(out, template_text())
     say(f"wrote {out}; edit it, then `distal rig check {out}`")
+
+
+OutOption = Annotated[Path, Option(help="Where to write the rig file (.toml).")]
+"""Option for the path of the new rig file."""
+
+
+def _write(imported: Imported, out: Path, source: str) -> None:
+    """Write an imported rig, and print which of its parameters are guesses."""
+    from distal.logs import write_whole
+
+    write_whole(out, imported.text)
+    say(f"{imported.rig}")
+    for note in imported.notes:
+        say(f"  {note}")
+    say(f"not in the {source}, so written with a guess and a wide std:")
+    say(f"  {', '.join(imported.missing)}")
+    say(f"wrote {out}; look for 'not in the {source}' in it, then `distal rig check {out}`")
+
+
+def _check(out: Path, *inputs: Path | None) -> None:
+    given: Sequence[Path] = [path for path in inputs if path is not None]
+    check_command_outputs(to_file("--out", out), logs=list(given))
+    check_ending(out, "a rig file")
+    check_new(out)
+
+
+@app.command("from-table")
+def from_table_command(
+    hand: Annotated[Path, Argument(help="A table of joints and motors (.csv).")],
+    out: OutOption = Path("rig.toml"),
+) -> None:
+    """Write the rig file of a hand from a table: joint, motor, spool_radius, joint_radius,
+    direction, low, high.
+    """
+    from distal.rig import from_table
+
+    _check(out, hand)
+    _write(from_table(hand), out, "table")
+
+
+@app.command("from-orca")
+def from_orca_command(
+    config: Annotated[Path, Argument(help="The hand's config.yaml.")],
+    calibration: Annotated[Path | None, Argument(help="Its calibration.yaml.")] = None,
+    out: OutOption = Path("rig.toml"),
+) -> None:
+    """Write the rig file of an ORCA hand from its own configuration and calibration."""
+    from distal.rig import from_orca
+
+    _check(out, config, calibration)
+    _write(from_orca(config, calibration), out, "config")
+
+
+@app.command("from-aero")
+def from_aero_command(
+    folder: Annotated[
+        Path | None, Argument(help="Where the SDK was cloned; default: the installed one.")
+    ] = None,
+    out: OutOption = Path("rig.toml"),
+) -> None:
+    """Write the rig file of an Aero Hand: its own SDK says how far each motor turns for each
+    joint.
+    """
+    from distal.rig import from_aero
+
+    _check(out)
+    _write(from_aero(folder), out, "SDK")
+
+
+LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+"""Unit of length of a model → its size [m]."""
+
+
+@app.command("from-mjcf")
+def from_mjcf_command(
+    model: Annotated[Path, Argument(help="A MuJoCo model (.xml).")],
+    out: OutOption = Path("rig.toml"),
+    chain: Annotated[
+        str | None, Option(help="Only joints of this body and what it carries.")
+    ] = None,
+    joints: Annotated[str | None, Option(help="Only these joints, separated by commas.")] = None,
+    length_unit: Annotated[str, Option(help="Unit of length of the model: m, cm or mm.")] = "m",
+) -> None:
+    """Write a rig file from a MuJoCo model, with what the model does not say marked in it."""
+    from distal.errors import RigError
+    from distal.rig import from_mujoco
+
+    check_command_outputs(to_file("--out", out), rig=str(model))
+    if length_unit not in LENGTH_UNITS:
+        raise RigError(f"--length-unit must be m, cm or mm, '{length_unit}' came")
+    chosen = [name.strip() for name in joints.split(",")] if joints else None
+    _write(from_mujoco(model, chain, chosen, LENGTH_UNITS[length_unit]), out, "model")

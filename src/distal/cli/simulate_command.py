@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Option
 
-from distal.cli.console import say, table, warn, working
-from distal.cli.paths import check_command_outputs, check_ending, to_file
+from distal.cli.console import progress_bar, say, table, warn, working
+from distal.cli.paths import check_command_outputs, check_ending, check_folder, to_file, to_folder
 from distal.cli.shared_options import ScenarioArgument, SeedOption, SetOption, rigs
 
 if TYPE_CHECKING:
-    from distal.logs import Log
+    from distal.logs import Log, Output
     from distal.rig import Rig
+    from distal.simulation import Scenario
 
 app = typer.Typer(help="Look at scenarios.", no_args_is_help=True)
 
@@ -65,10 +66,8 @@ def simulate_command(
     }
     settings = [f"--set {shlex.quote(f'{path}={_toml(value)}')}" for path, value in values.items()]
     if runs is not None:
-        from distal.cli.many_logs_command import logs_of, simulate_many
-
         check_command_outputs(logs_of(seed, runs, out), rig=description.rig, scenario=scenario)
-        simulate_many(rig, description, seed, runs, out, settings, truth=truth)
+        _simulate_many(rig, description, seed, runs, out, settings, truth=truth)
         return
     check_command_outputs(to_file("--out", out), rig=description.rig, scenario=scenario)
     check_ending(out, "a table")
@@ -125,3 +124,59 @@ def _ranges(log: Log, rig: Rig) -> str:
         f"{label} from {degrees(theta.min()):.2f}° to {degrees(theta.max()):.2f}°"
         for label, theta in zip(labels, truths)
     )
+
+
+def runs_of(seed: int, runs: int) -> dict[int, str]:
+    """Return seed → name of the log's file, for as many seeds as `runs` from `seed` on."""
+    digits = len(str(seed + runs - 1))
+    return {number: f"run_{number:0{digits}d}.csv" for number in range(seed, seed + runs)}
+
+
+def logs_of(seed: int, runs: int, out: Path) -> list[Output]:
+    """Return the files of as many simulated logs as `runs`, with seeds from `seed` on.
+
+    Raises:
+        OutputError: `out` is a file.
+    """
+    check_folder(out, "with --runs")
+    return to_folder("--out", out, runs_of(seed, runs).values())
+
+
+def _simulate_many(
+    rig: Rig,
+    scenario: Scenario,
+    seed: int,
+    runs: int,
+    out: Path,
+    settings: list[str],
+    *,
+    truth: bool = True,
+) -> None:
+    """Simulate a scenario with several seeds, and write each log to a folder.
+
+    Args:
+        seed: the first seed.
+        runs: number of seeds.
+        settings: ``--set`` options, for the command that is printed as a hint.
+        truth: whether the truth is written.
+    """
+    from distal.logs import write_log
+    from distal.results import make_folder
+    from distal.simulation import simulate_batch
+
+    make_folder(out)
+    names = runs_of(seed, runs)
+    with progress_bar("simulating", runs) as advance:
+        logs = simulate_batch(rig, ((scenario, number) for number in names), progress=advance)
+        for name, log in zip(names.values(), logs):
+            write_log(log if truth else replace(log, truth={}), rig, out / name)
+    say(f"{rig.name}: {runs} runs of {scenario.duration:g} s, seeds {seed} to {seed + runs - 1}")
+    say(f"wrote {runs} logs to {out}")
+    command = [
+        "distal estimate",
+        f"{shlex.quote(str(out))}/*.csv",
+        "--rig",
+        scenario.rig,
+        *settings,
+    ]
+    say(f"estimate from them: {' '.join(command)}")

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import signal
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from distal.cli.console import progress_bar, say, table
+from distal.cli.console import progress_bar, say, stoppable, table
 from distal.cli.shared_options import studies
 
 if TYPE_CHECKING:
@@ -58,7 +54,7 @@ def study_command(
             "--out is missing: give the folder for rows and answer; one that is there goes on"
         )
     folder = open_folder(plan, out)
-    with _stoppable():
+    with stoppable():
         try:
             with progress_bar("runs") as show:
                 run_study(plan, space, folder, workers, scheduler, show)
@@ -78,19 +74,6 @@ def _answer(plan: Plan, space: Space, folder: Folder) -> None:
     page = study_report(plan, space, columns, answer, folder.path)
     say(answer.sentence)
     say(f"wrote {page}, {folder.path / 'answer.json'} and {rows}")
-
-
-@contextmanager
-def _stoppable() -> Iterator[None]:
-    """Let SIGTERM stop the study as Ctrl-C does."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _suggest(plan: Plan) -> None:

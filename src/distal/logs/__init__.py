@@ -4,7 +4,7 @@ from distal.logs.atomic_writes import keep_elsewhere, write_together, write_whol
 from distal.logs.cells import Column
 from distal.logs.data_frames import pandas_frame, polars_frame
 from distal.logs.datasets import da_vinci_grasper
-from distal.logs.episodes import Episode, episodes_of, is_dataset
+from distal.logs.episodes import Episode, episodes_of, is_dataset, sources_of
 from distal.logs.formats import TABLES, check_format, file_of
 from distal.logs.header_units import header, name_and_unit
 from distal.logs.log import LARGEST_READING, Log, frozen, true_angles, true_torques
@@ -64,6 +64,7 @@ __all__ = [
     "read_truth",
     "recorded_columns",
     "shown",
+    "sources_of",
     "table_of",
     "true_angles",
     "true_torques",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -87,6 +88,13 @@ def episodes_of(folder: Path) -> list[Episode]:
     for unread in problems:
         warnings.warn(f"left out: {unread}", DistalWarning, stacklevel=2)
     return list(found.values())
+
+
+def sources_of(logs: Sequence[Path]) -> list[Path | Episode]:
+    """Return logs, each dataset as its episodes; see `episodes_of`."""
+    return [
+        source for path in logs for source in (episodes_of(path) if is_dataset(path) else [path])
+    ]
 
 
 def rows_of_episode(episode: Episode, columns: list[str] | None) -> Cells:
