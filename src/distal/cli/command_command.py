@@ -13,11 +13,6 @@ from distal.cli.paths import check_command_outputs, check_ending, to_file
 from distal.cli.shared_options import RigOption, SetOption, newtons
 from distal.rounded import rounded
 
-NOTHING = 0.01
-"""Distance between reached and desired angle below which the angle counts as reached [°]. Source:
-judgement.
-"""
-
 
 def command_command(
     desired: Annotated[
@@ -76,12 +71,9 @@ def command_command(
             float(np.sqrt(np.mean((commands.angles[:, j] - commands.desired[:, j]) ** 2)))
         )
         band = BAND * degrees(float(np.sqrt(np.mean(commands.stds[:, j] ** 2))))
-        reached = (
-            "what is wanted"
-            if away < NOTHING
-            else f"what is wanted but for {rounded(away, 3)}° RMS"
-        )
-        say(f"{joint}: reaches {reached}, 95 % band ± {rounded(band)}° in an open loop")
+        # what does not show in the printed band is nothing
+        off = f" but for {rounded(away, 3)}° RMS" if rounded(band + away) != rounded(band) else ""
+        say(f"{joint}: reaches what is wanted{off}, 95 % band ± {rounded(band)}° in an open loop")
     for note in commands.notes:
         warn(note)
     if plot is not None:

@@ -29,11 +29,6 @@ if TYPE_CHECKING:
     from distal.fitting import Fit, MapFit
 
 
-NOISY = 0.3
-"""Ratio of the reference sensor's noise to the error above which the error without this noise is
-shown, too. Source: judgement.
-"""
-
 MinutesOption = Annotated[
     float | None,
     Option("--minutes", min=0.01, help="End after so long, with the best so far [min]."),
@@ -114,7 +109,6 @@ def fit_command(
     reference_lag: LagOption = None,
     minutes: MinutesOption = None,
     seed: Annotated[int, Option(min=0, help="Seed of the starts.")] = 0,
-    jobs: Annotated[int, Option(min=1, help="How many logs are run at once.")] = 2,
     repeated: RepeatedOption = None,
     set_: SetOption = None,
 ) -> None:
@@ -155,7 +149,6 @@ def fit_command(
             noise=noise,
             curves=curves,
             seed=seed,
-            workers=jobs,
             units=units,
             start=start,
             progress=show,
@@ -227,15 +220,18 @@ def say_scores(result: Fit) -> None:
     if not scores:
         return
     noise = result.reference_std
-    shown = noise > NOISY * scores[0][1]
+    shown = is_mostly_noise(result, scores[0][1])
     rows = []
     for name, rms, inside in scores:
-        cells = [name, f"{degrees(rms):.3f}"]
-        if shown:
-            cells.append(f"{degrees(sqrt(max(rms**2 - noise**2, 0.0))):.3f}")
-        rows.append([*cells, "–" if isnan(inside) else f"{100 * inside:.0f} %"])
-    columns = ["what gives the angle", "RMS error [°]", "inside the 95 % band"]
-    if shown:
-        columns.insert(2, "less the encoder's noise [°]")
+        less = [f"{degrees(sqrt(max(rms**2 - noise**2, 0.0))):.3f}"] if shown else []
+        share = "–" if isnan(inside) else f"{100 * inside:.0f} %"
+        rows.append([name, f"{degrees(rms):.3f}", *less, share])
+    less = ["less the encoder's noise [°]"] if shown else []
+    columns = ["what gives the angle", "RMS error [°]", *less, "inside the 95 % band"]
     after = "its homing move" if result.homing is not None else f"its first {SETTLING:g} s"
     table(f"on each log after {after}, by what the others tell", columns, rows)
+
+
+def is_mostly_noise(result: Fit, error: float) -> bool:
+    """Return whether the reference's noise makes more than half of the square of an error [rad]."""
+    return 2.0 * result.reference_std**2 > error**2

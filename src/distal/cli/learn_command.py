@@ -13,6 +13,7 @@ from typer import Option
 from distal.cli.console import fit_progress, say, stoppable, table
 from distal.cli.fit_command import (
     MinutesOption,
+    is_mostly_noise,
     say_scores,
     written_at_once,
 )
@@ -42,11 +43,6 @@ if TYPE_CHECKING:
 
 MOST_ADVICE = 4
 """Number of sentences of advice that are printed at most. Source: layout."""
-
-NOISY = 0.5
-"""Ratio of the noise of a reference to the error beside it, from which on it is said to limit what
-can be known [1]. Source: judgement.
-"""
 
 
 def learn_command(
@@ -168,7 +164,7 @@ def _answer(result: Fit, logs: Sequence[Log]) -> None:
 def _limits(result: Fit, error: float) -> list[str]:
     """Return sentences on what limits the angle."""
     lines = []
-    if result.reference_std > NOISY * error:
+    if is_mostly_noise(result, error):
         lines.append(
             f"the reference's own noise ({degrees(result.reference_std):.2g}°) is much of this "
             "error: a better camera or encoder would show how good the estimate is"

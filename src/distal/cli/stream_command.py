@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import select
 import signal
@@ -31,9 +32,9 @@ if TYPE_CHECKING:
     from distal.logs import MessageReader, Recorder
     from distal.run import Monitor, Reading
 
-LONGEST_LINE = 1 << 20
+LONGEST_LINE = csv.field_size_limit()
 """Longest line that is read [bytes], so that a stream without line ends cannot fill the memory.
-Source: judgement.
+Source: definition (longest field of Python's csv module).
 """
 
 
