@@ -115,7 +115,7 @@ class Stream:
         ]
         self._time = rig.log.time.column
         self._csv, self._at, self._robust = csv, 0.0, estimator == "adaptive"
-        self._session = Session(Monitor(self.live), self._reader, None, None, 0, not csv, "rad")
+        self._session = Session(Monitor(self.live), self._reader, as_json=not csv)
         if csv:
             self._answers(",".join([self._time, *self._columns]).encode() + b"\n")
         else:

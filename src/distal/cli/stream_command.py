@@ -11,11 +11,11 @@ import sys
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
-from itertools import chain
+from itertools import chain, starmap
 from math import degrees, isfinite, nan
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer import Option
@@ -26,7 +26,7 @@ from distal.cli.shared_options import EstimatorOption, RigOption, SetOption, Uni
 from distal.errors import LogError, OutputError, printable
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from distal.arrays import Floats
     from distal.logs import MessageReader, Recorder
@@ -87,26 +87,26 @@ def stream_command(
         live = LiveEstimator(described, estimator)
     monitor = Monitor(live)
     reader = MessageReader(described, live.channels)
+    recorder = (
+        None if record is None else Recorder(record, described.joint_names, live.torque_names)
+    )
     with ExitStack() as stack:
-        source = stack.enter_context(_bound(udp)) if udp is not None else None
-        target = (
-            stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-            if to_udp is not None
-            else None
-        )
-        joints = described.joint_names
-        recorder = Recorder(record, joints, live.torque_names) if record is not None else None
-        session = Session(
-            monitor, reader, recorder, target, to_udp or 0, as_json or udp is not None, unit
-        )
-        session.csv = False if udp is not None else None
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        source = None if udp is None else stack.enter_context(_bound(udp))
+        send = None
+        if to_udp is not None:
+            target = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            target.connect(("127.0.0.1", to_udp))
+            send = target.send
+        session = Session(monitor, reader, recorder, unit, as_json or udp is not None, send)
+        session.csv = None if source is None else False
+        stops = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        for number in stops:
             signal.signal(number, session.stop)
         try:
-            for line in _datagrams(source, idle) if source is not None else _lines():
+            for line in _lines() if source is None else _datagrams(source, idle):
                 session.take(line)
         finally:
-            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            for number in stops:
                 signal.signal(number, signal.SIG_IGN)  # no signal interrupts closing the recording
             session.end(record)
     if session.csv is None and session.no_header is not None:
@@ -122,29 +122,24 @@ class Session:
         self,
         monitor: Monitor,
         reader: MessageReader,
-        recorder: Recorder | None,
-        target: socket.socket | None,
-        port: int,
-        as_json: bool,
-        unit: str,
+        recorder: Recorder | None = None,
+        unit: str = "rad",
+        as_json: bool = False,
+        send: Callable[[bytes], object] | None = None,
     ) -> None:
+        from distal.rig import angle_names, std_name
+
         self._monitor = monitor
         self._reader = reader
         self._recorder = recorder
-        self._target = target
-        self._port = port
         self._json = as_json
-        from distal.rig import angle_names, std_name
-
-        self._joints = monitor.rig.joint_names
-        names = angle_names(self._joints)
-        self._torques = monitor.torque_names
-        units = {**dict.fromkeys(names, unit), **dict.fromkeys(self._torques, "N m")}
-        self._units = {
+        self._send = send
+        units = dict.fromkeys(angle_names(monitor.rig.joint_names), unit)
+        units |= dict.fromkeys(monitor.torque_names, "N m")
+        self._units = {"t": "s"} | {
             column: unit for name, unit in units.items() for column in (name, std_name(name))
         }
         self._units |= dict.fromkeys(monitor.contact_names, "1")
-        self._names = list(self._units)
         self.csv: bool | None = None  # not known before the first line
         self.no_header: LogError | None = None
         self.lost = False
@@ -174,7 +169,6 @@ class Session:
             raise KeyboardInterrupt
 
     def _take(self, line: bytes) -> None:
-        from distal.logs import header
         from distal.run import Reading
 
         # a tab at the end of a line may be an empty last cell
@@ -185,67 +179,60 @@ class Session:
             # a logger that is joined midway may begin with half an object
             self.csv = not text.startswith(("{", "[")) and not text.endswith("}")
             if self.csv:
-                try:
-                    self._reader.header(text)
-                except LogError as problem:
-                    # a logger may say something else before its header
-                    if self.no_header is None:
-                        warn(f"{problem}; waiting for a header")
-                        self.no_header = problem
-                    self.csv = None
-                    return
-                if self._reader.absent:
-                    warn(f"the stream has no column {', '.join(self._reader.absent)}")
-                if not self._json:
-                    headers = [
-                        header(name, unit) for name, unit in {"t": "s", **self._units}.items()
-                    ]
-                    self._write(",".join([*headers, "health", "detail"]))
+                self._begin(text)
                 return
+        sample = None
         try:
             if len(line) >= LONGEST_LINE:
                 raise LogError("the line is too long")
             time, sample = self._reader.csv(text) if self.csv else self._reader.json(text)
+            reading = self._monitor.take(time, sample)
         except LogError as problem:
-            nothing = (nan,) * len(self._joints)
-            untouched = (nan,) * len(self._torques)
-            self._answer(
-                Reading(nan, nothing, nothing, "bad", str(problem), untouched, untouched), None
-            )
+            reading = Reading(nan, (), (), "bad", str(problem))
+        self._answer(reading, sample)
+
+    def _begin(self, text: str) -> None:
+        """Read the header of a CSV stream, and write that of the answers."""
+        from distal.logs import header
+
+        try:
+            self._reader.header(text)
+        except LogError as problem:
+            # a logger may say something else before its header
+            if self.no_header is None:
+                warn(f"{problem}; waiting for a header")
+                self.no_header = problem
+            self.csv = None
             return
-        self._answer(self._monitor.take(time, sample), sample)
+        if self._reader.absent:
+            warn(f"the stream has no column {', '.join(self._reader.absent)}")
+        if not self._json:
+            self._write_row([*starmap(header, self._units.items()), "health", "detail"])
 
     def _answer(self, reading: Reading, sample: Floats | None) -> None:
         self._counts[reading.health] += 1
         values = chain(
+            (reading.time,),
             *zip(reading.angles, reading.angle_stds),
             *zip(reading.torques, reading.torque_stds),
             (contact.probability for contact in reading.contacts),
         )
-        message = {
-            "t": _finite(reading.time),
-            **dict(zip(self._names, map(_finite, values))),
-            "health": reading.health,
-            "detail": printable(reading.detail),
+        known = {name: float(v) for name, v in zip(self._units, values) if isfinite(v)}
+        said = {"health": reading.health, "detail": printable(reading.detail)}
+        nothing = dict.fromkeys(self._units)
+        self._record(reading, sample, {**nothing, **known, **said})
+        in_degrees = {
+            name: degrees(value) for name, value in known.items() if self._units[name] == "deg"
         }
-        self._record(reading, sample, message)
-        for name, number in message.items():
-            if self._units.get(name) == "deg" and isinstance(number, float):
-                message[name] = degrees(number)
+        message = {**nothing, **known, **in_degrees, **said}
         if self._json or not self.csv:
-            self._write(json.dumps(message))
+            sys.stdout.write(json.dumps(message) + "\n")
+            sys.stdout.flush()
         else:
-            line = ",".join(
-                "" if value is None else repr(value) for value in list(message.values())[:-2]
-            )
-            detail = printable(reading.detail).replace('"', "'")
-            self._write(
-                f'{line},{reading.health},"{detail}"' if detail else f"{line},{reading.health},"
-            )
-        if self._target is not None:
-            sent = json.dumps({"timestamp": message["t"], **message}).encode()
+            self._write_row(list(message.values()))
+        if self._send is not None:
             with suppress(OSError):  # it is no error where no program listens
-                self._target.sendto(sent, ("127.0.0.1", self._port))
+                self._send(json.dumps({"timestamp": message["t"], **message}).encode())
 
     def _record(
         self, reading: Reading, sample: Floats | None, message: Mapping[str, object]
@@ -267,8 +254,8 @@ class Session:
             self.lost = True
             warn(f"{problem}; recording ends here, estimates go on")
 
-    def _write(self, text: str) -> None:
-        sys.stdout.write(text + "\n")
+    def _write_row(self, cells: list[Any]) -> None:
+        csv.writer(sys.stdout, lineterminator="\n").writerow(cells)
         sys.stdout.flush()
 
     def end(self, path: Path | None) -> None:
@@ -281,10 +268,6 @@ class Session:
         print(f"{total} samples in {seconds:.1f} s{': ' + words if words else ''}", file=sys.stderr)
         if self._recorder is not None and not self._recorder.close():
             print(f"nothing was recorded: {path} is as it was", file=sys.stderr)
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if isfinite(value) else None
 
 
 def _lines() -> Iterator[bytes]:
