@@ -466,7 +466,7 @@ def test_where_case_does_not_matter_names_are_compared_so(
     with pytest.raises(WorkBegan):
         run(*words)
     (tmp_path / "out").rmdir()
-    monkeypatch.setattr("distal.logs.same_file._ignores_case", lambda folder: True)
+    monkeypatch.setattr("distal.logs.output_targets._ignores_case", lambda folder: True)
     refused(run(*words), "is asked for twice")
 
 

@@ -9,9 +9,8 @@ import pytest
 
 from distal.errors import OutputError
 from distal.logs import Output, Recorder, check_outputs, outputs_in, shown, write_whole
-from distal.logs.output_targets import ROOM
+from distal.logs.output_targets import ROOM, _ignores_case
 from distal.logs.recorder import SAMPLE_TOPIC
-from distal.logs.same_file import _ignores_case
 
 
 def one(path: Path) -> list[Output]:

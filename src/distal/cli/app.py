@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
@@ -46,27 +47,33 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command("estimate")(estimate_command.estimate_command)
-app.command("view")(view_command.view_command)
-app.command("lab")(lab_command.lab_command)
-app.command("learn")(learn_command.learn_command)
-app.command("fit")(fit_command.fit_command)
-app.command("calibrate")(calibrate_command.calibrate_command)
-app.command("simulate")(simulate_command.simulate_command)
-app.command("command")(command_command.command_command)
-app.command("control")(control_command.control_command)
-app.command("drift")(drift_command.drift_command)
-app.command("study")(study_command.study_command)
-app.command("studies")(study_command.list_studies_command)
-app.command("stream")(stream_command.stream_command)
-app.command("export-c")(export_command.export_command)
-app.command("export-fmu")(export_command.fmu_command)
-app.command("reproduce")(reproduce_command.reproduce_command)
-app.command("rigs")(rig_commands.list_rigs_command)
+COMMANDS: dict[str, Callable[..., None]] = {
+    "estimate": estimate_command.estimate_command,
+    "view": view_command.view_command,
+    "lab": lab_command.lab_command,
+    "learn": learn_command.learn_command,
+    "fit": fit_command.fit_command,
+    "calibrate": calibrate_command.calibrate_command,
+    "simulate": simulate_command.simulate_command,
+    "command": command_command.command_command,
+    "control": control_command.control_command,
+    "drift": drift_command.drift_command,
+    "study": study_command.study_command,
+    "studies": study_command.list_studies_command,
+    "stream": stream_command.stream_command,
+    "export-c": export_command.export_command,
+    "export-fmu": export_command.fmu_command,
+    "reproduce": reproduce_command.reproduce_command,
+    "rigs": rig_commands.list_rigs_command,
+    "scenarios": simulate_command.list_scenarios_command,
+    "doctor": doctor_command.doctor_command,
+}
+"""Name → function of the commands that are in no group, in the order of the help."""
+
+for _name, _command in COMMANDS.items():
+    app.command(_name)(_command)
 app.add_typer(from_logs_command.app, name="rig")
-app.command("scenarios")(simulate_command.list_scenarios_command)
 app.add_typer(simulate_command.app, name="scenario")
-app.command("doctor")(doctor_command.doctor_command)
 
 
 def _version(desired: bool) -> None:

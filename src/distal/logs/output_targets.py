@@ -8,17 +8,22 @@ import os
 import stat
 import tempfile
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from distal.errors import OutputError
-from distal.logs.same_file import Key, file_key
 
 ROOM = 10
 """Bytes by which the name of the temporary file of `write_whole` is longer than the name of the
 file itself. Source: definition (names of temporary files in Python: two dots, eight characters).
+"""
+
+
+Key = tuple[int | str, ...]
+"""Identity of a file: its device and inode; for a file that does not exist yet, those of the
+nearest existing folder and the names below it.
 """
 
 
@@ -144,27 +149,27 @@ def _check_apart(outputs: list[Output], held: dict[Key, str]) -> None:
     folder.
     """
     files: dict[Key, str] = {}
-    folders: dict[Path, tuple[Key | None, str]] = {}
     for output in outputs:
         key = file_key(output.path)
-        if key is not None:
-            if key in held:
-                raise OutputError(f"{shown(output.path)}: is {held[key]}; give another name")
-            if key in files:
-                raise _twice(output.path, files[key], output.by)
-            files[key] = output.by
-        if output.folder is not None and output.folder not in folders:
-            key = file_key(output.folder)
-            folders[output.folder] = key, output.by
-            if key is not None and key in held:
-                raise OutputError(f"{shown(output.folder)}: is {held[key]}; give another folder")
-    for output in outputs:
-        for parent in Path(os.path.realpath(output.path)).parents:
-            if parent not in folders:
-                folders[parent] = (None if parent.is_dir() else file_key(parent)), output.by
-    for folder, (key, by) in folders.items():
+        if key is None:
+            continue
+        if key in held:
+            raise OutputError(f"{shown(output.path)}: is {held[key]}; give another name")
         if key in files:
-            raise _twice(folder, files[key], by)
+            raise _twice(output.path, files[key], output.by)
+        files[key] = output.by
+    seen = set[Path]()
+    for output in outputs:
+        above = Path(os.path.realpath(output.path)).parents
+        for folder in (output.folder or above[0], *above):
+            if folder in seen:
+                continue
+            seen.add(folder)
+            key = file_key(folder)
+            if folder == output.folder and key in held:
+                raise OutputError(f"{shown(folder)}: is {held[key]}; give another folder")
+            if key in files:
+                raise _twice(folder, files[key], output.by)
 
 
 def _twice(path: Path, first: str, second: str) -> OutputError:
@@ -237,3 +242,57 @@ def _try(outputs: list[Output]) -> None:
             raise OutputError(
                 f"{shown(path)}: cannot be written ({problem.strerror}); give another place"
             ) from None
+
+
+def file_key(position: str | Path | int) -> Key | None:
+    """Return the identity of the file at a path or file descriptor, the same for all its names.
+
+    A file that does not exist yet has one, too; a character device has None.
+    """
+    try:
+        status = os.stat(position)
+    except (OSError, ValueError):
+        return None if isinstance(position, int) else _key_to_be(position)
+    return None if stat.S_ISCHR(status.st_mode) else (status.st_dev, status.st_ino)
+
+
+def _key_to_be(path: str | Path) -> Key | None:
+    """Return the identity of a file that does not exist yet: that of the nearest existing folder,
+    and the names below it.
+    """
+    try:
+        real = Path(os.path.realpath(path))
+    except (OSError, ValueError):
+        return None
+    for folder in real.parents:
+        try:
+            status = os.stat(folder)
+        except OSError:
+            continue
+        names = real.relative_to(folder).parts
+        if _ignores_case(folder):
+            names = tuple(unicodedata.normalize("NFC", name).casefold() for name in names)
+        return (status.st_dev, status.st_ino, *names)
+    return None
+
+
+def _ignores_case(folder: Path) -> bool:
+    """Return whether a folder's file system takes names that differ only by case for one file.
+
+    This is tried with the name of something in the folder, or of the folder or one above it.
+    """
+    for position in _near(folder):
+        swapped = position.with_name(position.name.swapcase())
+        if swapped != position:
+            return (
+                os.path.exists(swapped)
+                and os.path.exists(position)
+                and os.path.samefile(position, swapped)
+            )
+    return False
+
+
+def _near(folder: Path) -> Iterator[Path]:
+    with suppress(OSError), os.scandir(folder) as entries:
+        yield from (Path(entry.path) for entry in entries)
+    yield from (position for position in (folder, *folder.parents) if position.name)

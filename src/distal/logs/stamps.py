@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -30,19 +30,8 @@ start of their own. Source: judgement.
 LATEST = 9e9
 """Latest stamp that is taken for a date, in 2255 [s since 1970]. Source: judgement."""
 
-START = datetime(1970, 1, 1, tzinfo=UTC)
-"""The moment from which dates are counted. Source: definition (Unix epoch)."""
-
-MICROSECOND = timedelta(microseconds=1)
-"""Resolution of Python's datetimes. Source: definition (unit conversion)."""
-
-FINER = re.compile(r"[.,]\d{6}(\d{1,3})")
-"""Digits of an ISO date that are below a microsecond."""
-
-LONGEST = len("20261120T210247.123456")
-"""Length of the longest ISO date without digits below a microsecond and without a zone, in its
-short form.
-"""
+FRACTION = re.compile(r"[.,](\d+)")
+"""Fraction of a second in an ISO date."""
 
 UNITS = (1.0, 1e-3, 1e-6, 1e-9)
 """Units in which dates may be counted: s, ms, µs, ns [s]. Source: definition (unit conversion)."""
@@ -198,18 +187,11 @@ def _one_date(cell: str) -> int | None:
     """
     if cell[4:5] in "/.":
         cell = cell[:10].replace(cell[4:5], "-") + cell[10:]
+    fraction = FRACTION.search(cell)
+    digits = "" if fraction is None else fraction[1]  # Python leaves out those below a microsecond
     try:
-        date = datetime.fromisoformat(cell)
-    except ValueError:
+        date = datetime.fromisoformat(FRACTION.sub("", cell, count=1))
+        seconds = (date if date.tzinfo is not None else date.replace(tzinfo=UTC)).timestamp()
+    except (ValueError, OverflowError):
         return None
-    stamp = (
-        ((date if date.tzinfo is not None else date.replace(tzinfo=UTC)) - START)
-        // MICROSECOND
-        * 1000
-    )
-    finer = (
-        FINER.search(cell) if len(cell) > LONGEST else None
-    )  # Python leaves out what is below a microsecond
-    if finer is not None:
-        stamp += int(finer[1].ljust(3, "0"))
-    return stamp if abs(stamp) < LATEST * 1e9 else None
+    return round(seconds) * 10**9 + int(f"{digits:0<9}"[:9]) if abs(seconds) < LATEST else None
