@@ -174,9 +174,12 @@ def test_rows_with_one_stamp(run, log: Path, tmp_path: Path) -> None:
     twice = tmp_path / "twice.csv"
     twice.write_text("\n".join([*lines[:200], lines[199], *lines[200:]]) + "\n", encoding="utf-8")
     words = ("estimate", twice, "--rig", "paper-2008-printed", "-e", "elastic", *SET)
-    assert "--repeated last keeps the last of them" in run(*words).err
-    assert "800 samples" in run(*words, "--repeated", "last").out
-    assert "must be 'refused', 'first' or 'last'" in run(*words, "--repeated", "newest").err
+    assert "keeps the last of them" in run(*words).err
+    assert "800 samples" in run(*words, "--set", 'log.time.repeated="last"').out
+    assert (
+        "must be 'refused', 'first' or 'last'"
+        in run(*words, "--set", 'log.time.repeated="newest"').err
+    )
 
 
 def test_the_command_that_simulate_prints_works(run, tmp_path: Path) -> None:

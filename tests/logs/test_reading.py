@@ -88,7 +88,7 @@ BAD = [
     ),
     (GOOD.replace("0.02,", "0.02,9,"), r"row 4: is too long \(6 cells; the header has 5\)"),
     (GOOD.replace("0.02,", "0.005,"), r"row 4: time goes back \(0\.005 s after 0\.01 s\)"),
-    (GOOD.replace("0.02,", "0.01,"), r"row 4: time repeats .*--repeated last keeps the last"),
+    (GOOD.replace("0.02,", "0.01,"), r"row 4: time repeats .*--set .*=\"last\"' keeps the last"),
     (GOOD.replace("0.02,", ","), r"row 4: time is nan"),
     ("t,x1,x2,u1,u2\n0,1e-3,2e-3,2,2\n", r"has one row"),
     ("t,x1,x2,u1,u2\n", r"no rows"),

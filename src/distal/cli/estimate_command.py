@@ -18,8 +18,8 @@ from distal.cli.comparison import Comparison, compared, say_errors
 from distal.cli.console import continue_on_failure, failure, progress_bar, say, table, warn, working
 from distal.cli.paths import check_command_outputs, check_ending, check_folder, to_file, to_folder
 from distal.cli.shared_options import (
+    HomingOption,
     PlotOption,
-    RepeatedOption,
     RigOption,
     SetOption,
     TruthOption,
@@ -27,7 +27,6 @@ from distal.cli.shared_options import (
     estimators,
     homing_time,
     joint_angle,
-    settings,
 )
 from distal.errors import DistalError, DistalWarning, EstimationError, OutputError
 
@@ -89,10 +88,7 @@ def estimate_command(
             "--smooth", help="Write the adaptive estimate smoothed over the whole log (offline)."
         ),
     ] = False,
-    homing: Annotated[
-        str | None,
-        Option(help="Use the reference for this long (e.g. 3s), then only compare with it."),
-    ] = None,
+    homing: HomingOption = None,
     homing_angle: Annotated[
         list[str] | None,
         Option(
@@ -116,7 +112,6 @@ def estimate_command(
     level: Annotated[
         float, Option(help="Share of the errors that bands hold, as they are printed and drawn.")
     ] = 0.95,
-    repeated: RepeatedOption = None,
     set_: SetOption = None,
 ) -> None:
     """Estimate the joint angle over a log, or many; where the truth of one is known, compare all
@@ -166,7 +161,7 @@ def estimate_command(
             )
         outputs = estimates_of(sources, out)
         check_command_outputs(outputs, logs=logs, rig=rig, truth=truth)
-        description = load_rig(rig, settings(set_, repeated))
+        description = load_rig(rig, set_ or ())
         name = (estimator or [DEFAULT])[0]
 
         def write(result: Estimate, path: Path) -> None:
@@ -183,7 +178,7 @@ def estimate_command(
         [*to_file("--out", out), *to_file("--plot", plot)], logs=logs, rig=rig, truth=truth
     )
     check_ending(out, "a table")
-    description = load_rig(rig, settings(set_, repeated))
+    description = load_rig(rig, set_ or ())
     with working(f"reading {logs[0]}"):
         log = read_log(logs[0], description, truth)
     _describe(log, description)

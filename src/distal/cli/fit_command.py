@@ -16,12 +16,10 @@ from distal.cli.console import fit_progress, say, stoppable, table
 from distal.cli.paths import check_command_outputs, check_ending, to_file, to_folder, write_each
 from distal.cli.shared_options import (
     LagOption,
-    RepeatedOption,
     RigOption,
     SetOption,
     homing_time,
     lag_time,
-    settings,
 )
 from distal.errors import FitError
 
@@ -109,7 +107,6 @@ def fit_command(
     reference_lag: LagOption = None,
     minutes: MinutesOption = None,
     seed: Annotated[int, Option(min=0, help="Seed of the starts.")] = 0,
-    repeated: RepeatedOption = None,
     set_: SetOption = None,
 ) -> None:
     """Fit a rig's parameters and noise to logs, say which ones the logs determine, and write a rig
@@ -135,7 +132,7 @@ def fit_command(
     if units is not None:
         groups_of([str(path) for path in logs], units)
     home = homing_time(homing)
-    changes = settings(set_, repeated)
+    changes = set_ or ()
     description = load_rig(rig, changes)
     read = [read_log(path, description, truth) for path in logs]
     text = edited_text(rig, changes)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
@@ -39,55 +39,15 @@ IgnoreOption = Annotated[
 ]
 
 
-def found_in(
-    logs: list[Path], truth: str | None, drive: list[str] | None, ignore: str | None, name: str
-) -> RigFromLogs:
-    """Return what logs say of a rig, by the options of a command."""
-    from distal.from_logs import rig_from_logs
-    from distal.logs import sources_of
-
-    return rig_from_logs(
-        sources_of(logs),
-        truth=_listed(truth),
-        drives=_units_of(drive),
-        ignore=_listed(ignore),
-        name=name,
-    )
-
-
-def completed(
-    draft: Path,
-    logs: list[Path],
-    truth: str | None,
-    drive: list[str] | None,
-    ignore: str | None,
-) -> str:
-    """Return the text of a rig file with the columns of these logs, by the options of a command."""
-    from distal.from_logs import draft_columns
-    from distal.logs import sources_of
-    from distal.rig import edited_text, load_rig
-
-    columns = draft_columns(
-        load_rig(draft),
-        sources_of(logs),
-        truth=_listed(truth),
-        drives=_units_of(drive),
-        ignore=_listed(ignore),
-    )
-    for line in columns.in_words:
-        say(f"  {line}")
-    return edited_text(draft, columns.assignments)
-
-
-def _units_of(drive: list[str] | None) -> dict[str, str]:
-    """Return column → unit of the options ``--drive column=unit``."""
+def roles_of(truth: str | None, drive: list[str] | None, ignore: str | None) -> dict[str, Any]:
+    """Return what the options of a command say of columns, as `rig_from_logs` takes it."""
     drives = dict[str, str]()
     for text in drive or ():
         column, _, unit = text.partition("=")
         if not column:
             raise RigError(f"--drive is a column and its unit, such as m1=ticks; '{text}' came")
         drives[column] = unit
-    return drives
+    return {"truth": _listed(truth), "drives": drives, "ignore": _listed(ignore)}
 
 
 def _listed(text: str | None) -> list[str]:
@@ -121,12 +81,14 @@ def from_logs_command(
     """Write the rig file that logs show: which columns are what, which drive moves which joint,
     sizes.
     """
-    from distal.logs import write_whole
+    from distal.from_logs import rig_from_logs
+    from distal.logs import sources_of, write_whole
 
     check_command_outputs(to_file("--out", out), logs=list(logs))
     check_ending(out, "a rig file")
     check_new(out)
-    found = found_in(logs, truth, drive, ignore, out.stem)
+    roles = roles_of(truth, drive, ignore)
+    found = rig_from_logs(sources_of(logs), **roles, name=out.stem)
     say_found(found)
     write_whole(out, found.text)
     asked = shlex.join(["distal", "fit", *map(str, logs), "--rig", str(out), "--out"])

@@ -22,8 +22,7 @@ from distal.cli.from_logs_command import (
     IgnoreOption,
     JointsOption,
     LogsArgument,
-    completed,
-    found_in,
+    roles_of,
     say_found,
 )
 from distal.cli.paths import (
@@ -68,9 +67,10 @@ def learn_command(
 ) -> None:
     """Learn from logs how well the joints can be known from the motors: rig, fit and an answer."""
     from distal.fitting import fit
+    from distal.from_logs import draft_columns, rig_from_logs
     from distal.logs import read_log, sources_of
     from distal.reports import FIT_PAGES, fit_report
-    from distal.rig import build_rig, parse_toml
+    from distal.rig import build_rig, edited_text, load_rig, parse_toml
 
     folder = report if report is not None else out.with_name(f"{out.stem}_page")
     outputs = [*to_file("--out", out), *to_folder("--report", folder, FIT_PAGES)]
@@ -78,16 +78,21 @@ def learn_command(
     check_ending(out, "a rig file")
     check_new(out)
     say(f"reading {len(logs)} log{'s' if len(logs) > 1 else ''}")
+    sources = sources_of(logs)
+    roles = roles_of(truth, drive, ignore)
     if rig is None:
-        found = found_in(logs, truth, drive, ignore, out.stem)
+        found = rig_from_logs(sources, **roles, name=out.stem)
         say_found(found)
         text = found.text
     else:
-        text = completed(rig, logs, truth, drive, ignore)
+        columns = draft_columns(load_rig(rig), sources, **roles)
+        for line in columns.in_words:
+            say(f"  {line}")
+        text = edited_text(rig, columns.assignments)
     raw = parse_toml(text, str(out), RigError)
     raw.pop("map", None)  # it is learned anew
     description = build_rig(raw, out.stem)
-    read = [read_log(source, description) for source in sources_of(logs)]
+    read = [read_log(source, description) for source in sources]
     with stoppable(minutes), fit_progress() as show:
         result = fit(
             read,

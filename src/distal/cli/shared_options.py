@@ -64,26 +64,19 @@ SetOption = Annotated[
         ),
     ),
 ]
-RepeatedOption = Annotated[
-    str | None,
-    Option(
-        "--repeated",
-        help="Which of several rows with one stamp is kept: first or last. Default: none is read.",
-    ),
-]
-
-
-def settings(set_: list[str] | None, repeated: str | None) -> list[str]:
-    """Return the settings of the rig by --set, and by options that are short for a setting."""
-    return [*(set_ or ())] + ([] if repeated is None else [f'log.time.repeated="{repeated}"'])
-
-
 SeedOption = Annotated[int, Option("--seed", min=0, help="Seed of the sensors' errors.")]
 
 
 EstimatorOption = Annotated[
     str,
     Option("--estimator", "-e", help=f"{', '.join(ESTIMATOR_NAMES)}.", autocompletion=estimators),
+]
+HomingOption = Annotated[
+    str | None,
+    Option(
+        "--homing",
+        help="Use the reference for this long (e.g. 3s), then only compare with it.",
+    ),
 ]
 TruthOption = Annotated[
     str | None,

@@ -89,9 +89,11 @@ def _toml(value: object) -> str:
     """Return a value as TOML on one line."""
     import tomlkit
 
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{name} = {_toml(field)}" for name, field in value.items()) + " }"
-    return tomlkit.item(value).as_string()
+    if not isinstance(value, dict):
+        return tomlkit.item(value).as_string()
+    table = tomlkit.inline_table()
+    table.update(value)
+    return table.as_string()
 
 
 def list_scenarios_command() -> None:

@@ -14,12 +14,11 @@ from distal.cli.console import continue_on_failure, say, working
 from distal.cli.paths import check_command_outputs, to_page
 from distal.cli.shared_options import (
     EstimatorOption,
-    RepeatedOption,
+    HomingOption,
     RigOption,
     SetOption,
     TruthOption,
     homing_time,
-    settings,
 )
 
 
@@ -35,7 +34,7 @@ def view_command(
     ] = None,
     estimator: EstimatorOption = "adaptive",
     truth: TruthOption = None,
-    homing: Annotated[str | None, Option(help="Use the reference for so long (e.g. 3s).")] = None,
+    homing: HomingOption = None,
     open_: Annotated[
         bool | None,
         Option(
@@ -43,7 +42,6 @@ def view_command(
             help="Open the page in the browser; default where --out is not given.",
         ),
     ] = None,
-    repeated: RepeatedOption = None,
     set_: SetOption = None,
 ) -> None:
     """Estimate over a log and show it in the browser: zoom with the wheel, point at a curve to read
@@ -57,7 +55,7 @@ def view_command(
 
     check_plotly()
     check_command_outputs(to_page("--out", out), logs=[log], rig=rig, truth=truth)
-    description = load_rig(rig, settings(set_, repeated))
+    description = load_rig(rig, set_ or ())
     samples = read_log(log, description, truth)
     home = homing_time(homing)
     sentences = list[str]()

@@ -184,7 +184,7 @@ def check_stamps(time: Floats, source: str, first_row: int | None = None) -> Non
         remedy = "sort the rows"
         if time[i] == time[i - 1]:
             fault = "repeats"
-            remedy = "--repeated last keeps the last of them (estimate, fit)"
+            remedy = "--set 'log.time.repeated=\"last\"' keeps the last of them"
         raise LogError(
             f"{source}: {position} {i + offset}: time {fault} ({time[i]:.15g} s after "
             f"{time[i - 1]:.15g} s); {remedy}"
