@@ -17,7 +17,7 @@ from distal.errors import LogError, OutputError
 from distal.logs import formats
 from distal.logs.formats import FORMATS, format_of
 
-SHARED = {"__init__", "format"}
+SHARED = {"__init__", "format", "registry"}
 
 
 def test_each_file_is_a_format() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, TypedDict
 
 from typer import Argument, Option
 
@@ -39,7 +39,15 @@ IgnoreOption = Annotated[
 ]
 
 
-def roles_of(truth: str | None, drive: list[str] | None, ignore: str | None) -> dict[str, Any]:
+class Roles(TypedDict):
+    """What is said of columns, as the arguments of `rig_from_logs`."""
+
+    truth: list[str]
+    drives: dict[str, str]
+    ignore: list[str]
+
+
+def roles_of(truth: str | None, drive: list[str] | None, ignore: str | None) -> Roles:
     """Return what the options of a command say of columns, as `rig_from_logs` takes it."""
     drives = dict[str, str]()
     for text in drive or ():

@@ -9,13 +9,13 @@ import signal
 import socket
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, suppress
 from itertools import chain, starmap
 from math import degrees, isfinite, nan
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from typer import Option
@@ -229,7 +229,7 @@ class Session:
             sys.stdout.write(json.dumps(message) + "\n")
             sys.stdout.flush()
         else:
-            self._write_row(list(message.values()))
+            self._write_row(message.values())
         if self._send is not None:
             with suppress(OSError):  # it is no error where no program listens
                 self._send(json.dumps({"timestamp": message["t"], **message}).encode())
@@ -254,7 +254,7 @@ class Session:
             self.lost = True
             warn(f"{problem}; recording ends here, estimates go on")
 
-    def _write_row(self, cells: list[Any]) -> None:
+    def _write_row(self, cells: Iterable[object]) -> None:
         csv.writer(sys.stdout, lineterminator="\n").writerow(cells)
         sys.stdout.flush()
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from itertools import chain
 from math import inf, isinf, nan
 from pathlib import Path
@@ -38,6 +37,7 @@ class Cells:
             knows.
         rows: number of rows below the header.
         units: name → unit, for columns whose header gave a unit beside a name that was asked for.
+        held: name → cells, of the columns that are in memory as a whole.
     """
 
     blocks: Callable[[Sequence[str]], Iterable[Sequence[Column]]]
@@ -46,6 +46,7 @@ class Cells:
     names: tuple[str, ...]
     rows: int
     units: Mapping[str, str] = field(default_factory=dict)
+    held: Mapping[str, Column] = field(default_factory=dict)
 
     def without_units(self, headers: Mapping[str, tuple[str, str]]) -> Cells:
         """Return the same table with columns called by their names alone.
@@ -103,11 +104,14 @@ def in_memory(
         names: names of all columns that the file has.
     """
     rows = len(next(iter(columns.values()), ()))
-    return Cells(partial(_whole, columns), path, first_row, tuple(names), rows)
-
-
-def _whole(columns: Mapping[str, Column], desired: Sequence[str]) -> list[list[Column]]:
-    return [[columns[name] for name in desired]]
+    return Cells(
+        lambda desired: [[columns[name] for name in desired]],
+        path,
+        first_row,
+        tuple(names),
+        rows,
+        held=columns,
+    )
 
 
 def parsed_cells(column: Column, path: Path, name: str, first_row: int) -> Floats:

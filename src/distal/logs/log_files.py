@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 from distal.arrays import Floats
 from distal.errors import DistalWarning, LogError
 from distal.logs.atomic_writes import write_whole
-from distal.logs.cells import in_memory
 from distal.logs.formats import TABLES, file_of
 from distal.logs.header_units import factor_of, scale, time_factor
 from distal.logs.log import Log, check_stamps
 from distal.logs.reader_process import read_apart
-from distal.logs.recordings import is_recording, open_recording
+from distal.logs.recordings import ROW_STAMPS, is_recording, recorded_cells
 from distal.logs.sources import Source
 from distal.logs.stamps import Clock, clock_of
 from distal.logs.tables import Table, open_table, table_of
@@ -58,11 +57,9 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
     ]
     time_column = rig.log.time.column
     asked = [time_column, *desired, *optional, *([] if truth is None else [str(truth)])]
-    recorded = None
     if is_recording(path):
         unit = unit_factor(rig.log.time.unit, "s")
-        columns, recorded = read_apart(open_recording, Path(path), asked, time_column, unit)
-        cells = in_memory(columns, Path(path), 0, columns)
+        cells = read_apart(recorded_cells, Path(path), asked, time_column, unit)
     else:
         cells = open_table(path, asked, time_column)
     column = str(truth) if truth is not None and _is_column(cells.names, str(truth)) else None
@@ -71,7 +68,7 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
     clock = clock_of(cells, time_column, factor)
     table = table_of(cells, desired, [*optional, *([column] if column else [])])
     time = clock.time
-    stamps = clock.stamps if recorded is None else np.asarray(recorded)
+    stamps = np.asarray(cells.held[ROW_STAMPS]) if is_recording(path) else clock.stamps
     if rig.log.time.repeated != "refused":
         same = np.diff(time) == 0.0
         at = len(same) if rig.log.time.repeated == "last" else 0

@@ -7,19 +7,23 @@ small one can ask for more memory than there is. The process is used again for t
 from __future__ import annotations
 
 import atexit
+import io
 import json
 import os
-import pickle
 import subprocess
 import sys
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from threading import Lock
-from typing import Concatenate, ParamSpec, TypeAlias, TypeVar
+from typing import TypedDict
+
+import numpy as np
 
 from distal.errors import DistalWarning, LogError, UnitError
+from distal.logs.cells import Cells, Column, in_memory
 from distal.logs.output_targets import shown
 from distal.units import to_si
 
@@ -44,9 +48,6 @@ _BEGIN = (
 )
 
 _LOCK = Lock()
-
-P = ParamSpec("P")
-T = TypeVar("T")
 
 
 def memory_limit() -> int:
@@ -92,14 +93,37 @@ def _how_to_allow() -> str:
     )
 
 
-def read_apart(
-    read: Callable[Concatenate[Path, P], T], path: Path, *args: P.args, **kwargs: P.kwargs
-) -> T:
-    """Return ``read(path, *args, **kwargs)``, called in a process of its own; its warnings are
-    repeated here.
+class Request(TypedDict):
+    """A function, by its module and name, with its arguments, and the caller's working folder."""
+
+    module: str
+    function: str
+    arguments: list[object]
+    folder: str
+
+
+class Answer(TypedDict, total=False):
+    """What was read, or an error.
+
+    The keys: `names` of all columns of the file, `first_row`, `held` those of the columns that
+    follow, `texts` those that are text, `warnings`, and `error`.
+    """
+
+    names: tuple[str, ...]
+    first_row: int
+    held: list[str]
+    texts: list[str]
+    warnings: list[str]
+    error: str
+
+
+def read_apart(read: Callable[..., Cells], path: Path, *arguments: object) -> Cells:
+    """Return ``read(path, *arguments)``, called in a process of its own; its warnings are repeated
+    here.
 
     Args:
-        read: function of a module, so that another process finds it by its name.
+        read: function of a module, which returns a table that is `in_memory`.
+        arguments: what JSON can hold.
 
     Raises:
         LogError: the file cannot be read, is damaged, or takes too much memory.
@@ -108,62 +132,84 @@ def read_apart(
         folder = os.getcwd()
     except FileNotFoundError:  # the folder is gone
         folder = ""
-    request = pickle.dumps((folder, path, read, args, kwargs))
+    request: Request = {
+        "module": read.__module__,
+        "function": read.__name__,
+        "arguments": [str(path), *arguments],
+        "folder": folder,
+    }
     with _LOCK:
         try:
             reader = _Reader.current()
         except OSError:  # where no process can be started, such as in an embedded interpreter
             reader = None
-        answer = _answer(request) if reader is None else reader.ask(request, path)
-    result, error, messages = answer
-    for text in messages:
+        answer, payload = _answer(request) if reader is None else reader.ask(request)
+    for text in answer["warnings"]:
         warnings.warn(text, DistalWarning, stacklevel=4)
-    if error:
-        raise LogError(error)
-    found: T = pickle.loads(result)
-    return found
+    if "error" in answer:
+        raise LogError(answer["error"])
+    buffer = io.BytesIO(payload)
+    held: dict[str, Column] = {name: np.load(buffer, allow_pickle=False) for name in answer["held"]}
+    for name in answer["texts"]:
+        held[name] = json.loads(np.asarray(held[name]).tobytes())
+    return in_memory(held, path, answer["first_row"], answer["names"])
 
 
-Answer: TypeAlias = tuple[bytes, str, list[str]]
-"""The pickled result of a request, the error in its place, and the warnings."""
-
-
-def _answer(request: bytes) -> Answer:
-    """Return what a request asks for."""
-    folder, path, read, args, kwargs = pickle.loads(request)
-    error = ""
-    result = b""
+def _answer(request: Request) -> tuple[Answer, bytes]:
+    """Return what a request asks for, and the columns: arrays in NumPy's format, text as an array
+    of the bytes of its JSON.
+    """
+    name, *arguments = request["arguments"]
+    path = Path(str(name))
+    payload = io.BytesIO()
+    answer: Answer = {}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DistalWarning)
         try:
-            if folder:
-                os.chdir(folder)  # the caller may have gone elsewhere since
-            result = pickle.dumps(read(path, *args, **kwargs))
+            if request["folder"]:
+                os.chdir(request["folder"])  # the caller may have gone elsewhere since
+            read = getattr(import_module(request["module"]), request["function"])
+            cells: Cells = read(path, *arguments)
+            for column in cells.held.values():
+                text = isinstance(column, list)
+                array = np.frombuffer(json.dumps(column).encode(), np.uint8) if text else column
+                np.save(payload, array, allow_pickle=False)
+            texts = [name for name, column in cells.held.items() if isinstance(column, list)]
+            answer = {
+                "names": cells.names,
+                "first_row": cells.first_row,
+                "held": list(cells.held),
+                "texts": texts,
+            }
         except LogError as problem:
-            error = str(problem)
+            answer = {"error": str(problem)}
         except MemoryError:
-            error = f"{shown(path)}: takes too much memory to read; {_how_to_allow()}"
+            answer = {"error": f"{shown(path)}: takes too much memory to read; {_how_to_allow()}"}
         except Exception as problem:
             reason = (str(problem).splitlines() or [""])[0][:120]
-            error = (
-                f"{shown(path)}: cannot be read ({type(problem).__name__}: {reason}); the file is "
-                "damaged"
-            )
-    messages = [str(each.message) for each in caught if issubclass(each.category, DistalWarning)]
-    return result, error, messages
+            answer = {
+                "error": f"{shown(path)}: cannot be read ({type(problem).__name__}: {reason}); the "
+                "file is damaged"
+            }
+    answer["warnings"] = [
+        str(each.message) for each in caught if issubclass(each.category, DistalWarning)
+    ]
+    return answer, b"" if "error" in answer else payload.getvalue()
 
 
 def serve() -> None:
-    """Answer requests that come on standard input, until it ends."""
+    """Answer requests that come on standard input as lines of JSON, until it ends.
+
+    An answer is a line of JSON, with the size of the columns that follow it.
+    """
     # whatever a library prints must not stand between the answers
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-    with suppress(EOFError):
-        while True:
-            request = pickle.load(sys.stdin.buffer)
-            _limit_memory(memory_limit())
-            pickle.dump(_answer(request), answers)
-            answers.flush()
+    for line in sys.stdin.buffer:
+        _limit_memory(memory_limit())
+        answer, payload = _answer(json.loads(line))
+        answers.write(json.dumps([answer, len(payload)]).encode() + b"\n" + payload)
+        answers.flush()
 
 
 def _limit_memory(size: int) -> None:
@@ -212,30 +258,33 @@ class _Reader:
         )
         atexit.register(self.end)
 
-    def ask(self, request: bytes, path: Path) -> Answer:
-        """Return the answer to a request.
+    def ask(self, request: Request) -> tuple[Answer, bytes]:
+        """Return the answer to a request and the bytes of its columns.
 
         Raises:
-            LogError: reading the file at `path` ended the process.
+            LogError: reading the file ended the process.
         """
         process = self._process
         assert process.stdin is not None
         assert process.stdout is not None
         try:
-            pickle.dump(request, process.stdin)
+            process.stdin.write(json.dumps(request).encode() + b"\n")
             process.stdin.flush()
-            answer: Answer = pickle.load(process.stdout)
-        except (OSError, EOFError, pickle.UnpicklingError):
+            answer, size = json.loads(process.stdout.readline())
+            payload = process.stdout.read(size)
+            if len(payload) < size:
+                raise EOFError
+        except (OSError, ValueError, EOFError):
             code = self.end(patience=2.0)
             cause = f"signal {-code}" if code < 0 else f"exit code {code}"
             raise LogError(
-                f"{shown(path)}: cannot be read, it ended its reader ({cause}): it is damaged, or "
-                f"takes too much memory ({_how_to_allow()})"
+                f"{shown(str(request['arguments'][0]))}: cannot be read, it ended its reader "
+                f"({cause}): it is damaged, or takes too much memory ({_how_to_allow()})"
             ) from None
         except BaseException:
             self.end()
             raise
-        return answer
+        return answer, payload
 
     def end(self, patience: float = 0.0) -> int:
         """Stop the process, after `patience` [s] in which it may end by itself, and return its exit

@@ -44,9 +44,9 @@ def estimate_schema(joints: Sequence[str], torques: Sequence[str] = ()) -> dict[
         for name, unit in unit_of.items()
         for column, text in ((name, name), (std_name(name), f"standard deviation of {name}"))
     }
-    numbers = {"t": "stamp of the sample [s]"} | of
+    texts = {"t": "stamp of the sample [s]"} | of
     properties = {
-        name: {"type": ["number", "null"], "description": text} for name, text in numbers.items()
+        name: {"type": ["number", "null"], "description": text} for name, text in texts.items()
     }
     words = {"health": "one word: see distal.run.HEALTH", "detail": "which sensor, how long"}
     properties |= {name: {"type": "string", "description": text} for name, text in words.items()}
@@ -103,7 +103,7 @@ class Recorder:
         self._samples = 0
 
     def add(self, topic: str, time: float, message: Mapping[str, object]) -> None:
-        """Write a message of `SAMPLE_TOPIC` or `ESTIMATE_TOPIC`; numbers that are not finite become
+        """Write a message of `SAMPLE_TOPIC` or `ESTIMATE_TOPIC`; texts that are not finite become
         null.
 
         Args:

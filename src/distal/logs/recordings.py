@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.errors import DistalWarning, LogError
+from distal.logs.cells import Cells, in_memory
 from distal.logs.formats import Message, UndecodableError, check_is_content, format_of
 from distal.logs.messages import STAMPS, number_of
 from distal.logs.stamps import LATEST
@@ -37,6 +38,9 @@ in a message of its own. Source: judgement.
 
 SET_BACK = 1_000_000_000
 """A clock was set back where its stamps go back by more than this [ns]. Source: judgement."""
+
+ROW_STAMPS = "stamps [ns]"
+"""Name under which a recording's stamps are held, beside the columns that were asked for."""
 
 Reading: TypeAlias = tuple[int | None, int, float]
 """Stamp in the message's header [ns] or None, stamp of the recorder [ns], and value."""
@@ -111,6 +115,12 @@ def open_recording(
         columns_of[column] = np.full(len(rows), np.nan)
         columns_of[column][np.searchsorted(rows, stamps, side="right") - 1] = values
     return columns_of, rows
+
+
+def recorded_cells(path: Path, columns: Sequence[str], time: str, unit: float) -> Cells:
+    """Return what `open_recording` reads as a table, with the stamps of the rows in its `held`."""
+    found, stamps = open_recording(path, columns, time, unit)
+    return in_memory(found | {ROW_STAMPS: stamps}, path, 0, found)
 
 
 def _number(path: Path, cell: object, name: str) -> float:
@@ -223,8 +233,8 @@ def _in_cycles(stamped: dict[str, Stamped]) -> dict[str, Stamped]:
     longest = 0.5 * _shortest_interval([stamps for stamps, _ in stamped.values()])
     samples = sorted(
         (stamp, column, number)
-        for column, (stamps, numbers) in stamped.items()
-        for stamp, number in zip(stamps, numbers)
+        for column, (stamps, values) in stamped.items()
+        for stamp, number in zip(stamps, values)
     )
     moved: dict[str, list[tuple[np.int64, float]]] = {column: [] for column in stamped}
     begun = samples[0][0]
