@@ -13,12 +13,12 @@ import os
 import subprocess
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from threading import Lock
-from typing import TypedDict
+from typing import TypeAlias
 
 import numpy as np
 
@@ -93,28 +93,10 @@ def _how_to_allow() -> str:
     )
 
 
-class Request(TypedDict):
-    """A function, by its module and name, with its arguments, and the caller's working folder."""
-
-    module: str
-    function: str
-    arguments: list[object]
-    folder: str
-
-
-class Answer(TypedDict, total=False):
-    """What was read, or an error.
-
-    The keys: `names` of all columns of the file, `first_row`, `held` those of the columns that
-    follow, `texts` those that are text, `warnings`, and `error`.
-    """
-
-    names: tuple[str, ...]
-    first_row: int
-    held: list[str]
-    texts: list[str]
-    warnings: list[str]
-    error: str
+Answer: TypeAlias = tuple[str, list[str], Sequence[str], int, dict[str, bool]]
+"""Error, warnings, names of all columns, row number of the first value, and name → whether it is
+text, of the columns that follow.
+"""
 
 
 def read_apart(read: Callable[..., Cells], path: Path, *arguments: object) -> Cells:
@@ -132,69 +114,60 @@ def read_apart(read: Callable[..., Cells], path: Path, *arguments: object) -> Ce
         folder = os.getcwd()
     except FileNotFoundError:  # the folder is gone
         folder = ""
-    request: Request = {
-        "module": read.__module__,
-        "function": read.__name__,
-        "arguments": [str(path), *arguments],
-        "folder": folder,
-    }
+    request = json.dumps([folder, read.__module__, read.__name__, str(path), *arguments])
     with _LOCK:
         try:
             reader = _Reader.current()
         except OSError:  # where no process can be started, such as in an embedded interpreter
             reader = None
-        answer, payload = _answer(request) if reader is None else reader.ask(request)
-    for text in answer["warnings"]:
+        answer, payload = _answer(request) if reader is None else reader.ask(request, path)
+    error, messages, names, first_row, held = answer
+    for text in messages:
         warnings.warn(text, DistalWarning, stacklevel=4)
-    if "error" in answer:
-        raise LogError(answer["error"])
+    if error:
+        raise LogError(error)
+    columns = dict[str, Column]()
     buffer = io.BytesIO(payload)
-    held: dict[str, Column] = {name: np.load(buffer, allow_pickle=False) for name in answer["held"]}
-    for name in answer["texts"]:
-        held[name] = json.loads(np.asarray(held[name]).tobytes())
-    return in_memory(held, path, answer["first_row"], answer["names"])
+    for name, is_text in held.items():
+        array = np.load(buffer, allow_pickle=False)
+        columns[name] = json.loads(array.tobytes()) if is_text else array
+    return in_memory(columns, path, first_row, names)
 
 
-def _answer(request: Request) -> tuple[Answer, bytes]:
+def _answer(request: str) -> tuple[Answer, bytes]:
     """Return what a request asks for, and the columns: arrays in NumPy's format, text as an array
     of the bytes of its JSON.
     """
-    name, *arguments = request["arguments"]
-    path = Path(str(name))
+    folder, module, function, path, *arguments = json.loads(request)
+    error = ""
+    cells = in_memory({}, Path(path), 0, ())
+    held = dict[str, bool]()
     payload = io.BytesIO()
-    answer: Answer = {}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DistalWarning)
         try:
-            if request["folder"]:
-                os.chdir(request["folder"])  # the caller may have gone elsewhere since
-            read = getattr(import_module(request["module"]), request["function"])
-            cells: Cells = read(path, *arguments)
-            for column in cells.held.values():
-                text = isinstance(column, list)
-                array = np.frombuffer(json.dumps(column).encode(), np.uint8) if text else column
+            if folder:
+                os.chdir(folder)  # the caller may have gone elsewhere since
+            cells = getattr(import_module(module), function)(Path(path), *arguments)
+            for name, column in cells.held.items():
+                held[name] = isinstance(column, list)
+                text = json.dumps(column).encode() if isinstance(column, list) else b""
+                array = np.frombuffer(text, np.uint8) if held[name] else column
                 np.save(payload, array, allow_pickle=False)
-            texts = [name for name, column in cells.held.items() if isinstance(column, list)]
-            answer = {
-                "names": cells.names,
-                "first_row": cells.first_row,
-                "held": list(cells.held),
-                "texts": texts,
-            }
         except LogError as problem:
-            answer = {"error": str(problem)}
+            error = str(problem)
         except MemoryError:
-            answer = {"error": f"{shown(path)}: takes too much memory to read; {_how_to_allow()}"}
+            error = f"{shown(path)}: takes too much memory to read; {_how_to_allow()}"
         except Exception as problem:
             reason = (str(problem).splitlines() or [""])[0][:120]
-            answer = {
-                "error": f"{shown(path)}: cannot be read ({type(problem).__name__}: {reason}); the "
-                "file is damaged"
-            }
-    answer["warnings"] = [
-        str(each.message) for each in caught if issubclass(each.category, DistalWarning)
-    ]
-    return answer, b"" if "error" in answer else payload.getvalue()
+            error = (
+                f"{shown(path)}: cannot be read ({type(problem).__name__}: {reason}); the file is "
+                "damaged"
+            )
+    messages = [str(each.message) for each in caught if issubclass(each.category, DistalWarning)]
+    if error:
+        return (error, messages, (), 0, {}), b""
+    return ("", messages, cells.names, cells.first_row, held), payload.getvalue()
 
 
 def serve() -> None:
@@ -207,7 +180,7 @@ def serve() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     for line in sys.stdin.buffer:
         _limit_memory(memory_limit())
-        answer, payload = _answer(json.loads(line))
+        answer, payload = _answer(line.decode())
         answers.write(json.dumps([answer, len(payload)]).encode() + b"\n" + payload)
         answers.flush()
 
@@ -258,17 +231,17 @@ class _Reader:
         )
         atexit.register(self.end)
 
-    def ask(self, request: Request) -> tuple[Answer, bytes]:
+    def ask(self, request: str, path: Path) -> tuple[Answer, bytes]:
         """Return the answer to a request and the bytes of its columns.
 
         Raises:
-            LogError: reading the file ended the process.
+            LogError: reading the file at `path` ended the process.
         """
         process = self._process
         assert process.stdin is not None
         assert process.stdout is not None
         try:
-            process.stdin.write(json.dumps(request).encode() + b"\n")
+            process.stdin.write(request.encode() + b"\n")
             process.stdin.flush()
             answer, size = json.loads(process.stdout.readline())
             payload = process.stdout.read(size)
@@ -278,8 +251,8 @@ class _Reader:
             code = self.end(patience=2.0)
             cause = f"signal {-code}" if code < 0 else f"exit code {code}"
             raise LogError(
-                f"{shown(str(request['arguments'][0]))}: cannot be read, it ended its reader "
-                f"({cause}): it is damaged, or takes too much memory ({_how_to_allow()})"
+                f"{shown(path)}: cannot be read, it ended its reader ({cause}): it is damaged, or "
+                f"takes too much memory ({_how_to_allow()})"
             ) from None
         except BaseException:
             self.end()
