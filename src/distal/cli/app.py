@@ -21,7 +21,6 @@ from distal.cli import (
     estimate_command,
     export_command,
     fit_command,
-    from_logs_command,
     lab_command,
     learn_command,
     reproduce_command,
@@ -72,7 +71,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
 
 for _name, _command in COMMANDS.items():
     app.command(_name)(_command)
-app.add_typer(from_logs_command.app, name="rig")
+app.add_typer(rig_commands.app, name="rig")
 app.add_typer(simulate_command.app, name="scenario")
 
 

@@ -41,11 +41,10 @@ PROVISIONAL = (
 MOST_ROWS = 14
 """Number of fitted parameters printed at most; the page shows all. Source: layout."""
 
-MOST_NAMES = 4
-"""Number of undetermined parameters named at most; the page shows all. Source: layout."""
-
-MOST_DOUBTS = 4
-"""Number of lines of advice printed at most; the page shows all. Source: layout."""
+MOST_LINES = 4
+"""Number of undetermined parameters named, and of lines of advice printed, at most; the page shows
+all. Source: layout.
+"""
 
 
 def fit_command(
@@ -195,15 +194,15 @@ def _say(result: Fit) -> None:
         say(f"and {len(determined) - MOST_ROWS} more (--report shows all)")
     if undetermined:
         more = (
-            f" and {len(undetermined) - MOST_NAMES} more (--report shows all)"
-            if len(undetermined) > MOST_NAMES
+            f" and {len(undetermined) - MOST_LINES} more (--report shows all)"
+            if len(undetermined) > MOST_LINES
             else ""
         )
-        say(f"not determined by these logs: {', '.join(undetermined[:MOST_NAMES])}{more}")
+        say(f"not determined by these logs: {', '.join(undetermined[:MOST_LINES])}{more}")
     say_scores(result)
     if answer := result.answer():
         say(f"answer: {answer}")
-    for line in result.advice()[:MOST_DOUBTS]:
+    for line in result.advice()[:MOST_LINES]:
         say(line)
     if result.interrupted:
         say("interrupted: these are the best values so far")

@@ -1,29 +1,23 @@
-"""`distal learn`: from logs to angles, without a rig file."""
+"""`distal rig from-logs` and `distal learn`: from logs alone to a rig file, and to angles."""
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from math import degrees
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypedDict
 
 import typer
-from typer import Option
+from typer import Argument, Option
 
 from distal.cli.console import fit_progress, say, stoppable, table
 from distal.cli.fit_command import (
+    MOST_LINES,
     MinutesOption,
     is_mostly_noise,
     say_scores,
     written_at_once,
-)
-from distal.cli.from_logs_command import (
-    DrivesOption,
-    IgnoreOption,
-    JointsOption,
-    LogsArgument,
-    roles_of,
-    say_found,
 )
 from distal.cli.paths import (
     check_command_outputs,
@@ -33,15 +27,100 @@ from distal.cli.paths import (
     to_folder,
     write_each,
 )
+from distal.cli.rig_commands import app
 from distal.cli.shared_options import LagOption, lag_time
 from distal.errors import EstimationError, RigError
 
 if TYPE_CHECKING:
     from distal.fitting import Fit
+    from distal.from_logs import RigFromLogs
     from distal.logs import Log
 
-MOST_ADVICE = 4
-"""Number of sentences of advice that are printed at most. Source: layout."""
+LogsArgument = Annotated[
+    list[Path],
+    Argument(
+        help="Logs with the same columns (CSV, Parquet, HDF5, MCAP, ROS bags, LeRobot "
+        "datasets), some with the joints' angles."
+    ),
+]
+JointsOption = Annotated[
+    str | None,
+    Option("--truth", help="Columns that are joints' angles, separated by commas."),
+]
+DrivesOption = Annotated[
+    list[str] | None,
+    Option(
+        "--drive",
+        help="A column that is a drive's position, with its unit: m1=ticks. Repeatable.",
+    ),
+]
+IgnoreOption = Annotated[
+    str | None, Option("--ignore", help="Columns that are none of this, separated by commas.")
+]
+
+
+class Roles(TypedDict):
+    """What is said of columns, as the arguments of `rig_from_logs`."""
+
+    truth: list[str]
+    drives: dict[str, str]
+    ignore: list[str]
+
+
+def roles_of(truth: str | None, drive: list[str] | None, ignore: str | None) -> Roles:
+    """Return what the options of a command say of columns, as `rig_from_logs` takes it."""
+    drives = dict[str, str]()
+    for text in drive or ():
+        column, _, unit = text.partition("=")
+        if not column:
+            raise RigError(f"--drive is a column and its unit, such as m1=ticks; '{text}' came")
+        drives[column] = unit
+    return {"truth": _listed(truth), "drives": drives, "ignore": _listed(ignore)}
+
+
+def _listed(text: str | None) -> list[str]:
+    """Return the names in a text, separated by commas."""
+    return [part.strip() for part in (text or "").split(",") if part.strip()]
+
+
+def say_found(found: RigFromLogs) -> None:
+    """Print what logs say of a rig: columns, structure, what they cannot tell, what was guessed."""
+    from distal.rig import scales_in_words
+
+    for column in found.columns:
+        say(f"  {column.in_words}")
+    for line in found.structure:
+        say(line)
+    for line in (*found.untellable, *found.notes):
+        say(line)
+    if found.rig.taken:
+        say(scales_in_words(found.rig))
+    say(f"no log tells these, so they are guesses with wide stds: {', '.join(found.guesses)}")
+
+
+@app.command("from-logs")
+def from_logs_command(
+    logs: LogsArgument,
+    out: Annotated[Path, Option(help="Where to write the rig file (.toml).")] = Path("rig.toml"),
+    truth: JointsOption = None,
+    drive: DrivesOption = None,
+    ignore: IgnoreOption = None,
+) -> None:
+    """Write the rig file that logs show: which columns are what, which drive moves which joint,
+    sizes.
+    """
+    from distal.from_logs import rig_from_logs
+    from distal.logs import sources_of, write_whole
+
+    check_command_outputs(to_file("--out", out), logs=list(logs))
+    check_ending(out, "a rig file")
+    check_new(out)
+    roles = roles_of(truth, drive, ignore)
+    found = rig_from_logs(sources_of(logs), **roles, name=out.stem)
+    say_found(found)
+    write_whole(out, found.text)
+    asked = shlex.join(["distal", "fit", *map(str, logs), "--rig", str(out), "--out"])
+    say(f"wrote {out}; guesses are marked in it. Next: {asked} {out.stem}_fitted.toml")
 
 
 def learn_command(
@@ -154,7 +233,7 @@ def _answer(result: Fit, logs: Sequence[Log]) -> None:
             "with two logs of known angles the answer has errors on logs that were not learned "
             f"from; {len(logs)} came"
         )
-    for line in result.advice()[:MOST_ADVICE]:
+    for line in result.advice()[:MOST_LINES]:
         say(line)
     if scores:
         say(f"answer: {result.answer()}")
@@ -162,7 +241,7 @@ def _answer(result: Fit, logs: Sequence[Log]) -> None:
     if undetermined:
         say(
             f"log next: slow motions under other loads, and over the whole range; these logs do "
-            f"not tell {', '.join(undetermined[:MOST_ADVICE])}"
+            f"not tell {', '.join(undetermined[:MOST_LINES])}"
         )
 
 
