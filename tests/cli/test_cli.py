@@ -719,7 +719,7 @@ def test_view(run, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert opened[0].startswith("file://")
     ran = run(*words, "--out", tmp_path / "page.png")
     assert ran.code == 2
-    assert "give a name that ends in .html" in ran.err
+    assert "a page ends in .html or .htm" in ran.err
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from typing import Annotated
 from typer import Option
 
 from distal.cli.console import say, working
-from distal.cli.paths import check_command_outputs, to_page
+from distal.cli.paths import check_command_outputs, check_ending, to_file
 from distal.cli.shared_options import EstimatorOption, RigArgument, SetOption
 
 
@@ -26,7 +26,8 @@ def lab_command(
     from distal.lab import check_ziglang, lab_page
     from distal.rig import load_rig
 
-    check_command_outputs(to_page("--out", out), rig=rig)
+    check_ending(out, "a page")
+    check_command_outputs(to_file("--out", out), rig=rig)
     described = load_rig(rig, set_ or ())
     check_ziglang()
     settings = (f"--set {shlex.quote(setting)}" for setting in set_ or ())

@@ -44,17 +44,6 @@ def to_file(option: str, path: Path | None) -> list[Output]:
     return [] if path is None else [Output(path, option)]
 
 
-def to_page(option: str, path: Path | None) -> list[Output]:
-    """Return the page that an option asks for; none where the option was not given.
-
-    Raises:
-        OutputError: the path does not end in .html or .htm.
-    """
-    if path is not None and path.suffix.lower() not in (".html", ".htm"):
-        raise OutputError(f"{path}: the page is HTML; give a name that ends in .html")
-    return to_file(option, path)
-
-
 def to_folder(option: str, folder: Path | None, names: Iterable[str]) -> list[Output]:
     """Return the files in the folder that an option asks for; none where the option was not
     given.
@@ -132,6 +121,7 @@ def _files_of(log: Path) -> Iterator[Path]:
 
 ENDINGS = {
     "a rig file": (".toml",),
+    "a page": (".html", ".htm"),
     "a recording": (".mcap",),
     "a table": (".csv", ".txt", ".parquet", ".pq", ""),
 }

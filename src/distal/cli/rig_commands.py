@@ -71,12 +71,9 @@ def check_command(rig: RigArgument, set_: SetOption = None) -> None:
     uncertain = [name for name, std in zip(values.names, values.stds) if std > 0.0]
     say(f"{rig}: ok, '{description.name}'")
     lists = (description.joints, description.drives, description.tendons, description.sensors)
-    counts = [
-        (len(parts), name) for name, parts in zip(("joint", "drive", "tendon", "sensor"), lists)
-    ]
     if description.taken:
         say(f"  {scales_in_words(description)}")
-    say("  " + ", ".join(f"{number} {name}{'s' if number != 1 else ''}" for number, name in counts))
+    say(f"  {description.count_in_words()}")
     for kind, parts in zip(("joints", "drives", "tendons", "sensors"), lists):
         for at, part in ((f"{kind}.{i}", part) for i, part in enumerate(parts)):
             # initial angles and errors of sensors are no parameters of the equations of motion

@@ -11,7 +11,7 @@ from typing import Annotated
 from typer import Argument, Option
 
 from distal.cli.console import continue_on_failure, say, working
-from distal.cli.paths import check_command_outputs, to_page
+from distal.cli.paths import check_command_outputs, check_ending, to_file
 from distal.cli.shared_options import (
     EstimatorOption,
     HomingOption,
@@ -54,7 +54,8 @@ def view_command(
     from distal.run import estimate
 
     check_plotly()
-    check_command_outputs(to_page("--out", out), logs=[log], rig=rig, truth=truth)
+    check_ending(out, "a page")
+    check_command_outputs(to_file("--out", out), logs=[log], rig=rig, truth=truth)
     description = load_rig(rig, set_ or ())
     samples = read_log(log, description, truth)
     home = homing_time(homing)
