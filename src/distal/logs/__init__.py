@@ -2,12 +2,22 @@
 
 from distal.logs.atomic_writes import keep_elsewhere, write_together, write_whole
 from distal.logs.cells import Column
-from distal.logs.data_frames import pandas_frame, polars_frame
 from distal.logs.datasets import da_vinci_grasper
 from distal.logs.episodes import Episode, episodes_of, is_dataset, sources_of
 from distal.logs.formats import TABLES, check_format, file_of
 from distal.logs.header_units import header, name_and_unit
-from distal.logs.log import LARGEST_READING, Log, frozen, true_angles, true_torques
+from distal.logs.log import (
+    FROM_SENSOR,
+    LARGEST_READING,
+    Log,
+    TruthKind,
+    TruthSource,
+    frozen,
+    pandas_frame,
+    polars_frame,
+    true_angles,
+    true_torques,
+)
 from distal.logs.log_files import (
     read_angles,
     read_log,
@@ -21,9 +31,7 @@ from distal.logs.mujoco_recorder import mujoco_recorder
 from distal.logs.output_targets import Output, check_outputs, outputs_in, shown
 from distal.logs.recorder import ESTIMATE_TOPIC, SAMPLE_TOPIC, Recorder, estimate_schema
 from distal.logs.recordings import is_recording, open_recording, recorded_columns
-from distal.logs.sources import Source
-from distal.logs.tables import open_table, read_table, table_of
-from distal.logs.truth import FROM_SENSOR, TruthKind, TruthSource
+from distal.logs.tables import Source, open_table, read_table, table_of
 
 __all__ = [
     "ESTIMATE_TOPIC",

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
+from enum import Enum
+from importlib import import_module
+from types import MappingProxyType, ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
-from distal.errors import LogError
-from distal.logs.data_frames import pandas_frame, polars_frame
-from distal.logs.truth import NO_SOURCE, TruthKind, TruthSource, truth_source_of
+from distal.errors import DistalError, LogError
 from distal.rig import angle_names, torque_names
 
 if TYPE_CHECKING:
@@ -42,6 +42,60 @@ LARGEST_READING = 1e7
 """Largest magnitude that a real reading can have [m, N, rad, N m]; larger readings are wild values.
 Source: judgement.
 """
+
+
+class TruthKind(Enum):
+    """The kind of source that a log's truth has."""
+
+    UNKNOWN = "unknown"
+    """The kind of source was not given."""
+
+    SENSOR = "sensor"
+    """The truth is read by the rig's own reference sensors."""
+
+    HOME = "home"
+    """The truth is the known angles of the joints while homing; it counts as readings, see
+    `distal.homing`.
+    """
+
+    SIMULATION = "simulation"
+    """The truth is that of a simulation that has just run."""
+
+    COLUMN = "column"
+    """The truth is another column of the log, such as one that a simulation wrote."""
+
+    FILE = "file"
+    """The truth is in a file beside the log."""
+
+    @property
+    def by_sensor(self) -> bool:
+        """Whether the truth of this kind is read by sensors of the rig, with their errors."""
+        return self in (TruthKind.SENSOR, TruthKind.HOME)
+
+
+@dataclass(frozen=True)
+class TruthSource:
+    """Where a log's truth comes from; `position` names the column, file or mark, for people."""
+
+    kind: TruthKind = TruthKind.UNKNOWN
+    position: str = ""
+
+    def __str__(self) -> str:
+        """Return the source in words."""
+        parts = (self.position, "the reference sensor" if self.kind.by_sensor else "")
+        return ", ".join(part for part in parts if part)
+
+
+NO_SOURCE = TruthSource()
+"""The source of a truth that is not there, or whose source was not given."""
+
+FROM_SENSOR = TruthSource(TruthKind.SENSOR)
+"""The source of a truth that the rig's own reference sensor reads."""
+
+
+def truth_source_of(source: TruthSource | str) -> TruthSource:
+    """Return the source of a truth; a text becomes a source of unknown kind."""
+    return TruthSource(position=source) if isinstance(source, str) else source
 
 
 @dataclass(frozen=True)
@@ -216,3 +270,24 @@ def _columns(log: Log, names: Sequence[str]) -> Floats | None:
         return log.truth[names[0]][:, None]
     unknown = np.full(len(log), np.nan)
     return frozen(np.column_stack([log.truth.get(name, unknown) for name in names]))
+
+
+def pandas_frame(columns: Mapping[str, NDArray[np.generic]]) -> pandas.DataFrame:
+    """Return the columns as a pandas frame; a `DistalError` says where pandas is not installed."""
+    copies = {name: np.array(column) for name, column in columns.items()}
+    frame: pandas.DataFrame = _library("pandas").DataFrame(copies)
+    return frame
+
+
+def polars_frame(columns: Mapping[str, NDArray[np.generic]]) -> polars.DataFrame:
+    """Return the columns as a polars frame; a `DistalError` says where polars is not installed."""
+    frame: polars.DataFrame = _library("polars").DataFrame(dict(columns))
+    return frame
+
+
+def _library(name: str) -> ModuleType:
+    """Return a library's module, or raise a `DistalError` that says how to install it."""
+    try:
+        return import_module(name)
+    except ImportError:
+        raise DistalError(f"{name} is not installed; pip install '.[{name}]'") from None

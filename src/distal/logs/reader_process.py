@@ -60,8 +60,11 @@ def memory_limit() -> int:
     text = os.environ.get(MEMORY_VARIABLE)
     if not text:
         return MOST
+    quantity: float | str = text
+    with suppress(ValueError):
+        quantity = float(text)  # a bare number is in bytes
     try:
-        size = to_si(float(text) if text.strip().isdecimal() else text, "byte")
+        size = to_si(quantity, "byte")
     except UnitError as problem:
         raise LogError(f"{MEMORY_VARIABLE}: {problem}") from None
     if not 1e6 <= size < 1e18:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
@@ -20,8 +20,22 @@ from distal.logs.formats import check_is_content, format_of
 from distal.logs.header_units import header, needed, scale, units_of
 from distal.logs.output_targets import shown
 from distal.logs.reader_process import read_apart
-from distal.logs.sources import Source
 from distal.logs.vectors import INFO
+
+
+class Frame(Protocol):
+    """A table in memory with named columns, such as a frame of pandas or polars."""
+
+    @property
+    def columns(self) -> Iterable[str]:
+        """Names of the frame's columns."""
+
+    def __getitem__(self, name: str, /) -> object:
+        """Return the column of a name."""
+
+
+Source: TypeAlias = str | Path | Frame | Episode
+"""The path of a file, a frame, or an episode of a dataset."""
 
 
 @dataclass(frozen=True)
