@@ -118,7 +118,11 @@ def open_recording(
 
 
 def recorded_cells(path: Path, columns: Sequence[str], time: str, unit: float) -> Cells:
-    """Return what `open_recording` reads as a table, with the stamps of the rows in its `held`."""
+    """Return what `open_recording` reads as a table, with the stamps of the rows in its `held`.
+
+    Args:
+        unit: unit of the time column [s].
+    """
     found, stamps = open_recording(path, columns, time, unit)
     return in_memory(found | {ROW_STAMPS: stamps}, path, 0, found)
 
