@@ -23,7 +23,6 @@ from distal.logs.cells import Cells, in_memory
 from distal.logs.formats import Message, UndecodableError, check_is_content, format_of
 from distal.logs.messages import STAMPS, number_of
 from distal.logs.stamps import LATEST
-from distal.logs.vectors import WIDEST_VECTOR
 from distal.suggestions import did_you_mean
 
 NEAR = 0.1
@@ -34,6 +33,11 @@ judgement.
 OF_A_TOPIC = 50
 """Number of messages of one topic that are looked at for columns: a driver may publish each joint
 in a message of its own. Source: judgement.
+"""
+
+LONGEST = 64
+"""Length of the longest array whose elements are columns; longer ones are images and clouds of
+points. Source: judgement.
 """
 
 SET_BACK = 1_000_000_000
@@ -343,7 +347,7 @@ def _fields(content: object) -> Iterator[str]:
         if isinstance(member, int | float | np.number):
             yield str(name)
         elif isinstance(member, list | np.ndarray):
-            is_numeric = len(member) <= WIDEST_VECTOR and all(
+            is_numeric = len(member) <= LONGEST and all(
                 isinstance(number, int | float | np.number) and not isinstance(number, bool)
                 for number in member
             )

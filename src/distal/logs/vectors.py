@@ -12,7 +12,7 @@ INFO = Path("meta") / "info.json"
 """Path of a LeRobot dataset's description in its folder; it names the numbers of vectors."""
 
 WIDEST_VECTOR = 256
-"""Longest vector whose numbers are read as columns; a longer one is an image or a cloud of points.
+"""Longest vector per row of a table that is read as columns; a longer one is an image or the like.
 Source: judgement.
 """
 
