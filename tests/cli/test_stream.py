@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from csv import reader as rows_of
 from pathlib import Path
 
 import numpy as np
@@ -427,3 +428,17 @@ def test_an_empty_last_cell_of_a_line_with_tabs(tmp_path: Path) -> None:
     health = [line.split(",")[-2] for line in done.stdout.splitlines()[1:]]
     assert len(health) == 3
     assert "bad" not in health
+
+
+def test_a_line_that_is_no_sample_has_the_cells_of_the_others(run: Run, csv: str) -> None:
+    """With a joint that may be touched there are columns of its torque."""
+    lines = csv.splitlines()[:6]
+    touched = "--set", 'joints.0.external_torque.std="0.1 N m"'
+    out, err, code = run("\n".join([*lines[:3], "x,y", *lines[3:]]) + "\n", *touched)
+    assert code == 0, err
+    header, *answers = list(rows_of(out.splitlines()))
+    assert header[-3] == "external_torque_std [N m]"
+    bad = [answer for answer in answers if answer[-2] == "bad"]
+    assert [answer[:-2] for answer in bad] == [[""] * (len(header) - 2)]
+    assert bad[0][-1].startswith("2 cells came, ")
+    assert {len(answer) for answer in answers} == {len(header)}
