@@ -5,8 +5,7 @@ import pytest
 
 from distal.errors import LogError
 from distal.from_logs.column_names import name_evidence
-from distal.from_logs.column_role import Overrides
-from distal.from_logs.columns import column_roles
+from distal.from_logs.columns import Overrides, column_roles
 from distal.from_logs.raw_log import RawLog
 from tests.from_logs.logs import finger
 

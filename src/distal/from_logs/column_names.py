@@ -1,208 +1,169 @@
-"""What the name of a column says: words in five languages, and units behind it."""
+"""What the name of a column says: words in five languages, and units behind it.
+
+Each kind of word and each unit speaks for and against roles by a logarithm of odds, and these add
+up (naive Bayes).
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 from unicodedata import combining, normalize
 
 from distal.errors import UnitError
 from distal.units import unit_factor
 
-Role = Literal["time", "position", "effort", "angle", "command", "other"]
+Role = Literal["position", "effort", "angle", "command", "time", "other"]
 """Position and effort are a drive's, an angle is a joint's reference."""
 
-CLEAR_WORD = 3.0
-"""How much a clear word speaks for a role, as a logarithm of odds [1]. Source: judgement."""
+ROLES: tuple[Role, ...] = get_args(Role)
 
-WEAK_WORD = 1.2
-"""The same of a weak word [1]. Source: judgement."""
+SURE = 2.0
+"""Margin of the best role before the next from which it is sure [1]. Source: definition (a
+logarithm of odds: 88 %).
+"""
 
-CLEAR: Mapping[Role, str] = {
+LIKELY = 1.0
+"""The same from which it is likely [1]. Source: definition (73 %)."""
+
+WORDS: Mapping[str, str] = {
     "time": "t time zeit temps tiempo tempo stamp timestamp clock stempel secs seconds millis",
-    "position": "enc encoder ticks tick counts count disp displacement weg recorrido x phi "
-    "posmotor motorpos servopos stroke travel hub course carrera corsa",
-    "effort": "force kraft fuerza forza effort load loadcell tension zug cur curr current strom "
-    "courant corriente corrente torque drehmoment couple coppia tau f u lc fsr amps traction "
-    "tensione",
-    "angle": "theta angle winkel angulo angolo truth true camera cam kamera camara mocap vicon "
-    "optitrack fiducial aruco goniometer gonio joint gelenk articulation articulacion giunto tag",
+    "interval": "s sec ms us ns dt",
+    "position": "ticks tick counts count recorrido posmotor motorpos servopos stroke hub course "
+    "carrera corsa",
+    "encoder": "enc encoder",
+    "travel": "disp displacement weg travel",
+    "symbol": "x",
+    "turn": "phi",
+    "place": "pos position posicion posizione stellung",
+    "drive": "motor servo drive actuator spool antrieb moteur motore tendon cable seil cavo m "
+    "actuador attuatore slider",
+    "proximal": "prox proximal",
+    "force": "force kraft fuerza forza tension zug f traction trazione tensione",
+    "torque": "torque drehmoment couple coppia tau",
+    "current": "cur curr current strom courant corriente corrente amps",
+    "effort": "effort load loadcell u lc fsr",
+    "weak current": "i ma",
+    "weak effort": "moment par fx fz n cell zelle",
+    "angle": "theta angle winkel angulo angolo camera cam kamera camara mocap vicon optitrack "
+    "fiducial aruco goniometer gonio tag",
+    "truth": "truth true",
+    "joint": "joint gelenk articulation articulacion giunto",
+    "finger": "q ref reference mcp pip dip cmc wrist elbow finger thumb knee yaw pitch roll jaw "
+    "hand poignet doigt muneca dedo polso dito handgelenk daumen ist measured flex flexion abd "
+    "abduction tilt inclination bend bending orientation deflection heading neck shoulder hip "
+    "ankle toe trunk th knuckle neigung beugung inclinaison inclinacion inclinazione",
+    "index": "index",
     "command": "cmd command goal target setpoint sp soll sollwert consigne consigna comando "
-    "desired befehl action",
-    "other": "temp temperature temperatur volt voltage spannung voltaje pwm duty battery index idx "
-    "frame seq row id status state mode flag error err speed vel velocity geschwindigkeit vitesse "
-    "velocidad velocita omega acc accel gyro humidity pressure rpm unnamed checksum",
+    "desired befehl action des ziel cible objetivo obiettivo",
+    "rate": "speed vel velocity geschwindigkeit vitesse velocidad velocita omega acc accel "
+    "acceleration dot rate rpm gyro",
+    "other": "temp temperature temperatur volt voltage spannung voltaje pwm duty battery idx frame "
+    "seq row id status state mode flag error err humidity pressure unnamed checksum quality conf "
+    "confidence",
 }
-"""Role → words that name it, in English, German, French, Spanish and Italian."""
+"""Kind of word → words, in English, German, French, Spanish and Italian."""
 
-WEAK: Mapping[Role, str] = {
-    "time": "s sec ms us ns dt",
-    "position": "pos position posicion posizione stellung motor servo drive actuator slider spool "
-    "m antrieb moteur motore tendon cable seil cavo",
-    "effort": "i moment par fx fz n ma cell zelle",
-    "angle": "q ref reference mcp pip dip cmc wrist elbow finger thumb index knee yaw pitch roll "
-    "jaw hand poignet doigt muneca dedo polso dito handgelenk daumen ist measured flex flexion "
-    "abd abduction tilt inclination bend bending orientation deflection heading neck shoulder "
-    "hip ankle toe trunk th knuckle neigung beugung inclinaison inclinacion inclinazione",
-    "command": "des des_ ziel cible objetivo obiettivo",
-    "other": "z quality conf confidence count_rows",
+OF_WHAT = ("finger", "proximal")
+"""Kinds of words that say of what something is measured."""
+
+KIND_OF = {word: kind for kind, text in WORDS.items() for word in text.split()}
+"""Word → its kind."""
+
+EVIDENCE: Mapping[str, Mapping[Role, float]] = {
+    "time": {"time": 3.0},
+    "interval": {"time": 1.2},
+    "position": {"position": 3.0},
+    "encoder": {"position": 2.0},
+    "travel": {"position": 3.0},
+    "symbol": {"position": 3.0},
+    "turn": {"position": 3.0},
+    "place": {"position": 1.2},
+    "drive": {"position": 1.5, "angle": -9.0},
+    "proximal": {"position": 1.5, "angle": -9.0},
+    "force": {"effort": 3.0, "angle": -3.0},
+    "torque": {"effort": 3.0, "angle": -3.0},
+    "current": {"effort": 3.0, "angle": -3.0},
+    "effort": {"effort": 3.0, "angle": -3.0},
+    "weak current": {"effort": 1.2},
+    "weak effort": {"effort": 1.2},
+    "angle": {"angle": 3.0, "position": 1.0},
+    "truth": {"angle": 3.0, "effort": -9.0},
+    "joint": {"angle": 3.0, "position": -1.5},
+    "finger": {"angle": 1.2},
+    "index": {"angle": 1.2, "other": 2.0},
+    "command": {"command": 12.0},
+    "rate": {"other": 15.0},
+    "other": {"other": 3.0},
 }
+"""Kind of word → role → logarithm of the odds that it speaks for that role [1]. Source: definition
+(of this model; 3 is 20 to 1), chosen on `benchmarks.from_logs columns`, seeds 7600 on.
+"""
 
-SHORTEST_PART = 3
-"""Number of letters of the shortest word that a compound is made of. Source: judgement."""
+NOT_OF_UNIT: Mapping[Role, float] = {**dict.fromkeys(ROLES, -6.0), "other": -3.0}
+"""What a unit says of roles that it does not name; it may stand beside any other column."""
 
-GREEK = {"θ": "theta", "φ": "phi", "ϕ": "phi", "τ": "tau", "ω": "omega", "α": "alpha", "β": "beta"}
-"""Letters of symbols, as words."""
+OF_UNIT: Mapping[str, Mapping[Role, float]] = {
+    "s": {"time": 1.0},
+    "rad": {"position": 1.0, "angle": 1.0},
+    "m": {"position": 2.5},
+    "count": {"position": 2.5},
+    "N": {"effort": 1.0},
+    "N m": {"effort": 1.0},
+    "A": {"effort": 1.0},
+    "V": {"other": 1.0},
+    "K": {"other": 1.0},
+    "": {"other": 1.0, "effort": 0.0},
+}
+"""SI unit → role → the same logarithm of odds."""
 
-RATES = frozenset(
-    [
-        "vel",
-        "velocity",
-        "speed",
-        "geschwindigkeit",
-        "vitesse",
-        "velocidad",
-        "velocita",
-        "omega",
-        "acc",
-        "accel",
-        "dot",
-        "rate",
-    ]
-)
-"""A column with one of these words is a rate of change, whatever it is a rate of."""
+UNITS: Mapping[str, Mapping[str, str]] = {
+    "s": {"s": "s sec secs seconds", "ms": "ms millis", "us": "us", "ns": "ns", "min": "min"},
+    "rad": {"rad": "rad rads radians", "deg": "deg degree degrees grad °", "mrad": "mrad"},
+    "m": {"m": "m", "mm": "mm", "cm": "cm", "um": "um"},
+    "count": {"count": "count counts cnt tick ticks step steps pulses"},
+    "N": {
+        "N": "n newton",
+        "mN": "mn",
+        "gf": "g gf gram grams",
+        "kgf": "kg kgf kp",
+        "lbf": "lb lbs lbf",
+    },
+    "N m": {"N m": "nm", "mN m": "mnm", "N cm": "ncm", "N mm": "nmm", "kgf cm": "kgcm"},
+    "A": {"A": "a amps", "mA": "ma"},
+    "V": {"V": "v", "mV": "mv"},
+    "K": {"degC": "c °c"},
+    "": {"%": "% pct percent"},
+}
+"""SI unit of a dimension → unit as a rig file has it → how headers write it."""
 
-COMMANDS = frozenset(CLEAR["command"].split()) | {"des"}
-"""A column with one of these words is a command, also where it names a motor or a joint."""
+SPELLED = {
+    text: (unit, si)
+    for si, units in UNITS.items()
+    for unit, texts in units.items()
+    for text in texts.split()
+}
+"""How a header writes a unit → the unit, and the SI unit of its dimension."""
 
-ROLE_WORDS = frozenset(
-    word
-    for group in (CLEAR, WEAK)
-    for role, text in group.items()
-    for word in text.split()
-    if not (group is WEAK and role == "angle")
-)
-"""Words that say what is measured, not of what."""
-
-WORDS = frozenset(
-    word for group in (CLEAR, WEAK) for text in group.values() for word in text.split()
-)
-"""All words of these tables."""
+NO_SCALE = frozenset(["load", "raw", "register", "lsb", "pwm", "duty", "pct", "percent"])
+"""Words of an effort whose scale no log tells; it is taken as a current's."""
 
 EMPTY_WORDS = frozenset(["observation", "state", "states", "data", "msg", "value", "reading"])
 """Words that say neither what is measured nor of what."""
 
-DRIVES = frozenset(
-    [
-        "motor",
-        "servo",
-        "drive",
-        "actuator",
-        "slider",
-        "spool",
-        "antrieb",
-        "moteur",
-        "motore",
-        "tendon",
-        "cable",
-        "seil",
-        "cavo",
-        "m",
-        "enc",
-        "encoder",
-        "actuador",
-        "attuatore",
-        "prox",
-        "proximal",
-    ]
-)
-"""A column of these is a drive's, also where it is called an angle."""
-
-JOINTS = frozenset(["joint", "gelenk", "articulation", "articulacion", "giunto"])
-"""A column of these is a joint's, also where it is called a position."""
-
-UNITS: Mapping[str, tuple[str, str]] = {
-    **{name: (name, "s") for name in ("s", "ms", "us", "ns")},
-    "sec": ("s", "s"),
-    "secs": ("s", "s"),
-    "seconds": ("s", "s"),
-    "millis": ("ms", "s"),
-    **{name: (name, "rad") for name in ("rad", "deg", "mrad")},
-    "degrees": ("deg", "rad"),
-    "degree": ("deg", "rad"),
-    "grad": ("deg", "rad"),
-    "°": ("deg", "rad"),
-    "radians": ("rad", "rad"),
-    "rads": ("rad", "rad"),
-    **{name: (name, "m") for name in ("m", "mm", "cm", "um")},
-    "n": ("N", "N"),
-    "mn": ("mN", "N"),
-    "newton": ("N", "N"),
-    "lbf": ("lbf", "N"),
-    "gf": ("gf", "N"),
-    "kgf": ("kgf", "N"),
-    "g": ("gf", "N"),
-    "kg": ("kgf", "N"),
-    "nm": ("N m", "N m"),
-    "mnm": ("mN m", "N m"),
-    "ncm": ("N cm", "N m"),
-    "a": ("A", "A"),
-    "ma": ("mA", "A"),
-    "amps": ("A", "A"),
-    "ticks": ("count", "count"),
-    "tick": ("count", "count"),
-    "counts": ("count", "count"),
-    "count": ("count", "count"),
-    "cnt": ("count", "count"),
-    "nmm": ("N mm", "N m"),
-    "gram": ("gf", "N"),
-    "grams": ("gf", "N"),
-    "lb": ("lbf", "N"),
-    "lbs": ("lbf", "N"),
-    "kp": ("kgf", "N"),
-    "kgcm": ("kgf cm", "N m"),
-    "step": ("count", "count"),
-    "steps": ("count", "count"),
-    "pulses": ("count", "count"),
-    "min": ("min", "s"),
-    "v": ("V", "V"),
-    "mv": ("mV", "V"),
-    "c": ("degC", "K"),
-    "°c": ("degC", "K"),
-    "%": ("%", ""),
-    "pct": ("%", ""),
-    "percent": ("%", ""),
-}
-"""How units are written in headers → the unit, and the SI unit of its dimension."""
-
-OF_UNIT: Mapping[str, tuple[Role, ...]] = {
-    "s": ("time",),
-    "rad": ("position", "angle", "command"),
-    "m": ("position", "command"),
-    "count": ("position", "command"),
-    "N": ("effort",),
-    "N m": ("effort",),
-    "A": ("effort",),
-    "V": ("other",),
-    "K": ("other",),
-    "": ("other", "effort"),
-}
-"""SI unit → the roles that a column in it can have."""
-
-OF_FIRST_ROLE = 2.5
-"""How much a unit of lengths or counts speaks for a drive's position, beside a command. Source:
-judgement.
-"""
-
-LETTERS = "smgAN"
-"""Units of one letter as they stand at the end of a name: `F_a` is a force of a, `i_A` is in A."""
+GREEK = {"θ": "theta", "φ": "phi", "ϕ": "phi", "τ": "tau", "ω": "omega", "α": "alpha", "β": "beta"}
+"""Letters of symbols, as words."""
 
 _BRACKETS = re.compile(r"^(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
 _LIKE_UNIT = re.compile(r"[^\W\d_][^\d_]{0,11}")
-_ENDING = re.compile(r"^(?:(.*)[_ ./-])?([A-Za-z°]+)$")
+# of single letters only these are units: F_a is a force of a, i_A is in A
+_ENDING = re.compile(r"^(?:(.*)[_ ./-])?([A-Za-z°]{2,}|[smgAN°])$")
 _TOKEN = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+|[^\W\da-zA-Z_]+")
+# a compound is made of two words, neither of them a symbol of one or two letters
+_PART = "|".join(word for word in KIND_OF if len(word) > len("th"))
+_COMPOUND = re.compile(f"({_PART})({_PART})")
 
 
 @dataclass(frozen=True)
@@ -211,17 +172,26 @@ class NameEvidence:
 
     Args:
         scores: role → logarithm of odds.
+        kinds: of its words (`WORDS`).
         unit: as a rig file has it, None where the name has none.
         si: SI unit of its dimension.
         subject: what is left of the name without these words: which drive or joint.
+        has_scale: whether an effort of this name may have one.
         unknown_unit: what stands in brackets where a unit stands, and is none that is known.
     """
 
     scores: Mapping[Role, float]
+    kinds: tuple[str, ...]
     unit: str | None
     si: str | None
     subject: str
+    has_scale: bool
     unknown_unit: str = ""
+
+    @property
+    def says_nothing(self) -> bool:
+        """Whether neither a word nor a unit is known."""
+        return not self.kinds and self.unit is None and not self.unknown_unit
 
 
 def words_of(name: str) -> list[str]:
@@ -231,96 +201,67 @@ def words_of(name: str) -> list[str]:
     for letter, word in GREEK.items():
         name = name.replace(letter, f" {word} ")
     plain = "".join(letter for letter in normalize("NFKD", name) if not combining(letter))
-    return [part for word in _TOKEN.findall(plain) for part in _without_compounds(word.lower())]
-
-
-def _without_compounds(word: str) -> tuple[str, ...]:
-    """Return the two words that a word is made of, or itself."""
-    if word in WORDS:
-        return (word,)
-    for i in range(SHORTEST_PART, len(word) - SHORTEST_PART + 1):
-        parts = word[:i], word[i:]
-        if all(part in WORDS for part in parts):
-            return parts
-    return (word,)
+    words = list[str]()
+    for word in _TOKEN.findall(plain.replace("_", " ")):
+        compound = None if word.lower() in KIND_OF else _COMPOUND.fullmatch(word.lower())
+        words.extend(compound.groups() if compound else [word.lower()])
+    return words
 
 
 def name_evidence(header: str) -> NameEvidence:
     """Return what the header of a column says."""
     match = _BRACKETS.match(header)
     base, bracket = (match[1], match[2]) if match else (header, "")
-    unit = _unit(bracket)
-    ending = None if unit else _ENDING.match(base)
-    at_end = None if ending is None else _unit_at_end(ending[1] or "", ending[2])
-    if ending is not None and at_end is not None:
+    unit, si = _unit(bracket)
+    ending = _ENDING.match(base) if unit is None else None
+    at_end = SPELLED.get(ending[2].lower()) if ending else None
+    if ending and at_end and (ending[1] or at_end[1] == "s"):  # a name that is only ms is a time
         base = ending[1] or base
+        unit, si = at_end
     words = words_of(base)
-    found = unit or at_end
     # a single letter is a symbol at the beginning only, of a recording's column after its topic:
     # F_mcp_f is the force of mcp_f
     topic = base.partition(".")[0] if base.startswith("/") else ""
     first = len(words_of(topic))
     telling = [word for i, word in enumerate(words) if i == first or len(word) > 1]
-    scores = dict.fromkeys(CLEAR, 0.0)
-    for role in CLEAR:
-        clear = sum(word in CLEAR[role].split() for word in telling)
-        weak = sum(word in WEAK[role].split() for word in telling)
-        scores[role] = CLEAR_WORD * min(clear, 2) + WEAK_WORD * min(weak, 2)
-    if scores["effort"] and any(word in ("true", "truth") for word in words):
-        # a reference torque is not read by a motor
-        scores["effort"] = scores["angle"] = 0.0
-        scores["other"] += 2.0 * CLEAR_WORD
-    if any(word in DRIVES for word in telling):
-        scores["position"] += scores["angle"]
-        scores["angle"] = 0.0
-    elif any(word in JOINTS for word in telling):
-        scores["angle"] += scores["position"]
-        scores["position"] = 0.0
-    if any(word in RATES for word in telling) or "/s" in bracket.replace(" ", ""):
-        scores = dict.fromkeys(scores, 0.0) | {"other": 2.0 * CLEAR_WORD}
-    elif any(word in COMMANDS for word in telling):
-        scores = dict.fromkeys(scores, 0.0) | {"command": 2.0 * CLEAR_WORD}
-    if found is not None:
-        for role in scores:
-            if role == OF_UNIT[found[1]][0]:
-                scores[role] += OF_FIRST_ROLE if found[1] in ("m", "count") else 1.0
-            elif role in OF_UNIT[found[1]]:
-                scores[role] += 1.0
-            else:
-                scores[role] -= 2.0 * CLEAR_WORD if unit else CLEAR_WORD
+    kinds = [KIND_OF[word] for word in telling if word in KIND_OF]
+    if "/s" in bracket.replace(" ", ""):
+        kinds.append("rate")
+    evidence = [EVIDENCE[kind] for kind in kinds]
+    if si is not None:
+        evidence.append({**NOT_OF_UNIT, **OF_UNIT[si]})
     kept = [
         word
         for i, word in enumerate(words)
-        if word not in ROLE_WORDS | EMPTY_WORDS or (i > 0 and len(word) == 1)
+        if (i > 0 and len(word) == 1)
+        or (KIND_OF.get(word, "finger") in OF_WHAT and word not in EMPTY_WORDS)
     ]
     return NameEvidence(
-        scores,
-        found[0] if found else None,
-        found[1] if found else None,
+        {role: sum(each.get(role, 0.0) for each in evidence) for role in ROLES},
+        tuple(kinds),
+        unit,
+        si,
         "_".join(kept),
-        bracket if unit is None and _LIKE_UNIT.fullmatch(bracket) else "",
+        si != "" and (si is not None or not NO_SCALE & set(words)),
+        bracket if _unit(bracket)[0] is None and _LIKE_UNIT.fullmatch(bracket) else "",
     )
 
 
-def _unit_at_end(name: str, ending: str) -> tuple[str, str] | None:
-    """Return the unit at the end of a name; a name that is nothing but ms is a time."""
-    if not name and ending not in ("ms", "us", "ns", "sec", "seconds", "millis"):
-        return None
-    is_symbol = len(ending) == 1 and ending not in LETTERS
-    return None if is_symbol else UNITS.get(ending.lower())
-
-
-def _unit(text: str) -> tuple[str, str] | None:
-    """Return a unit in brackets as a rig file has it, and the SI unit of its dimension."""
-    if not text:
-        return None
-    plain = re.sub(r"[\s·*.]+", "", text).lower()
-    if plain in UNITS:
-        return UNITS[plain]
-    for si in ("s", "rad", "m", "N", "N m", "A"):
+def dimension_of(unit: str, dimensions: Iterable[str]) -> str | None:
+    """Return that of `dimensions`, SI units, which a unit has, None where it has none of them."""
+    for si in dimensions:
         try:
-            unit_factor(text, si)
+            unit_factor(unit, si)
         except UnitError:
             continue
-        return text, si
+        return si
     return None
+
+
+def _unit(text: str) -> tuple[str | None, str | None]:
+    """Return a unit in brackets as a rig file has it, and the SI unit of its dimension."""
+    plain = re.sub(r"[\s·*.]+", "", text).lower()
+    if plain in SPELLED:
+        return SPELLED[plain]
+    si = dimension_of(text, ("s", "rad", "m", "N", "N m", "A")) if text else None
+    return (None, None) if si is None else (text, si)

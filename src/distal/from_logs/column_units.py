@@ -1,150 +1,45 @@
-"""The unit of a column: as its header says it, else by the size of its values."""
+"""What a column is, and its unit: as its header says it, else by its words and the range of its
+values.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Literal
 
-from distal.errors import LogError, UnitError
-from distal.from_logs.column_names import NameEvidence, words_of
-from distal.from_logs.column_role import ColumnRole, Sureness
-from distal.from_logs.column_scores import MANY_COUNTS
+import numpy as np
+
+from distal.arrays import Floats
+from distal.errors import LogError
+from distal.from_logs.column_names import ROLES, SPELLED, NameEvidence, Role, dimension_of
+from distal.from_logs.column_values import ValueEvidence, unwrapped
 from distal.rig import COUNTS
-from distal.units import unit_factor
 
-LARGEST_RADIANS = 12.6
-"""Angles over a wider range are in degrees: two turns. Source: judgement."""
-
-
-LARGEST_JOINT = 6.3
-"""The same for a joint: one turn. Source: physics (a joint turns less than once)."""
-
-
-LARGEST_AMPERES = 10.0
-"""Currents over a wider range are in mA. Source: judgement."""
-
-
-LARGEST_METRES = 0.5
-"""Displacements over a wider range are in mm. Source: physics (a hand's drives travel less)."""
-
-SMALLEST_TURN = 0.1
-"""Range of a drive's position below which it is in metres, since no motor of a hand turns by so few
-radians [1]. Source: judgement.
+Sureness = Literal["sure", "likely", "a guess", "assumed"]
+"""How sure something is. An assumed unit is that of a scale that no log tells, as of a load in
+percent.
 """
 
-FORCES = frozenset(
-    ["force", "f", "kraft", "fuerza", "forza", "tension", "traction", "trazione", "tensione", "zug"]
-)
-"""Words of a force, where a header has no unit."""
-
-
-NO_SCALE = frozenset(["load", "raw", "register", "lsb", "pwm", "duty", "pct", "percent"])
-"""Words of an effort whose scale no log tells; it is taken as a current's."""
-
-
-def check_unit(column: ColumnRole, name: NameEvidence) -> None:
-    """Raise a `LogError` where a column that is used has a unit in brackets that is not known."""
-    if name.unknown_unit and column.role != "other":
-        raise LogError(
-            f"column '{column.header}': the unit '{name.unknown_unit}' is not known; rename the "
-            "column with one like mm, deg, N, N mm, mA or counts, or leave it out by --ignore"
-        )
-
-
-def with_unit(column: ColumnRole, name: NameEvidence, drives: Mapping[str, str]) -> ColumnRole:
-    """Return a column with its unit: as its header says it, else by the size of its values."""
-    if column.role == "other":
-        return column
-    if drives.get(column.header):
-        unit = drives[column.header]
-        if unit in COUNTS:
-            return replace(column, unit="count", si="count", unit_sureness="sure")
-        return replace(column, unit=unit, si=_si_of(unit, column.header), unit_sureness="sure")
-    scaled = name.si == "" or (name.si is None and NO_SCALE & set(words_of(column.header)))
-    if column.role == "effort" and scaled:
-        return replace(column, unit="A", si="A", unit_sureness="assumed")
-    if name.unit is not None and name.si is not None:
-        return replace(column, unit=name.unit, si=name.si, unit_sureness="sure")
-    unit, si, sureness = _unit_by_size(column)
-    return replace(column, unit=unit, si=si, unit_sureness=sureness)
-
-
-def _si_of(unit: str, header: str) -> str:
-    """Return the SI unit of a drive's position in some unit."""
-    for si in ("m", "rad"):
-        try:
-            unit_factor(unit, si)
-        except UnitError:
-            continue
-        return si
-    raise LogError(
-        f"--drive '{header}={unit}': a drive is read in a length or an angle, such as mm or "
-        f"deg, or in ticks; '{unit}' is none of these"
-    )
-
-
-def _unit_by_size(column: ColumnRole) -> tuple[str, str, Sureness]:
-    """Return the unit of a column whose header has none, by its role, its words and its range."""
-    width = column.values.width
-    words = set(words_of(column.header))
-    if column.role == "time":
-        return "s", "s", "likely"
-    if column.role == "angle":
-        if width > LARGEST_JOINT:
-            return "deg", "rad", "likely"
-        return "rad", "rad", "a guess"
-    if column.role == "effort":
-        if words & {"torque", "tau", "drehmoment", "couple", "coppia"}:
-            return "N m", "N m", "likely"
-        if words & {"cur", "curr", "current", "strom", "courant", "corriente", "corrente", "i"}:
-            return ("mA" if width > LARGEST_AMPERES else "A"), "A", "a guess"
-        return "N", "N", "likely" if words & FORCES else "a guess"
-    if column.values.turn is not None and column.values.is_whole:
-        return "count", "count", "likely"
-    if column.values.is_whole and width > MANY_COUNTS:
-        return "count", "count", "likely"
-    if words & {"disp", "displacement", "slider", "weg"}:
-        return ("mm" if width > LARGEST_METRES else "m"), "m", "likely"
-    if "x" in words and not SMALLEST_TURN < width < LARGEST_RADIANS:  # else it may be an angle
-        return ("mm" if width > LARGEST_RADIANS else "m"), "m", "likely"
-    if width < SMALLEST_TURN and not words & {"phi"}:
-        return "m", "m", "a guess"
-    return ("deg" if width > LARGEST_RADIANS else "rad"), "rad", "a guess"
-
-
-def with_common_units(columns: Sequence[ColumnRole]) -> list[ColumnRole]:
-    """Return columns of one role in the unit of the surest of them, where theirs is a guess."""
-    result = list(columns)
-    for i, column in enumerate(columns):
-        if column.unit_sureness != "a guess" or column.role in ("other", "time"):
-            continue
-        alike = [
-            other
-            for other in columns
-            if other.role == column.role
-            and other.si
-            and other.values.width > 0.0
-            and (column.role != "effort" or other.si == column.si)
-        ]
-        widest = max(alike, key=lambda other: other.values.width)
-        surest = next((other for other in alike if other.unit_sureness != "a guess"), widest)
-        result[i] = replace(column, unit=surest.unit, si=surest.si)
-    return result
-
-
-def with_torques(columns: Sequence[ColumnRole]) -> list[ColumnRole]:
-    """Return columns in which an effort of a motor that turns is a torque where that is a guess."""
-    turning = {c.part for c in columns if c.role == "position" and c.si != "m"}
-    return [
-        replace(column, unit="N m", si="N m")
-        if column.role == "effort"
-        and column.si == "N"
-        and column.unit_sureness == "a guess"
-        and column.part in turning
-        else column
-        for column in columns
-    ]
-
+USUAL_RANGE: Mapping[Role, Mapping[str, Mapping[str, float]]] = {
+    "time": {"": {"s": 10.0}},
+    "angle": {"": {"rad": 0.8, "deg": 46.0}},
+    "position": {
+        "symbol": {"m": 0.01, "rad": 1.7, "mm": 30.0, "count": 1000.0},
+        "travel": {"m": 0.016, "mm": 16.0, "count": 1000.0},
+        "turn": {"rad": 1.7, "deg": 97.0, "count": 1000.0},
+        "": {"m": 0.01, "rad": 1.7, "deg": 97.0, "count": 1000.0},
+    },
+    "effort": {
+        "current": {"A": 0.3, "mA": 300.0},
+        "weak current": {"A": 0.3, "mA": 300.0},
+        "force": {"N": 10.0},
+        "torque": {"N m": 1.0},
+    },
+}
+"""Role → kind of a word, or none → unit → usual range of a column in it, where the header has no
+unit. The nearest one is taken, by the ratio. Source: judgement (fingers and their motors).
+"""
 
 TAKEN_FORCES = {"mA": "cN", "A": "daN"}
 """Unit of a current → that of a force which is taken for it where a drive moves in a line, 10 N for
@@ -152,20 +47,125 @@ an ampere. Source: judgement (small lead screws).
 """
 
 
-def with_forces_of_sliders(columns: Sequence[ColumnRole]) -> list[ColumnRole]:
-    """Return columns in which the current of a drive that moves in a line is a force of a taken
-    scale; where a header gives its unit in brackets it stays, and cannot be used.
+@dataclass(frozen=True)
+class ColumnRole:
+    """What a column is.
+
+    Args:
+        header: as the logs have it.
+        role: time, position or effort of a drive, angle of a joint, command, or other.
+        part: name of the drive or joint, empty for time and other.
+        unit: of its values, as a rig file has it; empty where it has none.
+        si: SI unit of its dimension; "count" for an encoder's counts.
+        sureness: of the role.
+        unit_sureness: of the unit.
+        evidence: why, in a line.
+        values: what its values say.
     """
-    in_line = {c.part for c in columns if c.role == "position" and c.si == "m"}
-    changed = []
-    for column in columns:
-        unit = TAKEN_FORCES.get(column.unit) if column.part in in_line else None
-        if column.role != "effort" or unit is None:
-            changed.append(column)
-        elif column.unit_sureness == "assumed":
-            changed.append(replace(column, unit=unit, si="N"))
-        elif column.header.rstrip().endswith("]"):
-            changed.append(replace(column, role="other", part=""))
-        else:
-            changed.append(replace(column, unit=unit, si="N", unit_sureness="a guess"))
-    return changed
+
+    header: str
+    role: Role
+    part: str
+    unit: str
+    si: str
+    sureness: Sureness
+    unit_sureness: Sureness
+    evidence: str
+    values: ValueEvidence
+
+    @property
+    def in_words(self) -> str:
+        """All of it in a line."""
+        of = f" of {self.part}" if self.part else ""
+        doubt = "" if self.unit_sureness == "sure" else f" ({self.unit_sureness})"
+        unit = f" in {self.unit}{doubt}" if self.unit else ""
+        unit = " of an assumed scale" if self.unit_sureness == "assumed" else unit
+        return f"{self.header}: {self.role}{of}{unit}, {self.sureness}: {self.evidence}"
+
+
+def with_units(
+    columns: Sequence[ColumnRole], names: Mapping[str, NameEvidence], drives: Mapping[str, str]
+) -> list[ColumnRole]:
+    """Return columns with their units: as a user or the header says, else by the words of the name
+    and the range of the values. The current of a drive that moves in a line becomes a force of a
+    taken scale; where a header gives its unit in brackets it stays, and cannot be used.
+
+    Args:
+        columns: with their roles and parts.
+        names: header → what its name says.
+        drives: header → the unit that a user gave.
+
+    Raises:
+        LogError: a user's unit is none of a length or an angle.
+    """
+    result = dict[str, ColumnRole]()
+    in_line = set[str]()
+    usual = {column.header: _usual_range(column.role, names[column.header]) for column in columns}
+    for column in sorted(columns, key=lambda column: ROLES.index(column.role)):
+        header, role, part = column.header, column.role, column.part
+        alike = [
+            each for each in columns if (each.role, usual[each.header]) == (role, usual[header])
+        ]
+        width = max(each.values.width for each in alike)
+        unit, si, sureness = _unit_by_size(column, usual[header], width, part in in_line)
+        if role == "other":
+            unit, si, sureness = "", "", "a guess"
+        elif drives.get(header):
+            unit, si = _drive_unit(header, drives[header])
+            sureness = "sure"
+        elif role == "effort" and not names[header].has_scale:
+            unit, si, sureness = "A", "A", "assumed"
+        elif names[header].unit:
+            unit, si, sureness = str(names[header].unit), str(names[header].si), "sure"
+        if role == "position" and si == "m":
+            in_line.add(part)
+        if role == "effort" and part in in_line and unit in TAKEN_FORCES:
+            if sureness == "sure" and header.rstrip().endswith("]"):
+                role, part = "other", ""
+            else:
+                unit, si = TAKEN_FORCES[unit], "N"
+                sureness = "a guess" if sureness == "sure" else sureness
+        result[header] = replace(
+            column, role=role, part=part, unit=unit, si=si, unit_sureness=sureness
+        )
+    return [result[column.header] for column in columns]
+
+
+def _usual_range(role: Role, name: NameEvidence) -> Mapping[str, float]:
+    """Return unit → usual range of a column by its role and its words, empty where none has one."""
+    of_role = USUAL_RANGE.get("position" if role == "command" else role, {})
+    return next((of_role[kind] for kind in (*name.kinds, "") if kind in of_role), {})
+
+
+def _unit_by_size(
+    column: ColumnRole, usual: Mapping[str, float], width: float, in_line: bool
+) -> tuple[str, str, Sureness]:
+    """Return the unit whose usual range is nearest to a `width`, its SI unit, and how sure that is;
+    an effort of unknown kind is a force of a drive that moves `in_line`, else a torque.
+    """
+    if not usual:
+        return ("N", "N", "a guess") if in_line else ("N m", "N m", "a guess")
+    units = [unit for unit in usual if unit != "count" or column.values.is_whole]
+    unit = min(units, key=lambda unit: abs(np.log(max(width, 1e-300) / usual[unit])))
+    is_likely = len(units) == 1 or unit == "count"
+    return unit, SPELLED[unit.replace(" ", "").lower()][1], "likely" if is_likely else "a guess"
+
+
+def _drive_unit(header: str, unit: str) -> tuple[str, str]:
+    """Return the unit of a drive's position that a user gave, and its SI unit."""
+    if unit in COUNTS:
+        return "count", "count"
+    si = dimension_of(unit, ("m", "rad"))
+    if si is None:
+        raise LogError(
+            f"--drive '{header}={unit}': a drive is read in a length or an angle, such as mm or "
+            f"deg, or in ticks; '{unit}' is none of these"
+        )
+    return unit, si
+
+
+def in_si(column: ColumnRole, values: Floats, factor: float) -> Floats:
+    """Return a column's values without wraps, times the factor of its unit."""
+    if column.values.turn is not None:
+        values = unwrapped(values, column.values.turn)
+    return values * factor

@@ -1,9 +1,10 @@
-"""What the values of a column say: its noise, its steps, its rate, whether it is constant."""
+"""What the values of columns say: noise, steps and wraps of each, and how much they move alike."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import pi
 
 import numpy as np
 
@@ -21,15 +22,18 @@ SAME = 1e-9
 """Values whose range is below this share of their size are one value. Source: rounding.
 """
 
-WRAP = 0.5
-"""A step above this share of the range, between neighbours, is a wrap. Source: judgement."""
+HALF = 0.5
+"""Share of a turn above which a step between neighbours is a wrap. Source: definition (Nyquist: the
+shorter way round is taken).
+"""
 
-FEWEST_WRAPPED = 2
-"""So many such steps make a counter that wraps. Source: judgement."""
+TURNS = np.array([2.0 * pi, 360.0, *2.0 ** np.arange(6, 33)])
+"""Periods after which readings wrap: in rad, in deg, of counters. Source: definition (registers
+have whole numbers of bits).
+"""
 
-
-NEAR_TURN = 0.1
-"""A jump is a turn that differs from it by less than this share. Source: judgement."""
+LONGEST_LAG = 40
+"""Samples by which one column may follow another. Source: judgement."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +47,6 @@ class ValueEvidence:
         step: smallest difference between different values: the resolution, 0 if it has none.
         is_whole: whether all values are whole numbers.
         is_constant: whether it has one value only.
-        missing: share of samples without a value.
-        changes: share of samples at which it has a new value.
         stays: largest number of samples in a row with one value.
         turn: counts after which it wraps, None where it does not.
     """
@@ -55,8 +57,6 @@ class ValueEvidence:
     step: float
     is_whole: bool
     is_constant: bool
-    missing: float
-    changes: float
     stays: int
     turn: float | None
 
@@ -64,11 +64,6 @@ class ValueEvidence:
     def width(self) -> float:
         """Difference between the largest and the smallest value."""
         return self.high - self.low
-
-    @property
-    def roughness(self) -> float:
-        """Noise per range."""
-        return self.noise / self.width if self.width > 0.0 else 0.0
 
 
 def value_evidence(columns: Sequence[Floats]) -> ValueEvidence:
@@ -78,26 +73,24 @@ def value_evidence(columns: Sequence[Floats]) -> ValueEvidence:
     low = float(pooled.min())
     high = float(pooled.max())
     second = np.concatenate([np.diff(values, 2) for values in present])
-    first = np.concatenate([np.diff(values) for values in present])
-    noise = NORMAL_MAD * float(np.median(np.abs(second))) / np.sqrt(SECOND_DIFFERENCE)
     return ValueEvidence(
         low=low,
         high=high,
-        noise=noise,
+        noise=NORMAL_MAD * float(np.median(np.abs(second))) / np.sqrt(SECOND_DIFFERENCE),
         step=_step(pooled),
         is_whole=bool(np.all(pooled == np.round(pooled))),
         is_constant=high - low <= SAME * max(abs(low), abs(high), 1e-300),
-        missing=1.0 - len(pooled) / sum(len(column) for column in columns),
-        changes=float(np.mean(first != 0.0)) if len(first) else 0.0,
-        stays=max(_longest_run(values) for values in present),
+        stays=max(longest_run(values)[1] for values in present),
         turn=_turn(present, high - low),
     )
 
 
-def _longest_run(values: Floats) -> int:
-    """Return the largest number of values in a row that are equal."""
+def longest_run(values: Floats) -> tuple[int, int]:
+    """Return where the longest run of equal values begins, and its number of samples."""
     ends = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0, [True]]))
-    return int(np.max(np.diff(ends), initial=0))
+    lengths = np.diff(ends)
+    longest = int(np.argmax(lengths)) if len(values) else 0
+    return (int(ends[longest]), int(lengths[longest])) if len(values) else (0, 0)
 
 
 def _step(values: Floats) -> float:
@@ -109,28 +102,25 @@ def _step(values: Floats) -> float:
         return 0.0
     gaps = np.diff(different)
     step = float(np.quantile(gaps, 0.05))
-    if step <= 0.0:
-        return 0.0
     multiples = gaps / step
     is_grid = np.mean(np.abs(multiples - np.round(multiples)) < 0.1) > 0.9
     return step if is_grid else 0.0
 
 
 def _turn(columns: Sequence[Floats], width: float) -> float | None:
-    """Return after how many counts a column wraps, None where it does not."""
-    jumps = np.concatenate([np.abs(np.diff(values)) for values in columns])
-    wrapped = jumps[jumps > WRAP * width]
-    if width <= 0.0 or len(wrapped) < FEWEST_WRAPPED:
+    """Return after how many counts a column wraps, None where it does not.
+
+    Hardly a step is between a quarter and half of a turn. The shorter way round, a wrap is a step
+    like the others; twice as large, as values are rounded.
+    """
+    steps = np.concatenate([np.abs(np.diff(values)) for values in columns])
+    is_wrap = steps > HALF * width
+    if is_wrap.sum() < 2 or is_wrap.all():
         return None
-    usual = float(np.quantile(jumps, 0.95))
-    if usual > 0.1 * width:  # it jumps all the time: no counter
-        return None
-    turn = float(np.median(wrapped)) + usual / 2.0
-    powers = 2.0 ** np.arange(6, 33)
-    nearest = float(powers[np.argmin(np.abs(powers - turn))])
-    present = (360.0, 2.0 * np.pi, nearest)
-    best = min(present, key=lambda candidate: abs(candidate / turn - 1.0))
-    return best if abs(best / turn - 1.0) < NEAR_TURN else None
+    largest = float(np.quantile(steps[~is_wrap], 0.99))
+    turn = float(TURNS[np.argmin(np.abs(TURNS - width))])
+    is_turn = np.median(np.abs(turn - steps[is_wrap])) <= 2.0 * largest < HALF * width
+    return turn if is_turn else None
 
 
 def unwrapped(values: Floats, turn: float) -> Floats:
@@ -142,3 +132,44 @@ def unwrapped(values: Floats, turn: float) -> Floats:
     result = values.copy()
     result[present] = np.unwrap(values[present], period=turn)
     return result
+
+
+def lagged_correlations(columns: Sequence[Floats]) -> Floats:
+    """Return the correlations among columns so many samples before, and these as they are, from lag
+    −`LONGEST_LAG` to `LONGEST_LAG`, (2 LONGEST_LAG + 1, 2 n, 2 n); 0 of columns that are constant.
+
+    Args:
+        columns: of one log, (n_samples,) each, more than 2 `LONGEST_LAG`.
+    """
+    matrix = np.column_stack([_filled(values) for values in columns])
+    inner = slice(LONGEST_LAG, len(matrix) - LONGEST_LAG)
+    lags = range(-LONGEST_LAG, LONGEST_LAG + 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        both = [np.hstack([np.roll(matrix, lag, axis=0), matrix])[inner] for lag in lags]
+        return np.nan_to_num([np.corrcoef(each, rowvar=False) for each in both])
+
+
+def _filled(values: Floats) -> Floats:
+    """Return values, missing ones between their neighbours."""
+    present = np.isfinite(values)
+    rows = np.arange(len(values))
+    if not present.any():
+        return np.zeros(len(values))
+    return np.asarray(np.interp(rows, rows[present], values[present]))
+
+
+def explained(correlations: Floats, causes: Sequence[int], effects: Sequence[int]) -> Floats:
+    """Return the least share of the variance of one of the `effects` that the `causes` explain at
+    each lag, (2 LONGEST_LAG + 1,): r C⁻¹ rᵀ with correlations r of an effect, and C of the causes
+    (Draper and Smith 1998).
+
+    Args:
+        correlations: by lag (`lagged_correlations`).
+        causes: indices of columns.
+        effects: the same.
+    """
+    now = np.array(effects) + correlations.shape[1] // 2
+    inverse = np.linalg.pinv(correlations[:, causes][:, :, causes], hermitian=True)
+    across = correlations[:, now][:, :, causes]
+    shares: Floats = np.einsum("lec,lcd,led->le", across, inverse, across).min(axis=1)
+    return shares

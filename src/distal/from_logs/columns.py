@@ -3,35 +3,63 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from itertools import combinations
 
-from distal.arrays import Floats
+import numpy as np
+
 from distal.errors import LogError
-from distal.from_logs.column_families import find_families
-from distal.from_logs.column_names import CLEAR, NameEvidence, Role, name_evidence
-from distal.from_logs.column_parts import named_columns
-from distal.from_logs.column_role import ColumnRole, Overrides, Sureness
-from distal.from_logs.column_scores import (
-    CLEARLY,
+from distal.from_logs.column_names import (
     LIKELY,
-    find_commands,
-    find_joints,
-    scores_of,
-    time_column,
+    ROLES,
+    SURE,
+    NameEvidence,
+    Role,
+    name_evidence,
 )
-from distal.from_logs.column_units import (
-    check_unit,
-    with_common_units,
-    with_forces_of_sliders,
-    with_torques,
-    with_unit,
+from distal.from_logs.column_units import ColumnRole, Sureness, with_units
+from distal.from_logs.column_values import (
+    LONGEST_LAG,
+    ValueEvidence,
+    explained,
+    lagged_correlations,
+    value_evidence,
 )
-from distal.from_logs.column_values import ValueEvidence, unwrapped, value_evidence
-from distal.from_logs.raw_log import RawLog
+from distal.from_logs.raw_log import RawLog, time_column
 from distal.logs import name_and_unit
+from distal.rig import name_of
 from distal.suggestions import did_you_mean
 
-BY_FAMILY = "by its values beside those of the others, as its name says nothing"
+CERTAIN = 99.0
+"""How much a user's word speaks for a role [1]. Source: definition (more than any name)."""
+
+MOVES = 0.8
+"""Share of the variance that drives and joints explain of each other, at least: of a force they
+explain less. Source: benchmark (benchmarks/from_logs columns, rigs drawn from 7000 on).
+"""
+
+ALIKE = 0.95
+"""Share from which on columns move alike: a command and its drive. Source: judgement."""
+
+FAMILIES = (2, 3)
+"""So many families of columns without names are told apart: positions and angles, and forces.
+Source: definition (what a log needs to show a rig).
+"""
+
+
+@dataclass(frozen=True)
+class Overrides:
+    """What a user says of columns.
+
+    Args:
+        truth: headers of joints' reference angles.
+        drives: header of a drive's position → its unit, or empty.
+        ignore: headers that are none of this.
+    """
+
+    truth: tuple[str, ...] = ()
+    drives: Mapping[str, str] = field(default_factory=dict)
+    ignore: tuple[str, ...] = ()
 
 
 def column_roles(logs: Sequence[RawLog], overrides: Overrides) -> list[ColumnRole]:
@@ -43,40 +71,41 @@ def column_roles(logs: Sequence[RawLog], overrides: Overrides) -> list[ColumnRol
     """
     headers = list(logs[0].columns)
     drives = {_header(name, headers): unit for name, unit in overrides.drives.items()}
-    truth = [_header(name, headers) for name in overrides.truth]
-    ignored = [_header(name, headers) for name in overrides.ignore]
+    said: dict[str, Role] = {_header(name, headers): "angle" for name in overrides.truth}
+    said |= dict.fromkeys(drives, "position")
+    said |= {_header(name, headers): "other" for name in overrides.ignore}
     names = {header: name_evidence(header) for header in headers}
     values = {header: value_evidence([log.columns[header] for log in logs]) for header in headers}
     time = time_column(logs, headers, names)
-    scores = {header: scores_of(header, time, names, values) for header in headers}
-    for header in truth:
-        scores[header] = dict.fromkeys(CLEAR, 0.0) | {"angle": 99.0}
-    for header in drives:
-        scores[header] = dict.fromkeys(CLEAR, 0.0) | {"position": 99.0}
-    for header in ignored:
-        scores[header] = dict.fromkeys(CLEAR, 0.0) | {"other": 99.0}
-    overruled = {*truth, *drives, *ignored}
-    if time in overruled:
+    if time in said:
         raise LogError(f"'{time}' is the only column that increases: it is the time")
-    find_commands(logs, scores, overruled)
-    find_joints(logs, scores, names, overruled)
-    constant = [header for header in headers if values[header].is_constant]
-    by_family = find_families(logs, scores, names, {time, *constant, *overruled})
-    roles = [_role(header, scores[header], names[header], values[header]) for header in headers]
-    for column in roles:
-        check_unit(column, names[column.header])
-    roles = [
-        replace(column, sureness="sure") if column.header in overruled else column
-        for column in roles
-    ]
-    roles = [
-        replace(column, sureness="likely", evidence=f"{column.evidence}, {BY_FAMILY}")
-        if column.header in by_family
-        else column
-        for column in roles
-    ]
-    roles = [with_unit(column, names[column.header], drives) for column in roles]
-    return with_forces_of_sliders(with_torques(named_columns(with_common_units(roles), names)))
+    constant = {header for header in headers if values[header].is_constant}
+    scores = {header: {**names[header].scores, "time": -CERTAIN} for header in headers}
+    known: dict[str, Role] = {**dict.fromkeys(constant, "other"), time: "time", **said}
+    for header, role in known.items():
+        scores[header][role] = CERTAIN
+    open_headers = [header for header in headers if header not in known]
+    log = max(logs, key=lambda log: log.rows)
+    by_family = _tell_families(log, scores, open_headers, names)
+    if not by_family:
+        _tell_commands(log, scores, open_headers, names, values)
+        _tell_joints(scores, open_headers, names)
+    found = []
+    for header in headers:
+        column = _role(header, scores[header], names[header], values[header])
+        if column.role != "other" and names[header].unknown_unit:
+            raise LogError(
+                f"column '{header}': the unit '{names[header].unknown_unit}' is not known; rename "
+                "the column with one like mm, deg, N, N mm, mA or counts, or leave it out by "
+                "--ignore"
+            )
+        if header in said:
+            column = replace(column, sureness="sure")
+        if by_family and header in open_headers:
+            reason = "by its values beside those of the others, as its name says nothing"
+            column = replace(column, sureness="likely", evidence=f"{column.evidence}, {reason}")
+        found.append(column)
+    return with_units(_with_parts(found, names), names, drives)
 
 
 def _header(name: str, headers: Sequence[str]) -> str:
@@ -91,20 +120,117 @@ def _header(name: str, headers: Sequence[str]) -> str:
     raise LogError(f"there is no column '{name}' in these logs{did_you_mean(name, headers)}")
 
 
+def _tell_commands(
+    log: RawLog,
+    scores: Mapping[str, dict[Role, float]],
+    headers: Sequence[str],
+    names: Mapping[str, NameEvidence],
+    values: Mapping[str, ValueEvidence],
+) -> None:
+    """Make a column that a drive's position follows, with more noise, a command where its name
+    says nothing; `scores` are changed in place.
+    """
+    positions = [header for header in headers if _best(scores[header]) == "position"]
+    silent = any(names[header].says_nothing for header in positions)
+    if not silent or log.rows <= 2 * LONGEST_LAG:
+        return
+    correlations = lagged_correlations([log.columns[header] for header in positions])
+    shares = correlations[:, len(positions) :, : len(positions)] ** 2
+    lags = np.argmax(shares, axis=0) - LONGEST_LAG
+    for late, early in np.argwhere((shares.max(axis=0) > ALIKE) & (lags > 0)):
+        leader, follower = (values[positions[i]] for i in (early, late))
+        is_quieter = leader.noise / leader.width < follower.noise / follower.width / 2.0
+        if is_quieter and names[positions[early]].says_nothing:
+            scores[positions[early]]["command"] = CERTAIN
+
+
+def _tell_families(
+    log: RawLog,
+    scores: Mapping[str, dict[Role, float]],
+    headers: Sequence[str],
+    names: Mapping[str, NameEvidence],
+) -> bool:
+    """Tell columns such as a0, a1, b0, b1 by families, where no name says anything, and return
+    whether they are told; `scores` are changed in place.
+
+    Drives and joints explain each other, and a force is the family that they explain less. Drives
+    are as many as forces, or lead the joints. Where neither tells, or a third family moves as these
+    do, nothing is changed.
+    """
+    families = dict[str, list[int]]()
+    for i, header in enumerate(headers):
+        families.setdefault(header.rstrip("0123456789"), []).append(i)
+    if (
+        len(families) not in FAMILIES
+        or not all(names[header].says_nothing for header in headers)
+        or log.rows <= 2 * LONGEST_LAG + len(headers)
+    ):
+        return False
+    correlations = lagged_correlations([log.columns[header] for header in headers])
+    shares = {
+        (a, b): explained(correlations, families[a], families[b])
+        for pair in combinations(families, 2)
+        for a, b in (pair, pair[::-1])
+    }
+    mutual = {
+        (a, b): min(shares[a, b][LONGEST_LAG], shares[b, a][LONGEST_LAG])
+        for a, b in combinations(families, 2)
+    }
+    (first, second), *others = sorted(mutual, key=lambda pair: -mutual[pair])
+    forces = [stem for stem in families if stem not in (first, second)]
+    if mutual[first, second] < MOVES or any(mutual[pair] > ALIKE for pair in others):
+        return False
+    lag = int(np.argmax(shares[first, second])) - LONGEST_LAG
+    counts = {stem: len(of) for stem, of in families.items()}
+    if forces and (counts[first] == counts[forces[0]]) != (counts[second] == counts[forces[0]]):
+        drives = first if counts[first] == counts[forces[0]] else second
+    elif lag:
+        drives = first if lag > 0 else second
+    else:
+        return False
+    for stem, of in families.items():
+        role: Role = "effort" if stem in forces else "position" if stem == drives else "angle"
+        for i in of:
+            scores[headers[i]][role] = CERTAIN
+    return True
+
+
+def _tell_joints(
+    scores: Mapping[str, dict[Role, float]],
+    headers: Sequence[str],
+    names: Mapping[str, NameEvidence],
+) -> None:
+    """Take columns that may be drives or joints for the ones where names tell only the others;
+    where no name tells either, the last one may be a joint's. `scores` are changed in place.
+    """
+    movers = [h for h in headers if _best(scores[h]) in ("position", "angle")]
+    margins = {h: names[h].scores["position"] - names[h].scores["angle"] for h in movers}
+    unclear = [header for header in movers if abs(margins[header]) < LIKELY]
+    named: set[Role] = {_best(names[header].scores) for header in {*movers} - {*unclear}}
+    if len(named) == 1:
+        missing: Role = "angle" if "position" in named else "position"
+        for header in unclear:
+            scores[header][missing] += 2.0 * LIKELY
+    elif not named and len(unclear) > 1:
+        scores[unclear[-1]]["angle"] += LIKELY / 2.0
+
+
+def _best(scores: Mapping[Role, float]) -> Role:
+    return max(scores, key=lambda role: scores[role])
+
+
 def _role(
     header: str, scores: Mapping[Role, float], name: NameEvidence, values: ValueEvidence
 ) -> ColumnRole:
     """Return the best role of a column, with how sure it is."""
-    ordered = sorted(scores, key=lambda role: -scores[role])
-    role: Role = ordered[0] if scores[ordered[0]] > 0.0 else "other"
-    margin = scores[ordered[0]] - max(scores[ordered[1]], 0.0)
+    best = _best(scores)
+    role: Role = best if scores[best] > 0.0 or name.says_nothing else "other"
+    margin = scores[best] - max(0.0, *(scores[each] for each in scores if each != best))
     sureness: Sureness = "a guess"
     if values.is_constant or role == "time" or name.scores[role] > 0.0:
-        if margin >= CLEARLY:
-            sureness = "sure"
-        elif margin >= LIKELY:
-            sureness = "likely"
-    reasons = [f"values from {values.low:.4g} to {values.high:.4g}"]
+        sureness = "sure" if margin >= SURE else "likely" if margin >= LIKELY else "a guess"
+    reasons = ["its name says so"] if name.scores[role] >= LIKELY else []
+    reasons.append(f"values from {values.low:.4g} to {values.high:.4g}")
     if values.is_constant:
         reasons = ["its value never changes"]
     elif values.turn is not None and role in ("position", "angle"):
@@ -113,13 +239,30 @@ def _role(
         reasons.append(f"in steps of {values.step:.3g}")
     elif values.noise > 0.0:
         reasons.append(f"noise {values.noise:.2g}")
-    if name.scores[role] > 0.0 and name.scores[role] >= LIKELY:
-        reasons.insert(0, "its name says so")
     return ColumnRole(header, role, "", "", "", sureness, "a guess", ", ".join(reasons), values)
 
 
-def in_si(column: ColumnRole, values: Floats, factor: float) -> Floats:
-    """Return a column's values without wraps, times the factor of its unit."""
-    if column.values.turn is not None:
-        values = unwrapped(values, column.values.turn)
-    return values * factor
+def _with_parts(
+    columns: Sequence[ColumnRole], names: Mapping[str, NameEvidence]
+) -> list[ColumnRole]:
+    """Return columns with the drive or joint that each is of. An effort or a command is of the
+    drive of its name, else of the next one in order.
+    """
+    parts: dict[Role, dict[str, str]] = {role: {} for role in ROLES}
+    for column in columns:
+        of_role = parts[column.role]
+        kind, otherwise = ("joint", "joint") if column.role == "angle" else ("m", "motor")
+        subject = names[column.header].subject
+        name = name_of(f"{kind}{subject}" if subject[:1].isdigit() else subject or otherwise, kind)
+        if name in of_role.values() or (not subject and of_role):
+            name = f"{name}_{len(of_role) + 1}"
+        of_role[column.header] = name
+    drives = list(parts["position"].values())
+    for role in ("effort", "command"):
+        left = [drive for drive in drives if drive not in parts[role].values()]
+        unmatched = [header for header, name in parts[role].items() if name not in drives]
+        parts[role] |= dict(zip(unmatched, left))
+    return [
+        replace(c, part="" if c.role in ("time", "other") else parts[c.role][c.header])
+        for c in columns
+    ]

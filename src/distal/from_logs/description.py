@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from distal.from_logs.column_role import ColumnRole
-from distal.from_logs.column_units import TAKEN_FORCES
+from distal.from_logs.column_units import TAKEN_FORCES, ColumnRole
 from distal.from_logs.found_parts import FoundDrive, FoundJoint
 from distal.from_logs.link_chain import in_series
 from distal.from_logs.motion_data import MotionData

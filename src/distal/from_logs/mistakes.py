@@ -8,7 +8,7 @@ import numpy as np
 from scipy.signal import medfilt
 
 from distal.errors import RigError
-from distal.from_logs.column_role import ColumnRole
+from distal.from_logs.column_units import ColumnRole
 from distal.from_logs.motion_data import MotionData
 from distal.from_logs.odd_log import odd_log
 from distal.from_logs.raw_log import RawLog

@@ -9,8 +9,7 @@ from math import pi
 import numpy as np
 
 from distal.arrays import Bools, Floats
-from distal.from_logs.column_role import ColumnRole
-from distal.from_logs.columns import in_si
+from distal.from_logs.column_units import ColumnRole, in_si
 from distal.from_logs.derivatives import speed_of
 from distal.from_logs.raw_log import RawLog
 from distal.regression import played

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from distal.errors import RigError
-from distal.from_logs.column_role import ColumnRole
+from distal.from_logs.column_units import ColumnRole
 from distal.from_logs.drive_friction import odd_sign
 from distal.from_logs.drive_helps import drive_helps, explained_by_drives
 from distal.from_logs.found_parts import FoundDrive, FoundJoint

@@ -1,8 +1,9 @@
-"""A log before any rig is known: all its columns that hold numbers, as they came."""
+"""A log before any rig is known: all its columns that hold numbers, as they came, and its time."""
 
 from __future__ import annotations
 
 import re
+import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,7 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from distal.arrays import Floats
-from distal.errors import LogError
+from distal.errors import LogError, RigError
+from distal.from_logs.column_names import SURE, NameEvidence
+from distal.from_logs.column_units import ColumnRole
 from distal.logs import (
     Column,
     Episode,
@@ -20,18 +23,19 @@ from distal.logs import (
     open_table,
     recorded_columns,
 )
+from distal.units import USUAL, unit_factor
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
-
-MOSTLY = 0.5
-"""Share of numbers above which a column is one of numbers [1]. Source: judgement."""
-
-NOTHING = np.full(1, np.nan)
-"""What a log has of a column that it lacks. Source: definition."""
 
 FEWEST_ROWS = 50
 """A log with fewer rows than this shows nothing of a rig. Source: judgement."""
 
+
+SLOWEST = 0.5
+"""Least rate of a log [Hz]. Source: judgement."""
+
+FASTEST = 2e4
+"""Largest rate of a log [Hz]. Source: judgement."""
 
 TIME = "time"
 """Column of a recording's stamps [s]. Source: definition (the name)."""
@@ -100,15 +104,12 @@ def _is_mostly_numeric(column: Column) -> bool:
     """Return whether most cells of a column are numbers, so that another cell is a mistake."""
     if not isinstance(column, list):
         return column.dtype.kind in "iuf"
-    count = sum(_NUMBER.fullmatch(cell.strip()) is not None for cell in column)
-    return count > MOSTLY * len(column)
+    return statistics.mode(bool(_NUMBER.fullmatch(cell.strip())) for cell in column)
 
 
 def without_repeats(log: RawLog, time: str) -> RawLog:
     """Return a log with the first of the rows that have one stamp."""
     first = np.concatenate([[True], np.diff(log.columns[time]) > 0.0])
-    if first.all():
-        return log
     return replace(log, columns={name: values[first] for name, values in log.columns.items()})
 
 
@@ -125,19 +126,12 @@ def with_same_columns(logs: Sequence[RawLog]) -> tuple[list[RawLog], dict[str, s
                 f"{log.source} has the columns {', '.join(log.columns)}; {logs[0].source} has "
                 f"{', '.join(logs[0].columns)}: logs of one rig have the same columns"
             )
-    headers = dict.fromkeys(name for log in logs for name in log.columns)
-    headers = {
-        name: None
-        for name in headers
-        if any(np.isfinite(log.columns.get(name, NOTHING)).any() for log in logs)
-    }
-    lacking = dict[str, str]()
-    for name in headers:
-        without = [
-            log.source for log in logs if not np.isfinite(log.columns.get(name, NOTHING)).any()
+    lacking = dict[str, list[str]]()
+    for name in dict.fromkeys(name for log in logs for name in log.columns):
+        lacking[name] = [
+            log.source for log in logs if not np.isfinite(log.columns.get(name, np.nan)).any()
         ]
-        if without:
-            lacking[name] = ", ".join(without)
+    headers = [name for name, sources in lacking.items() if len(sources) < len(logs)]
     filled = [
         replace(
             log,
@@ -145,4 +139,90 @@ def with_same_columns(logs: Sequence[RawLog]) -> tuple[list[RawLog], dict[str, s
         )
         for log in logs
     ]
-    return filled, lacking
+    return filled, {name: ", ".join(lacking[name]) for name in headers if lacking[name]}
+
+
+def time_column(
+    logs: Sequence[RawLog], headers: Sequence[str], names: Mapping[str, NameEvidence]
+) -> str:
+    """Return the column that increases from row to row in all logs, by its name a time.
+
+    Raises:
+        LogError: there is none, or one that is called a time goes back or lacks values.
+    """
+    steps = {h: np.concatenate([np.diff(log.columns[h]) for log in logs]) for h in headers}
+    increasing = [
+        header
+        for header in headers
+        if (steps[header] >= 0.0).all() and all(np.ptp(log.columns[header]) > 0.0 for log in logs)
+    ]
+    called_time = [header for header in headers if names[header].scores["time"] >= SURE]
+    if not set(called_time) & set(increasing):
+        for header in called_time:
+            _check_increasing(header, logs)
+    if not increasing:
+        raise LogError(
+            f"no column of {logs[0].source} increases from row to row, so none is the time; the "
+            f"columns are {', '.join(headers)}"
+        )
+
+    def score(header: str) -> float:
+        of_name = names[header].scores["time"] - names[header].scores["other"]
+        return of_name + float(np.mean(steps[header] > 0.0)) - bool(np.all(steps[header] == 1.0))
+
+    best = max(increasing, key=score)
+    if np.all(steps[best] == 1.0) and names[best].scores["time"] <= 0.0:
+        raise LogError(
+            f"'{best}' counts rows, and no other column is a time: add one, such as 'time [s]'"
+        )
+    return best
+
+
+def _check_increasing(header: str, logs: Sequence[RawLog]) -> None:
+    """Raise a `LogError` where a column that is called a time goes back or lacks values."""
+    for log in logs:
+        stamps = log.columns[header]
+        if not np.isfinite(stamps).all():
+            row = int(np.flatnonzero(~np.isfinite(stamps))[0])
+            raise LogError(f"{log.source}: '{header}' has no value in sample {row + 1}")
+        back = np.flatnonzero(np.diff(stamps) < 0.0)
+        if len(back):
+            raise LogError(
+                f"{log.source}: '{header}' goes back after sample {back[0] + 1}, from "
+                f"{stamps[back[0]]:g} to {stamps[back[0] + 1]:g}; a log is one run"
+            )
+
+
+def time_unit(time: ColumnRole, logs: Sequence[RawLog]) -> tuple[str, list[str]]:
+    """Return the unit of time, that of the header where the rate is possible, else by the steps;
+    and a sentence where the header says another.
+    """
+    steps = np.concatenate([np.diff(log.columns[time.header]) for log in logs])
+    step = float(np.median(steps[steps > 0.0]))
+    unit = time.unit or "s"
+    size = unit_factor(unit, "s")
+    if SLOWEST <= 1.0 / (step * size) <= FASTEST:
+        return unit, []
+    possible = [
+        unit for unit, size in USUAL["s"].items() if SLOWEST <= 1.0 / (step * size) <= FASTEST
+    ]
+    if not possible:
+        raise RigError(f"{time.header} steps by {step:g}: no unit makes a rate of that")
+    note = (
+        f"{time.header} steps by {step:g}: taken as {possible[0]}, since in {unit} there would be "
+        f"{1.0 / (step * size):.3g} samples in a second"
+    )
+    return possible[0], [note]
+
+
+def rates_of(logs: Sequence[RawLog], time: ColumnRole, unit: str) -> dict[str, float]:
+    """Return how often each column has a new sample [Hz]."""
+    rates = dict[str, float]()
+    for log in logs:
+        stamps = log.columns[time.header] * unit_factor(unit, "s")
+        for name, values in log.columns.items():
+            there = np.isfinite(values)
+            if there.sum() > 1 and name not in rates:
+                span = max(float(np.ptp(stamps[there])), 1e-9)
+                rates[name] = float(f"{(there.sum() - 1) / span:.3g}")
+    return rates

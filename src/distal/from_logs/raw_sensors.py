@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from distal.from_logs.column_role import ColumnRole
+from distal.from_logs.column_units import ColumnRole
 from distal.from_logs.found_parts import FoundDrive, FoundJoint
 from distal.from_logs.motion_data import counts_of
 from distal.from_logs.raw_values import Raw, column_of, number

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from distal.from_logs.column_role import ColumnRole
+from distal.from_logs.column_units import ColumnRole
 from distal.logs import name_and_unit
 
 Raw = dict[str, object]

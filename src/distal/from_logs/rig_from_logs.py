@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from distal.errors import RigError, one_line
-from distal.from_logs.column_role import ColumnRole, Overrides
-from distal.from_logs.columns import column_roles
+from distal.from_logs.column_units import ColumnRole
+from distal.from_logs.columns import Overrides, column_roles
 from distal.from_logs.description import log_time, raw_description
-from distal.from_logs.log_times import rates_of, time_unit
 from distal.from_logs.mistakes import left_columns, mistakes, remarks
 from distal.from_logs.motion_data import motion_data
 from distal.from_logs.moving_parts import (
@@ -20,7 +19,13 @@ from distal.from_logs.moving_parts import (
     drives_of,
     joints_of,
 )
-from distal.from_logs.raw_log import read_raw, with_same_columns, without_repeats
+from distal.from_logs.raw_log import (
+    rates_of,
+    read_raw,
+    time_unit,
+    with_same_columns,
+    without_repeats,
+)
 from distal.logs import Source
 from distal.rig import Imported, Rig
 

@@ -9,7 +9,7 @@ from math import isfinite
 import numpy as np
 
 from distal.arrays import Floats
-from distal.from_logs.column_role import ColumnRole
+from distal.from_logs.column_units import ColumnRole
 from distal.from_logs.drive_friction import DriveFriction, drive_friction, is_reversed
 from distal.from_logs.motion_data import MotionData
 from distal.from_logs.structure import CLEAR, DriveStructure
