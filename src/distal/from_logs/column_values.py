@@ -32,6 +32,10 @@ TURNS = np.array([2.0 * pi, 360.0, *2.0 ** np.arange(6, 33)])
 have whole numbers of bits).
 """
 
+NEAR = 0.1
+"""Share of its turn by which a wrap may differ from it, and usual steps be long. Source: judgement.
+"""
+
 LONGEST_LAG = 40
 """Samples by which one column may follow another. Source: judgement."""
 
@@ -108,19 +112,17 @@ def _step(values: Floats) -> float:
 
 
 def _turn(columns: Sequence[Floats], width: float) -> float | None:
-    """Return after how many counts a column wraps, None where it does not.
-
-    Hardly a step is between a quarter and half of a turn. The shorter way round, a wrap is a step
-    like the others; twice as large, as values are rounded.
+    """Return after how many counts a column wraps, None where it does not: its
+    usual steps are small, and beside them a wrap is a whole turn.
     """
     steps = np.concatenate([np.abs(np.diff(values)) for values in columns])
-    is_wrap = steps > HALF * width
-    if is_wrap.sum() < 2 or is_wrap.all():
+    wraps = steps[steps > HALF * width]
+    if len(wraps) < 2:
         return None
-    largest = float(np.quantile(steps[~is_wrap], 0.99))
-    turn = float(TURNS[np.argmin(np.abs(TURNS - width))])
-    is_turn = np.median(np.abs(turn - steps[is_wrap])) <= 2.0 * largest < HALF * width
-    return turn if is_turn else None
+    usual = float(np.quantile(steps, 0.95))
+    seen = float(np.median(wraps)) + usual / 2.0
+    turn = float(TURNS[np.argmin(np.abs(TURNS - seen))])
+    return turn if abs(turn - seen) < NEAR * seen and usual <= NEAR * width else None
 
 
 def unwrapped(values: Floats, turn: float) -> Floats:

@@ -230,10 +230,11 @@ def _role(
     if values.is_constant or role == "time" or name.scores[role] > 0.0:
         sureness = "sure" if margin >= SURE else "likely" if margin >= LIKELY else "a guess"
     reasons = ["its name says so"] if name.scores[role] >= LIKELY else []
-    reasons.append(f"values from {values.low:.4g} to {values.high:.4g}")
     if values.is_constant:
-        reasons = ["its value never changes"]
-    elif values.turn is not None and role in ("position", "angle"):
+        reasons.append("its value never changes")
+    else:
+        reasons.append(f"values from {values.low:.4g} to {values.high:.4g}")
+    if values.turn is not None and role in ("position", "angle"):
         reasons.append(f"wraps after {values.turn:.6g}")
     elif values.step > 0.0:
         reasons.append(f"in steps of {values.step:.3g}")

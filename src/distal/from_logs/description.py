@@ -8,10 +8,15 @@ from distal.from_logs.column_units import TAKEN_FORCES, ColumnRole
 from distal.from_logs.found_parts import FoundDrive, FoundJoint
 from distal.from_logs.link_chain import in_series
 from distal.from_logs.motion_data import MotionData
-from distal.from_logs.raw_drives import raw_drive, raw_tendons
-from distal.from_logs.raw_joints import raw_joint
-from distal.from_logs.raw_sensors import drive_sensors, reference
-from distal.from_logs.raw_values import Raw, column_of
+from distal.from_logs.raw_parts import (
+    Raw,
+    column_of,
+    drive_sensors,
+    raw_drive,
+    raw_joint,
+    raw_tendons,
+    reference,
+)
 
 TRUTH = "true_"
 """Beginning of the columns in which a log has its own truth. Source: `distal.logs.Log.columns`."""

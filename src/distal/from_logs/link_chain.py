@@ -15,7 +15,7 @@ from typing import cast
 from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulls_of
 from distal.from_logs.link_masses import MASS, Links, links_of
 from distal.from_logs.motion_data import MotionData
-from distal.from_logs.raw_values import Raw, about, number
+from distal.from_logs.raw_parts import Raw, about, number
 from distal.model import GRAVITY
 from distal.rig import Guess, Imported
 

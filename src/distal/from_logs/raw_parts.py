@@ -1,0 +1,365 @@
+"""The raw descriptions of drives, tendons, joints and sensors, as a rig file has them; what no log
+tells is a `Guess`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import degrees, isfinite, pi
+
+import numpy as np
+
+from distal.from_logs.column_units import ColumnRole
+from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulled_both_ways, pulls_of
+from distal.from_logs.joint_balance import JointBalance, joint_balance
+from distal.from_logs.motion_data import MotionData, counts_of
+from distal.from_logs.sizes import ASSUMED_RADIUS, DriveSizes
+from distal.from_logs.stops import joint_stops
+from distal.logs import name_and_unit
+from distal.rig import Guess
+
+Raw = dict[str, object]
+
+WRAP = pi / 2.0
+"""Angle by which a path is taken to wrap [rad]. Source: judgement."""
+
+PARTS = 3.0
+"""Friction that no log divides: constant, by load in the drive, by load along the path. Source:
+definition (equal parts of three).
+"""
+
+LEAST = 0.2
+"""Least std of a share, of a rest angle and of constant friction, per value [1]. Source:
+judgement.
+"""
+
+SURE_MOTION = 0.3
+"""Standard deviation of inertia, damping and friction per value, where the logs show them. Source:
+benchmark (`benchmarks.learned plants`, seeds 8301 and 8900: wrists, 2n and n + 1 5 to 30 % off).
+"""
+
+NO_STOP = 4.0
+"""Angle beyond the logs where a joint has a stop on one side only [rad]. Source: definition (a rig
+file has both).
+"""
+
+SURE_START = 3.0
+"""Logs that begin at one angle do so within this [deg]. Source: judgement."""
+
+INERTIA = 1e-5
+"""Usual inertia of a joint [kg m²]. Source: judgement (a plastic phalanx of 10 g, 40 mm long)."""
+
+LEAST_INERTIA = 1e-6
+"""Least inertia of a joint that is guessed, since smaller ones need many sub-steps [kg m²]. Source:
+judgement (a surgical wrist has 1 to 3).
+"""
+
+BEFORE_START = 0.3
+"""A spring rests so far before the range of its joint [rad]. Source: judgement."""
+
+AXLE = 2.0
+"""Radius of a joint's axle [mm]. Source: judgement (pins of fingers)."""
+
+SURE_ZERO = 0.01
+"""Least standard deviation of the zero of a drive with two tendons [rad]. Source: judgement."""
+
+RESTING = 20
+"""Samples in a row with one value, from which on a sensor is quantised [1]. Source: judgement."""
+
+ABOVE_NOISE = 1.1
+"""Least step of such a sensor per its noise [1]. Source: judgement."""
+
+
+def column_of(column: ColumnRole) -> str:
+    """Return a column as a rig file names it: a unit in square brackets is the log's own, unless
+    its scale is assumed.
+    """
+    return column.header if column.unit_sureness == "assumed" else name_and_unit(column.header)[0]
+
+
+def number(value: float, unit: str = "") -> object:
+    """Return a `value` in its unit, which may be empty, as a rig file has it."""
+    return f"{value:.5g} {unit}" if unit else float(f"{value:.5g}")
+
+
+def about(value: float, share: float, unit: str = "") -> Raw:
+    """Return a `value` in its unit with a standard deviation that is a share of it."""
+    return {"value": number(value, unit), "std": f"{100 * share:.2g} %"}
+
+
+def within(value: float, std: float, unit: str = "") -> Raw:
+    """Return a `value` with a standard deviation in the same unit."""
+    return {"value": number(value, unit), "std": number(std, unit)}
+
+
+def raw_drive(drive: FoundDrive) -> Raw:
+    """Return a drive."""
+    sizes = drive.sizes
+    raw: Raw = {"name": drive.name, "kind": "slider" if sizes.is_slider else "capstan"}
+    unit, name, of_inertia, of_damping = "N", "mass", "kg", "kg/s"
+    if sizes.is_slider:
+        raw["mass"] = Guess("20 g", "masses of drives")
+    else:
+        unit, name, of_inertia, of_damping = "N m", "inertia", "kg m^2", "N m s"
+        raw["inertia"] = Guess("2e-4 kg m^2", "inertia of motors")
+        raw["radius"] = Guess(number(1e3 * ASSUMED_RADIUS, "mm"), "lengths: radii of spools")
+        raw["damping"] = Guess("1e-3 N m s", "damping of motors")
+    shown = sizes.friction
+    if shown is not None and shown.inertia > 0.0:
+        raw[name] = about(shown.inertia, SURE_MOTION, of_inertia)
+    if shown is not None and shown.damping > 0.0:
+        raw["damping"] = about(shown.damping, SURE_MOTION, of_damping)
+    raw["friction"] = _drive_friction(sizes, unit)
+    if drive.effort is None:
+        force = sizes.tension * sizes.lever
+        nominal = within(0.0 if sizes.is_pair else sizes.winding * force, 0.5 * force, unit)
+        raw["nominal_force"] = Guess(nominal, "forces: no column has them")
+    return raw
+
+
+def _drive_friction(sizes: DriveSizes, unit: str) -> object:
+    """Return the friction of a drive: what grows with the load, where the logs show that; else
+    equal parts that are constant, grow in the drive, and grow along the path.
+    """
+    if sizes.friction is None:
+        constant = about(0.05 * sizes.tension * sizes.lever, 0.7, unit)
+        return Guess({"constant": constant, "load": within(0.06, 0.04)}, "friction of drives")
+    usual, share = sizes.friction.usual, sizes.friction.share
+    if share > 0.0:
+        constant = about(max(usual - share * sizes.load, LEAST * usual), 1.0, unit)
+        std = max(2.0 * sizes.friction.share_std, LEAST * share)
+        return {"constant": constant, "load": within(share, std)}
+    part = usual / PARTS
+    return {"constant": about(part, 1.0, unit), "load": about(part / sizes.load, 1.0)}
+
+
+def raw_tendons(drive: FoundDrive, joints: Sequence[FoundJoint]) -> list[Raw]:
+    """Return the tendons of a drive over the joints that it moves."""
+    sizes = drive.sizes
+    raw: Raw = {"stiffness": about(sizes.stiffness / 1e3, sizes.stiffness_std or 0.4, "N/mm")}
+    if not isfinite(sizes.stiffness_std):
+        guess = about(sizes.stiffness / 1e3, 0.6, "N/mm")
+        raw["stiffness"] = Guess(guess, "stiffness of tendons")
+    if sizes.stiffening > 0.0:
+        share = max(2.0 * sizes.stiffening_std / sizes.stiffening, LEAST)
+        raw["stiffening"] = about(sizes.stiffening, share, "1/m")
+    raw |= _start(sizes) | _path(sizes)
+    tendons = []
+    for side in (1, -1) if sizes.is_pair else (1,):
+        crossings = [
+            {
+                "joint": joints[j].name,
+                "kind": "pulley",
+                "radius": about(1e3 * abs(arm), float(share), "mm"),
+                "side": side * (1 if arm > 0.0 else -1),
+            }
+            for j, arm, share in zip(drive.structure.joints, sizes.arms, sizes.arm_stds)
+        ]
+        name = f"{drive.name}_{'plus' if side > 0 else 'minus'}" if sizes.is_pair else drive.name
+        of_drive = {"name": name, "drive": drive.name, "side": side * sizes.winding}
+        tendons.append({**of_drive, "crossings": crossings, **raw})
+    return tendons
+
+
+def _path(sizes: DriveSizes) -> Raw:
+    """Return the friction along a path; none where the logs show that of the drive by its load,
+    from which it cannot be told.
+    """
+    friction = within(0.1, 0.08)
+    if sizes.friction is not None:
+        if sizes.friction.share > 0.0:
+            return {}
+        friction = about(sizes.friction.usual / PARTS / sizes.load / WRAP, 1.0)
+    guess = {"friction": friction, "wrap": number(degrees(WRAP), "deg")}
+    return {"path": Guess(guess, "friction along the paths")}
+
+
+def _start(sizes: DriveSizes) -> Raw:
+    """Return the pre-tension of a tendon, or its slack, at zero angles and zero position."""
+    # zeros that differ from log to log are another pre-tension in each
+    spread = sizes.zero_spread * sizes.stiffness
+    if sizes.friction is None or sizes.is_pair:
+        spread = max(spread, 0.4 * sizes.pretension, 0.3 * sizes.tension)
+    else:
+        spread = max(2.0 * spread, 0.2 * sizes.pretension, 0.1 * sizes.tension)
+    if sizes.slack <= 0.0:
+        return {"pretension": within(sizes.pretension, spread, "N")}
+    std = max(0.3 * sizes.slack, spread / sizes.stiffness)
+    return {"slack": within(1e3 * sizes.slack, 1e3 * std, "mm")}
+
+
+def raw_joint(
+    j: int,
+    joint: FoundJoint,
+    drives: Sequence[FoundDrive],
+    logs: Sequence[MotionData],
+) -> Raw:
+    """Return a joint.
+
+    Args:
+        j: index of the joint.
+        joint: its column.
+        drives: all of them.
+        logs: all of them.
+    """
+    pulls = pulls_of(j, drives)
+    balance = joint_balance(j, joint.noise, pulls, logs)
+    raw: Raw = {"name": joint.name, "parent": "base", **_dynamics(balance)}
+    if joint.follows is not None:
+        return raw | {"coupled": {"joint": joint.follows, "ratio": number(joint.ratio)}}
+    angles = [log.angles[np.isfinite(log.angles[:, j]), j] for log in logs]
+    first = np.degrees(np.concatenate([each[:1] for each in angles]))
+    scatter = float(np.std(first, ddof=1)) if len(first) > 1 else 0.0
+    raw["initial"] = within(float(np.mean(first)), max(SURE_START, scatter), "deg")
+    every = np.concatenate(angles)
+    low, high = float(every.min()), float(every.max())
+    raw["friction"] = _joint_friction(pulls, balance)
+    raw |= _stops(low, high, joint_stops(j, drives, logs))
+    if not pulled_both_ways(pulls):
+        # the others need no spring, and tendons that stiffen would be taken for one
+        raw["spring"] = _spring(low, high, pulls, balance)
+    return raw
+
+
+def _stops(low: float, high: float, stops: tuple[float | None, float | None]) -> Raw:
+    """Return the stops of a joint whose angles are from `low` to `high`; where the logs show one,
+    the other is far beyond them.
+    """
+    if stops == (None, None):
+        return {}
+    ends = [
+        low - NO_STOP if stops[0] is None else stops[0],
+        high + NO_STOP if stops[1] is None else stops[1],
+    ]
+    said: object = [number(degrees(angle), "deg") for angle in ends]
+    if None in stops:
+        said = Guess(said, f"the {'lower' if stops[0] is None else 'upper'} stop of a joint")
+    return {"stops": said, "stops_std": "0.5 deg"}
+
+
+def _joint_friction(
+    pulls: Sequence[tuple[FoundDrive, float]], balance: JointBalance | None
+) -> object:
+    """Return the friction of a joint on its axle. Tendons press it there; the preload is what else
+    does, such as a spring.
+    """
+    if not pulled_both_ways(pulls):
+        tension = float(np.median([drive.sizes.tension for drive, _ in pulls]))
+        preload = about(tension, 0.6, "N")
+        coefficient = within(0.1, 0.08)
+        guess = {"coefficient": coefficient, "radius": "3 mm", "preload": preload}
+        return Guess(guess, "friction of joints")
+    friction: Raw = {
+        "coefficient": within(0.2, 0.1),
+        "radius": number(AXLE, "mm"),
+        "preload": within(1.0, 1.0, "N"),
+    }
+    if balance is None or balance.friction == 0.0:
+        return Guess(friction, "friction of joints")
+    load = sum(drive.sizes.load / drive.sizes.lever for drive, _ in pulls)
+    coefficient = about(balance.friction / (1e-3 * AXLE * load), SURE_MOTION)
+    return friction | {"coefficient": coefficient}
+
+
+def _dynamics(balance: JointBalance | None) -> Raw:
+    """Return inertia and damping of a joint, as the logs show them or as guesses."""
+    raw: Raw = {
+        "inertia": Guess(number(INERTIA, "kg m^2"), "inertia of joints"),
+        "damping": Guess(about(2e-4, 0.8, "N m s"), "damping of joints"),
+    }
+    if balance is None:
+        return raw
+    if balance.inertia > 0.0:
+        raw["inertia"] = about(balance.inertia, 1.0, "kg m^2")
+    elif balance.most_inertia < INERTIA:
+        likely = max(balance.most_inertia / 2.0, LEAST_INERTIA)
+        raw["inertia"] = about(likely, 1.0, "kg m^2")
+    if balance.damping > 0.0:
+        raw["damping"] = about(balance.damping, 1.0, "N m s")
+    return raw
+
+
+def _spring(
+    low: float,
+    high: float,
+    pulls: Sequence[tuple[FoundDrive, float]],
+    balance: JointBalance | None,
+) -> object:
+    """Return the spring of a joint that tendons pull one way only, over angles from `low` to
+    `high`.
+    """
+    side = 1.0 if pulls[0][1] > 0.0 else -1.0
+    nearest, farthest = (low, high) if side > 0.0 else (high, low)
+    if balance is not None and balance.stiffness > 0.0:
+        rest = -balance.offset / balance.stiffness
+        if side * (nearest - rest) > 0.0:
+            spread = max(LEAST * abs(degrees(nearest - rest)), 5.0)
+            return {
+                "stiffness": about(balance.stiffness, 0.4, "N m/rad"),
+                "rest_angle": within(degrees(rest), spread, "deg"),
+            }
+    tension = float(np.median([drive.sizes.tension for drive, _ in pulls]))
+    rest = nearest - side * BEFORE_START
+    stiffness = abs(pulls[0][1]) * tension / max(abs(farthest - rest), 0.1)
+    guess = {
+        "stiffness": about(stiffness, 0.6, "N m/rad"),
+        "rest_angle": within(degrees(rest), 15.0, "deg"),
+    }
+    return Guess(guess, "springs that bring joints back")
+
+
+def drive_sensors(drive: FoundDrive, rates: Mapping[str, float]) -> list[Raw]:
+    """Return the sensors of a drive; `rates` are the columns' samples per second [Hz]."""
+    sizes = drive.sizes
+    column = drive.position
+    position = _sensor(f"{drive.name}_position", "position", drive.name, column)
+    if column.si == "count":
+        counts = counts_of(column)
+        is_seen = column.values.turn is not None
+        position["counts_per_turn"] = counts if is_seen else Guess(counts, "counts of encoders")
+    if sizes.gear != 1.0:
+        position["gear"] = Guess(sizes.gear, "gears of motors")
+    position |= {"sign": sizes.position_sign, **_errors(column, rates)}
+    if sizes.is_pair:
+        spread = max(drive.structure.zero_spread / sizes.gear, SURE_ZERO)
+        position["bias"] = within(drive.structure.zero / sizes.gear, spread, "rad")
+    effort = drive.effort
+    if effort is None:
+        return [position]
+    force = _sensor(f"{drive.name}_force", "force", drive.name, effort)
+    if effort.si == "A":
+        constant = number(sizes.torque_constant, "N m/A")
+        force["torque_constant"] = Guess(constant, "forces: torque constants")
+    elif effort.si == "N" and not sizes.is_slider:
+        force["lever"] = Guess(number(1e3 * sizes.lever, "mm"), "lengths: levers of load cells")
+    return [position, force | {"sign": sizes.effort_sign, **_errors(effort, rates)}]
+
+
+def reference(joint: FoundJoint, rates: Mapping[str, float]) -> Raw:
+    """Return the reference sensor of a joint, whose zero is that of the joint: no log tells
+    another; `rates` are the columns' samples per second [Hz].
+    """
+    column = joint.angle
+    sensor = _sensor(f"{joint.name}_reference", "angle", joint.name, column)
+    errors = _errors(column, rates)
+    return sensor | {"rate": errors["rate"], "noise": errors["noise"]}
+
+
+def _sensor(name: str, measures: str, of: str, column: ColumnRole) -> Raw:
+    where = {"column": column_of(column), "unit": column.unit}
+    return {"name": name, "measures": measures, "of": of, **where}
+
+
+def _errors(column: ColumnRole, rates: Mapping[str, float]) -> Raw:
+    """Return rate, noise and resolution of a column. Noise is at least that of its steps; one that
+    stays at a value has steps above its noise, so that nobody takes it for a dead sensor.
+    """
+    values = column.values
+    noise = max(values.noise, 0.3 * values.step, 1e-6 * values.width)
+    errors: Raw = {"rate": number(rates[column.header]), "noise": number(noise, column.unit)}
+    step = values.step
+    if values.stays >= RESTING:
+        step = max(step, ABOVE_NOISE * values.noise)
+    if step > 0.0 and column.si != "count":
+        errors["resolution"] = number(step, column.unit)
+    return errors
