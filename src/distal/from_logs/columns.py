@@ -39,7 +39,9 @@ explain less. Source: benchmark (benchmarks/from_logs columns, rigs drawn from 7
 """
 
 ALIKE = 0.95
-"""Share from which on columns move alike: a command and its drive. Source: judgement."""
+"""Share from which on a third family moves as the drives do: commands, not forces. Source:
+judgement.
+"""
 
 FAMILIES = (2, 3)
 """So many families of columns without names are told apart: positions and angles, and forces.
@@ -88,7 +90,6 @@ def column_roles(logs: Sequence[RawLog], overrides: Overrides) -> list[ColumnRol
     log = max(logs, key=lambda log: log.rows)
     by_family = _tell_families(log, scores, open_headers, names)
     if not by_family:
-        _tell_commands(log, scores, open_headers, names, values)
         _tell_joints(scores, open_headers, names)
     found = []
     for header in headers:
@@ -118,30 +119,6 @@ def _header(name: str, headers: Sequence[str]) -> str:
         if name in (header, name_and_unit(header)[0]):
             return header
     raise LogError(f"there is no column '{name}' in these logs{did_you_mean(name, headers)}")
-
-
-def _tell_commands(
-    log: RawLog,
-    scores: Mapping[str, dict[Role, float]],
-    headers: Sequence[str],
-    names: Mapping[str, NameEvidence],
-    values: Mapping[str, ValueEvidence],
-) -> None:
-    """Make a column that a drive's position follows, with more noise, a command where its name
-    says nothing; `scores` are changed in place.
-    """
-    positions = [header for header in headers if _best(scores[header]) == "position"]
-    silent = any(names[header].says_nothing for header in positions)
-    if not silent or log.rows <= 2 * LONGEST_LAG:
-        return
-    correlations = lagged_correlations([log.columns[header] for header in positions])
-    shares = correlations[:, len(positions) :, : len(positions)] ** 2
-    lags = np.argmax(shares, axis=0) - LONGEST_LAG
-    for late, early in np.argwhere((shares.max(axis=0) > ALIKE) & (lags > 0)):
-        leader, follower = (values[positions[i]] for i in (early, late))
-        is_quieter = leader.noise / leader.width < follower.noise / follower.width / 2.0
-        if is_quieter and names[positions[early]].says_nothing:
-            scores[positions[early]]["command"] = CERTAIN
 
 
 def _tell_families(
@@ -200,19 +177,21 @@ def _tell_joints(
     headers: Sequence[str],
     names: Mapping[str, NameEvidence],
 ) -> None:
-    """Take columns that may be drives or joints for the ones where names tell only the others;
-    where no name tells either, the last one may be a joint's. `scores` are changed in place.
+    """Take columns that may be drives or joints for the ones where names tell only the others.
+    Where names tell both, those whose names say nothing are passed over; where they tell neither,
+    the last one may be a joint's. `scores` are changed in place.
     """
     movers = [h for h in headers if _best(scores[h]) in ("position", "angle")]
     margins = {h: names[h].scores["position"] - names[h].scores["angle"] for h in movers}
     unclear = [header for header in movers if abs(margins[header]) < LIKELY]
     named: set[Role] = {_best(names[header].scores) for header in {*movers} - {*unclear}}
-    if len(named) == 1:
-        missing: Role = "angle" if "position" in named else "position"
-        for header in unclear:
-            scores[header][missing] += 2.0 * LIKELY
-    elif not named and len(unclear) > 1:
-        scores[unclear[-1]]["angle"] += LIKELY / 2.0
+    for header in unclear:
+        if named == {"position", "angle"} and names[header].says_nothing:
+            scores[header]["other"] += LIKELY
+        elif named == {"position"} or (not named and header == unclear[-1]):
+            scores[header]["angle"] += LIKELY if named else LIKELY / 2.0
+        else:
+            scores[header]["position"] += LIKELY if named == {"angle"} else 0.0
 
 
 def _best(scores: Mapping[Role, float]) -> Role:

@@ -1,21 +1,31 @@
-"""Mistakes in logs that would make a wrong rig: each is named before anything is written."""
+"""Mistakes in logs that would make a wrong rig: each is named before anything is written.
+
+A log may be unlike the others: swapped or mirrored columns, another unit, another rig. All drives
+are regressed on all joints; where one log is left out and the others then agree far better, that
+log is odd. The change that makes it like the others says why.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import combinations
+from math import pi
 
 import numpy as np
 from scipy.signal import medfilt
 
+from distal.arrays import Floats
 from distal.errors import RigError
 from distal.from_logs.column_units import ColumnRole
+from distal.from_logs.column_values import longest_run
+from distal.from_logs.least_squares import scaled_solution
 from distal.from_logs.motion_data import MotionData
-from distal.from_logs.odd_log import odd_log
 from distal.from_logs.raw_log import RawLog
 
-RATES_DIFFER = 3.0
+OTHER_UNIT = 1000.0**0.5
 """Ratio of the sampling rates of two logs from which on a unit of time is wrong [1]. Source:
-judgement.
+definition (nearer to that of two units than to one).
 """
 
 GAP = 4.0
@@ -40,6 +50,28 @@ STUCK = 0.15
 
 STILL_MOVES = 0.3
 """Share of its range that each drive must move meanwhile [1]. Source: judgement."""
+
+ODD = 3.0
+"""Ratio of the residuals with a log and without it, from which on it is odd; a change after which
+it is smaller explains that [1]. Source: judgement.
+"""
+
+OF_ANOTHER_RIG = 0.1
+"""Residual of a log by the others, per RMS of a drive's motion, from which on nothing is learned
+from it [1]. Source: judgement (moment arms that differ by a tenth).
+"""
+
+FEWEST_LOGS = 3
+"""With fewer logs nobody knows which of them is odd. Source: definition."""
+
+FACTORS = {
+    -1.0: "counts the other way than in the others",
+    180.0 / pi: "is in degrees, where the others are in radians",
+    pi / 180.0: "is in radians, where the others are in degrees",
+    1000.0: "is a thousand times as large as in the others",
+    0.001: "is a thousandth of what it is in the others",
+}
+"""Factor of a column → what it says. Source: definition (units)."""
 
 
 def left_columns(
@@ -71,123 +103,197 @@ def mistakes(
     raw: Sequence[RawLog], columns: Sequence[ColumnRole], data: Sequence[MotionData]
 ) -> list[str]:
     """Return a sentence for each mistake because of which no rig can be written."""
-    drives = [column.header for column in columns if column.role == "position"]
-    joints = [column.header for column in columns if column.role == "angle"]
-    sentences = [
-        *_times(raw, columns),
-        *_spikes(raw, columns),
-        *_constant(raw, [*drives, *joints]),
-        *_stuck(raw, drives, joints),
-    ]
+    sentences = [*_other_rates(raw, columns)]
+    for log in raw:
+        sentences += [*_spikes(log, columns), *_constant(log, columns), *_stuck(log, columns)]
     if not sentences:
-        sentences = list(_wrapped(columns))
-    if sentences:
-        return sentences
-    odd = odd_log(data, drives, joints)
-    return [] if odd is None or not odd.stops else [odd.text]
+        sentences = [
+            f"{column.header} wraps after {column.values.turn:g}: a rig file cannot unwrap it; "
+            "write a count that goes on (numpy.unwrap with this period)"
+            for column in columns
+            if column.role in ("position", "angle") and column.values.turn is not None
+        ]
+    return sentences or [text for text, stops in odd_logs(data, columns) if stops]
 
 
 def remarks(
     raw: Sequence[RawLog], columns: Sequence[ColumnRole], data: Sequence[MotionData]
 ) -> list[str]:
     """Return a sentence for each thing in the logs that a rig can be written in spite of."""
-    lines = list(_gaps(raw, columns))
-    drives = [column.header for column in columns if column.role == "position"]
-    joints = [column.header for column in columns if column.role == "angle"]
-    odd = odd_log(data, drives, joints)
-    if odd is not None:
-        lines.append(odd.text)
-    return lines
+    (name,) = _headers(columns, "time")
+    lines = []
+    for log in raw:
+        steps = np.diff(log.columns[name])
+        count = int(np.sum(steps > GAP * np.median(steps)))
+        if count:
+            lines.append(f"{log.source}: rows are missing at {count} places, where {name} jumps")
+    return [*lines, *(text for text, _ in odd_logs(data, columns))]
 
 
-def _stamp(columns: Sequence[ColumnRole]) -> str:
-    return next(column.header for column in columns if column.role == "time")
+def _headers(columns: Sequence[ColumnRole], *roles: str) -> list[str]:
+    return [column.header for column in columns if column.role in roles]
 
 
-def _times(raw: Sequence[RawLog], columns: Sequence[ColumnRole]) -> Iterator[str]:
-    name = _stamp(columns)
+def _other_rates(raw: Sequence[RawLog], columns: Sequence[ColumnRole]) -> Iterator[str]:
+    (name,) = _headers(columns, "time")
     steps = [float(np.median(np.diff(log.columns[name]))) for log in raw]
     usual = float(np.median(steps))
     for log, step in zip(raw, steps):
-        ratio = max(step, usual) / max(min(step, usual), 1e-300)
-        if ratio > RATES_DIFFER:
+        if max(step, usual) > OTHER_UNIT * min(step, usual):
             yield (
                 f"{log.source}: {name} steps by {step:g}, in the other logs by {usual:g}; is it in "
                 "another unit? Correct the file"
             )
 
 
-def _wrapped(columns: Sequence[ColumnRole]) -> Iterator[str]:
+def _constant(log: RawLog, columns: Sequence[ColumnRole]) -> Iterator[str]:
+    for header in _headers(columns, "position", "angle"):
+        values = log.columns[header]
+        values = values[np.isfinite(values)]
+        if len(values) and np.ptp(values) == 0.0:
+            yield f"{log.source}: {header} never changes there; leave this log out"
+
+
+def _spikes(log: RawLog, columns: Sequence[ColumnRole]) -> Iterator[str]:
+    inner = slice(SPIKE_WINDOW, -SPIKE_WINDOW)
     for column in columns:
-        if column.role in ("position", "angle") and column.values.turn is not None:
+        values = log.columns[column.header]
+        values = values[np.isfinite(values)]
+        if column.role not in ("position", "effort", "angle") or len(values) < 2 * SPIKE_WINDOW:
+            continue
+        width = float(np.ptp(np.quantile(values, [0.02, 0.98])))
+        limit = SPIKE_OF_EFFORT if column.role == "effort" else SPIKE
+        away = np.abs(values - medfilt(values, SPIKE_WINDOW))[inner]
+        wild = values[inner][away > limit * max(width, 1e-300)]
+        if len(wild) < FEWEST_SPIKES or (column.values.turn is not None and np.ptp(wild) > 0.0):
+            continue
+        yield (
+            f"{log.source}: {column.header} jumps away and back {len(wild)} times, to values such "
+            f"as {values[inner][np.argmax(away)]:g}: leave these cells empty"
+        )
+
+
+def _stuck(log: RawLog, columns: Sequence[ColumnRole]) -> Iterator[str]:
+    drives = [log.columns[header] for header in _headers(columns, "position")]
+    for header in _headers(columns, "angle"):
+        there = np.flatnonzero(np.isfinite(log.columns[header]))
+        if len(there) < 2:
+            continue
+        first, count = longest_run(log.columns[header][there])
+        rows = slice(there[first], there[first + count - 1] + 1)
+        share = (rows.stop - rows.start) / log.rows
+        if share > STUCK and all(
+            np.ptp(values[rows]) > STILL_MOVES * max(np.ptp(values), 1e-300) for values in drives
+        ):
             yield (
-                f"{column.header} wraps after {column.values.turn:g}: a rig file cannot unwrap it; "
-                "write a count that goes on (numpy.unwrap with this period)"
+                f"{log.source}: {header} stays at {log.columns[header][rows.start]:g} for "
+                f"{100 * share:.0f} % of the log while all drives move: is it stuck? Leave these "
+                "cells empty"
             )
 
 
-def _constant(raw: Sequence[RawLog], headers: Sequence[str]) -> Iterator[str]:
-    for log in raw:
-        for header in headers:
-            values = log.columns[header]
-            values = values[np.isfinite(values)]
-            if len(values) and np.ptp(values) == 0.0:
-                yield f"{log.source}: {header} never changes there; leave this log out"
+def odd_logs(
+    logs: Sequence[MotionData], columns: Sequence[ColumnRole]
+) -> Iterator[tuple[str, bool]]:
+    """Yield a sentence on the log that is not like the others, and whether no rig must be learned
+    from all of them; nothing where all are alike.
+
+    Args:
+        logs: with known angles.
+        columns: of the drives and the joints.
+    """
+    usable = [log for log in logs if np.isfinite(log.angles).all(axis=1).sum() > 1]
+    if len(usable) < FEWEST_LOGS:
+        return
+    rests = [[log for log in usable if log is not left] for left in usable]
+    alone = np.array([_residual(rest, rest) for rest in rests])
+    worst = int(np.argmin(np.max(alone, axis=1)))
+    limit = ODD * np.maximum(alone[worst], 1e-12)
+    if (_residual(usable, usable) < limit).all():
+        return
+    log, rest = usable[worst], rests[worst]
+    for text, changed in _changes(log, columns):
+        if (_residual(rest, [changed]) < limit).all():
+            yield f"{log.source}: {text}; correct the file", True
+            return
+    unlike = float(np.max(_residual(rest, [log])))
+    if unlike < OF_ANOTHER_RIG:
+        yield (
+            f"{log.source} differs from the other logs by {100 * unlike:.0f} % of a drive's "
+            "motion: slack, a load, or a changed tendon",
+            False,
+        )
+        return
+    yield (
+        f"{log.source} does not agree with the other logs: is it of another rig, or was a tendon "
+        "changed? Leave it out",
+        True,
+    )
 
 
-def _spikes(raw: Sequence[RawLog], columns: Sequence[ColumnRole]) -> Iterator[str]:
-    used = [column for column in columns if column.role in ("position", "effort", "angle")]
-    for log in raw:
-        for column in used:
-            header = column.header
-            values = log.columns[header]
-            values = values[np.isfinite(values)]
-            if len(values) < 2 * SPIKE_WINDOW:
-                continue
-            width = float(np.ptp(np.quantile(values, [0.02, 0.98])))
-            away = np.abs(values - medfilt(values, SPIKE_WINDOW))
-            inner = away[SPIKE_WINDOW:-SPIKE_WINDOW]
-            limit = SPIKE_OF_EFFORT if column.role == "effort" else SPIKE
-            wild = values[SPIKE_WINDOW:-SPIKE_WINDOW][inner > limit * max(width, 1e-300)]
-            count = len(wild)
-            wraps = column.values.turn is not None and np.ptp(wild) > 0.0 if count else False
-            if count >= FEWEST_SPIKES and not wraps:
-                yield (
-                    f"{log.source}: {header} jumps away and back {count} times, to values such as "
-                    f"{values[SPIKE_WINDOW:-SPIKE_WINDOW][np.argmax(inner)]:g}: leave these cells "
-                    "empty"
-                )
+def _regression(log: MotionData, drive: int) -> tuple[Floats, Floats]:
+    """Return the columns of a drive's regression and the drive, each about its mean."""
+    usable = np.isfinite(log.angles).all(axis=1)
+    columns = [log.angles[usable], log.directions[usable, drive][:, None]]
+    effort = log.efforts[usable, drive]
+    if np.isfinite(effort).all():
+        columns.append(effort[:, None])
+    matrix = np.column_stack(columns)
+    target = log.positions[usable, drive]
+    return matrix - matrix.mean(axis=0), target - target.mean()
 
 
-def _stuck(raw: Sequence[RawLog], drives: Sequence[str], joints: Sequence[str]) -> Iterator[str]:
-    for log in raw:
-        ways = {name: float(np.ptp(log.columns[name])) for name in drives}
-        for header in joints:
-            values = log.columns[header]
-            there = np.flatnonzero(np.isfinite(values))
-            if len(there) < 2:
-                continue
-            ends = np.concatenate([[0], np.flatnonzero(np.diff(values[there])) + 1, [len(there)]])
-            longest = int(np.argmax(np.diff(ends)))
-            rows = slice(there[ends[longest]], there[ends[longest + 1] - 1] + 1)
-            share = (rows.stop - rows.start) / log.rows
-            moved = [
-                name
-                for name in drives
-                if np.ptp(log.columns[name][rows]) > STILL_MOVES * max(ways[name], 1e-300)
-            ]
-            if share > STUCK and len(moved) == len(drives):
-                yield (
-                    f"{log.source}: {header} stays at {values[rows.start]:g} for "
-                    f"{100 * share:.0f} % of the log while all drives move: is it stuck? Leave "
-                    "these cells empty"
-                )
+def _residual(training: Sequence[MotionData], tested: Sequence[MotionData]) -> Floats:
+    """Return the RMS residual of each drive per RMS of its motion in the training logs."""
+    residuals = []
+    for drive in range(training[0].positions.shape[1]):
+        parts = [_regression(log, drive) for log in training]
+        target = np.concatenate([values for _, values in parts])
+        coefficients, _ = scaled_solution(np.vstack([matrix for matrix, _ in parts]), target)
+        errors = [
+            values - matrix @ coefficients
+            for matrix, values in (_regression(log, drive) for log in tested)
+        ]
+        scale = max(float(np.std(target)), 1e-300)
+        residuals.append(np.sqrt(np.mean(np.concatenate(errors) ** 2)) / scale)
+    return np.array(residuals)
 
 
-def _gaps(raw: Sequence[RawLog], columns: Sequence[ColumnRole]) -> Iterator[str]:
-    name = _stamp(columns)
-    for log in raw:
-        steps = np.diff(log.columns[name])
-        count = int(np.sum(steps > GAP * np.median(steps)))
-        if count:
-            yield f"{log.source}: rows are missing at {count} places, where {name} jumps"
+def _changes(log: MotionData, columns: Sequence[ColumnRole]) -> Iterator[tuple[str, MotionData]]:
+    """Yield what may be wrong with a log, the simplest first, and the log without it."""
+    drives, joints = _headers(columns, "position"), _headers(columns, "angle")
+    for factor, text in FACTORS.items():
+        for d, name in enumerate(drives):
+            yield f"{name} {text}", _scaled(log, factor, drive=d)
+        for j, name in enumerate(joints):
+            yield f"{name} {text}", _scaled(log, factor, joint=j)
+        yield f"{', '.join(joints)}: each {text}", replace(log, angles=log.angles / factor)
+    for a, b in combinations(range(len(drives)), 2):
+        order = _swapped(len(drives), a, b)
+        moved = replace(log, positions=log.positions[:, order], directions=log.directions[:, order])
+        efforts = log.efforts[:, order]
+        both = f"{drives[a]} and {drives[b]}"
+        yield f"{both} are swapped", moved
+        yield f"all columns of {both} are swapped", replace(moved, efforts=efforts)
+        yield f"the forces beside {both} are swapped", replace(log, efforts=efforts)
+    for a, b in combinations(range(len(joints)), 2):
+        angles = log.angles[:, _swapped(len(joints), a, b)]
+        yield f"{joints[a]} and {joints[b]} are swapped", replace(log, angles=angles)
+
+
+def _swapped(n: int, a: int, b: int) -> list[int]:
+    order = list(range(n))
+    order[a], order[b] = b, a
+    return order
+
+
+def _scaled(log: MotionData, factor: float, drive: int = -1, joint: int = -1) -> MotionData:
+    """Return a log in which a drive or a joint is divided by a factor."""
+    of_drives = np.where(np.arange(log.positions.shape[1]) == drive, factor, 1.0)
+    of_joints = np.where(np.arange(log.angles.shape[1]) == joint, factor, 1.0)
+    return replace(
+        log,
+        positions=log.positions / of_drives,
+        directions=log.directions * np.sign(of_drives),
+        angles=log.angles / of_joints,
+    )
