@@ -5,6 +5,7 @@ import pytest
 
 from distal.errors import LogError
 from distal.from_logs.column_names import name_evidence
+from distal.from_logs.column_values import value_evidence
 from distal.from_logs.columns import Overrides, column_roles
 from distal.from_logs.raw_log import RawLog
 from tests.from_logs.logs import finger
@@ -38,6 +39,13 @@ NO_OVERRIDES = Overrides(drives={})
         ("supply [V]", "other", "V", "supply"),
         ("load_2 [%]", "effort", "%", "2"),
         ("humidity [%]", "other", "%", ""),
+        ("cmd_current [mA]", "command", "mA", ""),
+        ("joint_torque", "effort", None, ""),
+        ("joint_1_encoder [deg]", "angle", "deg", "1"),
+        ("joint_1_motor_angle", "position", None, "1"),
+        ("proximal tendon [mm]", "position", "mm", "proximal"),
+        ("Motorwinkel_2/°", "position", "deg", "2"),
+        ("τ1", "effort", None, "1"),
     ],
 )
 def test_a_name_says_role_unit_and_whose_it_is(
@@ -82,15 +90,46 @@ def test_a_current_of_a_drive_in_a_line_is_a_force_of_a_taken_scale() -> None:
     assert found["F_b [mA]"].role == "other"  # its header says what a slider's sensor cannot read
 
 
-def test_a_command_is_told_from_the_position_that_follows_it() -> None:
+def test_columns_whose_names_say_nothing_are_passed_over_beside_named_ones() -> None:
+    """Also one that leads a drive as its command would, and one of a unit that nobody knows."""
     columns = finger(2)
     position = columns["x_a_mm"]
-    ahead = np.concatenate([position[10:], np.full(10, position[-1])])
-    smooth = np.convolve(np.pad(ahead, 5, mode="edge"), np.ones(11) / 11, mode="valid")
-    columns["y_a"] = np.round(smooth, 6)
+    columns["y_a"] = np.concatenate([position[10:], np.full(10, position[-1])])
+    columns["y_b [wibble]"] = 2.0 * columns["y_a"]
     found = {c.header: c for c in column_roles([RawLog("one", columns)], NO_OVERRIDES)}
     assert found["x_a_mm"].role == "position"
-    assert found["y_a"].role in ("command", "other")
+    assert found["y_a"].role == found["y_b [wibble]"].role == "other"
+
+
+@pytest.mark.parametrize("others", ["position", "angle"])
+def test_an_encoder_of_a_finger_is_what_the_other_names_leave(others: str) -> None:
+    """`encoder_mcp` may be that of a motor or of a joint."""
+    columns = finger(2)
+    changed, left = ("mcp_deg", "x_a_mm") if others == "position" else ("x_a_mm", "mcp_deg")
+    columns["encoder_mcp"] = columns.pop(changed)
+    kept = {n: c for n, c in columns.items() if (n[0] in "xF") == (left[0] in "xF") or n == "t_ms"}
+    kept["encoder_mcp"] = columns["encoder_mcp"]
+    found = {c.header: c for c in column_roles([RawLog("one", kept)], NO_OVERRIDES)}
+    assert found["encoder_mcp"].role == {"position": "angle", "angle": "position"}[others]
+    assert found["encoder_mcp"].sureness != "a guess"
+
+
+@pytest.mark.parametrize("wide", [30.0, 3.0])
+def test_angles_without_a_unit_have_that_of_the_widest(wide: float) -> None:
+    """An angle of 3 may be in radians or degrees; beside one of 60 it is in degrees."""
+    columns = finger(2)
+    columns["mcp"] = columns.pop("mcp_deg")
+    columns["pip"] = columns.pop("pip_deg") * wide / 30.0
+    found = {c.header: c for c in column_roles([RawLog("one", columns)], NO_OVERRIDES)}
+    assert found["mcp"].unit == found["pip"].unit == "deg"
+
+
+@pytest.mark.parametrize(("turn", "wraps"), [(4096.0, True), (4096.0, False), (360.0, True)])
+def test_a_column_wraps_after_a_turn_that_is_seen(turn: float, wraps: bool) -> None:
+    time = np.arange(0.0, 20.0, 0.01)
+    count = np.round(1.5 * turn * np.sin(0.5 * time))
+    found = value_evidence([np.mod(count, turn) if wraps else count])
+    assert found.turn == (turn if wraps else None)
 
 
 def test_what_a_user_says_overrules() -> None:

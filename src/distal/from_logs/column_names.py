@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
-from unicodedata import combining, normalize
+from unicodedata import combining, name, normalize
 
 from distal.errors import UnitError
 from distal.units import unit_factor
@@ -29,24 +29,21 @@ LIKELY = 1.0
 """The same from which it is likely [1]. Source: definition (73 %)."""
 
 WORDS: Mapping[str, str] = {
-    "time": "t time zeit temps tiempo tempo stamp timestamp clock stempel secs seconds millis",
-    "interval": "s sec ms us ns dt",
+    "time": "t time zeit temps tiempo tempo stamp timestamp clock stempel sec secs seconds "
+    "millis ms us ns",
     "position": "ticks tick counts count recorrido posmotor motorpos servopos stroke hub course "
-    "carrera corsa",
+    "carrera corsa phi",
     "encoder": "enc encoder",
     "travel": "disp displacement weg travel",
     "symbol": "x",
-    "turn": "phi",
     "place": "pos position posicion posizione stellung",
     "drive": "motor servo drive actuator spool antrieb moteur motore tendon cable seil cavo m "
     "actuador attuatore slider",
     "proximal": "prox proximal",
-    "force": "force kraft fuerza forza tension zug f traction trazione tensione",
-    "torque": "torque drehmoment couple coppia tau",
-    "current": "cur curr current strom courant corriente corrente amps",
-    "effort": "effort load loadcell u lc fsr",
-    "weak current": "i ma",
-    "weak effort": "moment par fx fz n cell zelle",
+    "force": "force kraft fuerza forza tension zug f fx fz traction trazione tensione",
+    "torque": "torque drehmoment moment couple coppia par tau",
+    "current": "cur curr current strom courant corriente corrente amps i",
+    "effort": "effort load loadcell cell zelle u lc fsr",
     "angle": "theta angle winkel angulo angolo camera cam kamera camara mocap vicon optitrack "
     "fiducial aruco goniometer gonio tag",
     "truth": "truth true",
@@ -61,8 +58,8 @@ WORDS: Mapping[str, str] = {
     "rate": "speed vel velocity geschwindigkeit vitesse velocidad velocita omega acc accel "
     "acceleration dot rate rpm gyro",
     "other": "temp temperature temperatur volt voltage spannung voltaje pwm duty battery idx frame "
-    "seq row id status state mode flag error err humidity pressure unnamed checksum quality conf "
-    "confidence",
+    "seq row dt id status state mode flag error err humidity pressure unnamed checksum quality "
+    "conf confidence",
 }
 """Kind of word → words, in English, German, French, Spanish and Italian."""
 
@@ -74,12 +71,10 @@ KIND_OF = {word: kind for kind, text in WORDS.items() for word in text.split()}
 
 EVIDENCE: Mapping[str, Mapping[Role, float]] = {
     "time": {"time": 3.0},
-    "interval": {"time": 1.2},
     "position": {"position": 3.0},
     "encoder": {"position": 2.0},
     "travel": {"position": 3.0},
     "symbol": {"position": 3.0},
-    "turn": {"position": 3.0},
     "place": {"position": 1.2},
     "drive": {"position": 1.5, "angle": -9.0},
     "proximal": {"position": 1.5, "angle": -9.0},
@@ -87,8 +82,6 @@ EVIDENCE: Mapping[str, Mapping[Role, float]] = {
     "torque": {"effort": 3.0, "angle": -3.0},
     "current": {"effort": 3.0, "angle": -3.0},
     "effort": {"effort": 3.0, "angle": -3.0},
-    "weak current": {"effort": 1.2},
-    "weak effort": {"effort": 1.2},
     "angle": {"angle": 3.0, "position": 1.0},
     "truth": {"angle": 3.0, "effort": -9.0},
     "joint": {"angle": 3.0, "position": -1.5},
@@ -121,7 +114,7 @@ OF_UNIT: Mapping[str, Mapping[Role, float]] = {
 
 UNITS: Mapping[str, Mapping[str, str]] = {
     "s": {"s": "s sec secs seconds", "ms": "ms millis", "us": "us", "ns": "ns", "min": "min"},
-    "rad": {"rad": "rad rads radians", "deg": "deg degree degrees grad °", "mrad": "mrad"},
+    "rad": {"rad": "rad rads radians", "deg": "deg degree degrees grad °"},
     "m": {"m": "m", "mm": "mm", "cm": "cm", "um": "um"},
     "count": {"count": "count counts cnt tick ticks step steps pulses"},
     "N": {
@@ -152,9 +145,6 @@ NO_SCALE = frozenset(["load", "raw", "register", "lsb", "pwm", "duty", "pct", "p
 
 EMPTY_WORDS = frozenset(["observation", "state", "states", "data", "msg", "value", "reading"])
 """Words that say neither what is measured nor of what."""
-
-GREEK = {"θ": "theta", "φ": "phi", "ϕ": "phi", "τ": "tau", "ω": "omega", "α": "alpha", "β": "beta"}
-"""Letters of symbols, as words."""
 
 _BRACKETS = re.compile(r"^(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
 _LIKE_UNIT = re.compile(r"[^\W\d_][^\d_]{0,11}")
@@ -194,15 +184,18 @@ class NameEvidence:
         return not self.kinds and self.unit is None and not self.unknown_unit
 
 
-def words_of(name: str) -> list[str]:
+def words_of(header: str) -> list[str]:
     """Return the words of a name in lower case: `posMotor_2` gives pos, motor, 2; `Motorwinkel`
-    gives motor, winkel.
+    gives motor, winkel; θ is theta.
     """
-    for letter, word in GREEK.items():
-        name = name.replace(letter, f" {word} ")
-    plain = "".join(letter for letter in normalize("NFKD", name) if not combining(letter))
+    plain = ""
+    for letter in normalize("NFKD", header):
+        if "GREEK" in name(letter, ""):
+            plain += f" {name(letter).split()[-1].lower()} "
+        elif not combining(letter):
+            plain += letter
     words = list[str]()
-    for word in _TOKEN.findall(plain.replace("_", " ")):
+    for word in _TOKEN.findall(plain):
         compound = None if word.lower() in KIND_OF else _COMPOUND.fullmatch(word.lower())
         words.extend(compound.groups() if compound else [word.lower()])
     return words

@@ -27,12 +27,10 @@ USUAL_RANGE: Mapping[Role, Mapping[str, Mapping[str, float]]] = {
     "position": {
         "symbol": {"m": 0.01, "rad": 1.7, "mm": 30.0, "count": 1000.0},
         "travel": {"m": 0.016, "mm": 16.0, "count": 1000.0},
-        "turn": {"rad": 1.7, "deg": 97.0, "count": 1000.0},
         "": {"m": 0.01, "rad": 1.7, "deg": 97.0, "count": 1000.0},
     },
     "effort": {
         "current": {"A": 0.3, "mA": 300.0},
-        "weak current": {"A": 0.3, "mA": 300.0},
         "force": {"N": 10.0},
         "torque": {"N m": 1.0},
     },

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import combinations
+from itertools import combinations, permutations
 
 import numpy as np
 
@@ -146,25 +146,19 @@ def _tell_families(
     correlations = lagged_correlations([log.columns[header] for header in headers])
     shares = {
         (a, b): explained(correlations, families[a], families[b])
-        for pair in combinations(families, 2)
-        for a, b in (pair, pair[::-1])
+        for a, b in permutations(families, 2)
     }
-    mutual = {
-        (a, b): min(shares[a, b][LONGEST_LAG], shares[b, a][LONGEST_LAG])
-        for a, b in combinations(families, 2)
-    }
-    (first, second), *others = sorted(mutual, key=lambda pair: -mutual[pair])
-    forces = [stem for stem in families if stem not in (first, second)]
-    if mutual[first, second] < MOVES or any(mutual[pair] > ALIKE for pair in others):
+    now = {pair: share[LONGEST_LAG] for pair, share in shares.items()}
+    mutual = {(a, b): min(now[a, b], now[b, a]) for a, b in combinations(families, 2)}
+    pair, *others = sorted(mutual, key=lambda pair: -mutual[pair])
+    if mutual[pair] < MOVES or any(mutual[other] > ALIKE for other in others):
         return False
-    lag = int(np.argmax(shares[first, second])) - LONGEST_LAG
-    counts = {stem: len(of) for stem, of in families.items()}
-    if forces and (counts[first] == counts[forces[0]]) != (counts[second] == counts[forces[0]]):
-        drives = first if counts[first] == counts[forces[0]] else second
-    elif lag:
-        drives = first if lag > 0 else second
-    else:
+    forces = [stem for stem in families if stem not in pair]
+    lag = int(np.argmax(shares[pair])) - LONGEST_LAG
+    alike = [stem for stem in pair if forces and len(families[stem]) == len(families[forces[0]])]
+    if len(alike) != 1 and lag == 0:
         return False
+    drives = alike[0] if len(alike) == 1 else pair[0] if lag > 0 else pair[1]
     for stem, of in families.items():
         role: Role = "effort" if stem in forces else "position" if stem == drives else "angle"
         for i in of:
@@ -186,12 +180,12 @@ def _tell_joints(
     unclear = [header for header in movers if abs(margins[header]) < LIKELY]
     named: set[Role] = {_best(names[header].scores) for header in {*movers} - {*unclear}}
     for header in unclear:
-        if named == {"position", "angle"} and names[header].says_nothing:
+        if len(named) > 1 and names[header].says_nothing:
             scores[header]["other"] += LIKELY
-        elif named == {"position"} or (not named and header == unclear[-1]):
-            scores[header]["angle"] += LIKELY if named else LIKELY / 2.0
-        else:
-            scores[header]["position"] += LIKELY if named == {"angle"} else 0.0
+        elif len(named) == 1:
+            scores[header]["angle" if "position" in named else "position"] += 2.0 * LIKELY
+    if unclear and not named:
+        scores[unclear[-1]]["angle"] += LIKELY / 2.0
 
 
 def _best(scores: Mapping[Role, float]) -> Role:
