@@ -92,9 +92,8 @@ def value_evidence(columns: Sequence[Floats]) -> ValueEvidence:
 def longest_run(values: Floats) -> tuple[int, int]:
     """Return where the longest run of equal values begins, and its number of samples."""
     ends = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0, [True]]))
-    lengths = np.diff(ends)
-    longest = int(np.argmax(lengths)) if len(values) else 0
-    return (int(ends[longest]), int(lengths[longest])) if len(values) else (0, 0)
+    longest = int(np.argmax(np.diff(ends)))
+    return int(ends[longest]), int(np.diff(ends)[longest])
 
 
 def _step(values: Floats) -> float:

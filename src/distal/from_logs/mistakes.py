@@ -105,7 +105,7 @@ def mistakes(
     """Return a sentence for each mistake because of which no rig can be written."""
     sentences = [*_other_rates(raw, columns)]
     for log in raw:
-        sentences += [*_spikes(log, columns), *_constant(log, columns), *_stuck(log, columns)]
+        sentences += [*_spikes(log, columns), *_still(log, columns)]
     if not sentences:
         sentences = [
             f"{column.header} wraps after {column.values.turn:g}: a rig file cannot unwrap it; "
@@ -146,14 +146,6 @@ def _other_rates(raw: Sequence[RawLog], columns: Sequence[ColumnRole]) -> Iterat
             )
 
 
-def _constant(log: RawLog, columns: Sequence[ColumnRole]) -> Iterator[str]:
-    for header in _headers(columns, "position", "angle"):
-        values = log.columns[header]
-        values = values[np.isfinite(values)]
-        if len(values) and np.ptp(values) == 0.0:
-            yield f"{log.source}: {header} never changes there; leave this log out"
-
-
 def _spikes(log: RawLog, columns: Sequence[ColumnRole]) -> Iterator[str]:
     inner = slice(SPIKE_WINDOW, -SPIKE_WINDOW)
     for column in columns:
@@ -173,16 +165,19 @@ def _spikes(log: RawLog, columns: Sequence[ColumnRole]) -> Iterator[str]:
         )
 
 
-def _stuck(log: RawLog, columns: Sequence[ColumnRole]) -> Iterator[str]:
+def _still(log: RawLog, columns: Sequence[ColumnRole]) -> Iterator[str]:
+    """Yield a sentence on each column that never changes, or not while all drives move."""
     drives = [log.columns[header] for header in _headers(columns, "position")]
-    for header in _headers(columns, "angle"):
+    for header in _headers(columns, "position", "angle"):
         there = np.flatnonzero(np.isfinite(log.columns[header]))
-        if len(there) < 2:
+        if not len(there):
             continue
         first, count = longest_run(log.columns[header][there])
         rows = slice(there[first], there[first + count - 1] + 1)
         share = (rows.stop - rows.start) / log.rows
-        if share > STUCK and all(
+        if count == len(there):
+            yield f"{log.source}: {header} never changes there; leave this log out"
+        elif share > STUCK and all(
             np.ptp(values[rows]) > STILL_MOVES * max(np.ptp(values), 1e-300) for values in drives
         ):
             yield (
@@ -264,9 +259,13 @@ def _changes(log: MotionData, columns: Sequence[ColumnRole]) -> Iterator[tuple[s
     drives, joints = _headers(columns, "position"), _headers(columns, "angle")
     for factor, text in FACTORS.items():
         for d, name in enumerate(drives):
-            yield f"{name} {text}", _scaled(log, factor, drive=d)
+            factors = np.where(np.arange(len(drives)) == d, factor, 1.0)
+            directions = log.directions * np.sign(factors)
+            changed = replace(log, positions=log.positions / factors, directions=directions)
+            yield f"{name} {text}", changed
         for j, name in enumerate(joints):
-            yield f"{name} {text}", _scaled(log, factor, joint=j)
+            factors = np.where(np.arange(len(joints)) == j, factor, 1.0)
+            yield f"{name} {text}", replace(log, angles=log.angles / factors)
         yield f"{', '.join(joints)}: each {text}", replace(log, angles=log.angles / factor)
     for a, b in combinations(range(len(drives)), 2):
         order = _swapped(len(drives), a, b)
@@ -282,18 +281,4 @@ def _changes(log: MotionData, columns: Sequence[ColumnRole]) -> Iterator[tuple[s
 
 
 def _swapped(n: int, a: int, b: int) -> list[int]:
-    order = list(range(n))
-    order[a], order[b] = b, a
-    return order
-
-
-def _scaled(log: MotionData, factor: float, drive: int = -1, joint: int = -1) -> MotionData:
-    """Return a log in which a drive or a joint is divided by a factor."""
-    of_drives = np.where(np.arange(log.positions.shape[1]) == drive, factor, 1.0)
-    of_joints = np.where(np.arange(log.angles.shape[1]) == joint, factor, 1.0)
-    return replace(
-        log,
-        positions=log.positions / of_drives,
-        directions=log.directions * np.sign(of_drives),
-        angles=log.angles / of_joints,
-    )
+    return [{a: b, b: a}.get(i, i) for i in range(n)]
