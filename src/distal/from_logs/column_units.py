@@ -100,33 +100,37 @@ def with_units(
     in_line = set[str]()
     usual = {column.header: _usual_range(column.role, names[column.header]) for column in columns}
     for column in sorted(columns, key=lambda column: ROLES.index(column.role)):
-        header, role, part = column.header, column.role, column.part
-        alike = [
-            each for each in columns if (each.role, usual[each.header]) == (role, usual[header])
-        ]
+        header = column.header
+        alike = [c for c in columns if c.role == column.role and usual[c.header] == usual[header]]
         width = max(each.values.width for each in alike)
-        unit, si, sureness = _unit_by_size(column, usual[header], width, part in in_line)
-        if role == "other":
-            unit, si, sureness = "", "", "a guess"
-        elif drives.get(header):
-            unit, si = _drive_unit(header, drives[header])
-            sureness = "sure"
-        elif role == "effort" and not names[header].has_scale:
-            unit, si, sureness = "A", "A", "assumed"
-        elif names[header].unit:
-            unit, si, sureness = str(names[header].unit), str(names[header].si), "sure"
-        if role == "position" and si == "m":
-            in_line.add(part)
-        if role == "effort" and part in in_line and unit in TAKEN_FORCES:
-            if sureness == "sure" and header.rstrip().endswith("]"):
-                role, part = "other", ""
-            else:
-                unit, si = TAKEN_FORCES[unit], "N"
-                sureness = "a guess" if sureness == "sure" else sureness
-        result[header] = replace(
-            column, role=role, part=part, unit=unit, si=si, unit_sureness=sureness
-        )
+        unit, si, sureness = _unit_by_size(column, usual[header], width, column.part in in_line)
+        if drives.get(header):
+            unit, si, sureness = _drive_unit(header, drives[header])
+        elif column.role != "other":
+            unit, si, sureness = _named_unit(column, names[header]) or (unit, si, sureness)
+        found = replace(column, unit=unit, si=si, unit_sureness=sureness)
+        if column.role == "position" and si == "m":
+            in_line.add(column.part)
+        if column.role == "effort" and unit in TAKEN_FORCES and column.part in in_line:
+            found = _as_force(found)
+        result[header] = found
     return [result[column.header] for column in columns]
+
+
+def _as_force(column: ColumnRole) -> ColumnRole:
+    """Return a current of a drive that moves in a line as a force of a taken scale."""
+    is_sure = column.unit_sureness == "sure"
+    if is_sure and column.header.rstrip().endswith("]"):
+        return replace(column, role="other", part="")
+    sureness = "a guess" if is_sure else column.unit_sureness
+    return replace(column, unit=TAKEN_FORCES[column.unit], si="N", unit_sureness=sureness)
+
+
+def _named_unit(column: ColumnRole, name: NameEvidence) -> tuple[str, str, Sureness] | None:
+    """Return the unit that the name of a column says, its SI unit, and how sure that is."""
+    if column.role == "effort" and not name.has_scale:
+        return "A", "A", "assumed"
+    return None if name.unit is None else (name.unit, str(name.si), "sure")
 
 
 def _usual_range(role: Role, name: NameEvidence) -> Mapping[str, float]:
@@ -141,6 +145,8 @@ def _unit_by_size(
     """Return the unit whose usual range is nearest to a `width`, its SI unit, and how sure that is;
     an effort of unknown kind is a force of a drive that moves `in_line`, else a torque.
     """
+    if column.role == "other":
+        return "", "", "a guess"
     if not usual:
         return ("N", "N", "a guess") if in_line else ("N m", "N m", "a guess")
     units = [unit for unit in usual if unit != "count" or column.values.is_whole]
@@ -149,17 +155,17 @@ def _unit_by_size(
     return unit, SPELLED[unit.replace(" ", "").lower()][1], "likely" if is_likely else "a guess"
 
 
-def _drive_unit(header: str, unit: str) -> tuple[str, str]:
+def _drive_unit(header: str, unit: str) -> tuple[str, str, Sureness]:
     """Return the unit of a drive's position that a user gave, and its SI unit."""
     if unit in COUNTS:
-        return "count", "count"
+        return "count", "count", "sure"
     si = dimension_of(unit, ("m", "rad"))
     if si is None:
         raise LogError(
             f"--drive '{header}={unit}': a drive is read in a length or an angle, such as mm or "
             f"deg, or in ticks; '{unit}' is none of these"
         )
-    return unit, si
+    return unit, si, "sure"
 
 
 def in_si(column: ColumnRole, values: Floats, factor: float) -> Floats:

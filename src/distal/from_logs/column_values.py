@@ -146,8 +146,8 @@ def lagged_correlations(columns: Sequence[Floats]) -> Floats:
     inner = slice(LONGEST_LAG, len(matrix) - LONGEST_LAG)
     lags = range(-LONGEST_LAG, LONGEST_LAG + 1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        both = [np.hstack([np.roll(matrix, lag, axis=0), matrix])[inner] for lag in lags]
-        return np.nan_to_num([np.corrcoef(each, rowvar=False) for each in both])
+        stacked = [np.hstack([np.roll(matrix, lag, axis=0), matrix])[inner] for lag in lags]
+        return np.nan_to_num([np.corrcoef(each, rowvar=False) for each in stacked])
 
 
 def _filled(values: Floats) -> Floats:

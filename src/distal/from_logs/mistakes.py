@@ -206,7 +206,8 @@ def odd_logs(
     limit = ODD * np.maximum(alone[worst], 1e-12)
     if (_residual(usable, usable) < limit).all():
         return
-    log, rest = usable[worst], rests[worst]
+    log = usable[worst]
+    rest = rests[worst]
     for text, changed in _changes(log, columns):
         if (_residual(rest, [changed]) < limit).all():
             yield f"{log.source}: {text}; correct the file", True
@@ -256,7 +257,8 @@ def _residual(training: Sequence[MotionData], tested: Sequence[MotionData]) -> F
 
 def _changes(log: MotionData, columns: Sequence[ColumnRole]) -> Iterator[tuple[str, MotionData]]:
     """Yield what may be wrong with a log, the simplest first, and the log without it."""
-    drives, joints = _headers(columns, "position"), _headers(columns, "angle")
+    drives = _headers(columns, "position")
+    joints = _headers(columns, "angle")
     for factor, text in FACTORS.items():
         for d, name in enumerate(drives):
             factors = np.where(np.arange(len(drives)) == d, factor, 1.0)
@@ -271,10 +273,10 @@ def _changes(log: MotionData, columns: Sequence[ColumnRole]) -> Iterator[tuple[s
         order = _swapped(len(drives), a, b)
         moved = replace(log, positions=log.positions[:, order], directions=log.directions[:, order])
         efforts = log.efforts[:, order]
-        both = f"{drives[a]} and {drives[b]}"
-        yield f"{both} are swapped", moved
-        yield f"all columns of {both} are swapped", replace(moved, efforts=efforts)
-        yield f"the forces beside {both} are swapped", replace(log, efforts=efforts)
+        these = f"{drives[a]} and {drives[b]}"
+        yield f"{these} are swapped", moved
+        yield f"all columns of {these} are swapped", replace(moved, efforts=efforts)
+        yield f"the forces beside {these} are swapped", replace(log, efforts=efforts)
     for a, b in combinations(range(len(joints)), 2):
         angles = log.angles[:, _swapped(len(joints), a, b)]
         yield f"{joints[a]} and {joints[b]} are swapped", replace(log, angles=angles)

@@ -88,7 +88,7 @@ def about(value: float, share: float, unit: str = "") -> Raw:
 
 
 def within(value: float, std: float, unit: str = "") -> Raw:
-    """Return a `value` with a standard deviation in the same unit."""
+    """Return a `value` with its standard deviation `std` in the same unit, which may be empty."""
     return {"value": number(value, unit), "std": number(std, unit)}
 
 
@@ -96,18 +96,19 @@ def raw_drive(drive: FoundDrive) -> Raw:
     """Return a drive."""
     sizes = drive.sizes
     raw: Raw = {"name": drive.name, "kind": "slider" if sizes.is_slider else "capstan"}
-    unit, name, of_inertia, of_damping = "N", "mass", "kg", "kg/s"
+    unit = "N" if sizes.is_slider else "N m"
     if sizes.is_slider:
         raw["mass"] = Guess("20 g", "masses of drives")
     else:
-        unit, name, of_inertia, of_damping = "N m", "inertia", "kg m^2", "N m s"
         raw["inertia"] = Guess("2e-4 kg m^2", "inertia of motors")
         raw["radius"] = Guess(number(1e3 * ASSUMED_RADIUS, "mm"), "lengths: radii of spools")
         raw["damping"] = Guess("1e-3 N m s", "damping of motors")
     shown = sizes.friction
     if shown is not None and shown.inertia > 0.0:
-        raw[name] = about(shown.inertia, SURE_MOTION, of_inertia)
+        inertia = about(shown.inertia, SURE_MOTION, "kg" if sizes.is_slider else "kg m^2")
+        raw["mass" if sizes.is_slider else "inertia"] = inertia
     if shown is not None and shown.damping > 0.0:
+        of_damping = "kg/s" if sizes.is_slider else "N m s"
         raw["damping"] = about(shown.damping, SURE_MOTION, of_damping)
     raw["friction"] = _drive_friction(sizes, unit)
     if drive.effort is None:
@@ -124,7 +125,8 @@ def _drive_friction(sizes: DriveSizes, unit: str) -> object:
     if sizes.friction is None:
         constant = about(0.05 * sizes.tension * sizes.lever, 0.7, unit)
         return Guess({"constant": constant, "load": within(0.06, 0.04)}, "friction of drives")
-    usual, share = sizes.friction.usual, sizes.friction.share
+    usual = sizes.friction.usual
+    share = sizes.friction.share
     if share > 0.0:
         constant = about(max(usual - share * sizes.load, LEAST * usual), 1.0, unit)
         std = max(2.0 * sizes.friction.share_std, LEAST * share)
@@ -212,7 +214,8 @@ def raw_joint(
     scatter = float(np.std(first, ddof=1)) if len(first) > 1 else 0.0
     raw["initial"] = within(float(np.mean(first)), max(SURE_START, scatter), "deg")
     every = np.concatenate(angles)
-    low, high = float(every.min()), float(every.max())
+    low = float(every.min())
+    high = float(every.max())
     raw["friction"] = _joint_friction(pulls, balance)
     raw |= _stops(low, high, joint_stops(j, drives, logs))
     if not pulled_both_ways(pulls):
