@@ -25,9 +25,9 @@ USUAL_RANGE: Mapping[Role, Mapping[str, Mapping[str, float]]] = {
     "time": {"": {"s": 10.0}},
     "angle": {"": {"rad": 0.8, "deg": 46.0}},
     "position": {
-        "symbol": {"m": 0.01, "rad": 1.7, "mm": 30.0, "count": 1000.0},
+        "symbol": {"m": 0.006, "rad": 1.7, "mm": 30.0, "count": 1000.0},
         "travel": {"m": 0.016, "mm": 16.0, "count": 1000.0},
-        "": {"m": 0.01, "rad": 1.7, "deg": 97.0, "count": 1000.0},
+        "": {"m": 0.006, "rad": 1.7, "deg": 97.0, "count": 1000.0},
     },
     "effort": {
         "current": {"A": 0.3, "mA": 300.0},
