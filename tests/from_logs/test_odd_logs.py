@@ -38,6 +38,13 @@ def test_a_time_in_another_unit_than_its_name_says_changes_no_size(tmp_path: Pat
     assert found.rig.sensors[0].rate == pytest.approx(100.0, rel=0.01)
 
 
+def test_a_log_at_a_fifth_of_the_rate_is_no_mistake(tmp_path: Path) -> None:
+    changed = logs()
+    changed[2] = {name: column[::5] for name, column in changed[2].items()}
+    arms = rig_from_logs(written(changed, tmp_path)).rig.tendons[0].arms()
+    assert arms["mcp"] == pytest.approx(8e-3, rel=0.03)
+
+
 @pytest.mark.parametrize(
     ("header", "unit"), [("F_a [Nfoo]", "Nfoo"), ("x_a [gon]", "gon"), ("mcp [LSB]", "LSB")]
 )
