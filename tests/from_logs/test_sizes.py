@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from distal.from_logs import rig_from_logs
-from distal.from_logs.derivatives import smoothed, window_of
+from distal.from_logs.least_squares import smoothed, window_of
 from distal.rig import Capstan
 from tests.from_logs.logs import RATE, Floats, written
 

@@ -1,22 +1,130 @@
-"""The raw description of a rig from columns, structure and sizes, each guess marked."""
+"""The raw description of a rig from columns, structure and sizes, each guess marked.
+
+Joints that carry one another.
+
+The tendons of a joint pass over all joints before it. A joint so comes before another one if
+tendons of all drives of the latter cross it. Of two joints with the same drives the one whose
+column comes first is taken to be the first. Their axes are taken as parallel. Links are point
+masses at two thirds of their length: a rod of 4/3 of that mass has the same moments.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from typing import cast
 
 from distal.from_logs.column_units import TAKEN_FORCES, ColumnRole
-from distal.from_logs.found_parts import FoundDrive, FoundJoint
-from distal.from_logs.link_chain import in_series
+from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulls_of
+from distal.from_logs.link_masses import MASS, Links, links_of
 from distal.from_logs.motion_data import MotionData
 from distal.from_logs.raw_parts import (
     Raw,
+    about,
     column_of,
     drive_sensors,
+    number,
     raw_drive,
     raw_joint,
     raw_tendons,
     reference,
 )
+from distal.model import GRAVITY
+from distal.rig import Guess, Imported
+
+LENGTH = 40.0
+"""Length of a link [mm]. Source: judgement (fingers: 20 to 50; Buryanov and Kotiuk 2010)."""
+
+
+def parents_of(joints: Sequence[FoundJoint], drives: Sequence[FoundDrive]) -> list[int | None]:
+    """Return the joint on whose link each joint sits, None for the base.
+
+    Joints whose tendons' forces are not read, or that follow others, are on the base: no log shows
+    the weight of what they carry.
+    """
+    crossing = [{drive.index for drive, _ in pulls_of(j, drives)} for j in range(len(joints))]
+    read = {drive.index for drive in drives if drive.effort is not None}
+    able = [bool(indices) and indices <= read for indices in crossing]
+    order = sorted(range(len(joints)), key=lambda j: (-len(crossing[j]), j))
+    parents: list[int | None] = [None] * len(joints)
+    for rank, j in enumerate(order):
+        before = [i for i in order[:rank] if able[i] and crossing[j] <= crossing[i]]
+        if able[j] and before:
+            parents[j] = before[-1]
+    return parents
+
+
+def in_series(
+    raw: Raw,
+    joints: Sequence[FoundJoint],
+    drives: Sequence[FoundDrive],
+    logs: Sequence[MotionData],
+) -> Raw:
+    """Return a raw description in which joints in series carry links, if logs tell that they do.
+
+    Args:
+        raw: the description, in which each joint sits on the base.
+        joints: in the order of their columns.
+        drives: all of them.
+        logs: all of them.
+    """
+    parents = parents_of(joints, drives)
+    carrying = [j for j in range(len(joints)) if parents[j] is not None or j in parents]
+    if not carrying:
+        return raw
+    usual = Links(True, ((MASS, MASS),) * len(carrying), (GRAVITY, GRAVITY))
+    rig = Imported.of(_with_links(raw, joints, parents, carrying, usual), "links", "logs", ()).rig
+    links = links_of(rig, carrying, joints, drives, logs)
+    if not links.joined:
+        return raw
+    return _with_links(raw, joints, parents, carrying, links)
+
+
+def _with_links(
+    raw: Raw,
+    joints: Sequence[FoundJoint],
+    parents: Sequence[int | None],
+    carrying: Sequence[int],
+    links: Links,
+) -> Raw:
+    """Return a description in which the joints that are `carrying` have such links."""
+    described = deepcopy(cast(list[Raw], raw["joints"]))
+    length = number(LENGTH, "mm")
+    for j, (mass, std) in zip(carrying, links.masses):
+        parent = parents[j]
+        described[j]["inertia"] = Guess("2e-6 kg m^2", "inertia of joints")
+        described[j]["link"] = {
+            "mass": about(mass, std / mass, "g"),
+            "centre": [number(2.0 * LENGTH / 3.0, "mm"), "0 mm", "0 mm"],
+        }
+        if parent is not None:
+            described[j]["parent"] = joints[parent].name
+            described[j]["offset"] = Guess([length, "0 mm", "0 mm"], "lengths of links")
+    along_x, along_z = (number(part, "m/s^2") for part in links.gravity)
+    gravity: object = [along_x, "0 m/s^2", along_z]
+    if links.gravity == (0.0, 0.0):
+        gravity = Guess(gravity, "which way gravity points")
+    order = _in_order(joints, parents)
+    return {**raw, "base": {"gravity": gravity}, "joints": [described[j] for j in order]}
+
+
+def _in_order(joints: Sequence[FoundJoint], parents: Sequence[int | None]) -> list[int]:
+    """Return the joints, each behind the one that carries it and the one that it follows."""
+    names = [joint.name for joint in joints]
+    order = list[int]()
+
+    def append(j: int) -> None:
+        follows = joints[j].follows
+        for before in (parents[j], None if follows is None else names.index(follows)):
+            if before is not None:
+                append(before)
+        if j not in order:
+            order.append(j)
+
+    for j in range(len(joints)):
+        append(j)
+    return order
+
 
 TRUTH = "true_"
 """Beginning of the columns in which a log has its own truth. Source: `distal.logs.Log.columns`."""

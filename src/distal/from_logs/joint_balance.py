@@ -16,9 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from distal.arrays import Floats
-from distal.from_logs.derivatives import smoothed, window_of
 from distal.from_logs.found_parts import FoundDrive, sliding, torque_of
-from distal.from_logs.least_squares import CLEAR, relative_errors, scaled_solution
+from distal.from_logs.least_squares import (
+    CLEAR,
+    relative_errors,
+    scaled_solution,
+    smoothed,
+    window_of,
+)
 from distal.from_logs.motion_data import MotionData
 
 SURE = 2.0

@@ -1,10 +1,94 @@
-"""Least squares by columns of one size, and how well each coefficient is told."""
+"""Least squares by columns of one size, and how well each coefficient is told.
+
+Angles, speeds and accelerations of a log by local cubics (Savitzky and Golay 1964), all
+smoothed alike.
+"""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import convolve1d
+from scipy.signal import savgol_coeffs, savgol_filter
 
 from distal.arrays import Floats
+
+WINDOWS = (0.02, 0.04, 0.08, 0.12, 0.2)
+"""Times over which derivatives may be taken [s]. Source: judgement (steps of a finger take 0.1)."""
+
+OF_SPEED = 0.04
+"""Time over which speeds, and accelerations of drives, are taken [s]. Source: judgement."""
+
+NOISE = 0.2
+"""Noise of an acceleration per its RMS, above which it is taken over a longer time. Source:
+judgement.
+"""
+
+FEWEST = 5
+"""Least number of samples in a window [1]. Source: definition (a cubic needs four)."""
+
+
+def length_of(time: float, step: float) -> int:
+    """Return the number of samples of a window, for a time and a `step` between samples [s]."""
+    return max(FEWEST, 2 * round(time / step / 2) + 1)
+
+
+def window_of(angles: Floats, step: float, noise: float) -> int:
+    """Return the number of samples of the shortest window in which the noise of an acceleration is
+    small.
+
+    Args:
+        angles: evenly sampled [rad], (k,).
+        step: time between samples [s].
+        noise: standard deviation of an angle [rad].
+    """
+    lengths = [length_of(time, step) for time in WINDOWS]
+    for length in lengths:
+        if length > len(angles):
+            break
+        gain = float(np.sqrt(np.sum(savgol_coeffs(length, 3, deriv=2, delta=step) ** 2)))
+        acceleration = savgol_filter(angles, length, 3, deriv=2, delta=step)
+        if gain * noise < NOISE * float(np.std(acceleration)):
+            return length
+    return lengths[-1]
+
+
+def speed_of(values: Floats, time: Floats) -> Floats:
+    """Return the speed of samples over `OF_SPEED`, (k,).
+
+    Args:
+        values: (k,), NaN in gaps, which are bridged.
+        time: their stamps [s], (k,).
+    """
+    has_value = np.flatnonzero(np.isfinite(values))
+    step = float(np.median(np.diff(time)))
+    window = length_of(OF_SPEED, step)
+    if len(has_value) < 2 or window > len(values):
+        return np.zeros(len(values))
+    bridged = np.interp(time, time[has_value], values[has_value])
+    return smoothed(bridged, window, step, 1)
+
+
+def smoothed(values: Floats, window: int, step: float, order: int = 0) -> Floats:
+    """Return the derivative of samples along their first axis; every order is smoothed alike.
+
+    The second derivative g of local cubics is that of the samples after they were smoothed by a
+    kernel K, g = K * (1, −2, 1)/dt². K smooths the values and first differences too: by filters of
+    their own they would keep fast motions that the acceleration has lost, and inertia would come
+    out too large.
+
+    Args:
+        values: evenly sampled, (k,) or (k, n).
+        window: number of samples over which it is taken.
+        step: time between samples [s].
+        order: of the derivative, 0, 1 or 2; 0 smooths.
+    """
+    second = savgol_coeffs(window, 3, deriv=2, delta=step, use="conv")
+    kernel = step**2 * np.cumsum(np.cumsum(second))[:-2]
+    if order == 2:
+        return np.asarray(savgol_filter(values, window, 3, deriv=2, delta=step, axis=0))
+    rates = np.gradient(values, step, axis=0) if order == 1 else values
+    return np.asarray(convolve1d(rates, kernel, axis=0, mode="nearest"))
+
 
 INDEPENDENT = 10.0
 """So many samples, whose errors are alike, count as one. Source: judgement."""

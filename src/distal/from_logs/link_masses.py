@@ -23,9 +23,8 @@ import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
-from distal.from_logs.derivatives import smoothed, window_of
 from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulls_of, sliding, torque_of
-from distal.from_logs.least_squares import scaled_solution
+from distal.from_logs.least_squares import scaled_solution, smoothed, window_of
 from distal.from_logs.motion_data import MotionData
 from distal.model import Mechanism
 from distal.rig import Rig

@@ -10,7 +10,7 @@ import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.from_logs.column_units import ColumnRole, in_si
-from distal.from_logs.derivatives import speed_of
+from distal.from_logs.least_squares import speed_of
 from distal.from_logs.raw_log import RawLog
 from distal.regression import played
 from distal.units import unit_factor

@@ -55,7 +55,7 @@ FEWEST = 30
 """Samples of known angles that a log needs. Source: judgement."""
 
 
-CLEAR = 2.0
+CLEAR_COMPLIANCE = 2.0
 """A compliance counts that is so many standard errors above zero. Source: judgement."""
 
 CORRELATED = 0.8
@@ -113,7 +113,7 @@ class DriveStructure:
         """Return the effort that friction takes while the drive moves, f = −(g + h (e − ē))/b, at
         some efforts; 0 where b is not clear.
         """
-        if not abs(self.compliance) > CLEAR * self.compliance_std:
+        if not abs(self.compliance) > CLEAR_COMPLIANCE * self.compliance_std:
             return np.zeros_like(efforts)
         taken = self.hysteresis + self.growth * (efforts - self.effort)
         return np.asarray(-taken / self.compliance)
