@@ -20,7 +20,7 @@ from distal.fitting.learned_maps import MapFit, map_of, with_its_reference_error
 from distal.fitting.likelihood_search import search
 from distal.fitting.log_checks import unknown_joints
 from distal.fitting.map_samples import filtered, mean_rms
-from distal.fitting.missing_terms import MissingTerm
+from distal.fitting.missing_terms import NAMED, MissingTerm
 from distal.fitting.parameter_estimates import ParameterEstimates, fitted_parameters
 from distal.logs import Log, true_angles
 from distal.regression import Samples, folds_of, groups_of, splits
@@ -104,11 +104,6 @@ BY_EQUATIONS = "parameters by its equations"
 
 BY_FILTER = "parameters by its filter"
 """Name of the candidate whose parameters are estimated by the rig's filter."""
-
-SURER = 0.85
-"""Ratio of the angle's errors with parameters taken as exactly known (`hold`) and without, below
-which filters take them so. Source: judgement.
-"""
 
 
 def groups_among(logs: Sequence[Log], units: str | None) -> tuple[str, ...]:
@@ -238,7 +233,7 @@ def _surest(run: _Run, training: Training, parameters: ParameterEstimates | None
     return (
         surer
         if len(surer.data) == len(run.data)
-        and mean_rms(surer.data, None) < SURER * mean_rms(run.data, None)
+        and mean_rms(surer.data, None) < NAMED * mean_rms(run.data, None)
         else run
     )
 

@@ -10,7 +10,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.fitting.free_parameter import FittedParameter
 from distal.fitting.likelihood import Innovations
-from distal.fitting.likelihood_search import Optimum, search
+from distal.fitting.likelihood_search import FIRST_ITERATIONS, Optimum, search
 from distal.fitting.problem import Problem
 
 LARGEST_NIS = 5.0
@@ -21,11 +21,6 @@ judgement.
 LARGEST_NOISE_GROWTH = 4.0
 """Factor by which the fit enlarges a sensor's noise, above which the sensor is not the cause.
 Source: judgement.
-"""
-
-LARGEST_UNMODELLED_GROWTH = 6.0
-"""Factor by which the fit enlarges the unmodelled torque of a joint, above which that explains most
-of the motion. Source: judgement.
 """
 
 FAR_FROM_PRIOR = 4.0
@@ -42,9 +37,6 @@ CONTRADICTORY = 2.0
 """Ratio of a log's median innovation with the parameters of all logs to that with parameters of its
 own, above which the logs contradict each other. Source: judgement.
 """
-
-FEW_ITERATIONS = 4
-"""Number of iterations of the fit to a log alone. Source: judgement."""
 
 ADVICE = (
     "the rig lacks physics that these logs have, or a column, unit or sign of a sensor is wrong "
@@ -90,7 +82,7 @@ def doubts_of(problem: Problem, z: Floats, nis: Sequence[float]) -> list[str]:
             f"the logs do not look like this rig: {part.name} had to become {growth:.1f} times "
             "what the rig says"
         )
-        if part.paths[0].endswith(".unmodelled") and growth > LARGEST_UNMODELLED_GROWTH:
+        if part.paths[0].endswith(".unmodelled") and growth > LARGEST_NOISE_GROWTH:
             doubts.append(f"{text}, so that the joint hardly follows the model; {ADVICE}")
         if (
             part.paths[0].startswith("sensors.")
@@ -138,7 +130,7 @@ def parameter_contradictions(problem: Problem, optimum: Optimum) -> list[str]:
         at = problem.columns(j)
         start = optimum.z[[at[problem.free.index(part)] for part, _ in alone.parts]]
         noise = np.array([part.noise for part, _ in alone.parts])
-        alone_optimum = search(alone.assessed(start), start, most=FEW_ITERATIONS, fixed=noise)
+        alone_optimum = search(alone.assessed(start), start, most=FIRST_ITERATIONS, fixed=noise)
         if alone_optimum.interrupted:
             raise KeyboardInterrupt  # the caller has the parameters of all logs
         with np.errstate(invalid="ignore", divide="ignore"):

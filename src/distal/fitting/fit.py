@@ -28,15 +28,10 @@ from distal.fitting.scores import WRITTEN
 from distal.from_logs import rig_from_logs
 from distal.homing import check_homing
 from distal.logs import Log, Source, read_log, shown, true_angles
-from distal.regression import folds_of, groups_of, servos_of
+from distal.regression import FEWEST_LOGS, folds_of, groups_of, servos_of
 from distal.rig import Rig, as_rig, load_rig
 from distal.run import estimate
 from distal.threads import one_blas_thread
-
-FEWEST = 3
-"""Number of logs with a known angle from which on the normal forces of free motion are recorded.
-Source: judgement.
-"""
 
 PROMISED = 2.0
 """Ratio of a rig's error on a log that it was learned from to that on logs left out, above which it
@@ -227,7 +222,7 @@ def _with_free_motion(learned: Learned, candidate: Candidate, judged: Judged) ->
     scores = [log.scores[WRITTEN] for log in learned.compared]
     ran = [score for score in scores if score is not None]
     inside = float(np.mean([score.inside for score in ran])) if ran else 0.0
-    if inside < TRUSTED or len(ran) < FEWEST:
+    if inside < TRUSTED or len(ran) < FEWEST_LOGS:
         return learned
     logs = [judged.training.logs[i] for i in candidate.data]
     rms = float(np.sqrt(np.mean([score.rms**2 for score in ran])))

@@ -15,6 +15,7 @@ from distal.arrays import Floats
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive.drive_tracking import MOTION_TIME
 from distal.estimators.adaptive.touch import EVIDENCE_TIME, PACE_TIME
+from distal.fitting.map_samples import SETTLING
 from distal.logs import Log
 from distal.results import Estimate
 from distal.rig import FreeMotion, Rig
@@ -34,11 +35,6 @@ seldom says little of rest [1]. Source: judgement.
 SMALLEST_SQUARE = 1e-6
 """Least normal mean of ν²/S [1]. Source: rounding (the limit of a force without innovations is
 zero).
-"""
-
-SETTLING = 0.5
-"""Time at the beginning of a log in which the filter finds the joint, and which does not count [s].
-Source: judgement.
 """
 
 NEVER = 1e6

@@ -17,7 +17,7 @@ from distal.arrays import Floats
 from distal.errors import EstimationError, FitError
 from distal.estimators import samples_of_angles
 from distal.logs import Log, true_angles
-from distal.regression import yardstick_error
+from distal.regression import FEWEST_LOGS, yardstick_error
 from distal.rig import REFERENCES, Capstan, Rig, Sensor
 from distal.run import estimate
 from distal.sensor_errors import variance
@@ -32,11 +32,6 @@ SPOILT = 1.5
 these count as touched [1]. Source: benchmark (docs/results/touch.md).
 """
 
-FEWEST_LOGS = 3
-"""Least number of logs in free motion that are needed to say that others are not [1]. Source:
-judgement.
-"""
-
 YARDSTICK = "least squares with lags"
 """Name of the yardstick, see `YARDSTICKS`, whose errors are compared."""
 
@@ -45,7 +40,7 @@ def touched_logs(logs: Sequence[Log], rig: Rig) -> list[int]:
     """Return the indices of the logs in which something seems to touch the joints.
 
     The log on which least squares from the others err most is set aside, again and again, until
-    half of the logs are left, or `FEWEST`. Logs that were set aside count as touched where two
+    half of the logs are left, or `FEWEST_LOGS`. Logs that were set aside count as touched where two
     things hold. Least squares from the rest err `FAR` times as much on them as on the rest. Least
     squares from the rest and them together err `SPOILT` times as much on the rest. A log of fast
     motions is far off too, but spoils nothing.

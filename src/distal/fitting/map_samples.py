@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from distal.errors import DistalError
-from distal.estimators import AdaptiveFilter, channels_of, first_values
+from distal.estimators import LARGEST_ANGLE, AdaptiveFilter, channels_of, first_values
 from distal.homing import (
     check_homing,
     plain_samples,
@@ -39,10 +39,6 @@ def counted_from(log: Log, homing: float | None) -> float:
     if homing is not None:
         return homing
     return SETTLING if log.time[-1] - log.time[0] > 4 * SETTLING else 0.0
-
-
-LARGEST_ANGLE = 100.0
-"""Angle beyond which a filter has left all bounds [rad]. Source: judgement (sixteen turns)."""
 
 
 def filtered(

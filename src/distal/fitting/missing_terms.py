@@ -19,8 +19,8 @@ UNEXPLAINED = 16.0
 """Mean ν²/S of some row of the equations, from which on terms are tried. Source: judgement."""
 
 NAMED = 0.85
-"""Ratio of the residuals with a term to those without, in the geometric mean of all rows, below
-which the term is named. Source: judgement.
+"""Ratio of the residuals with a term to those without, in the geometric mean of all rows, or of the
+errors of two filters, below which the term is named, or the other filter taken. Source: judgement.
 """
 
 MOST_NAMED = 2

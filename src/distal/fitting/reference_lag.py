@@ -13,19 +13,11 @@ from distal.arrays import Floats
 from distal.estimators import channels_of, samples_of_angles
 from distal.fitting.map_search import Seen, Task
 from distal.logs import Log
-from distal.regression import Prior, Samples
+from distal.regression import FEWEST_LOGS, Prior, Samples
 from distal.rig import Rig, angle_names
 
 EARLIEST, LATEST = -0.1, 0.2
 """Range of the lags that are looked for [s]. Source: judgement (cameras)."""
-
-LEAST = 0.02
-"""Least lag that is taken off [s]: a shorter one may be that of a joint's own damping. Source:
-judgement.
-"""
-
-FEWEST = 3
-"""Least number of logs, or groups of logs, that tell it. Source: judgement (a standard error)."""
 
 STEP = 0.02
 """Step of the first search [s], which goes on beside the best. Source: judgement."""
@@ -84,7 +76,7 @@ def reference_lag(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> Refere
     largest density of held-out logs. A joint that follows its drives late looks the same, so that
     the lag is an assumption.
     """
-    if len(set(folds)) < FEWEST:
+    if len(set(folds)) < FEWEST_LOGS:
         return ReferenceLag()
     samples = [samples_of_angles(log, rig) for log in logs]
     targets = np.vstack([log.targets for log in samples])
@@ -113,7 +105,7 @@ def reference_lag(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> Refere
     )
     usual, late = densities(0.0), densities(float(search.x))
     lag = float(search.x)
-    if abs(lag) < LEAST or not _clear(late - usual):
+    if abs(lag) < STEP or not _clear(late - usual):
         return ReferenceLag()
     longest = max(float(np.ptp(log.time)) for log in samples)
     for drift in (0.05 / longest, -0.05 / longest):

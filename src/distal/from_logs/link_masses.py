@@ -24,7 +24,13 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulls_of, sliding, torque_of
-from distal.from_logs.least_squares import scaled_solution, smoothed, window_of
+from distal.from_logs.least_squares import (
+    CLEAR,
+    INDEPENDENT,
+    scaled_solution,
+    smoothed,
+    window_of,
+)
 from distal.from_logs.motion_data import MotionData
 from distal.model import Mechanism
 from distal.rig import Rig
@@ -34,12 +40,6 @@ MASS = 10.0
 
 LIGHTEST = 1.0
 """Least mass of a link [g]. Source: judgement."""
-
-INDEPENDENT = 20.0
-"""So many samples, whose errors are alike, count as one. Source: judgement."""
-
-CLEAR_WEIGHT = 4.0
-"""Gravity counts that is so many standard errors above zero [1]. Source: judgement."""
 
 BETTER = 0.9
 """Terms are told where they bring the RMS error on other logs below this share [1]. Source:
@@ -181,7 +181,7 @@ def _gravity(matrix: Floats, target: Floats, count: int) -> tuple[float, float]:
     stds = left * np.sqrt(np.diag(covariance)) / size
     gravity = solution[count : count + 2]
     strength = float(np.hypot(*gravity))
-    clear = strength > CLEAR_WEIGHT * float(np.max(stds[count : count + 2]))
+    clear = strength > CLEAR * float(np.max(stds[count : count + 2]))
     if not clear or strength > STRONGEST:
         return 0.0, 0.0
     return float(gravity[0]), float(gravity[1])

@@ -28,15 +28,13 @@ from distal.from_logs.least_squares import (
 )
 from distal.from_logs.motion_data import MotionData
 from distal.from_logs.structure import CLEAR_COMPLIANCE, DriveStructure
+from distal.regression import FEWEST_LOGS
 
 DRIVE_SHARE = 0.4
 """Least share of a drive's own in the inertia of all that it moves, since errors of the tendons'
 stretch hide 5 to 10 % of their pull, which looks like it [1]. Source: judgement.
 """
 
-
-FEWEST_LOGS = 3
-"""With fewer logs nobody knows which of them is odd. Source: definition."""
 
 TURNED = 0.8
 """RMS of what is left of efforts with the other sign in one log per that as it is, below which that

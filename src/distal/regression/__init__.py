@@ -27,11 +27,12 @@ from distal.regression.posterior import (
     shape_for,
 )
 from distal.regression.reported_map import ReportedMap, reporting_function
-from distal.regression.samples import Samples, folds_of, groups_of, played, splits
+from distal.regression.samples import FEWEST_LOGS, Samples, folds_of, groups_of, played, splits
 from distal.regression.servos import servos_of
 from distal.regression.yardsticks import YARDSTICKS, yardstick_error
 
 __all__ = [
+    "FEWEST_LOGS",
     "YARDSTICKS",
     "Evidence",
     "PlacedMap",

@@ -18,6 +18,9 @@ from distal.arrays import Bools, Floats
 from distal.errors import FitError
 from distal.kernels import Feed, Kernel, advance
 
+FEWEST_LOGS = 3
+"""With fewer logs nobody knows which of them is odd. Source: definition."""
+
 MOST_FOLDS = 6
 """Largest number of folds: for each of them everything is learned anew. Source: judgement."""
 
