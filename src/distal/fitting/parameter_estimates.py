@@ -149,15 +149,11 @@ def by_filter(
     return _searched(problem, start, searching(progress, "by its filter"))
 
 
-def from_starts(problem: Problem, starts: Sequence[Rig]) -> ParameterEstimates:
-    """Return the parameters with which a rig's filter predicts the readings best, from the
-    likeliest of some rigs, `starts`.
+def from_start(problem: Problem, start: Floats) -> ParameterEstimates:
+    """Return the parameters with which a rig's filter predicts the readings best, by a search from
+    the coordinates `start`, (n,).
     """
-    coordinates = [_coordinates_of(problem, start) for start in starts]
-    costs = problem.costs(coordinates)
-    return _searched(
-        problem, coordinates[int(np.argmin(np.where(np.isnan(costs), np.inf, costs)))], None
-    )
+    return _searched(problem, start, None)
 
 
 def _start(problem: Problem, options: Options) -> Floats:

@@ -14,14 +14,7 @@ import numpy as np
 
 from distal.errors import DistalWarning, FitError, LogError
 from distal.fitting.fitted_file import MARK, write_fitted
-from distal.hands.findings import (
-    Fault,
-    check_units,
-    faults_of,
-    motor_travel_of,
-    slack_of,
-    stopped_of,
-)
+from distal.hands.findings import Fault, check_units, faults_of, stopped_of
 from distal.hands.part_fit import part_values
 from distal.hands.sweeps import Sweep, sweeps_of
 from distal.logs import Log, Source, read_log
@@ -114,17 +107,16 @@ def calibrate(
             for fault in faults_of(rig, drive.name, sweeps[drive.name])
         ),
     )
-    faulty = {fault.drive for fault in faults}
+    # with slack tendons a motor still tells where its joint is
+    faulty = {fault.drive for fault in faults if fault.kind != "slack"}
     values = dict[str, object]()
-    notes = list[str]()
     parts = [part for part in independent_parts(rig) if part.rig.drives]
-    sound = [part for part in parts if not faulty & {drive.name for drive in part.rig.drives}]
-    for part in parts:
-        if part not in sound:
-            notes.append(
-                "not calibrated, as it has a fault: "
-                f"{', '.join(joint.name for joint in part.rig.joints)}"
-            )
+    sound = [part for part in parts if not faulty.intersection(part.rig.drive_names)]
+    notes = tuple(
+        f"not calibrated, as it has a fault: {', '.join(part.rig.joint_names)}"
+        for part in parts
+        if part not in sound
+    )
     # filters of warnings hold for the whole process, so they are set once around all threads
     with warnings.catch_warnings(), ThreadPoolExecutor(workers) as pool:
         warnings.simplefilter("ignore", DistalWarning)
@@ -135,17 +127,7 @@ def calibrate(
         for path, value in servos_of([log], rig).items()
         if path.split(".")[1] not in faulty
     }
-    found_rig = rig.with_values(values)
-    sound_drives = {drive.name for part in sound for drive in part.rig.drives}
-    unlike = motor_travel_of(found_rig, rig, [name for name in sweeps if name in sound_drives])
-    sound_sweeps = {name: () if name in faulty else of_drive for name, of_drive in sweeps.items()}
-    return Calibrated(
-        found_rig,
-        rig,
-        values,
-        (*faults, *unlike, *slack_of(found_rig, rig, sound_sweeps)),
-        tuple(notes),
-    )
+    return Calibrated(rig.with_values(values), rig, values, faults, notes)
 
 
 def _bridged(log: Log) -> Log:

@@ -4,31 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import degrees, hypot
+from math import degrees
 from typing import Literal
 
 import numpy as np
 
 from distal.errors import FitError
-from distal.hands.starts import contacts, is_pair
-from distal.hands.sweeps import FEWEST, Sweep
-from distal.rig import Capstan, Rig, Slider
+from distal.hands.sweeps import FEWEST, STRONGEST, Sweep, contacts, is_pair
+from distal.rig import Capstan, Rig
 
-FaultKind = Literal["side", "slack", "broken", "slipped", "travel", "stopped"]
+FaultKind = Literal["side", "slack", "broken", "slipped", "stopped"]
 
-JAMMED = 0.55
-"""Share of the travel that a joint's range needs, below which the motor's joint counts as blocked
-[1]. Source: judgement.
-"""
-
-LOOSE = 14.5
-"""Play at the joint, by the fit and by the travel, from which on a pair of tendons is slack [deg].
+UNLIKE = 3.0
+"""Difference between a motor's travel and the one that its joint's range needs, in stds by the rig,
+from which on tendons are slack or a joint is blocked [1]: one sound motor of 400 differs as much.
 Source: judgement.
-"""
-
-TRAVELS = 22.0
-"""Play at the joint, by the travel alone, from which on a pair of tendons is slack [deg]; unsure
-radii and ranges change the travel too. Source: judgement.
 """
 
 SLIPPED = 4.0
@@ -36,21 +26,10 @@ SLIPPED = 4.0
 [deg]. Source: judgement.
 """
 
-UNLIKE = 4.0
-"""Difference between a spool's radius that was found and the rig's, in stds of both, from which on
-it is another radius [1]. Source: judgement.
-"""
-
 TURNS_MOST = 5.0
 """Travel of all motors, in multiples of what their joints' ranges need, from which on a unit is
 wrong [1]. Source: judgement.
 """
-
-LEAST_PULL = 5e-4
-"""Least torque that is plausible as the largest one of a moving hand [N m]. Source: judgement."""
-
-MOST_PULL = 5.0
-"""Largest torque that is plausible as the largest one of a moving hand [N m]. Source: judgement."""
 
 FREE = "turns freely both ways: its spool slips on its shaft, or all its tendons are off"
 
@@ -80,13 +59,8 @@ def faults_of(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Fault, ...
     assert isinstance(motor, Capstan)
     tendons = [tendon for tendon in rig.tendons if tendon.drive == drive]
     arms = tendons[0].arms()
-    joints = {joint.name: joint for joint in rig.joints}
     names = ", ".join(arms)
-    need = (
-        sum(abs(arm) * float(np.ptp(joints[name].travel)) for name, arm in arms.items())
-        / motor.radius.value
-    )
-    ratio = sum(abs(arm) for arm in arms.values()) / motor.radius.value
+    ratio = tendons[0].total_arm / motor.radius.value
     pair = is_pair(rig, drive)
 
     def fault(kind: FaultKind, size: float, sentence: str) -> tuple[Fault, ...]:
@@ -131,16 +105,46 @@ def faults_of(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Fault, ...
             moved,
             f"the end of the travel moved by {moved:.1f}° between sweeps: its spool slips",
         )
+    if not pair:
+        return ()
+    # both ends together are off by the errors of both, of the spool and of both tendons' slack
     travel = float(np.mean(contacts(sweeps, 1))) - float(np.mean(contacts(sweeps, -1)))
-    if pair and travel < JAMMED * need:
-        share = 100 * travel / need
+    need = needed(rig, drive)
+    slack = [tendon.slack for tendon in tendons]
+    longer = travel * motor.radius.value - need - sum(each.value for each in slack)
+    joints = {joint.name: joint for joint in rig.joints}
+    ranges = [np.sqrt(2) * arm * joints[name].stops_std for name, arm in arms.items()]
+    unsure = [*ranges, motor.radius.total_std * travel, *(each.total_std for each in slack)]
+    size = longer / float(np.hypot.reduce(unsure))
+    if size > UNLIKE:
+        play = degrees(longer / tendons[0].total_arm)
+        return fault(
+            "slack",
+            play,
+            f"turns about {play:.0f}° further than its range asks for: its tendons are slack, or "
+            "its radii are others",
+        )
+    if size < -UNLIKE:
+        share = 100 * travel * motor.radius.value / need
         return fault(
             "side",
             share,
-            f"stops after {share:.0f} % of its travel: a tendon is on the wrong side, or it is "
-            "blocked",
+            f"stops after {share:.0f} % of its travel: it is blocked, a tendon is on the wrong "
+            "side, or its radii are others",
         )
     return ()
+
+
+def needed(rig: Rig, drive: str) -> float:
+    """Return the length that the joints' ranges take up of a motor's tendon [m]."""
+    arms = next(tendon.arms() for tendon in rig.tendons if tendon.drive == drive)
+    return float(
+        sum(
+            abs(arms[joint.name]) * np.ptp(joint.travel)
+            for joint in rig.joints
+            if joint.name in arms
+        )
+    )
 
 
 def check_units(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]], source: str) -> None:
@@ -154,13 +158,8 @@ def check_units(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]], source: str) ->
     pulls = list[float]()
     for drive in (drive for drive in rig.drives if sweeps[drive.name]):
         assert isinstance(drive, Capstan)
-        tendon = next(tendon for tendon in rig.tendons if tendon.drive == drive.name)
-        joints = {joint.name: joint for joint in rig.joints}
-        need = sum(
-            abs(arm) * float(np.ptp(joints[name].travel)) for name, arm in tendon.arms().items()
-        )
-        contacts_of = [sweep.contact for sweep in sweeps[drive.name]]
-        turned.append((max(contacts_of) - min(contacts_of)) * drive.radius.value / need)
+        ends = [sweep.contact for sweep in sweeps[drive.name]]
+        turned.append(float(np.ptp(ends)) * drive.radius.value / needed(rig, drive.name))
         pulls.append(max(abs(sweep.level) for sweep in sweeps[drive.name]))
     if not turned:
         raise FitError(
@@ -172,81 +171,12 @@ def check_units(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]], source: str) ->
             "or more"
         )
         raise FitError(f"{source}: {size}; is the unit of their positions right?")
-    if not LEAST_PULL < max(pulls) < MOST_PULL:
+    noise = min(sensor.noise for sensor in rig.sensors_of("force"))
+    if not noise / UNLIKE < max(pulls) < STRONGEST:
         size = f"the motors' torques while they move are {max(pulls):.2g} N m at most"
         raise FitError(
             f"{source}: {size}; is the unit of their currents, or the torque constant, right?"
         )
-
-
-def longer(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> float:
-    """Return how much further a motor with a pair of tendons turns between its contacts than its
-    joint's range and the rig's radii need, at the joint [deg].
-    """
-    motor = next(part for part in rig.drives if part.name == drive)
-    (name, arm), *_ = next(t for t in rig.tendons if t.drive == drive).arms().items()
-    ends = [contacts(sweeps, way) for way in (1, -1)]
-    if not isinstance(motor, Capstan) or not all(ends):
-        return 0.0
-    low, high = next(joint for joint in rig.joints if joint.name == name).travel
-    up, down = (float(np.mean(end)) for end in ends)
-    return degrees((up - down) * motor.radius.value / abs(arm) - (high - low))
-
-
-def slack_of(found: Rig, rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tuple[Fault, ...]:
-    """Return the pairs of tendons that are slack, by the calibrated rig `found` and by their
-    travel.
-
-    The travel is judged with the radii of the `rig`, or of `found` where these are clearly others.
-    """
-    faults = []
-    for before, after in zip(rig.drives, found.drives):
-        name = before.name
-        tendons = [t for t in found.tendons if t.drive == before.name]
-        if not is_pair(rig, name) or len(sweeps[name]) < FEWEST:
-            continue
-        joint, arm = next(iter(tendons[0].arms().items()))
-        by_travel = longer(found if _unlike(before, after) else rig, name, sweeps[name])
-        play = degrees(sum(tendon.slack.value for tendon in tendons) / abs(arm))
-        if min(play, by_travel) > LOOSE or by_travel > TRAVELS:
-            size = max(play, by_travel)
-            line = (
-                f"{name} ({joint}): turns about {size:.0f}° further than its range asks for: its "
-                "tendons are slack, or its radii are others"
-            )
-            faults.append(Fault("slack", name, size, line))
-    return tuple(faults)
-
-
-def _unlike(before: Capstan | Slider, after: Capstan | Slider) -> bool:
-    """Return whether the radius of a spool that was found is clearly not the rig's."""
-    if not isinstance(before, Capstan) or not isinstance(after, Capstan):
-        return False
-    unsure = hypot(before.radius.total_std, after.radius.total_std)
-    return abs(after.radius.value - before.radius.value) > UNLIKE * unsure
-
-
-def motor_travel_of(found: Rig, rig: Rig, drives: Sequence[str]) -> tuple[Fault, ...]:
-    """Return the motors whose travel needs spools of a radius that is clearly not the rig's."""
-    faults = []
-    for before, after in zip(rig.drives, found.drives):
-        if before.name not in drives or not isinstance(before, Capstan):
-            continue
-        assert isinstance(after, Capstan)
-        if not _unlike(before, after):
-            continue
-        was = before.radius
-        now = after.radius
-        ratio = now.value / was.value
-        joints = next(tendon.joints for tendon in rig.tendons if tendon.drive == before.name)
-        why = "stops before its end" if ratio > 1.0 else "has slack tendons"
-        known = f"{100 * was.total_std / was.value:.2g} %"
-        line = (
-            f"{before.name} ({', '.join(joints)}): goes {100 / ratio:.0f} % of its travel by the "
-            f"rig's radii, which are known to {known}: it {why}, or the radii are others"
-        )
-        faults.append(Fault("travel", before.name, ratio, line))
-    return tuple(faults)
 
 
 def stopped_of(rig: Rig, stopped: Mapping[str, str]) -> tuple[Fault, ...]:

@@ -11,8 +11,7 @@ from math import isfinite, nan
 import numpy as np
 
 from distal.errors import CommandError
-from distal.hands.starts import is_pair
-from distal.hands.sweeps import FEWEST, sweep_channels_of
+from distal.hands.sweeps import FEWEST, STRONGEST, is_pair, sweep_channels_of
 from distal.inverse.goal_gate import GoalGate
 from distal.logs import Log
 from distal.rig import Capstan, Rig, check_scales, independent_parts
@@ -70,9 +69,6 @@ SILENT = 0.5
 """Longest time without an angle or a torque of a motor; after it the motor's routine ends [s].
 Source: judgement.
 """
-
-STRONGEST = 5.0
-"""Largest torque limit that is accepted for a motor [N m]. Source: judgement."""
 
 STILL = 0.2
 """Time for which a motor may stand still though its goal is as far ahead as allowed and its torque

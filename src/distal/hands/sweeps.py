@@ -5,6 +5,7 @@ several times.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,6 +44,9 @@ LOADED = (0.3, 0.95)
 judgement.
 """
 
+STRONGEST = 5.0
+"""Largest torque of a motor of a hand [N m]; a larger one is in another unit. Source: judgement."""
+
 
 @dataclass(frozen=True)
 class Sweep:
@@ -51,7 +55,6 @@ class Sweep:
     Args:
         level: torque that moves the motor, positive in the direction of the sweep [N m].
         contact: where the torque begins to rise at the end, or else where the sweep ends [rad].
-        slope: of the torque there [N m/rad]; 0 if it does not rise.
         noise: standard deviation of the torque while the motor moves [N m].
         resisted: whether the sweep met an end.
     """
@@ -61,7 +64,6 @@ class Sweep:
     end: int
     level: float
     contact: float
-    slope: float
     noise: float
     resisted: bool
 
@@ -100,6 +102,16 @@ def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
             f"least {FEWEST} sweeps of each (see distal.hands.Routine)"
         )
     return tuple(sweeps)
+
+
+def is_pair(rig: Rig, drive: str) -> bool:
+    """Return whether a motor holds one joint by two tendons."""
+    return sum(tendon.drive == drive for tendon in rig.tendons) == 2
+
+
+def contacts(sweeps: Sequence[Sweep], way: int) -> tuple[float, ...]:
+    """Return where full sweeps in one direction met the end of the travel, or else ended [rad]."""
+    return tuple(sweep.contact for sweep in sweeps[1:] if sweep.way == way)
 
 
 def sweep_channels_of(rig: Rig, drive: str) -> tuple[str, str]:
@@ -153,7 +165,6 @@ def _sweep(positions: Floats, torques: Floats, begin: int) -> Sweep:
     end = float(np.nanmedian(pull[known][-3:]))
     resisted = end > RISEN * abs(level) + 6.0 * noise
     contact = high
-    slope = 0.0
     if resisted:
         rise = end - level
         late = known & (np.arange(len(pull)) > len(pull) // 2)
@@ -169,7 +180,6 @@ def _sweep(positions: Floats, torques: Floats, begin: int) -> Sweep:
         begin + len(positions) - 1,
         level,
         way * contact,
-        max(slope, 0.0),
         noise,
         bool(resisted),
     )

@@ -1,0 +1,178 @@
+"""The fit of a subsystem to its sweeps: what the ends say before it, where its search begins, and
+what it finds on plants of others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from benchmarks.hands import calibrated, log_of, motion, ratio, rig_of
+from benchmarks.strangers.servo_hands import aero_like, orca_like
+
+from distal import Rig, estimate
+from distal.hands import calibrate, part_fit
+from distal.hands.sweeps import Sweep, is_pair
+from distal.rig import Capstan, Number, independent_parts, number
+from distal.rig.hand_tables import Row, hand_of
+
+ARMS, SPOOL, LOW, HIGH = (12e-3, 6e-3), 9e-3, 0.0, 1.5
+
+
+def swept(way: int, contact: float, level: float = 0.04) -> Sweep:
+    """Return a sweep that met something."""
+    return Sweep(way, 0, 100, level, contact, 1e-3, True)
+
+
+def pair_rig() -> Rig:
+    known, _ = orca_like([3], ("index_mcp",))
+    return rig_of(known)
+
+
+def finger() -> Rig:
+    """Return a finger of two joints with springs on one tendon."""
+    rows = [
+        Row(
+            joint=name,
+            motor="m",
+            low=LOW,
+            high=HIGH,
+            spool_radius=SPOOL,
+            joint_radius=arm,
+            back="spring",
+        )
+        for name, arm in zip(("mcp", "pip"), ARMS)
+    ]
+    return hand_of(rows, "finger", "table").rig
+
+
+SWEEPS = (swept(1, 2.0), swept(-1, -0.6), swept(1, 2.0), swept(-1, -0.6), swept(1, 2.0))
+
+
+def test_the_zero_of_a_pair_puts_the_middle_of_its_travel_in_the_middle_of_the_range() -> None:
+    rig = pair_rig()
+    found = rig.with_values(part_fit._zeros(rig, {"m1": SWEEPS}))
+    motor, arm = found.drives[0], found.tendons[0].arms()["index_mcp"]
+    assert isinstance(motor, Capstan)
+    zero = found.sensors_of("position")[0].bias
+    low, high = rig.joints[0].travel
+    assert (0.7 - zero.value) * motor.radius.value / arm == pytest.approx((low + high) / 2)
+    # ends and slack are not known exactly, and the travel is not what the range needs
+    known = np.hypot(arm * rig.joints[0].stops_std, rig.tendons[0].slack.std) / motor.radius.value
+    needs = (arm * (high - low) + sum(t.slack.value for t in rig.tendons)) / motor.radius.value
+    assert zero.std == pytest.approx(np.hypot(known, abs(2.6 - needs) / 2))
+
+
+def test_the_zero_of_one_tendon_has_all_joints_at_their_stops_where_it_ends() -> None:
+    rig = finger()
+    assert not is_pair(rig, "m")
+    found = rig.with_values(part_fit._zeros(rig, {"m": SWEEPS}))
+    zero = found.sensors_of("position")[0].bias.value
+    length = sum(ARMS) * HIGH + rig.tendons[0].slack.value
+    assert (2.0 - zero) * SPOOL == pytest.approx(length)
+
+
+def test_the_first_sweep_leaves_the_joint_at_that_end() -> None:
+    rig = pair_rig()
+    low, high = rig.joints[0].travel
+    for way, end in ((1, high), (-1, low)):
+        sweeps = {"m1": (swept(way, way * 1.0), *SWEEPS[1:], swept(-1, -0.6))}
+        prior = rig.with_values(part_fit._at_ends(rig, sweeps))
+        assert prior.joints[0].initial.value == pytest.approx(end)
+        assert prior.joints[0].initial.std == pytest.approx(np.deg2rad(1.0))
+        # the torque is known no better than the motor's friction
+        assert prior.sensors_of("force")[0].noise == rig.drives[0].friction.constant.std > 0.01
+
+
+@dataclass
+class Valley:
+    """A problem with a minimum where the softer spring is at one joint, and a deeper one where the
+    bends of the torque are at the other joint.
+    """
+
+    rig: Rig
+    start: tuple[Number, Number]
+    tensions: tuple[float, float]
+
+    size: int = 2
+
+    @property
+    def parts(self) -> list[Any]:
+        return [
+            (
+                SimpleNamespace(
+                    paths=(number.path,),
+                    value=lambda z, number=number: number.value * np.exp(z),
+                    coordinate=lambda value, number=number: np.log(value / number.value),
+                ),
+                None,
+            )
+            for number in self.start
+        ]
+
+    @property
+    def prior_stds(self) -> Any:
+        return np.array([0.5, 0.5])
+
+    @property
+    def ends(self) -> list[Any]:
+        """Both minima: the bends at 900 and 500 N, and the other way round."""
+        return [
+            np.log(np.array(bends) / self.tensions / [number.value for number in self.start])
+            for bends in ((900.0, 500.0), (500.0, 900.0))
+        ]
+
+    def costs(self, points: Any) -> Any:
+        away = [[np.sum((z - end) ** 2) for end in self.ends] for z in points]
+        return np.array([min(first, second - 0.01) for first, second in away])
+
+
+def test_bends_of_the_torque_are_tried_at_other_joints(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = finger()
+    springs = [number(rig, f"joints.{i}.spring.stiffness") for i in (0, 1)]
+    rest = rig.joints[0].spring
+    assert rest is not None
+    tensions = tuple((HIGH - rest.rest_angle.value) / arm for arm in ARMS)
+    valley = Valley(rig, (springs[0], springs[1]), (tensions[0], tensions[1]))
+    ((one, other, share),) = part_fit._exchanges(valley, rig)  # type: ignore[arg-type]
+    assert (one, other) == (0, 1)
+    assert share == pytest.approx(tensions[1] / tensions[0])
+
+    def most_likely(problem: Valley, start: Any) -> Any:
+        nearest = min(problem.ends, key=lambda end: float(np.sum((start - end) ** 2)))
+        return problem, SimpleNamespace(z=nearest)
+
+    monkeypatch.setattr(part_fit, "most_likely", most_likely)
+    begin = part_fit._likeliest(valley, rig)  # type: ignore[arg-type]
+    np.testing.assert_allclose(begin, valley.ends[1])
+
+
+@pytest.mark.slow
+def test_a_finger_is_better_known_than_by_its_motors_travel(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    known, hands = aero_like([3])
+    rig = rig_of(known)
+    monkeypatch.setattr("benchmarks.hands.calibrate", lambda log, rig: log)
+    ((_, log),) = calibrated(known, hands, rig)
+    positions = np.column_stack([log.channels[f"{motor}_position"] for motor in known.motors])
+    low, high = (
+        positions.min(axis=0)[None] + 0.3,
+        positions.max(axis=0)[None],
+    )  # what is let out beyond is no travel
+    run = motion(known, hands, (low, high), 3)
+    plain = ratio(known, run["positions"][:, 0], (low[0], high[0]))
+    part = next(
+        part.rig
+        for part in independent_parts(rig)
+        if [drive.name for drive in part.rig.drives] == ["middle"]
+    )
+    joints = [known.joints.index(joint.name) for joint in part.joints]
+    result = estimate(log_of(known, run, 0), calibrate(log, part).rig)
+    truth = run["angles"][:, 0, joints]
+    off = result.angles - truth
+    assert np.sqrt(np.mean(off**2)) < 0.6 * np.sqrt(np.mean((plain[:, joints] - truth) ** 2))
+    assert np.mean(np.abs(off) < 1.96 * result.angle_stds) > 0.9
