@@ -15,7 +15,7 @@ from benchmarks.strangers.servo_hands import Hands, Known, orca_like
 from distal import estimate
 from distal.errors import CommandError, FitError, LogError
 from distal.hands import Calibrated, Routine, RoutineOptions, calibrate, moved_since
-from distal.hands.findings import faults_of, motor_travel_of
+from distal.hands.findings import faults_of
 from distal.hands.routine import OF_PAIR
 from distal.hands.sweeps import sweeps_of
 from distal.logs import Log
@@ -259,17 +259,32 @@ def test_a_log_of_free_motion_is_no_routine() -> None:
         calibrate(Log(time, channels, {}, "free motion"), rig_of(known))
 
 
-def test_a_joint_that_stops_early_is_said_by_its_travel() -> None:
-    """It goes 75 % of its range: the radius that would explain it is far from the rig's."""
+@pytest.mark.parametrize(
+    ("ratio", "kind", "says"),
+    [
+        (
+            0.75,
+            "side",
+            "% of its travel: it is blocked, a tendon is on the wrong side, or its radii",
+        ),
+        (1.2, "slack", "further than its range asks for: its tendons are slack, or its radii"),
+    ],
+)
+def test_a_travel_that_the_range_does_not_need_is_said(ratio: float, kind: str, says: str) -> None:
+    """The motor goes as it did, on a spool that is smaller or larger by the rig."""
+    _, log = routine_log()
     rig = rig_of(hand()[0])
     radius = rig.drives[0].radius
-    wrong = rig.with_values({"drives.m1.radius": {"value": radius.value / 0.75, "std": radius.std}})
-    (fault,) = motor_travel_of(wrong, rig, ["m1", "m2"])
+    other = {"value": ratio * radius.value, "std": ratio * radius.std}
+    wrong = rig.with_values({"drives.m1.radius": other})
+    (fault,) = faults_of(wrong, "m1", sweeps_of(log, wrong, "m1"))
     assert fault.drive == "m1"
-    assert fault.kind == "travel"
-    assert "goes 75 % of its travel" in fault.sentence
-    assert "stops before its end, or the radii are others" in fault.sentence
-    assert motor_travel_of(rig, rig, ["m1", "m2"]) == ()
+    assert fault.kind == kind
+    assert says in fault.sentence
+    (size,) = (float(word.rstrip("°")) for word in fault.sentence.split() if word[0].isdigit())
+    play = np.rad2deg((ratio - 1) * np.ptp(rig.joints[0].travel))
+    assert size == pytest.approx(100 * ratio if kind == "side" else play, abs=6)
+    assert faults_of(wrong, "m2", sweeps_of(log, wrong, "m2")) == ()
 
 
 def test_a_rig_of_sliders_is_refused() -> None:

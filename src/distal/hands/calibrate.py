@@ -14,7 +14,7 @@ import numpy as np
 
 from distal.errors import DistalWarning, FitError, LogError
 from distal.fitting.fitted_file import MARK, write_fitted
-from distal.hands.findings import Fault, check_units, faults_of, stopped_of
+from distal.hands.findings import Fault, check_units, faults_of
 from distal.hands.part_fit import part_values
 from distal.hands.sweeps import Sweep, sweeps_of
 from distal.logs import Log, Source, read_log
@@ -99,7 +99,10 @@ def calibrate(
     sweeps, stopped = _sweeps(log, rig, {} if stopped is None else stopped)
     check_units(rig, sweeps, log.source)
     faults = (
-        *stopped_of(rig, stopped),
+        *(
+            Fault("stopped", name, f"{name}: its routine ended before its end: {why}")
+            for name, why in stopped.items()
+        ),
         *(
             fault
             for drive in rig.drives
@@ -157,16 +160,15 @@ def _sweeps(
     """
     sweeps = dict[str, tuple[Sweep, ...]]()
     without = dict(stopped)
-    for drive in rig.drives:
-        sweeps[drive.name] = ()
-        if drive.name in stopped:
-            continue
-        try:
-            sweeps[drive.name] = sweeps_of(log, rig, drive.name)
-        except LogError as problem:
-            if drive is rig.drives[-1] and not any(sweeps.values()):
-                raise
-            without[drive.name] = str(problem)
+    for name in rig.drive_names:
+        sweeps[name] = ()
+        if name not in stopped:
+            try:
+                sweeps[name] = sweeps_of(log, rig, name)
+            except LogError as problem:
+                without[name] = str(problem)
+    if not any(sweeps.values()):
+        raise LogError(list(without.values())[-1])
     resisted = any(sweep.resisted for of_drive in sweeps.values() for sweep in of_drive)
     if len(sweeps) > 1 and not resisted:
         raise LogError(

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from distal.errors import FitError
-from distal.hands.sweeps import FEWEST, STRONGEST, Sweep, contacts, is_pair
+from distal.hands.sweeps import FEWEST, STRONGEST, Sweep, contacts, is_pair, needed
 from distal.rig import Capstan, Rig
 
 FaultKind = Literal["side", "slack", "broken", "slipped", "stopped"]
@@ -41,13 +41,11 @@ class Fault:
     Args:
         kind: of the fault.
         drive: name of the motor.
-        size: of the fault, in a unit that its kind has.
         sentence: the fault in words.
     """
 
     kind: FaultKind
     drive: str
-    size: float
     sentence: str
 
 
@@ -63,33 +61,30 @@ def faults_of(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Fault, ...
     ratio = tendons[0].total_arm / motor.radius.value
     pair = is_pair(rig, drive)
 
-    def fault(kind: FaultKind, size: float, sentence: str) -> tuple[Fault, ...]:
-        return (Fault(kind, drive, size, f"{drive} ({names}): {sentence}"),)
+    def fault(kind: FaultKind, sentence: str) -> tuple[Fault, ...]:
+        return (Fault(kind, drive, f"{drive} ({names}): {sentence}"),)
 
     if len(sweeps) < FEWEST:
-        return fault("slipped", 2.0, FREE)
+        return fault("slipped", FREE)
     full = sweeps[1:]
     resisted = {way: [sweep.resisted for sweep in full if sweep.way == way] for way in (1, -1)}
     none = [way for way in (1, -1) if not any(resisted[way])]
     if pair and len(none) == 2:
-        return fault("slipped", 2.0, FREE)
+        return fault("slipped", FREE)
     if pair and none:
         which = " and ".join(tendon.name for tendon in tendons if tendon.winding == none[0])
         words = (
             f"nothing resists {_ways(none)}: {which} is broken, off its spool, or wound the "
             "wrong way round"
         )
-        return fault("broken", 1.0, words)
+        return fault("broken", words)
     if not pair and 1 in none:
         if -1 not in none:
             return fault(
                 "side",
-                -1.0,
                 "tightens when it should let out: its tendon is wound the wrong way round",
             )
-        return fault(
-            "broken", 1.0, f"nothing resists: {tendons[0].name} is broken or off its spool"
-        )
+        return fault("broken", f"nothing resists: {tendons[0].name} is broken or off its spool")
     shift = max(
         (
             float(np.ptp(contacts(sweeps, way)))
@@ -102,7 +97,6 @@ def faults_of(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Fault, ...
         moved = degrees(shift / ratio)
         return fault(
             "slipped",
-            moved,
             f"the end of the travel moved by {moved:.1f}° between sweeps: its spool slips",
         )
     if not pair:
@@ -120,7 +114,6 @@ def faults_of(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Fault, ...
         play = degrees(longer / tendons[0].total_arm)
         return fault(
             "slack",
-            play,
             f"turns about {play:.0f}° further than its range asks for: its tendons are slack, or "
             "its radii are others",
         )
@@ -128,31 +121,17 @@ def faults_of(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Fault, ...
         share = 100 * travel * motor.radius.value / need
         return fault(
             "side",
-            share,
             f"stops after {share:.0f} % of its travel: it is blocked, a tendon is on the wrong "
             "side, or its radii are others",
         )
     return ()
 
 
-def needed(rig: Rig, drive: str) -> float:
-    """Return the length that the joints' ranges take up of a motor's tendon [m]."""
-    arms = next(tendon.arms() for tendon in rig.tendons if tendon.drive == drive)
-    return float(
-        sum(
-            abs(arms[joint.name]) * np.ptp(joint.travel)
-            for joint in rig.joints
-            if joint.name in arms
-        )
-    )
-
-
 def check_units(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]], source: str) -> None:
     """Check that the motors turn, and pull, as far as a hand's can.
 
     Raises:
-        FitError: all motors turn, or pull, so much more or less that a unit is wrong; or none has a
-            sweep.
+        FitError: all motors turn, or pull, so much more or less that a unit is wrong.
     """
     turned = list[float]()
     pulls = list[float]()
@@ -161,10 +140,6 @@ def check_units(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]], source: str) ->
         ends = [sweep.contact for sweep in sweeps[drive.name]]
         turned.append(float(np.ptp(ends)) * drive.radius.value / needed(rig, drive.name))
         pulls.append(max(abs(sweep.level) for sweep in sweeps[drive.name]))
-    if not turned:
-        raise FitError(
-            f"{source}: no motor has a sweep that came to its end; run the routine again"
-        )
     if min(turned) > TURNS_MOST:
         size = (
             f"all motors turn {min(turned):.0f} times as far as their joints' ranges ask for, "
@@ -177,14 +152,6 @@ def check_units(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]], source: str) ->
         raise FitError(
             f"{source}: {size}; is the unit of their currents, or the torque constant, right?"
         )
-
-
-def stopped_of(rig: Rig, stopped: Mapping[str, str]) -> tuple[Fault, ...]:
-    """Return the faults of the motors whose routine ended too early, with the reasons."""
-    return tuple(
-        Fault("stopped", name, 1.0, f"{name}: its routine ended before its end: {why}")
-        for name, why in stopped.items()
-    )
 
 
 def _ways(ways: Sequence[int]) -> str:

@@ -16,20 +16,9 @@ from distal.fitting.free_parameter import assignments
 from distal.fitting.likelihood_search import most_likely
 from distal.fitting.parameter_estimates import ParameterEstimates, from_start, problem_of
 from distal.fitting.problem import Problem
-from distal.hands.sweeps import Sweep, contacts, is_pair
+from distal.hands.sweeps import Sweep, contacts, is_pair, needed
 from distal.logs import Log
 from distal.rig import Capstan, Rig, Subsystem
-
-FASTER = 1.5
-"""Std of a motor's torque about the model's in usual motion, in multiples of that in the slow
-routine, where motors have pairs of tendons [1]. Source: benchmark (docs/results/hands.md).
-"""
-
-SPRUNG = 4.0
-"""Std of a motor's torque about the model's in usual motion, in multiples of that in the slow
-routine, where joints share one tendon against springs [1]. Source: benchmark
-(docs/results/hands.md).
-"""
 
 SPRINGS_APART = 0.35
 """Std of the springs of a finger, as a share [1]: one motor hardly tells which spring is stiffer.
@@ -81,17 +70,11 @@ def part_values(
         raise FitError(
             f"{log.source}: no rig with the motors {', '.join(drives)} moves as this log does"
         )
-    fitted = parameters.problem.filter.rig
-    values = form | _zeros(rig, sweeps) | assignments(parameters.fitted, fitted)
-    # the model's error of a motor's torque is larger than the sensor's, and larger yet in faster
-    # motion
-    faster = FASTER if pairs else SPRUNG
-    noise: dict[str, object] = {
-        f"sensors.{sensor.name}.noise": float(f"{faster * sensor.noise:.2g}")
-        for sensor in fitted.sensors_of("force")
-    }
-    told = {path: v for path, v in values.items() if not path.endswith((".initial", ".hold"))}
-    return _with_ranges(rig, told) | noise
+    found_values = assignments(parameters.fitted, parameters.problem.filter.rig)
+    values = form | _at_ends(rig, sweeps) | found_values
+    return _with_ranges(
+        rig, {path: v for path, v in values.items() if not path.endswith((".initial", ".hold"))}
+    )
 
 
 def _at_ends(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> dict[str, object]:
@@ -101,7 +84,7 @@ def _at_ends(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> dict[str, objec
     values = _zeros(rig, sweeps)
     friction = {drive.name: drive.friction.constant.total_std for drive in rig.drives}
     for sensor in rig.sensors_of("force"):
-        # friction is not the same everywhere
+        # friction is not the same everywhere, and the rig says how well it is known
         values[f"sensors.{sensor.name}.noise"] = max(sensor.noise, friction[sensor.of])
     joints = {joint.name: joint for joint in rig.joints}
     for tendon in rig.tendons:
@@ -207,7 +190,6 @@ def _with_ranges(rig: Rig, values: Mapping[str, object]) -> dict[str, object]:
         if isinstance(found := wider.get(path), dict) and "std" in found:
             wider[path] = found | {"std": float(f"{np.hypot(found['std'], std):.3g}")}
 
-    joints = {joint.name: joint for joint in rig.joints}
     for joint in rig.joints:
         path = f"joints.{joint.name}.spring.stiffness"
         if isinstance(found := wider.get(path), dict):
@@ -217,8 +199,9 @@ def _with_ranges(rig: Rig, values: Mapping[str, object]) -> dict[str, object]:
         drive = next(drive for drive in rig.drives if drive.name == sensor.of)
         arms = next(tendon.arms() for tendon in rig.tendons if tendon.drive == drive.name)
         assert isinstance(drive, Capstan)
-        off = np.hypot.reduce([arm * joints[name].stops_std for name, arm in arms.items()])
-        travel = sum(abs(arm) * float(np.ptp(joints[name].travel)) for name, arm in arms.items())
-        widen(f"drives.{drive.name}.radius", np.sqrt(2) * off / travel * drive.radius.value)
-        widen(f"sensors.{sensor.name}.bias", off / np.sqrt(2) / drive.radius.value)
+        stds = [arms[joint.name] * joint.stops_std for joint in rig.joints if joint.name in arms]
+        off = float(np.hypot.reduce(stds)) / drive.radius.value
+        radius = np.sqrt(2) * off * drive.radius.value**2 / needed(rig, drive.name)
+        widen(f"drives.{drive.name}.radius", radius)
+        widen(f"sensors.{sensor.name}.bias", off / np.sqrt(2))
     return wider

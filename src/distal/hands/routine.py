@@ -11,7 +11,7 @@ from math import isfinite, nan
 import numpy as np
 
 from distal.errors import CommandError
-from distal.hands.sweeps import FEWEST, STRONGEST, is_pair, sweep_channels_of
+from distal.hands.sweeps import FEWEST, STRONGEST, is_pair, needed, sweep_channels_of
 from distal.inverse.goal_gate import GoalGate
 from distal.logs import Log
 from distal.rig import Capstan, Rig, check_scales, independent_parts
@@ -37,13 +37,8 @@ need [1]; `MARGIN` is added. Source: judgement.
 """
 
 MARGIN = 0.5
-"""Travel of a sweep that meets no end, beyond `BEYOND` times what the ranges need [rad]. Source:
-judgement.
-"""
-
-LOOSENED = 0.6
-"""Travel of a motor that lets its one tendon out, beyond the joints' ranges [rad]: the tendon is
-loose there. Source: judgement.
+"""Travel of a sweep that meets no end, beyond `BEYOND` times what the ranges need, and of a motor
+that lets its one tendon out, beyond the ranges [rad]: the tendon is loose there. Source: judgement.
 """
 
 SLOWS = 1.2
@@ -57,22 +52,14 @@ SLOWEST = 0.25
 LEAD = 0.35
 """Largest distance of a goal from its motor [rad]. Source: judgement."""
 
-NEAR = 0.03
-"""Distance from its position of rest within which a motor is there, so that the next one moves
-[rad]. Source: judgement.
-"""
-
-WAITED = 1.0
-"""Longest wait until a motor counts as at its position of rest [s]. Source: judgement."""
-
 SILENT = 0.5
 """Longest time without an angle or a torque of a motor; after it the motor's routine ends [s].
 Source: judgement.
 """
 
 STILL = 0.2
-"""Time for which a motor may stand still though its goal is as far ahead as allowed and its torque
-is below the limit [s]: then its routine ends, since the motor may push with an unknown force.
+"""Time after which a motor stands [s]. Where it stands though its goal is as far ahead as allowed
+and its torque is below the limit, its routine ends, since it may push with an unknown force.
 Source: judgement.
 """
 
@@ -114,18 +101,13 @@ class _Motor:
 
     def __init__(self, rig: Rig, name: str, limit: float) -> None:
         drive = next(part for part in rig.drives if part.name == name)
-        tendon = next(part for part in rig.tendons if part.drive == name)
-        joints = {joint.name: joint for joint in rig.joints}
         radius = drive.radius.value if isinstance(drive, Capstan) else 1.0
         self.name = name
         self.limit = limit
         self.pair = is_pair(rig, name)
-        need = (
-            sum(abs(arm) * float(np.ptp(joints[j].travel)) for j, arm in tendon.arms().items())
-            / radius
-        )
+        need = needed(rig, name) / radius
         self.most = BEYOND * need + MARGIN
-        self.loose = need + LOOSENED
+        self.loose = need + MARGIN
         self.way = 1
         self.done = 0
         self.over = 0.0
@@ -150,12 +132,9 @@ class _Motor:
             self.started = time
         self.position = position
         if self.done >= options.sweeps:
-            if self.goal != self.rest:
-                self.goal += float(
-                    np.clip(self.rest - self.goal, -options.speed * dt, options.speed * dt)
-                )
-                self.started = time
-            self.rested = abs(position - self.rest) < NEAR or time - self.started > WAITED
+            most = options.speed * dt
+            self.goal += float(np.clip(self.rest - self.goal, -most, most))
+            self.rested = self.rested or (self._stands(dt, position) and self.goal == self.rest)
             return
         self.over = self.over + dt if self.way * torque > self.limit else 0.0
         gone = self.way * (position - self.begin)
@@ -190,19 +169,24 @@ class _Motor:
         self.first = self.first if isfinite(self.first) else position
         if not self.felt and abs(position - self.first) > FELT:
             return "its current reads 0 while it moves"
-        driven = self.way * (self.goal - position) >= LEAD - CREEPS
-        if not driven or not abs(position - self.stood_at) < CREEPS:
-            self.still = 0.0
-            self.stood_at = position
-            return ""
-        self.still += dt
-        if self.still < STILL or self.way * torque > self.limit:
+        if self.way * (self.goal - position) < LEAD - CREEPS:
+            self.stood_at = nan
+        if not self._stands(dt, position) or self.way * torque > self.limit:
             return ""
         return (
             f"it stands still at {np.rad2deg(position):.0f}° and its torque reads "
             f"{torque:.2f} N m, where {self.limit:.2f} N m end a sweep: does it move, and is its "
             "current right?"
         )
+
+    def _stands(self, dt: float, position: float) -> bool:
+        """Return whether the motor has stood for `STILL`."""
+        if not abs(position - self.stood_at) < CREEPS:
+            self.still = 0.0
+            self.stood_at = position
+            return False
+        self.still += dt
+        return self.still >= STILL
 
     @property
     def rest(self) -> float:
@@ -238,15 +222,14 @@ class Routine:
 
     def __init__(self, rig: Rig, options: RoutineOptions | None = None) -> None:
         self._options = options = RoutineOptions() if options is None else options
-        _check(rig, options)
+        limits = _checked_limits(rig, options)
         self._channels = {drive.name: sweep_channels_of(rig, drive.name) for drive in rig.drives}
-        self._motors = {
-            drive.name: _Motor(rig, drive.name, _limit(rig, drive.name, options))
-            for drive in rig.drives
-        }
+        self._motors = {name: _Motor(rig, name, limit) for name, limit in limits.items()}
         self._groups = _groups(rig, options.order)
         self._gate = GoalGate(rig, calibrated=False)
-        self._together = _parts_of(rig)
+        parts = [part.rig.drive_names for part in independent_parts(rig)]
+        # those that share a joint, a tendon or an error
+        self._together = {name: names for names in parts for name in names}
         self._time = nan
         self._aborted = ""
         self._silent = dict.fromkeys(self._motors, 0.0)
@@ -344,7 +327,7 @@ class Routine:
             return self.fail(name, why)
         motor.step(time, dt, position, torque, self._options)
         self._goals[name] = motor.goal
-        if motor.done < self._options.sweeps and time - motor.started > self._options.longest:
+        if not motor.rested and time - motor.started > self._options.longest:
             longest = self._options.longest
             return self.fail(name, f"a sweep took longer than {longest:g} s: does it move?")
         return None
@@ -366,34 +349,9 @@ class Routine:
         )
 
 
-def _parts_of(rig: Rig) -> dict[str, tuple[str, ...]]:
-    """Return motor → the motors of its independent subsystem: those that share a joint, a tendon or
-    an error with it.
-    """
-    parts = [part.rig.drive_names for part in independent_parts(rig)]
-    return {name: tuple(names) for names in parts for name in names}
-
-
-def _limit(rig: Rig, drive: str, options: RoutineOptions) -> float:
-    limits = options.limits
-    usual = OF_PAIR if is_pair(rig, drive) else OF_SINGLE
-    limit = (
-        usual
-        if limits is None
-        else limits.get(drive, usual)
-        if isinstance(limits, Mapping)
-        else float(limits)
-    )
-    if not 0.0 < limit <= STRONGEST:
-        raise CommandError(
-            f"the limit of motor '{drive}' must be a torque up to {STRONGEST:g} N m, {limit!r} "
-            "came; another unit?"
-        )
-    return limit
-
-
-def _check(rig: Rig, options: RoutineOptions) -> None:
-    """Check the options before anything moves.
+def _checked_limits(rig: Rig, options: RoutineOptions) -> dict[str, float]:
+    """Return motor → torque at which its sweeps turn back [N m], after a check of all options
+    before anything moves.
 
     Raises:
         CommandError: a number is out of its range, a limit is of no motor, or the rig's scale of
@@ -401,18 +359,18 @@ def _check(rig: Rig, options: RoutineOptions) -> None:
     """
     check_scales(rig, "a power-on routine with limits of torque", "torque")
     motors = rig.drive_names
-    limits = (
-        options.limits
-        if isinstance(options.limits, Mapping)
-        else {}
-        if options.limits is None
-        else {"": options.limits}
-    )
+    asked = {} if options.limits is None else options.limits
+    limits = dict(asked) if isinstance(asked, Mapping) else dict.fromkeys(motors, asked)
     for name, limit in limits.items():
-        if name and name not in motors:
+        if name not in motors:
             raise CommandError(f"limits: there is no motor '{name}'{did_you_mean(name, motors)}")
         if isinstance(limit, bool) or not isinstance(limit, (int, float)):
             raise CommandError(f"limits must be torques in N m, {limit!r} came")
+        if not 0.0 < limit <= STRONGEST:
+            raise CommandError(
+                f"the limit of motor '{name}' must be a torque up to {STRONGEST:g} N m, "
+                f"{limit!r} came; another unit?"
+            )
     for what, value, least, most in (
         ("speed [rad/s]", options.speed, 0.05, 20.0),
         ("sweeps", options.sweeps, FEWEST, 1000),
@@ -424,6 +382,8 @@ def _check(rig: Rig, options: RoutineOptions) -> None:
             or not least <= value <= most
         ):
             raise CommandError(f"{what} must be from {least:g} to {most:g}, {value!r} came")
+    usual = {name: OF_PAIR if is_pair(rig, name) else OF_SINGLE for name in motors}
+    return usual | limits
 
 
 def _groups(rig: Rig, order: Sequence[Sequence[str]] | None) -> list[tuple[str, ...]]:

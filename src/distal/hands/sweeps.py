@@ -26,9 +26,6 @@ LEAST_TURNED = 0.03
 FEWEST = 3
 """Least number of sweeps of a motor, the first of which begins anywhere. Source: judgement."""
 
-SHORTEST = 15
-"""Least number of samples of a sweep. Source: judgement."""
-
 RISEN = 1.6
 """Torque at the end of a sweep from which on it met an end, in multiples of the torque that moves
 the motor [1]; six stds of its noise come on top. Source: judgement.
@@ -86,7 +83,6 @@ def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
     sweeps = [
         _sweep(positions[begin : end + 1], torques[begin : end + 1], begin)
         for begin, end in itertools.pairwise(ends)
-        if np.count_nonzero(known[begin : end + 1]) >= SHORTEST
     ]
     if len(sweeps) > 1:
         last = sweeps[-1]
@@ -107,6 +103,18 @@ def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
 def is_pair(rig: Rig, drive: str) -> bool:
     """Return whether a motor holds one joint by two tendons."""
     return sum(tendon.drive == drive for tendon in rig.tendons) == 2
+
+
+def needed(rig: Rig, drive: str) -> float:
+    """Return the length that the joints' ranges take up of a motor's tendon [m]."""
+    arms = next(tendon.arms() for tendon in rig.tendons if tendon.drive == drive)
+    return float(
+        sum(
+            abs(arms[joint.name]) * np.ptp(joint.travel)
+            for joint in rig.joints
+            if joint.name in arms
+        )
+    )
 
 
 def contacts(sweeps: Sequence[Sweep], way: int) -> tuple[float, ...]:
@@ -170,10 +178,9 @@ def _sweep(positions: Floats, torques: Floats, begin: int) -> Sweep:
         late = known & (np.arange(len(pull)) > len(pull) // 2)
         line = late & (pull > level + LOADED[0] * rise) & (pull < level + LOADED[1] * rise)
         if np.count_nonzero(line) >= 3 and np.ptp(going[line]) > 0.0:
-            slope = float(np.cov(going[line], pull[line])[0, 1] / np.var(going[line], ddof=1))
+            slope, beginning = np.polyfit(going[line], pull[line], 1)
             if slope > 0.0:
-                begins = float(np.mean(going[line]) - (np.mean(pull[line]) - level) / slope)
-                contact = min(max(begins, low), high)
+                contact = float(np.clip((level - beginning) / slope, low, high))
     return Sweep(
         way,
         begin,
