@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from math import nan
 from pathlib import Path
 
 import numpy as np
@@ -20,10 +21,6 @@ from distal.hands.sweeps import Sweep, sweeps_of
 from distal.logs import Log, Source, read_log
 from distal.regression import servos_of
 from distal.rig import Rig, as_rig, check_scales, independent_parts
-
-BRIDGED = 0.1
-"""Longest gap in the readings of a channel that is filled by interpolation [s]. Source: judgement.
-"""
 
 
 @dataclass(frozen=True)
@@ -73,7 +70,7 @@ def calibrate(
     In the log each motor goes slowly to both ends of its travel and back, at least three times,
     with its angle and its torque. The ends of the joints' ranges are the reference; the rig says
     how well they are known (`stops_std`). Independent subsystems are calibrated separately, side by
-    side. Gaps in the readings of up to `BRIDGED` are filled by interpolation.
+    side. Gaps in the readings are filled by interpolation.
 
     Args:
         log: of the power-on routine, or its file.
@@ -134,19 +131,12 @@ def calibrate(
 
 
 def _bridged(log: Log) -> Log:
-    """Return the log with short gaps of its channels filled by linear interpolation."""
-    channels = {}
+    """Return the log with gaps of its channels filled by linear interpolation."""
+    channels = dict(log.channels)
     for name, values in log.channels.items():
-        known = np.flatnonzero(np.isfinite(values))
-        if len(known) < 2:
-            channels[name] = values
-            continue
-        time = log.time[known]
-        after = np.clip(np.searchsorted(time, log.time), 1, len(known) - 1)
-        is_short = time[after] - time[after - 1] <= BRIDGED
-        within = (log.time >= time[0]) & (log.time <= time[-1])
-        filled = np.interp(log.time, time, values[known])
-        channels[name] = np.where(is_short & within, filled, values)
+        known = np.isfinite(values)
+        if known.any():
+            channels[name] = np.interp(log.time, log.time[known], values[known], nan, nan)
     return replace(log, channels=channels)
 
 

@@ -20,6 +20,12 @@ from distal.hands.sweeps import Sweep, contacts, is_pair, needed
 from distal.logs import Log
 from distal.rig import Capstan, Rig, Subsystem
 
+SPRUNG = 4.0
+"""Std of a motor's torque about the model's in usual motion, in multiples of that in the slow
+routine, where joints share one tendon against springs [1]. Source: benchmark
+(docs/results/hands.md).
+"""
+
 SPRINGS_APART = 0.35
 """Std of the springs of a finger, as a share [1]: one motor hardly tells which spring is stiffer.
 Source: benchmark (docs/results/hands.md).
@@ -70,8 +76,11 @@ def part_values(
         raise FitError(
             f"{log.source}: no rig with the motors {', '.join(drives)} moves as this log does"
         )
-    found_values = assignments(parameters.fitted, parameters.problem.filter.rig)
-    values = form | _at_ends(rig, sweeps) | found_values
+    fitted = parameters.problem.filter.rig
+    values = form | _at_ends(rig, sweeps) | assignments(parameters.fitted, fitted)
+    if not pairs:
+        for sensor in fitted.sensors_of("force"):
+            values[f"sensors.{sensor.name}.noise"] = SPRUNG * sensor.noise
     return _with_ranges(
         rig, {path: v for path, v in values.items() if not path.endswith((".initial", ".hold"))}
     )
