@@ -25,8 +25,8 @@ from distal.hands import Calibrated, Routine, calibrate
 JOINTS = ("index_mcp", "ring_abd")
 KINDS = ("lost reads", "blocked", "other radius", "stands still", "restart", "no current")
 TRUE_WORDS = {
-    "blocked": ("side", "travel"),
-    "other radius": ("travel",),
+    "blocked": ("side",),
+    "other radius": ("side", "slack"),
     "stands still": ("stopped",),
     "restart": ("stopped", "slipped"),
     "no current": ("stopped",),
