@@ -15,7 +15,7 @@ import numpy as np
 
 from distal.errors import DistalWarning, FitError, LogError
 from distal.fitting.fitted_file import MARK, write_fitted
-from distal.hands.findings import Fault, check_units, faults_of
+from distal.hands.findings import Fault, check_units, faults_of, slack_of
 from distal.hands.part_fit import part_values
 from distal.hands.sweeps import Sweep, sweeps_of
 from distal.logs import Log, Source, read_log
@@ -127,7 +127,10 @@ def calibrate(
         for path, value in servos_of([log], rig).items()
         if path.split(".")[1] not in faulty
     }
-    return Calibrated(rig.with_values(values), rig, values, faults, notes)
+    found_rig = rig.with_values(values)
+    named = {fault.drive for fault in faults}
+    slack = tuple(fault for fault in slack_of(found_rig, rig) if fault.drive not in named)
+    return Calibrated(found_rig, rig, values, (*faults, *slack), notes)
 
 
 def _bridged(log: Log) -> Log:

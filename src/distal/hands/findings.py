@@ -16,9 +16,9 @@ from distal.rig import Capstan, Rig
 FaultKind = Literal["side", "slack", "broken", "slipped", "stopped"]
 
 UNLIKE = 3.0
-"""Difference between a motor's travel and the one that its joint's range needs, in stds by the rig,
-from which on tendons are slack or a joint is blocked [1]: one sound motor of 400 differs as much.
-Source: judgement.
+"""Difference between a motor's travel and the one that its joint's range needs, or between slack
+that is found and the rig's, in stds by the rig, from which on there is a fault [1]: one sound motor
+of 400 differs as much. Source: judgement.
 """
 
 SLIPPED = 4.0
@@ -101,30 +101,56 @@ def faults_of(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Fault, ...
         )
     if not pair:
         return ()
-    # both ends together are off by the errors of both, of the spool and of both tendons' slack
-    travel = float(np.mean(contacts(sweeps, 1))) - float(np.mean(contacts(sweeps, -1)))
-    need = needed(rig, drive)
-    slack = [tendon.slack for tendon in tendons]
-    longer = travel * motor.radius.value - need - sum(each.value for each in slack)
-    joints = {joint.name: joint for joint in rig.joints}
-    ranges = [np.sqrt(2) * arm * joints[name].stops_std for name, arm in arms.items()]
-    unsure = [*ranges, motor.radius.total_std * travel, *(each.total_std for each in slack)]
-    size = longer / float(np.hypot.reduce(unsure))
-    if size > UNLIKE:
+    longer, std = excess(rig, drive, sweeps)
+    if longer > UNLIKE * std:
         play = degrees(longer / tendons[0].total_arm)
         return fault(
             "slack",
             f"turns about {play:.0f}° further than its range asks for: its tendons are slack, or "
             "its radii are others",
         )
-    if size < -UNLIKE:
-        share = 100 * travel * motor.radius.value / need
+    if longer < -UNLIKE * std:
+        need = needed(rig, drive)
+        share = 100 * (1 + longer / need)
         return fault(
             "side",
             f"stops after {share:.0f} % of its travel: it is blocked, a tendon is on the wrong "
             "side, or its radii are others",
         )
     return ()
+
+
+def excess(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[float, float]:
+    """Return how much more of its tendons a motor with a pair of them winds, from end to end, than
+    its joint's range and their slack need, and the std of that by the rig [m].
+    """
+    motor = next(part for part in rig.drives if part.name == drive)
+    assert isinstance(motor, Capstan)
+    up, down = (float(np.mean(contacts(sweeps, way))) for way in (1, -1))
+    tendons = [tendon for tendon in rig.tendons if tendon.drive == drive]
+    arms = tendons[0].arms()
+    # both ends are off, each by its own error
+    ends = [np.sqrt(2) * arms[j.name] * j.stops_std for j in rig.joints if j.name in arms]
+    slack = [tendon.slack for tendon in tendons]
+    stds = [*ends, motor.radius.total_std * (up - down), *(each.total_std for each in slack)]
+    longer = (up - down) * motor.radius.value - needed(rig, drive)
+    return longer - sum(each.value for each in slack), float(np.hypot.reduce(stds))
+
+
+def slack_of(found: Rig, rig: Rig) -> tuple[Fault, ...]:
+    """Return the pairs of tendons that have more slack by the calibrated rig than by the `rig`."""
+    faults = []
+    for drive in rig.drive_names:
+        tendons = [tendon for tendon in rig.tendons if tendon.drive == drive]
+        known = [tendon.slack for tendon in tendons]
+        slack = sum(tendon.slack.value for tendon in found.tendons if tendon.drive == drive)
+        std = float(np.hypot.reduce([each.total_std for each in known]))
+        if is_pair(rig, drive) and slack - sum(each.value for each in known) > UNLIKE * std:
+            play = degrees(slack / tendons[0].total_arm)
+            names = ", ".join(tendons[0].joints)
+            line = f"{drive} ({names}): its tendons are slack, with about {play:.0f}° of play"
+            faults.append(Fault("slack", drive, line))
+    return tuple(faults)
 
 
 def check_units(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]], source: str) -> None:

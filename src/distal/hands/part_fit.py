@@ -16,6 +16,7 @@ from distal.fitting.free_parameter import assignments
 from distal.fitting.likelihood_search import most_likely
 from distal.fitting.parameter_estimates import ParameterEstimates, from_start, problem_of
 from distal.fitting.problem import Problem
+from distal.hands.findings import excess
 from distal.hands.sweeps import Sweep, contacts, is_pair, needed
 from distal.logs import Log
 from distal.rig import Capstan, Rig, Subsystem
@@ -66,7 +67,7 @@ def part_values(
     }
     found = list[tuple[float, dict[str, object], ParameterEstimates]]()
     for form in ({}, tense) if pairs else ({},):
-        prior = rig.with_values(form | _at_ends(rig, sweeps))
+        prior = rig.with_values(_at_ends(rig, sweeps) | form)
         problem = problem_of([cut], prior, Options(noise=False, workers=1))
         parameters = from_start(problem, _likeliest(problem, prior))
         # searches weight their channels differently, so that only unweighted costs can be compared
@@ -77,7 +78,7 @@ def part_values(
             f"{log.source}: no rig with the motors {', '.join(drives)} moves as this log does"
         )
     fitted = parameters.problem.filter.rig
-    values = form | _at_ends(rig, sweeps) | assignments(parameters.fitted, fitted)
+    values = _at_ends(rig, sweeps) | form | assignments(parameters.fitted, fitted)
     if not pairs:
         for sensor in fitted.sensors_of("force"):
             values[f"sensors.{sensor.name}.noise"] = SPRUNG * sensor.noise
@@ -97,6 +98,14 @@ def _at_ends(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> dict[str, objec
         values[f"sensors.{sensor.name}.noise"] = max(sensor.noise, friction[sensor.of])
     joints = {joint.name: joint for joint in rig.joints}
     for tendon in rig.tendons:
+        if is_pair(rig, tendon.drive):
+            # what the motor clearly turns too far may be slack of both tendons
+            longer, std = excess(rig, tendon.drive, sweeps[tendon.drive])
+            more = max(longer - std, 0.0) / 2
+            values[f"tendons.{tendon.name}.slack"] = {
+                "value": tendon.slack.value + more,
+                "std": float(np.hypot(tendon.slack.std, more)),
+            }
         way = sweeps[tendon.drive][0].way * tendon.winding
         for name, arm in tendon.arms().items():
             if joints[name].coupled is None:
