@@ -107,8 +107,7 @@ def calibrate(
             for fault in faults_of(rig, drive.name, sweeps[drive.name])
         ),
     )
-    # with slack tendons a motor still tells where its joint is
-    faulty = {fault.drive for fault in faults if fault.kind != "slack"}
+    faulty = {fault.drive for fault in faults}
     values = dict[str, object]()
     parts = [part for part in independent_parts(rig) if part.rig.drives]
     sound = [part for part in parts if not faulty.intersection(part.rig.drive_names)]
@@ -128,8 +127,8 @@ def calibrate(
         if path.split(".")[1] not in faulty
     }
     found_rig = rig.with_values(values)
-    named = {fault.drive for fault in faults}
-    slack = tuple(fault for fault in slack_of(found_rig, rig) if fault.drive not in named)
+    sound_sweeps = {name: sweeps[name] for part in sound for name in part.rig.drive_names}
+    slack = slack_of(found_rig, rig, sound_sweeps)
     return Calibrated(found_rig, rig, values, (*faults, *slack), notes)
 
 

@@ -102,16 +102,8 @@ def faults_of(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Fault, ...
     if not pair:
         return ()
     longer, std = excess(rig, drive, sweeps)
-    if longer > UNLIKE * std:
-        play = degrees(longer / tendons[0].total_arm)
-        return fault(
-            "slack",
-            f"turns about {play:.0f}° further than its range asks for: its tendons are slack, or "
-            "its radii are others",
-        )
     if longer < -UNLIKE * std:
-        need = needed(rig, drive)
-        share = 100 * (1 + longer / need)
+        share = 100 * (1 + longer / needed(rig, drive))
         return fault(
             "side",
             f"stops after {share:.0f} % of its travel: it is blocked, a tendon is on the wrong "
@@ -137,18 +129,23 @@ def excess(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[float, float]
     return longer - sum(each.value for each in slack), float(np.hypot.reduce(stds))
 
 
-def slack_of(found: Rig, rig: Rig) -> tuple[Fault, ...]:
-    """Return the pairs of tendons that have more slack by the calibrated rig than by the `rig`."""
+def slack_of(found: Rig, rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tuple[Fault, ...]:
+    """Return the pairs of tendons that are slack by their travel, or by the calibrated rig `found`,
+    of motors without another fault; `sweeps` are theirs.
+    """
     faults = []
-    for drive in rig.drive_names:
+    for drive in (name for name in sweeps if is_pair(rig, name)):
         tendons = [tendon for tendon in rig.tendons if tendon.drive == drive]
-        known = [tendon.slack for tendon in tendons]
         slack = sum(tendon.slack.value for tendon in found.tendons if tendon.drive == drive)
-        std = float(np.hypot.reduce([each.total_std for each in known]))
-        if is_pair(rig, drive) and slack - sum(each.value for each in known) > UNLIKE * std:
-            play = degrees(slack / tendons[0].total_arm)
-            names = ", ".join(tendons[0].joints)
-            line = f"{drive} ({names}): its tendons are slack, with about {play:.0f}° of play"
+        more = slack - sum(tendon.slack.value for tendon in tendons)
+        unsure = float(np.hypot.reduce([tendon.slack.total_std for tendon in tendons]))
+        longer, std = excess(rig, drive, sweeps[drive])
+        if longer > UNLIKE * std or more > UNLIKE * unsure:
+            line = (
+                f"{drive} ({', '.join(tendons[0].joints)}): turns about "
+                f"{degrees(max(longer, more) / tendons[0].total_arm):.0f}° further than its range "
+                "asks for: its tendons are slack, or its radii are others"
+            )
             faults.append(Fault("slack", drive, line))
     return tuple(faults)
 
