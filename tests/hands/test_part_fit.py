@@ -24,7 +24,7 @@ ARMS, SPOOL, LOW, HIGH = (12e-3, 6e-3), 9e-3, 0.0, 1.5
 
 def swept(way: int, contact: float, level: float = 0.04) -> Sweep:
     """Return a sweep that met something."""
-    return Sweep(way, 0, 100, level, contact, 1e-3, True)
+    return Sweep(way, 100, level, contact, True)
 
 
 def pair_rig() -> Rig:

@@ -47,21 +47,18 @@ STRONGEST = 5.0
 
 @dataclass(frozen=True)
 class Sweep:
-    """One sweep of a motor, in the direction `way`, +1 or −1, from sample `begin` to `end`.
+    """One sweep of a motor, in the direction `way`, +1 or −1, up to the sample `end`.
 
     Args:
         level: torque that moves the motor, positive in the direction of the sweep [N m].
         contact: where the torque begins to rise at the end, or else where the sweep ends [rad].
-        noise: standard deviation of the torque while the motor moves [N m].
         resisted: whether the sweep met an end.
     """
 
     way: int
-    begin: int
     end: int
     level: float
     contact: float
-    noise: float
     resisted: bool
 
 
@@ -81,7 +78,7 @@ def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
     rows = np.flatnonzero(known)
     ends = [int(rows[k]) for k in _turning(positions[rows])]
     sweeps = [
-        _sweep(positions[begin : end + 1], torques[begin : end + 1], begin)
+        _sweep(positions[begin : end + 1], torques[begin : end + 1], end)
         for begin, end in itertools.pairwise(ends)
     ]
     if len(sweeps) > 1:
@@ -159,7 +156,7 @@ def _turning(positions: Floats) -> list[int]:
     return [*ends, best]
 
 
-def _sweep(positions: Floats, torques: Floats, begin: int) -> Sweep:
+def _sweep(positions: Floats, torques: Floats, end: int) -> Sweep:
     way = 1 if positions[-1] > positions[0] else -1
     known = np.isfinite(positions) & np.isfinite(torques)
     going = way * positions
@@ -170,23 +167,15 @@ def _sweep(positions: Floats, torques: Floats, begin: int) -> Sweep:
     free = pull[known & (going > first) & (going < last)]
     level = float(np.median(free)) if free.size else 0.0
     noise = float(1.48 * np.median(np.abs(free - level))) if free.size else 0.0
-    end = float(np.nanmedian(pull[known][-3:]))
-    resisted = end > RISEN * abs(level) + 6.0 * noise
+    last_pull = float(np.nanmedian(pull[known][-3:]))
+    resisted = last_pull > RISEN * abs(level) + 6.0 * noise
     contact = high
     if resisted:
-        rise = end - level
+        rise = last_pull - level
         late = known & (np.arange(len(pull)) > len(pull) // 2)
         line = late & (pull > level + LOADED[0] * rise) & (pull < level + LOADED[1] * rise)
         if np.count_nonzero(line) >= 3 and np.ptp(going[line]) > 0.0:
             slope, beginning = np.polyfit(going[line], pull[line], 1)
             if slope > 0.0:
                 contact = float(np.clip((level - beginning) / slope, low, high))
-    return Sweep(
-        way,
-        begin,
-        begin + len(positions) - 1,
-        level,
-        way * contact,
-        noise,
-        bool(resisted),
-    )
+    return Sweep(way, end, level, way * contact, resisted)
