@@ -197,6 +197,28 @@ def test_a_motor_that_does_not_move_ends_its_part_at_once(torque: float, why: st
     assert goals["m1"] == 1.0
 
 
+@pytest.mark.parametrize("wobble", [0.0, 0.02])
+def test_the_next_motor_moves_when_one_stands_or_never_does(wobble: float) -> None:
+    """Motors follow their goals between stops at ±1 rad; after their sweeps they may tremble."""
+    known, _ = hand()
+    routine = Routine(rig_of(known), RoutineOptions(longest=5.0))
+    goals = {"m1": 0.0, "m2": 0.0}
+    k = 0
+    while not routine.done and k < 12_000:
+        k += 1
+        sample = {}
+        for name, goal in goals.items():
+            stop = float(np.clip(goal, -1.0, 1.0))
+            there = stop + 0.2 * (goal - stop) + 1e-4 * (k % 3)
+            swept = routine._motors[name].done >= 5
+            sample[f"{name}_position"] = there + (wobble * (-1) ** k if swept else 0.0)
+            sample[f"{name}_current"] = 2.0 * (goal - stop) + 1e-3 * (k % 5)
+        sent = routine.step(0.01 * k, sample)
+        goals |= {name: goal for name, goal in sent.items() if np.isfinite(goal)}
+    assert routine.done
+    assert set(routine.failed) == ({"m1", "m2"} if wobble else set())
+
+
 @pytest.mark.parametrize("read", [0.0, nan])
 def test_without_a_current_no_motor_pushes_into_its_stop(read: float) -> None:
     """The plant says for how long."""
