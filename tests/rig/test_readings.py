@@ -9,8 +9,8 @@ import pytest
 
 from distal import Rig, load_rig
 from distal.rig.joints import REACH
-from distal.rig.sensors.force import Force, largest_effort
-from distal.rig.sensors.position import Position, drive_travel
+from distal.rig.sensors.forces import Force, largest_effort
+from distal.rig.sensors.motions import Position, drive_travel
 from distal.run.drive_range import position_range
 
 

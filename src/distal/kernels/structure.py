@@ -19,7 +19,7 @@ from pydantic import BaseModel
 from distal.kernels.cache import digest
 from distal.model import Mechanism
 from distal.rig import Parameter, Rig
-from distal.rig.links import Coupling
+from distal.rig.joints import Coupling
 
 INPUTS = frozenset(
     {

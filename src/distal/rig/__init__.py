@@ -1,7 +1,5 @@
 """The description of a rig: joints, drives, tendons and sensors, read from TOML and checked."""
 
-from distal.rig.columns import angle_names, speed_names, std_name, tendon_angle_name, torque_names
-from distal.rig.contact_shape import contact_shape
 from distal.rig.drives import (
     Capstan,
     Hysteresis,
@@ -10,27 +8,29 @@ from distal.rig.drives import (
     effort_unit,
     position_unit,
 )
-from distal.rig.felt import felt_in_words
 from distal.rig.files import (
+    Guess,
+    Imported,
     as_rig,
     build_rig,
     edited_text,
     load_rig,
+    name_of,
     parse_toml,
     read_text,
     rig_text,
     shipped_rigs,
     template_text,
 )
-from distal.rig.free_motion import NOTHING_NORMAL, FreeMotion
 from distal.rig.hand_tables import from_aero, from_orca, from_table, orca_order
-from distal.rig.imported import Guess, Imported, name_of
 from distal.rig.insertions import Linkage, Pinned, Polynomial, Pulley, Size
 from distal.rig.joints import Joint
-from distal.rig.learned_map import (
+from distal.rig.learned import (
     HALF_WIDTHS,
     IN_RADIAL,
+    NOTHING_NORMAL,
     TIME_CONSTANTS,
+    FreeMotion,
     LearnedMap,
     LearnedMaps,
     MapArrays,
@@ -40,10 +40,15 @@ from distal.rig.learned_map import (
     with_arrays,
 )
 from distal.rig.mjcf import compare_lengths, from_mujoco
-from distal.rig.naming import in_words, named, part_at
 from distal.rig.overrides import ALL, parse_assignment, set_value
-from distal.rig.parameter_references import Number, known_to_a_factor, number
-from distal.rig.plausibility import doubts
+from distal.rig.plausibility import (
+    Number,
+    check_scales,
+    doubts,
+    known_to_a_factor,
+    number,
+    scales_in_words,
+)
 from distal.rig.quantities import Description, In, Parameter
 from distal.rig.rig import Rig, parameters_below
 from distal.rig.sensors import (
@@ -61,9 +66,19 @@ from distal.rig.sensors import (
     travel_of,
 )
 from distal.rig.subsystems import Subsystem, independent_parts
-from distal.rig.taken_scales import check_scales, scales_in_words
 from distal.rig.tendons import Creep, Meeting, Tendon
-from distal.rig.validation import validated
+from distal.rig.touch import contact_shape, felt_in_words
+from distal.rig.validation import (
+    angle_names,
+    in_words,
+    named,
+    part_at,
+    speed_names,
+    std_name,
+    tendon_angle_name,
+    torque_names,
+    validated,
+)
 
 __all__ = [
     "ALL",

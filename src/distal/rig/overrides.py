@@ -8,9 +8,9 @@ from collections.abc import MutableMapping, Sequence
 from copy import deepcopy
 
 from distal.errors import DistalError
-from distal.rig.naming import index_of, names_in
 from distal.rig.quantities import KEYS
 from distal.rig.sensors import one_number_each
+from distal.rig.validation import index_of, names_in
 from distal.suggestions import did_you_mean
 
 DEEPEST = 12

@@ -9,16 +9,13 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from distal.errors import RigError
 from distal.rig.drives import Drive
-from distal.rig.free_motion import FreeMotion
-from distal.rig.joints import Joint
-from distal.rig.learned_map import KINDS, LearnedMap, LearnedMaps
-from distal.rig.links import BASE, Base
-from distal.rig.naming import named
+from distal.rig.joints import BASE, Base, Joint
+from distal.rig.learned import KINDS, FreeMotion, LearnedMap, LearnedMaps
 from distal.rig.overrides import set_value
 from distal.rig.quantities import Description, In, Parameter
 from distal.rig.sensors import MEASURED, Sensor, checked_parts, log_factor
 from distal.rig.tendons import Tendon
-from distal.rig.validation import validated
+from distal.rig.validation import named, validated
 from distal.suggestions import did_you_mean
 from distal.units import unit_factor
 

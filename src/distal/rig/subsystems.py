@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from distal.rig.links import BASE
+from distal.rig.joints import BASE
 from distal.rig.rig import Rig
 from distal.rig.sensors import measurand_of
 

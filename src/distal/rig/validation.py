@@ -1,10 +1,12 @@
-"""A description from raw values: checked by pydantic, with all its problems in one line."""
+"""A description from raw values: checked by pydantic, with all its problems in one line; and names
+for its numbers: as a path with the names of its parts, in words, and as columns of estimates.
+"""
 
 from __future__ import annotations
 
 import re
 import reprlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
@@ -13,9 +15,154 @@ from pydantic_core import ErrorDetails
 
 from distal.errors import DistalError
 from distal.rig.insertions import KINDS as INSERTIONS
-from distal.rig.naming import named
 from distal.rig.sensors import UNITS, one_number_each
 from distal.suggestions import did_you_mean
+
+
+def angle_names(joints: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the joints' angles: ``theta`` for one joint, else ``theta_JOINT``.
+
+    A standard deviation has ``_std`` behind it (`std_name`), a speed ``_dot`` (`speed_names`).
+    """
+    return ("theta",) if len(joints) == 1 else tuple(f"theta_{joint}" for joint in joints)
+
+
+def speed_names(joints: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the joints' speeds: ``theta_dot``, or ``theta_JOINT_dot``."""
+    return tuple(f"{name}_dot" for name in angle_names(joints))
+
+
+def torque_names(joints: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the external torques on the joints: ``external_torque``, or
+    ``external_torque_JOINT``.
+    """
+    return (
+        ("external_torque",)
+        if len(joints) == 1
+        else tuple(f"external_torque_{joint}" for joint in joints)
+    )
+
+
+def std_name(name: str) -> str:
+    """Return the name of the std of what is called `name`: ``theta_std``, ``std of inertia of joint
+    pip``.
+    """
+    return f"std of {name}" if " " in name else f"{name}_std"
+
+
+def tendon_angle_name(tendon: str) -> str:
+    """Return the name of the joint angle that a kinematic estimator computes from one tendon alone:
+    ``tendon_angle_TENDON``.
+    """
+    return f"tendon_angle_{tendon}"
+
+
+KINDS = ("joints", "drives", "tendons", "sensors")
+"""Lists of a rig whose items have names."""
+
+
+def name_in(items: Sequence[object], index: int) -> str | None:
+    """Return the name that a path uses for an item of a list, of a crossing the name of its joint;
+    None where the item has none or shares it with another.
+    """
+    names = [_get(item, "name") or _get(item, "joint") for item in items]
+    name = names[index] if index < len(names) else None
+    return name if isinstance(name, str) and names.count(name) == 1 else None
+
+
+def index_of(items: Sequence[object], key: str) -> int | None:
+    """Return the index of the item that a path names by its index or its name; None where there is
+    none.
+    """
+    if key.isascii() and key.isdigit() and len(key) < 10:
+        return int(key) if int(key) < len(items) else None
+    return next((i for i in range(len(items)) if name_in(items, i) == key), None)
+
+
+def names_in(items: Sequence[object]) -> list[str]:
+    """Return how a path calls the items of a list: by name where they have one, else by index."""
+    return [name_in(items, i) or str(i) for i in range(len(items))]
+
+
+def named(root: object, path: str) -> str:
+    """Return a path with names of parts in place of their indices, where parts have names:
+    ``joints.pip`` for ``joints.0``.
+    """
+    return ".".join(key for key, _ in _steps(root, path))
+
+
+def part_at(root: object, path: str) -> object:
+    """Return what a path of keys, indices and names leads to, None where it leads nowhere."""
+    return [part for _, part in _steps(root, path)][-1]
+
+
+def _steps(root: object, path: str) -> Iterator[tuple[str, object]]:
+    """Yield each key of a path, as a name where it has one, with the part to which it leads, of a
+    checked or a raw description.
+    """
+    part = root
+    for key in path.split("."):
+        if isinstance(part, (list, tuple)):
+            index = index_of(part, key)
+            name = None if index is None else name_in(part, index)
+            part = None if index is None else part[index]
+            yield name or key, part
+        else:
+            part = _get(part, key)
+            yield key, part
+
+
+def in_words(root: object, *paths: str) -> str:
+    """Return numbers in plain words, by their paths: "spring stiffness of joint pip" for
+    ``joints.0.spring.stiffness``.
+
+    Numbers that differ only in their part are named together, "stiffness of all tendons"; ``*``
+    stands for all parts of a kind.
+    """
+    parts_of: dict[tuple[str, str, str], list[str]] = {}
+    for path in paths:
+        kind, _, below = named(root, path).partition(".")
+        part, _, tail = below.partition(".")
+        what, where = _what(tail)
+        key = (what, where, kind) if kind in KINDS and tail else (path, "", "")
+        parts_of.setdefault(key, []).append(part)
+    phrases = []
+    for (what, where, kind), parts in parts_of.items():
+        listed = _get(root, kind) if kind else ()
+        every = len(listed) if isinstance(listed, (list, tuple)) else 0
+        if not kind:
+            phrases.append(what)
+        elif parts == ["*"] or (len(parts) > 1 and len(parts) == every):
+            phrases.append(f"{what} of all {kind}{where}")
+        else:
+            phrases.append(
+                f"{what} of {kind if len(parts) > 1 else kind[:-1]} {', '.join(parts)}{where}"
+            )
+    return "; ".join(phrases)
+
+
+def _what(tail: str) -> tuple[str, str]:
+    """Return what a number below a part is, and where along a tendon: "radius", " at pip" of
+    ``crossings.pip.radius``.
+    """
+    keys = tail.split(".")
+    where = ""
+    if keys[0] == "crossings" and len(keys) > 2:
+        at = keys[1]
+        keys = keys[2:]
+        where = (
+            " at all joints"
+            if at == "*"
+            else f" at crossing {int(at) + 1}"
+            if at.isdigit()
+            else f" at {at}"
+        )
+    return " ".join(keys).replace("_", " "), where
+
+
+def _get(part: object, key: str) -> object:
+    return part.get(key) if isinstance(part, Mapping) else getattr(part, key, None)
+
 
 Checked = TypeVar("Checked", bound=BaseModel)
 

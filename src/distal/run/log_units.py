@@ -18,7 +18,7 @@ from distal.errors import EstimationError
 from distal.estimators import channels_of
 from distal.logs import LARGEST_READING
 from distal.rig import Rig, Sensor, as_rig, log_factor
-from distal.rig.sensors.by_unit import AngleSensor
+from distal.rig.sensors.motions import AngleSensor
 from distal.run.drive_range import motor_range
 from distal.run.live_estimator import LiveEstimator
 from distal.run.monitor import Monitor, Reading

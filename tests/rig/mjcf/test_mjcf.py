@@ -13,7 +13,7 @@ from distal.model import Mechanism
 from distal.rig import Imported, Joint, build_rig, compare_lengths, from_mujoco, parse_toml
 from distal.rig.mjcf.bodies import _roll_pitch_yaw, carried_by, parent_of
 from distal.rig.mjcf.excursion import _fitted, _judged, fit_excursion
-from distal.rig.mjcf.joint_springs import _as_spring
+from distal.rig.mjcf.spatial_tendons import _as_spring
 from tests.rig.mjcf.models import FINGER, written_as_mjcf
 
 mujoco = pytest.importorskip("mujoco")

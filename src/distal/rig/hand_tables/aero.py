@@ -14,10 +14,9 @@ from pathlib import Path
 from types import ModuleType
 
 from distal.errors import RigError
-from distal.rig.files import read_text
+from distal.rig.files import Imported, read_text
 from distal.rig.hand_tables.described import hand_of
 from distal.rig.hand_tables.row import Row
-from distal.rig.imported import Imported
 
 PACKAGE = "aero_open_sdk"
 """Name of the SDK's package."""

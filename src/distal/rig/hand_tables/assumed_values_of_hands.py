@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from math import degrees, radians
 
-from distal.rig.imported import Guess
+from distal.rig.files import Guess
 
 USUAL_RADIUS = 8e-3
 """Radius at which a tendon passes a joint [m]. Source: judgement."""

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from math import degrees, radians
 
 from distal.errors import RigError
+from distal.rig.files import Guess, Imported, name_of
 from distal.rig.hand_tables import assumed_values_of_hands as guess
 from distal.rig.hand_tables.row import Row
-from distal.rig.imported import Guess, Imported, name_of
 
 Raw = dict[str, object]
 

@@ -9,10 +9,9 @@ from pathlib import Path
 from types import ModuleType
 
 from distal.errors import RigError, UnitError
-from distal.rig.files import read_text
+from distal.rig.files import Imported, read_text
 from distal.rig.hand_tables.described import hand_of
 from distal.rig.hand_tables.row import Row
-from distal.rig.imported import Imported
 from distal.units import to_si
 
 REVISED = 21

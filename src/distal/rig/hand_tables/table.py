@@ -8,10 +8,9 @@ from math import pi
 from pathlib import Path
 
 from distal.errors import RigError, UnitError
-from distal.rig.files import read_text
+from distal.rig.files import Imported, read_text
 from distal.rig.hand_tables.described import hand_of
 from distal.rig.hand_tables.row import Row
-from distal.rig.imported import Imported
 from distal.suggestions import did_you_mean
 from distal.units import to_si, unit_factor
 

@@ -3,10 +3,9 @@ MuJoCo computes.
 """
 
 from distal.rig.mjcf.bodies import joint_name, tendon_name
+from distal.rig.mjcf.excursion import compare_lengths
 from distal.rig.mjcf.importer import from_mujoco
-from distal.rig.mjcf.lengths import compare_lengths
-from distal.rig.mjcf.loading import load_model, mujoco_module
-from distal.rig.mjcf.poses import rest_lengths
+from distal.rig.mjcf.loading import load_model, mujoco_module, rest_lengths
 
 __all__ = [
     "compare_lengths",

@@ -1,23 +1,24 @@
-"""Joints and links of a model, as a chain whose frames are all parallel where all angles
-are zero.
+"""Joints and links of a model, as a chain whose frames are all parallel where all angles are zero,
+with the stiffness of the joints' limits and their couplings.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from distal.arrays import Floats
-from distal.rig.imported import name_of
-from distal.rig.mjcf.assumed_values import (
+from distal.rig.files import name_of
+from distal.rig.mjcf.loading import (
     FRICTION_COEFFICIENT,
     JOINT_FRICTION,
     initial_angle_of_model,
+    mujoco_module,
+    range_of,
 )
-from distal.rig.mjcf.loading import mujoco_module
 
 if TYPE_CHECKING:
     import mujoco
@@ -174,3 +175,139 @@ def _roll_pitch_yaw(matrix: Floats) -> Floats:
     return np.array(
         [np.arctan2(matrix[2, 1], matrix[2, 2]), pitch, np.arctan2(matrix[1, 0], matrix[0, 0])]
     )
+
+
+RETURN_TIME = 1e-3
+"""Time constant with which a joint leaves a stop into which a correction of a filter has put it
+[s]; in MuJoCo it is twice that of `solref`. Source: judgement.
+"""
+
+
+def stiffness_at_rest(
+    model: mujoco.MjModel, solref: Floats, solimp: Floats, inverse_inertia: float
+) -> float:
+    """Return the stiffness of a constraint at rest, beyond the width of `solimp`, in the model's
+    units.
+
+    It is K = k/((1 − d) A), with k = 1/(T ζ)² or −solref[0], d = d_max and A the `inverse_inertia`.
+    This follows from MuJoCo's documentation, "Computation": the force is f = (a_ref − a)/R with R =
+    A (1 − d)/d and a_ref = −(d/d_max²) k r at rest.
+    """
+    time = float(solref[0])
+    ratio = float(solref[1])
+    d = float(np.clip(solimp[1], 1e-4, 0.9999))
+    # MuJoCo takes no time constant below two steps
+    k = 1.0 / (max(time, 2.0 * float(model.opt.timestep)) * ratio) ** 2 if time > 0.0 else -time
+    return k / ((1.0 - d) * max(inverse_inertia, 1e-12))
+
+
+def described_stop(model: mujoco.MjModel, joint: int, units: Units) -> dict[str, float]:
+    """Return stiffness and damping of a joint's stops, raw, by the joint's limits in MuJoCo."""
+    inverse = float(model.dof_invweight0[int(model.jnt_dofadr[joint])])
+    stiffness = (
+        stiffness_at_rest(model, model.jnt_solref[joint], model.jnt_solimp[joint], inverse)
+        * units.torque
+    )
+    return {
+        "stop_stiffness": float(f"{stiffness:.6g}"),
+        "stop_damping": float(f"{RETURN_TIME * stiffness:.6g}"),
+    }
+
+
+@dataclass(frozen=True)
+class Coupled:
+    """A coupling θ_follower = ratio θ_leader + offset [rad]; the leader has the lower index.
+
+    The `stiffness` holds the follower there, in the model's units.
+    """
+
+    leader: int
+    follower: int
+    ratio: float
+    offset: float
+    stiffness: float
+
+
+def couplings(model: mujoco.MjModel) -> tuple[list[Coupled], list[str]]:
+    """Return the couplings of joints, and which of the model's equalities are left out or changed,
+    in words.
+
+    In MuJoCo q₁ − q₁₀ = Σ a_k (q₂ − q₂₀)^k; where this is curved, the nearest straight line over
+    the range replaces it.
+    """
+    mujoco = mujoco_module()
+    coupled = list[Coupled]()
+    left = list[str]()
+    for i in range(model.neq):
+        if not model.eq_active0[i]:
+            continue
+        name = model.equality(i).name or f"number {i}"
+        kind = mujoco.mjtEq(int(model.eq_type[i]))
+        first = int(model.eq_obj1id[i])
+        second = int(model.eq_obj2id[i])
+        if int(kind) != int(mujoco.mjtEq.mjEQ_JOINT) or second < 0:
+            left.append(f"equality '{name}' ({kind.name.removeprefix('mjEQ_').lower()}): left out")
+            continue
+        zero = [float(model.qpos0[int(model.jnt_qposadr[j])]) for j in (first, second)]
+        low, high = range_of(model, second)
+        angles = np.linspace(low, high, 41)
+        desired = np.polynomial.Polynomial(model.eq_data[i][:5])(angles - zero[1]) + zero[0]
+        offset, ratio = (float(c) for c in np.polynomial.polynomial.polyfit(angles, desired, 1))
+        off = float(np.abs(ratio * angles + offset - desired).max())
+        if abs(ratio) < 1e-9:
+            left.append(f"equality '{name}' holds joint '{joint_name(model, first)}': left out")
+            continue
+        if off > 1e-6:
+            left.append(
+                f"equality '{name}': a straight line, up to {np.rad2deg(off):.1f}° off at "
+                f"'{joint_name(model, first)}'"
+            )
+        inverse = sum(
+            float(model.dof_invweight0[int(model.jnt_dofadr[j])]) for j in (first, second)
+        )
+        stiffness = stiffness_at_rest(model, model.eq_solref[i], model.eq_solimp[i], inverse)
+        if first < second:
+            stiffness *= ratio**2
+            first, second, ratio, offset = second, first, 1.0 / ratio, -offset / ratio
+        coupled.append(Coupled(second, first, round(ratio, 9), round(offset, 9) + 0.0, stiffness))
+    return coupled, left
+
+
+def softened(
+    coupled: Sequence[Coupled], springs: Mapping[int, Mapping[str, float]], units: Units
+) -> list[Coupled]:
+    """Return the couplings with ratio and offset at rest, where the spring of each follower pulls
+    against the coupling: K (ρ θ_l + o − θ_f) = k (θ_f − θ₀).
+
+    Args:
+        springs: index of a joint → its raw return spring.
+    """
+    soft = list[Coupled]()
+    for pair in coupled:
+        spring = springs.get(pair.follower, {})
+        held = pair.stiffness * units.torque
+        pulled = spring.get("stiffness", 0.0)
+        share = held / (held + pulled)
+        rest = spring.get("rest_angle", 0.0)
+        offset = share * pair.offset + (1.0 - share) * rest
+        soft.append(
+            replace(pair, ratio=round(share * pair.ratio, 9), offset=round(offset, 9) + 0.0)
+        )
+    return soft
+
+
+def kept_range(
+    model: mujoco.MjModel, leader: int, coupled: Sequence[Coupled]
+) -> tuple[float, float] | None:
+    """Return the range of a leading joint in which it and all joints that follow it are within
+    their limits [rad], None where none has limits.
+    """
+    ends = [range_of(model, leader)] if model.jnt_limited[leader] else []
+    for coupling in coupled:
+        if coupling.leader == leader and model.jnt_limited[coupling.follower]:
+            low, high = sorted(
+                (end - coupling.offset) / coupling.ratio
+                for end in range_of(model, coupling.follower)
+            )
+            ends.append((low, high))
+    return (max(low for low, _ in ends), min(high for _, high in ends)) if ends else None

@@ -7,17 +7,37 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from distal.errors import RigError
-from distal.rig.imported import Imported
-from distal.rig.mjcf.actuators import driven_tendons
-from distal.rig.mjcf.assumed_values import series_stiffness
-from distal.rig.mjcf.bodies import Units, described_joints, joint_name
-from distal.rig.mjcf.choice import check_base, kept_joints, other_joints, turning_joints
-from distal.rig.mjcf.constraints import described_stop
-from distal.rig.mjcf.couplings import Coupled, couplings, kept_range, softened
-from distal.rig.mjcf.joint_springs import joint_springs
-from distal.rig.mjcf.loading import load_model, mujoco_module
-from distal.rig.mjcf.poses import over_ranges, turned_by
-from distal.rig.mjcf.spatial_tendons import described_drive, described_sensors, described_tendon
+from distal.rig.files import Imported
+from distal.rig.mjcf.bodies import (
+    Coupled,
+    Units,
+    couplings,
+    described_joints,
+    described_stop,
+    joint_name,
+    kept_range,
+    softened,
+)
+from distal.rig.mjcf.choice import (
+    check_base,
+    driven_tendons,
+    kept_joints,
+    other_joints,
+    turning_joints,
+)
+from distal.rig.mjcf.loading import (
+    load_model,
+    mujoco_module,
+    over_ranges,
+    series_stiffness,
+    turned_by,
+)
+from distal.rig.mjcf.spatial_tendons import (
+    described_drive,
+    described_sensors,
+    described_tendon,
+    joint_springs,
+)
 from distal.rig.rig import MOST_JOINTS, Rig
 
 if TYPE_CHECKING:

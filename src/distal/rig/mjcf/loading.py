@@ -1,14 +1,24 @@
-"""MuJoCo models from files, even where the files of their meshes are missing."""
+"""MuJoCo models from files, even where the files of their meshes are missing; the lengths and
+moment arms of their tendons at poses; and values for what a model does not say.
+"""
 
 from __future__ import annotations
 
 import importlib
 import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import hypot
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.arrays import Floats
 from distal.errors import RigError
+from distal.rig.files import Guess
 
 if TYPE_CHECKING:
     import mujoco
@@ -65,3 +75,152 @@ def load_model(path: str | Path) -> mujoco.MjModel:
 
 def _one_line(problem: Exception) -> str:
     return " ".join(str(problem).split())
+
+
+DRIVE_MASS = Guess(0.02, "the drive's mass")
+"""Mass of a drive [kg]; it matters little, since a filter follows the measured position."""
+
+PATH_FRICTION = Guess({"value": 0.05, "std": 0.1}, "friction along the path")
+NOMINAL_FORCE = Guess({"value": "5 N", "std": "5 N"}, "usual force")
+PRETENSION = Guess({"value": "1 N", "std": "1 N"}, "tension at zero angle and zero displacement")
+
+RATE = Guess(100.0, "rate of the sensors")
+FORCE_NOISE = Guess("0.2 N", "noise of a force")
+ENCODER_STEP = Guess("0.1 deg", "encoders, which are for learning and comparing only")
+
+FRICTION_COEFFICIENT = 1e-3
+"""Friction coefficient of a joint whose model has `frictionloss` [1]; only its product with a
+radius counts. Source: judgement.
+"""
+
+JOINT_FRICTION = Guess({"value": FRICTION_COEFFICIENT, "std": "30 %"}, "how well friction is known")
+
+
+POSITION_NOISE = 2e-5
+"""Noise std of a position [m]. Source: judgement."""
+
+LASTING = 6.0
+"""Factor that turns the RMS of what a polynomial leaves of a length into noise [1]. What is left
+stays the same for about 36 samples (0.36 s), while noise is new in each sample; the factor is the
+square root of their number. Source: judgement.
+"""
+
+
+def position_noise(left: float) -> Guess:
+    """Return the noise of a tendon's position, √(σ² + (6 e)²) with σ = `POSITION_NOISE`; e is what
+    a polynomial has `left` of the tendon's length [m, RMS].
+    """
+    return Guess(float(f"{hypot(POSITION_NOISE, LASTING * left):.2g}"), "noise of a position")
+
+
+def series_stiffness(drives: int, joints: int) -> Guess:
+    """Return the series stiffness of tendons, for the number of drives and of joints that turn by
+    themselves.
+
+    Any stiffness from a third of the value to infinite is likely. With more drives than joints,
+    drives pull against each other and their forces say where the joints are; a wide std would let
+    the stiffness explain these forces instead, so that it is narrower: docs/results/hands.md.
+    """
+    return Guess(
+        {"value": "20 N/mm", "std": "60 %" if drives > joints else "100 %"}, "series stiffness"
+    )
+
+
+def initial_angle_of_model(angle: float) -> Guess:
+    """Return the angle at the start of a joint that has this `angle` in its model [rad]."""
+    return Guess({"value": angle, "std": "5 deg"}, "angle at the start")
+
+
+UNLIMITED = (-np.pi / 2, np.pi / 2)
+"""Range of a joint to which the model gives none [rad]. Source: judgement."""
+
+CROSSED = 1e-3
+"""A tendon crosses a joint where its moment arm is larger than this share of its largest one [1].
+Source: judgement.
+"""
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Lengths and moment arms of tendons at k poses, in the model's units.
+
+    Args:
+        angles: of the joints [rad], (k, n_joints).
+        lengths: of the tendons, (k, n_tendons).
+        arms: ∂length/∂angle, (k, n_tendons, n_joints).
+        wraps: number of points of each tendon's path, (k, n_tendons); it changes where the tendon
+            touches a surface or leaves it.
+    """
+
+    angles: Floats
+    lengths: Floats
+    arms: Floats
+    wraps: NDArray[np.int64]
+
+
+def range_of(model: mujoco.MjModel, joint: int) -> tuple[float, float]:
+    """Return the range of a joint [rad], `UNLIMITED` where the model has none."""
+    if not model.jnt_limited[joint]:
+        return UNLIMITED
+    low, high = model.jnt_range[joint]
+    return float(low), float(high)
+
+
+def tendon_slopes(model: mujoco.MjModel, data: mujoco.MjData) -> Floats:
+    """Return ∂length/∂q of all tendons from `data` in which their lengths are computed, (n_tendons,
+    n_v); MuJoCo keeps it dense or sparse.
+    """
+    flat = np.asarray(data.ten_J).ravel()
+    owner = model if hasattr(model, "ten_J_rownnz") else data
+    if owner is data and not mujoco_module().mj_isSparse(model):
+        return flat.reshape(model.ntendon, model.nv).copy()
+    slopes = np.zeros((model.ntendon, model.nv))
+    columns = np.ravel(owner.ten_J_colind)
+    for i in range(model.ntendon):
+        first = int(owner.ten_J_rowadr[i])
+        count = int(owner.ten_J_rownnz[i])
+        slopes[i, columns[first : first + count]] = flat[first : first + count]
+    return slopes
+
+
+def at_poses(model: mujoco.MjModel, joints: Sequence[int], angles: Floats) -> Poses:
+    """Return lengths and moment arms of all tendons at `angles` of some joints [rad], (k,
+    n_joints); other joints stay where the model has them.
+    """
+    mujoco = mujoco_module()
+    data = mujoco.MjData(model)
+    positions = [int(model.jnt_qposadr[j]) for j in joints]
+    speeds = [int(model.jnt_dofadr[j]) for j in joints]
+    lengths = []
+    arms = []
+    wraps = []
+    for row in angles:
+        data.qpos[positions] = row
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_tendon(model, data)
+        lengths.append(data.ten_length.copy())
+        arms.append(tendon_slopes(model, data)[:, speeds])
+        wraps.append(data.ten_wrapnum.copy())
+    return Poses(angles, np.array(lengths), np.array(arms), np.array(wraps))
+
+
+def rest_lengths(model: mujoco.MjModel, joints: Sequence[int]) -> Floats:
+    """Return the lengths of all tendons with some joints at zero, (n_tendons,); displacements of
+    drives count from these.
+    """
+    lengths: Floats = at_poses(model, joints, np.zeros((1, len(joints)))).lengths[0]
+    return lengths
+
+
+def over_ranges(model: mujoco.MjModel, joints: Sequence[int], count: int, seed: int = 0) -> Poses:
+    """Return lengths and moment arms at a `count` of random poses within the joints' ranges."""
+    ends = np.array([range_of(model, j) for j in joints])
+    drawn = np.random.default_rng(seed).uniform(size=(count, len(joints)))
+    return at_poses(model, joints, ends[:, 0] + drawn * (ends[:, 1] - ends[:, 0]))
+
+
+def turned_by(poses: Poses, tendon: int) -> list[int]:
+    """Return which of the joints of some poses a tendon turns, by their positions in `poses`."""
+    size = np.abs(poses.arms[:, tendon]).max(axis=0)
+    return [k for k, arm in enumerate(size) if arm > CROSSED * max(float(size.max()), 1e-12)]

@@ -2,19 +2,21 @@
 file.
 """
 
-from distal.rig.sensors.conversion import gain_of, log_factor, log_unit, step_of
-from distal.rig.sensors.counts import COUNTS
-from distal.rig.sensors.measurand import Measurand, Motion, Role
-from distal.rig.sensors.position import drive_travel
+from distal.rig.sensors.base import COUNTS, Measurand, Motion, Role
+from distal.rig.sensors.motions import drive_travel
 from distal.rig.sensors.registry import (
     MEASURED,
     REFERENCES,
     UNITS,
     Sensor,
     checked_parts,
+    gain_of,
+    log_factor,
+    log_unit,
     measurand_of,
     one_number_each,
     part_of,
+    step_of,
     travel_of,
 )
 

@@ -1,14 +1,84 @@
-"""What every sensor has: of which part it is, where a log holds it, and the unit of its errors."""
+"""What every sensor has, and what a kind of measurement is: the parts that it is of, its unit, what
+it reads of a motion, and which estimators use it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, Literal, Self
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Annotated, ClassVar, Literal, Protocol, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
-from distal.rig.quantities import Description, In, Name
-from distal.rig.sensors.counts import COUNTS, errors_in_si
+from distal.errors import UnitError
+from distal.expressions import Scalar, Vector
+from distal.rig.drives import Capstan, Slider
+from distal.rig.joints import Joint
+from distal.rig.quantities import Description, In, Name, Parameter
+from distal.rig.tendons import Tendon
+from distal.units import to_si
+
+COUNTS = frozenset({"count", "counts", "tick", "ticks"})
+"""Names of the unit of an encoder that counts."""
+
+Gear = Annotated[float, In("", "positive")]
+
+NOISE = Field(0.0, description="standard deviation, random error")
+STEP = Field(0.0, description="quantisation step; 0 = none")
+OFFSET = Field(Parameter(value=0.0), description="constant offset")
+"""Fields of the errors that all kinds of sensors have, each in its own unit."""
+
+ERRORS = ("noise", "linearity", "resolution", "bias")
+"""Keys of the errors of a sensor, which may be written in the unit of the log."""
+
+
+def errors_in_si(
+    raw: Mapping[str, object], counting: Callable[[Mapping[str, object]], tuple[str, float] | None]
+) -> object:
+    """Return a raw sensor with its errors in SI, where they are text in the unit in which its log
+    counts.
+
+    Args:
+        counting: returns this unit and its size in SI, or None where the log does not count.
+    """
+    try:
+        scale = counting(raw)
+        gear = to_si(raw.get("gear", 1.0), "") if scale is not None and scale[0] == "count" else 1.0
+    except (UnitError, ZeroDivisionError):
+        # the wrong field is refused later; until then the unit of the errors is not known
+        return {key: value for key, value in raw.items() if key not in ERRORS}
+    if scale is None:
+        return raw
+    unit, unit_size = scale
+    if unit == "count" and raw.get("unit") in COUNTS and "resolution" not in raw:
+        raw = {**raw, "resolution": unit_size * gear}  # one count is the smallest step
+
+    def converted(error: object, size: float) -> object:
+        if isinstance(error, Mapping):
+            spreads = ("value", "std", "drift")
+            return {
+                key: converted(part, size) if key in spreads else part
+                for key, part in error.items()
+            }
+        return _of_text(error, unit, size) if isinstance(error, str) else error
+
+    sizes = {key: unit_size * (gear if key == "resolution" else 1.0) for key in ERRORS}
+    return {**raw, **{key: converted(raw[key], size) for key, size in sizes.items() if key in raw}}
+
+
+def _of_text(text: str, unit: str, size: float) -> object:
+    """Return the size in SI of a text such as ``2 count`` or ``20 mA``; a text in another unit is
+    returned as it is.
+    """
+    number, _, suffix = text.strip().rpartition(" ")
+    try:
+        if unit == "count":
+            return to_si(number.strip(), "") * size if suffix in COUNTS else text
+        return to_si(text, unit) * size
+    except UnitError:
+        return text
 
 
 class SensorBase(Description):
@@ -84,3 +154,135 @@ class SensorBase(Description):
     def log_column(self) -> str:
         """The column of the log that holds the sensor's readings."""
         return self.column or self.name
+
+
+Part: TypeAlias = Slider | Capstan | Tendon | Joint
+
+
+class Parts(Protocol):
+    """The parts of a rig that sensors measure."""
+
+    @property
+    def joints(self) -> Sequence[Joint]:
+        """The joints of the rig."""
+
+    @property
+    def drives(self) -> Sequence[Slider | Capstan]:
+        """The drives of the rig."""
+
+    @property
+    def tendons(self) -> Sequence[Tendon]:
+        """The tendons of the rig."""
+
+
+class Motion(Protocol):
+    """What a mechanism does at a moment, in SI; parts are given by their indices."""
+
+    def angle(self, joint: int) -> Scalar:
+        """Return a joint's angle [rad]."""
+
+    def torque(self, joint: int) -> Scalar:
+        """Return the external torque on a joint [N m]."""
+
+    def position(self, drive: int) -> Scalar:
+        """Return a drive's position [m, rad]."""
+
+    def rate(self, drive: int) -> Scalar:
+        """Return a drive's speed [m/s, rad/s]."""
+
+    def effort(self, drive: int) -> Scalar:
+        """Return the force or torque that a drive exerts [N, N m]."""
+
+    def tension(self, tendon: int) -> Scalar:
+        """Return a tendon's tension [N]."""
+
+    def turning(self, joint: int) -> Vector:
+        """Return the angular velocity of a joint's link, in its own frame, (3,) [rad/s]."""
+
+    def falling(self, joint: int) -> Vector:
+        """Return the acceleration of free fall in the frame of a joint's link, (3,) [m/s²]."""
+
+    def axis(self, joint: int) -> Sequence[float]:
+        """Return a joint's axis in its own frame, a unit vector."""
+
+
+class Role(Enum):
+    """What estimators do with a measurement."""
+
+    POSITION = "position"
+    """The position of a drive, by which the model is moved."""
+
+    EFFORT = "effort"
+    """The effort of a drive; displacement-driven filters compare it with what they predict."""
+
+    TENSION = "tension"
+    """The tension of a tendon; displacement-driven filters compare it, too."""
+
+    COMPARED = "compared"
+    """A reading that only `adaptive` compares; other estimators do not read it."""
+
+    REFERENCE = "reference"
+    """A reading at a joint: estimates are compared with it or homed by it, and do not need it."""
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """An uncertain number, beside bias and gain, on which a reading depends.
+
+    Args:
+        name: of the state that stands for it; sensors with the same name share it.
+        number: its value and std.
+    """
+
+    name: str
+    number: Parameter
+
+
+class Measurand(ABC):
+    """A kind of measurement."""
+
+    name: ClassVar[str]
+    """Name of the kind in a rig file."""
+
+    of: ClassVar[Literal["drives", "tendons", "joints"]]
+    """Kind of the parts that it measures."""
+
+    role: ClassVar[Role]
+    """What estimators do with its readings."""
+
+    si: ClassVar[str]
+    """SI unit, where it does not depend on the part."""
+
+    def unit(self, part: Part) -> str:
+        """Return the SI unit of a sensor's readings and errors at a part."""
+        return self.si
+
+    @abstractmethod
+    def read(
+        self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
+    ) -> Scalar:
+        """Return what a sensor without errors reads [SI].
+
+        Args:
+            part: index of the part that the sensor is of.
+            unknowns: name → value of the sensor's `unknowns`; for a name that is missing the value
+                of the rig is taken.
+        """
+
+    @abstractmethod
+    def travel(self, sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
+        """Return the lowest and the highest value that a sensor measures [SI], between which its
+        linearity error is defined.
+        """
+
+    def unknowns(self, sensor: SensorBase) -> tuple[Unknown, ...]:
+        """Return the uncertain numbers, beside bias and gain, on which a sensor's reading
+        depends.
+        """
+        return ()
+
+    def values(self, raw: Mapping[str, object]) -> list[Mapping[str, object]]:
+        """Return the sensors of one number each, still unchecked, for which a table of a rig file
+        stands.
+        """
+        return [raw]

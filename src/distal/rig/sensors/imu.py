@@ -16,8 +16,7 @@ from pydantic import Field
 
 from distal.expressions import Scalar, Vector
 from distal.rig.quantities import In, Parameter
-from distal.rig.sensors.base import SensorBase
-from distal.rig.sensors.measurand import Measurand, Motion, Parts, Role, Unknown
+from distal.rig.sensors.base import NOISE, STEP, Measurand, Motion, Parts, Role, SensorBase, Unknown
 
 VALUES = {
     f"{kind}_{axis}": unit
@@ -30,6 +29,9 @@ RANGES = {"rate": 35.0, "force": 20.0}
 """Largest magnitude of a rate [rad/s] and of a specific force [m/s²] of common units: 2000 °/s and
 2 g. Source: judgement.
 """
+
+DEVIATION = Field(0.0, description="largest systematic deviation")
+WALKING = Field(Parameter(value=0.0), description="offset; with a drift it walks")
 
 GROUP = ("name", "column", "noise", "bias", "numbers")
 """Keys of a unit's table that are not the same for all of its numbers; `noise` and `bias` are
@@ -53,36 +55,20 @@ class Gyroscope(ImuSensor):
     """An angular rate about an axis of the unit [rad/s]."""
 
     si: Literal["rad/s"]
-    noise: Annotated[float, In("rad/s", "nonnegative")] = Field(
-        0.0, description="standard deviation, random error"
-    )
-    linearity: Annotated[float, In("rad/s", "nonnegative")] = Field(
-        0.0, description="largest systematic deviation"
-    )
-    resolution: Annotated[float, In("rad/s", "nonnegative")] = Field(
-        0.0, description="quantisation step; 0 = none"
-    )
-    bias: Annotated[Parameter, In("rad/s")] = Field(
-        Parameter(value=0.0), description="offset; with a drift it walks"
-    )
+    noise: Annotated[float, In("rad/s", "nonnegative")] = NOISE
+    linearity: Annotated[float, In("rad/s", "nonnegative")] = DEVIATION
+    resolution: Annotated[float, In("rad/s", "nonnegative")] = STEP
+    bias: Annotated[Parameter, In("rad/s")] = WALKING
 
 
 class Accelerometer(ImuSensor):
     """A specific force along an axis of the unit [m/s²]: −g of a link at rest."""
 
     si: Literal["m/s^2"]
-    noise: Annotated[float, In("m/s^2", "nonnegative")] = Field(
-        0.0, description="standard deviation, random error"
-    )
-    linearity: Annotated[float, In("m/s^2", "nonnegative")] = Field(
-        0.0, description="largest systematic deviation"
-    )
-    resolution: Annotated[float, In("m/s^2", "nonnegative")] = Field(
-        0.0, description="quantisation step; 0 = none"
-    )
-    bias: Annotated[Parameter, In("m/s^2")] = Field(
-        Parameter(value=0.0), description="offset; with a drift it walks"
-    )
+    noise: Annotated[float, In("m/s^2", "nonnegative")] = NOISE
+    linearity: Annotated[float, In("m/s^2", "nonnegative")] = DEVIATION
+    resolution: Annotated[float, In("m/s^2", "nonnegative")] = STEP
+    bias: Annotated[Parameter, In("m/s^2")] = WALKING
 
 
 class Imu(Measurand):

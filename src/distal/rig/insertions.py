@@ -1,0 +1,357 @@
+"""How a tendon meets its joint. A kind is a class with its description and its geometry, and its
+name in the unions at the end of this file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Annotated, Literal, Self, TypeAlias, get_args
+
+import casadi as ca
+from pydantic import Field, model_validator
+
+from distal.rig.quantities import ZERO, Description, In, Parameter
+
+if TYPE_CHECKING:
+    from distal.expressions import Scalar
+
+Size: TypeAlias = "Callable[[str], Scalar]"
+"""Name of one of an insertion's numbers → its symbol or value.
+
+The method `elongation` of an insertion takes such a function, its side (+1 pulls the joint to +θ,
+−1 to −θ), the angles of its joints [rad] and the displacement x [m] of the tendon's proximal end,
+away from the joint. It returns what angles and displacement add to the tendon's free length l [m].
+"""
+
+
+class Guide(Description):
+    """Friction of a tendon where it crosses a joint, by the capstan equation; see `Path`."""
+
+    friction: Annotated[Parameter, In("", "nonnegative")] = Field(
+        description="friction coefficient against its guide, μ"
+    )
+    wrap: Annotated[Parameter, In("rad", "nonnegative")] = Field(
+        description="angle that it wraps at θ = 0, β"
+    )
+    wrap_slope: Annotated[Parameter, In("")] = Field(
+        ZERO, description="change of β per radian of the joint"
+    )
+
+
+class Crossed(Description):
+    """Which joint a tendon crosses, and on which side."""
+
+    joint: str = Field(description="name of the joint")
+    side: Literal[1, -1] = Field(description="+1 pulls the joint to +θ, −1 to −θ")
+    guide: Guide | None = Field(None, description="friction along the tendon's way over this joint")
+
+
+class Pulley(Description):
+    """The tendon wraps round a pulley at the joint: ℓ = l + x ∓ r θ."""
+
+    kind: Literal["pulley"]
+    radius: Annotated[Parameter, In("m", "positive")] = Field(description="radius of the pulley, r")
+
+    def arm(self, angle: float) -> float:
+        """Return the moment arm [m], the same at any `angle`."""
+        return self.radius.value
+
+    def elongation(
+        self, size: Size, side: int, angles: Sequence[Scalar], displacement: Scalar
+    ) -> Scalar:
+        """Return ℓ − l [m], by how much the angle of the joint (the only one of `angles`) and the
+        `displacement` of the drive lengthen the tendon's way; see `Size`.
+        """
+        return displacement - side * size("radius") * angles[0]
+
+    def angle_at(self, size: Size, side: int, elongated: Scalar, displacement: Scalar) -> Scalar:
+        """Return the angle θ [rad] at which ℓ − l is `elongated` [m] at a `displacement` x [m]: the
+        inverse of `elongation`.
+        """
+        return side * (displacement - elongated) / size("radius")
+
+
+class CrossedPulley(Crossed, Pulley):
+    """A tendon over a pulley at a joint, one of several that it crosses."""
+
+
+class Pinned(Description):
+    """The tendon ends at a pin on the link: ℓ = sqrt(r²(1 − cos θ)² + (l + x ∓ r sin θ)²),
+    equations (4) and (5).
+    """
+
+    kind: Literal["pinned"]
+    radius: Annotated[Parameter, In("m", "positive")] = Field(description="axis to insertion, r")
+    free_length: Annotated[Parameter, In("m", "positive")] = Field(
+        description="free length of the tendon, l"
+    )
+
+    def arm(self, angle: float) -> float:
+        """Return the moment arm at θ = 0 [m], the radius of the pin, whatever the `angle`."""
+        return self.radius.value
+
+    def elongation(
+        self, size: Size, side: int, angles: Sequence[Scalar], displacement: Scalar
+    ) -> Scalar:
+        """Return ℓ − l [m], by how much the angle of the joint (the only one of `angles`) and the
+        `displacement` of the drive lengthen the tendon's way; see `Size`.
+
+        Mend: the paper prints "− r sin θ" for both tendons. The second insertion is opposite to the
+        first, so that it moves the other way and the sign is `side`.
+        """
+        (angle,) = angles
+        radius = size("radius")
+        free_length = size("free_length")
+        # (4) and (5) multiplied out: ℓ² = A² − 2 side r A sin θ + 2 r² (1 − cos θ), A = l + x, has
+        # the shorter derivatives
+        along = free_length + displacement
+        square = along * (along - 2 * side * radius * ca.sin(angle)) + 2 * radius * radius * (
+            1 - ca.cos(angle)
+        )
+        return ca.sqrt(square) - free_length
+
+    def angle_at(self, size: Size, side: int, elongated: Scalar, displacement: Scalar) -> Scalar:
+        """Return the angle θ [rad] at which ℓ − l is `elongated` [m] at a `displacement` x [m]: the
+        inverse of `elongation`.
+
+        Squaring (4) gives r cos θ + side · A sin θ = (2r² + A² − ℓ²)/(2r) with A = l + x, a shifted
+        sine. Where no angle fits (the drive moved further than the insertion can follow), the
+        nearest one is returned.
+        """
+        radius = size("radius")
+        free_length = size("free_length")
+        along = free_length + displacement
+        length = free_length + elongated
+        level = (2 * radius * radius + along * along - length * length) / (2 * radius)
+        amplitude = ca.sqrt(radius * radius + along * along)
+        ratio = ca.fmin(ca.fmax(level / amplitude, -1), 1)
+        return side * (ca.asin(ratio) - ca.atan2(radius, along))
+
+
+class CrossedPinned(Crossed, Pinned):
+    """A tendon that ends at a pin of a joint's link, one of several that it crosses."""
+
+
+NEWTON_STEPS = 12
+"""Number of Newton's iterations that invert the excursion, which is nearly linear [1]. Source:
+judgement.
+"""
+
+
+def growth(u: Scalar, slope: Scalar, curvature: Scalar) -> Scalar:
+    """Return the moment arm at u [rad] over the arm at the centre: 1 + s u + c u², with `slope` s
+    and `curvature` c.
+    """
+    return 1 + u * (slope + u * curvature)
+
+
+class Linkage(Description):
+    """A linkage, or a pulley that is not round: its moment arm is r (1 + s u + c u²) with u = θ −
+    θ_c.
+
+    ℓ = l + x ∓ r [u + s u²/2 + c u³/3], less the same at θ = 0: the transmission ratio varies with
+    the angle.
+    """
+
+    kind: Literal["linkage"]
+    radius: Annotated[Parameter, In("m", "positive")] = Field(
+        description="moment arm at the centre, r"
+    )
+    centre: Annotated[Parameter, In("rad", drifts=False)] = Field(
+        ZERO, description="angle about which the arm is described, θ_c"
+    )
+    slope: Annotated[Parameter, In("1/rad")] = Field(
+        ZERO, description="s, change of the arm per radian"
+    )
+    curvature: Annotated[Parameter, In("1/rad^2")] = Field(ZERO, description="c, its second order")
+
+    def arm(self, angle: float) -> float:
+        """Return the moment arm [m] at an angle [rad]: r (1 + s u + c u²)."""
+        u = angle - self.centre.value
+        return self.radius.value * float(growth(u, self.slope.value, self.curvature.value))
+
+    def excursion(self, size: Size, angle: Scalar) -> Scalar:
+        """Return how far the linkage draws in its tendon as the joint turns from 0 to `angle` θ
+        [m]: r [u + s u²/2 + c u³/3] with u = θ − θ_c, less the same at θ = 0.
+        """
+        centre = size("centre")
+        slope = size("slope")
+        curvature = size("curvature")
+
+        def drawn(u: Scalar) -> Scalar:
+            return u * (1 + u * (slope / 2 + u * curvature / 3))
+
+        return size("radius") * (drawn(angle - centre) - drawn(-centre))
+
+    def elongation(
+        self, size: Size, side: int, angles: Sequence[Scalar], displacement: Scalar
+    ) -> Scalar:
+        """Return ℓ − l [m], by how much the angle of the joint (the only one of `angles`) and the
+        `displacement` of the drive lengthen the tendon's way; see `Size`.
+        """
+        return displacement - side * self.excursion(size, angles[0])
+
+    def angle_at(self, size: Size, side: int, elongated: Scalar, displacement: Scalar) -> Scalar:
+        """Return the angle θ [rad] at which ℓ − l is `elongated` [m] at a `displacement` x [m]: the
+        inverse of `elongation`.
+        """
+        desired = side * (displacement - elongated)
+        radius = size("radius")
+        centre = size("centre")
+        slope = size("slope")
+        curvature = size("curvature")
+        angle = centre + (desired - self.excursion(size, centre)) / radius
+        for _ in range(NEWTON_STEPS):
+            u = angle - centre
+            # the arm is kept away from zero, where no angle fits
+            arm = radius * ca.fmax(growth(u, slope, curvature), 0.2)
+            angle = angle + (desired - self.excursion(size, angle)) / arm
+        return angle
+
+
+class CrossedLinkage(Crossed, Linkage):
+    """A tendon at a linkage or a pulley that is not round, one of several that it crosses."""
+
+
+class Term(Description):
+    """One term of a polynomial: coefficient · Π θ_j^{power_j}."""
+
+    powers: tuple[int, ...] = Field(min_length=1, description="power of each joint's angle [rad]")
+    coefficient: Annotated[Parameter, In("m")] = Field(
+        description="metres, per radian to the sum of the powers"
+    )
+
+
+HIGHEST_POWER = 9
+"""Largest power of an angle in a term [1]. Source: judgement."""
+
+
+class Polynomial(Description):
+    """A crossing whose excursion is a polynomial in several angles: ℓ = l + x − scale · (e(θ) −
+    e(0)).
+
+    Outside of `range` the excursion goes on as a straight line, with the moment arm at the end of
+    the range.
+    """
+
+    kind: Literal["polynomial"]
+    joints: tuple[str, ...] = Field(min_length=1, description="names of the joints")
+    terms: tuple[Term, ...] = Field(min_length=1, description="its terms")
+    range: tuple[Annotated[tuple[float, float], In("rad")], ...] = Field(
+        min_length=1, description="[low, high] of each joint for which it was made"
+    )
+    scale: Annotated[Parameter, In("", "positive")] = Field(
+        Parameter(value=1.0),
+        description="all moment arms are multiplied by this; its std is how well they are known",
+    )
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        for name in self.joints:
+            if self.joints.count(name) > 1:
+                raise ValueError(f"joints: '{name}' stands more than once")
+        if len(self.range) != len(self.joints):
+            raise ValueError(
+                f"range: one [low, high] for each of {len(self.joints)} joints is needed, "
+                f"{len(self.range)} came"
+            )
+        for i, term in enumerate(self.terms):
+            if len(term.powers) != len(self.joints):
+                raise ValueError(
+                    f"terms.{i}.powers: one for each of {len(self.joints)} joints is needed, "
+                    f"{len(term.powers)} came"
+                )
+            if min(term.powers) < 0 or max(term.powers) > HIGHEST_POWER:
+                raise ValueError(
+                    f"terms.{i}.powers: must be from 0 to {HIGHEST_POWER}, {list(term.powers)} came"
+                )
+        for j, name in enumerate(self.joints):
+            if not any(term.powers[j] > 0 and term.coefficient.value != 0.0 for term in self.terms):
+                raise ValueError(
+                    f"joints: '{name}' has no term with a power of it; leave it out, or add one"
+                )
+        return self
+
+    def arms(self, angles: dict[str, float]) -> dict[str, float]:
+        """Return the moment arms by joint [m], positive where the tendon pulls to +θ, at `angles`
+        by joint [rad], each limited to its range; a joint without an angle is at 0.
+        """
+        at = [
+            min(max(angles.get(name, 0.0), low), high)
+            for name, (low, high) in zip(self.joints, self.range)
+        ]
+        arms = dict.fromkeys(self.joints, 0.0)
+        for term in self.terms:
+            for j, name in enumerate(self.joints):
+                slope = term.coefficient.value * term.powers[j]
+                for i, power in enumerate(term.powers):
+                    slope *= at[i] ** max(power - (i == j), 0)
+                arms[name] += self.scale.value * slope
+        return arms
+
+    def elongation(
+        self, size: Size, side: int, angles: Sequence[Scalar], displacement: Scalar
+    ) -> Scalar:
+        """Return ℓ − l = x − scale · (e(θ) − e(0)) [m], by how much the `angles` θ and the
+        `displacement` x of the drive lengthen the tendon's way; see `Size`.
+
+        The `side` is not used: the signs of the terms say to which side the tendon pulls.
+        """
+        coefficients = [size(f"terms.{k}.coefficient") for k in range(len(self.terms))]
+        zero = self._excursion(coefficients, [ca.SX(0)] * len(angles))
+        return displacement - size("scale") * (self._excursion(coefficients, angles) - zero)
+
+    def _excursion(self, coefficients: Sequence[Scalar], angles: Sequence[Scalar]) -> Scalar:
+        """Return e(θ) = Σ c Π θ_j^{n_j}. Outside of the range it is e(θ_c) + Σ a_j (θ_j − θ_c,j),
+        where θ_c is θ limited to the range.
+
+        a_j is the moment arm at the end of θ_j's own range with the other angles in the middle of
+        theirs. So no length jumps, and no arm grows beyond what it is somewhere in the range.
+        """
+        clipped = [
+            ca.fmin(ca.fmax(angle, low), high) for angle, (low, high) in zip(angles, self.range)
+        ]
+        total = ca.SX(0)
+        for term, coefficient in zip(self.terms, coefficients):
+            total += coefficient * _product(clipped, term.powers)
+        middle = [(low + high) / 2 for low, high in self.range]
+        for j, (low, high) in enumerate(self.range):
+            ends = [
+                self._slope(coefficients, [*middle[:j], end, *middle[j + 1 :]], j)
+                for end in (low, high)
+            ]
+            total += ends[0] * ca.fmin(angles[j] - low, 0) + ends[1] * ca.fmax(angles[j] - high, 0)
+        return total
+
+    def _slope(self, coefficients: Sequence[Scalar], at: Sequence[Scalar], joint: int) -> Scalar:
+        """Return ∂e/∂θ_j of a `joint` j at given angles."""
+        total = ca.SX(0)
+        for term, coefficient in zip(self.terms, coefficients):
+            power = term.powers[joint]
+            if power > 0:
+                lower = tuple(p - (i == joint) for i, p in enumerate(term.powers))
+                total += coefficient * power * _product(at, lower)
+        return total
+
+
+def _product(angles: Sequence[Scalar], powers: Sequence[int]) -> Scalar:
+    product = ca.SX(1)
+    for angle, power in zip(angles, powers):
+        for _ in range(power):
+            product *= angle
+    return product
+
+
+Shape = Pinned | Pulley | Linkage | Polynomial
+"""How a tendon meets a joint."""
+
+Insertion = Annotated[Pinned | Pulley | Linkage, Field(discriminator="kind")]
+"""How a tendon that crosses only one joint meets it."""
+
+Crossing = Annotated[
+    CrossedPinned | CrossedPulley | CrossedLinkage | Polynomial, Field(discriminator="kind")
+]
+"""How a tendon that crosses several joints meets one of them (a polynomial: several)."""
+
+KINDS = tuple(get_args(shape.model_fields["kind"].annotation)[0] for shape in get_args(Shape))
+"""What ``kind`` may be in a rig file."""

@@ -1,0 +1,222 @@
+"""Sensors of forces: the effort of a drive, the tension of a tendon, the external torque on a
+joint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from distal.expressions import Scalar
+from distal.rig.drives import effort_unit
+from distal.rig.quantities import In, Parameter
+from distal.rig.sensors.base import (
+    COUNTS,
+    NOISE,
+    OFFSET,
+    STEP,
+    Gear,
+    Measurand,
+    Motion,
+    Part,
+    Parts,
+    Role,
+    SensorBase,
+)
+from distal.units import to_si, unit_factor
+
+OVER_RANGE = Field(0.0, description="largest systematic deviation over the range, a smooth curve")
+Newtons = Annotated[float, In("N", "nonnegative")]
+NewtonMetres = Annotated[float, In("N m", "nonnegative")]
+
+
+class ForceSensor(SensorBase):
+    """A sensor of a force or tension [N]."""
+
+    si: Literal["N"]
+    noise: Newtons = NOISE
+    linearity: Newtons = OVER_RANGE
+    resolution: Newtons = STEP
+    bias: Annotated[Parameter, In("N")] = OFFSET
+    gain: Annotated[Parameter, In("", "positive", drifts=False)] = Field(
+        Parameter(value=1.0), description="what it reads for one newton, beside its offset"
+    )
+
+
+class TorqueSensor(SensorBase):
+    """A sensor of a torque [N m]; of a motor's current with a constant K_t, τ = K_t i; of a force
+    with a lever, τ = R F.
+    """
+
+    si: Literal["N m"]
+    torque_constant: Annotated[float, In("N m/A", "positive")] | None = Field(
+        None,
+        description="K_t at the capstan, where the log holds a current; its unit is then one of "
+        "current",
+    )
+    torque_constant_motor: Annotated[float, In("N m/A", "positive")] | None = Field(
+        None, description="K_t of the motor itself; the capstan's is `gear` times it"
+    )
+    gear: Gear = Field(
+        1.0,
+        description="motor turns for one turn of the capstan; it applies to torque_constant_motor "
+        "only",
+    )
+    lever: Annotated[float, In("m", "positive")] | None = Field(
+        None,
+        description="of a load cell, where the log holds a force: the capstan's radius for one in "
+        "its only tendon",
+    )
+    noise: NewtonMetres = NOISE
+    linearity: NewtonMetres = OVER_RANGE
+    resolution: NewtonMetres = STEP
+    bias: Annotated[Parameter, In("N m")] = OFFSET
+    gain: Annotated[Parameter, In("", "positive", drifts=False)] = Field(
+        Parameter(value=1.0), description="what it reads for one newton metre, beside its offset"
+    )
+
+    @classmethod
+    def _counting(cls, raw: Mapping[str, object]) -> tuple[str, float] | None:
+        if raw.get("torque_constant") is not None:
+            return "A", to_si(raw["torque_constant"], "N m/A")
+        if raw.get("lever") is not None:
+            return "N", to_si(raw["lever"], "m")
+        if raw.get("torque_constant_motor") is not None:
+            return "A", to_si(raw["torque_constant_motor"], "N m/A") * to_si(
+                raw.get("gear", 1.0), ""
+            )
+        if isinstance(unit := raw.get("unit"), str) and unit not in COUNTS:
+            unit_factor(
+                unit, "N m"
+            )  # a wrong unit is refused here, before the errors that are written in it
+        return None
+
+    @model_validator(mode="after")
+    def _one_constant(self) -> Self:
+        if self.torque_constant is not None and self.torque_constant_motor is not None:
+            raise ValueError(
+                "torque_constant: is at the capstan, torque_constant_motor at the motor; give one "
+                "of them"
+            )
+        if self.lever is not None and self.logged != ("N", self.lever):
+            raise ValueError(
+                "lever: is of a load cell, a torque constant of a motor's current; give one of them"
+            )
+        if self.gear != 1.0 and self.torque_constant_motor is None:
+            raise ValueError(
+                "gear: applies to torque_constant_motor only; a torque in N m and torque_constant "
+                "are at the capstan"
+            )
+        return self
+
+    @property
+    def logged(self) -> tuple[str, float]:
+        """SI unit of what the log holds (N m, A or N), and the torque at the capstan [N m] that one
+        such unit stands for.
+        """
+        if self.torque_constant is not None:
+            return "A", self.torque_constant
+        if self.torque_constant_motor is not None:
+            return "A", self.torque_constant_motor * self.gear
+        return (self.si, 1.0) if self.lever is None else ("N", self.lever)
+
+
+class Force(Measurand):
+    """The effort of a drive: force U of a slider [N], torque τ of a capstan's motor [N m]."""
+
+    name = "force"
+    of = "drives"
+    role = Role.EFFORT
+
+    def unit(self, part: Part) -> str:
+        """Return N or N m."""
+        return effort_unit(part)  # type: ignore[arg-type]
+
+    def read(
+        self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
+    ) -> Scalar:
+        """Return the effort of the drive."""
+        return motion.effort(part)
+
+    def travel(self, sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
+        """Return the range of likely efforts: from 0 to `largest_effort` of a slider, the same to
+        both sides of a capstan.
+        """
+        largest = largest_effort(rig, part)
+        return (-largest, largest) if rig.drives[part].kind == "capstan" else (0.0, largest)
+
+
+def largest_effort(rig: Parts, drive: int) -> float:
+    """Return the largest effort that a drive is likely to exert [N, N m]: its limit; without one
+    twice its nominal force or twice the pretensions of its tendons, whichever is larger.
+
+    Without a limit it is at least `LEAST`, so that the range of a sensor is never empty.
+    """
+    part = rig.drives[drive]
+    if part.limit is not None:
+        return part.limit
+    lever = part.radius.value if part.kind == "capstan" else 1.0
+    pretension = sum(tendon.pretension.value for tendon in rig.tendons if tendon.drive == part.name)
+    return max(2.0 * abs(part.nominal_force.value), 2.0 * pretension * lever, LEAST * lever)
+
+
+LEAST = 1.0
+"""Smallest force up to which the range of a force sensor reaches [N]. Source: judgement."""
+
+
+class Tension(Measurand):
+    """The tension T of a tendon at the joint's end of its path [N]."""
+
+    name = "tension"
+    of = "tendons"
+    role = Role.TENSION
+    si = "N"
+
+    def read(
+        self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
+    ) -> Scalar:
+        """Return the tension of the tendon."""
+        return motion.tension(part)
+
+    def travel(self, sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
+        """Return the range from slack, 0, to the largest force with which the drive is likely to
+        pull [N].
+        """
+        drive = next(
+            i for i, drive in enumerate(rig.drives) if drive.name == rig.tendons[part].drive
+        )
+        moved = rig.drives[drive]
+        return 0.0, largest_effort(rig, drive) / (
+            moved.radius.value if moved.kind == "capstan" else 1.0
+        )
+
+
+WIDEST = 3.0
+"""Half-width of the range of a torque sensor in stds of the external torque [1]. Source:
+judgement.
+"""
+
+LEAST_TORQUE = 0.01
+"""Smallest half-width of the range of a torque sensor [N m]. Source: judgement."""
+
+
+class Torque(Measurand):
+    """The external torque τ_ext on a joint [N m]."""
+
+    name = "torque"
+    of = "joints"
+    role = Role.REFERENCE
+    si = "N m"
+
+    def read(
+        self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
+    ) -> Scalar:
+        """Return the external torque."""
+        return motion.torque(part)
+
+    def travel(self, sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
+        """Return ± `WIDEST` stds of the external torque by the rig, at least ± `LEAST_TORQUE`."""
+        largest = max(WIDEST * rig.joints[part].external_torque.std, LEAST_TORQUE)
+        return -largest, largest

@@ -1,0 +1,165 @@
+"""Sensors of motions: the position of a drive, which is a displacement or an angle, and the angle
+of a joint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import pi
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from distal.expressions import Scalar
+from distal.rig.drives import position_unit
+from distal.rig.joints import REACH
+from distal.rig.quantities import In, Parameter
+from distal.rig.sensors.base import (
+    COUNTS,
+    NOISE,
+    OFFSET,
+    STEP,
+    Gear,
+    Measurand,
+    Motion,
+    Part,
+    Parts,
+    Role,
+    SensorBase,
+)
+from distal.units import to_si
+
+Metres = Annotated[float, In("m", "nonnegative")]
+Radians = Annotated[float, In("rad", "nonnegative")]
+OVER_TRAVEL = Field(0.0, description="largest systematic deviation over the travel, a smooth curve")
+Curve = Annotated[
+    tuple[float, ...],
+    Field(
+        max_length=6,
+        description="known systematic deviation: weights of cos(π j ξ), j = 0.., over the travel "
+        "[SI]",
+    ),
+]
+
+
+class LengthSensor(SensorBase):
+    """A sensor of a displacement [m]."""
+
+    si: Literal["m"]
+    noise: Metres = NOISE
+    linearity: Metres = OVER_TRAVEL
+    curve: Curve = ()
+    resolution: Metres = STEP
+    bias: Annotated[Parameter, In("m", drifts=False)] = OFFSET
+
+
+class AngleSensor(SensorBase):
+    """A sensor of an angle [rad]."""
+
+    si: Literal["rad"]
+    counts_per_turn: Annotated[float, In("", "positive")] | None = Field(
+        None,
+        description="counts of the encoder in one turn of its own shaft, after quadrature; with "
+        'unit = "count"',
+    )
+    gear: Gear = Field(
+        1.0, description="turns of the encoder for one turn of what it measures (motor for capstan)"
+    )
+    noise: Radians = NOISE
+    linearity: Radians = OVER_TRAVEL
+    curve: Curve = ()
+    resolution: Radians = Field(
+        0.0,
+        description="quantisation step of the sensor's own shaft, before the gear, in counts as "
+        "in degrees; 0 = none. "
+        "Noise, linearity and bias in degrees are those behind the gear",
+    )
+    bias: Annotated[Parameter, In("rad")] = OFFSET
+
+    @classmethod
+    def _counting(cls, raw: Mapping[str, object]) -> tuple[str, float] | None:
+        if raw.get("counts_per_turn") is None:
+            return None
+        return "count", 2 * pi / (
+            to_si(raw["counts_per_turn"], "") * to_si(raw.get("gear", 1.0), "")
+        )
+
+    @model_validator(mode="after")
+    def _counted(self) -> Self:
+        if self.counts_per_turn is not None and self.unit not in COUNTS:
+            raise ValueError(
+                'counts_per_turn: is for a log in counts; give unit = "count" too, or remove it'
+            )
+        return self
+
+
+class Position(Measurand):
+    """The position of a drive: s of a slider [m], φ of a capstan [rad]. A sensor with a `lag` is a
+    command, which is ahead of the drive: it reads s + lag ṡ.
+    """
+
+    name = "position"
+    of = "drives"
+    role = Role.POSITION
+
+    def unit(self, part: Part) -> str:
+        """Return m for a slider, rad for a capstan."""
+        return position_unit(part)  # type: ignore[arg-type]
+
+    def read(
+        self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
+    ) -> Scalar:
+        """Return the position of the drive, or the command that it follows."""
+        position = motion.position(part)
+        return position + sensor.lag * motion.rate(part) if sensor.lag > 0.0 else position
+
+    def travel(self, sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
+        """Return the range of the drive, see `drive_travel`."""
+        return drive_travel(rig, part)
+
+
+def drive_travel(rig: Parts, drive: int) -> tuple[float, float]:
+    """Return the lowest and the highest position of a drive [m, rad]: its stops, or what its tendon
+    lets it use.
+
+    Without stops, the tendon's joints decide: of a tendon at one joint ±`REACH`, of a tendon over
+    several joints the stops of each. The range of a slider lies about the displacement T/k at its
+    nominal force T.
+    """
+    part = rig.drives[drive]
+    if part.stops is not None:
+        return part.stops
+    tendon = next(t for t in rig.tendons if t.drive == part.name)
+    lever = part.radius.value if part.kind == "capstan" else 1.0
+    centre = 0.0 if part.kind == "capstan" else part.nominal_force.value / tendon.stiffness.value
+    if len(tendon.joints) == 1:
+        reach = REACH * tendon.total_arm / lever
+        return centre - reach, centre + reach
+    low = centre
+    high = centre
+    stops = {joint.name: joint.travel for joint in rig.joints}
+    turned = tendon.winding if part.kind == "capstan" else 1
+    for name, arm in tendon.arms().items():
+        ends = sorted(turned * arm / lever * angle for angle in stops[name])
+        low = low + ends[0]
+        high = high + ends[1]
+    return low, high
+
+
+class Angle(Measurand):
+    """The angle θ of a joint [rad]."""
+
+    name = "angle"
+    of = "joints"
+    role = Role.REFERENCE
+    si = "rad"
+
+    def read(
+        self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
+    ) -> Scalar:
+        """Return the angle of the joint."""
+        return motion.angle(part)
+
+    def travel(self, sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
+        """Return the range that the joint turns in."""
+        return rig.joints[part].travel
