@@ -3,9 +3,16 @@ ships.
 """
 
 from distal.rig.hand_tables.aero import from_aero
-from distal.rig.hand_tables.described import hand_of
+from distal.rig.hand_tables.described import AssumedOfHands, from_table, hand_of
 from distal.rig.hand_tables.orca import from_orca, orca_order
-from distal.rig.hand_tables.row import Row
-from distal.rig.hand_tables.table import from_table
+from distal.rig.hand_tables.rows import Row
 
-__all__ = ["Row", "from_aero", "from_orca", "from_table", "hand_of", "orca_order"]
+__all__ = [
+    "AssumedOfHands",
+    "Row",
+    "from_aero",
+    "from_orca",
+    "from_table",
+    "hand_of",
+    "orca_order",
+]

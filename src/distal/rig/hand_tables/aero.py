@@ -6,17 +6,15 @@ from __future__ import annotations
 
 import ast
 import importlib.util
-import sys
+import runpy
 from collections.abc import Callable, Sequence
-from importlib.machinery import SourceFileLoader
 from math import radians
 from pathlib import Path
-from types import ModuleType
 
 from distal.errors import RigError
 from distal.rig.files import Imported, read_text
-from distal.rig.hand_tables.described import hand_of
-from distal.rig.hand_tables.row import Row
+from distal.rig.hand_tables.described import ASSUMED, AssumedOfHands, hand_of
+from distal.rig.hand_tables.rows import Row
 
 PACKAGE = "aero_open_sdk"
 """Name of the SDK's package."""
@@ -32,11 +30,12 @@ SMALLEST = 1e-6
 """
 
 
-def from_aero(folder: str | Path | None = None) -> Imported:
+def from_aero(folder: str | Path | None = None, assumed: AssumedOfHands = ASSUMED) -> Imported:
     """Return the rig of an Aero Hand: its SDK computes how far each motor turns for each joint.
 
     Args:
         folder: of the package `aero_open_sdk`, or where it was cloned; None for the installed one.
+        assumed: values for what the SDK does not say.
 
     Raises:
         RigError: the SDK is not found, or is another one than this reads.
@@ -45,12 +44,16 @@ def from_aero(folder: str | Path | None = None) -> Imported:
     identified = _constants(root / "aero_hand.py")
     joints = identified["_JOINT_NAMES"]
     motors = identified["_ACTUATIONS_NAMES"]
-    module = _module(root / "joints_to_actuations.py")
+    model = root / "joints_to_actuations.py"
     try:
-        turned: Callable[[list[float]], Sequence[float]] = (
-            module.JointsToActuationsModel().hand_actuations
-        )
-        spool = 1e-3 * float(module.MOTOR_PULLEY_RADIUS)
+        made = runpy.run_path(str(model), run_name="distal_asks_the_sdk")
+    except Exception as problem:
+        raise RigError(f"{model}: cannot be read ({type(problem).__name__}: {problem})") from None
+    try:
+        turned: Callable[[list[float]], Sequence[float]] = made[
+            "JointsToActuationsModel"
+        ]().hand_actuations
+        spool = 1e-3 * float(made["MOTOR_PULLEY_RADIUS"])
         still = [float(position) for position in turned([0.0] * len(joints))]
         turns = [
             [
@@ -67,7 +70,7 @@ def from_aero(folder: str | Path | None = None) -> Imported:
         ]
         if not len(joints) == len(ends) or any(len(row) != len(motors) for row in turns):
             raise ValueError(f"{len(joints)} joints, {len(ends)} ranges, {len(motors)} motors")
-    except (AttributeError, TypeError, ValueError, IndexError) as problem:
+    except (AttributeError, TypeError, ValueError, LookupError) as problem:
         raise RigError(f"{root}: is another SDK than this reads ({problem})") from None
     rows = list[Row]()
     for m, motor in enumerate(motors):
@@ -90,7 +93,11 @@ def from_aero(folder: str | Path | None = None) -> Imported:
             for j in moved
         ]
     return hand_of(
-        rows, "aero-hand", "SDK", ("readings are the actuations of the SDK, in degrees",)
+        rows,
+        "aero-hand",
+        "SDK",
+        ("readings are the actuations of the SDK, in degrees",),
+        assumed,
     )
 
 
@@ -147,19 +154,3 @@ def _listed(node: ast.expr) -> list[object]:
     except ValueError:
         return []
     return list(value) if isinstance(value, (list, tuple)) else []
-
-
-def _module(path: Path) -> ModuleType:
-    """Return the module of a file that needs no hand and no other package."""
-    loader = SourceFileLoader("distal_asks_the_sdk", str(path))
-    spec = importlib.util.spec_from_loader(loader.name, loader)
-    assert spec is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[loader.name] = module  # its dataclasses look for it there
-    try:
-        loader.exec_module(module)
-    except Exception as problem:
-        raise RigError(f"{path}: cannot be read ({type(problem).__name__}: {problem})") from None
-    finally:
-        del sys.modules[loader.name]
-    return module

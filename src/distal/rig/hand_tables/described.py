@@ -1,14 +1,15 @@
-"""The rig of a hand from the rows of its table."""
+"""The rig of a hand from the rows of its table, and what is assumed where they say nothing."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import degrees, radians
+from pathlib import Path
 
 from distal.errors import RigError
 from distal.rig.files import Guess, Imported, name_of
-from distal.rig.hand_tables import assumed_values_of_hands as guess
-from distal.rig.hand_tables.row import Row
+from distal.rig.hand_tables.rows import Row, read_rows
 
 Raw = dict[str, object]
 
@@ -18,8 +19,130 @@ degrees, since a whole turn of 2π would be 6.3°. Source: definition (a whole t
 """
 
 
-def hand_of(rows: Sequence[Row], title: str, source: str, notes: Sequence[str] = ()) -> Imported:
-    """Return the rig of a hand; what its rows do not say is a guess with a std, and is listed.
+@dataclass(frozen=True)
+class AssumedOfHands:
+    """Values for what a table of a hand does not say, with wide stds; they suit small hands with
+    braided lines.
+
+    Args:
+        radius: at which a tendon passes a joint, and that of a spool [m].
+        ratio_std: std of a ratio of radii that a drawing or a table gives, each of them to 2 %, as
+            a share.
+        unknown_ratio_std: std of a ratio of radii that nothing gives, as a share.
+        stiffness_std: std of the stiffness of a tendon, as a share.
+        zero_std: std of the motor's angle at a joint's zero that a table gives [rad].
+        unknown_zero_std: the same where nothing gives it [rad].
+        calibrated_zero_std: the same after a calibration against the stops [rad].
+        travel_share: ratio of motor to joint as a share of the ratio of their travels: a motor's
+            travel from stop to stop also stretches the tendons and takes up their play.
+        travel_share_std: std of that share.
+        slack: of each of the two tendons that pull a joint to both sides.
+        loose: slack of a tendon whose joints springs bring back.
+        counts: of an encoder in one turn; where a log is not in counts, they give its resolution.
+    """
+
+    radius: float = 8e-3
+    ratio_std: float = 0.03
+    unknown_ratio_std: float = 0.25
+    stiffness_std: float = 0.4
+    zero_std: float = radians(5.0)
+    unknown_zero_std: float = radians(60.0)
+    calibrated_zero_std: float = radians(4.0)
+    travel_share: float = 0.92
+    travel_share_std: float = 0.06
+    inertia: Guess = Guess("1e-5 kg m^2", "inertia of joints")
+    damping: Guess = Guess("1e-3 N m s", "damping of joints")
+    joint_friction: Guess = Guess(
+        {"coefficient": {"value": 0.1, "std": 0.05}, "radius": "3 mm", "preload": "30 N"},
+        "friction of joints",
+    )
+    range_std: Guess = Guess("1 deg", "how well ranges are known")
+    motor_inertia: Guess = Guess("2e-4 kg m^2", "inertia of motors")
+    motor_damping: Guess = Guess("1e-3 N m s", "damping of motors")
+    motor_friction: Guess = Guess(
+        {
+            "constant": {"value": "0.035 N m", "std": "0.015 N m"},
+            "load": {"value": 0.06, "std": 0.03},
+        },
+        "friction of motors",
+    )
+    servo: Guess = Guess({"bandwidth": "5 Hz", "delay": "10 ms"}, "how motors follow")
+    stiffness: str = "20 N/mm"
+    tendon_damping: Guess = Guess("2 N s/m", "damping of tendons")
+    slack: Guess = Guess({"value": "0.3 mm", "std": "0.25 mm"}, "slack of tendons")
+    loose: Guess = Guess({"value": "0.5 mm", "std": "1 mm"}, "slack of tendons")
+    path: Guess = Guess(
+        {"friction": {"value": 0.1, "std": 0.05}, "wrap": "80 deg"}, "friction along the paths"
+    )
+    torque_constant: Guess = Guess("0.5 N m/A", "torque constants")
+    current_noise: Guess = Guess("6 mA", "noise of currents")
+    position_noise: Guess = Guess("0.05 deg", "noise of encoders")
+    rate: Guess = Guess(100.0, "rate of the sensors")
+    counts: float = 4096
+    encoder_step: Guess = Guess(
+        "0.1 deg", "encoders of joints, which are for learning and comparing only"
+    )
+
+    def spring(self, radius: float) -> Guess:
+        """Return the stiffness of the return spring at a joint whose tendon passes at some `radius`
+        [m]. It is proportional to the radius, so that the joints of one tendon close together.
+        """
+        return Guess(
+            {"value": f"{0.05 * radius / self.radius:.3g} N m/rad", "std": "60 %"},
+            "stiffness of springs",
+        )
+
+
+ASSUMED = AssumedOfHands()
+"""What is assumed unless other values are given."""
+
+
+def _rest_angle(low: float) -> Guess:
+    """Return the rest angle of a spring that holds its joint open: 18° below the lower end `low` of
+    the joint's range [rad].
+    """
+    return Guess({"value": f"{degrees(low) - 18:.4g} deg", "std": "7 deg"}, "where springs rest")
+
+
+def _initial_angle(low: float, high: float) -> Guess:
+    """Return the angle of a joint at the first sample: anywhere from `low` to `high` [rad]."""
+    middle = degrees(low + high) / 2
+    spread = degrees(high - low) / 4
+    return Guess({"value": f"{middle:.4g} deg", "std": f"{spread:.4g} deg"}, "angles at the start")
+
+
+def from_table(path: str | Path, assumed: AssumedOfHands = ASSUMED) -> Imported:
+    """Return the rig of a hand whose joints and motors stand in a table.
+
+    A line is a joint that a motor moves: `joint`, `motor`, `spool_radius`, `joint_radius`,
+    `direction` (+1 where the joint's angle grows as the motor's reading grows), `low` and `high`.
+    Units stand behind the names, ``low [deg]``, or in the cells. A motor whose tendon crosses
+    several joints has a line for each. What is left out is `assumed`: see `Row`.
+
+    Raises:
+        RigError: the file is no such table; says which line and what is allowed.
+    """
+    path = Path(path)
+    rows = read_rows(path)
+    unidentified = [
+        row.joint for row in rows if row.follows is None and "direction" not in row.model_fields_set
+    ]
+    note = (
+        f"no direction of {', '.join(unidentified)}: each angle is taken to grow with its motor's "
+        "reading; look once"
+    )
+    return hand_of(rows, path.stem, "table", [note] if unidentified else [], assumed)
+
+
+def hand_of(
+    rows: Sequence[Row],
+    title: str,
+    source: str,
+    notes: Sequence[str] = (),
+    assumed: AssumedOfHands = ASSUMED,
+) -> Imported:
+    """Return the rig of a hand; what its rows do not say is `assumed`, a guess with a std, and is
+    listed.
 
     Each joint sits on the base, without a link, so that no weight of one acts on another. A motor
     of one joint whose row has `back` = "tendon" has two tendons on its spool, which may be slack.
@@ -68,12 +191,14 @@ def hand_of(rows: Sequence[Row], title: str, source: str, notes: Sequence[str] =
     raw: Raw = {
         "name": title,
         "log": {"time": _time(next(iter(times), "time"))},
-        "joints": [_joint(name, same) for name, same in joints.items()],
-        "drives": [_drive(name, same) for name, same in motors.items()],
-        "tendons": [tendon for name, same in motors.items() for tendon in _tendons(name, same)],
+        "joints": [_joint(name, same, assumed) for name, same in joints.items()],
+        "drives": [_drive(name, same, assumed) for name, same in motors.items()],
+        "tendons": [
+            tendon for name, same in motors.items() for tendon in _tendons(name, same, assumed)
+        ],
         "sensors": [
-            *(sensor for name, same in motors.items() for sensor in _sensors(name, same)),
-            *(_encoder(name) for name in joints),
+            *(sensor for name, same in motors.items() for sensor in _sensors(name, same, assumed)),
+            *(_encoder(name, assumed) for name in joints),
         ],
     }
     return Imported.of(raw, title, source, tuple(notes))
@@ -104,51 +229,51 @@ def _name(name: str, kind: str) -> str:
     return name_of(f"{kind}_{name}" if name[:1].isdigit() else name, kind)
 
 
-def _joint(name: str, rows: Sequence[Row]) -> Raw:
+def _joint(name: str, rows: Sequence[Row], guess: AssumedOfHands) -> Raw:
     row = rows[0]
-    raw: Raw = {"name": name, "parent": "base", "inertia": guess.INERTIA, "damping": guess.DAMPING}
+    raw: Raw = {"name": name, "parent": "base", "inertia": guess.inertia, "damping": guess.damping}
     if row.follows is not None:
         return raw | {"coupled": {"joint": _name(row.follows, "joint"), "ratio": row.ratio}}
     raw |= {
-        "initial": guess.initial_angle(row.low, row.high),
-        "friction": guess.JOINT_FRICTION,
+        "initial": _initial_angle(row.low, row.high),
+        "friction": guess.joint_friction,
         "stops": [in_degrees(row.low), in_degrees(row.high)],
-        "stops_std": guess.RANGE_STD if row.range_std is None else in_degrees(row.range_std),
+        "stops_std": guess.range_std if row.range_std is None else in_degrees(row.range_std),
     }
     if all(other.back == "spring" for other in rows):
         raw["spring"] = {
-            "stiffness": guess.spring(max(row.joint_radius or guess.USUAL_RADIUS for row in rows)),
-            "rest_angle": guess.rest_angle(row.low),
+            "stiffness": guess.spring(max(row.joint_radius or guess.radius for row in rows)),
+            "rest_angle": _rest_angle(row.low),
         }
     return raw
 
 
-def _drive(name: str, rows: Sequence[Row]) -> Raw:
+def _drive(name: str, rows: Sequence[Row], guess: AssumedOfHands) -> Raw:
     row = rows[0]
     arm = row.joint_radius
     spool = row.spool_radius
     is_identified = arm is not None and spool is not None
-    radius = guess.SPOOL_RADIUS.value if spool is None else spool
+    radius = guess.radius if spool is None else spool
     share = (
         row.ratio_std
         if row.ratio_std is not None
-        else guess.RATIO_STD
+        else guess.ratio_std
         if is_identified
-        else guess.UNKNOWN_RATIO_STD
+        else guess.unknown_ratio_std
     )
     value: Raw = {"value": radius, "std": f"{100 * share:g} %"}
     return {
         "name": name,
         "kind": "capstan",
-        "inertia": guess.MOTOR_INERTIA,
-        "radius": value if is_identified else Guess(value, guess.SPOOL_RADIUS.of),
-        "damping": guess.MOTOR_DAMPING,
-        "friction": guess.MOTOR_FRICTION,
-        "servo": guess.SERVO,
+        "inertia": guess.motor_inertia,
+        "radius": value if is_identified else Guess(value, "radii of spools"),
+        "damping": guess.motor_damping,
+        "friction": guess.motor_friction,
+        "servo": guess.servo,
     }
 
 
-def _tendons(motor: str, rows: Sequence[Row]) -> list[Raw]:
+def _tendons(motor: str, rows: Sequence[Row], guess: AssumedOfHands) -> list[Raw]:
     """Return the tendons of a motor: two where a tendon brings its only joint back, else one over
     all of its joints.
     """
@@ -159,46 +284,45 @@ def _tendons(motor: str, rows: Sequence[Row]) -> list[Raw]:
                 "joint": _name(row.joint, "joint"),
                 "side": row.direction * _winds(rows),
                 "kind": "pulley",
-                "radius": _arm(row),
+                "radius": _arm(row, guess),
             }
             for row in rows
         ]
-        common: Raw = {"damping": guess.TENDON_DAMPING, "slack": guess.LOOSE, "path": guess.PATH}
-        stiffness = Guess(
-            {"value": guess.STIFFNESS.value, "std": f"{100 * guess.STIFFNESS_STD:g} %"},
-            guess.STIFFNESS.of,
-        )
+        common: Raw = {"damping": guess.tendon_damping, "slack": guess.loose, "path": guess.path}
+        stiffness = {"value": guess.stiffness, "std": f"{100 * guess.stiffness_std:g} %"}
         return [
             {
                 "name": motor,
                 "drive": motor,
                 "side": 1,
                 "crossings": crossings,
-                "stiffness": stiffness,
+                "stiffness": Guess(stiffness, "stiffness of tendons"),
             }
             | common
         ]
-    shared: Raw = {"name": f"stiffness_{motor}", "std": guess.STIFFNESS_STD}
+    shared: Raw = {"name": f"stiffness_{motor}", "std": guess.stiffness_std}
     return [
         {
             "name": f"{motor}_{word}",
             "joint": _name(rows[0].joint, "joint"),
             "drive": motor,
             "side": side,
-            "insertion": {"kind": "pulley", "radius": _arm(rows[0])},
+            "insertion": {"kind": "pulley", "radius": _arm(rows[0], guess)},
             "stiffness": Guess(
-                {"value": guess.STIFFNESS.value, "shared": shared}, guess.STIFFNESS.of
+                {"value": guess.stiffness, "shared": shared}, "stiffness of tendons"
             ),
-            "damping": guess.TENDON_DAMPING,
-            "slack": guess.SLACK,
-            "path": guess.PATH,
+            "damping": guess.tendon_damping,
+            "slack": guess.slack,
+            "path": guess.path,
         }
         for word, side in (("plus", 1), ("minus", -1))
     ]
 
 
-def _arm(row: Row) -> object:
-    return guess.JOINT_RADIUS if row.joint_radius is None else row.joint_radius
+def _arm(row: Row, guess: AssumedOfHands) -> object:
+    if row.joint_radius is not None:
+        return row.joint_radius
+    return Guess(guess.radius, "radii of joints (only their ratio to the spools counts)")
 
 
 def _winds(rows: Sequence[Row]) -> int:
@@ -208,16 +332,15 @@ def _winds(rows: Sequence[Row]) -> int:
     return max(row.direction for row in rows)
 
 
-def _sensors(motor: str, rows: Sequence[Row]) -> list[Raw]:
+def _sensors(motor: str, rows: Sequence[Row], guess: AssumedOfHands) -> list[Raw]:
     row = rows[0]
-    unsaid = guess.UNKNOWN_ZERO_STD if row.zero is None else guess.IDENTIFIED_ZERO_STD
+    unsaid = guess.unknown_zero_std if row.zero is None else guess.zero_std
     zero_std = (
-        Guess(in_degrees(unsaid), guess.ZERO_STD)
+        Guess(in_degrees(unsaid), "where encoders have their zero (a power-on routine finds it)")
         if row.zero_std is None
         else in_degrees(row.zero_std)
     )
-    counts = guess.COUNTS.value if row.counts is None else row.counts
-    assert isinstance(counts, (int, float))
+    counts = guess.counts if row.counts is None else row.counts
     logged: Raw = (
         {"unit": row.unit}
         if row.counts is None
@@ -230,9 +353,9 @@ def _sensors(motor: str, rows: Sequence[Row]) -> list[Raw]:
         "of": motor,
         **logged,
         "sign": _winds(rows),
-        "rate": guess.RATE,
-        "noise": guess.POSITION_NOISE,
-        "resolution": Guess(step, guess.COUNTS.of) if row.counts is None else step,
+        "rate": guess.rate,
+        "noise": guess.position_noise,
+        "resolution": Guess(step, "counts of encoders") if row.counts is None else step,
         "bias": {"value": in_degrees(_winds(rows) * (row.zero or 0.0)), "std": zero_std},
     }
     if row.position_column is not None:
@@ -242,26 +365,24 @@ def _sensors(motor: str, rows: Sequence[Row]) -> list[Raw]:
         "measures": "force",
         "of": motor,
         "unit": "mA",
-        "torque_constant": guess.TORQUE_CONSTANT
+        "torque_constant": guess.torque_constant
         if row.torque_constant is None
         else row.torque_constant,
         "sign": _winds(rows),
-        "rate": guess.RATE,
-        "noise": guess.CURRENT_NOISE,
+        "rate": guess.rate,
+        "noise": guess.current_noise,
     }
     if row.current_column is not None:
         current["column"] = row.current_column
     return [position, current]
 
 
-def _encoder(joint: str) -> Raw:
+def _encoder(joint: str, guess: AssumedOfHands) -> Raw:
     return {
         "name": f"encoder_{joint}",
         "measures": "angle",
         "of": joint,
         "unit": "deg",
-        "rate": guess.RATE,
-        "resolution": Guess(
-            "0.1 deg", "encoders of joints, which are for learning and comparing only"
-        ),
+        "rate": guess.rate,
+        "resolution": guess.encoder_step,
     }

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping
-from math import degrees, radians
+from math import radians
 from pathlib import Path
 from types import ModuleType
+from typing import Annotated, TypeVar
 
-from distal.errors import RigError, UnitError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from distal.errors import RigError
 from distal.rig.files import Imported, read_text
-from distal.rig.hand_tables.described import hand_of
-from distal.rig.hand_tables.row import Row
-from distal.units import to_si
+from distal.rig.hand_tables.described import ASSUMED, AssumedOfHands, hand_of
+from distal.rig.hand_tables.rows import Row
+from distal.rig.validation import validated
 
 REVISED = 21
 """Number that `hardware_version` has for the revision to which the keys that end in _v21 belong
@@ -24,21 +27,52 @@ NARROWEST = 7.0
 since a whole turn of 2π would read as 6.3°. Source: definition (a whole turn in radians).
 """
 
-LOST = 0.92
-"""Ratio of motor to joint as a share of the ratio of their travels [1]: a motor's travel from stop
-to stop also stretches the tendons and takes up their play. Source: judgement.
-"""
 
-LOST_STD = 0.06
-"""Std of `LOST` [1]. Source: judgement."""
-
-CALIBRATED_ZERO_STD = radians(4.0)
-"""Std of the motor's angle at a joint's zero after a calibration against the stops [rad]. Source:
-judgement.
-"""
+def _rising(ends: tuple[float, float]) -> tuple[float, float]:
+    if not ends[0] < ends[1]:
+        raise ValueError(f"the ends must rise, {ends[0]:g} and {ends[1]:g} came")
+    return ends
 
 
-def from_orca(config: str | Path, calibration: str | Path | None = None) -> Imported:
+Ends = Annotated[tuple[float, float], AfterValidator(_rising)]
+
+
+class _OfOrca(BaseModel):
+    """A file of orca_core, of which some keys are read."""
+
+    model_config = ConfigDict(frozen=True, allow_inf_nan=False)
+
+
+class _Config(_OfOrca):
+    hardware_version: object = None
+    joint_to_motor_map: dict[str, int] = Field(min_length=1)
+    joint_to_motor_map_v21: dict[str, int] = {}
+    joint_roms: dict[str, Ends] = Field(min_length=1)
+    joint_motor_travel: dict[str, float] = {}
+    joint_motor_travel_v21: dict[str, float] = {}
+
+
+class _Calibration(_OfOrca):
+    calibrated: bool = True
+    motor_limits: dict[int, Ends | tuple[None, None]] = Field(min_length=1)
+
+
+class _Step(_OfOrca):
+    joints: dict[str, object] = Field(min_length=1)
+
+
+class _Sequence(_OfOrca):
+    calibration_sequence: list[_Step]
+
+
+Read = TypeVar("Read", bound=_OfOrca)
+
+
+def from_orca(
+    config: str | Path,
+    calibration: str | Path | None = None,
+    assumed: AssumedOfHands = ASSUMED,
+) -> Imported:
     """Return the rig of an ORCA hand from the files that its own software reads.
 
     The radii in it are guesses: only their ratio follows from the motors' travel.
@@ -46,54 +80,55 @@ def from_orca(config: str | Path, calibration: str | Path | None = None) -> Impo
     Args:
         config: file with the joints' ranges and the signed map of joints to motors.
         calibration: file that says where the motors met the stops.
+        assumed: values for what the files do not say.
 
     Raises:
         RigError: a file cannot be read or has no such entries; says which and what is needed.
     """
     path = Path(config)
-    identified = _mapping(path)
-    revised = identified.get("hardware_version") == REVISED
-    motors = dict(_section(path, identified, "joint_to_motor_map"))
-    if revised and "joint_to_motor_map_v21" in identified:
-        motors |= _section(path, identified, "joint_to_motor_map_v21")
-    ranges = _section(path, identified, "joint_roms")
-    key = "joint_motor_travel" if "joint_motor_travel" in identified else "joint_motor_travel_v21"
-    travels = _section(path, identified, key) if key in identified else {}
-    limits = _limits(Path(calibration)) if calibration is not None else {}
-    spans = [_pair(path, "joint_roms", joint, ranges.get(joint)) for joint in motors]
-    if max(high - low for low, high in spans) < NARROWEST:
+    hand = _read(_Config, path)
+    revised = hand.hardware_version == REVISED
+    motors = hand.joint_to_motor_map | (hand.joint_to_motor_map_v21 if revised else {})
+    travels = hand.joint_motor_travel or hand.joint_motor_travel_v21
+    limits = {} if calibration is None else _limits(Path(calibration))
+    for joint in motors:
+        if joint not in hand.joint_roms:
+            raise RigError(f"{path}: joint_roms: '{joint}' needs two ends, none came")
+    if max(high - low for low, high in map(hand.joint_roms.__getitem__, motors)) < NARROWEST:
         raise RigError(
             f"{path}: joint_roms: no joint turns by more than {NARROWEST:g}°; they are degrees, "
             "and these look as if they were in radians"
         )
     rows = list[Row]()
     notes = list[str]()
-    guessed = 0
     for joint, signed in motors.items():
-        if not isinstance(signed, int) or signed == 0:
-            raise RigError(
-                f"{path}: joint_to_motor_map: '{joint}' needs the number of its motor, {signed!r} "
-                "came"
-            )
-        low, high = (radians(end) for end in _pair(path, "joint_roms", joint, ranges.get(joint)))
+        if signed == 0:
+            raise RigError(f"{path}: joint_to_motor_map: '{joint}' needs the number of its motor")
+        low, high = (radians(end) for end in hand.joint_roms[joint])
         motor = abs(signed)
         direction = 1 if signed > 0 else -1
-        ratio = None
-        zero = None
+        known: dict[str, object] = {}
+        travel = radians(travels[joint]) if joint in travels else None
         if motor in limits:
-            ends = _pair(Path(str(calibration)), "motor_limits", str(motor), limits[motor])
-            ratio = LOST * (ends[1] - ends[0]) / (high - low)
-            zero = (ends[0] + ends[1]) / 2 - direction * ratio * (low + high) / 2
-        elif joint in travels:
-            ratio = LOST * _number(path, key, joint, travels[joint]) / degrees(high - low)
-        if ratio is not None and not 0.02 < ratio < 50.0:
-            raise RigError(
-                f"'{joint}': motor {motor} turns {ratio:.3g} times as far as it; from 0.02 to 50 "
-                "is possible"
-            )
-        if zero is None:
-            guessed += 1
-        rows.append(_row(str(joint), motor, direction, (low, high), ratio, zero))
+            ends = limits[motor]
+            travel = ends[1] - ends[0]
+        if travel is not None:
+            ratio = assumed.travel_share * travel / (high - low)
+            if not 0.02 < ratio < 50.0:
+                raise RigError(
+                    f"'{joint}': motor {motor} turns {ratio:.3g} times as far as it; from 0.02 to "
+                    "50 is possible"
+                )
+            known = {
+                "ratio_std": assumed.travel_share_std,
+                "spool_radius": assumed.radius / ratio,
+                "joint_radius": assumed.radius,
+            }
+            if motor in limits:
+                known["zero"] = sum(ends) / 2 - direction * ratio * (low + high) / 2
+                known["zero_std"] = assumed.calibrated_zero_std
+        raw = {"joint": joint, "motor": str(motor), "direction": direction, "low": low}
+        rows.append(validated(Row, {**raw, "high": high, **known}, f"{path}: {joint}", RigError))
     if not travels and not limits:
         notes.append(
             "no ratio of motors to joints: give calibration.yaml too, or run the power-on routine"
@@ -101,11 +136,12 @@ def from_orca(config: str | Path, calibration: str | Path | None = None) -> Impo
     elif not limits:
         of = "this revision" if revised else "revision 2.1, which this hand may not be"
         notes.append(f"ratios of motors to joints are from the travel of {of}")
+    guessed = sum(row.zero is None for row in rows)
     if guessed:
         notes.append(
             f"where {guessed} motors have their zero is not known: run the power-on routine"
         )
-    return hand_of(rows, path.resolve().parent.name or path.stem, "config", notes)
+    return hand_of(rows, path.resolve().parent.name or path.stem, "config", notes, assumed)
 
 
 def orca_order(config: str | Path) -> list[list[str]]:
@@ -115,93 +151,38 @@ def orca_order(config: str | Path) -> list[list[str]]:
     Raises:
         RigError: the file has no such sequence.
     """
-    path = Path(config)
-    steps = _mapping(path).get("calibration_sequence")
     order = list[list[str]]()
-    if not isinstance(steps, list) or not all(isinstance(step, Mapping) for step in steps):
-        raise RigError(f"{path}: 'calibration_sequence' is missing: is this a file of orca_core?")
-    for step in steps:
-        joints = list(_section(path, step, "joints"))
-        if joints not in order:  # one step flexes them, another extends them
-            order.append(joints)
+    for step in _read(_Sequence, Path(config)).calibration_sequence:
+        if list(step.joints) not in order:  # one step flexes them, another extends them
+            order.append(list(step.joints))
     return order
 
 
-def _row(
-    joint: str,
-    motor: int,
-    direction: int,
-    ends: tuple[float, float],
-    ratio: float | None,
-    zero: float | None,
-) -> Row:
-    arm = 8e-3
-    return Row(
-        joint=joint,
-        motor=str(motor),
-        direction=direction,
-        low=ends[0],
-        high=ends[1],
-        ratio_std=None if ratio is None else LOST_STD,
-        spool_radius=None if ratio is None else arm / ratio,
-        joint_radius=None if ratio is None else arm,
-        zero=zero,
-        zero_std=None if zero is None else CALIBRATED_ZERO_STD,
-    )
-
-
-def _limits(path: Path) -> dict[int, object]:
+def _limits(path: Path) -> dict[int, tuple[float, float]]:
     """Return where each motor met its stops, without those that were not calibrated."""
-    identified = _mapping(path)
-    if identified.get("calibrated") is False:
+    hand = _read(_Calibration, path)
+    if not hand.calibrated:
         raise RigError(
             f"{path}: says 'calibrated: false', so that its limits are not those of this hand; "
             "calibrate the hand, or leave this file out"
         )
-    found = _section(path, identified, "motor_limits")
-    limits = dict[int, object]()
-    for motor, ends in found.items():
-        if not motor.isdigit():
-            raise RigError(f"{path}: motor_limits: '{motor}' is no number of a motor")
-        if isinstance(ends, list) and all(end is None for end in ends):
-            continue
-        limits[int(motor)] = ends
-    return limits
+    return {
+        motor: (low, high)
+        for motor, (low, high) in hand.motor_limits.items()
+        if low is not None and high is not None
+    }
 
 
-def _mapping(path: Path) -> Mapping[str, object]:
+def _read(kind: type[Read], path: Path) -> Read:
+    """Return what a file of orca_core says."""
     yaml = _yaml()
-    text = read_text(path, RigError)
     try:
-        identified = yaml.safe_load(text)
+        found = yaml.safe_load(read_text(path, RigError))
     except (yaml.YAMLError, RecursionError, ValueError) as problem:
         raise RigError(f"{path}: not valid YAML: {problem}") from None
-    if not isinstance(identified, Mapping):
+    if not isinstance(found, Mapping):
         raise RigError(f"{path}: is no configuration of a hand: names and values are expected")
-    return identified
-
-
-def _section(path: Path, identified: Mapping[str, object], key: str) -> dict[str, object]:
-    section = identified.get(key)
-    if not isinstance(section, Mapping) or not section:
-        raise RigError(f"{path}: '{key}' is missing or empty: is this a file of orca_core?")
-    return {str(name): value for name, value in section.items()}
-
-
-def _pair(path: Path, key: str, name: object, ends: object) -> tuple[float, float]:
-    if not isinstance(ends, list) or len(ends) != 2:
-        raise RigError(f"{path}: {key}: '{name}' needs two ends, {ends!r} came")
-    low, high = (_number(path, key, name, end) for end in ends)
-    if not low < high:
-        raise RigError(f"{path}: {key}: the ends of '{name}' must rise, {low:g} and {high:g} came")
-    return low, high
-
-
-def _number(path: Path, key: str, name: object, value: object) -> float:
-    try:
-        return to_si(None if isinstance(value, str) else value, "")
-    except UnitError as problem:
-        raise RigError(f"{path}: {key}: '{name}' needs a number: {problem}") from None
+    return validated(kind, found, f"{path}, read as a file of orca_core", RigError)
 
 
 def _yaml() -> ModuleType:
