@@ -4,21 +4,18 @@ with the stiffness of the joints' limits and their couplings.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.polynomial import Legendre, Polynomial
+from scipy.spatial.transform import Rotation
 
 from distal.arrays import Floats
-from distal.rig.files import name_of
-from distal.rig.mjcf.loading import (
-    FRICTION_COEFFICIENT,
-    JOINT_FRICTION,
-    initial_angle_of_model,
-    mujoco_module,
-    range_of,
-)
+from distal.rig.files import Guess, name_of
+from distal.rig.mjcf.loading import AssumedOfModels, mujoco_module, range_of
 
 if TYPE_CHECKING:
     import mujoco
@@ -27,11 +24,6 @@ if TYPE_CHECKING:
 SMALLEST_INERTIA = 1e-9
 """Inertia of a joint to which the model gives no armature, beside its link's [kg m²]. Source:
 rounding (an inertia of zero).
-"""
-
-FRICTION_RADIUS = 1e-3
-"""Radius of the axle of a joint with `frictionloss` [m]. This friction does not grow with the
-tensions, so the radius is small and nearly all of the load is preload. Source: judgement.
 """
 
 
@@ -87,7 +79,7 @@ def parent_of(
 
 
 def described_joints(
-    model: mujoco.MjModel, joints: Sequence[int], units: Units
+    model: mujoco.MjModel, joints: Sequence[int], units: Units, assumed: AssumedOfModels
 ) -> tuple[dict[str, object], list[dict[str, object]]]:
     """Return the raw base and the raw joints, in the model's order, with axes, positions, links,
     armature, damping, friction and stops.
@@ -118,14 +110,14 @@ def described_joints(
         raw["inertia"] = max(float(model.dof_armature[dof]) * units.torque, SMALLEST_INERTIA)
         raw["damping"] = float(np.ravel(model.dof_damping[dof])[0]) * units.torque
         initial = float(model.qpos0[int(model.jnt_qposadr[j])])
-        raw["initial"] = initial_angle_of_model(initial)
+        raw["initial"] = Guess({"value": initial, "std": "5 deg"}, "angle at the start")
         loss = float(model.dof_frictionloss[dof]) * units.torque
         if loss > 0.0:
-            load = loss / (FRICTION_COEFFICIENT * FRICTION_RADIUS)
+            coefficient = {"value": assumed.joint_friction, "std": "30 %"}
             raw["friction"] = {
-                "coefficient": JOINT_FRICTION,
-                "radius": FRICTION_RADIUS,
-                "preload": load,
+                "coefficient": Guess(coefficient, "how well friction is known"),
+                "radius": assumed.friction_radius,
+                "preload": loss / (assumed.joint_friction * assumed.friction_radius),
             }
         if model.jnt_limited[j]:
             raw["stops"] = [float(end) for end in model.jnt_range[j]]
@@ -168,19 +160,12 @@ def _rounded(values: Floats, digits: int = 9) -> list[float]:
 
 
 def _roll_pitch_yaw(matrix: Floats) -> Floats:
-    """Return the angles of R = R_z(yaw) R_y(pitch) R_x(roll); roll is zero where pitch is ±90°."""
-    pitch = np.arcsin(np.clip(-matrix[2, 0], -1.0, 1.0))
-    if abs(matrix[2, 0]) > 1.0 - 1e-12:
-        return np.array([0.0, pitch, np.arctan2(-matrix[0, 1], matrix[1, 1])])
-    return np.array(
-        [np.arctan2(matrix[2, 1], matrix[2, 2]), pitch, np.arctan2(matrix[1, 0], matrix[0, 0])]
-    )
-
-
-RETURN_TIME = 1e-3
-"""Time constant with which a joint leaves a stop into which a correction of a filter has put it
-[s]; in MuJoCo it is twice that of `solref`. Source: judgement.
-"""
+    """Return the angles of R = R_z(yaw) R_y(pitch) R_x(roll)."""
+    with warnings.catch_warnings():
+        # where pitch is ±90°, only a sum of the other two is determined; scipy warns and takes one
+        warnings.simplefilter("ignore", UserWarning)
+        angles: Floats = Rotation.from_matrix(matrix).as_euler("xyz")
+    return angles
 
 
 def stiffness_at_rest(
@@ -201,7 +186,9 @@ def stiffness_at_rest(
     return k / ((1.0 - d) * max(inverse_inertia, 1e-12))
 
 
-def described_stop(model: mujoco.MjModel, joint: int, units: Units) -> dict[str, float]:
+def described_stop(
+    model: mujoco.MjModel, joint: int, units: Units, assumed: AssumedOfModels
+) -> dict[str, float]:
     """Return stiffness and damping of a joint's stops, raw, by the joint's limits in MuJoCo."""
     inverse = float(model.dof_invweight0[int(model.jnt_dofadr[joint])])
     stiffness = (
@@ -210,7 +197,7 @@ def described_stop(model: mujoco.MjModel, joint: int, units: Units) -> dict[str,
     )
     return {
         "stop_stiffness": float(f"{stiffness:.6g}"),
-        "stop_damping": float(f"{RETURN_TIME * stiffness:.6g}"),
+        "stop_damping": float(f"{assumed.return_time * stiffness:.6g}"),
     }
 
 
@@ -250,10 +237,13 @@ def couplings(model: mujoco.MjModel) -> tuple[list[Coupled], list[str]]:
             continue
         zero = [float(model.qpos0[int(model.jnt_qposadr[j])]) for j in (first, second)]
         low, high = range_of(model, second)
-        angles = np.linspace(low, high, 41)
-        desired = np.polynomial.Polynomial(model.eq_data[i][:5])(angles - zero[1]) + zero[0]
-        offset, ratio = (float(c) for c in np.polynomial.polynomial.polyfit(angles, desired, 1))
-        off = float(np.abs(ratio * angles + offset - desired).max())
+        curve = Polynomial(model.eq_data[i][:5])(Polynomial([-zero[1], 1.0])) + zero[0]
+        # a series of Legendre's polynomials, each within ±1: its first two are the nearest line
+        series = curve.convert(domain=[low, high], kind=Legendre)
+        line = series.truncate(2)
+        offset = float(line(0.0))
+        ratio = float(line(1.0)) - offset
+        off = float(np.abs(series.coef[2:]).sum())
         if abs(ratio) < 1e-9:
             left.append(f"equality '{name}' holds joint '{joint_name(model, first)}': left out")
             continue

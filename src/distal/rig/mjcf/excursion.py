@@ -12,7 +12,7 @@ from math import comb
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from distal.arrays import Bools, Floats
+from distal.arrays import Floats
 from distal.errors import RigError
 from distal.rig.rig import Rig
 from distal.rig.tendons import Tendon
@@ -34,9 +34,6 @@ NEARLY = 1.25
 """Where no degree reaches `ENOUGH`, the lowest one and the fewest terms are taken whose error is at
 most so many times the least one [1]. Source: judgement.
 """
-
-KEPT_OUT = 3
-"""One pose in so many is not fitted and serves to judge the fit [1]. Source: judgement."""
 
 
 @dataclass(frozen=True)
@@ -136,37 +133,29 @@ def _terms(angles: Floats, powers: NDArray[np.int64]) -> tuple[Floats, Floats]:
     return np.prod(raised, axis=2), np.stack(slopes, axis=1)
 
 
-def _judged(angles: Floats) -> Bools:
-    """Return which poses are kept to judge by."""
-    judged: Bools = np.arange(len(angles)) % KEPT_OUT == 0
-    return judged
-
-
 def _equations(
     powers: NDArray[np.int64], angles: Floats, lengths: Floats, arms: Floats
 ) -> tuple[Floats, Floats]:
-    """Return rows and right sides of the least squares: lengths and moment arms of the poses that
-    are fitted.
+    """Return rows and right sides of the least squares: lengths and moment arms of every second
+    pose; the others judge the fit.
     """
-    used = ~_judged(angles)
     size = np.abs(arms).max(axis=0)
     span = max(float(np.ptp(lengths)), 1e-12)
-    values, slopes = _terms(angles[used], powers)
+    values, slopes = _terms(angles[::2], powers)
     rows = np.vstack([values / span, *(slopes[:, j] / size[j] for j in range(len(size)))])
     return rows, np.concatenate(
-        [lengths[used] / span, *(arms[used, j] / size[j] for j in range(len(size)))]
+        [lengths[::2] / span, *(arms[::2, j] / size[j] for j in range(len(size)))]
     )
 
 
 def _fitted(powers: NDArray[np.int64], angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
     rows, desired = _equations(powers, angles, lengths, arms)
     coefficients: Floats = np.linalg.lstsq(rows, desired, rcond=None)[0].astype(np.float64)
-    judged = _judged(angles)
-    values, slopes = _terms(angles[judged], powers)
-    left: Floats = np.abs(np.einsum("kjt,t->kj", slopes, coefficients) - arms[judged]) / np.abs(
+    values, slopes = _terms(angles[1::2], powers)
+    left: Floats = np.abs(np.einsum("kjt,t->kj", slopes, coefficients) - arms[1::2]) / np.abs(
         arms
     ).max(axis=0)
-    off = values @ coefficients - lengths[judged]
+    off = values @ coefficients - lengths[1::2]
     return Excursion(
         powers,
         coefficients,
@@ -183,11 +172,6 @@ def sizes(names: Sequence[str], shares: Floats) -> str:
 
 DIFFERS = 0.05
 """Moment arms that differ by more than this share of the larger one count as different [1]. Source:
-judgement.
-"""
-
-MOST_ANGLE = 7.0
-"""Largest angle in a table [rad], just above a whole turn; larger ones are degrees. Source:
 judgement.
 """
 
@@ -235,7 +219,7 @@ def compare_lengths(rig: Rig, table: Mapping[str, ArrayLike]) -> tuple[Disagreem
     if len({values.shape for values in columns.values()}) > 1:
         raise RigError("the table's columns differ in length")
     angles = np.column_stack([columns[name] for name in joints])
-    if np.abs(angles).max() > MOST_ANGLE:
+    if np.abs(angles).max() > 2 * np.pi:
         raise RigError(
             f"an angle of {np.abs(angles).max():.4g} came; the table's angles are radians, its "
             "lengths metres"

@@ -26,32 +26,24 @@ from distal.rig.mjcf.choice import (
     turning_joints,
 )
 from distal.rig.mjcf.loading import (
+    ASSUMED,
+    AssumedOfModels,
     load_model,
     mujoco_module,
     over_ranges,
-    series_stiffness,
     turned_by,
 )
 from distal.rig.mjcf.spatial_tendons import (
+    described_crossings,
     described_drive,
     described_sensors,
-    described_tendon,
     joint_springs,
 )
+from distal.rig.plausibility import USUAL
 from distal.rig.rig import MOST_JOINTS, Rig
 
 if TYPE_CHECKING:
     import mujoco
-
-LOOKED_AT = 200
-"""Number of random poses by which it is found which joints a tendon turns [1]. Source:
-judgement.
-"""
-
-LARGEST_ARM = 1.0
-"""Largest moment arm of a tendon [m]; where one is larger, the model's unit of length is no metre.
-Source: judgement.
-"""
 
 
 def from_mujoco(
@@ -59,6 +51,7 @@ def from_mujoco(
     chain: str | None = None,
     joints: Sequence[str] | None = None,
     length_unit: float = 1.0,
+    assumed: AssumedOfModels = ASSUMED,
 ) -> Imported:
     """Return a rig with the joints, links, springs and tendons of a MuJoCo model.
 
@@ -71,6 +64,7 @@ def from_mujoco(
         chain: name of a body: only joints of it and of what it carries are kept; None keeps all.
         joints: names of the joints to keep; None keeps all.
         length_unit: metres in one unit of length of the model.
+        assumed: values for what the model does not have.
 
     Raises:
         RigError: no rig can be made of this model; the message names the element.
@@ -89,7 +83,7 @@ def from_mujoco(
     title = _title(model, title)
     driven, notes = driven_tendons(model)
     hinges = turning_joints(model, chain, joints)
-    poses = over_ranges(model, hinges, LOOKED_AT)
+    poses = over_ranges(model, hinges)
     turned = {t: turned_by(poses, t) for t in driven}
     notes += other_joints(model, hinges, driven, turned)
     coupled, left = couplings(model)
@@ -108,30 +102,37 @@ def from_mujoco(
     if held:
         notes.append(f"no driven tendon turns {', '.join(held)}: held where the model has them")
     pulling = {t: name for t, name in driven.items() if turned[t]}
-    base, described = described_joints(model, kept, units)
+    base, described = described_joints(model, kept, units, assumed)
     springs, left = joint_springs(model, kept, units)
     notes += left
     inside = [pair for pair in coupled if {pair.leader, pair.follower} <= set(kept)]
-    _complete(model, kept, described, springs, units, softened(inside, springs, units))
+    soft = softened(inside, springs, units)
+    _complete(model, kept, described, springs, units, soft, assumed)
     raw: dict[str, object] = {
         "name": title,
         "log": {"time": {"column": "time", "unit": "s"}},
         "base": base,
         "joints": described,
-        "drives": [described_drive(model, t, name, units) for t, name in pulling.items()],
+        "drives": [described_drive(model, t, name, units, assumed) for t, name in pulling.items()],
     }
-    tendons = []
+    tendons = list[dict[str, object]]()
     off = dict[str, float]()
-    stiffness = series_stiffness(len(pulling), sum("coupled" not in joint for joint in described))
+    free = sum("coupled" not in joint for joint in described)
     for t, name in pulling.items():
-        tendon, off[name], left = described_tendon(
-            model, t, name, [hinges[k] for k in turned[t]], stiffness, units
+        crossings, off[name], left = described_crossings(model, t, name, hinges, poses, units)
+        tendons.append(
+            {
+                "name": name,
+                "drive": name,
+                "stiffness": assumed.stiffness(len(pulling), free),
+                "pretension": assumed.pretension,
+                "crossings": crossings,
+            }
         )
-        tendons.append(tendon)
         notes += left
     raw |= {
         "tendons": tendons,
-        "sensors": described_sensors(off, [joint_name(model, j) for j in kept]),
+        "sensors": described_sensors(off, [joint_name(model, j) for j in kept], assumed),
     }
     imported = Imported.of(raw, title, "model", tuple(notes))
     _check_size(imported.rig)
@@ -150,6 +151,7 @@ def _complete(
     springs: dict[int, dict[str, float]],
     units: Units,
     coupled: Sequence[Coupled],
+    assumed: AssumedOfModels,
 ) -> None:
     """Add springs, stops and couplings to the described joints, in place; the stops of a joint that
     follows become those of its leader.
@@ -159,7 +161,10 @@ def _complete(
             raw["spring"] = dict(springs[j])
         ends = kept_range(model, j, coupled)
         if ends is not None:
-            raw |= {"stops": [float(end) for end in ends], **described_stop(model, j, units)}
+            raw |= {
+                "stops": [float(end) for end in ends],
+                **described_stop(model, j, units, assumed),
+            }
         for pair in coupled:
             if pair.follower == j:
                 raw["coupled"] = {
@@ -172,9 +177,10 @@ def _complete(
 
 
 def _check_size(rig: Rig) -> None:
+    largest = USUAL["radius"][1]
     for tendon in rig.tendons:
         for joint, arm in tendon.arms().items():
-            if abs(arm) > LARGEST_ARM:
+            if abs(arm) > largest:
                 raise RigError(
                     f"tendon '{tendon.name}' has a moment arm of {abs(arm):.3g} m at '{joint}': "
                     "if the model is in "

@@ -77,59 +77,65 @@ def _one_line(problem: Exception) -> str:
     return " ".join(str(problem).split())
 
 
-DRIVE_MASS = Guess(0.02, "the drive's mass")
-"""Mass of a drive [kg]; it matters little, since a filter follows the measured position."""
+@dataclass(frozen=True)
+class AssumedOfModels:
+    """Values for what a model does not have, with wide stds.
 
-PATH_FRICTION = Guess({"value": 0.05, "std": 0.1}, "friction along the path")
-NOMINAL_FORCE = Guess({"value": "5 N", "std": "5 N"}, "usual force")
-PRETENSION = Guess({"value": "1 N", "std": "1 N"}, "tension at zero angle and zero displacement")
-
-RATE = Guess(100.0, "rate of the sensors")
-FORCE_NOISE = Guess("0.2 N", "noise of a force")
-ENCODER_STEP = Guess("0.1 deg", "encoders, which are for learning and comparing only")
-
-FRICTION_COEFFICIENT = 1e-3
-"""Friction coefficient of a joint whose model has `frictionloss` [1]; only its product with a
-radius counts. Source: judgement.
-"""
-
-JOINT_FRICTION = Guess({"value": FRICTION_COEFFICIENT, "std": "30 %"}, "how well friction is known")
-
-
-POSITION_NOISE = 2e-5
-"""Noise std of a position [m]. Source: judgement."""
-
-LASTING = 6.0
-"""Factor that turns the RMS of what a polynomial leaves of a length into noise [1]. What is left
-stays the same for about 36 samples (0.36 s), while noise is new in each sample; the factor is the
-square root of their number. Source: judgement.
-"""
-
-
-def position_noise(left: float) -> Guess:
-    """Return the noise of a tendon's position, √(σ² + (6 e)²) with σ = `POSITION_NOISE`; e is what
-    a polynomial has `left` of the tendon's length [m, RMS].
+    Args:
+        drive_mass: it matters little, since a filter follows the measured position [kg].
+        joint_friction: friction coefficient of a joint whose model has `frictionloss`; only its
+            product with the radius and the preload counts.
+        friction_radius: radius of the axle of such a joint [m]. Its friction does not grow with the
+            tensions, so the radius is small and nearly all of the load is preload.
+        return_time: with which a joint leaves a stop into which a correction of a filter has put it
+            [s]; in MuJoCo it is twice that of `solref`.
+        position_noise: std of a position [m].
+        lasting: factor that turns the RMS of what a polynomial leaves of a length into noise. What
+            is left stays the same for about 36 samples (0.36 s), while noise is new in each sample;
+            the factor is the square root of their number.
     """
-    return Guess(float(f"{hypot(POSITION_NOISE, LASTING * left):.2g}"), "noise of a position")
 
-
-def series_stiffness(drives: int, joints: int) -> Guess:
-    """Return the series stiffness of tendons, for the number of drives and of joints that turn by
-    themselves.
-
-    Any stiffness from a third of the value to infinite is likely. With more drives than joints,
-    drives pull against each other and their forces say where the joints are; a wide std would let
-    the stiffness explain these forces instead, so that it is narrower: docs/results/hands.md.
-    """
-    return Guess(
-        {"value": "20 N/mm", "std": "60 %" if drives > joints else "100 %"}, "series stiffness"
+    drive_mass: Guess = Guess(0.02, "the drive's mass")
+    path_friction: Guess = Guess({"value": 0.05, "std": 0.1}, "friction along the path")
+    nominal_force: Guess = Guess({"value": "5 N", "std": "5 N"}, "usual force")
+    pretension: Guess = Guess(
+        {"value": "1 N", "std": "1 N"}, "tension at zero angle and zero displacement"
     )
+    rate: Guess = Guess(100.0, "rate of the sensors")
+    force_noise: Guess = Guess("0.2 N", "noise of a force")
+    encoder_step: Guess = Guess("0.1 deg", "encoders, which are for learning and comparing only")
+    joint_friction: float = 1e-3
+    friction_radius: float = 1e-3
+    return_time: float = 1e-3
+    position_noise: float = 2e-5
+    lasting: float = 6.0
+
+    def noise(self, left: float) -> Guess:
+        """Return the noise of a tendon's position, √(σ² + (6 e)²); e is what a polynomial has
+        `left` of the tendon's length [m, RMS].
+        """
+        size = hypot(self.position_noise, self.lasting * left)
+        return Guess(float(f"{size:.2g}"), "noise of a position")
+
+    def stiffness(self, drives: int, joints: int) -> Guess:
+        """Return the series stiffness of tendons, for the number of drives and of joints that turn
+        by themselves.
+
+        Any stiffness from a third of the value to infinite is likely. With more drives than joints,
+        drives pull against each other and their forces say where the joints are; a wide std would
+        let the stiffness explain these forces instead, so that it is narrower:
+        docs/results/hands.md.
+        """
+        return Guess(
+            {"value": "20 N/mm", "std": "60 %" if drives > joints else "100 %"}, "series stiffness"
+        )
 
 
-def initial_angle_of_model(angle: float) -> Guess:
-    """Return the angle at the start of a joint that has this `angle` in its model [rad]."""
-    return Guess({"value": angle, "std": "5 deg"}, "angle at the start")
+ASSUMED = AssumedOfModels()
+"""What is assumed unless other values are given."""
 
+POSES = 3000
+"""Number of random poses at which the lengths of tendons are computed [1]. Source: judgement."""
 
 UNLIMITED = (-np.pi / 2, np.pi / 2)
 """Range of a joint to which the model gives none [rad]. Source: judgement."""
@@ -170,16 +176,14 @@ def tendon_slopes(model: mujoco.MjModel, data: mujoco.MjData) -> Floats:
     """Return ∂length/∂q of all tendons from `data` in which their lengths are computed, (n_tendons,
     n_v); MuJoCo keeps it dense or sparse.
     """
-    flat = np.asarray(data.ten_J).ravel()
+    mujoco = mujoco_module()
+    flat = np.ravel(data.ten_J)
     owner = model if hasattr(model, "ten_J_rownnz") else data
-    if owner is data and not mujoco_module().mj_isSparse(model):
+    if owner is data and not mujoco.mj_isSparse(model):
         return flat.reshape(model.ntendon, model.nv).copy()
     slopes = np.zeros((model.ntendon, model.nv))
     columns = np.ravel(owner.ten_J_colind)
-    for i in range(model.ntendon):
-        first = int(owner.ten_J_rowadr[i])
-        count = int(owner.ten_J_rownnz[i])
-        slopes[i, columns[first : first + count]] = flat[first : first + count]
+    mujoco.mju_sparse2dense(slopes, flat, owner.ten_J_rownnz, owner.ten_J_rowadr, columns)
     return slopes
 
 
@@ -213,7 +217,9 @@ def rest_lengths(model: mujoco.MjModel, joints: Sequence[int]) -> Floats:
     return lengths
 
 
-def over_ranges(model: mujoco.MjModel, joints: Sequence[int], count: int, seed: int = 0) -> Poses:
+def over_ranges(
+    model: mujoco.MjModel, joints: Sequence[int], count: int = POSES, seed: int = 0
+) -> Poses:
     """Return lengths and moment arms at a `count` of random poses within the joints' ranges."""
     ends = np.array([range_of(model, j) for j in joints])
     drawn = np.random.default_rng(seed).uniform(size=(count, len(joints)))

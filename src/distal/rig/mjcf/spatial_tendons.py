@@ -10,20 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from distal.arrays import Floats
-from distal.rig.files import Guess
 from distal.rig.mjcf.bodies import Units, joint_name, tendon_name
 from distal.rig.mjcf.excursion import ENOUGH, fit_excursion, sizes
 from distal.rig.mjcf.loading import (
-    DRIVE_MASS,
-    ENCODER_STEP,
-    FORCE_NOISE,
-    NOMINAL_FORCE,
-    PATH_FRICTION,
-    PRETENSION,
-    RATE,
+    POSES,
+    AssumedOfModels,
+    Poses,
     at_poses,
     over_ranges,
-    position_noise,
     range_of,
     rest_lengths,
     turned_by,
@@ -31,9 +25,6 @@ from distal.rig.mjcf.loading import (
 
 if TYPE_CHECKING:
     import mujoco
-
-POINTS = 41
-"""Number of angles at which the torque of a spring is computed [1]. Source: judgement."""
 
 FARTHEST = 100.0
 """Largest distance from the middle of a joint's range at which its spring is relaxed, in ranges
@@ -56,7 +47,7 @@ def joint_springs(
     """
     springs = dict[int, dict[str, float]]()
     left = list[str]()
-    poses = over_ranges(model, joints, 50)
+    poses = over_ranges(model, joints)
     crossing = {t: [joints[k] for k in turned_by(poses, t)] for t in spring_tendons(model)}
     for t, crossed in crossing.items():
         if len(crossed) > 1:
@@ -66,7 +57,7 @@ def joint_springs(
             )
     for j in joints:
         low, high = range_of(model, j)
-        angles = np.linspace(low, high, POINTS)
+        angles = np.linspace(low, high, POSES)
         relaxed = float(model.qpos_spring[int(model.jnt_qposadr[j])])
         torque = -float(np.ravel(model.jnt_stiffness[j])[0]) * (angles - relaxed)
         for t in (t for t, crossed in crossing.items() if crossed == [j]):
@@ -128,58 +119,48 @@ def _as_spring(angles: Floats, torque: Floats) -> dict[str, float]:
 
 def _left(spring: dict[str, float], angles: Floats, torque: Floats) -> float:
     x = angles - spring.get("rest_angle", 0.0)
-    fitted = -(
-        x
-        * (spring["stiffness"] + x * (spring.get("quadratic", 0.0) + x * spring.get("cubic", 0.0)))
-    )
-    return float(np.sqrt(np.mean((fitted - torque) ** 2)))
-
-
-POSES = 3000
-"""Number of random poses at which the lengths of a tendon are computed [1]. Source: judgement."""
-
-SMALLEST_SHARE = 1e-6
-"""Terms that are never larger than this share of a tendon's excursion are left out [1]. Source:
-judgement.
-"""
+    terms = (spring["stiffness"], spring.get("quadratic", 0.0), spring.get("cubic", 0.0))
+    return float(np.sqrt(np.mean((np.polynomial.Polynomial([0.0, *terms])(x) + torque) ** 2)))
 
 
 def described_drive(
-    model: mujoco.MjModel, tendon: int, name: str, units: Units
+    model: mujoco.MjModel, tendon: int, name: str, units: Units, assumed: AssumedOfModels
 ) -> dict[str, object]:
     """Return the raw drive of a tendon; the tendon's `frictionloss` becomes friction of
     the drive.
     """
     constant = float(np.ravel(model.tendon_frictionloss[tendon])[0]) * units.force
-    friction: dict[str, object] = {"load": PATH_FRICTION}
+    friction: dict[str, object] = {"load": assumed.path_friction}
     if constant > 0.0:
         friction = {"constant": constant} | friction
     return {
         "name": name,
         "kind": "slider",
-        "mass": DRIVE_MASS,
+        "mass": assumed.drive_mass,
         "friction": friction,
-        "nominal_force": NOMINAL_FORCE,
+        "nominal_force": assumed.nominal_force,
     }
 
 
-def described_tendon(
+def described_crossings(
     model: mujoco.MjModel,
     tendon: int,
     name: str,
-    joints: Sequence[int],
-    stiffness: Guess,
+    hinges: Sequence[int],
+    poses: Poses,
     units: Units,
-) -> tuple[dict[str, object], float, list[str]]:
-    """Return a raw tendon, the RMS error that its polynomial leaves of its length [m], and a note
-    where its moment arms are not exact.
+) -> tuple[list[object], float, list[str]]:
+    """Return the raw crossings of a tendon, the RMS error that their polynomial leaves of its
+    length [m], and a note where its moment arms are not exact.
 
     The std of the polynomial's `scale`, or of the pulleys' radii, is what 92 % of the errors of its
-    moment arms stay below, at least `ENOUGH`. Tendon and drive have one name.
+    moment arms stay below, at least `ENOUGH`. The `poses` are those of the `hinges`.
     """
-    poses = over_ranges(model, joints, POSES, seed=1)
-    lengths = poses.lengths[:, tendon] - rest_lengths(model, joints)[tendon]
-    excursion = fit_excursion(poses.angles, lengths, poses.arms[:, tendon])
+    crossed = turned_by(poses, tendon)
+    joints = [hinges[k] for k in crossed]
+    angles = poses.angles[:, crossed]
+    lengths = poses.lengths[:, tendon] - rest_lengths(model, hinges)[tendon]
+    excursion = fit_excursion(angles, lengths, poses.arms[:, tendon, crossed])
     names = [joint_name(model, j) for j in joints]
     std = max(ENOUGH, float(np.ceil(1e3 * excursion.arm_most)) / 1e3)
     notes = list[str]()
@@ -202,30 +183,20 @@ def described_tendon(
                 {"joint": names[int(k)], "kind": "pulley", "radius": radius, "side": side}
             )
     else:
-        largest = np.prod(np.abs(poses.angles).max(axis=0) ** excursion.powers, axis=1)
-        reach = np.abs(excursion.coefficients * largest)
         terms = [
             {"powers": [int(p) for p in powers], "coefficient": float(f"{-c * units.length:.9g}")}
-            for powers, c, size in zip(excursion.powers, excursion.coefficients, reach)
-            if size > SMALLEST_SHARE * np.ptp(lengths)
+            for powers, c in zip(excursion.powers, excursion.coefficients)
         ]
         ends = [[float(end) for end in range_of(model, j)] for j in joints]
         scale = {"value": 1.0, "std": std}
         crossings = [
             {"kind": "polynomial", "joints": names, "range": ends, "scale": scale, "terms": terms}
         ]
-    raw: dict[str, object] = {
-        "name": name,
-        "drive": name,
-        "stiffness": stiffness,
-        "pretension": PRETENSION,
-        "crossings": crossings,
-    }
-    return raw, excursion.length_rms * units.length, notes
+    return crossings, excursion.length_rms * units.length, notes
 
 
 def described_sensors(
-    tendons: Mapping[str, float], joints: Sequence[str]
+    tendons: Mapping[str, float], joints: Sequence[str], assumed: AssumedOfModels
 ) -> list[dict[str, object]]:
     """Return the raw sensors: displacement and force of each drive, and an encoder at each joint
     for learning.
@@ -236,8 +207,8 @@ def described_sensors(
     sensors: list[dict[str, object]] = []
     for name, left in tendons.items():
         for kind, column, unit, noise in (
-            ("position", "x", "m", position_noise(left)),
-            ("force", "u", "N", FORCE_NOISE),
+            ("position", "x", "m", assumed.noise(left)),
+            ("force", "u", "N", assumed.force_noise),
         ):
             sensors.append(
                 {
@@ -246,7 +217,7 @@ def described_sensors(
                     "of": name,
                     "column": f"{column}_{name}",
                     "unit": unit,
-                    "rate": RATE,
+                    "rate": assumed.rate,
                     "noise": noise,
                 }
             )
@@ -258,8 +229,8 @@ def described_sensors(
                 "of": name,
                 "column": f"encoder_{name}",
                 "unit": "rad",
-                "rate": RATE,
-                "resolution": ENCODER_STEP,
+                "rate": assumed.rate,
+                "resolution": assumed.encoder_step,
             }
         )
     return sensors
