@@ -5,6 +5,7 @@ name in the unions at the end of this file.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from math import prod
 from typing import TYPE_CHECKING, Annotated, Literal, Self, TypeAlias, get_args
 
 import casadi as ca
@@ -280,14 +281,11 @@ class Polynomial(Description):
             min(max(angles.get(name, 0.0), low), high)
             for name, (low, high) in zip(self.joints, self.range)
         ]
-        arms = dict.fromkeys(self.joints, 0.0)
-        for term in self.terms:
-            for j, name in enumerate(self.joints):
-                slope = term.coefficient.value * term.powers[j]
-                for i, power in enumerate(term.powers):
-                    slope *= at[i] ** max(power - (i == j), 0)
-                arms[name] += self.scale.value * slope
-        return arms
+        coefficients = [term.coefficient.value for term in self.terms]
+        return {
+            name: self.scale.value * float(self._slope(coefficients, at, j))
+            for j, name in enumerate(self.joints)
+        }
 
     def elongation(
         self, size: Size, side: int, angles: Sequence[Scalar], displacement: Scalar
@@ -311,9 +309,10 @@ class Polynomial(Description):
         clipped = [
             ca.fmin(ca.fmax(angle, low), high) for angle, (low, high) in zip(angles, self.range)
         ]
-        total = ca.SX(0)
-        for term, coefficient in zip(self.terms, coefficients):
-            total += coefficient * _product(clipped, term.powers)
+        total = sum(
+            coefficient * _product(clipped, term.powers)
+            for term, coefficient in zip(self.terms, coefficients)
+        )
         middle = [(low + high) / 2 for low, high in self.range]
         for j, (low, high) in enumerate(self.range):
             ends = [
@@ -324,22 +323,18 @@ class Polynomial(Description):
         return total
 
     def _slope(self, coefficients: Sequence[Scalar], at: Sequence[Scalar], joint: int) -> Scalar:
-        """Return ∂e/∂θ_j of a `joint` j at given angles."""
-        total = ca.SX(0)
-        for term, coefficient in zip(self.terms, coefficients):
-            power = term.powers[joint]
-            if power > 0:
-                lower = tuple(p - (i == joint) for i, p in enumerate(term.powers))
-                total += coefficient * power * _product(at, lower)
-        return total
+        """Return ∂e/∂θ_j of a `joint` j at given angles, symbols or numbers."""
+        return sum(
+            coefficient
+            * term.powers[joint]
+            * _product(at, [power - (i == joint) for i, power in enumerate(term.powers)])
+            for term, coefficient in zip(self.terms, coefficients)
+            if term.powers[joint] > 0
+        )
 
 
 def _product(angles: Sequence[Scalar], powers: Sequence[int]) -> Scalar:
-    product = ca.SX(1)
-    for angle, power in zip(angles, powers):
-        for _ in range(power):
-            product *= angle
-    return product
+    return prod(angle for angle, power in zip(angles, powers) for _ in range(power))
 
 
 Shape = Pinned | Pulley | Linkage | Polynomial

@@ -13,9 +13,6 @@ from distal.rig.sensors import one_number_each
 from distal.rig.validation import index_of, names_in
 from distal.suggestions import did_you_mean
 
-DEEPEST = 12
-"""Largest number of keys in a path [1]. Source: judgement."""
-
 SPREADS = {"std", "factor", "shared"}
 """Keys of a parameter that say how uncertain its value is; a new table with a std or a factor
 replaces all of them.
@@ -59,30 +56,50 @@ def set_value(raw: object, path: str, value: object, error: type[DistalError]) -
     name or index, crossings by their joint; ``*`` stands for all of them.
     """
     keys = path.split(".")
-    if len(keys) > DEEPEST:
-        raise error(
-            f"--set '{path[:40]}…': has {len(keys)} parts; no value of a rig has more than "
-            f"{DEEPEST}"
-        )
-    if ALL in keys:
-        _set_all(raw, keys, path, value, error)
-        return
-    parent = raw
-    where = ""
     _write_out_sensors(raw, keys)
-    for key in keys[:-1]:
-        parent = _descend(parent, key, where, path, error)
-        where = f"{where}.{key}" if where else key
-    last = keys[-1]
+    _replace(raw, keys, 0, path, value, error)
+
+
+def _replace(
+    parent: object,
+    keys: Sequence[str],
+    depth: int,
+    path: str,
+    value: object,
+    error: type[DistalError],
+) -> None:
+    """Replace the value below the first `depth` keys of a path, which lead to `parent`."""
+    key = keys[depth]
+    where = ".".join(keys[:depth])
+    is_last = depth + 1 == len(keys)
+    if key == ALL and (not isinstance(parent, (list, tuple)) or not parent):
+        raise error(
+            f"--set '{path}': '{where or ALL}' is no list with items that '{ALL}' could stand for"
+        )
     if isinstance(parent, (list, tuple)):
-        index = _index(parent, last, where, path, error)
-        if isinstance(parent, tuple):
+        if is_last and isinstance(parent, tuple):
             raise error(f"--set '{path}': set the whole of '{where}' instead")
-        parent[index] = _merged(parent[index], value)
-    elif isinstance(parent, MutableMapping):
-        parent[last] = _merged(parent.get(last), value)
+        for index in _indices(parent, key, where, path, error):
+            # a table is changed in place: each item gets one of its own
+            own = deepcopy(value) if key == ALL else value
+            if not is_last:
+                _replace(parent[index], keys, depth + 1, path, own, error)
+            elif isinstance(parent, list):
+                parent[index] = _merged(parent[index], own)
+    elif not isinstance(parent, MutableMapping):
+        raise error(f"--set '{path}': '{where}' is a plain value and has no '{key}'")
+    elif is_last:
+        parent[key] = _merged(parent.get(key), value)
     else:
-        raise error(f"--set '{path}': '{where}' is a plain value and has no '{last}'")
+        part = parent.get(key)
+        if isinstance(part, tuple) and part and isinstance(part[0], MutableMapping):
+            parent[key] = list(part)
+        elif isinstance(part, (int, float, str)):
+            # `coefficient = 0.5` then `--set …coefficient.std=0.1`: the bare number becomes a table
+            parent[key] = {"value": part}
+        elif part is None and keys[depth + 1] != ALL:
+            parent[key] = {}
+        _replace(parent.get(key), keys, depth + 1, path, value, error)
 
 
 def _write_out_sensors(raw: object, keys: Sequence[str]) -> None:
@@ -101,28 +118,6 @@ def _write_out_sensors(raw: object, keys: Sequence[str]) -> None:
         raw["sensors"] = one_number_each(sensors)
 
 
-def _set_all(
-    raw: object, keys: list[str], path: str, value: object, error: type[DistalError]
-) -> None:
-    """Replace the value in every item of the list that ``*`` stands for."""
-    at = keys.index(ALL)
-    parent = raw
-    where = ".".join(keys[:at])
-    for key in keys[:at]:
-        parent = (
-            parent.get(key)
-            if isinstance(parent, MutableMapping)
-            else _descend(parent, key, where, path, error)
-        )
-    if not isinstance(parent, (list, tuple)) or not parent:
-        raise error(
-            f"--set '{path}': '{where or ALL}' is no list with items that '{ALL}' could stand for"
-        )
-    for index in range(len(parent)):
-        # a table is changed in place: each item gets one of its own
-        set_value(raw, ".".join([*keys[:at], str(index), *keys[at + 1 :]]), deepcopy(value), error)
-
-
 def _merged(old: object, new: object) -> object:
     if isinstance(old, MutableMapping) and set(old) <= set(KEYS) and "value" in old:
         if isinstance(new, MutableMapping) and new:
@@ -138,29 +133,13 @@ def _merged(old: object, new: object) -> object:
     return new
 
 
-def _descend(parent: object, key: str, where: str, path: str, error: type[DistalError]) -> object:
-    if isinstance(parent, (list, tuple)):
-        return parent[_index(parent, key, where, path, error)]
-    if isinstance(parent, MutableMapping):
-        if parent.get(key) is None:
-            parent[key] = {}
-        elif (
-            isinstance(parent[key], tuple)
-            and parent[key]
-            and isinstance(parent[key][0], MutableMapping)
-        ):
-            parent[key] = list(parent[key])
-        elif isinstance(parent[key], (int, float, str)):
-            # `coefficient = 0.5` then `--set …coefficient.std=0.1`: the bare number becomes a table
-            parent[key] = {"value": parent[key]}
-        return parent[key]
-    raise error(f"--set '{path}': '{where}' is a plain value and has no '{key}'")
-
-
-def _index(
+def _indices(
     items: Sequence[object], key: str, where: str, path: str, error: type[DistalError]
-) -> int:
+) -> Sequence[int]:
+    """Return which items of a list a key names."""
+    if key == ALL:
+        return range(len(items))
     index = index_of(items, key)
     if index is None:
         raise error(f"--set '{path}': '{where}' has no '{key}'{did_you_mean(key, names_in(items))}")
-    return index
+    return [index]
