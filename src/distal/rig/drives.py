@@ -10,6 +10,25 @@ from pydantic import Field
 from distal.rig.joints import Stribeck
 from distal.rig.quantities import ZERO, Description, In, Name, Parameter
 
+CONSTANT = Field(ZERO, description="part that is always there")
+STRIBECK = Field(None, description="stiction that fades with speed")
+LOAD = Field(ZERO, description="part per newton of tension at the capstan's radius")
+LEFT_OUT = Field(
+    0.0,
+    description="what this play leaves out, its standard deviation; estimators consider it, "
+    "they do not estimate it",
+)
+WIDTH = Field(description="from one side to the other")
+HELD_BY = Field(
+    ZERO,
+    description="friction that holds the far side against its tendons, where `held` is false",
+)
+FASTEST = Field(None, description="largest speed")
+GIVES_WAY = Field(None, description="by how much it gives way under load; default: not at all")
+DEAD_BAND = Field(0.0, description="it comes no nearer to where it is sent")
+INSIDE = Field(None, description="dry friction inside the transmission")
+"""Fields that sliders and capstans have alike, each in its own unit."""
+
 
 class SliderStribeck(Stribeck):
     """Stiction that fades with speed: Coulomb friction times 1 + excess · exp(−(v/speed)²)."""
@@ -22,25 +41,19 @@ class SliderStribeck(Stribeck):
 class SliderFriction(Description):
     """Coulomb friction of a slider, limit = constant + load · Σ T (equation 13, reconstructed)."""
 
-    constant: Annotated[Parameter, In("N", "nonnegative")] = Field(
-        ZERO, description="part that is always there"
-    )
+    constant: Annotated[Parameter, In("N", "nonnegative")] = CONSTANT
     load: Annotated[Parameter, In("", "nonnegative")] = Field(
         ZERO, description="part per newton of tension, μ_x"
     )
-    stribeck: SliderStribeck | None = Field(None, description="stiction that fades with speed")
+    stribeck: SliderStribeck | None = STRIBECK
 
 
 class CapstanFriction(Description):
     """Coulomb friction of a motor and its capstan, limit = constant + load · radius · Σ T."""
 
-    constant: Annotated[Parameter, In("N m", "nonnegative")] = Field(
-        ZERO, description="part that is always there"
-    )
-    load: Annotated[Parameter, In("", "nonnegative")] = Field(
-        ZERO, description="part per newton of tension at the capstan's radius"
-    )
-    stribeck: Stribeck | None = Field(None, description="stiction that fades with speed")
+    constant: Annotated[Parameter, In("N m", "nonnegative")] = CONSTANT
+    load: Annotated[Parameter, In("", "nonnegative")] = LOAD
+    stribeck: Stribeck | None = STRIBECK
 
 
 class Hysteresis(Description):
@@ -53,20 +66,12 @@ class Hysteresis(Description):
     drive's motion: a whole stroke may pass before z has gone from one side of U to the other.
     """
 
-    constant: Annotated[Parameter, In("N m", "nonnegative")] = Field(
-        ZERO, description="part that is always there"
-    )
-    load: Annotated[Parameter, In("", "nonnegative")] = Field(
-        ZERO, description="part per newton of tension at the capstan's radius"
-    )
+    constant: Annotated[Parameter, In("N m", "nonnegative")] = CONSTANT
+    load: Annotated[Parameter, In("", "nonnegative")] = LOAD
     slope: Annotated[Parameter, In("1/rad")] = Field(
         ZERO, description="its growth with the joint's angle, as a share per radian"
     )
-    error: Annotated[float, In("N m", "nonnegative")] = Field(
-        0.0,
-        description="what this play leaves out, its standard deviation; estimators consider it, "
-        "they do not estimate it",
-    )
+    error: Annotated[float, In("N m", "nonnegative")] = LEFT_OUT
     error_time: Annotated[float, In("s", "positive")] = Field(
         1.0, description="for how long that lasts"
     )
@@ -77,17 +82,11 @@ class SliderHysteresis(Hysteresis):
     `Hysteresis`.
     """
 
-    constant: Annotated[Parameter, In("N", "nonnegative")] = Field(
-        ZERO, description="part that is always there"
-    )
+    constant: Annotated[Parameter, In("N", "nonnegative")] = CONSTANT
     load: Annotated[Parameter, In("", "nonnegative")] = Field(
         ZERO, description="part per newton of tension"
     )
-    error: Annotated[float, In("N", "nonnegative")] = Field(
-        0.0,
-        description="what this play leaves out, its standard deviation; estimators consider it, "
-        "they do not estimate it",
-    )
+    error: Annotated[float, In("N", "nonnegative")] = LEFT_OUT
 
 
 class Backlash(Description):
@@ -99,28 +98,18 @@ class Backlash(Description):
     tendons turn the capstan within the gap, against `friction`.
     """
 
-    width: Annotated[Parameter, In("rad", "nonnegative")] = Field(
-        description="from one side to the other"
-    )
+    width: Annotated[Parameter, In("rad", "nonnegative")] = WIDTH
     held: bool = Field(
         True, description="whether nothing but the near side moves the far one within the gap"
     )
-    friction: Annotated[Parameter, In("N m", "nonnegative")] = Field(
-        ZERO,
-        description="friction that holds the far side against its tendons, where `held` is false",
-    )
+    friction: Annotated[Parameter, In("N m", "nonnegative")] = HELD_BY
 
 
 class SliderBacklash(Backlash):
     """Free play between a slider's sensor and what pulls its tendons; see `Backlash`."""
 
-    width: Annotated[Parameter, In("m", "nonnegative")] = Field(
-        description="from one side to the other"
-    )
-    friction: Annotated[Parameter, In("N", "nonnegative")] = Field(
-        ZERO,
-        description="friction that holds the far side against its tendons, where `held` is false",
-    )
+    width: Annotated[Parameter, In("m", "nonnegative")] = WIDTH
+    friction: Annotated[Parameter, In("N", "nonnegative")] = HELD_BY
 
 
 class Cogging(Description):
@@ -148,15 +137,9 @@ class Servo(Description):
     delay: Annotated[float, In("s", "nonnegative")] = Field(
         0.0, description="time before it begins to follow"
     )
-    fastest: Annotated[float, In("rad/s", "positive")] | None = Field(
-        None, description="largest speed"
-    )
-    stiffness: Annotated[float, In("N m/rad", "positive")] | None = Field(
-        None, description="by how much it gives way under load; default: not at all"
-    )
-    dead_band: Annotated[float, In("rad", "nonnegative")] = Field(
-        0.0, description="it comes no nearer to where it is sent"
-    )
+    fastest: Annotated[float, In("rad/s", "positive")] | None = FASTEST
+    stiffness: Annotated[float, In("N m/rad", "positive")] | None = GIVES_WAY
+    dead_band: Annotated[float, In("rad", "nonnegative")] = DEAD_BAND
     goal: str = Field(
         "", description="log column of what it is sent, in the unit in which its place is logged"
     )
@@ -175,15 +158,9 @@ class Servo(Description):
 class SliderServo(Servo):
     """How a slider follows the positions that are sent to it; see `Servo`."""
 
-    fastest: Annotated[float, In("m/s", "positive")] | None = Field(
-        None, description="largest speed"
-    )
-    stiffness: Annotated[float, In("N/m", "positive")] | None = Field(
-        None, description="by how much it gives way under load; default: not at all"
-    )
-    dead_band: Annotated[float, In("m", "nonnegative")] = Field(
-        0.0, description="it comes no nearer to where it is sent"
-    )
+    fastest: Annotated[float, In("m/s", "positive")] | None = FASTEST
+    stiffness: Annotated[float, In("N/m", "positive")] | None = GIVES_WAY
+    dead_band: Annotated[float, In("m", "nonnegative")] = DEAD_BAND
     continuous_torque: Annotated[float, In("N", "positive")] | None = Field(
         None, description="force that it may hold for hours; default: what it holds"
     )
@@ -201,9 +178,7 @@ class Slider(Description):
         ZERO, description="viscous damping b_x"
     )
     friction: SliderFriction = Field(SliderFriction(), description="Coulomb friction")
-    hysteresis: SliderHysteresis | None = Field(
-        None, description="dry friction inside the transmission"
-    )
+    hysteresis: SliderHysteresis | None = INSIDE
     backlash: SliderBacklash | None = Field(
         None, description="free play between its sensor and its tendons"
     )
@@ -245,7 +220,7 @@ class Capstan(Description):
         ZERO, description="viscous damping"
     )
     friction: CapstanFriction = Field(CapstanFriction(), description="Coulomb friction")
-    hysteresis: Hysteresis | None = Field(None, description="dry friction inside the transmission")
+    hysteresis: Hysteresis | None = INSIDE
     backlash: Backlash | None = Field(
         None, description="free play between its encoder and its capstan"
     )

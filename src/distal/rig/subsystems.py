@@ -7,6 +7,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from scipy.sparse.csgraph import connected_components
+
 from distal.rig.joints import BASE
 from distal.rig.rig import Rig
 from distal.rig.sensors import measurand_of
@@ -57,34 +60,27 @@ def independent_parts(rig: Rig) -> tuple[Subsystem, ...]:
     A rig that cannot be split is returned whole; its parts have no learned maps.
     """
     joints = rig.joint_names
-    group = {name: name for name in joints}
-
-    def root(name: str) -> str:
-        while group[name] != name:
-            name = group[name]
-        return name
-
-    def join(names: list[str]) -> None:
-        for name in names[1:]:
-            group[root(name)] = root(names[0])
-
+    together = [_joints_of(rig, f"drives.{d}") for d in range(len(rig.drives))]
     for i, joint in enumerate(rig.joints):
         parent = rig.parent_of(i)
         if parent is not None:
-            join([joint.name, joints[parent]])
+            together.append([joint.name, joints[parent]])
         if joint.coupled is not None:
-            join([joint.name, joint.coupled.joint])
-    for drive in rig.drives:
-        join(
-            [name for tendon in rig.tendons if tendon.drive == drive.name for name in tendon.joints]
-        )
+            together.append([joint.name, joint.coupled.joint])
     for sharing in rig.sharing().values():
-        join([name for path in sharing for name in _joints_of(rig, path)])
-    roots = list(dict.fromkeys(root(name) for name in joints))
-    if len(roots) == 1:
+        together.append([name for path in sharing for name in _joints_of(rig, path)])
+    linked = np.zeros((len(joints), len(joints)))
+    for names in together:
+        at = [joints.index(name) for name in names]
+        linked[np.ix_(at, at)] = 1.0
+    count, groups = connected_components(linked, directed=False)
+    if count == 1:
         indices = {kind: tuple(range(len(every))) for kind, every in rig.components.items()}
         return (Subsystem(rig, indices),)
-    return tuple(_part(rig, [name for name in joints if root(name) == first]) for first in roots)
+    return tuple(
+        _part(rig, [name for name, own in zip(joints, groups) if own == group])
+        for group in dict.fromkeys(groups)
+    )
 
 
 def _joints_of(rig: Rig, path: str) -> list[str]:
@@ -102,31 +98,24 @@ def _joints_of(rig: Rig, path: str) -> list[str]:
 
 
 def _part(rig: Rig, names: list[str]) -> Subsystem:
-    tendons = [t for t, tendon in enumerate(rig.tendons) if tendon.joints[0] in names]
-    drives = [
-        d
-        for d, drive in enumerate(rig.drives)
-        if any(rig.tendons[t].drive == drive.name for t in tendons)
-    ]
-    joints = [j for j, joint in enumerate(rig.joints) if joint.name in names]
-    measured = {
-        "joints": names,
-        "tendons": [rig.tendons[t].name for t in tendons],
-        "drives": [rig.drives[d].name for d in drives],
+    own = {"joints": set(names)}
+    pulling = [tendon for tendon in rig.tendons if tendon.joints[0] in names]
+    own["tendons"] = {tendon.name for tendon in pulling}
+    own["drives"] = {tendon.drive for tendon in pulling}
+    chosen = {
+        kind: tuple(i for i, part in enumerate(rig.components[kind]) if part.name in own[kind])
+        for kind in ("joints", "drives", "tendons")
     }
-    sensors = [
-        s for s, sensor in enumerate(rig.sensors) if sensor.of in measured[measurand_of(sensor).of]
-    ]
+    chosen["sensors"] = tuple(
+        i for i, sensor in enumerate(rig.sensors) if sensor.of in own[measurand_of(sensor).of]
+    )
+    joints = chosen["joints"]
     parents = (rig.parent_of(j) for j in joints)
     names_of_parents = (BASE if parent is None else rig.joints[parent].name for parent in parents)
-    chosen = {"joints": joints, "drives": drives, "tendons": tendons, "sensors": sensors}
     parts = {
         kind: tuple(rig.components[kind][i] for i in indices) for kind, indices in chosen.items()
     }
     parts["joints"] = tuple(
         rig.joints[j].model_copy(update={"parent": p}) for j, p in zip(joints, names_of_parents)
     )
-    return Subsystem(
-        rig.model_copy(update={**parts, "map": None}),
-        {kind: tuple(indices) for kind, indices in chosen.items()},
-    )
+    return Subsystem(rig.model_copy(update={**parts, "map": None}), chosen)

@@ -187,6 +187,14 @@ def validated(
         raise error(f"{source}: nested too deeply") from None
 
 
+WORDED = {"missing": "is missing", "too_short": "at least one is needed"}
+"""Kind of problem by pydantic → what is said of it."""
+
+NEEDED = {"tuple_type": "a list", "list_type": "a list"} | dict.fromkeys(
+    ("dict_type", "model_type", "model_attributes_type"), "a table"
+)
+"""Kind of problem by pydantic → what is needed in place of what came."""
+
 _BRIEFLY = reprlib.Repr()
 """It shortens what a user wrote, for messages: a table may be nested a thousand times."""
 _BRIEFLY.maxlevel = 3
@@ -236,8 +244,6 @@ def _finding(finding: ErrorDetails, root: type[BaseModel]) -> str:
     if kind == "extra_forbidden":
         allowed = _known_keys(root, location[:-1])
         return f"{path}: unknown key '{location[-1]}'{did_you_mean(str(location[-1]), allowed)}"
-    if kind == "missing":
-        return f"{path}: is missing"
     if kind == "value_error":
         text = str(context["error"])
         # a list's own check starts with the index and key that it refuses
@@ -250,12 +256,10 @@ def _finding(finding: ErrorDetails, root: type[BaseModel]) -> str:
         return f"{path}.{key}: must be {context['expected_tags']}, '{context['tag']}' came"
     if kind == "union_tag_not_found":
         return f"{path}: '{str(context['discriminator']).strip(chr(39))}' is missing"
-    if kind in ("tuple_type", "list_type"):
-        return f"{path}: must be a list, {shown} came"
-    if kind in ("dict_type", "model_type", "model_attributes_type"):
-        return f"{path}: must be a table, {shown} came"
-    if kind == "too_short":
-        return f"{path}: at least one is needed"
+    if kind in WORDED:
+        return f"{path}: {WORDED[kind]}"
+    if kind in NEEDED:
+        return f"{path}: must be {NEEDED[kind]}, {shown} came"
     return f"{path}: {finding['msg'][0].lower()}{finding['msg'][1:]}, {shown} came"
 
 

@@ -11,10 +11,13 @@ from collections.abc import Callable, Sequence
 from math import radians
 from pathlib import Path
 
+import numpy as np
+
 from distal.errors import RigError
 from distal.rig.files import Imported, read_text
 from distal.rig.hand_tables.described import ASSUMED, AssumedOfHands, hand_of
 from distal.rig.hand_tables.rows import Row
+from distal.rig.validation import validated
 
 PACKAGE = "aero_open_sdk"
 """Name of the SDK's package."""
@@ -54,16 +57,8 @@ def from_aero(folder: str | Path | None = None, assumed: AssumedOfHands = ASSUME
             "JointsToActuationsModel"
         ]().hand_actuations
         spool = 1e-3 * float(made["MOTOR_PULLEY_RADIUS"])
-        still = [float(position) for position in turned([0.0] * len(joints))]
-        turns = [
-            [
-                float(position) - rest
-                for position, rest in zip(
-                    turned([float(k == j) for k in range(len(joints))]), still
-                )
-            ]
-            for j in range(len(joints))
-        ]
+        still = np.array(turned([0.0] * len(joints)), dtype=float)
+        turns = [np.array(turned(list(row)), dtype=float) - still for row in np.eye(len(joints))]
         ends = [
             (radians(float(str(a))), radians(float(str(b))))
             for a, b in zip(identified[NAMES[1]], identified[NAMES[2]])
@@ -77,21 +72,21 @@ def from_aero(folder: str | Path | None = None, assumed: AssumedOfHands = ASSUME
         moved = [j for j in range(len(joints)) if abs(turns[j][m]) > SMALLEST]
         # a motor that turns one joint, as far as itself, holds it both ways
         direct = len(moved) == 1 and abs(abs(turns[moved[0]][m]) - 1.0) < SMALLEST
-        rows += [
-            Row(
-                joint=str(joints[j]),
-                motor=str(motor).removesuffix("_act"),
-                low=ends[j][0],
-                high=ends[j][1],
-                direction=1 if turns[j][m] > 0 else -1,
-                spool_radius=spool,
-                joint_radius=abs(turns[j][m]) * spool,
-                back="tendon" if direct else "spring",
-                unit="deg",
-                zero=0.0,
-            )
-            for j in moved
-        ]
+        for j in moved:
+            low, high = ends[j]
+            raw = {
+                "joint": str(joints[j]),
+                "motor": str(motor).removesuffix("_act"),
+                "low": low,
+                "high": high,
+                "direction": 1 if turns[j][m] > 0 else -1,
+                "spool_radius": spool,
+                "joint_radius": abs(turns[j][m]) * spool,
+                "back": "tendon" if direct else "spring",
+                "unit": "deg",
+                "zero": 0.0,
+            }
+            rows.append(validated(Row, raw, str(root), RigError))
     return hand_of(
         rows,
         "aero-hand",
@@ -125,14 +120,13 @@ def _constants(path: Path) -> dict[str, list[object]]:
         tree = ast.parse(read_text(path, RigError))
     except SyntaxError as problem:
         raise RigError(f"{path}: is no Python file ({problem.msg})") from None
-    found = dict[str, list[object]]()
-    for node in tree.body:
-        if (
-            isinstance(node, ast.Assign)
-            and isinstance(node.targets[0], ast.Name)
-            and node.targets[0].id in NAMES
-        ):
-            found[node.targets[0].id] = _listed(node.value)
+    found = {
+        node.targets[0].id: _listed(node.value)
+        for node in tree.body
+        if isinstance(node, ast.Assign)
+        and isinstance(node.targets[0], ast.Name)
+        and node.targets[0].id in NAMES
+    }
     missing = [name for name in NAMES if not found.get(name)]
     if missing:
         raise RigError(f"{path}: has no '{missing[0]}': is another SDK than this reads")
@@ -140,15 +134,11 @@ def _constants(path: Path) -> dict[str, list[object]]:
 
 
 def _listed(node: ast.expr) -> list[object]:
-    """Return a list that is written out, or made of others by + and *."""
+    """Return a list that is written out, or made of others by + and *; of all else an empty one."""
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
         return _listed(node.left) + _listed(node.right)
-    if (
-        isinstance(node, ast.BinOp)
-        and isinstance(node.op, ast.Mult)
-        and isinstance(node.right, ast.Constant)
-    ):
-        return _listed(node.left) * int(str(node.right.value))
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult):
+        return _listed(node.left) * int(ast.literal_eval(node.right))
     try:
         value = ast.literal_eval(node)
     except ValueError:
