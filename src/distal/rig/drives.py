@@ -8,7 +8,28 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from distal.rig.joints import Stribeck
-from distal.rig.quantities import ZERO, Description, In, Name, Parameter
+from distal.rig.quantities import (
+    ZERO,
+    AngularDamping,
+    AnyTorque,
+    Coefficient,
+    Description,
+    Displacement,
+    Duration,
+    Factor,
+    In,
+    Length,
+    Load,
+    Name,
+    NewtonMetres,
+    Parameter,
+    PositiveNewtons,
+    Radians,
+    Seconds,
+    Stiffness,
+    TorqueSize,
+    Turn,
+)
 
 CONSTANT = Field(ZERO, description="part that is always there")
 STRIBECK = Field(None, description="stiction that fades with speed")
@@ -41,18 +62,16 @@ class SliderStribeck(Stribeck):
 class SliderFriction(Description):
     """Coulomb friction of a slider, limit = constant + load · Σ T (equation 13, reconstructed)."""
 
-    constant: Annotated[Parameter, In("N", "nonnegative")] = CONSTANT
-    load: Annotated[Parameter, In("", "nonnegative")] = Field(
-        ZERO, description="part per newton of tension, μ_x"
-    )
+    constant: Load = CONSTANT
+    load: Coefficient = Field(ZERO, description="part per newton of tension, μ_x")
     stribeck: SliderStribeck | None = STRIBECK
 
 
 class CapstanFriction(Description):
     """Coulomb friction of a motor and its capstan, limit = constant + load · radius · Σ T."""
 
-    constant: Annotated[Parameter, In("N m", "nonnegative")] = CONSTANT
-    load: Annotated[Parameter, In("", "nonnegative")] = LOAD
+    constant: TorqueSize = CONSTANT
+    load: Coefficient = LOAD
     stribeck: Stribeck | None = STRIBECK
 
 
@@ -66,15 +85,13 @@ class Hysteresis(Description):
     drive's motion: a whole stroke may pass before z has gone from one side of U to the other.
     """
 
-    constant: Annotated[Parameter, In("N m", "nonnegative")] = CONSTANT
-    load: Annotated[Parameter, In("", "nonnegative")] = LOAD
+    constant: TorqueSize = CONSTANT
+    load: Coefficient = LOAD
     slope: Annotated[Parameter, In("1/rad")] = Field(
         ZERO, description="its growth with the joint's angle, as a share per radian"
     )
-    error: Annotated[float, In("N m", "nonnegative")] = LEFT_OUT
-    error_time: Annotated[float, In("s", "positive")] = Field(
-        1.0, description="for how long that lasts"
-    )
+    error: NewtonMetres = LEFT_OUT
+    error_time: Duration = Field(1.0, description="for how long that lasts")
 
 
 class SliderHysteresis(Hysteresis):
@@ -82,10 +99,8 @@ class SliderHysteresis(Hysteresis):
     `Hysteresis`.
     """
 
-    constant: Annotated[Parameter, In("N", "nonnegative")] = CONSTANT
-    load: Annotated[Parameter, In("", "nonnegative")] = Field(
-        ZERO, description="part per newton of tension"
-    )
+    constant: Load = CONSTANT
+    load: Coefficient = Field(ZERO, description="part per newton of tension")
     error: Annotated[float, In("N", "nonnegative")] = LEFT_OUT
 
 
@@ -98,18 +113,18 @@ class Backlash(Description):
     tendons turn the capstan within the gap, against `friction`.
     """
 
-    width: Annotated[Parameter, In("rad", "nonnegative")] = WIDTH
+    width: Turn = WIDTH
     held: bool = Field(
         True, description="whether nothing but the near side moves the far one within the gap"
     )
-    friction: Annotated[Parameter, In("N m", "nonnegative")] = HELD_BY
+    friction: TorqueSize = HELD_BY
 
 
 class SliderBacklash(Backlash):
     """Free play between a slider's sensor and what pulls its tendons; see `Backlash`."""
 
-    width: Annotated[Parameter, In("m", "nonnegative")] = WIDTH
-    friction: Annotated[Parameter, In("N", "nonnegative")] = HELD_BY
+    width: Displacement = WIDTH
+    friction: Load = HELD_BY
 
 
 class Cogging(Description):
@@ -117,13 +132,9 @@ class Cogging(Description):
     the motor's own.
     """
 
-    periods: Annotated[float, In("", "positive")] = Field(
-        description="periods in one turn of the capstan, N"
-    )
-    cosine: Annotated[Parameter, In("N m")] = Field(
-        ZERO, description="part that is largest at φ = 0"
-    )
-    sine: Annotated[Parameter, In("N m")] = Field(ZERO, description="part that is zero there")
+    periods: Factor = Field(description="periods in one turn of the capstan, N")
+    cosine: AnyTorque = Field(ZERO, description="part that is largest at φ = 0")
+    sine: AnyTorque = Field(ZERO, description="part that is zero there")
 
 
 class Servo(Description):
@@ -134,12 +145,10 @@ class Servo(Description):
     bandwidth: Annotated[float, In("Hz", "positive")] | None = Field(
         None, description="frequency at which it follows 71 % of a sine; default: all"
     )
-    delay: Annotated[float, In("s", "nonnegative")] = Field(
-        0.0, description="time before it begins to follow"
-    )
+    delay: Seconds = Field(0.0, description="time before it begins to follow")
     fastest: Annotated[float, In("rad/s", "positive")] | None = FASTEST
     stiffness: Annotated[float, In("N m/rad", "positive")] | None = GIVES_WAY
-    dead_band: Annotated[float, In("rad", "nonnegative")] = DEAD_BAND
+    dead_band: Radians = DEAD_BAND
     goal: str = Field(
         "", description="log column of what it is sent, in the unit in which its place is logged"
     )
@@ -161,7 +170,7 @@ class SliderServo(Servo):
     fastest: Annotated[float, In("m/s", "positive")] | None = FASTEST
     stiffness: Annotated[float, In("N/m", "positive")] | None = GIVES_WAY
     dead_band: Annotated[float, In("m", "nonnegative")] = DEAD_BAND
-    continuous_torque: Annotated[float, In("N", "positive")] | None = Field(
+    continuous_torque: PositiveNewtons | None = Field(
         None, description="force that it may hold for hours; default: what it holds"
     )
 
@@ -185,7 +194,7 @@ class Slider(Description):
     stops: Annotated[tuple[float, float], In("m")] | None = Field(
         None, description="range of the slider [x_L, x_H]"
     )
-    stop_stiffness: Annotated[Parameter, In("N/m", "positive")] = Field(
+    stop_stiffness: Stiffness = Field(
         Parameter(value=1e5), description="stiffness of the stops k_s"
     )
     stop_damping: Annotated[Parameter, In("kg/s", "nonnegative")] = Field(
@@ -194,10 +203,10 @@ class Slider(Description):
     nominal_force: Annotated[Parameter, In("N", drifts=False)] = Field(
         ZERO, description="the usual pull, taken where no force is measured"
     )
-    limit: Annotated[float, In("N", "positive")] | None = Field(
+    limit: PositiveNewtons | None = Field(
         None, description="largest force that a controller gets from it; it cannot push its tendons"
     )
-    lag: Annotated[float, In("s", "nonnegative")] = Field(
+    lag: Seconds = Field(
         0.0, description="time constant with which its force follows a controller's command"
     )
     servo: SliderServo | None = Field(None, description="how it follows places that are sent to it")
@@ -215,10 +224,8 @@ class Capstan(Description):
     inertia: Annotated[Parameter, In("kg m^2", "positive")] = Field(
         description="moment of inertia of rotor and capstan, seen at the capstan"
     )
-    radius: Annotated[Parameter, In("m", "positive")] = Field(description="radius of the capstan R")
-    damping: Annotated[Parameter, In("N m s/rad", "nonnegative")] = Field(
-        ZERO, description="viscous damping"
-    )
+    radius: Length = Field(description="radius of the capstan R")
+    damping: AngularDamping = Field(ZERO, description="viscous damping")
     friction: CapstanFriction = Field(CapstanFriction(), description="Coulomb friction")
     hysteresis: Hysteresis | None = INSIDE
     backlash: Backlash | None = Field(
@@ -231,7 +238,7 @@ class Capstan(Description):
     stop_stiffness: Annotated[Parameter, In("N m/rad", "positive")] = Field(
         Parameter(value=100.0), description="stiffness of the stops"
     )
-    stop_damping: Annotated[Parameter, In("N m s/rad", "nonnegative")] = Field(
+    stop_damping: AngularDamping = Field(
         Parameter(value=0.1), description="viscous damping in the stops"
     )
     nominal_force: Annotated[Parameter, In("N m", drifts=False)] = Field(
@@ -240,7 +247,7 @@ class Capstan(Description):
     limit: Annotated[float, In("N m", "positive")] | None = Field(
         None, description="largest torque that a controller gets from it, either way"
     )
-    lag: Annotated[float, In("s", "nonnegative")] = Field(
+    lag: Seconds = Field(
         0.0, description="time constant with which its torque follows a controller's command"
     )
     servo: Servo | None = Field(None, description="how it follows angles that are sent to it")

@@ -11,7 +11,16 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self, TypeAlias, get_args
 import casadi as ca
 from pydantic import Field, model_validator
 
-from distal.rig.quantities import ZERO, Description, In, Parameter
+from distal.rig.quantities import (
+    ZERO,
+    Coefficient,
+    Description,
+    FixedAngle,
+    In,
+    Length,
+    Parameter,
+    Turn,
+)
 
 if TYPE_CHECKING:
     from distal.expressions import Scalar
@@ -28,12 +37,8 @@ away from the joint. It returns what angles and displacement add to the tendon's
 class Guide(Description):
     """Friction of a tendon where it crosses a joint, by the capstan equation; see `Path`."""
 
-    friction: Annotated[Parameter, In("", "nonnegative")] = Field(
-        description="friction coefficient against its guide, μ"
-    )
-    wrap: Annotated[Parameter, In("rad", "nonnegative")] = Field(
-        description="angle that it wraps at θ = 0, β"
-    )
+    friction: Coefficient = Field(description="friction coefficient against its guide, μ")
+    wrap: Turn = Field(description="angle that it wraps at θ = 0, β")
     wrap_slope: Annotated[Parameter, In("")] = Field(
         ZERO, description="change of β per radian of the joint"
     )
@@ -51,7 +56,7 @@ class Pulley(Description):
     """The tendon wraps round a pulley at the joint: ℓ = l + x ∓ r θ."""
 
     kind: Literal["pulley"]
-    radius: Annotated[Parameter, In("m", "positive")] = Field(description="radius of the pulley, r")
+    radius: Length = Field(description="radius of the pulley, r")
 
     def arm(self, angle: float) -> float:
         """Return the moment arm [m], the same at any `angle`."""
@@ -82,10 +87,8 @@ class Pinned(Description):
     """
 
     kind: Literal["pinned"]
-    radius: Annotated[Parameter, In("m", "positive")] = Field(description="axis to insertion, r")
-    free_length: Annotated[Parameter, In("m", "positive")] = Field(
-        description="free length of the tendon, l"
-    )
+    radius: Length = Field(description="axis to insertion, r")
+    free_length: Length = Field(description="free length of the tendon, l")
 
     def arm(self, angle: float) -> float:
         """Return the moment arm at θ = 0 [m], the radius of the pin, whatever the `angle`."""
@@ -155,12 +158,8 @@ class Linkage(Description):
     """
 
     kind: Literal["linkage"]
-    radius: Annotated[Parameter, In("m", "positive")] = Field(
-        description="moment arm at the centre, r"
-    )
-    centre: Annotated[Parameter, In("rad", drifts=False)] = Field(
-        ZERO, description="angle about which the arm is described, θ_c"
-    )
+    radius: Length = Field(description="moment arm at the centre, r")
+    centre: FixedAngle = Field(ZERO, description="angle about which the arm is described, θ_c")
     slope: Annotated[Parameter, In("1/rad")] = Field(
         ZERO, description="s, change of the arm per radian"
     )

@@ -10,7 +10,28 @@ from typing import Annotated, Literal, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from distal.errors import UnitError
-from distal.rig.quantities import ZERO, Description, In, Name, Parameter
+from distal.rig.quantities import (
+    ZERO,
+    AngularDamping,
+    AnyAngle,
+    AnyRadians,
+    Coefficient,
+    Description,
+    Displacement,
+    Duration,
+    FixedAngle,
+    In,
+    Length,
+    Load,
+    Name,
+    NewtonMetres,
+    Parameter,
+    PositiveNewtons,
+    Radians,
+    RadiansPerSecond,
+    Stiffness,
+    Turn,
+)
 
 BASE = "base"
 """Name of what the first joint sits on."""
@@ -90,9 +111,7 @@ class Coupling(Description):
     ratio: Annotated[float, In("")] = Field(
         description="radians of this joint per radian of the other"
     )
-    offset: Annotated[float, In("rad")] = Field(
-        0.0, description="angle of this joint where the other is at zero"
-    )
+    offset: AnyRadians = Field(0.0, description="angle of this joint where the other is at zero")
 
 
 REACH = 1.2
@@ -102,9 +121,7 @@ REACH = 1.2
 class Stribeck(Description):
     """Stiction that fades with speed: Coulomb friction times 1 + excess · exp(−(v/speed)²)."""
 
-    excess: Annotated[Parameter, In("", "nonnegative")] = Field(
-        description="stiction beyond Coulomb friction, a share"
-    )
+    excess: Coefficient = Field(description="stiction beyond Coulomb friction, a share")
     speed: Annotated[Parameter, In("rad/s", "positive")] = Field(
         description="speed at which it fades"
     )
@@ -117,17 +134,13 @@ class JointFriction(Description):
     μ_θ r_a (T0 + T1 + T2). A larger exponent lets friction grow faster than the load beyond N_ref.
     """
 
-    coefficient: Annotated[Parameter, In("", "nonnegative")] = Field(
-        description="friction coefficient μ"
-    )
-    radius: Annotated[Parameter, In("m", "positive")] = Field(description="radius of the axle r_a")
-    preload: Annotated[Parameter, In("N", "nonnegative")] = Field(
-        ZERO, description="load on the axle before any tension, T0"
-    )
+    coefficient: Coefficient = Field(description="friction coefficient μ")
+    radius: Length = Field(description="radius of the axle r_a")
+    preload: Load = Field(ZERO, description="load on the axle before any tension, T0")
     exponent: Annotated[Parameter, In("", "positive")] = Field(
         Parameter(value=1.0), description="growth of friction with load, e (1 = proportional)"
     )
-    reference: Annotated[float, In("N", "positive")] | None = Field(
+    reference: PositiveNewtons | None = Field(
         None,
         description="load N_ref at which the exponent changes nothing; default: N at nominal "
         "forces",
@@ -152,9 +165,7 @@ class Spring(Description):
     stiffness: Annotated[Parameter, In("N m/rad", "nonnegative")] = Field(
         description="torsional stiffness"
     )
-    rest_angle: Annotated[Parameter, In("rad")] = Field(
-        ZERO, description="angle at which the spring is relaxed"
-    )
+    rest_angle: AnyAngle = Field(ZERO, description="angle at which the spring is relaxed")
     quadratic: Annotated[Parameter, In("N m/rad^2")] = Field(
         ZERO, description="growth of stiffness to one side"
     )
@@ -170,23 +181,15 @@ class ExtensionSpring(Description):
     L² = r² + R² − 2 r R cos(θ − line_angle); F = max(preload + stiffness (L − free_length), 0).
     """
 
-    stiffness: Annotated[Parameter, In("N/m", "positive")] = Field(description="of the spring, k")
-    free_length: Annotated[Parameter, In("m", "positive")] = Field(
-        description="its length where it begins to open"
-    )
-    radius: Annotated[Parameter, In("m", "positive")] = Field(
-        description="from the axis to the point of the link, r"
-    )
-    distance: Annotated[Parameter, In("m", "positive")] = Field(
-        description="from the axis to the point of the base, R"
-    )
-    line_angle: Annotated[Parameter, In("rad")] = Field(
+    stiffness: Stiffness = Field(description="of the spring, k")
+    free_length: Length = Field(description="its length where it begins to open")
+    radius: Length = Field(description="from the axis to the point of the link, r")
+    distance: Length = Field(description="from the axis to the point of the base, R")
+    line_angle: AnyAngle = Field(
         ZERO,
         description="joint angle at which both points are in line with the axis, on the same side",
     )
-    preload: Annotated[Parameter, In("N", "nonnegative")] = Field(
-        ZERO, description="force at which its coils open"
-    )
+    preload: Load = Field(ZERO, description="force at which its coils open")
 
 
 class JointBacklash(Description):
@@ -194,19 +197,15 @@ class JointBacklash(Description):
     the link.
     """
 
-    width: Annotated[Parameter, In("rad", "nonnegative")] = Field(
-        description="from one side to the other"
-    )
+    width: Turn = Field(description="from one side to the other")
 
 
 class Gravity(Description):
     """Weight of an off-axis mass: torque = −mass · g · distance · sin(θ − hanging_angle)."""
 
     mass: Annotated[Parameter, In("kg", "nonnegative")] = Field(description="mass of the link")
-    distance: Annotated[Parameter, In("m", "nonnegative")] = Field(
-        description="distance of the centre of mass from the axis"
-    )
-    hanging_angle: Annotated[Parameter, In("rad")] = Field(
+    distance: Displacement = Field(description="distance of the centre of mass from the axis")
+    hanging_angle: AnyAngle = Field(
         ZERO, description="joint angle at which the centre of mass hangs straight below the axis"
     )
 
@@ -216,12 +215,8 @@ class ExternalTorque(Description):
     exponentially correlated.
     """
 
-    std: Annotated[float, In("N m", "nonnegative")] = Field(
-        0.0, description="standard deviation; 0 = cannot occur"
-    )
-    correlation_time: Annotated[float, In("s", "positive")] = Field(
-        0.5, description="correlation time"
-    )
+    std: NewtonMetres = Field(0.0, description="standard deviation; 0 = cannot occur")
+    correlation_time: Duration = Field(0.5, description="correlation time")
 
 
 class Joint(Description):
@@ -247,12 +242,8 @@ class Joint(Description):
         description="moment of inertia J about its axis; with a `link` what comes on top of it, "
         "such as an armature"
     )
-    damping: Annotated[Parameter, In("N m s/rad", "nonnegative")] = Field(
-        ZERO, description="viscous damping b_θ"
-    )
-    initial: Annotated[Parameter, In("rad", drifts=False)] = Field(
-        ZERO, description="angle at the log's first sample"
-    )
+    damping: AngularDamping = Field(ZERO, description="viscous damping b_θ")
+    initial: FixedAngle = Field(ZERO, description="angle at the log's first sample")
     friction: JointFriction | None = Field(None, description="Coulomb friction at the axle")
     spring: Spring | None = Field(None, description="return spring")
     extension_spring: ExtensionSpring | None = Field(
@@ -265,7 +256,7 @@ class Joint(Description):
     stops: Annotated[tuple[float, float], In("rad")] | None = Field(
         None, description="range of the joint [low, high]"
     )
-    stops_std: Annotated[float, In("rad", "nonnegative")] = Field(
+    stops_std: Radians = Field(
         0.0,
         description="how well each end of that range is known; a calibration against them is no "
         "better",
@@ -273,10 +264,10 @@ class Joint(Description):
     stop_stiffness: Annotated[Parameter, In("N m/rad", "positive")] = Field(
         Parameter(value=100.0), description="stiffness of the joint's stops"
     )
-    stop_damping: Annotated[Parameter, In("N m s/rad", "nonnegative")] = Field(
+    stop_damping: AngularDamping = Field(
         Parameter(value=0.1), description="viscous damping in the joint's stops"
     )
-    unmodelled: Annotated[float, In("rad/s", "nonnegative")] = Field(
+    unmodelled: RadiansPerSecond = Field(
         0.5,
         description="torque the model does not know, as the random change of speed that it makes "
         "in 1 s (1σ)",

@@ -247,3 +247,26 @@ class In:
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$", max_length=64)]
 """A name that can stand in a column header and in a path of ``--set``."""
+
+Coefficient = Annotated[Parameter, In("", "nonnegative")]
+Length = Annotated[Parameter, In("m", "positive")]
+Displacement = Annotated[Parameter, In("m", "nonnegative")]
+Load = Annotated[Parameter, In("N", "nonnegative")]
+Turn = Annotated[Parameter, In("rad", "nonnegative")]
+AnyAngle = Annotated[Parameter, In("rad")]
+FixedAngle = Annotated[Parameter, In("rad", drifts=False)]
+AngularDamping = Annotated[Parameter, In("N m s/rad", "nonnegative")]
+Stiffness = Annotated[Parameter, In("N/m", "positive")]
+TorqueSize = Annotated[Parameter, In("N m", "nonnegative")]
+AnyTorque = Annotated[Parameter, In("N m")]
+Seconds = Annotated[float, In("s", "nonnegative")]
+Duration = Annotated[float, In("s", "positive")]
+Radians = Annotated[float, In("rad", "nonnegative")]
+RadiansPerSecond = Annotated[float, In("rad/s", "nonnegative")]
+AnyRadians = Annotated[float, In("rad")]
+PositiveNewtons = Annotated[float, In("N", "positive")]
+TorqueConstant = Annotated[float, In("N m/A", "positive")]
+NewtonMetres = Annotated[float, In("N m", "nonnegative")]
+Factor = Annotated[float, In("", "positive")]
+MetresPerSecondSquared = Annotated[float, In("m/s^2", "nonnegative")]
+"""Certain numbers and parameters by their unit and bound, as several parts of a rig have them."""

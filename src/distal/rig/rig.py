@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -12,7 +12,7 @@ from distal.rig.drives import Drive
 from distal.rig.joints import BASE, Base, Joint
 from distal.rig.learned import KINDS, FreeMotion, LearnedMap, LearnedMaps
 from distal.rig.overrides import set_value
-from distal.rig.quantities import Description, In, Parameter
+from distal.rig.quantities import Description, Duration, Parameter
 from distal.rig.sensors import MEASURED, Sensor, checked_parts, log_factor
 from distal.rig.tendons import Tendon
 from distal.rig.validation import named, validated
@@ -47,7 +47,7 @@ class LogFormat(Description):
 class Stepping(Description):
     """Time step of the model."""
 
-    largest_step: Annotated[float, In("s", "positive")] | None = Field(
+    largest_step: Duration | None = Field(
         None, description="largest sub-step of the full model; default: from the stiffest mode"
     )
 

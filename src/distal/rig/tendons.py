@@ -18,7 +18,18 @@ from distal.rig.insertions import (
     Pulley,
     Shape,
 )
-from distal.rig.quantities import ZERO, Description, In, Name, Parameter
+from distal.rig.quantities import (
+    ZERO,
+    Coefficient,
+    Description,
+    Displacement,
+    In,
+    Load,
+    Name,
+    Parameter,
+    Stiffness,
+    Turn,
+)
 
 
 @dataclass(frozen=True)
@@ -61,16 +72,12 @@ class Path(Description):
     it is drawn in and let out.
     """
 
-    friction: Annotated[Parameter, In("", "nonnegative")] = Field(
-        description="friction coefficient against its guides, μ"
-    )
-    wrap: Annotated[Parameter, In("rad", "nonnegative")] = Field(
-        description="sum of the bends of its path, β"
-    )
+    friction: Coefficient = Field(description="friction coefficient against its guides, μ")
+    wrap: Turn = Field(description="sum of the bends of its path, β")
     wrap_slope: Annotated[Parameter, In("")] = Field(
         ZERO, description="change of β per radian of the joint"
     )
-    let_out: Annotated[Parameter, In("", "nonnegative")] = Field(
+    let_out: Coefficient = Field(
         Parameter(value=1.0),
         description="friction coefficient while the tendon is let out, as a share of μ",
     )
@@ -90,7 +97,7 @@ class Creep(Description):
     solid.
     """
 
-    share: Annotated[Parameter, In("", "nonnegative")] = Field(
+    share: Coefficient = Field(
         description="what is added in the end, as a share of the stretch that comes at once"
     )
     time: Annotated[Parameter, In("s", "positive")] = Field(description="time constant")
@@ -128,12 +135,10 @@ class Tendon(Description):
     crossings: tuple[Crossing, ...] = Field(
         (), description="how it meets each joint that it crosses"
     )
-    stiffness: Annotated[Parameter, In("N/m", "positive")] = Field(description="spring constant k")
+    stiffness: Stiffness = Field(description="spring constant k")
     damping: Annotated[Parameter, In("N s/m", "nonnegative")] = Field(ZERO, description="damping c")
-    pretension: Annotated[Parameter, In("N", "nonnegative")] = Field(
-        ZERO, description="tension at zero angle and zero drive displacement"
-    )
-    slack: Annotated[Parameter, In("m", "nonnegative")] = Field(
+    pretension: Load = Field(ZERO, description="tension at zero angle and zero drive displacement")
+    slack: Displacement = Field(
         ZERO,
         description="how far it must be pulled at zero angle and zero drive displacement to be "
         "taut",

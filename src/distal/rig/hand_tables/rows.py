@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, field_validator, model_validator
 
 from distal.errors import RigError, UnitError
 from distal.rig.files import read_text
-from distal.rig.quantities import Description, In
+from distal.rig.quantities import AnyRadians, Description, In, Radians, TorqueConstant
 from distal.rig.validation import validated
 from distal.suggestions import did_you_mean
 from distal.units import to_si
@@ -59,22 +59,22 @@ class Row(Description):
     """
 
     joint: str
-    low: Annotated[float, In("rad")]
-    high: Annotated[float, In("rad")]
+    low: AnyRadians
+    high: AnyRadians
     motor: str | None = None
     spool_radius: Annotated[float, In("m")] | None = None
     joint_radius: Annotated[float, In("m")] | None = None
     direction: Annotated[Literal[1, -1], BeforeValidator(_sign)] = 1
     back: Annotated[Literal["tendon", "spring"], BeforeValidator(str.lower)] = "tendon"
-    zero: Annotated[float, In("rad")] | None = None
-    zero_std: Annotated[float, In("rad", "nonnegative")] | None = None
+    zero: AnyRadians | None = None
+    zero_std: Radians | None = None
     ratio_std: Annotated[float, In("", "nonnegative")] | None = None
     unit: Annotated[Literal["rad", "deg"], BeforeValidator(str.lower)] = "rad"
     counts: Annotated[float, In("")] | None = None
-    torque_constant: Annotated[float, In("N m/A", "positive")] | None = None
+    torque_constant: TorqueConstant | None = None
     follows: str | None = None
     ratio: Annotated[float, In("")] = 1.0
-    range_std: Annotated[float, In("rad", "nonnegative")] | None = None
+    range_std: Radians | None = None
     position_column: str | None = None
     current_column: str | None = None
     time_column: str | None = None

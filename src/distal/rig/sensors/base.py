@@ -16,14 +16,13 @@ from distal.errors import UnitError
 from distal.expressions import Scalar, Vector
 from distal.rig.drives import Capstan, Slider
 from distal.rig.joints import Joint
-from distal.rig.quantities import Description, In, Name, Parameter
+from distal.rig.quantities import Description, In, Name, Parameter, Seconds
 from distal.rig.tendons import Tendon
 from distal.units import to_si
 
 COUNTS = frozenset({"count", "counts", "tick", "ticks"})
 """Names of the unit of an encoder that counts."""
 
-Gear = Annotated[float, In("", "positive")]
 
 NOISE = Field(0.0, description="standard deviation, random error")
 STEP = Field(0.0, description="quantisation step; 0 = none")
@@ -103,11 +102,9 @@ class SensorBase(Description):
     unit: str | None = Field(None, min_length=1, description="unit in the log; default: SI")
     sign: Literal[1, -1] = Field(1, description="-1 where the log counts the other way")
     rate: Annotated[float, In("Hz", "positive")] = Field(100.0, description="samples per second")
-    delay: Annotated[float, In("s", "nonnegative")] = Field(
-        0.0, description="age of a value when it is stamped"
-    )
+    delay: Seconds = Field(0.0, description="age of a value when it is stamped")
 
-    lag: Annotated[float, In("s", "nonnegative")] = Field(
+    lag: Seconds = Field(
         0.0,
         description="time constant with which a drive follows a command; 0 for a place that is "
         "measured",

@@ -11,13 +11,12 @@ from pydantic import Field, model_validator
 
 from distal.expressions import Scalar
 from distal.rig.drives import effort_unit
-from distal.rig.quantities import In, Parameter
+from distal.rig.quantities import AnyTorque, Factor, In, NewtonMetres, Parameter, TorqueConstant
 from distal.rig.sensors.base import (
     COUNTS,
     NOISE,
     OFFSET,
     STEP,
-    Gear,
     Measurand,
     Motion,
     Part,
@@ -29,7 +28,6 @@ from distal.units import to_si, unit_factor
 
 OVER_RANGE = Field(0.0, description="largest systematic deviation over the range, a smooth curve")
 Newtons = Annotated[float, In("N", "nonnegative")]
-NewtonMetres = Annotated[float, In("N m", "nonnegative")]
 
 
 class ForceSensor(SensorBase):
@@ -51,15 +49,15 @@ class TorqueSensor(SensorBase):
     """
 
     si: Literal["N m"]
-    torque_constant: Annotated[float, In("N m/A", "positive")] | None = Field(
+    torque_constant: TorqueConstant | None = Field(
         None,
         description="K_t at the capstan, where the log holds a current; its unit is then one of "
         "current",
     )
-    torque_constant_motor: Annotated[float, In("N m/A", "positive")] | None = Field(
+    torque_constant_motor: TorqueConstant | None = Field(
         None, description="K_t of the motor itself; the capstan's is `gear` times it"
     )
-    gear: Gear = Field(
+    gear: Factor = Field(
         1.0,
         description="motor turns for one turn of the capstan; it applies to torque_constant_motor "
         "only",
@@ -72,7 +70,7 @@ class TorqueSensor(SensorBase):
     noise: NewtonMetres = NOISE
     linearity: NewtonMetres = OVER_RANGE
     resolution: NewtonMetres = STEP
-    bias: Annotated[Parameter, In("N m")] = OFFSET
+    bias: AnyTorque = OFFSET
     gain: Annotated[Parameter, In("", "positive", drifts=False)] = Field(
         Parameter(value=1.0), description="what it reads for one newton metre, beside its offset"
     )

@@ -15,7 +15,13 @@ import casadi as ca
 from pydantic import Field
 
 from distal.expressions import Scalar, Vector
-from distal.rig.quantities import In, Parameter
+from distal.rig.quantities import (
+    FixedAngle,
+    In,
+    MetresPerSecondSquared,
+    Parameter,
+    RadiansPerSecond,
+)
 from distal.rig.sensors.base import NOISE, STEP, Measurand, Motion, Parts, Role, SensorBase, Unknown
 
 VALUES = {
@@ -46,7 +52,7 @@ class ImuSensor(SensorBase):
     number: Literal["rate_x", "rate_y", "rate_z", "force_x", "force_y", "force_z"] = Field(
         description="which one"
     )
-    mounting: Annotated[Parameter, In("rad", drifts=False)] = Field(
+    mounting: FixedAngle = Field(
         Parameter(value=0.0), description="how it is turned on its link, about the joint's axis"
     )
 
@@ -55,9 +61,9 @@ class Gyroscope(ImuSensor):
     """An angular rate about an axis of the unit [rad/s]."""
 
     si: Literal["rad/s"]
-    noise: Annotated[float, In("rad/s", "nonnegative")] = NOISE
-    linearity: Annotated[float, In("rad/s", "nonnegative")] = DEVIATION
-    resolution: Annotated[float, In("rad/s", "nonnegative")] = STEP
+    noise: RadiansPerSecond = NOISE
+    linearity: RadiansPerSecond = DEVIATION
+    resolution: RadiansPerSecond = STEP
     bias: Annotated[Parameter, In("rad/s")] = WALKING
 
 
@@ -65,9 +71,9 @@ class Accelerometer(ImuSensor):
     """A specific force along an axis of the unit [m/s²]: −g of a link at rest."""
 
     si: Literal["m/s^2"]
-    noise: Annotated[float, In("m/s^2", "nonnegative")] = NOISE
-    linearity: Annotated[float, In("m/s^2", "nonnegative")] = DEVIATION
-    resolution: Annotated[float, In("m/s^2", "nonnegative")] = STEP
+    noise: MetresPerSecondSquared = NOISE
+    linearity: MetresPerSecondSquared = DEVIATION
+    resolution: MetresPerSecondSquared = STEP
     bias: Annotated[Parameter, In("m/s^2")] = WALKING
 
 

@@ -13,13 +13,12 @@ from pydantic import Field, model_validator
 from distal.expressions import Scalar
 from distal.rig.drives import position_unit
 from distal.rig.joints import REACH
-from distal.rig.quantities import In, Parameter
+from distal.rig.quantities import AnyAngle, Factor, In, Parameter, Radians
 from distal.rig.sensors.base import (
     COUNTS,
     NOISE,
     OFFSET,
     STEP,
-    Gear,
     Measurand,
     Motion,
     Part,
@@ -30,7 +29,6 @@ from distal.rig.sensors.base import (
 from distal.units import to_si
 
 Metres = Annotated[float, In("m", "nonnegative")]
-Radians = Annotated[float, In("rad", "nonnegative")]
 OVER_TRAVEL = Field(0.0, description="largest systematic deviation over the travel, a smooth curve")
 Curve = Annotated[
     tuple[float, ...],
@@ -57,12 +55,12 @@ class AngleSensor(SensorBase):
     """A sensor of an angle [rad]."""
 
     si: Literal["rad"]
-    counts_per_turn: Annotated[float, In("", "positive")] | None = Field(
+    counts_per_turn: Factor | None = Field(
         None,
         description="counts of the encoder in one turn of its own shaft, after quadrature; with "
         'unit = "count"',
     )
-    gear: Gear = Field(
+    gear: Factor = Field(
         1.0, description="turns of the encoder for one turn of what it measures (motor for capstan)"
     )
     noise: Radians = NOISE
@@ -74,7 +72,7 @@ class AngleSensor(SensorBase):
         "in degrees; 0 = none. "
         "Noise, linearity and bias in degrees are those behind the gear",
     )
-    bias: Annotated[Parameter, In("rad")] = OFFSET
+    bias: AnyAngle = OFFSET
 
     @classmethod
     def _counting(cls, raw: Mapping[str, object]) -> tuple[str, float] | None:
