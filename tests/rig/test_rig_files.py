@@ -158,14 +158,15 @@ REFUSED = [
     ("joints.0.damping={ value = 1, std = 0, drift = 0.1 }", r"drift needs a std"),
     (
         "joints.0.damping.shared={ name = 'a' }",
-        r'shared must be \{ name = "spool", std = "10 %" \}',
+        r"joints.link.damping.shared.std: is missing",
     ),
     (
         "joints.0.damping.shared={ name = 'a', std = '110 %' }",
-        r"between 0 and 1 \(100 %\); 1.1 came",
+        r"shared.std: .* less than or equal to 1, 1.1 came",
     ),
+    ("joints.0.damping.shared=3", r"joints.link.damping.shared: must be a table, 3 came"),
     ("joints.0.damping.shared={ name = '', std = 0.1 }", r"joints.link.damping.shared.name"),
-    ("joints.0.initial={ value = 0.1, shared = { name = 'a', std = 0.1 } }", r"shares nothing"),
+    ("joints.0.initial={ value = 0.1, shared = { name = 'a', std = 0.1 } }", r"has no shared"),
     ("tendons.0.damping={ value = 0, shared = { name = 'a', std = 0.1 } }", r"no share of it"),
     (
         "tendons.0.stiffness.shared.std=0.2",

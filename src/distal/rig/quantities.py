@@ -9,11 +9,10 @@ from dataclasses import dataclass
 from math import hypot
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler
+from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, StrictBool
 from pydantic_core import CoreSchema, core_schema
 
 from distal.errors import UnitError
-from distal.suggestions import did_you_mean
 from distal.units import to_si
 
 SMALLEST = 1e-20
@@ -27,9 +26,6 @@ LARGEST = 1e12
 KEYS = ("value", "std", "factor", "drift", "hold", "shared")
 """Keys of a parameter that is written as a table."""
 
-SHARED_KEYS = ("name", "std")
-"""Keys of the table of an error that several parameters share."""
-
 LARGEST_FACTOR = 100.0
 """Largest ``factor`` to which a number may be known [1]; beyond it nothing is known of it. Source:
 judgement.
@@ -42,58 +38,6 @@ class Description(BaseModel):
     """Base of every part of a description: frozen, and an unknown key is an error."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True, defer_build=True)
-
-
-class Shared(Description):
-    """An error that several parameters share, as those of one make do: all parameters that name it
-    are off by the same share of their values.
-
-    p_i = value_i (1 + std z) + std_i ε_i, with one z for all of a name, and an ε_i for each.
-    """
-
-    name: str = Field(min_length=1, max_length=60, pattern=r"^[A-Za-z_][A-Za-z0-9_.-]*$")
-    std: float
-
-
-class Parameter(Description):
-    """A physical parameter: its value, the standard deviation of its error, and its random walk,
-    all SI.
-
-    The walk is `drift` per √s; None leaves its size to the estimator. With `hold` the std is a
-    prior for fitting only: estimators take the value as it is. A parameter that is exactly zero
-    with ``std = 0`` does not exist for the model: its terms are left out.
-    """
-
-    value: float
-    std: float = 0.0
-    drift: float | None = None
-    hold: bool = False
-    shared: Shared | None = None
-
-    @property
-    def absent(self) -> bool:
-        """Whether the parameter is zero for certain."""
-        return self.value == 0.0 and self.filter_std == 0.0
-
-    @property
-    def filter_std(self) -> float:
-        """The std of the value that estimators use: `total_std`, or 0 where the value is held."""
-        return 0.0 if self.hold else self.total_std
-
-    @property
-    def total_std(self) -> float:
-        """The std of the value from its own error and the shared one together."""
-        return (
-            float(hypot(self.std, self.value * self.shared.std))
-            if self.shared is not None
-            else self.std
-        )
-
-
-ZERO = Parameter(value=0.0)
-"""Default of a parameter that a rig need not have: zero for certain. Source: definition
-(absent).
-"""
 
 
 @dataclass(frozen=True)
@@ -141,41 +85,38 @@ class In:
         if isinstance(raw, Parameter):
             raw = raw.model_dump()
         if not isinstance(raw, Mapping):
-            return {"value": self._scalar(raw), "std": 0.0}
-        for key in raw:
-            if key not in KEYS:
-                raise UnitError(f"unknown key '{key}'{did_you_mean(str(key), KEYS)}")
+            return {"value": self._scalar(raw)}
+        read = {key: part for key, part in raw.items() if key != "factor"}
         if "value" not in raw:
-            raise UnitError("has no 'value'; write { value = …, std = … }")
+            if set(raw) <= set(KEYS):
+                raise UnitError("has no 'value'; write { value = …, std = … }")
+            return {key: part for key, part in raw.items() if key not in KEYS}
         value = self._scalar(raw["value"])
+        drift = raw.get("drift")
+        shared = raw.get("shared")
         std = (
             self._spread("std", raw.get("std", 0.0), value)
             if "factor" not in raw
             else self._within(raw, value)
         )
-        drift = None
-        if raw.get("drift") is not None:
-            drift = self._spread("drift", raw["drift"], value)
-            if not self.drifts:
-                raise UnitError(
-                    "has no drift: it is a start, or read only where nothing else is; remove "
-                    "'drift'"
-                )
-            if std == 0.0 and drift > 0.0 and raw.get("shared") is None:
+        if drift is not None:
+            drift = self._spread("drift", drift, value)
+            if std == 0.0 and drift > 0.0 and shared is None:
                 raise UnitError(
                     f"drift needs a std: what is certain does not walk, drift = {drift:g} came "
                     "without one"
                 )
-        hold = raw.get("hold", False)
-        if not isinstance(hold, bool):
-            raise UnitError(f"hold must be true or false, {hold!r} came")
-        return {
-            "value": value,
-            "std": std,
-            "drift": drift,
-            "hold": hold,
-            "shared": self._shared(raw, value),
-        }
+        for key, given in (("drift", drift), ("shared", shared)):
+            if given is not None and not self.drifts:
+                raise UnitError(
+                    f"has no {key}: it is a start, or read only where nothing else is; remove "
+                    f"'{key}'"
+                )
+        if shared is not None and value == 0.0:
+            raise UnitError(
+                "is zero, so there is no share of it that others err by too; remove 'shared'"
+            )
+        return {**read, "value": value, "std": std, "drift": drift}
 
     def _within(self, raw: Mapping[str, object], value: float) -> float:
         """Return the std of a number that is known to a factor, (factor − 1) · value: ln(1 +
@@ -194,27 +135,6 @@ class In:
                 f"factor must be above 1 and at most {LARGEST_FACTOR:g}, {factor:g} came"
             )
         return (factor - 1.0) * value
-
-    def _shared(self, raw: Mapping[str, object], value: float) -> object:
-        shared = raw.get("shared")
-        if shared is None:
-            return None
-        if not isinstance(shared, Mapping) or set(shared) != set(SHARED_KEYS):
-            raise UnitError(f'shared must be {{ name = "spool", std = "10 %" }}, {shared!r} came')
-        if not self.drifts:
-            raise UnitError(
-                "shares nothing: it is a start, or read only where nothing else is; remove 'shared'"
-            )
-        if value == 0.0:
-            raise UnitError(
-                "is zero, so there is no share of it that others err by too; remove 'shared'"
-            )
-        std = to_si(shared["std"], "")
-        if not 0.0 <= std <= 1.0:
-            raise UnitError(
-                f"the shared std is a share of the value, between 0 and 1 (100 %); {std:g} came"
-            )
-        return {"name": shared["name"], "std": std}
 
     def _spread(self, key: str, raw: object, value: float) -> float:
         if isinstance(raw, str) and raw.strip().endswith("%"):
@@ -244,6 +164,57 @@ class In:
             )
         return low, high
 
+
+class Shared(Description):
+    """An error that several parameters share, as those of one make do: all parameters that name it
+    are off by the same share of their values.
+
+    p_i = value_i (1 + std z) + std_i ε_i, with one z for all of a name, and an ε_i for each.
+    """
+
+    name: str = Field(min_length=1, max_length=60, pattern=r"^[A-Za-z_][A-Za-z0-9_.-]*$")
+    std: Annotated[float, In("")] = Field(ge=0.0, le=1.0)
+
+
+class Parameter(Description):
+    """A physical parameter: its value, the standard deviation of its error, and its random walk,
+    all SI.
+
+    The walk is `drift` per √s; None leaves its size to the estimator. With `hold` the std is a
+    prior for fitting only: estimators take the value as it is. A parameter that is exactly zero
+    with ``std = 0`` does not exist for the model: its terms are left out.
+    """
+
+    value: float
+    std: float = 0.0
+    drift: float | None = None
+    hold: StrictBool = False
+    shared: Shared | None = None
+
+    @property
+    def absent(self) -> bool:
+        """Whether the parameter is zero for certain."""
+        return self.value == 0.0 and self.filter_std == 0.0
+
+    @property
+    def filter_std(self) -> float:
+        """The std of the value that estimators use: `total_std`, or 0 where the value is held."""
+        return 0.0 if self.hold else self.total_std
+
+    @property
+    def total_std(self) -> float:
+        """The std of the value from its own error and the shared one together."""
+        return (
+            float(hypot(self.std, self.value * self.shared.std))
+            if self.shared is not None
+            else self.std
+        )
+
+
+ZERO = Parameter(value=0.0)
+"""Default of a parameter that a rig need not have: zero for certain. Source: definition
+(absent).
+"""
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$", max_length=64)]
 """A name that can stand in a column header and in a path of ``--set``."""
