@@ -37,7 +37,6 @@ from distal.rig.learned import (
     arrays_file,
     as_table,
     features_of,
-    with_arrays,
 )
 from distal.rig.mjcf import compare_lengths, from_mujoco
 from distal.rig.overrides import ALL, parse_assignment, set_value
@@ -66,7 +65,7 @@ from distal.rig.sensors import (
     travel_of,
 )
 from distal.rig.subsystems import Subsystem, independent_parts
-from distal.rig.tendons import Creep, Meeting, Tendon
+from distal.rig.tendons import Meeting, Tendon
 from distal.rig.touch import contact_shape, felt_in_words
 from distal.rig.validation import (
     angle_names,
@@ -89,7 +88,6 @@ __all__ = [
     "REFERENCES",
     "TIME_CONSTANTS",
     "Capstan",
-    "Creep",
     "Description",
     "FreeMotion",
     "Guess",
@@ -164,5 +162,4 @@ __all__ = [
     "torque_names",
     "travel_of",
     "validated",
-    "with_arrays",
 ]

@@ -33,11 +33,12 @@ def contact_shape(rig: Rig) -> Floats:
     n = len(rig.joints)
     if len(rig.drives) >= n:
         return np.eye(n)
-    axes = [np.array(joint.axis) for joint in rig.joints]
     before = [rig.parent_of(j) for j in range(n)]
     at = list[Floats]()
-    for joint, parent in zip(rig.joints, before):
+    chains = list[list[int]]()
+    for j, (joint, parent) in enumerate(zip(rig.joints, before)):
         at.append(np.array(joint.offset) + (0.0 if parent is None else at[parent]))
+        chains.append([j, *([] if parent is None else chains[parent])])
     shape = np.zeros((n, n))
     for j, joint in enumerate(rig.joints):
         ends = [at[k] for k in range(n) if before[k] == j]
@@ -45,13 +46,8 @@ def contact_shape(rig: Rig) -> Floats:
             ends = [at[j] + 2 * np.array(joint.link.centre)]
         for end in ends:
             moves = np.zeros((3, n))
-            k = int(j)
-            chain = [k]
-            while (parent := before[k]) is not None:
-                k = parent
-                chain.append(k)
-            for k in chain:
-                moves[:, k] = np.cross(axes[k], end - at[k])
+            for k in chains[j]:
+                moves[:, k] = np.cross(rig.joints[k].axis, end - at[k])
             shape += moves.T @ moves
     largest = float(np.max(np.diag(shape)))
     if largest <= 0.0:

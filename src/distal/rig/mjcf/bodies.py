@@ -62,7 +62,7 @@ def carried_by(model: mujoco.MjModel, joints: Sequence[int]) -> list[int]:
     """
     carrier = [-1] * model.nbody
     for body in range(1, model.nbody):
-        above = carrier[int(model.body_parentid[body])]
+        above = carrier[model.body_parentid[body]]
         carrier[body] = max((j for j in joints if model.jnt_bodyid[j] == body), default=above)
     return carrier
 
@@ -73,8 +73,8 @@ def parent_of(
     """Return which of the kept `joints` turns the link on which a joint sits, −1 for none;
     `carrier` is by `carried_by`.
     """
-    body = int(model.jnt_bodyid[joint])
-    above = carrier[int(model.body_parentid[body])]
+    body = model.jnt_bodyid[joint]
+    above = carrier[model.body_parentid[body]]
     return max((j for j in joints if model.jnt_bodyid[j] == body and j < joint), default=above)
 
 
@@ -86,7 +86,7 @@ def described_joints(
     """
     mujoco = mujoco_module()
     data = mujoco.MjData(model)
-    data.qpos[[int(model.jnt_qposadr[j]) for j in joints]] = 0.0
+    data.qpos[[model.jnt_qposadr[j] for j in joints]] = 0.0
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     frame = data.xmat[int(model.jnt_bodyid[joints[0]])].reshape(3, 3)
@@ -106,10 +106,10 @@ def described_joints(
         link = _link(model, data, bodies, data.xanchor[j], frame, units)
         if link is not None:
             raw["link"] = link
-        dof = int(model.jnt_dofadr[j])
+        dof = model.jnt_dofadr[j]
         raw["inertia"] = max(float(model.dof_armature[dof]) * units.torque, SMALLEST_INERTIA)
         raw["damping"] = float(np.ravel(model.dof_damping[dof])[0]) * units.torque
-        initial = float(model.qpos0[int(model.jnt_qposadr[j])])
+        initial = float(model.qpos0[model.jnt_qposadr[j]])
         raw["initial"] = Guess({"value": initial, "std": "5 deg"}, "angle at the start")
         loss = float(model.dof_frictionloss[dof]) * units.torque
         if loss > 0.0:
@@ -190,7 +190,7 @@ def described_stop(
     model: mujoco.MjModel, joint: int, units: Units, assumed: AssumedOfModels
 ) -> dict[str, float]:
     """Return stiffness and damping of a joint's stops, raw, by the joint's limits in MuJoCo."""
-    inverse = float(model.dof_invweight0[int(model.jnt_dofadr[joint])])
+    inverse = float(model.dof_invweight0[model.jnt_dofadr[joint]])
     stiffness = (
         stiffness_at_rest(model, model.jnt_solref[joint], model.jnt_solimp[joint], inverse)
         * units.torque
@@ -235,7 +235,7 @@ def couplings(model: mujoco.MjModel) -> tuple[list[Coupled], list[str]]:
         if int(kind) != int(mujoco.mjtEq.mjEQ_JOINT) or second < 0:
             left.append(f"equality '{name}' ({kind.name.removeprefix('mjEQ_').lower()}): left out")
             continue
-        zero = [float(model.qpos0[int(model.jnt_qposadr[j])]) for j in (first, second)]
+        zero = [float(model.qpos0[model.jnt_qposadr[j]]) for j in (first, second)]
         low, high = range_of(model, second)
         curve = Polynomial(model.eq_data[i][:5])(Polynomial([-zero[1], 1.0])) + zero[0]
         # a series of Legendre's polynomials, each within ±1: its first two are the nearest line
@@ -252,9 +252,7 @@ def couplings(model: mujoco.MjModel) -> tuple[list[Coupled], list[str]]:
                 f"equality '{name}': a straight line, up to {np.rad2deg(off):.1f}° off at "
                 f"'{joint_name(model, first)}'"
             )
-        inverse = sum(
-            float(model.dof_invweight0[int(model.jnt_dofadr[j])]) for j in (first, second)
-        )
+        inverse = sum(float(model.dof_invweight0[model.jnt_dofadr[j]]) for j in (first, second))
         stiffness = stiffness_at_rest(model, model.eq_solref[i], model.eq_solimp[i], inverse)
         if first < second:
             stiffness *= ratio**2

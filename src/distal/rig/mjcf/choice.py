@@ -36,12 +36,12 @@ def driven_tendons(model: mujoco.MjModel) -> tuple[dict[int, str], list[str]]:
     left = list[str]()
     for a in range(model.nu):
         name = name_of(model.actuator(a).name, f"actuator{a}")
-        if int(model.actuator_trntype[a]) != int(mujoco.mjtTrn.mjTRN_TENDON):
+        if model.actuator_trntype[a] != mujoco.mjtTrn.mjTRN_TENDON:
             elsewhere.append(name)
             continue
-        kinds = int(model.actuator_dyntype[a]), int(model.actuator_gaintype[a])
-        if kinds[0] == int(mujoco.mjtDyn.mjDYN_MUSCLE) or kinds[1] == int(
-            mujoco.mjtGain.mjGAIN_MUSCLE
+        if (
+            model.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_MUSCLE
+            or model.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_MUSCLE
         ):
             raise RigError(
                 f"actuator '{name}' is a muscle; distal knows tendons that a motor pulls"
@@ -75,18 +75,16 @@ def turning_joints(
     and `joints` see `from_mujoco`.
     """
     mujoco = mujoco_module()
-    turning = [
-        j for j in range(model.njnt) if int(model.jnt_type[j]) == int(mujoco.mjtJoint.mjJNT_HINGE)
-    ]
+    turning = [j for j in range(model.njnt) if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE]
     if chain is not None:
         bodies = [model.body(b).name for b in range(model.nbody)]
         if chain not in bodies:
             raise RigError(f"no body is called '{chain}'{did_you_mean(chain, bodies)}")
         inside = {bodies.index(chain)}
         for b in range(1, model.nbody):
-            if int(model.body_parentid[b]) in inside:
+            if model.body_parentid[b] in inside:
                 inside.add(b)
-        turning = [j for j in turning if int(model.jnt_bodyid[j]) in inside]
+        turning = [j for j in turning if model.jnt_bodyid[j] in inside]
     if joints is not None:
         names = {joint_name(model, j): j for j in turning} | {
             model.joint(j).name: j for j in turning
@@ -133,7 +131,7 @@ def other_joints(
     notes = list[str]()
     for t, name in driven.items():
         for j in (j for j in range(model.njnt) if j not in hinges):
-            dof = int(model.jnt_dofadr[j])
+            dof = model.jnt_dofadr[j]
             width, kind = kinds.get(int(model.jnt_type[j]), (1, None))
             if slopes[t, dof : dof + width].max() <= CROSSED * max(float(slopes[t].max()), 1e-12):
                 continue
@@ -154,17 +152,17 @@ def check_base(model: mujoco.MjModel, first: int, chain: str | None) -> None:
     """Raise a `RigError` where the base of the `first` kept joint floats, unless a `chain` is asked
     for.
     """
-    body = int(model.jnt_bodyid[first])
-    free = int(mujoco_module().mjtJoint.mjJNT_FREE)
+    body = model.jnt_bodyid[first]
+    free = mujoco_module().mjtJoint.mjJNT_FREE
     while body > 0 and chain is None:
         for j in range(model.njnt):
-            if int(model.jnt_bodyid[j]) == body and int(model.jnt_type[j]) == free:
+            if model.jnt_bodyid[j] == body and model.jnt_type[j] == free:
                 raise RigError(
                     f"the base floats: joint '{joint_name(model, j)}' is free; with --chain BODY "
                     "it is held where the "
                     "model has it"
                 )
-        body = int(model.body_parentid[body])
+        body = model.body_parentid[body]
 
 
 def kept_joints(

@@ -193,8 +193,8 @@ def at_poses(model: mujoco.MjModel, joints: Sequence[int], angles: Floats) -> Po
     """
     mujoco = mujoco_module()
     data = mujoco.MjData(model)
-    positions = [int(model.jnt_qposadr[j]) for j in joints]
-    speeds = [int(model.jnt_dofadr[j]) for j in joints]
+    positions = [model.jnt_qposadr[j] for j in joints]
+    speeds = [model.jnt_dofadr[j] for j in joints]
     lengths = []
     arms = []
     wraps = []

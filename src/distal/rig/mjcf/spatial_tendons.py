@@ -58,7 +58,7 @@ def joint_springs(
     for j in joints:
         low, high = range_of(model, j)
         angles = np.linspace(low, high, POSES)
-        relaxed = float(model.qpos_spring[int(model.jnt_qposadr[j])])
+        relaxed = float(model.qpos_spring[model.jnt_qposadr[j]])
         torque = -float(np.ravel(model.jnt_stiffness[j])[0]) * (angles - relaxed)
         for t in (t for t, crossed in crossing.items() if crossed == [j]):
             along = at_poses(model, [j], angles[:, None])
