@@ -22,7 +22,7 @@ from distal.rig.files import (
     shipped_rigs,
     template_text,
 )
-from distal.rig.hand_tables import from_aero, from_orca, from_table, orca_order
+from distal.rig.hand_tables import AssumedOfHands, from_aero, from_orca, from_table, orca_order
 from distal.rig.insertions import Linkage, Pinned, Polynomial, Pulley, Size
 from distal.rig.joints import Joint
 from distal.rig.learned import (
@@ -38,7 +38,7 @@ from distal.rig.learned import (
     as_table,
     features_of,
 )
-from distal.rig.mjcf import compare_lengths, from_mujoco
+from distal.rig.mjcf import AssumedOfModels, compare_lengths, from_mujoco
 from distal.rig.overrides import ALL, parse_assignment, set_value
 from distal.rig.plausibility import (
     Number,
@@ -87,6 +87,8 @@ __all__ = [
     "NOTHING_NORMAL",
     "REFERENCES",
     "TIME_CONSTANTS",
+    "AssumedOfHands",
+    "AssumedOfModels",
     "Capstan",
     "Description",
     "FreeMotion",
