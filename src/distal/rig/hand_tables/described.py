@@ -210,16 +210,6 @@ def _time(column: str) -> Raw:
     return {"column": name, "unit": unit or "s"}
 
 
-def position_of(motor: str) -> str:
-    """Return the column of a motor's angle in a log, by the name of its drive."""
-    return f"{motor}_position"
-
-
-def current_of(motor: str) -> str:
-    """Return the column of a motor's current in a log, by the name of its drive."""
-    return f"{motor}_current"
-
-
 def in_degrees(angle: float) -> str:
     """Return an `angle` [rad] as text in degrees, as a rig file has it."""
     return f"{round(degrees(angle), 6) + 0.0:.8g} deg"
@@ -348,7 +338,7 @@ def _sensors(motor: str, rows: Sequence[Row], guess: AssumedOfHands) -> list[Raw
     )
     step: object = f"{360 / counts:.6g} deg"
     position: Raw = {
-        "name": position_of(motor),
+        "name": f"{motor}_position",
         "measures": "position",
         "of": motor,
         **logged,
@@ -358,10 +348,8 @@ def _sensors(motor: str, rows: Sequence[Row], guess: AssumedOfHands) -> list[Raw
         "resolution": Guess(step, "counts of encoders") if row.counts is None else step,
         "bias": {"value": in_degrees(_winds(rows) * (row.zero or 0.0)), "std": zero_std},
     }
-    if row.position_column is not None:
-        position["column"] = row.position_column
     current: Raw = {
-        "name": current_of(motor),
+        "name": f"{motor}_current",
         "measures": "force",
         "of": motor,
         "unit": "mA",
@@ -372,8 +360,9 @@ def _sensors(motor: str, rows: Sequence[Row], guess: AssumedOfHands) -> list[Raw
         "rate": guess.rate,
         "noise": guess.current_noise,
     }
-    if row.current_column is not None:
-        current["column"] = row.current_column
+    for raw, column in ((position, row.position_column), (current, row.current_column)):
+        if column is not None:
+            raw["column"] = column
     return [position, current]
 
 

@@ -4,7 +4,7 @@ change, and the comparison of a rig's lengths with those of a vendor.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
 from math import comb
@@ -163,11 +163,6 @@ def _fitted(powers: NDArray[np.int64], angles: Floats, lengths: Floats, arms: Fl
         np.sqrt(np.mean(left**2, axis=0)),
         float(np.quantile(left, 0.92, axis=0).max()),
     )
-
-
-def sizes(names: Sequence[str], shares: Floats) -> str:
-    """Return in words the `shares` of the joints' moment arms that a polynomial leaves."""
-    return ", ".join(f"{100 * share:.2g} % at {name}" for name, share in zip(names, shares))
 
 
 DIFFERS = 0.05

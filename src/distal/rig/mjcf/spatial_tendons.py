@@ -11,7 +11,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.rig.mjcf.bodies import Units, joint_name, tendon_name
-from distal.rig.mjcf.excursion import ENOUGH, fit_excursion, sizes
+from distal.rig.mjcf.excursion import ENOUGH, fit_excursion
 from distal.rig.mjcf.loading import (
     POSES,
     AssumedOfModels,
@@ -166,11 +166,13 @@ def described_crossings(
     notes = list[str]()
     switches = len(np.unique(poses.wraps[:, tendon])) > 1
     if switches or excursion.arm_rms.max() > ENOUGH:
+        left = zip(names, excursion.arm_rms)
+        shares = ", ".join(f"{100 * share:.2g} % at {name}" for name, share in left)
         notes.append(
             f"tendon '{name}': "
             + ("its path touches a surface at some angles only; " if switches else "")
             + f"degree {excursion.degree} leaves {1e3 * units.length * excursion.length_rms:.2g} "
-            "mm RMS, " + f"of its moment arms {sizes(names, excursion.arm_rms)}"
+            "mm RMS, " + f"of its moment arms {shares}"
         )
     if excursion.degree == 1:
         crossings: list[object] = []

@@ -76,20 +76,23 @@ class TorqueSensor(SensorBase):
     )
 
     @classmethod
-    def _counting(cls, raw: Mapping[str, object]) -> tuple[str, float] | None:
+    def _per_unit(cls, raw: Mapping[str, object]) -> tuple[str, float] | None:
+        """Return `logged` of a raw or a checked sensor, None where the log holds a torque."""
         if raw.get("torque_constant") is not None:
             return "A", to_si(raw["torque_constant"], "N m/A")
-        if raw.get("lever") is not None:
-            return "N", to_si(raw["lever"], "m")
         if raw.get("torque_constant_motor") is not None:
-            return "A", to_si(raw["torque_constant_motor"], "N m/A") * to_si(
-                raw.get("gear", 1.0), ""
-            )
-        if isinstance(unit := raw.get("unit"), str) and unit not in COUNTS:
-            unit_factor(
-                unit, "N m"
-            )  # a wrong unit is refused here, before the errors that are written in it
-        return None
+            motor = to_si(raw["torque_constant_motor"], "N m/A")
+            return "A", motor * to_si(raw.get("gear", 1.0), "")
+        return ("N", to_si(raw["lever"], "m")) if raw.get("lever") is not None else None
+
+    @classmethod
+    def _counting(cls, raw: Mapping[str, object]) -> tuple[str, float] | None:
+        unit = raw.get("unit")
+        per_unit = cls._per_unit(raw)
+        if per_unit is None and isinstance(unit, str) and unit not in COUNTS:
+            # a wrong unit is refused here, before the errors that are written in it
+            unit_factor(unit, "N m")
+        return per_unit
 
     @model_validator(mode="after")
     def _one_constant(self) -> Self:
@@ -114,11 +117,7 @@ class TorqueSensor(SensorBase):
         """SI unit of what the log holds (N m, A or N), and the torque at the capstan [N m] that one
         such unit stands for.
         """
-        if self.torque_constant is not None:
-            return "A", self.torque_constant
-        if self.torque_constant_motor is not None:
-            return "A", self.torque_constant_motor * self.gear
-        return (self.si, 1.0) if self.lever is None else ("N", self.lever)
+        return self._per_unit(vars(self)) or (self.si, 1.0)
 
 
 class Force(Measurand):
