@@ -14,13 +14,12 @@ import pytest
 
 from distal.errors import StudyError
 from distal.reports import study_report
+from distal.rounded import quantity
 from distal.study import Plan, Space, space_of
 from distal.study.answer import CASES, Answer, _worst, answer_of, influences_of
-from distal.study.needs import Verdict
-from distal.study.proportions import proportion
+from distal.study.execution import Columns
 from distal.study.runs import MEASURES, Task, run_chunk
-from distal.study.storage import Columns
-from distal.study.words import quantity
+from distal.study.shares import Verdict, proportion
 from tests.study.plans import small, still
 
 STIFF, NOISE = "tendons.*.stiffness", "sensors.u1.noise"
@@ -57,7 +56,7 @@ def test_numbers_are_written_as_people_write_them() -> None:
             (0.5, ""),
         )
     ]
-    assert said == ["4.47 kN/m", "0.3 N", "5 µm", "9.5 mm", "1°", "0.5"]
+    assert said == ["4.47 kN/m", "300 mN", "0.005 mm", "9.5 mm", "1°", "0.5"]
 
 
 def made(plan: Plan, space: Space, rms: np.ndarray) -> Columns:

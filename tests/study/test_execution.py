@@ -19,7 +19,7 @@ import pytest
 
 from distal.errors import OutputError, StudyError
 from distal.study import Plan, open_folder, run_study, space_of
-from distal.study.storage import Columns
+from distal.study.execution import Columns
 from tests.study.plans import RAW, small
 
 pytest.importorskip("pyarrow")

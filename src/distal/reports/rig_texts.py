@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import degrees
 
 from distal.rig import (
     Capstan,
@@ -17,7 +16,7 @@ from distal.rig import (
     part_of,
     position_unit,
 )
-from distal.rounded import rounded
+from distal.rounded import plain_number, quantity
 
 SIZES = (
     "radius",
@@ -49,34 +48,10 @@ SIZES = (
 zero.
 """
 
-SMALLER = {"m": (1e3, " mm"), "kg": (1e3, " g"), "rad": (degrees(1.0), "°"), "": (1.0, "")}
-"""SI unit → factor and name of the unit in which drawings write it; others have a prefix by their
-size.
-"""
-
-
-def quantity(value: float, si: str) -> str:
-    """Return a value with a unit of convenient size to three digits, such as "8 mm" or "−20°".
-
-    Args:
-        value: value in the SI unit `si`.
-    """
-    from matplotlib.ticker import EngFormatter
-
-    if si in SMALLER:
-        factor, unit = SMALLER[si]
-        return f"{_digits(factor * value)}{unit}"
-    text: str = EngFormatter(si.replace("N m", "N·m"))(float(f"{value:.3g}"))
-    return text
-
-
-def _digits(value: float) -> str:
-    return rounded(value, 3).replace("-", "−")
-
 
 def vector(components: Iterable[float]) -> str:
     """Return the text of a vector, such as "[45, 0, 0]"."""
-    return f"[{', '.join(map(_digits, components))}]"
+    return f"[{', '.join(map(plain_number, components))}]"
 
 
 def texts_of(rig: Rig, kind: str, index: int) -> tuple[str, ...]:
@@ -110,7 +85,7 @@ def texts_of(rig: Rig, kind: str, index: int) -> tuple[str, ...]:
     for sensor in rig.sensors:
         if measurand_of(sensor).of == kind and part_of(sensor, rig) == index:
             gear = getattr(sensor, "gear", 1.0)
-            before = "" if gear == 1.0 else f", gear {_digits(gear)}"
+            before = "" if gear == 1.0 else f", gear {plain_number(gear)}"
             texts.append(f"◉ {sensor.name}: {sensor.measures}{before}")
     return tuple(texts)
 

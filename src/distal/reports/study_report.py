@@ -23,9 +23,9 @@ from distal.results import BLACK, COLOURS, FAINT, INK, SOFT, WHITE
 from distal.rounded import rounded
 from distal.study import Axis, Plan, Space
 from distal.study.answer import Answer, Influence
+from distal.study.execution import Columns
 from distal.study.runs import BUILT, MEASURES
-from distal.study.storage import Columns
-from distal.study.words import words_of
+from distal.study.shares import words_of
 
 MOST_DOTS = 2000
 """Number of dots in a chart at most; more make the page slow without showing more. Source:

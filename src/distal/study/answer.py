@@ -7,28 +7,29 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from math import degrees, prod
 
 import numpy as np
 
 from distal.arrays import Bools, Floats
+from distal.confidence import BAND
 from distal.errors import StudyError
 from distal.rounded import rounded
 from distal.study.description import Plan
 from distal.study.design_space import FEEDBACK, Space
-from distal.study.needs import Need, needs_in_short, needs_of
-from distal.study.proportions import FEWEST, Proportion, proportion
+from distal.study.execution import Columns
 from distal.study.runs import BUILT, MEASURES, Task, curves_of, run_tasks
-from distal.study.storage import Columns
-from distal.study.words import BINS, parts_of, setting_in_words, words_of
-
-MOST_AXES = 3
-"""Largest number of axes along which the space of designs is split into regions [1]. Source:
-judgement.
-"""
-
-MOST_SAMPLES = 20_000
-"""Largest number of rigs from which the Sobol indices are computed [1]. Source: judgement."""
+from distal.study.shares import (
+    Need,
+    Proportion,
+    needs_in_short,
+    needs_of,
+    parts_of,
+    proportion,
+    setting_in_words,
+    words_of,
+)
 
 CASES = 3
 """Number of worst cases that are shown [1]. Source: layout."""
@@ -154,32 +155,29 @@ def influences_of(plan: Plan, space: Space, columns: Columns, rms: Floats) -> tu
 
     The influences are first-order Sobol indices by RBD-FAST (Tarantola et al., 2006; SALib).
     """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            from SALib.analyze import rbd_fast
-    except ImportError:
-        return ()
     is_finite = np.isfinite(rms)
     inputs = {}
-    for name in [
-        *(axis.path for axis in space.axes),
-        *(key for key in columns if key.startswith(BUILT)),
-    ]:
+    for name in [*(axis.path for axis in space.axes), *(n for n in columns if n.startswith(BUILT))]:
         column = columns[name][:: len(plan.scenarios)][is_finite]
         if column.dtype.kind not in "fiub":
             column = np.unique(column, return_inverse=True)[1]
         values = column.astype(np.float64)
         if len(values) and np.ptp(values) > 0.0:
             inputs[name] = values
-    samples = np.random.default_rng(0).permutation(int(is_finite.sum()))[:MOST_SAMPLES]
-    if not inputs or len(samples) < 100 or np.ptp(rms[is_finite]) == 0.0:
+    rms = rms[is_finite]
+    if not inputs or len(rms) < 100 or np.ptp(rms) == 0.0:
         return ()
-    problem = {"num_vars": len(inputs), "names": list(inputs), "bounds": [[0.0, 1.0]] * len(inputs)}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
+        try:
+            from SALib.analyze import rbd_fast
+        except ImportError:
+            return ()
+        # designs come in the order of their choices, which the indices must not see
+        order = np.random.default_rng(0).permutation(len(rms))
+        problem = {"num_vars": len(inputs), "names": list(inputs)}
         table = np.column_stack(list(inputs.values()))
-        indices = rbd_fast.analyze(problem, table[samples], rms[is_finite][samples], seed=1)
+        indices = rbd_fast.analyze(problem, table[order], rms[order], seed=1)
     influences = [
         Influence(name, words_of(plan, name), float(np.clip(index, 0.0, 1.0)), float(half))
         for name, index, half in zip(inputs, indices["S1"], indices["S1_conf"])
@@ -190,8 +188,12 @@ def influences_of(plan: Plan, space: Space, columns: Columns, rms: Floats) -> tu
 def _regions(
     plan: Plan, space: Space, columns: Columns, good: Bools, influences: Sequence[Influence]
 ) -> tuple[Region, ...]:
-    """Return regions of the space of designs with their shares of rigs, best first. The space is
-    split along choices and along numbers whose influence is larger than its uncertainty.
+    """Return regions of the space of designs with their shares of rigs, best first.
+
+    The space is split along choices and along numbers whose influence is larger than its
+    uncertainty, those of the largest influence first. It is split as far as a region has, in the
+    mean, so many rigs that its share can be shown to be the one that is asked. Of n rigs that all
+    meet the requirement, the interval begins at n / (n + z²) (Wilson, 1927).
     """
     order = [influence.name for influence in influences]
     significant = {influence.name for influence in influences if influence.index > influence.half}
@@ -199,16 +201,17 @@ def _regions(
         space.axes, key=lambda axis: order.index(axis.path) if axis.path in order else len(order)
     )
     axes = [axis for axis in ranked if axis.choices or axis.path in significant] or list(space.axes)
-    axes = axes[:MOST_AXES]
-    while len(axes) > 1 and FEWEST * prod(len(axis.choices) or BINS for axis in axes) > len(good):
-        axes.pop()
-    cells: list[tuple[str, Bools]] = [("", np.ones(len(good), dtype=np.bool_))] if axes else []
-    for axis in axes:
-        parts = parts_of(plan, axis, columns[axis.path][:: len(plan.scenarios)])
-        cells = [(f"{a}, {b}" if a else b, x & y) for a, x in cells for b, y in parts]
-    regions = [
-        Region(where, proportion(good[inside])) for where, inside in cells if inside.sum() >= FEWEST
-    ]
+    values = {axis.path: columns[axis.path][:: len(plan.scenarios)] for axis in axes}
+    parts = [parts_of(plan, axis, values[axis.path]) for axis in axes]
+    asked = plan.study.requirement.rigs
+    while len(parts) > 1 and asked * BAND**2 * prod(map(len, parts)) > (1.0 - asked) * len(good):
+        parts.pop()
+    regions = []
+    for cell in product(*parts) if parts else ():
+        words, inside = zip(*cell)
+        met = good[np.logical_and.reduce(inside)]
+        if len(met):
+            regions.append(Region(", ".join(words), proportion(met)))
     return tuple(sorted(regions, key=lambda region: -region.proportion.low))
 
 

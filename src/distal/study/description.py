@@ -82,6 +82,10 @@ class Study(Description):
         description="path of a number, as for `--set`, `sensors.NAME` or `estimator` → a list, or "
         "a table with from and to",
     )
+    added_noise: Annotated[float, In("N", "positive")] = Field(
+        0.1,
+        description="noise of sensors of force that `--suggest` adds to a rig without load cells",
+    )
     requirement: Requirement = Field(description="what is asked")
 
     @model_validator(mode="after")

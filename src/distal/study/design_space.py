@@ -17,7 +17,7 @@ from distal.control import COMMAND, ENCODER, RATIO
 from distal.errors import DistalError, StudyError
 from distal.estimators import ESTIMATORS
 from distal.rig import ALL, Rig, number
-from distal.study.description import Plan
+from distal.study.description import MOST_DESIGNS, Plan
 from distal.suggestions import did_you_mean
 from distal.units import to_si
 
@@ -33,13 +33,18 @@ an estimator.
 """
 
 POINTS = 5
-"""Default number of points of a range in a grid [1]. Source: judgement."""
+"""Default number of points of a range in a grid [1]; an answer tells the parts between as many
+points of a range apart. Source: judgement.
+"""
 
 KEYS = ("from", "to", "scale", "points")
 """Keys of the table of a range."""
 
-MOST_CHUNKS = 100_000
-"""Largest number of chunks in a study [1]. Source: judgement."""
+
+def sensor_of(path: str) -> str:
+    """Return the name of the sensor that a path in ``vary`` puts in or leaves out, or ""."""
+    kind, _, name = path.partition(".")
+    return name if kind == "sensors" and "." not in name else ""
 
 
 @dataclass(frozen=True)
@@ -84,10 +89,10 @@ def _axis(rig: Rig, path: str, raw: object) -> Axis:
             if name not in allowed:
                 raise StudyError(f"vary.{path}: unknown '{name}'{did_you_mean(str(name), allowed)}")
         return Axis(path, choices=tuple(map(str, names)))
-    if path.startswith("sensors.") and path.count(".") == 1:
-        if path.partition(".")[2] not in sensors:
+    if sensor := sensor_of(path):
+        if sensor not in sensors:
             raise StudyError(
-                f"vary.{path}: the rig has no such sensor{did_you_mean(path[8:], sensors)}"
+                f"vary.{path}: the rig has no such sensor{did_you_mean(sensor, sensors)}"
             )
         flags = _list(path, raw)
         if not all(isinstance(flag, bool) for flag in flags):
@@ -208,10 +213,6 @@ class Space:
         choices = np.minimum(self.shares[:, columns] * counts, counts - 1).astype(int)
         order = np.lexsort(choices.T[::-1]) if columns else np.arange(len(self))
         length = max(1, size // runs_per_design)
-        if len(self) > length * MOST_CHUNKS:
-            raise StudyError(
-                f"{len(self):,} designs came; at most {length * MOST_CHUNKS:,} are possible here"
-            )
         return [
             tuple(order[start : start + length].tolist()) for start in range(0, len(self), length)
         ]
@@ -241,8 +242,10 @@ def space_of(plan: Plan) -> Space:
     if study.fill == "grid":
         counts = [len(axis.choices) or axis.points for axis in axes]
         size = np.prod(counts, dtype=float)
-        if size > 1e6:
-            raise StudyError(f"the grid has {size:.3g} designs, at most 1e6; use fill = 'latin'")
+        if size > MOST_DESIGNS:
+            raise StudyError(
+                f"the grid has {size:.3g} designs, at most {MOST_DESIGNS:,}; use fill = 'latin'"
+            )
         levels = [
             [(k + 0.5) / n if axis.choices else k / (n - 1) for k in range(n)]
             for axis, n in zip(axes, counts)
@@ -261,7 +264,7 @@ def space_of(plan: Plan) -> Space:
 
 def rig_of(rig: Rig, design: Design) -> Rig:
     """Return the rig of a design, without the sensors that it leaves out."""
-    off = {path.partition(".")[2] for path, setting in design.items() if setting is False}
+    off = {sensor_of(path) for path, setting in design.items() if setting is False}
     values = {
         path: setting for path, setting in design.items() if not isinstance(setting, (bool, str))
     }

@@ -1,9 +1,13 @@
-"""Run the chunks of a study by processes of this computer or by a Dask cluster; both call the same
-function on the same list.
+"""The folder of a study's rows, and the runs that fill it: by processes of this computer or by a
+Dask cluster, which both call the same function on the same chunks.
+
+The folder holds a small Parquet file for each chunk, written whole when the chunk ends.
 """
 
 from __future__ import annotations
 
+import io
+import json
 import multiprocessing
 import os
 import signal
@@ -12,21 +16,136 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
 
 from distal.cluster import on_cluster
 from distal.errors import StudyError
+from distal.logs import write_whole
+from distal.results import make_folder
 from distal.study.description import Plan
 from distal.study.design_space import Space
 from distal.study.runs import Rows, run_chunk
-from distal.study.storage import Folder
+from distal.version import __version__
 
+if TYPE_CHECKING:
+    import pyarrow
+
+Columns = dict[str, NDArray[np.generic]]
 Progress = Callable[[int, int], None]
 Chunk = tuple[int, tuple[int, ...]]
 
-FIRST_RUNS = 20
-"""Number of runs after which a new study, but for a grid, stops where all of them failed by the
-same error [1]. Source: judgement.
-"""
+LABEL = "study.json"
+"""Name of the file that says to which study a folder belongs."""
+
+
+@dataclass(frozen=True)
+class Folder:
+    """The folder of a study's rows and its answer."""
+
+    path: Path
+
+    @property
+    def _chunks(self) -> dict[int, Path]:
+        return {
+            int(file.stem): file for file in sorted((self.path / "rows").glob("[0-9]*.parquet"))
+        }
+
+    def done(self) -> set[int]:
+        """Return the numbers of the chunks whose rows are in the folder."""
+        return set(self._chunks)
+
+    def write(self, chunk: int, rows: Rows) -> None:
+        """Write the rows of a chunk."""
+        import pyarrow as pa
+
+        path = self.path / "rows" / f"{chunk:06d}.parquet"
+        write_whole(path, _bytes(pa.Table.from_pydict(rows)))
+
+    def gather(self) -> Path:
+        """Write the rows of all chunks into one file, ``rows.parquet``, sorted by design, seed and
+        scenario, and return its path.
+        """
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        table = pa.concat_tables(map(pq.read_table, self._chunks.values()))
+        order = [(name, "ascending") for name in ("design", "seed", "scenario")]
+        write_whole(self.path / "rows.parquet", _bytes(table.sort_by(order)))
+        return self.path / "rows.parquet"
+
+    def read(self) -> Columns:
+        """Return the gathered rows, column → values. In ``met`` 1 stands for yes, 0 for no, and -1
+        where the requirement does not ask for the scenario.
+
+        Raises:
+            StudyError: there are no rows.
+        """
+        import pyarrow.parquet as pq
+
+        try:
+            table = pq.read_table(self.path / "rows.parquet")
+        except OSError as problem:
+            raise StudyError(f"{self.path}: has no rows that can be read ({problem})") from None
+        return {
+            name: (
+                table[name].cast("int8").fill_null(-1) if name == "met" else table[name]
+            ).to_numpy()
+            for name in table.column_names
+        }
+
+
+def _bytes(table: pyarrow.Table) -> bytes:
+    import pyarrow.parquet as pq
+
+    buffer = io.BytesIO()
+    pq.write_table(table, buffer)
+    return buffer.getvalue()
+
+
+def open_folder(plan: Plan, path: str | Path) -> Folder:
+    """Return a study's folder, which is made if it does not exist; the rows of this study that it
+    holds are kept.
+
+    Raises:
+        StudyError: the folder is of another study or another version of distal, or pyarrow is not
+            installed.
+        OutputError: the folder cannot be made or written.
+    """
+    try:
+        import pyarrow  # noqa: F401
+    except ImportError:
+        raise StudyError(
+            "a study's rows are Parquet, which needs pyarrow; pip install '.[study]'"
+        ) from None
+    folder = make_folder(Path(path) / "rows").parent
+    label = folder / LABEL
+    names = {
+        "digest": plan.digest,
+        "version": __version__,
+        "name": plan.study.name,
+        "rig": plan.rig.name,
+    }
+    if not label.exists():
+        write_whole(label, json.dumps(names, indent=2, ensure_ascii=False) + "\n")
+        return Folder(folder)
+    elsewhere = "give another folder with --out"
+    try:
+        found = names | json.loads(label.read_text(encoding="utf-8"))
+    except (OSError, ValueError, TypeError):
+        raise StudyError(f"{label}: cannot be read; {elsewhere}, or remove this one") from None
+    if found["digest"] != plan.digest:
+        raise StudyError(f"{folder}: holds another study's rows; {elsewhere}, or remove it")
+    if found["version"] != __version__:
+        raise StudyError(
+            f"{folder}: was begun with distal {found['version']}, this is {__version__}; "
+            f"{elsewhere}"
+        )
+    return Folder(folder)
 
 
 def run_study(
@@ -46,8 +165,8 @@ def run_study(
         progress: called with the number of runs that are done and of all.
 
     Raises:
-        StudyError: the first runs all failed by the same error, a worker ended, or the scheduler is
-            not there or has another version.
+        StudyError: all runs of the first chunk failed by the same error, a worker ended, or the
+            scheduler is not there or has another version.
         OutputError: rows cannot be written.
     """
     runs_per_design = plan.study.seeds * len(plan.scenarios)
@@ -62,27 +181,19 @@ def run_study(
     if not chunks:
         return
     count = (os.cpu_count() or 1) if workers is None else workers
-    held: list[tuple[int, Rows]] | None = [] if done == 0 and plan.study.fill != "grid" else None
+    # a grid begins in a corner of the space, where all runs may fail
+    is_first = done == 0 and plan.study.fill != "grid"
     for number, rows in (
         _by_dask(plan, chunks, scheduler) if scheduler else _by_processes(plan, chunks, count)
     ):
-        if held is not None:
-            # an error of all first runs ends the study before the others begin; no row is written
-            held.append((number, rows))
-            problems = [str(text) for _, part in held for text in part["problem"]]
-            if set(problems) == {problems[0]} and problems[0]:
-                if len(problems) >= min(FIRST_RUNS, total):
-                    raise StudyError(
-                        f"the first {len(problems)} runs failed alike, so the study stops: "
-                        f"{problems[0]}; mend that, and "
-                        "start it again"
-                    )
-                continue
-            for each in held:
-                folder.write(*each)
-            held = None
-        else:
-            folder.write(number, rows)
+        problem, *others = set(map(str, rows["problem"]))
+        if is_first and problem and not others:
+            raise StudyError(
+                f"the first {len(rows['problem'])} runs failed alike, so the study stops: "
+                f"{problem}; mend that, and start it again"
+            )
+        is_first = False
+        folder.write(number, rows)
         done += len(rows["design"])
         if progress is not None:
             progress(done, total)

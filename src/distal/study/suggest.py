@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from distal.arrays import Floats
-from distal.confidence import BAND
+from distal.confidence import BAND, COVERED
 from distal.errors import StudyError
 from distal.estimators import DEFAULT
 from distal.results import Estimate
@@ -19,11 +19,6 @@ from distal.study.description import Plan
 from distal.study.plants import draws_of
 from distal.study.runs import NOMINAL, Task, run_tasks
 
-BETTER = 0.5
-"""Share of its std that a better known number keeps, and of its errors a better sensor [1]. Source:
-judgement.
-"""
-
 KNOWN = 2.0
 """Time at the start for which the joint's angle is known in a calibration [s]. Source:
 judgement.
@@ -31,16 +26,6 @@ judgement.
 
 PLANTS = 24
 """Number of rigs as built on which each option is simulated [1]. Source: judgement."""
-
-SAME = 0.05
-"""Bands, or errors, that differ by a smaller share than this count as the same [1]. Source:
-judgement.
-"""
-
-NOISE = 0.1
-"""Noise std of an added tension sensor or load cell where the rig has no force sensor to copy it
-from [N]. Source: judgement.
-"""
 
 
 @dataclass(frozen=True)
@@ -84,9 +69,7 @@ def suggestions(
     """Return the rig as it is, the options (narrowest band first), and Kendall's τ between their
     ranks by band and by error.
 
-    In these ranks an option that changes nothing is equal to the rig as it is: its band or its
-    error differs by less than `SAME`, or its error by less than twice the standard error of the
-    difference between the same plants with and without the option.
+    The ranks are those of options that `differs` from the rig as it is; of fewer than two τ is NaN.
 
     Raises:
         StudyError: the study's estimator is not the default one, whose covariance is needed, or the
@@ -99,38 +82,35 @@ def suggestions(
             f"suggestions go by the covariance of '{DEFAULT}'; '{plan.study.estimator}' came as "
             "estimator"
         )
-    options = options_of(plan.rig)
+    options = options_of(plan.rig, plan.study.added_noise)
     judged = list[Suggestion]()
     for k, option in enumerate(options, 1):
         judged.append(_judged(plan, option))
         if progress is not None:
             progress(k, len(options))
     base, *changes = judged
-    bands = [
-        base.band if abs(change.band - base.band) < SAME * base.band else change.band
-        for change in changes
-    ]
-    tau = kendalltau(bands, [_identified(base, change) for change in changes]).statistic
-    return base, sorted(changes, key=lambda change: change.band), float(tau)
+    ranked = [change for change in changes if differs(base, change)]
+    tau = kendalltau(*([getattr(change, by) for change in ranked] for by in ("band", "error")))
+    changes.sort(key=lambda change: change.band)
+    return base, changes, float(tau.statistic)
 
 
-def _identified(base: Suggestion, change: Suggestion) -> float:
-    """Return the RMS error of an option [rad], or that of the rig as it is where its plants do not
-    show a difference.
+def differs(base: Suggestion, change: Suggestion) -> bool:
+    """Return whether the rigs as built show that an option changes the error: whether the square
+    errors of the same rigs with and without it differ by a paired t-test at the level 0.05.
     """
-    differences = change.squares - base.squares
-    differences = differences[np.isfinite(differences)]
-    unsure = 2.0 * np.std(differences) / np.sqrt(max(len(differences), 1))
-    unknown = len(differences) < 2 or abs(np.mean(differences)) < unsure
-    return (
-        base.error
-        if unknown or abs(change.error - base.error) < SAME * base.error
-        else change.error
-    )
+    from scipy.stats import ttest_rel
+
+    test = ttest_rel(change.squares, base.squares, nan_policy="omit")
+    return bool(test.pvalue < 1.0 - COVERED)
 
 
-def options_of(rig: Rig) -> list[Option]:
-    """Return the options for a rig; the first one leaves the rig as it is."""
+def options_of(rig: Rig, noise: float) -> list[Option]:
+    """Return the options for a rig; the first one leaves the rig as it is.
+
+    Args:
+        noise: of an added sensor of force where the rig has no load cell [N].
+    """
     options = [Option("as it is", rig)]
     groups = dict[str, dict[str, object]]()
     for draw in draws_of(rig):
@@ -140,50 +120,37 @@ def options_of(rig: Rig) -> list[Option]:
         words = in_words(rig, key) + (" in common" if draw.common else "")
         for path in draw.paths:
             std = draw.std if draw.common else number(rig, path).independent_std
-            groups.setdefault(words, {})[f"{path}.{'shared.std' if draw.common else 'std'}"] = (
-                BETTER * std
-            )
+            key = "shared.std" if draw.common else "std"
+            groups.setdefault(words, {})[f"{path}.{key}"] = std / 2.0
     options += [
         Option(f"{words} known twice as well", rig.with_values(values))
         for words, values in groups.items()
     ]
     for kind in ("position", "force", "tension"):
-        errors: dict[str, object] = {}
-        for i, sensor in enumerate(rig.sensors):
-            if sensor.measures == kind:
-                sizes = {
-                    name: getattr(sensor, name) for name in ("noise", "linearity", "resolution")
-                }
-                errors |= {
-                    f"sensors.{i}.{name}": BETTER * size
-                    for name, size in sizes.items()
-                    if size > 0.0
-                }
+        errors: dict[str, object] = {
+            f"sensors.{i}.{name}": size / 2.0
+            for i, sensor in enumerate(rig.sensors)
+            for name in ("noise", "linearity", "resolution")
+            if sensor.measures == kind and (size := getattr(sensor, name)) > 0.0
+        }
         if errors:
             options.append(Option(f"{kind} sensors twice as good", rig.with_values(errors)))
-    options += _with_sensors(rig)
+    options += _with_sensors(rig, noise)
     return [*options, Option(f"the angle known for the first {KNOWN:g} s", rig, KNOWN)]
 
 
-def _with_sensors(rig: Rig) -> list[Option]:
-    """Return options that add sensors which the rig does not have."""
-    noise = (
-        min((sensor.noise for sensor in rig.sensors_of("force") if sensor.si == "N"), default=NOISE)
-        or NOISE
-    )
+def _with_sensors(rig: Rig, noise: float) -> list[Option]:
+    """Return options that add sensors which the rig does not have, as noisy as its best load cell,
+    or with the given `noise` [N] where it has none.
+    """
+    cells = [sensor.noise for sensor in rig.sensors_of("force") if sensor.si == "N"]
+    noise = min(cells, default=noise) or noise
     rate = max((sensor.rate for sensor in rig.sensors), default=100.0)
+    sliders = [drive.name for drive in rig.drives if drive.kind == "slider"]
     options = []
     for measures, parts, words in (
-        (
-            "tension",
-            rig.tendon_names,
-            f"a tension sensor of {noise:g} N on each tendon",
-        ),
-        (
-            "force",
-            [d.name for d in rig.drives if d.kind == "slider"],
-            f"a load cell of {noise:g} N at each drive",
-        ),
+        ("tension", rig.tendon_names, "tension sensor of {:g} N on each tendon"),
+        ("force", sliders, "load cell of {:g} N at each drive"),
     ):
         measured = {sensor.of for sensor in rig.sensors_of(measures)}
         added = [
@@ -199,7 +166,9 @@ def _with_sensors(rig: Rig) -> list[Option]:
         ]
         if added:
             sensors = [*rig.model_dump()["sensors"], *added]
-            options.append(Option(words, rig.with_values({"sensors": sensors})))
+            options.append(
+                Option(f"a {words.format(noise)}", rig.with_values({"sensors": sensors}))
+            )
     return options
 
 
