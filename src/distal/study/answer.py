@@ -7,13 +7,11 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
-from math import degrees, prod
+from math import degrees
 
 import numpy as np
 
 from distal.arrays import Bools, Floats
-from distal.confidence import BAND
 from distal.errors import StudyError
 from distal.rounded import rounded
 from distal.study.description import Plan
@@ -191,9 +189,8 @@ def _regions(
     """Return regions of the space of designs with their shares of rigs, best first.
 
     The space is split along choices and along numbers whose influence is larger than its
-    uncertainty, those of the largest influence first. It is split as far as a region has, in the
-    mean, so many rigs that its share can be shown to be the one that is asked. Of n rigs that all
-    meet the requirement, the interval begins at n / (n + z²) (Wilson, 1927).
+    uncertainty, one after the other, those of the largest influence first, as long as the lower end
+    of the best region's interval rises.
     """
     order = [influence.name for influence in influences]
     significant = {influence.name for influence in influences if influence.index > influence.half}
@@ -201,18 +198,17 @@ def _regions(
         space.axes, key=lambda axis: order.index(axis.path) if axis.path in order else len(order)
     )
     axes = [axis for axis in ranked if axis.choices or axis.path in significant] or list(space.axes)
-    values = {axis.path: columns[axis.path][:: len(plan.scenarios)] for axis in axes}
-    parts = [parts_of(plan, axis, values[axis.path]) for axis in axes]
-    asked = plan.study.requirement.rigs
-    while len(parts) > 1 and asked * BAND**2 * prod(map(len, parts)) > (1.0 - asked) * len(good):
-        parts.pop()
-    regions = []
-    for cell in product(*parts) if parts else ():
-        words, inside = zip(*cell)
-        met = good[np.logical_and.reduce(inside)]
-        if len(met):
-            regions.append(Region(", ".join(words), proportion(met)))
-    return tuple(sorted(regions, key=lambda region: -region.proportion.low))
+    cells: list[tuple[str, Bools]] = [("", np.ones(len(good), dtype=np.bool_))]
+    found: tuple[Region, ...] = ()
+    for axis in axes:
+        parts = parts_of(plan, axis, columns[axis.path][:: len(plan.scenarios)])
+        cells = [(f"{a}, {b}" if a else b, x & y) for a, x in cells for b, y in parts]
+        regions = [Region(words, proportion(good[cell])) for words, cell in cells if cell.any()]
+        regions.sort(key=lambda region: -region.proportion.low)
+        if found and regions[0].proportion.low <= found[0].proportion.low:
+            break
+        found = tuple(regions)
+    return found
 
 
 def _worst(plan: Plan, space: Space, columns: Columns) -> tuple[Case, ...]:
