@@ -10,8 +10,15 @@ import numpy as np
 import pytest
 
 from distal.paper.claims import Measure, Statement, statements
-from distal.paper.map import draw_map, search_in_words, to_json
-from distal.paper.rig_search import UNKNOWNS, Search, margins_of, plant_of
+from distal.paper.rig_search import (
+    UNKNOWNS,
+    Search,
+    draw_map,
+    margins_of,
+    plant_of,
+    search_in_words,
+    to_json,
+)
 from distal.paper.series import PLANTS, SERIES_1, hung_weights, observed_values, run_series
 
 COUNT = 12
@@ -32,7 +39,7 @@ def test_a_margin_is_a_share_of_the_bound() -> None:
     assert Measure("", 2.0, None).margin(2.5) == pytest.approx(0.25)
     assert Measure("", None, 0.5).margin(0.6) == pytest.approx(-0.2)
     assert Measure("", None, 0.5).margin(np.nan) == -np.inf
-    both = Statement("C0", "", "", (Measure("", 1.0, None), Measure("", None, 4.0)))
+    both = Statement("C0", "", "", "", (Measure("", 1.0, None), Measure("", None, 4.0)))
     assert both.margin((3.0, 3.0)) == pytest.approx(0.25)  # the smaller of 2 and 1/4
 
 

@@ -13,7 +13,8 @@ from distal import Fit, Log, Rig, estimate, fit, load_scenario, scenario_rig, si
 from distal.paper.paper_figures import FIGURES
 from distal.reports import fit_report
 from distal.reports.fitting_figures import draw_residuals, draw_traces
-from distal.reports.page import html_table, page, paragraph, picture
+from distal.reports.page import page, paragraph, picture
+from distal.results import Html, html_table
 from tests.results.test_plots import legends_lie_beside
 
 
@@ -40,7 +41,11 @@ def test_text_is_never_markup() -> None:
     text = page(
         "a <b> & c",
         "<i>",
-        [paragraph("<p>"), html_table(["<x>"], [["<em>cell</em>"]]), picture("<svg/>", "<c>")],
+        [
+            paragraph("<p>"),
+            html_table(["<x>"], [[Html("<em>cell</em>")], ["<td>"]]),
+            picture("<svg/>", "<c>"),
+        ],
     )
     for escaped in (
         "a &lt;b&gt; &amp; c",
@@ -48,9 +53,10 @@ def test_text_is_never_markup() -> None:
         "<p>&lt;p&gt;</p>",
         "<th>&lt;x&gt;</th>",
         "<figcaption>&lt;c&gt;",
+        "<td>&lt;td&gt;</td>",
     ):
         assert escaped in text
-    assert "<em>cell</em>" in text  # cells are HTML
+    assert "<em>cell</em>" in text  # a cell that is HTML
 
 
 def test_the_figures_of_a_fit(logs: list[Log], rig: Rig) -> None:

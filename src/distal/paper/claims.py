@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
-from typing import Any
 
 import numpy as np
 
@@ -52,12 +51,14 @@ class Statement:
         key: ``C1`` to ``C12``.
         text: the statement in words.
         why: the reason for the threshold.
+        reason: why it holds on a plant or not.
         measures: its measures, the main one first; all must be within their bounds.
     """
 
     key: str
     text: str
     why: str
+    reason: str
     measures: tuple[Measure, ...]
 
     def margin(self, values: Sequence[float]) -> float:
@@ -73,14 +74,17 @@ def statements() -> tuple[Statement, ...]:
     text = resources.files("distal.paper").joinpath("claims.toml").read_text(encoding="utf-8")
     return tuple(
         Statement(
-            key, main["statement"], main["why"], tuple(map(_measure, [main, *main.get("also", [])]))
+            key,
+            main["statement"],
+            main["why"],
+            main["reason"],
+            tuple(
+                Measure(each["measure"], each.get("least"), each.get("most"))
+                for each in (main, *main.get("also", ()))
+            ),
         )
         for key, main in tomllib.loads(text).items()
     )
-
-
-def _measure(keys: dict[str, Any]) -> Measure:
-    return Measure(keys["measure"], keys.get("least"), keys.get("most"))
 
 
 def measured(runs: Sequence[SeriesRun]) -> dict[str, tuple[float, ...]]:

@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from distal.confidence import BAND
-from distal.paper.claims import potentiometer_errors, rms
+from distal.paper.claims import SIDES, potentiometer_errors, rms
 from distal.paper.series import PLANTS, SERIES_2, SeriesRun
-from distal.results import BAND_ALPHA, BLACK, COLOURS, DASHES, SOFT, TRUTH, draw_estimate, figure
+from distal.results import (
+    BAND_ALPHA,
+    BLACK,
+    COLOURS,
+    SOFT,
+    TRUTH,
+    colour,
+    curve_style,
+    draw_estimate,
+    figure,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,6 +64,9 @@ CAPTIONS = {
 SHOWN = {"inextensible": 3, "ekf-2008": 1, "adaptive": 0}
 """Estimator in the summary → index of its colour and dash."""
 
+FILTERS = {"ekf-2008": 1, "ekf": 2, "adaptive": 0, "simulation": 4, "inextensible": 3}
+"""Estimator in the figures of Series 2 → index of its colour and dash."""
+
 NAMES = {"simulation": "simulation alone", "ekf-2008": "2008 filter", "ekf": "ekf, exact noise"}
 """Estimator → its label in figures, where that is not its own name."""
 
@@ -80,146 +93,80 @@ def end_of_motion(shown: Sequence[SeriesRun]) -> float:
     return float(min(max(ends) + AFTER, shown[0].log.time[-1]))
 
 
-def draw_summary(runs: Sequence[SeriesRun]) -> Figure:
-    """Return the figure that sums up the reproduction: three estimates at rising tension on the
-    plant with more friction.
+def draw_figure(name: str, runs: Sequence[SeriesRun]) -> Figure:
+    """Return the figure `SUMMARY`, three estimates at rising tension on the plant with more
+    friction, or one of `FIGURES`: the plant with the friction of Table 1 beside that with more.
 
     Curves are of the first seed, RMS errors of all seeds.
     """
-    plant = PLANTS[1].name
-    on_plant = [run for run in runs if run.plant == plant]
-    shown = [first_run(runs, series, plant) for series in SERIES_2]
-    end = end_of_motion(shown)
-    with figure(2, 3, (7.2, 4.3), sharex=True, sharey="row", height_ratios=[1.5, 1]) as (
-        drawing,
-        axes,
-    ):
-        for column, run in enumerate(shown):
-            top = axes[column]
-            bottom = axes[3 + column]
-            top.plot(run.log.time, np.rad2deg(run.log.truth["theta"]), label="truth", **TRUTH)
-            for row, (name, index) in enumerate(SHOWN.items()):
-                estimate = run.estimates[name]
-                draw_estimate(top, estimate, index, band=False, label=NAMES.get(name, name))
-                error = np.rad2deg(estimate.errors())
-                bottom.plot(
-                    run.log.time,
-                    error,
-                    color=COLOURS[index],
-                    linestyle=DASHES[index],
-                    linewidth=1.2,
-                )
-                pooled = rms(on_plant, run.series, name)
-                top.text(
-                    0.98,
-                    0.27 - 0.1 * row,
-                    f"{pooled:.1f}°",
-                    color=COLOURS[index],
-                    fontsize=8.5,
-                    weight="bold",
-                    transform=top.transAxes,
-                    ha="right",
-                )
-            top.text(0.98, 0.37, "RMS error", fontsize=8, transform=top.transAxes, ha="right")
-            band = np.rad2deg(BAND * run.estimates["adaptive"].theta_std)
-            bottom.fill_between(
-                run.log.time, -band, band, color=COLOURS[0], alpha=BAND_ALPHA, linewidth=0
-            )
-            bottom.axhline(0.0, color=BLACK, linewidth=0.6)
-            bottom.set_xlim(0.7, end)
-            bottom.set_xlabel("time [s]")
-            top.set_title(run.log.source.removeprefix("Series 2: "), fontsize=9, loc="left")
-        top.fill_between(
-            [],
-            [],
-            [],
-            color=COLOURS[0],
-            alpha=BAND_ALPHA,
-            linewidth=0,
-            label="95 % band of adaptive",
-        )
-        axes[0].set_ylabel("link angle θ [°]")
-        axes[3].set_ylabel("error [°]")
-        drawing.legend(
-            *axes[2].get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=8
-        )
-    return drawing
-
-
-def draw_figure(name: str, runs: Sequence[SeriesRun]) -> Figure:
-    """Return the figure `SUMMARY`, or one of `FIGURES`: the plant with the friction of Table 1
-    beside that with more.
-    """
+    observed = PLANTS[1].name
     if name == SUMMARY:
-        return draw_summary(runs)
-    shown = [first_run(runs, FIGURES[name], plant.name) for plant in PLANTS]
-    with figure(2, 2, (7.2, 5.2), sharex=True, sharey="row", height_ratios=[2, 1.2]) as (
-        drawing,
-        axes,
-    ):
-        for column, run in enumerate(shown):
-            top = axes[column]
-            bottom = axes[2 + column]
-            readings = np.rad2deg(run.log.channels["encoder"])
-            truth = np.rad2deg(run.log.truth["theta"])
-            top.plot(
-                run.log.time,
-                readings,
-                color=SOFT,
-                linewidth=2.2,
-                drawstyle="steps-post",
-                label="encoder (1°)",
-            )
-            top.plot(run.log.time, truth, label="truth", **TRUTH)
-            (_potentiometers if name == "figure-2" else _filters)(top, bottom, run)
-            top.set_title(
-                f"plant with {'the ' * run.plant.startswith('friction')}{run.plant}",
-                fontsize=9,
-                loc="left",
-            )
+        shown = [first_run(runs, series, observed) for series in SERIES_2]
+        titles = [run.log.source.removeprefix("Series 2: ") for run in shown]
+    else:
+        shown = [first_run(runs, FIGURES[name], plant.name) for plant in PLANTS]
+        titles = ["plant with the friction of Table 1", f"plant with {observed}"]
+    n = len(shown)
+    size = (7.2, 4.3 if name == SUMMARY else 5.2)
+    with figure(2, n, size, sharex=True, sharey="row", height_ratios=[1.6, 1]) as (drawing, axes):
+        for top, bottom, run, title in zip(axes[:n], axes[n:], shown, titles):
+            if name != SUMMARY:
+                readings = np.rad2deg(run.log.channels["encoder"])
+                style = {"color": SOFT, "linewidth": 2.2, "drawstyle": "steps-post"}
+                top.plot(run.log.time, readings, label="encoder (1°)", **style)
+            top.plot(run.log.time, np.rad2deg(run.log.truth["theta"]), label="truth", **TRUTH)
+            if name == "figure-2":
+                _draw_potentiometers(top, bottom, run)
+            elif name == SUMMARY:
+                _draw_filters(top, bottom, run, SHOWN, errors=SHOWN)
+                _write_errors(top, [one for one in runs if one.plant == observed], run.series)
+            else:
+                _draw_filters(top, bottom, run, FILTERS, errors=set(FILTERS) - {"inextensible"})
+            top.set_title(title, fontsize=9, loc="left")
             bottom.axhline(0.0, color=BLACK, linewidth=0.6)
             bottom.set_xlabel("time [s]")
         if name != "figure-2":
             axes[0].set_xlim(0.7, end_of_motion(shown))
         axes[0].set_ylabel("link angle θ [°]")
-        axes[2].set_ylabel("error [°]")
-        drawing.legend(
-            *axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8
-        )
+        axes[n].set_ylabel("error [°]")
+        legend = axes[0].get_legend_handles_labels()
+        drawing.legend(*legend, loc="outside lower center", ncols=n + 2, fontsize=8)
     return drawing
 
 
-def _potentiometers(top: Axes, bottom: Axes, run: SeriesRun) -> None:
+def _write_errors(top: Axes, runs: Sequence[SeriesRun], series: str) -> None:
+    place = {"transform": top.transAxes, "ha": "right"}
+    top.text(0.98, 0.37, "RMS error", fontsize=8, **place)
+    for row, (name, index) in enumerate(SHOWN.items()):
+        said = f"{rms(runs, series, name):.1f}°"
+        bold = {"color": colour(index), "fontsize": 8.5, "weight": "bold"}
+        top.text(0.98, 0.27 - 0.1 * row, said, **bold, **place)
+
+
+def _draw_potentiometers(top: Axes, bottom: Axes, run: SeriesRun) -> None:
     truth = np.rad2deg(run.log.truth["theta"])
-    for i, (side, error) in enumerate(zip(("left", "right"), potentiometer_errors(run))):
-        degrees = np.rad2deg(error)
-        label = f"from {side} potentiometer"
-        top.plot(
-            run.log.time,
-            truth + degrees,
-            color=COLOURS[i],
-            linestyle=DASHES[i],
-            linewidth=1.2,
-            label=label,
-        )
-        bottom.plot(run.log.time, degrees, color=COLOURS[i], linestyle=DASHES[i], linewidth=1.2)
+    for i, (side, error) in enumerate(zip(SIDES, np.rad2deg(potentiometer_errors(run)))):
+        style = {"linewidth": 1.2, **curve_style(i)}
+        top.plot(run.log.time, truth + error, label=f"from {side} potentiometer", **style)
+        bottom.plot(run.log.time, error, **style)
 
 
-def _filters(top: Axes, bottom: Axes, run: SeriesRun) -> None:
-    for name, i in {
-        "ekf-2008": 1,
-        "ekf": 2,
-        "adaptive": 0,
-        "simulation": 4,
-        "inextensible": 3,
-    }.items():
+def _draw_filters(
+    top: Axes, bottom: Axes, run: SeriesRun, names: Mapping[str, int], errors: Container[str]
+) -> None:
+    """Draw estimates, the errors of some of them, and the band of adaptive about zero.
+
+    Args:
+        names: name of an estimate → index of its colour and dash.
+        errors: names of the estimates whose errors are drawn.
+    """
+    for name, index in names.items():
         estimate = run.estimates[name]
-        draw_estimate(top, estimate, i, band=False, label=NAMES.get(name, name))
-        if name != "inextensible":
+        draw_estimate(top, estimate, index, band=False, label=NAMES.get(name, name))
+        if name in errors:
             error = np.rad2deg(estimate.errors())
-            bottom.plot(run.log.time, error, color=COLOURS[i], linestyle=DASHES[i], linewidth=1.1)
+            bottom.plot(run.log.time, error, linewidth=1.1, **curve_style(index))
     band = np.rad2deg(BAND * run.estimates["adaptive"].theta_std)
-    bottom.fill_between(run.log.time, -band, band, color=COLOURS[0], alpha=BAND_ALPHA, linewidth=0)
-    top.fill_between(
-        [], [], [], color=COLOURS[0], alpha=BAND_ALPHA, linewidth=0, label="95 % band of adaptive"
-    )
+    style = {"color": COLOURS[0], "alpha": BAND_ALPHA, "linewidth": 0}
+    bottom.fill_between(run.log.time, -band, band, **style)
+    top.fill_between([], [], [], label="95 % band of adaptive", **style)

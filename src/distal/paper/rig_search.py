@@ -8,19 +8,27 @@ the same for all statements.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, compress
 from multiprocessing import get_context
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
 from distal.errors import DistalError
+from distal.logs import check_outputs, outputs_in, write_together
 from distal.paper.claims import measured, statements
 from distal.paper.series import Plant, run_series
+from distal.results import BLACK, COLOURS, PALE, figure, figure_bytes, make_folder
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
@@ -199,3 +207,111 @@ def search_rigs(advance: Callable[[int], None]) -> Search:
                 np.vstack([tried.margins, *margins]),
             )
     return tried
+
+
+SEARCH_FILES = ("search.png", "search.svg", "search.json")
+"""Names of the files that `write_search` writes."""
+
+
+def write_search(search: Search, out: str | Path) -> None:
+    """Write a search's map and its values to a folder, which is made where it does not exist.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    check_outputs(outputs_in(out, SEARCH_FILES, "the search"))
+    folder = make_folder(out)
+    drawn = draw_map(search)
+    files: dict[Path, bytes | str] = {
+        folder / name: figure_bytes(drawn, folder / name) for name in SEARCH_FILES[:2]
+    }
+    write_together(files | {folder / SEARCH_FILES[2]: to_json(search)})
+
+
+def draw_map(search: Search) -> Figure:
+    """Return the map of a search: for each statement a panel that shows, over two of the unknowns,
+    on which plants it holds.
+    """
+    best = search.order()[0]
+    across, up = search.values[:, 1], search.values[:, 2]
+    star = {"marker": "*", "color": BLACK, "linestyle": "none"}
+    with figure(4, 3, (7.2, 8.4), sharex=True, sharey=True) as (drawing, axes):
+        for i, (position, statement) in enumerate(zip(axes, statements())):
+            for reading, name in enumerate(READINGS):
+                for holds, size in ((False, 3.0), (True, 9.0)):
+                    shown = (search.readings == reading) & (search.held[:, i] == holds)
+                    position.scatter(
+                        across[shown],
+                        up[shown],
+                        s=size,
+                        marker="os"[reading],
+                        color=COLOURS[reading] if holds else PALE,
+                        linewidths=0,
+                        alpha=0.7,
+                        label=f"holds, read by {name}" if holds else None,
+                    )
+            position.plot(across[best], up[best], markersize=11, **star)
+            title = f"{statement.key}: {int(search.held[:, i].sum())} of {len(search.values)}"
+            position.set_title(title, fontsize=9, loc="left")
+        for position in axes[9:]:
+            position.set_xlabel(UNKNOWNS[1].name, fontsize=8)
+        for position in axes[::3]:
+            position.set_ylabel(UNKNOWNS[2].name, fontsize=8)
+        axes[0].plot([], [], markersize=9, label="plant with the most", **star)
+        axes[0].scatter([], [], s=6, color=PALE, label="does not hold")
+        legend = axes[0].get_legend_handles_labels()
+        drawing.legend(*legend, loc="outside lower center", ncols=4, fontsize=8, markerscale=1.5)
+    return drawing
+
+
+def search_in_words(search: Search) -> list[str]:
+    """Return the outcome of a search in words, line by line."""
+    best = search.order()[0]
+    keys = [statement.key for statement in statements()]
+    held = search.held[best]
+
+    def named(chosen: Iterable[object]) -> str:
+        return ", ".join(compress(keys, chosen)) or "none"
+
+    lines = [
+        f"{len(search.values)} plants and readings; on the best of them {int(held.sum())} of "
+        f"{len(keys)} statements hold:",
+        f"  hold: {named(held)}",
+        f"  do not: {named(~held)}",
+        f"  hold on no plant: {named(~search.ever)}",
+        "the plant:",
+    ]
+    for unknown, value in zip(UNKNOWNS, search.values[best]):
+        lines.append(f"  {unknown.name}: {value:.3g}{' ' + unknown.unit if unknown.unit else ''}")
+    pairs = [f"{keys[i]} and {keys[j]}" for i, j in search.excluding()]
+    return [
+        *lines,
+        f"  the inextensible estimate is read by {READINGS[search.readings[best]]}",
+        f"hold also on the plant that the other eleven choose: {named(search.tested())}",
+        f"hold on some plant each, and on none together: {', '.join(pairs) or 'no pair'}",
+    ]
+
+
+def to_json(search: Search) -> str:
+    """Return a search as JSON, with an entry for each plant and reading."""
+    names = [
+        f"{unknown.name} [{unknown.unit}]" if unknown.unit else unknown.name for unknown in UNKNOWNS
+    ]
+    keys = [statement.key for statement in statements()]
+    rows = [
+        {
+            **dict(zip(names, (float(f"{value:.6g}") for value in values))),
+            "reading": READINGS[reading],
+            "margins": {
+                key: None if np.isinf(m) else float(f"{m:.4g}") for key, m in zip(keys, margins)
+            },
+        }
+        for values, reading, margins in zip(search.values, search.readings, search.margins)
+    ]
+    return (
+        json.dumps(
+            {"statements held at most": int(search.held.sum(axis=1).max()), "plants": rows},
+            indent=1,
+        )
+        + "\n"
+    )

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from distal.fitting import WRITTEN, Fit, Observability, Score, observability
+from distal.fitting import WRITTEN, Fit, Observability, observability
 from distal.logs import Log, check_outputs, outputs_in, shown, write_whole
 from distal.reports.fitting_figures import draw_residuals, draw_traces
-from distal.reports.page import heading, html_table, page, paragraph, picture, svg_of
+from distal.reports.page import heading, page, paragraph, picture, svg_of
 from distal.reports.rig_drawing import rig_svg
-from distal.results import Estimate, make_folder
+from distal.results import Estimate, Html, html_table, make_folder, verdict
 from distal.rig import named, scales_in_words
 from distal.run import estimate
 
@@ -92,10 +92,12 @@ def fit_report(fit: Fit, logs: Sequence[Log], out: str | Path) -> Path:
 def _parameters(fit: Fit) -> list[str]:
     rows = [
         (
-            escape(part.name),
-            f"<code>{escape(', '.join(named(fit.model, path) for path in part.paths))}</code>",
-            *map(escape, part.sizes),
-            f"<span class='{'yes' if part.identified else 'no'}'>{escape(part.origin)}</span>",
+            part.name,
+            Html(
+                f"<code>{escape(', '.join(named(fit.model, path) for path in part.paths))}</code>"
+            ),
+            *part.sizes,
+            verdict(part.origin, part.identified),
         )
         for part in fit.fitted
     ]
@@ -104,7 +106,7 @@ def _parameters(fit: Fit) -> list[str]:
     if fit.combinations:
         parts.append(paragraph("These logs tell " + "; ".join(fit.combinations) + "."))
     per_log = [
-        (escape(part.name), escape(Path(log).name), f"{number:.5g}", escape(part.si))
+        (part.name, Path(log).name, f"{number:.5g}", part.si)
         for part in fit.fitted
         for log, number in part.per_log.items()
     ]
@@ -112,18 +114,13 @@ def _parameters(fit: Fit) -> list[str]:
         parts.append(html_table(("number", "log", "value", "unit"), per_log, values=(2,)))
     strong = [
         f"{fit.correlated[i]} and {fit.correlated[j]}: {fit.correlations[i, j]:+.2f}"
-        for i in range(len(fit.correlations))
-        for j in range(i)
-        if abs(fit.correlations[i, j]) > 0.8
+        for i, j in np.argwhere(np.tril(np.abs(fit.correlations) > 0.8, -1))
     ]
     if strong and fit.converged:
-        parts.append(
-            paragraph(
-                "Errors that go together (correlation): " + "; ".join(strong[:MOST_PAIRS]) + "."
-            )
-        )
+        said = "; ".join(strong[:MOST_PAIRS])
+        parts.append(paragraph(f"Errors that go together (correlation): {said}."))
     ratios = [
-        (escape(name), _ratio(before), _ratio(after))
+        (name, *(f"{nis:.2f}" if nis < 100 else f"{nis:.0f}" for nis in (before, after)))
         for name, before, after in zip(fit.channels, fit.nis_before, fit.nis_after)
         if np.isfinite(after)
     ]
@@ -145,8 +142,9 @@ def _parameters(fit: Fit) -> list[str]:
     return [*parts, paragraph(nis), table, paragraph(f"{costs}; the search {ended}.")]
 
 
-def _ratio(nis: float) -> str:
-    return f"{nis:.2f}" if nis < 100 else f"{nis:.0f}"
+def _error(rms: float, inside: float) -> tuple[str, str]:
+    """Return cells: an RMS error [rad], and the coverage of the band, NaN where it has none."""
+    return f"{np.rad2deg(rms):.3f}", "–" if np.isnan(inside) else f"{100 * inside:.0f} %"
 
 
 def _errors(
@@ -154,7 +152,7 @@ def _errors(
 ) -> list[str]:
     rows = [
         (
-            escape(shown(Path(log.source).name)),
+            shown(Path(log.source).name),
             *_error(nominal.rms_error(), nominal.inside_band()),
             *_error(fitted.rms_error(), fitted.inside_band()),
         )
@@ -164,61 +162,40 @@ def _errors(
     if not rows:
         return []
     columns = ("log", "RMS before [°]", "in the band", "RMS after [°]", "in the band")
-    return [
-        heading("Errors on the logs that were fitted"),
-        html_table(columns, rows, values=(1, 2, 3, 4)),
-    ]
-
-
-def _error(rms: float, inside: float) -> tuple[str, str]:
-    return f"{np.rad2deg(rms):.3f}", f"{100 * inside:.0f} %"
+    return [heading("Errors on the logs that were fitted"), html_table(columns, rows, range(1, 5))]
 
 
 def _doubts(fit: Fit) -> list[str]:
     lines = fit.advice()
     if fit.rig.taken:
         lines.append(scales_in_words(fit.rig).rstrip("."))
-    if not lines:
-        return []
-    return [
-        heading("Before you use it"),
-        *(paragraph(f"{line[0].upper()}{line[1:]}.") for line in lines),
-    ]
+    said = [paragraph(f"{line[0].upper()}{line[1:]}.") for line in lines]
+    return [heading("Before you use it"), *said] if said else []
 
 
 def _left_out(fit: Fit) -> list[str]:
     if not fit.compared:
         return []
-
-    rows = [
-        (
-            escape(name),
-            f"{np.rad2deg(rms):.3f}",
-            "–" if np.isnan(inside) else f"{100 * inside:.0f} %",
-        )
-        for name, rms, inside in fit.scores()
-    ]
     text = (
         "Each log was estimated by what the others teach alone: parameters, maps and least squares "
         "without it. Only the choice among these rows has seen it. Least squares have no prior, no "
         "band and no limits: they show what physics is worth."
     )
     of_all = html_table(
-        ("what gives the angle", "RMS error [°]", "inside the 95 % band"), rows, values=(1, 2)
+        ("what gives the angle", "RMS error [°]", "inside the 95 % band"),
+        [(name, *_error(rms, inside)) for name, rms, inside in fit.scores()],
+        values=(1, 2),
     )
+    written = [(Path(each.log).name, each.scores[WRITTEN]) for each in fit.compared]
     by_log = html_table(
         ("log", "as written [°]", "in the band"),
         [
-            (escape(Path(held_out.log).name), *_cells(held_out.scores[WRITTEN]))
-            for held_out in fit.compared
+            (name, *(("–", "–") if score is None else _error(score.rms, score.inside)))
+            for name, score in written
         ],
         values=(1, 2),
     )
     return [heading("On logs that were not fitted"), paragraph(text), of_all, by_log]
-
-
-def _cells(score: Score | None) -> tuple[str, str]:
-    return ("–", "–") if score is None else _error(score.rms, score.inside)
 
 
 def _seen(log: Log, seen: Observability) -> list[str]:
@@ -227,16 +204,14 @@ def _seen(log: Log, seen: Observability) -> list[str]:
             f"{low:.1f} to {high:.1f}",
             f"{np.rad2deg(std):.3f}",
             f"{np.rad2deg(recovered):.3f}",
-            f"<span class='{'yes' if word == 'seen' else 'no'}'>{word}</span>",
+            verdict(word, word == "seen"),
         )
         for low, high, std, recovered, word in seen.table()
     ]
     text = (
         f"Along {shown(Path(log.source).name)}: how sure the angle is; and how sure it is again "
-        f"after {seen.window:g} s "
-        "if it was lost by 10°. Where it is not found, friction, slack or a stop hides the joint, "
-        "and only memory holds "
-        "the angle."
+        f"after {seen.window:g} s if it was lost by 10°. Where it is not found, friction, slack "
+        "or a stop hides the joint, and only memory holds the angle."
     )
     caption = "Estimate with its band; below, its standard deviation, and where it is found again."
     return [

@@ -16,10 +16,10 @@ from distal.logs import Log, shown, true_angles
 from distal.results import (
     BAND_ALPHA,
     BLACK,
-    COLOURS,
-    DASHES,
     PANELS,
     Estimate,
+    colour,
+    curve_style,
     figure,
     legend_above,
     plot_estimates,
@@ -39,9 +39,6 @@ layout.
 
 BINS = 16
 """Number of bins of the residuals. Source: layout."""
-
-FEWEST = 12
-"""Least number of samples in a bin that is drawn. Source: layout."""
 
 
 def draw_traces(log: Log, before: Estimate, after: Estimate, rig: Rig) -> Figure:
@@ -95,17 +92,16 @@ def draw_residuals(
         for i, j in chosen
     ]
     speeds = [_smooth_speed(logs[i].time, angle) for (i, _), angle in zip(chosen, angles)]
-    against: list[tuple[str, list[Floats]]] = [("angle θ [°]", angles), ("speed [°/s]", speeds)]
+    against = {"angle θ [°]": angles, "speed [°/s]": speeds}
     if force is not None:
-        against.append(
-            (f"{force.name} [{force.si}]", [logs[i].channels[force.name] for i, _ in chosen])
-        )
+        readings = [logs[i].channels[force.name] for i, _ in chosen]
+        against[f"{force.name} [{force.si}]"] = readings
     with figure(1, len(against), (7.2, 2.9), sharey=True) as (drawing, panels):
         for name, estimates, colour in (("before", before, 1), ("after", after, 0)):
             residuals = [
                 _residuals(truths[i] if with_truth else None, estimates[i], j) for i, j in chosen
             ]
-            for axes, (label, columns) in zip(panels, against):
+            for axes, (label, columns) in zip(panels, against.items()):
                 _draw_binned(axes, np.concatenate(columns), np.concatenate(residuals), colour, name)
                 axes.set_xlabel(label)
         panels[0].set_ylabel(
@@ -124,43 +120,25 @@ def _residuals(truth: Floats | None, estimate: Estimate, joint: int) -> Floats:
 
 
 def _smooth_speed(time: Floats, angle: Floats) -> Floats:
-    """Return the mean speed of an angle over a tenth of a second around each stamp, (k,)."""
-    is_finite = np.isfinite(angle)
-    filled = (
-        np.interp(time, time[is_finite], angle[is_finite])
-        if is_finite.any()
-        else np.zeros_like(time)
-    )
-    half = 0.05
-    return (np.interp(time + half, time, filled) - np.interp(time - half, time, filled)) / (
-        2 * half
-    )
+    """Return the mean speed of an angle over a tenth of a second around each stamp, (k,); NaN where
+    the angle is known nowhere.
+    """
+    known = np.isfinite(angle)
+    if not known.any():
+        return np.full_like(angle, np.nan)
+    before, after = (np.interp(time + t, time[known], angle[known]) for t in (-0.05, 0.05))
+    speed: Floats = (after - before) / 0.1
+    return speed
 
 
 def _draw_binned(axes: Axes, x: Floats, y: Floats, index: int, name: str) -> None:
+    """Draw the quantiles of y in bins of x with equally many samples."""
     is_finite = np.isfinite(x) & np.isfinite(y)
-    x = x[is_finite]
-    y = y[is_finite]
-    if len(x) < FEWEST:
-        return
-    low, high = np.quantile(x, [0.005, 0.995])
-    edges = np.linspace(low, high, BINS + 1) if high > low else np.array([low - 0.5, low + 0.5])
-    number = np.clip(np.digitize(x, edges) - 1, 0, len(edges) - 2)
-    bins = [k for k in range(len(edges) - 1) if np.count_nonzero(number == k) >= FEWEST]
-    if not bins:
-        return
-    centres = [(edges[k] + edges[k + 1]) / 2 for k in bins]
-    lower, median, upper = np.transpose(
-        [np.quantile(y[number == k], [0.1, 0.5, 0.9]) for k in bins]
-    )
-    axes.fill_between(centres, lower, upper, color=COLOURS[index], alpha=BAND_ALPHA, lw=0)
-    axes.plot(
-        centres,
-        median,
-        color=COLOURS[index],
-        ls=DASHES[index],
-        lw=1.4,
-        marker="o",
-        ms=2.5,
-        label=name,
-    )
+    order = np.argsort(x[is_finite])
+    bins = [part for part in np.array_split(order, BINS) if len(part)]
+    centres = [np.median(x[is_finite][part]) for part in bins]
+    quantiles = [np.quantile(y[is_finite][part], [0.1, 0.5, 0.9]) for part in bins]
+    lower, median, upper = np.reshape(quantiles, (-1, 3)).T
+    axes.fill_between(centres, lower, upper, color=colour(index), alpha=BAND_ALPHA, lw=0)
+    style = curve_style(index)
+    axes.plot(centres, median, lw=1.4, marker="o", ms=2.5, label=name, **style)

@@ -4,8 +4,8 @@ and health to zoom into.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from html import escape
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,7 @@ from distal.confidence import in_percent
 from distal.errors import OutputError
 from distal.logs import Log, shown, write_whole
 from distal.reports.moving_chain import moving_chain
-from distal.reports.page import html_table, page, paragraph, picture
+from distal.reports.page import page, paragraph, picture
 from distal.reports.rig_drawing import rig_svg
 from distal.results import (
     BAND_ALPHA,
@@ -25,14 +25,18 @@ from distal.results import (
     HEALTH_COLOURS,
     SOFT,
     Estimate,
+    colour,
     from_start,
+    html_table,
+    in_order,
+    pulls_of,
     time_label,
 )
 from distal.rig import Rig
 from distal.run import log_health
 
 if TYPE_CHECKING:
-    from plotly.graph_objects import Scatter
+    from plotly.graph_objects import Figure as PlotlyFigure
 
 
 MOST_POINTS = 60_000
@@ -77,40 +81,33 @@ def view_page(
     rows = slice(None, None, step)
     joints = len(estimate.joint_names)
     words = log_health(log, rig)[rows]
-    below = (
-        "error [°]" if estimate.truths is not None else f"{in_percent(estimate.level)} band ± [°]"
-    )
-    angles = (
-        ["joint angle [°]"]
-        if joints == 1
-        else [f"{_text(name)} [°]" for name in estimate.joint_names]
-    )
-    names = [
-        *(name for angle in angles for name in (angle, below)),
-        "innovation [σ]",
-        "measured",
-        "health",
-    ]
+    percent = in_percent(estimate.level)
+    below = "error [°]" if estimate.truths is not None else f"{percent} band ± [°]"
+    names = list[str]()
+    for name in estimate.joint_names:
+        names += ["joint angle [°]" if joints == 1 else f"{_text(name)} [°]", below]
+    names += ["innovation [σ]", "measured", "health"]
     heights = [*(HEIGHTS[:2] * joints), *HEIGHTS[2:]]
     total = sum(heights) + GAP * (len(heights) - 1)
     figure = make_subplots(
         rows=len(names), shared_xaxes="all", vertical_spacing=GAP / total, row_heights=heights
     )
-    time = from_start(estimate.time)[rows]
-    for joint in range(joints):
-        for row, trace in _angle(estimate, joint, time, rows):
-            figure.add_trace(trace, row=2 * joint + row, col=1)
     last = len(names)
-    for row, trace in [
-        *_compared(estimate, time, rows),
-        *_measured(log, rig, time, rows),
-        *_health(time, words),
-    ]:
-        figure.add_trace(trace, row=last + row, col=1)
+    curves = _Curves(figure, from_start(estimate.time)[rows])
+    for joint in range(joints):
+        _draw_angle(curves, estimate, joint, rows)
+    ratios = (estimate.innovations / np.sqrt(estimate.innovation_variances))[rows]
+    for i, name in enumerate(estimate.measured):
+        curves.line(last - 2, ratios[:, i], f"innovation {name}", colour(i + 1), width=1.0)
     for edge in (-2.0, 2.0):
-        figure.add_hline(
-            y=edge, row=last - 2, col=1, line={"color": SOFT, "width": 1, "dash": "dash"}
-        )
+        line = {"color": SOFT, "width": 1, "dash": "dash"}
+        figure.add_hline(y=edge, row=last - 2, col=1, line=line)
+    for i, sensor in enumerate(pulls_of(log, rig)):
+        name = f"{sensor.name} [{sensor.si}]"
+        curves.line(last - 1, log.channels[sensor.name][rows], name, colour(i + 1), width=1.0)
+    for word in in_order(words):
+        held = [word if current == word else None for current in words]
+        curves.line(last, held, word, HEALTH_COLOURS.get(word, COLOURS[1]), False, width=9)
     for row, name in enumerate(names, 1):
         figure.update_yaxes(title_text=name, row=row, col=1)
     for row in (*range(2, 2 * joints + 1, 2), last):
@@ -119,29 +116,24 @@ def view_page(
     figure.update_xaxes(
         showspikes=True, spikemode="across", spikethickness=1, spikecolor=SOFT, spikedash="dot"
     )
+    figure.update_yaxes(type="category", range=[-0.7, len(set(words)) - 0.3], row=last, col=1)
+    # the toolbar has the room above; the legend stands below, where it may take as many rows as a
+    # narrow page needs
+    legend = {"orientation": "h", "yanchor": "top", "y": -60 / total, "x": 0.0}
     figure.update_layout(
         template="plotly_white",
         hovermode="x unified",
         height=total + 180,
-        # the toolbar has the room above; the legend stands below, where it may take as many rows as
-        # a narrow page needs
         margin={"l": 70, "r": 30, "t": 50, "b": 50},
-        legend={
-            "orientation": "h",
-            "yanchor": "top",
-            "y": -60 / total,
-            "x": 0.0,
-            "traceorder": "normal",
-        },
+        legend=legend | {"traceorder": "normal"},
     )
-    figure.update_yaxes(type="category", range=[-0.7, len(set(words)) - 0.3], row=last, col=1)
-    curves = figure.to_html(include_plotlyjs=True, full_html=False, config=PAGE)
+    drawn = figure.to_html(include_plotlyjs=True, full_html=False, config=PAGE)
     moving, script = moving_chain(estimate, log, rig)
     parts = [
         *map(paragraph, sentences),
-        *([paragraph(f"Drawn is one sample of {step}.")] if step > 1 else []),
-        *([_summary(estimate)] if joints > 1 else []),
-        f"<div class='beside'>{moving}<div>{curves}</div></div>",
+        paragraph(f"Drawn is one sample of {step}.") if step > 1 else "",
+        _summary(estimate) if joints > 1 else "",
+        f"<div class='beside'>{moving}<div>{drawn}</div></div>",
         script,
         picture(rig_svg(rig), "The rig: drives, tendons, joints and sensors."),
     ]
@@ -154,7 +146,7 @@ def _summary(estimate: Estimate) -> str:
     """Return a table with a row for each joint: range, band, and error where the truth is known."""
     rows = [
         [
-            escape(row["joint"]),
+            row["joint"],
             f"{row['least [deg]']:.2f}° to {row['greatest [deg]']:.2f}°",
             f"±{row['median band [deg]']:.2f}°",
             "" if row["RMS error [deg]"] is None else f"{row['RMS error [deg]']:.2f}°",
@@ -162,11 +154,8 @@ def _summary(estimate: Estimate) -> str:
         ]
         for row in estimate.summary()
     ]
-    return html_table(
-        ["joint", "angle", f"{in_percent(estimate.level)} band, median", "RMS error", "inside"],
-        rows,
-        range(1, 5),
-    )
+    band = f"{in_percent(estimate.level)} band, median"
+    return html_table(["joint", "angle", band, "RMS error", "inside"], rows, range(1, 5))
 
 
 def check_plotly() -> None:
@@ -182,106 +171,58 @@ def _text(text: str) -> str:
     return text.replace("&", "&amp;").replace("<", "&lt;")
 
 
-def _angle(
-    estimate: Estimate, joint: int, time: Floats, rows: slice
-) -> Iterator[tuple[int, Scatter]]:
-    """Return the traces of a joint: row 1 has its angle, row 2 its error, or its band where the
-    truth is not known.
+@dataclass(frozen=True)
+class _Curves:
+    """Curves over the same times [s], (k,), in the rows of a figure of plotly."""
+
+    figure: PlotlyFigure
+    time: Floats
+
+    def line(
+        self,
+        row: int,
+        values: Floats | Sequence[str | None],
+        name: str,
+        colour: str,
+        in_legend: bool = True,
+        width: float = 1.5,
+        **more: object,
+    ) -> None:
+        self.figure.add_scatter(
+            x=self.time,
+            y=values,
+            name=_text(name),
+            mode="lines",
+            line={"color": colour, "width": width},
+            showlegend=in_legend,
+            **{"hovertemplate": "%{y:.4g}", **more},
+            row=row,
+            col=1,
+        )
+
+    def band(self, row: int, low: Floats, high: Floats, name: str, in_legend: bool) -> None:
+        silent: dict[str, object] = {"hoverinfo": "skip", "hovertemplate": None}
+        filled = silent | {"fill": "tonexty", "fillcolor": FILL}
+        self.line(row, low, name, COLOURS[0], False, 0.5, **silent)
+        self.line(row, high, name, COLOURS[0], in_legend, 0.5, **filled)
+
+
+def _draw_angle(curves: _Curves, estimate: Estimate, joint: int, rows: slice) -> None:
+    """Draw a joint's angle in a row, and below it its error, or its band where the truth is not
+    known.
     """
+    row = 2 * joint + 1
     first = joint == 0
     angle = np.rad2deg(estimate.angles[rows, joint])
     half = np.rad2deg(estimate.stds_of_band * estimate.angle_stds[rows, joint])
     name = f"{in_percent(estimate.level)} band"
-    yield from ((1, trace) for trace in _band(time, angle - half, angle + half, name, first))
-    line = _line(time, angle, estimate.estimator, COLOURS[0], first)
+    curves.band(row, angle - half, angle + half, name, first)
     if estimate.truths is None:
-        yield 1, line
-        yield 2, _line(time, half, "band ±", COLOURS[0], False)
+        curves.line(row, angle, estimate.estimator, COLOURS[0], first)
+        curves.line(row + 1, half, "band ±", COLOURS[0], False)
         return
     truth = np.rad2deg(estimate.truths[rows, joint])
-    yield 1, _line(time, truth, "truth", BLACK, first, width=2.5)
-    yield 1, line
-    yield from ((2, trace) for trace in _band(time, -half, half, name, False))
-    yield 2, _line(time, angle - truth, "error", COLOURS[0], False)
-
-
-def _compared(estimate: Estimate, time: Floats, rows: slice) -> Iterator[tuple[int, Scatter]]:
-    ratios = (estimate.innovations / np.sqrt(estimate.innovation_variances))[rows]
-    for i, name in enumerate(estimate.measured):
-        yield (
-            -2,
-            _line(
-                time,
-                ratios[:, i],
-                f"innovation {name}",
-                COLOURS[(i + 1) % len(COLOURS)],
-                True,
-                width=1.0,
-            ),
-        )
-
-
-def _measured(log: Log, rig: Rig, time: Floats, rows: slice) -> Iterator[tuple[int, Scatter]]:
-    sensors = [
-        s for s in rig.sensors if s.measures in ("force", "tension") and s.name in log.channels
-    ]
-    for i, sensor in enumerate(sensors):
-        name = f"{sensor.name} [{sensor.si}]"
-        yield (
-            -1,
-            _line(
-                time,
-                log.channels[sensor.name][rows],
-                name,
-                COLOURS[(i + 1) % len(COLOURS)],
-                True,
-                width=1.0,
-            ),
-        )
-
-
-def _health(time: Floats, words: Sequence[str]) -> Iterator[tuple[int, Scatter]]:
-    """Return a trace for each health word that occurs: a thick line where it holds."""
-    for word in sorted(set(words), key=lambda word: (word != "ok", word)):
-        heights = [word if current == word else None for current in words]
-        trace = _line(time, heights, word, HEALTH_COLOURS.get(word, COLOURS[1]), False, width=9)
-        trace.update(hovertemplate=f"{word}<extra></extra>")
-        yield 0, trace
-
-
-def _line(
-    time: Floats,
-    values: Floats | Sequence[str | None],
-    name: str,
-    colour: str,
-    in_legend: bool,
-    width: float = 1.5,
-) -> Scatter:
-    from plotly.graph_objects import Scatter
-
-    return Scatter(
-        x=time,
-        y=values,
-        name=_text(name),
-        mode="lines",
-        line={"color": colour, "width": width},
-        showlegend=in_legend,
-        hovertemplate="%{y:.4g}",
-    )
-
-
-def _band(
-    time: Floats, low: Floats, high: Floats, name: str, in_legend: bool
-) -> tuple[Scatter, Scatter]:
-    """Return the lower and the upper edge of a band, with the area between them filled."""
-    from plotly.graph_objects import Scatter
-
-    edge = {
-        "x": time,
-        "mode": "lines",
-        "line": {"color": COLOURS[0], "width": 0.5},
-        "hoverinfo": "skip",
-    }
-    lower = Scatter(y=low, showlegend=False, name=name, **edge)
-    upper = Scatter(y=high, fill="tonexty", fillcolor=FILL, name=name, showlegend=in_legend, **edge)
-    return lower, upper
+    curves.line(row, truth, "truth", BLACK, first, width=2.5)
+    curves.line(row, angle, estimate.estimator, COLOURS[0], first)
+    curves.band(row + 1, -half, half, name, False)
+    curves.line(row + 1, angle - truth, "error", COLOURS[0], False)

@@ -25,9 +25,14 @@
   }
   function draw() {
     const started = performance.now(), k = index(now), angles = row(data.angles, k), halves = row(data.halves, k);
-    chain.draw(angles, halves, data.truths && row(data.truths, k), data.tensions.map((values) => values && values[k]));
+    const truths = data.truths && row(data.truths, k), naive = data.naive && row(data.naive, k);
+    chain.draw(angles, halves, truths, data.tensions.map((values) => values && values[k]), naive);
     clock.textContent = `${now.toFixed(2)} s of ${last.toFixed(2)} s`;
-    cells.forEach((cell, j) => { cell.textContent = `${((angles[j] * 180) / Math.PI).toFixed(1)}° ± ${((halves[j] * 180) / Math.PI).toFixed(1)}°`; });
+    const degrees = (angle) => `${((angle * 180) / Math.PI).toFixed(1)}°`;
+    cells.forEach((cell, j) => {
+      cell.textContent = `${degrees(angles[j])} ± ${degrees(halves[j])}`;
+      if (naive) cell.textContent += `, true ${degrees(truths[j])}, as if nothing stretched ${degrees(naive[j])}`;
+    });
     scrub.value = now; cursor();
     spent += performance.now() - started; drawn += 1;
     figure.dataset.frames = drawn; figure.dataset.work = (spent / drawn).toFixed(2);
@@ -39,7 +44,7 @@
     const layout = plot && plot._fullLayout;
     if (!layout || !layout._size) return;
     if (!mark.parentNode) { plot.style.position = "relative"; plot.append(mark); }
-    const size = layout._size, x = layout.xaxis.l2p(data.from + now);
+    const size = layout._size, x = layout.xaxis.l2p(now);
     mark.hidden = !(x >= 0 && x <= size.w);
     Object.assign(mark.style, { left: `${size.l + x}px`, top: `${size.t}px`, height: `${size.h}px` });
   }
@@ -69,8 +74,8 @@
   });
   canvas.addEventListener("dblclick", () => { chain.view = [...rest]; fitted(); draw(); });
   window.addEventListener("resize", () => { fitted(); draw(); });
-  if (plot && plot.on) plot.on("plotly_click", (e) => { play(false); now = Math.min(Math.max(e.points[0].x - data.from, 0), last); draw(); });
+  if (plot && plot.on) plot.on("plotly_click", (e) => { play(false); now = Math.min(Math.max(e.points[0].x, 0), last); draw(); });
   figure.placesAt = (k) => chain.posture(row(data.angles, k)).map((p) => p.at);
   fitted(); draw();
-  if (location.hash === "#play") play(true);
+  if (location.hash === "#play" || (data.naive && !matchMedia("(prefers-reduced-motion: reduce)").matches)) play(true);
 }

@@ -5,15 +5,15 @@ coloured by tension.
 from __future__ import annotations
 
 from html import escape
-from importlib import resources
+from string import Template
 
 import numpy as np
 
 from distal.arrays import Floats
 from distal.confidence import in_percent
 from distal.logs import Log
-from distal.reports.page import script_with
-from distal.results import BAND_ALPHA, BLACK, COLOURS, FAINT, INK, SOFT, WHITE, Estimate, from_start
+from distal.reports.page import resource, script_with
+from distal.results import BAND_ALPHA, BLACK, COLOURS, FAINT, SOFT, WHITE, Estimate, from_start
 from distal.rig import Rig
 
 MOST_FRAMES = 6_000
@@ -35,62 +35,57 @@ layout.
 """
 
 
-def moving_chain(estimate: Estimate, log: Log, rig: Rig) -> tuple[str, str]:
+def moving_chain(
+    estimate: Estimate, log: Log, rig: Rig, naive: Estimate | None = None
+) -> tuple[str, str]:
     """Return the HTML of a picture of the moving chain, which the reader plays or drags, and the
     HTML of its script, which stands after the curves.
+
+    Args:
+        naive: an estimate by inextensible tendons, which is drawn too; the picture then plays at
+            once.
     """
-    step = max(1, -(-len(log) // MOST_FRAMES))
-    rows = slice(None, None, step)
+    rows = slice(None, None, max(1, -(-len(log) // MOST_FRAMES)))
     time = from_start(estimate.time)
-    columns = [
-        None if column is None else _parameters(column[rows], 2) for column in _tensions(rig, log)
-    ]
+    columns = [None if c is None else _listed(c[rows], 2) for c in _tensions(rig, log)]
     tensions = [tension for column in columns for tension in column or () if tension is not None]
     most = max(tensions, default=0.0)
+
+    def angles(table: Floats | None) -> list[list[float | None]] | None:
+        return None if table is None else [_listed(column, 4) for column in table[rows].T]
+
     frames = chain_shape(rig, most) | {
         "tensions": columns,
-        "time": _parameters(time[rows] - time[0], 4),
-        "from": float(time[0]),
-        "angles": [_parameters(column, 4) for column in estimate.angles[rows].T],
-        "halves": [
-            _parameters(estimate.stds_of_band * column, 4) for column in estimate.angle_stds[rows].T
-        ],
-        "truths": None
-        if estimate.truths is None
-        else [_parameters(column, 4) for column in estimate.truths[rows].T],
+        "time": _listed(time[rows], 4),
+        "angles": angles(estimate.angles),
+        "halves": angles(estimate.stds_of_band * estimate.angle_stds),
+        "truths": angles(estimate.truths),
+        "naive": None if naive is None else angles(naive.angles),
     }
-    scale = tension_scale(f"{most:.3g} N") if tensions else ""
-    cells = "".join(
-        f"<tr><td>{escape(joint.name)}</td><td class='n'></td></tr>" for joint in rig.joints
-    )
     dashed = ", dashed is the truth" if estimate.truths is not None else ""
-    script = chain_script() + resources.files("distal.reports").joinpath("moving.js").read_text(
-        encoding="utf-8"
-    )
-    speeds = "".join(
-        f"<option value='{x}'{' selected' if x == 1 else ''}>{x}×</option>"
-        for x in (0.1, 0.25, 1, 2, 5)
-    )
-    picture = (
-        f"<style>{_STYLE}</style><figure id='moving'><div><canvas role='img' aria-label='The "
-        "chain as it is estimated to "
-        "stand; its angles are in the table'></canvas><p class='controls'><button "
-        "type='button'>Play</button> "
-        f"<label>speed <select>{speeds}</select></label> <output></output> {scale}"
-        f"<input type='range' min='0' max='{time[-1] - time[0]:.4f}' step='any' value='0' "
-        "aria-label='time'></p></div>"
-        f"<table><tbody>{cells}</tbody></table>"
-        f"<figcaption>The joints as they are estimated{dashed}; "
-        f"fans are {in_percent(estimate.level)} bands. Grey tendons "
-        "have no sensor of their "
-        "own. Drag to turn the view, click a curve to go to its time.</figcaption></figure>"
-    )
-    return picture, script_with("moving-data", frames, script)
+    if naive is not None:
+        dashed += ", dotted is what the motors say as if the tendons did not stretch"
+    blanks = {
+        "speeds": "".join(
+            f"<option value='{x}'{' selected' * (x == 1)}>{x}×</option>"
+            for x in (0.1, 0.25, 1, 2, 5)
+        ),
+        "scale": tension_scale(f"{most:.3g} N") if tensions else "",
+        "last": f"{time[-1]:.4f}",
+        "cells": "".join(
+            f"<tr><td>{escape(joint.name)}</td><td class='n'></td></tr>" for joint in rig.joints
+        ),
+        "dashed": dashed,
+        "level": in_percent(estimate.level),
+    }
+    scripts = chain_script(), resource("moving.js")
+    picture = Template(resource("moving.html")).substitute(blanks)
+    return picture, script_with("moving-data", frames, *scripts)
 
 
 def chain_script() -> str:
     """Return the JavaScript that draws a chain."""
-    return resources.files("distal.reports").joinpath("chain.js").read_text(encoding="utf-8")
+    return resource("chain.js")
 
 
 def chain_shape(rig: Rig, most: float) -> dict[str, object]:
@@ -126,6 +121,7 @@ def chain_shape(rig: Rig, most: float) -> dict[str, object]:
             "faint": FAINT,
             "paper": WHITE,
             "estimate": COLOURS[0],
+            "naive": COLOURS[3],
             "band": COLOURS[0] + f"{round(255 * BAND_ALPHA):02x}",
         },
     }
@@ -139,24 +135,6 @@ def tension_scale(most: str) -> str:
         "style='display:inline-block;width:6rem;height:.7rem;"
         f"background:linear-gradient(to right, {ramp})'></span> {most}</span>"
     )
-
-
-_STYLE = f"""
-#moving {{ display: grid; grid-template-columns: minmax(0, 1fr) auto; gap: 0 1.2rem;
-  align-items: start; }}
-#moving canvas {{ width: 100%; height: 20rem; touch-action: none; cursor: grab;
-  border: 1px solid {FAINT}; }}
-#moving table {{ width: auto; margin: 0; }} #moving td.n {{ min-width: 7.5rem; }}
-#moving figcaption {{ grid-column: 1 / -1; }} #moving .controls {{ margin: .4rem 0; }}
-#moving button {{ min-width: 4.5rem; }} #moving input {{ width: 100%; accent-color: {INK}; }}
-@media (min-width: 75rem) {{ body {{ max-width: 100rem; }}
-  .beside {{ display: grid; grid-template-columns: minmax(0, 2fr) minmax(0, 3fr); gap: 1rem;
-    align-items: start; }}
-  #moving {{ position: sticky; top: 1rem; grid-template-columns: minmax(0, 1fr); }} }}
-@media (max-width: 40rem) {{ #moving {{ grid-template-columns: minmax(0, 1fr); }}
-  #moving tr {{ display: table-row; }}
-  #moving td {{ display: table-cell; }} }}
-"""
 
 
 def _links(rig: Rig) -> Floats:
@@ -229,5 +207,5 @@ def _across(vector: Floats, axis: Floats) -> Floats:
     return vector - (vector @ axis) * axis
 
 
-def _parameters(column: Floats, digits: int) -> list[float | None]:
+def _listed(column: Floats, digits: int) -> list[float | None]:
     return [round(number, digits) if np.isfinite(number) else None for number in column.tolist()]

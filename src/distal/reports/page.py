@@ -6,46 +6,32 @@ import io
 import json
 from collections.abc import Mapping, Sequence
 from html import escape
+from importlib import resources
 from typing import TYPE_CHECKING
 
-from distal.results import BAD, FAINT, GOOD, INK, SOFT, WHITE
+from distal.results import BAD, BLACK, COLOURS, FAINT, GOOD, INK, SOFT, WHITE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_STYLE = (
-    f"""
-:root {{ color-scheme: light;
-  --paper: {WHITE}; --ink: {INK}; --soft: {SOFT}; --line: {FAINT}; --yes: {GOOD}; --no: {BAD}; }}
-"""
-    + """\
-body { font: 16px/1.55 system-ui, sans-serif; color: var(--ink); max-width: 64rem;
-  margin: 2.5rem auto;
-  padding: 0 1.2rem; background: var(--paper); }
-h1, h2 { font-family: system-ui, sans-serif; line-height: 1.25; }
-h1 { font-size: 1.7rem; margin-bottom: .3rem; }
-h2 { font-size: 1.2rem; margin-top: 2.4rem; }
-h3 { font-size: 1rem; margin: 1.6rem 0 .3rem; }
-.lead { color: var(--soft); font-size: 1.05rem; }
-figure { margin: 1.4rem 0; } figure svg { width: 100%; height: auto; }
-figcaption { color: var(--soft); font-size: .92rem; }
-table { border-collapse: collapse; width: 100%; font: .86rem/1.4 system-ui, sans-serif;
-  margin: 1rem 0; }
-th { text-align: left; border-bottom: 2px solid var(--ink); padding: .35rem .5rem; }
-td { border-bottom: 1px solid var(--line); padding: .35rem .5rem; vertical-align: top; }
-td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
-.yes { color: var(--yes); } .no { color: var(--no); }
-.verdict { font-weight: 600; display: inline-block; min-width: 8rem; }
-.why { color: var(--soft); } code { font-size: .9em; } .scroll { overflow-x: auto; }
-@media (max-width: 40rem) {
-  .scroll { overflow-x: visible; } thead { display: none; } tr { display: block; margin: .9rem 0; }
-  td, td.n { display: block; text-align: left; white-space: normal; border: 0; padding: .1rem 0; }
-  tr { border-bottom: 1px solid var(--line); padding-bottom: .5rem; } td:empty { display: none; }
-  td[data-of]::before { content: attr(data-of) ": "; color: var(--soft); } }
-@media print { body { margin: 0; max-width: none; } h2 { break-after: avoid; }
-  figure, tr { break-inside: avoid; } }
-"""
-)
+_COLOURS = {
+    "paper": WHITE,
+    "ink": INK,
+    "soft": SOFT,
+    "line": FAINT,
+    "yes": GOOD,
+    "no": BAD,
+    "truth": BLACK,
+    "blue": COLOURS[0],
+    "orange": COLOURS[1],
+    "sky": COLOURS[5],
+}
+"""Name of a colour in style sheets → the colour."""
+
+
+def resource(name: str, package: str = "distal.reports") -> str:
+    """Return the text of a file that lies in a package: a script, a style sheet or a template."""
+    return resources.files(package).joinpath(name).read_text(encoding="utf-8")
 
 
 def page(title: str, lead: str, parts: Sequence[str]) -> str:
@@ -55,10 +41,12 @@ def page(title: str, lead: str, parts: Sequence[str]) -> str:
         lead: plain text below the title.
         parts: the page's content as HTML.
     """
+    colours = " ".join(f"--{name}: {colour};" for name, colour in _COLOURS.items())
     return (
         "<!doctype html>\n<html lang='en'>\n<head>\n<meta charset='utf-8'>\n"
         "<meta name='viewport' content='width=device-width, initial-scale=1'>\n"
-        f"<title>{escape(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n"
+        f"<title>{escape(title)}</title>\n<style>:root {{ color-scheme: light; {colours} }}\n"
+        f"{resource('page.css')}</style>\n</head>\n<body>\n"
         f"<h1>{escape(title)}</h1>\n<p class='lead'>{escape(lead)}</p>\n"
         + "\n".join(parts)
         + "\n</body>\n</html>\n"
@@ -93,37 +81,12 @@ def picture(svg: str, caption: str) -> str:
     return f"<figure>{svg[svg.index('<svg') :]}<figcaption>{escape(caption)}</figcaption></figure>"
 
 
-def html_table(
-    columns: Sequence[str], rows: Sequence[Sequence[str]], values: Sequence[int] = ()
-) -> str:
-    """Return the HTML of a table.
-
-    Args:
-        rows: cells as HTML.
-        values: indices of the columns that hold numbers.
-    """
-    mark = [" class='n'" if i in values else "" for i in range(len(columns))]
-    head = "".join(f"<th{mark[i]}>{escape(name)}</th>" for i, name in enumerate(columns))
-    # on a narrow screen each row is a block of lines, and each cell tells its column
-    label = [
-        f" data-of='{escape(name, quote=True)}'" if name and i else ""
-        for i, name in enumerate(columns)
-    ]
-    body = "".join(
-        "<tr>"
-        + "".join(f"<td{mark[i]}{label[i]}>{cell}</td>" for i, cell in enumerate(row))
-        + "</tr>\n"
-        for row in rows
-    )
-    table = f"<table><thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table>"
-    return f"<div class='scroll'>{table}</div>"
-
-
-def script_with(name: str, table: Mapping[str, object], script: str) -> str:
-    """Return the HTML of a script and of the data that it reads, which stand as JSON in an element
+def script_with(name: str, table: Mapping[str, object], *scripts: str) -> str:
+    """Return the HTML of scripts and of the data that they read, which stand as JSON in an element
     called `name`.
     """
     packed = json.dumps(table, separators=(",", ":")).replace("<", "\\u003c")
     return (
-        f"<script type='application/json' id='{name}'>{packed}</script>\n<script>{script}</script>"
+        f"<script type='application/json' id='{name}'>{packed}</script>\n"
+        f"<script>{''.join(scripts)}</script>"
     )

@@ -8,7 +8,6 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from html import escape
-from importlib import resources
 from math import degrees
 from pathlib import Path
 
@@ -17,9 +16,9 @@ from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.logs import write_together
-from distal.reports.page import heading, html_table, page, paragraph, picture, script_with
+from distal.reports.page import heading, page, paragraph, picture, resource, script_with
 from distal.reports.rig_drawing import rig_svg
-from distal.results import BLACK, COLOURS, FAINT, INK, SOFT, WHITE
+from distal.results import COLOURS, Html, html_table
 from distal.rounded import rounded
 from distal.study import Axis, Plan, Space
 from distal.study.answer import Answer, Influence
@@ -51,26 +50,6 @@ WORDS = {
 MORE = frozenset({"within", "inside", "met"})
 """Names of the measures of which more is better."""
 
-_STYLE = f"""<style>
-.controls {{ display: flex; flex-wrap: wrap; gap: .4rem 1rem; margin: .6rem 0; font-size: .9rem; }}
-.controls label {{ display: flex; flex-wrap: wrap; gap: .3rem; align-items: center; min-width: 0; }}
-.controls select {{ font: inherit; max-width: min(22rem, 88vw); }}
-.chart text {{ font: 12px system-ui, sans-serif; fill: {SOFT}; }}
-.chart .name {{ fill: {INK}; font-size: 13px; }}
-.chart .light {{ fill: {WHITE}; }} .chart .cell {{ fill: {INK}; }}
-.chart .grid {{ stroke: {FAINT}; stroke-width: .6; }}
-.chart .dot {{ fill: {COLOURS[5]}; fill-opacity: .55; }} .chart .best {{ fill: {COLOURS[1]}; }}
-.chart .front {{ fill: none; stroke: {COLOURS[1]}; stroke-width: 1.5; }}
-.chart .band {{ fill: {COLOURS[0]}; fill-opacity: .2; }}
-.chart .truth {{ fill: none; stroke: {BLACK}; stroke-width: 2.5; }}
-.chart .estimate {{ fill: none; stroke: {COLOURS[0]}; stroke-width: 1.5; }}
-.answer {{ font-size: 1.25rem; line-height: 1.45; margin: 1.2rem 0; }}
-.bar {{ display: inline-block; height: .75em; background: {COLOURS[0]}; }}
-.bars {{ width: 100%; }} .bars td:nth-child(2) {{ width: 45%; }}
-@media (max-width: 40rem) {{ .chart text {{ font-size: 19px; }} .chart .name {{ font-size: 19px; }}
-  .bars td:nth-child(2) {{ width: auto; }} }}
-</style>"""
-
 
 def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, folder: Path) -> Path:
     """Write the answer of a study as ``index.html`` and ``answer.json`` to a folder, and return the
@@ -89,7 +68,7 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
         "Every rig as built is drawn from the standard deviations of the rig file; the estimator "
         "knows the rig file only."
     )
-    parts = [_STYLE, f"<p class='answer'>{escape(answer.sentence)}</p>", *_scenarios(answer)]
+    parts = [f"<p class='answer'>{escape(answer.sentence)}</p>", *_scenarios(answer)]
     if answer.needs:
         parts += [heading("What is needed"), _needs(answer)]
     if answer.regions:
@@ -107,7 +86,7 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
             parts.append(picture(f"<svg class='chart' id='case-{k}' role='img'></svg>", case.words))
     parts += [heading("The rig"), picture(rig_svg(plan.rig), "The rig before any change.")]
     if answer.problems:
-        rows = [[escape(text), str(count)] for text, count in list(answer.problems.items())[:SHOWN]]
+        rows = [*answer.problems.items()][:SHOWN]
         parts += [heading("Runs that failed"), html_table(["why", "runs"], rows, [1])]
     charts = {
         "columns": points,
@@ -116,33 +95,26 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
         "cells": CELLS,
         **_chosen(answer.influences, points),
     }
-    script = resources.files("distal.reports").joinpath("study_page.js").read_text(encoding="utf-8")
-    parts.append(script_with("study-data", charts, script))
-    tables = (
-        json.dumps(
-            asdict(answer), indent=2, ensure_ascii=False, default=lambda verdict: verdict.value
-        )
-        + "\n"
-    )
+    parts.append(script_with("study-data", charts, resource("study_page.js")))
+    table = json.dumps(asdict(answer), indent=2, ensure_ascii=False, default=lambda v: v.value)
     write_together(
-        {folder / "index.html": page(title, lead, parts), folder / "answer.json": tables}
+        {folder / "index.html": page(title, lead, parts), folder / "answer.json": table + "\n"}
     )
     return folder / "index.html"
 
 
 def _scenarios(answer: Answer) -> list[str]:
     rows = [
-        [escape(name), f"{part.met:,} of {part.rigs:,}", str(part)]
-        for name, part in answer.scenarios.items()
+        [name, f"{part.met:,} of {part.rigs:,}", part] for name, part in answer.scenarios.items()
     ]
-    measured = [[escape(WORDS[name]), f"{answer.measures[name]:.3g}"] for name in MEASURES]
+    measured = [[WORDS[name], f"{answer.measures[name]:.3g}"] for name in MEASURES]
     table = html_table(["scenario", "rigs that meet it", "share"], rows)
     return [table, html_table(["mean over all runs", ""], measured, [1])]
 
 
 def _needs(answer: Answer) -> str:
     rows = [
-        [escape(need.verdict.value) if k == 0 else "", escape(part), str(share)]
+        [need.verdict.value if k == 0 else "", part, share]
         for need in answer.needs
         for k, (part, share) in enumerate(need.shares)
     ]
@@ -151,7 +123,7 @@ def _needs(answer: Answer) -> str:
 
 def _regions(answer: Answer) -> str:
     rows = [
-        [escape(region.where), str(region.proportion), f"{region.proportion.rigs:,}"]
+        [region.where, region.proportion, f"{region.proportion.rigs:,}"]
         for region in answer.regions[:SHOWN]
     ]
     return html_table(["designs", "rigs that meet it", "rigs"], rows, [2])
@@ -160,19 +132,19 @@ def _regions(answer: Answer) -> str:
 def _influences(influences: Sequence[Influence]) -> list[str]:
     rows = [
         [
-            escape(influence.words),
-            f"<span class='bar' style='width:{100 * influence.index:.1f}%'></span>",
+            influence.words,
+            Html(f"<span class='bar' style='width:{100 * influence.index:.1f}%'></span>"),
             f"{100 * influence.index:.0f} ± {100 * influence.half:.0f} %",
         ]
         for influence in influences[:SHOWN]
     ]
-    table = html_table(["number", "", "share of the variance of the RMS error"], rows, [2])
+    columns = ["number", "", "share of the variance of the RMS error"]
     explanation = (
         "First-order Sobol indices by RBD-FAST with their 95 % intervals: what would be gone of "
-        "the variance if the number "
-        "were known and held. As built: what one rig differs by from its description."
+        "the variance if the number were known and held. As built: what one rig differs by from "
+        "its description."
     )
-    return [table.replace("<table>", "<table class='bars'>"), paragraph(explanation)]
+    return [html_table(columns, rows, [2], "bars"), paragraph(explanation)]
 
 
 def _chart(name: str, axes: Sequence[str], directed: bool = False) -> list[str]:
@@ -189,7 +161,7 @@ def _chart(name: str, axes: Sequence[str], directed: bool = False) -> list[str]:
         )
         controls += f"<label>{labels[axis]} <select id='{name}-{axis}'></select>{better}</label>"
     return [
-        f"<div class='controls'>{controls}</div>",
+        f"<div class='axes'>{controls}</div>",
         f"<figure><svg class='chart' id='{name}' role='img'></svg><figcaption "
         f"id='{name}-said'></figcaption></figure>",
     ]

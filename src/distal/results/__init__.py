@@ -4,12 +4,10 @@ from distal.results.angle_plots import (
     PANELS,
     check_panels,
     draw_estimate,
-    from_start,
     plot_estimates,
-    time_label,
 )
 from distal.results.estimate import ANGLE_UNITS, Estimate
-from distal.results.innovation_plots import HEALTH_COLOURS
+from distal.results.innovation_plots import HEALTH_COLOURS, in_order, pulls_of
 from distal.results.style import (
     BAD,
     BAND_ALPHA,
@@ -23,15 +21,19 @@ from distal.results.style import (
     SOFT,
     TRUTH,
     WHITE,
+    colour,
     curve_style,
     figure,
     figure_bytes,
+    from_start,
     legend_above,
     make_folder,
     plot_kind,
     save_figure,
     styled,
+    time_label,
 )
+from distal.results.tables import Html, html_table, verdict
 from distal.results.thresholds import LARGE_PRIOR, SMALL
 
 __all__ = [
@@ -53,17 +55,23 @@ __all__ = [
     "TRUTH",
     "WHITE",
     "Estimate",
+    "Html",
     "check_panels",
+    "colour",
     "curve_style",
     "draw_estimate",
     "figure",
     "figure_bytes",
     "from_start",
+    "html_table",
+    "in_order",
     "legend_above",
     "make_folder",
     "plot_estimates",
     "plot_kind",
+    "pulls_of",
     "save_figure",
     "styled",
     "time_label",
+    "verdict",
 ]

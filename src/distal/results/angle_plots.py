@@ -12,18 +12,20 @@ from distal.arrays import Floats
 from distal.confidence import half_width, in_percent
 from distal.errors import OutputError
 from distal.logs import Log
-from distal.results.curves import Curves
 from distal.results.innovation_plots import draw_forces, draw_health, draw_innovations
 from distal.results.style import (
     BAND_ALPHA,
     BLACK,
     TRUTH,
+    Curves,
     colour,
     curve_style,
     figure,
+    from_start,
     legend_above,
     plain,
     save_figure,
+    time_label,
     title_above,
 )
 from distal.rig import Rig
@@ -97,7 +99,7 @@ def plot_estimates(
     """
     first = estimates[0]
     joints = len(estimates[0].joint_names)
-    _check_inputs(check_panels(panels), log, rig, health)
+    check_panels(panels)
     with_errors = (first.truths is not None) if errors is None else errors
     below = "errors" if with_errors else "bands" if bands else ""
     heights = [
@@ -148,18 +150,6 @@ def check_panels(panels: Sequence[str]) -> tuple[str, ...]:
     return tuple(panels)
 
 
-def _check_inputs(
-    panels: Sequence[str], log: Log | None, rig: Rig | None, health: Sequence[str] | None
-) -> None:
-    if "forces" in panels and (log is None or rig is None):
-        raise OutputError("the panel 'forces' draws what was measured; give log=… and rig=…")
-    if "health" in panels and health is None:
-        raise OutputError(
-            "the panel 'health' draws a word for each sample; give health=distal.log_health(log, "
-            "rig)"
-        )
-
-
 def _draw_panel(
     axes: Axes,
     panel: str,
@@ -168,32 +158,19 @@ def _draw_panel(
     rig: Rig | None,
     health: Sequence[str] | None,
 ) -> None:
-    time = from_start(first.time)
     if panel == "innovations":
-        draw_innovations(axes, time, first)
-    elif panel == "forces" and log is not None and rig is not None:
+        draw_innovations(axes, first)
+    elif panel == "forces":
+        if log is None or rig is None:
+            raise OutputError("the panel 'forces' draws what was measured; give log=… and rig=…")
         draw_forces(axes, log, rig)
-    elif health is not None:
-        draw_health(axes, time, health)
-
-
-def from_start(time: Floats) -> Floats:
-    """Return the time since the first sample [s], (k,).
-
-    Args:
-        time: stamps [s], (k,).
-    """
-    since: Floats = time - time[0]
-    return since
-
-
-def time_label(time: Floats) -> str:
-    """Return the label of the time axis for the stamps `time` [s], (k,)."""
-    return (
-        "time [s]"
-        if abs(time[0]) < 1e-9
-        else f"time [s] from the first sample on, which has t = {time[0]:.10g} s"
-    )
+    else:
+        if health is None:
+            raise OutputError(
+                "the panel 'health' draws a word for each sample; give "
+                "health=distal.log_health(log, rig)"
+            )
+        draw_health(axes, from_start(first.time), health)
 
 
 def _draw_joint(

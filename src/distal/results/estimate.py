@@ -16,7 +16,7 @@ from distal.errors import EstimationError
 from distal.estimators import UNITS_OF_JOINTS, StateKind, kinds_by_joint, states_of
 from distal.logs import header, pandas_frame, polars_frame
 from distal.results.angle_plots import PlotOptions, plot_estimates
-from distal.results.summary import SummaryRow, html_rows
+from distal.results.tables import SummaryRow, html_table
 from distal.rig import std_name
 from distal.suggestions import did_you_mean
 
@@ -122,7 +122,10 @@ class Estimate:
 
     def _repr_html_(self) -> str:
         """Return the short description and the `summary` as HTML, which notebooks show."""
-        return f"<p>{escape(repr(self))}</p>{html_rows(self.summary())}"
+        rows = self.summary()
+        return (
+            f"<p>{escape(repr(self))}</p>{html_table(rows[0], [[*row.values()] for row in rows])}"
+        )
 
     def in_words(self, joint: int = 0) -> str:
         """Return one line on a joint: the range of its angle, its band, and its error where the

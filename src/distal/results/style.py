@@ -1,5 +1,5 @@
-"""The style of all figures: colours and dashes that colour-blind readers can tell apart, and
-legends above the axes.
+"""The style of all figures: colours and dashes that colour-blind readers can tell apart, legends
+above the axes, and what a figure needs of an estimate.
 """
 
 from __future__ import annotations
@@ -9,10 +9,11 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from distal.arrays import Floats
 from distal.errors import OutputError
 from distal.logs import write_whole
 
@@ -81,6 +82,54 @@ TRUTH: Mapping[str, object] = {"color": BLACK, "linestyle": "-", "linewidth": 1.
 """Style of the true curve in every figure."""
 
 
+class Curves(Protocol):
+    """An object with the curves of an estimate that a plot draws, such as `distal.Estimate`."""
+
+    @property
+    def estimator(self) -> str:
+        """Name of the estimator."""
+
+    @property
+    def rig(self) -> str:
+        """Title of the rig."""
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints."""
+
+    @property
+    def time(self) -> Floats:
+        """Stamps [s], (k,)."""
+
+    @property
+    def angles(self) -> Floats:
+        """Angles of the joints [rad], (k, n_joints)."""
+
+    @property
+    def angle_stds(self) -> Floats:
+        """Standard deviations of the errors of the joint angles [rad], (k, n_joints)."""
+
+    @property
+    def level(self) -> float:
+        """Share of the errors that the band is to hold."""
+
+    @property
+    def truths(self) -> Floats | None:
+        """True joint angles [rad], (k, n_joints), or None where none is known."""
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """Names of the m channels with an innovation."""
+
+    @property
+    def innovations(self) -> Floats:
+        """Innovations ν, measured minus predicted, in SI, (k, m)."""
+
+    @property
+    def innovation_variances(self) -> Floats:
+        """Variances S of the innovations, (k, m)."""
+
+
 def styled() -> AbstractContextManager[None]:
     """Return a context in which matplotlib draws axes and legends in this style."""
     import matplotlib
@@ -125,6 +174,25 @@ def colour(index: int) -> str:
 def curve_style(index: int) -> dict[str, object]:
     """Return colour and dash of the curve with an index, as options of `Axes.plot`."""
     return {"color": colour(index), "linestyle": DASHES[index % len(DASHES)]}
+
+
+def from_start(time: Floats) -> Floats:
+    """Return the time since the first sample [s], (k,).
+
+    Args:
+        time: stamps [s], (k,).
+    """
+    since: Floats = time - time[0]
+    return since
+
+
+def time_label(time: Floats) -> str:
+    """Return the label of the time axis for the stamps `time` [s], (k,)."""
+    return (
+        "time [s]"
+        if abs(time[0]) < 1e-9
+        else f"time [s] from the first sample on, which has t = {time[0]:.10g} s"
+    )
 
 
 def plain(text: str) -> str:
