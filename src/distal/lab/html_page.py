@@ -8,7 +8,6 @@ import base64
 import json
 import re
 from html import escape
-from importlib import resources
 from math import inf, log, log1p
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,7 @@ from distal.export.plant_source import ExportedPlant, resting_pull
 from distal.lab.webassembly import LabModule, lab_module
 from distal.logs import write_whole
 from distal.reports.moving_chain import chain_script, chain_shape, tension_scale
-from distal.reports.page import page, script_with
+from distal.reports.page import page, resource, script_with
 from distal.results import COLOURS
 from distal.rig import Rig, angle_names, log_factor, number, std_name
 from distal.run.health import HEALTH
@@ -41,40 +40,53 @@ LONGEST = 600.0
 
 FACTORS = {
     "friction": (
-        r"friction\.(coefficient|constant|load)$|path\.friction$|hysteresis\.(constant|slope)$"
+        "friction",
+        r"friction\.(coefficient|constant|load)$|path\.friction$|hysteresis\.(constant|slope)$",
     ),
-    "stiffness": r"^tendons\.\d+\.stiffness$",
-    "pretension": r"^tendons\.\d+\.pretension$",
-    "arm": r"^tendons\.\d+\.(insertion|crossings\.\d+)\.(radius|arm|offset|lever)$",
+    "stiffness": ("tendon stiffness", r"^tendons\.\d+\.stiffness$"),
+    "pretension": ("pre-tension", r"^tendons\.\d+\.pretension$"),
+    "arm": (
+        "moment arms",
+        r"^tendons\.\d+\.(insertion|crossings\.\d+)\.(radius|arm|offset|lever)$",
+    ),
 }
-"""Name of a slider → pattern of the plant's parameters that the slider multiplies."""
+"""Name of a slider → its label, and the pattern of the plant's parameters that it multiplies."""
 
-LABELS = {
-    "friction": "friction",
-    "stiffness": "tendon stiffness",
-    "pretension": "pre-tension",
-    "arm": "moment arms",
+EXPERIMENTS: dict[str, tuple[dict[str, float], str]] = {
+    "As described": (
+        {},
+        "Everything is as the rig file says: the band is as wide as what the file leaves unknown.",
+    ),
+    "Friction × 3": (
+        {"friction": 1.585},
+        "Friction holds the joint back while the tendons stretch. The filter learns how much, as "
+        "far as its prior allows.",
+    ),
+    "Soft tendons": (
+        {"stiffness": -1},
+        "Tendons half as stiff stretch twice as far: that is what inextensible tendons leave out.",
+    ),
+    "Hang a load on": (
+        {"load": 0.6},
+        "A constant torque pulls the joint. What is not declared is taken for friction or "
+        "something else.",
+    ),
+    "Wrong moment arms": (
+        {"arm": 0.1375},
+        "Arms 10 % larger than in the file: no sensor at the motors can tell. A reference is "
+        "needed once, to fit.",
+    ),
+    "Unplug a sensor": (
+        {"dead": 1},
+        f"$sensor$ is dead. After {DEAD:g} s the health says so, and the band grows: what the "
+        "sensor told is not known any more.",
+    ),
 }
-"""Name of a slider → its label."""
+"""Name of an experiment → settings of the sliders, and a text that says what to look at in it.
 
-EXPERIMENTS = {
-    "As described": "Everything is as the rig file says: the band is as wide as what the file "
-    "leaves unknown.",
-    "Friction × 3": "Friction holds the joint back while the tendons stretch. The filter learns "
-    "how much, as far as its "
-    "prior allows.",
-    "Soft tendons": "Tendons half as stiff stretch twice as far: that is what inextensible "
-    "tendons leave out.",
-    "Hang a load on": "A constant torque pulls the joint. What is not declared is taken for "
-    "friction or something else.",
-    "Wrong moment arms": "Arms 10 % larger than in the file: no sensor at the motors can tell. A "
-    "reference is needed once, "
-    "to fit.",
-    "Unplug a sensor": f"$sensor$ is dead. After {DEAD:g} s the health says so, and the band "
-    "grows: what the "
-    "sensor told is not known any more.",
-}
-"""Name of an experiment → text that says what to look at in it."""
+Factors are powers of two, a load is a share of the largest one, and of the sensors that are read
+the first is dead.
+"""
 
 SWING = 0.5
 """Amplitude of the motion of a joint without stops [rad]. Source: judgement."""
@@ -112,9 +124,9 @@ def lab_page(rig: Rig, path: str | Path, estimator: str = "adaptive", source: st
     module = lab_module(rig, estimator)
     constants = _constants(rig, module, estimator, source)
     parts = [
-        f"<style>{_resource('lab.css')}</style>",
+        f"<style>{resource('lab.css', 'distal.lab')}</style>",
         _body(rig, module, constants, estimator),
-        script_with("lab-data", constants, chain_script() + _resource("lab.js")),
+        script_with("lab-data", constants, chain_script(), resource("lab.js", "distal.lab")),
     ]
     lead = (
         "The rig moves in your browser, and a filter says where its joints are from what its "
@@ -172,7 +184,7 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
         "loadMost": most,
         "factors": {
             factor: [i for i, path in enumerate(plant.parameters) if re.search(pattern, path)]
-            for factor, pattern in FACTORS.items()
+            for factor, (_, pattern) in FACTORS.items()
         },
         "columns": columns,
         "scales": [*scales, *[1.0] * nj],
@@ -268,7 +280,7 @@ def _body(rig: Rig, module: LabModule, constants: dict[str, Any], estimator: str
     most = constants["loadMost"]
     joints = [escape(joint.name) for joint in rig.joints]
     sliders = []
-    for name, label in LABELS.items():
+    for name, (label, _) in FACTORS.items():
         present = bool(constants["factors"][name]) or (
             name == "pretension" and any(constants["effort"])
         )
@@ -316,11 +328,7 @@ def _body(rig: Rig, module: LabModule, constants: dict[str, Any], estimator: str
         ),
         "motion": motion,
     }
-    return filled(_resource("lab.html"), blanks)
-
-
-def _resource(name: str) -> str:
-    return resources.files("distal.lab").joinpath(name).read_text(encoding="utf-8")
+    return filled(resource("lab.html", "distal.lab"), blanks)
 
 
 def _slider(
@@ -351,27 +359,20 @@ def _experiments(
     """Return the experiments that are possible with a rig: name, settings of the sliders, and
     text.
     """
-    settings: dict[str, dict[str, Any]] = {
-        "As described": {},
-        "Friction × 3": {"friction": 1.585},
-        "Soft tendons": {"stiffness": -1},
-        "Hang a load on": {"load": 0.6 * constants["loadMost"]},
-        "Wrong moment arms": {"arm": 0.1375},
-        "Unplug a sensor": {"dead": constants["read"][:1]},
-    }
-    factors = constants["factors"]
-    possible = [
-        name for name, changes in settings.items() if all(factors.get(key, [0]) for key in changes)
-    ]
-    dead = {"sensor": ", ".join(constants["sensors"][i] for i in constants["read"][:1])}
-    return [
-        (
-            name,
-            settings[name],
-            filled(EXPERIMENTS[name], dead) + _allowed(rig, module, constants, settings[name]),
-        )
-        for name in possible
-    ]
+    possible = []
+    first = constants["read"][:1]
+    sensor = {"sensor": ", ".join(constants["sensors"][i] for i in first)}
+    for name, (changes, text) in EXPERIMENTS.items():
+        if not all(constants["factors"].get(key, [0]) for key in changes):
+            continue
+        settings: dict[str, Any] = dict(changes)
+        if "load" in settings:
+            settings["load"] *= constants["loadMost"]
+        if "dead" in settings:
+            settings["dead"] = first
+        said = filled(text, sensor) + _allowed(rig, module, constants, settings)
+        possible.append((name, settings, said))
+    return possible
 
 
 def _allowed(
@@ -380,12 +381,12 @@ def _allowed(
     """Return a sentence that says whether the rig file's standard deviations allow for a change of
     the true rig, so that the band should hold.
     """
-    factor = next((key for key in changes if key in LABELS), None)
+    factor = next((key for key in changes if key in FACTORS), None)
     if factor is not None:
         values = [number(rig, module.plant.parameters[i]) for i in constants["factors"][factor]]
         share = min(one.std / abs(one.value) for one in values if one.value)
         stds = abs(changes[factor]) * log(2.0) / log1p(share) if share else inf
-        known = f"{LABELS[factor]} as {f'known to ± {100 * share:.2g} %' if share else 'exact'}"
+        known = f"{FACTORS[factor][0]} as {f'known to ± {100 * share:.2g} %' if share else 'exact'}"
     elif "load" in changes:
         std = min(joint.external_torque.std for joint in rig.joints)
         stds = changes["load"] / std if std else inf

@@ -8,12 +8,12 @@ import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib import resources
 
 import numpy as np
 
 from distal.arrays import Floats
 from distal.paper.series import PLANTS, SeriesRun
+from distal.reports.page import resource
 from distal.rig import tendon_angle_name
 
 SIDES = ("left", "right")
@@ -71,7 +71,7 @@ class Statement:
 @lru_cache(maxsize=1)
 def statements() -> tuple[Statement, ...]:
     """Return the paper's statements with the thresholds of `claims.toml`."""
-    text = resources.files("distal.paper").joinpath("claims.toml").read_text(encoding="utf-8")
+    text = resource("claims.toml", "distal.paper")
     return tuple(
         Statement(
             key,

@@ -4,6 +4,7 @@ coloured by tension.
 
 from __future__ import annotations
 
+from collections import Counter
 from html import escape
 from string import Template
 
@@ -13,7 +14,17 @@ from distal.arrays import Floats
 from distal.confidence import in_percent
 from distal.logs import Log
 from distal.reports.page import resource, script_with
-from distal.results import BAND_ALPHA, BLACK, COLOURS, FAINT, SOFT, WHITE, Estimate, from_start
+from distal.results import (
+    BAND_ALPHA,
+    BLACK,
+    COLOURS,
+    FAINT,
+    SOFT,
+    WHITE,
+    Estimate,
+    from_start,
+    pulls_of,
+)
 from distal.rig import Rig
 
 MOST_FRAMES = 6_000
@@ -63,8 +74,10 @@ def moving_chain(
         "naive": None if naive is None else angles(naive.angles),
     }
     dashed = ", dashed is the truth" if estimate.truths is not None else ""
+    more = ", click a curve to go to its time"
     if naive is not None:
         dashed += ", dotted is what the motors say as if the tendons did not stretch"
+        more = ". No estimate has a sensor at the joint"
     blanks = {
         "speeds": "".join(
             f"<option value='{x}'{' selected' * (x == 1)}>{x}×</option>"
@@ -76,6 +89,7 @@ def moving_chain(
             f"<tr><td>{escape(joint.name)}</td><td class='n'></td></tr>" for joint in rig.joints
         ),
         "dashed": dashed,
+        "more": more,
         "level": in_percent(estimate.level),
     }
     scripts = chain_script(), resource("moving.js")
@@ -145,7 +159,7 @@ def _links(rig: Rig) -> Floats:
     """
     arms = [abs(arm) for tendon in rig.tendons for arm in tendon.arms().values()]
     length = LENGTHS * max(arms, default=0.01)
-    ends = np.tile([length, 0.0, 0.0], (len(rig.joints), 1))
+    ends = np.zeros((len(rig.joints), 3))
     for j, joint in enumerate(rig.joints):
         carried = [
             np.array(rig.joints[i].offset) for i in range(len(rig.joints)) if rig.parent_of(i) == j
@@ -153,14 +167,11 @@ def _links(rig: Rig) -> Floats:
         far = max(carried, key=lambda offset: float(np.linalg.norm(offset)), default=np.zeros(3))
         centre = np.zeros(3) if joint.link is None else 2 * np.array(joint.link.centre)
         axis = np.array(joint.axis)
-        for end in (far, centre):
-            # a link along the axis would not show how the joint turns
-            if np.linalg.norm(_across(end, axis)) > 0.1 * length:
-                ends[j] = end
-                break
-        else:
-            start = np.eye(3)[int(np.argmin(np.abs(axis))) if abs(axis[0]) > 0.9 else 0]
-            ends[j] = length * _unit(_across(start, axis))
+        # a link along the axis would not show how the joint turns
+        start = np.eye(3)[int(np.argmin(np.abs(axis))) if abs(axis[0]) > 0.9 else 0]
+        straight = length * _unit(_across(start, axis))
+        shown = (e for e in (far, centre) if np.linalg.norm(_across(e, axis)) > 0.1 * length)
+        ends[j] = next(shown, straight)
     return ends
 
 
@@ -181,20 +192,18 @@ def _view(rig: Rig) -> tuple[tuple[float, ...], ...]:
 
 def _tensions(rig: Rig, log: Log) -> list[Floats | None]:
     """Return the measured tension of each tendon [N], (k,), or None where it is not measured."""
-    drives = {drive.name: drive for drive in rig.drives}
-    sensors = [sensor for sensor in rig.sensors if sensor.name in log.channels]
+    read = {(sensor.measures, sensor.of): sensor.name for sensor in pulls_of(log, rig)}
+    pulled = Counter(tendon.drive for tendon in rig.tendons)
     columns: list[Floats | None] = []
     for tendon in rig.tendons:
-        drive = drives[tendon.drive]
-        column = None
-        alone = sum(neighbour.drive == drive.name for neighbour in rig.tendons) == 1
-        for sensor in sensors:
-            if sensor.measures == "tension" and sensor.of == tendon.name:
-                column = np.asarray(log.channels[sensor.name])
-            elif sensor.measures == "force" and sensor.of == drive.name and alone:
-                arm = drive.radius.value if drive.kind == "capstan" else 1.0
-                column = np.asarray(log.channels[sensor.name]) / arm
-        columns.append(column)
+        drive = rig.drives[rig.drive_names.index(tendon.drive)]
+        lever = drive.radius.value if drive.kind == "capstan" else 1.0
+        tension = read.get(("tension", tendon.name))
+        force = read.get(("force", drive.name)) if pulled[drive.name] == 1 else None
+        if tension is not None:
+            columns.append(log.channels[tension])
+        else:
+            columns.append(None if force is None else log.channels[force] / lever)
     return columns
 
 

@@ -22,9 +22,9 @@ _COLOURS = {
     "yes": GOOD,
     "no": BAD,
     "truth": BLACK,
-    "blue": COLOURS[0],
-    "orange": COLOURS[1],
-    "sky": COLOURS[5],
+    "curve": COLOURS[0],
+    "mark": COLOURS[1],
+    "dot": COLOURS[5],
 }
 """Name of a colour in style sheets → the colour."""
 

@@ -6,6 +6,8 @@ from math import degrees
 from textwrap import wrap
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from distal.reports.drawing_panel import LAYOUT, Panel, Texts
 from distal.reports.page import svg_of
 from distal.reports.rig_texts import vector
@@ -76,18 +78,18 @@ def _connected(rig: Rig) -> list[list[int]]:
     """Return groups of the indices of joints that drives and couplings connect, in the rig's
     order.
     """
-    groups = [{name} for name in rig.joint_names]
-    connections = [
-        {name for tendon in rig.tendons if tendon.drive == drive for name in tendon.joints}
-        for drive in rig.drive_names
-    ]
-    connections += [{joint.name, joint.coupled.joint} for joint in rig.joints if joint.coupled]
-    for joints in connections:
-        met = [group for group in groups if group & joints]
-        groups = [group for group in groups if not group & joints]
-        groups.append(set().union(*met))
-    indices = [[j for j, name in enumerate(rig.joint_names) if name in group] for group in groups]
-    return sorted(indices)
+    from scipy.sparse.csgraph import connected_components
+
+    index = rig.joint_names.index
+    together = np.eye(len(rig.joints))
+    for drive in rig.drive_names:
+        turned = [index(name) for t in rig.tendons if t.drive == drive for name in t.joints]
+        together[np.ix_(turned, turned)] = 1.0
+    for j, joint in enumerate(rig.joints):
+        if joint.coupled:
+            together[j, index(joint.coupled.joint)] = 1.0
+    count, group = connected_components(together, directed=False)
+    return [np.flatnonzero(group == k).tolist() for k in range(count)]
 
 
 def _gravity(rig: Rig) -> str:

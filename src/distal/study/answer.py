@@ -5,6 +5,7 @@ matters, and the worst cases.
 from __future__ import annotations
 
 import warnings
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import degrees
@@ -87,7 +88,7 @@ class Answer:
         needs: whether each thing that varies is needed.
         regions: parts of the space of designs, best first.
         worst: the runs with the largest errors.
-        problems: message of an error → number of runs that it ended.
+        problems: message of an error → number of runs that it ended, most first.
         measures: name (see `MEASURES`) → mean over all runs that did not fail.
     """
 
@@ -130,16 +131,10 @@ def answer_of(plan: Plan, space: Space, columns: Columns) -> Answer:
     of_scenario = {names[k]: proportion(met[:, k] == 1) for k in asked}
     influences = influences_of(plan, space, columns, rms)
     regions = _regions(plan, space, columns, good, influences)
-    texts, counts = np.unique(columns["problem"].astype(str), return_counts=True)
-    problems = {str(text): int(count) for text, count in zip(texts, counts) if text}
+    problems = dict(Counter(filter(None, columns["problem"].tolist())).most_common())
     if sum(problems.values()) == rows:
-        raise StudyError(
-            "every run failed, so there is no answer: "
-            f"{max(problems, key=lambda text: problems[text])}"
-        )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # nothing but problems has no mean
-        measures = {name: float(np.nanmean(columns[name].astype(np.float64))) for name in MEASURES}
+        raise StudyError(f"every run failed, so there is no answer: {next(iter(problems))}")
+    measures = {name: float(np.nanmean(columns[name].astype(np.float64))) for name in MEASURES}
     worst = _worst(plan, space, columns)
     needs = needs_of(plan, space, columns, good)
     sentence = _sentence(plan, overall, of_scenario, influences, needs, regions, problems)

@@ -22,7 +22,7 @@ from distal.suggestions import did_you_mean
 MOST_DESIGNS = 1_000_000
 """Largest number of designs in a study [1]. Source: judgement."""
 
-Share = Annotated[float, In("", "positive")]
+Share = Annotated[float, In("", "positive"), Field(le=1.0)]
 
 
 class Requirement(Description):
@@ -37,16 +37,6 @@ class Requirement(Description):
         (), description="in which scenarios; default: in all of the study"
     )
     rigs: Share = Field(0.95, description="of which share of the rigs as built this is asked")
-
-    @model_validator(mode="after")
-    def _shares(self) -> Self:
-        for name in ("time", "rigs"):
-            if getattr(self, name) > 1.0:
-                raise ValueError(
-                    f"{name}: is a share, above 0 and at most 1 (100 %); {getattr(self, name):g} "
-                    "came"
-                )
-        return self
 
 
 class Study(Description):
