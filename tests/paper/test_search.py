@@ -8,9 +8,7 @@ import json
 
 import numpy as np
 import pytest
-
-from distal.paper.claims import Measure, Statement, statements
-from distal.paper.rig_search import (
+from benchmarks.paper_search import (
     UNKNOWNS,
     Search,
     draw_map,
@@ -19,6 +17,8 @@ from distal.paper.rig_search import (
     search_in_words,
     to_json,
 )
+
+from distal.paper.claims import Measure, Statement, statements
 from distal.paper.series import PLANTS, SERIES_1, hung_weights, observed_values, run_series
 
 COUNT = 12

@@ -67,17 +67,12 @@ REFERENCE = (
 
 SEARCH_NOTE = (
     "How the plant with more friction was found: plants were drawn over the friction of the "
-    "sliders (constant and by "
-    "load), "
-    "exponent, reference load and preload of the axle's friction, and the angle of Series 1, and "
-    "each was read both "
-    "ways, as x/r and from the geometry. The plant on which most of the twelve statements hold is "
-    "that one, "
-    "so all twelve have chosen it. distal reproduce --search does this again: it draws the map, "
-    "tests each "
-    "statement on the plant that the other eleven choose, and names the pairs that exclude each "
-    "other. What it "
-    "found stands in docs/results/reproduction.md."
+    "sliders (constant and by load), exponent, reference load and preload of the axle's friction,"
+    " and the angle of Series 1, and each was read both ways, as x/r and from the geometry. The "
+    "plant on which most of the twelve statements hold is that one, so all twelve have chosen it."
+    " python -m benchmarks.paper_search does this again: it draws the map, tests each statement "
+    "on the plant that the other eleven choose, and names the pairs that exclude each other. What"
+    " it found stands in docs/results/reproduction.md."
 )
 """Text on how the plant with more friction was found."""
 

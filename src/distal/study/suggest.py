@@ -90,9 +90,10 @@ def suggestions(
             progress(k, len(options))
     base, *changes = judged
     ranked = [change for change in changes if differs(base, change)]
-    tau = kendalltau(*([getattr(change, by) for change in ranked] for by in ("band", "error")))
+    bands = [change.band for change in ranked]
+    tau = kendalltau(bands, [change.error for change in ranked]).statistic
     changes.sort(key=lambda change: change.band)
-    return base, changes, float(tau.statistic)
+    return base, changes, float(tau)
 
 
 def differs(base: Suggestion, change: Suggestion) -> bool:
