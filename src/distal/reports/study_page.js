@@ -2,7 +2,7 @@
 (() => {
   const data = JSON.parse(document.getElementById("study-data").textContent);
   const names = Object.keys(data.columns), W = 640, H = 400, B = 54, T = 12, R = 14;
-  const colours = data.colours, NS = "http://www.w3.org/2000/svg";
+  const NS = "http://www.w3.org/2000/svg";
   const get = (id) => document.getElementById(id);
 
   function node(tag, attributes, text) {

@@ -5,7 +5,7 @@ evidence.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from html import escape
 from math import degrees
@@ -18,7 +18,7 @@ from distal.arrays import Floats
 from distal.logs import write_together
 from distal.reports.page import heading, page, paragraph, picture, resource, script_with
 from distal.reports.rig_drawing import rig_svg
-from distal.results import COLOURS, Html, html_table
+from distal.results import Html, html_table
 from distal.rounded import rounded
 from distal.study import Axis, Plan, Space
 from distal.study.answer import Answer, Influence
@@ -77,8 +77,9 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
         parts += [heading("Which numbers matter"), *_influences(answer.influences)]
     points = _points(plan, space, columns)
     if len(points) > 1:
-        parts += [heading("What is traded for what"), *_chart("pareto", ("x", "y"), directed=True)]
-        parts += [heading("Map"), *_chart("map", ("x", "y", "z"))]
+        axes = {"x": "across", "y": "up"}
+        parts += [heading("What is traded for what"), *_chart("pareto", axes)]
+        parts += [heading("Map"), *_chart("map", axes | {"z": "shown"})]
     if answer.worst:
         parts.append(heading("Worst cases"))
         parts.append(paragraph("Black is the true angle, blue the estimate with its 95 % band."))
@@ -91,7 +92,6 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
     charts = {
         "columns": points,
         "cases": [asdict(case) for case in answer.worst],
-        "colours": COLOURS,
         "cells": CELLS,
         **_chosen(answer.influences, points),
     }
@@ -147,19 +147,20 @@ def _influences(influences: Sequence[Influence]) -> list[str]:
     return [html_table(columns, rows, [2], "bars"), paragraph(explanation)]
 
 
-def _chart(name: str, axes: Sequence[str], directed: bool = False) -> list[str]:
-    labels = {"x": "across", "y": "up", "z": "shown"}
-    controls = ""
+def _chart(name: str, axes: Mapping[str, str]) -> list[str]:
+    """Return the controls of a chart and its empty drawing, which the page's script fills.
+
+    Args:
+        axes: name of an axis in the script → its label.
+    """
     options = (
         "<option value='less'>less is better</option><option value='more'>more is better</option>"
     )
-    for axis in axes:
-        better = (
-            f"<select id='{name}-d{axis}' aria-label='better'>{options}</select>"
-            if directed
-            else ""
-        )
-        controls += f"<label>{labels[axis]} <select id='{name}-{axis}'></select>{better}</label>"
+    controls = ""
+    for axis, label in axes.items():
+        better = f"<select id='{name}-d{axis}' aria-label='better'>{options}</select>"
+        controls += f"<label>{label} <select id='{name}-{axis}'></select>"
+        controls += f"{better if name == 'pareto' else ''}</label>"
     return [
         f"<div class='axes'>{controls}</div>",
         f"<figure><svg class='chart' id='{name}' role='img'></svg><figcaption "
