@@ -97,7 +97,10 @@ def test_chunks_hold_each_design_once_and_like_beside_like() -> None:
             {"requirement": {"joint": "link", "within": "1 deg", "scenarios": ["x"]}},
             "'x' is none of scenarios",
         ),
-        ({"requirement": {"joint": "link", "within": "1 deg", "time": 1.2}}, "at most 1"),
+        (
+            {"requirement": {"joint": "link", "within": "1 deg", "time": 1.2}},
+            "less than or equal to 1, 1.2 came",
+        ),
         ({"scenarios": ["serie-2"]}, "did you mean 'series-2'"),
         ({"estimator": "none"}, "unknown 'none'"),
         ({"duraton": 1}, "did you mean 'duration'"),

@@ -40,6 +40,9 @@ layout.
 BINS = 16
 """Number of bins of the residuals. Source: layout."""
 
+FEWEST = 10
+"""Least number of samples in a bin that is drawn: one for each tenth. Source: layout."""
+
 
 def draw_traces(log: Log, before: Estimate, after: Estimate, rig: Rig) -> Figure:
     """Return a figure over one log: truth, estimates before and after the fit, their errors,
@@ -132,12 +135,18 @@ def _smooth_speed(time: Floats, angle: Floats) -> Floats:
 
 
 def _draw_binned(axes: Axes, x: Floats, y: Floats, index: int, name: str) -> None:
-    """Draw the quantiles of y in bins of x with equally many samples."""
-    is_finite = np.isfinite(x) & np.isfinite(y)
-    order = np.argsort(x[is_finite])
-    bins = [part for part in np.array_split(order, BINS) if len(part)]
-    centres = [np.median(x[is_finite][part]) for part in bins]
-    quantiles = [np.quantile(y[is_finite][part], [0.1, 0.5, 0.9]) for part in bins]
+    """Draw the quantiles of y in bins of x, which reach over all but a hundredth of its samples."""
+    known = np.isfinite(x) & np.isfinite(y)
+    x = x[known]
+    y = y[known]
+    if not len(x):
+        return
+    low, high = np.quantile(x, [0.005, 0.995])
+    edges = np.linspace(low, high, BINS + 1)
+    number = np.digitize(x, edges[1:-1])
+    bins = [k for k in range(BINS) if np.count_nonzero(number == k) >= FEWEST]
+    centres = (edges[1:] + edges[:-1])[bins] / 2.0
+    quantiles = [np.quantile(y[number == k], [0.1, 0.5, 0.9]) for k in bins]
     lower, median, upper = np.reshape(quantiles, (-1, 3)).T
     axes.fill_between(centres, lower, upper, color=colour(index), alpha=BAND_ALPHA, lw=0)
     style = curve_style(index)
