@@ -1,0 +1,234 @@
+"""What each rule of `adaptive` with a number chosen by hand is worth: `python -m benchmarks.ablation
+[NAME …]`.
+
+One rule is switched off at a time, on seven rigs whose plants share no code with `distal.model`,
+two seeds each: logs as they come, with bursts and missing samples, and of chains with a load, a
+zero that jumps, and a silent sensor. A rule that changes no log's error by `TOLD` is worth nothing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
+from typing import Any
+
+os.environ["DISTAL_COMPILE"] = "0"
+
+import numpy as np
+
+from benchmarks import events
+from benchmarks.report import table
+from benchmarks.strangers.foreign_plants import finger_log, finger_rig, hand_log, hand_rig
+from benchmarks.strangers.hands_plants import bowden_log, bowden_rig, ropes_log, ropes_rig
+from distal import DistalError, Log, Rig, estimate, load_rig
+
+SEEDS = (31, 32)
+DURATION = 12.0
+TOLD = 0.01
+"""Share of the RMS error, and of the samples inside the band, by which a rule is told from none."""
+
+INF = float("inf")
+
+
+def nothing(*arguments: Any) -> Any:
+    """Return nothing found."""
+    return {}
+
+
+RULES: dict[str, tuple[str, str, Any]] = {
+    "impossible positions": ("filter_context", "MOST_TRAVELS", 1e9),
+    "joints follow a jump": ("filter_context", "FOLLOWS", INF),
+    "joints settle": ("filter_context", "SETTLES", INF),
+    "most sub-steps": ("filter_context", "MOST_JOINT_SUBSTEPS", 10**6),
+    "usual innovation at first": ("first_sample", "UNEXPLAINED_AT_FIRST", 0.0),
+    "power of a lost position": ("guards", "STILL_LOST", 1),
+    "wandering": ("drive_tracking", "WANDERING", INF),
+    "pull's std at a jump": ("drive_tracking", "PULL_STD", 0.0),
+    "least doubt": ("drive_tracking", "LEAST_DOUBT", 0.0),
+    "slow, one threshold": ("drive_friction", "SLOW_UNKNOWN", 0.6),
+    "slow, declared": ("drive_friction", "SLOW_DECLARED", 0.8),
+    "nominal pull lasts": ("measurement", "NOMINAL_TIME", 0.0),
+    "unsure of stops, (24b)": ("stop_contact", "UNSURE", 0.0),
+    "slack pairs, (26b)": ("slack_pairs", "slack_pairs", nothing),
+    "force's std in slack pairs": ("slack_pairs", "LIMIT_STDS", 0.0),
+    "friction to a factor, joint_motion": ("joint_motion", "friction_stds", nothing),
+    "zero: shows": ("zero_jumps", "SHOWS", 0.0),
+    "zero: slips": ("zero_jumps", "LONGEST_SLIP", 0.0),
+    "zero: soonest stop": ("zero_jumps", "SOONEST_STOP", INF),
+    "zero: doubt settles": ("drive_tracking", "SETTLED_TIME", 1e-3),
+    "zero: goes on": ("zero_jumps", "GOES_ON", INF),
+    "pace": ("touch", "PACE_TIME", 1e-6),
+    "usual time": ("touch", "USUAL_TIME", INF),
+    "evidence time": ("touch", "EVIDENCE_TIME", 1e-6),
+    "still": ("touch", "STILL", 0.5),
+    "largest torque": ("touch", "SURE", 1e6),
+    "clear torque lasts": ("touch", "LASTING_TIME", 1e-6),
+    "closing": ("touch", "CLOSING_TIME", 1e-6),
+    "lowest value": ("states.parameter", "SMALLEST_VALUE", 0.0),
+    "lowest factor": ("states.parameter", "SMALLEST_FACTOR", 1e-6),
+    "unseen friction": ("states.parameter", "UNSEEN", 0.0),
+    "speed at first": ("states.joint", "START_SPEED", 1e-3),
+    "position walks": ("states.drive_position", "POSITION_WALK", 0.0),
+    "least tension": ("states.internal", "LEAST_TENSION", 0.0),
+    "calm effort": ("states.transmission", "CALM", 1e-3),
+    "dead time": ("tuning.Robustness", "dead_time", 0.0),
+    "bend": ("tuning.Robustness", "bend_share", 0.0),
+    "lost position's force": ("tuning.Robustness", "followed_variance", 0.0),
+    "parameters walk": ("tuning.Robustness", "parameter_walk", 0.0),
+    "angles walk": ("tuning.Robustness", "angle_walk", 0.0),
+    "forces beyond friction": ("tuning.Robustness", "beyond_time", 0.0),
+    "references": ("tuning.Robustness", "reference_time", 0.0),
+    "persistence alone": ("tuning.Robustness", "persistence_alone", 0.02),
+    "declared friction": ("tuning.Robustness", "declared_friction", 0.0),
+    "unknown friction walks": ("tuning.Robustness", "unknown_friction_walk", 0.0),
+}
+"""Rule → module of `distal.estimators.adaptive` (or its class), name, and value without the rule."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A log with its rig, and what it is called in the table."""
+
+    name: str
+    log: Log
+    rig: Rig
+
+
+def cases() -> Iterator[Case]:
+    """Yield all logs of the panel."""
+    singles: dict[str, tuple[Callable[[int], Log], Rig]] = {
+        "Bowden": (lambda seed: bowden_log(seed, "ramps", DURATION), bowden_rig()),
+        "Bowden, stops": (lambda seed: bowden_log(seed, "stops", DURATION), bowden_rig()),
+        "ropes": (lambda seed: ropes_log(seed, "holds", DURATION), ropes_rig()),
+        "foreign finger": (lambda seed: finger_log(seed, DURATION), finger_rig()),
+        "foreign hand": (lambda seed: hand_log(seed, DURATION), hand_rig()),
+    }
+    for name, (log_of, rig) in singles.items():
+        for seed in SEEDS:
+            log = log_of(seed)
+            yield Case(name, log, rig)
+            yield Case(f"{name}, bad readings", spoilt(log, rig, seed), rig)
+    for name in ("finger-2n", "finger-n-plus-1", "wrist-instrument"):
+        for seed in SEEDS:
+            for event, log in events.logs(name, seed):
+                if event != "jump":
+                    yield Case(f"{name}, {event}", first_seconds(log), load_rig(name))
+
+
+def first_seconds(log: Log) -> Log:
+    """Return the first `DURATION` of a log."""
+    now = log.time - log.time[0] <= DURATION
+    channels, truth = (
+        {name: values[now] for name, values in columns.items()}
+        for columns in (log.channels, log.truth)
+    )
+    return Log(log.time[now], channels, truth, log.source, log.truth_source)
+
+
+def spoilt(log: Log, rig: Rig, seed: int) -> Log:
+    """Return a log with bursts of wild positions, a tenth of all values missing, and a gap."""
+    rng = np.random.default_rng([seed, 5])
+    start = float(rng.uniform(3.0, 8.0))
+    gap = (log.time > start) & (log.time <= start + 0.6)
+    channels = {}
+    for sensor in rig.sensors:
+        if sensor.name not in log.channels:
+            continue
+        values = np.array(log.channels[sensor.name])
+        if sensor.measures == "position":
+            travel = float(np.nanmax(values) - np.nanmin(values))
+            for at in np.flatnonzero(rng.random(len(values)) < 0.004):
+                values[at : at + 4] += travel * np.exp(rng.uniform(-4, 4)) * rng.choice((-1, 1))
+        channels[sensor.name] = np.where(gap | (rng.random(len(values)) < 0.1), np.nan, values)
+    return Log(log.time, channels, dict(log.truth), log.source, log.truth_source)
+
+
+CASES: list[Case] = []
+
+
+def changed(rule: str) -> None:
+    """Switch a rule off in this process."""
+    where, name, value = RULES[rule]
+    module, _, of = where.partition(".")
+    if of == "Robustness":
+        kind = import_module("distal.estimators.adaptive.tuning").Robustness
+        usual = kind.usual.__func__
+
+        def without(cls: Any, *arguments: Any) -> Any:
+            from dataclasses import replace
+
+            return replace(usual(cls, *arguments), **{name: value})
+
+        kind.usual = classmethod(without)
+        return
+    found = import_module(f"distal.estimators.adaptive.{where}")
+    assert hasattr(found, name), (where, name)
+    setattr(found, name, value)
+
+
+def scores(rule: str | None) -> list[tuple[float, float]]:
+    """Return RMS error [°] and share inside of each log, with a rule switched off."""
+    if rule is not None:
+        changed(rule)
+    found = []
+    for case in CASES:
+        try:
+            made = estimate(case.log, case.rig)
+        except DistalError:
+            found.append((float("nan"), 0.0))
+            continue
+        found.append((float(np.rad2deg(made.rms_error())), made.inside_band()))
+    return found
+
+
+def row(rule: str, usual: np.ndarray, now: np.ndarray) -> list[str]:
+    """Return the row of a rule: the logs on which it gains and costs most."""
+    names = [case.name for case in CASES]
+    rows = list(dict.fromkeys(names))
+    pooled = {}
+    for name in rows:
+        own = [i for i, each in enumerate(names) if each == name]
+        before, after = (np.sqrt(np.mean(part[own, 0] ** 2)) for part in (usual, now))
+        shares = (100 * np.mean(part[own, 1]) for part in (usual, now))
+        pooled[name] = (before, after, *shares)
+    told = [
+        n
+        for n, (a, b, c, d) in pooled.items()
+        if not (abs(b - a) <= TOLD * a and abs(d - c) <= 100 * TOLD)
+    ]
+
+    def text(name: str) -> str:
+        before, after, inside, left = pooled[name]
+        return f"{name}: {before:.3f}°, {inside:.0f} % → {after:.3f}°, {left:.0f} %"
+
+    by_gain = sorted(rows, key=lambda n: -pooled[n][1] / pooled[n][0])
+    overall = np.exp(np.mean([np.log(after / before) for before, after, *_ in pooled.values()]))
+    inside = np.mean([left - inside for _, _, inside, left in pooled.values()])
+    cells = [text(by_gain[0]), text(by_gain[-1])]
+    return [rule, str(len(told)), f"{overall:.3f}", f"{inside:+.1f}", *cells]
+
+
+def main() -> None:
+    """Print the table, one row for each rule."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("rules", nargs="*", help="only these")
+    parser.add_argument("--workers", type=int, default=1)
+    arguments = parser.parse_args()
+    CASES.extend(cases())
+    rules = arguments.rules or list(RULES)
+    forked = multiprocessing.get_context("fork")
+    with forked.Pool(arguments.workers, maxtasksperchild=1) as pool:
+        found = pool.map_async(partial(scores), [None, *rules], chunksize=1).get()
+    usual = np.array(found[0])
+    rows = [row(rule, usual, np.array(now)) for rule, now in zip(rules, found[1:])]
+    columns = ["without", "logs that tell", "RMS, ×", "inside [%]", "gains most on", "costs most on"]
+    table("ablation", f"One rule switched off, {len(CASES)} logs", columns, rows)
+
+
+if __name__ == "__main__":
+    main()
