@@ -340,7 +340,7 @@ def check(path: Path, compiled: bool, names: tuple[str, ...], tolerance: float) 
             # a rig with a map is not stored, and one of an older release may have keys that this
             # one does not know: then today's stands in
             try:
-                rig = build_rig(json.loads(entry["rig"] or "null"), entry["case"])
+                rig = build_rig(json.loads(entry["rig"] or "{}"), entry["case"])
             except DistalError:
                 if today is None:
                     raise

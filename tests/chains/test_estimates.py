@@ -38,7 +38,6 @@ from distal.estimators import AdaptiveFilter, Robustness, directions
 from distal.estimators.adaptive.joint_motion import _acting, _substep
 from distal.estimators.kinematic_chain import unseen_covariance
 from distal.logs import TruthKind, write_log
-from distal.model import responses
 from distal.reports import draw_rig
 from distal.rig import build_rig
 from distal.run import samples_of
@@ -125,7 +124,7 @@ def test_slopes_of_a_sub_step_are_those_of_differences() -> None:
     context, acting = states.context, _acting(states)
     mechanism, step = context.mechanism, _substep(states)
     p, nj, nd, h = mechanism.parameters, 3, 4, 7e-4
-    prepared = ca.Function("r", [p.symbols], [responses(mechanism, h, h, rebounds=False)])(p.values)
+    damped = np.zeros(nj)  # in a chain it follows from the posture
     mean = np.array(states.means)
     state = ca.SX.sym("state", len(states))
     parameters = ca.Function("p", [state, p.symbols], [states.parameters(state)])
@@ -150,7 +149,7 @@ def test_slopes_of_a_sub_step_are_those_of_differences() -> None:
                 np.append(x[nj : 2 * nj], np.zeros(nd)),
             )
             values = parameters(moved, p.values)
-            found = step(q, v, np.zeros(nj), h, np.zeros(nj), values, prepared, p.values)
+            found = step(q, v, np.zeros(nj), h, np.zeros(nj), values, damped, p.values)
             return np.concatenate(
                 [np.array(found[0]).ravel()[:nj], np.array(found[1]).ravel()[:nj]]
             )
@@ -162,7 +161,7 @@ def test_slopes_of_a_sub_step_are_those_of_differences() -> None:
         expected = finite_difference(after, at, sizes)
         q, v = np.append(angles, positions), np.append(speeds, np.zeros(nd))
         values = parameters(mean, p.values)
-        found = step(q, v, np.zeros(nj), h, np.zeros(nj), values, prepared, p.values)
+        found = step(q, v, np.zeros(nj), h, np.zeros(nj), values, damped, p.values)
         by_angle, by_speed, others = (np.array(each).T for each in found[2:5])
         of_speeds = by_angle @ identity[:nj] + by_speed @ identity[nj : 2 * nj] + others
         slopes = np.vstack([identity[:nj] + h * of_speeds, of_speeds])

@@ -2,7 +2,7 @@
 the time step. It is written once, for the simulation and the filters.
 """
 
-from distal.model.chain_kick import residual
+from distal.model.chain_kick import damped_inertias, residual
 from distal.model.elasticity import stretched
 from distal.model.friction import (
     Limit,
@@ -42,6 +42,7 @@ __all__ = [
     "Slip",
     "capstan_limit",
     "clip_moments",
+    "damped_inertias",
     "free_response",
     "impulses",
     "interval_step",

@@ -76,6 +76,7 @@ class Kicked:
         load: r with the stops in it, (n_free,).
         up: friction impulses against + motion, (n_free,).
         down: friction impulses against − motion, (n_free,).
+        damped: `damped_inertias`, (n_joints,).
     """
 
     q: Vector
@@ -86,6 +87,7 @@ class Kicked:
     load: Vector
     up: Vector
     down: Vector
+    damped: Vector
 
 
 def _growth(damping: Scalar, inertia: Scalar, length: Scalar) -> Scalar:
@@ -97,8 +99,10 @@ def _growth(damping: Scalar, inertia: Scalar, length: Scalar) -> Scalar:
     return ca.if_else(small, 1 + x / 2 + x * x / 12, -x / ca.if_else(small, 1, ca.expm1(-x)))
 
 
-def _implicit_inertias(mechanism: Mechanism, inertias: Vector, length: Scalar) -> Vector:
-    """Return M_jj (φ − 1), (n_joints,)."""
+def damped_inertias(mechanism: Mechanism, inertias: Vector, length: Scalar) -> Vector:
+    """Return M_jj (φ − 1), what viscous damping adds to the `inertias` M_jj of the joints over a
+    kick, (n_joints,) [kg m²].
+    """
     pairs = zip(ca.vertsplit(mechanism.dampings()[: mechanism.n_joints]), ca.vertsplit(inertias))
     return ca.vertcat(
         *(inertia * (_growth(damping, inertia, length) - 1) for damping, inertia in pairs)
@@ -114,6 +118,7 @@ def residual(
     *,
     slip: Slip,
     contacts: Contacts,
+    damped: Vector,
     h: Scalar,
 ) -> Vector:
     """Return A v⁺ + h f − r of the free joints, (n_free,). It is zero for joints that slip, so that
@@ -123,6 +128,7 @@ def residual(
         q: angles before the kick, (n_joints,).
         v: speeds before the kick, (n_joints,).
         after: speeds of the free joints after the kick, (n_free,).
+        damped: `damped_inertias`, (n_joints,).
         h: length of the kick [s].
     """
     nj = mechanism.n_joints
@@ -131,14 +137,10 @@ def residual(
     change = speeds - v
     # where no time passes inertia alone is left
     passed = ca.fmax(h, SHORTEST)
-    matrix = mechanism.mass_matrix(q)
     needed = mechanism.inertias()[:nj] * change
     if mechanism.chain is not None:
         needed = passed * mechanism.chain.torques(q, v, change / passed) + needed
-    needed += (
-        _implicit_inertias(mechanism, ca.diag(matrix), h) * change
-        + h * mechanism.dampings()[:nj] * v
-    )
+    needed += damped * change + h * mechanism.dampings()[:nj] * v
     needed += h * (loads.implicit * speeds - loads.force)
     if loads.stiffness is not None:
         needed += h * h * ca.mtimes(loads.stiffness, speeds)
@@ -159,6 +161,7 @@ def chain_kick(
     *,
     last: bool,
     rebounds: bool,
+    damped: Vector | None = None,
 ) -> Kicked:
     """Return the joints of a chain after a kick and the drift that follows.
 
@@ -169,6 +172,7 @@ def chain_kick(
         drift: length of the drift that follows; in the last kick, of the drift before it [s].
         last: whether no drift follows; a joint then presses against a stop where it is inside it.
         rebounds: whether joints bounce off stops whose contact the step does not resolve.
+        damped: `damped_inertias`, where they are the same in all kicks; default those at q.
     """
     nj = mechanism.n_joints
     spread = mechanism.spread
@@ -177,9 +181,10 @@ def chain_kick(
     assembled = mechanism.chain
     inertias = ca.diag(matrix)
     dampings = mechanism.dampings()[:nj]
-    added = _implicit_inertias(mechanism, inertias, length)
-    load = ca.mtimes(matrix, v) + (added - length * dampings) * v + length * loads.force
-    matrix += ca.diag(added + length * loads.implicit)
+    added = damped_inertias(mechanism, inertias, length) if damped is None else damped
+    matrix += ca.diag(added)
+    load = ca.mtimes(matrix, v) + length * (loads.force - dampings * v)
+    matrix += ca.diag(length * loads.implicit)
     if loads.stiffness is not None:
         matrix += length * length * loads.stiffness
     share = ca.fabs(spread).T
@@ -222,7 +227,7 @@ def chain_kick(
             mechanism, motion, system, contacts, inertias=inertias, length=length, drift=drift
         )
     angles = ca.mtimes(spread, moved) + mechanism.offsets
-    return Kicked(angles, ca.mtimes(spread, kicked), slip, contacts, matrix, load, up, down)
+    return Kicked(angles, ca.mtimes(spread, kicked), slip, contacts, matrix, load, up, down, added)
 
 
 def _middle(matrix: Matrix, load: Vector, v: Vector, up: Vector, down: Vector) -> Vector:

@@ -74,6 +74,8 @@ class Kick:
         drift: length of the drift that follows, or, in the last kick, of the drift before it [s].
         implicit: (force F, damping D) of each body, (n_bodies, 2): F − D v⁺ is taken implicitly;
             None for none.
+        damped: `damped_inertias` of the joints where they are the same in all kicks, (n_joints,);
+            None where they follow from q.
     """
 
     q: Vector
@@ -83,6 +85,7 @@ class Kick:
     length: Scalar
     drift: Scalar
     implicit: Matrix | None = None
+    damped: Vector | None = None
 
 
 def _forces(mechanism: Mechanism, kick: Kick) -> tuple[Vector, Vector, list[Limit]]:
@@ -168,7 +171,15 @@ def kicked_chain(
     loads = loads_of(mechanism, kick, settles)
     before = ca.SX.zeros(nj) if settles else kick.v[:nj]  # joints that settle begin at rest
     return chain_kick(
-        mechanism, kick.q[:nj], before, loads, kick.length, kick.drift, last=last, rebounds=rebounds
+        mechanism,
+        kick.q[:nj],
+        before,
+        loads,
+        kick.length,
+        kick.drift,
+        last=last,
+        rebounds=rebounds,
+        damped=kick.damped,
     )
 
 

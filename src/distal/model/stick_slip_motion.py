@@ -108,10 +108,10 @@ def slipping(
         events: number of events that are followed; default `EVENTS` for each joint.
     """
     n = matrix.size1()
-    if n == 1:
-        # where the limit is 0 (no friction, or no time passes) a load of 0 counts as slip: nothing
-        # holds the joint
-        return Slip(load[0] >= up[0], load[0] < -down[0])
+    if matrix.sparsity().is_diag():
+        # no joint moves another; where the limit is 0 (no friction, or no time passes) a load of 0
+        # counts as slip: nothing holds the joint
+        return Slip(load >= up, load < -down)
     v = _swept(matrix, load, up, down) if start is None else start
     # direction of each joint that slips, 0 for one that sticks
     signs: Sequence[Scalar] = [(v[j] > 0) - (v[j] < 0) for j in range(n)]

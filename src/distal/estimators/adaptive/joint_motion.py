@@ -17,7 +17,7 @@ from distal.estimators.adaptive.interval import Interval
 from distal.estimators.adaptive.joint_slopes import moving
 from distal.estimators.adaptive.states import StateVector
 from distal.expressions import Matrix, MatrixNode, Scalar, Vector, VectorNode
-from distal.model import Kick, responses
+from distal.model import Kick, damped_inertias
 
 
 @dataclass(frozen=True)
@@ -144,8 +144,8 @@ def _interval(states: StateVector, count: int) -> ca.Function:
 
     The function is (mean, P, memory, tracks, x, p) → positions of the drives at its start, their
     speeds, external torques, slopes of the positions by states (`_position_slopes`); stds of
-    torques and friction limits, the model's parameters, the responses of the bodies, and, where a
-    state changes them, slopes of the joints' responses.
+    torques and friction limits, the model's parameters, and the joints' `damped_inertias`, which in
+    a chain are those of the joints' own inertias alone and stay unused.
     """
     context = states.context
     n = len(states)
@@ -175,8 +175,7 @@ def _interval(states: StateVector, count: int) -> ca.Function:
         slopes.append(ca.jacobian(last, mean))
     values = ca.vertcat(*(slope.nz[k] for slope in slopes for k in range(slope.nnz())), ca.SX(0, 1))
     parameters = states.parameters(mean)
-    h = ca.SX.sym("h")
-    respond = ca.Function("responses", [h, p], [responses(mechanism, h, h, rebounds=False)])
+    damped = damped_inertias(mechanism, mechanism.inertias()[: context.n_joints], dt / count)
     torques = states.torques(mean)
     spreads = []
     for slope in ca.vertsplit(ca.jacobian(torques, mean)):
@@ -190,8 +189,6 @@ def _interval(states: StateVector, count: int) -> ca.Function:
     v = ca.vertcat(mean[nj : 2 * nj], *rates)
     for j, std in friction_stds(states, q, v, mean, covariance).items():
         spreads[j] = ca.sqrt(spreads[j] ** 2 + std**2)
-    response = respond(dt / count, parameters)
-    responding = _responding(states)
     outputs = [
         ca.vertcat(*starts),
         ca.vertcat(*rates),
@@ -199,32 +196,16 @@ def _interval(states: StateVector, count: int) -> ca.Function:
         values,
         ca.vertcat(*spreads),
         parameters,
-        response,
+        ca.substitute(damped, p, parameters),
     ]
-    if responding:
-        outputs.append(ca.jacobian(ca.vec(response[: context.n_joints, :2]), mean)[:, responding])
     arguments = [mean, covariance, memory, vector, x, p]
     return ca.Function("interval", arguments, ca.cse([ca.densify(output) for output in outputs]))
-
-
-def _responding(states: StateVector) -> list[int]:
-    """Return the indices of the states that change the responses a_ω and b_F of a joint: its
-    inertia and damping act through them alone.
-    """
-    mechanism = states.context.mechanism
-    state = ca.SX.sym("state", len(states))
-    h = ca.SX.sym("h")
-    if mechanism.chain is not None or states.context.joints_settle:
-        return []
-    p = mechanism.parameters.symbols
-    respond = ca.Function("responses", [h, p], [responses(mechanism, h, h, rebounds=False)])
-    return _changing(ca.vec(respond(h, states.parameters(state))[: mechanism.n_joints, :2]), state)
 
 
 def _substep(states: StateVector) -> ca.Function:
     """Return one sub-step of the joints with its slopes; the drives move as measured.
 
-    The function is (q, v, τ, h, σ_τ, p, response, …, the rig's own p) → (q⁺, v⁺, ∂ω⁺/∂θ, ∂ω⁺/∂ω,
+    The function is (q, v, τ, h, σ_τ, p, damped, the rig's own p) → (q⁺, v⁺, ∂ω⁺/∂θ, ∂ω⁺/∂ω,
     slopes of ω⁺ by all other values that move the joints, variance added to ω); slopes are
     transposed.
     """
@@ -239,11 +220,12 @@ def _substep(states: StateVector) -> ca.Function:
     q, v, torques, spreads = (
         ca.SX.sym(name, k) for name, k in (("q", nb), ("v", nb), ("tau", nj), ("s_tau", nj))
     )
-    response = ca.SX.sym("response", nb, 4)
+    damped = ca.SX.sym("damped", nj)
     h = ca.SX.sym("h")
     state = ca.SX.sym("state", len(states))
     rig_p = ca.SX.sym("rig_p", p.numel())
-    kick = Kick(q, v, ca.vertcat(torques, ca.SX(nd, 1)), response, h, h)
+    same = damped if mechanism.chain is None else None
+    kick = Kick(q, v, ca.vertcat(torques, ca.SX(nd, 1)), ca.SX(nb, 4), h, h, damped=same)
     torque_slopes = ca.jacobian(states.torques(state), state)
     # what the rig declares may take a joint off its stop; a torque that forces tell of later moves
     # what sticks alone
@@ -257,16 +239,9 @@ def _substep(states: StateVector) -> ca.Function:
             step.by_parameter, _parameter_slopes(states, rig_p)[:, acting]
         )
         along[:, 2 * nj : count] += ca.mtimes(step.by_torque, torque_slopes[:, acting])
-    arguments = [q, v, torques, h, spreads, p, response]
-    responding = _responding(states)
-    if responding:
-        arguments.append(ca.SX.sym("S_response", 2 * nj, len(responding)))
-        at = [2 * nj + acting.index(i) for i in responding]
-        along[:, at] += ca.mtimes(step.by_response, arguments[-1])
+    arguments = [q, v, torques, h, spreads, p, damped, rig_p]
     outputs = [step.q, step.v, step.by_position[:, :nj].T, step.by_speed.T, along.T, step.rest]
-    return ca.Function(
-        "substep", [*arguments, rig_p], ca.cse([ca.densify(output) for output in outputs])
-    )
+    return ca.Function("substep", arguments, ca.cse([ca.densify(output) for output in outputs]))
 
 
 def _parameter_slopes(states: StateVector, rig_p: Vector) -> Matrix:

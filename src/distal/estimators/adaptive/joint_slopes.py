@@ -1,6 +1,4 @@
-"""One sub-step of the joints and the slopes of their speeds: joint by joint, or all at once in a
-chain.
-"""
+"""One sub-step of the joints and the slopes of their speeds, all joints at once."""
 
 from __future__ import annotations
 
@@ -15,8 +13,7 @@ from distal.model import (
     Kick,
     Limit,
     Slip,
-    impulses,
-    kick_and_drift,
+    damped_inertias,
     kicked_chain,
     loads_of,
     residual,
@@ -46,7 +43,6 @@ class Moving:
         by_speed: ∂ω⁺/∂ω, (n_joints, n_joints).
         by_parameter: ∂ω⁺/∂p, (n_joints, n_p).
         by_torque: ∂ω⁺/∂τ, (n_joints, n_joints).
-        by_response: slopes by a, then by b, of all joints, (n_joints, 2 n_joints); see `responses`.
         rest: variance that uncertain torques add to ω beyond its slope, (n_joints,).
     """
 
@@ -56,7 +52,6 @@ class Moving:
     by_speed: Matrix
     by_parameter: Matrix
     by_torque: Matrix
-    by_response: Matrix
     rest: Vector
 
 
@@ -70,6 +65,9 @@ def moving(
 ) -> Moving:
     """Return the bodies after a sub-step; the drives move as measured.
 
+    Slopes are those of an implicit equation, for the joints that slip: A dω⁺ = −∂(A ω⁺ + h f − r),
+    see `residual`.
+
     Args:
         context: the rig as the filter reads it.
         kick: symbols of the sub-step; the joints' efforts are `torques`.
@@ -78,51 +76,6 @@ def moving(
             (n_joints,).
         pushed: indices of the joints on which an external torque can act.
         doubted: indices of the joints whose friction is known to a factor only.
-    """
-    alone = context.mechanism.chain is None and not context.joints_settle
-    if alone:
-        return _joint_by_joint(context, kick, torques, stds, sorted({*pushed, *doubted}))
-    return _all_at_once(context, kick, torques, stds, pushed, doubted)
-
-
-def _joint_by_joint(
-    context: FilterContext, kick: Kick, torques: Vector, stds: Vector, uncertain: Sequence[int]
-) -> Moving:
-    mechanism = context.mechanism
-    nj = context.n_joints
-    q, v = kick_and_drift(mechanism, kick, rebounds=False, bodies=range(nj))
-    speeds = [v[j] for j in range(nj)]
-    rest = [ca.SX(0)] * nj
-    if uncertain:
-        z, limits, damping = impulses(mechanism, kick)
-        for j in uncertain:
-            held = 1 + kick.response[j, 1] * damping[j]
-            moments = soft_moments(z[j], limits[j], kick.response[j, 1] * stds[j] + TINY_STD)
-            speeds[j] = moments.mean / held
-            rest[j] = moments.rest / held**2
-    speed = ca.vertcat(*speeds)
-    by_response = ca.horzcat(*(ca.jacobian(speed, kick.response[:nj, k]) for k in range(2)))
-    by = (kick.q, kick.v[:nj], mechanism.parameters.symbols, torques)
-    by_position, by_speed, by_parameter, by_torque = (
-        ca.jacobian(speed, argument) for argument in by
-    )
-    return Moving(
-        q, v, by_position, by_speed, by_parameter, by_torque, by_response, ca.vertcat(*rest)
-    )
-
-
-def _all_at_once(
-    context: FilterContext,
-    kick: Kick,
-    torques: Vector,
-    stds: Vector,
-    pushed: Sequence[int],
-    doubted: Sequence[int],
-) -> Moving:
-    """Return the bodies of a chain after a sub-step: slopes of an implicit equation, for the joints
-    that slip.
-
-    Z dω⁺ = −∂(Z ω⁺ + h τ_f − b_z).
     """
     mechanism = context.mechanism
     nj = context.n_joints
@@ -170,9 +123,19 @@ def _all_at_once(
     slip = Slip(symbols["forward"], symbols["back"])
     q = kick.q[:nj]
     v = ca.SX.zeros(nj) if context.joints_settle else kick.v[:nj]
+    damped = ca.SX.sym("damped", nj)
     equation = residual(
-        mechanism, q, v, symbols["after"], loads, slip=slip, contacts=contacts, h=length
+        mechanism,
+        q,
+        v,
+        symbols["after"],
+        loads,
+        slip=slip,
+        contacts=contacts,
+        damped=damped,
+        h=length,
     )
+    inertias = damped_inertias(mechanism, ca.diag(mechanism.mass_matrix(q)), length)
     by = (kick.q, kick.v[:nj], mechanism.parameters.symbols, torques)
     solution = [
         after,
@@ -181,15 +144,19 @@ def _all_at_once(
         stiffness,
         damping,
         kicked.contacts.position,
+        kicked.damped,
     ]
-    slopes = [ca.jacobian(equation, argument) for argument in by]
-    slopes = ca.substitute(slopes, list(symbols.values()), [ca.densify(part) for part in solution])
+    by_damped = ca.jacobian(equation, damped)
+    slopes = [
+        ca.jacobian(equation, argument) + ca.mtimes(by_damped, ca.jacobian(inertias, argument))
+        for argument in by
+    ]
+    unknown = [*symbols.values(), damped]
+    slopes = ca.substitute(slopes, unknown, [ca.densify(part) for part in solution])
     solve = solver(matrix, ca.vertcat(*weight))
     inverse = ca.horzcat(*(solve(column) for column in ca.horzsplit(ca.SX.eye(count))))
     slopes = [ca.mtimes([mechanism.spread, -inverse, ca.sparsify(slope)]) for slope in slopes]
     by_position, by_speed, by_parameter, by_torque = slopes
     q = ca.vertcat(kicked.q, kick.q[nj:] + kick.drift * kick.v[nj:])
     v = ca.vertcat(kicked.v, kick.v[nj:])
-    return Moving(
-        q, v, by_position, by_speed, by_parameter, by_torque, ca.SX(nj, 2 * nj), ca.vertcat(*rest)
-    )
+    return Moving(q, v, by_position, by_speed, by_parameter, by_torque, ca.vertcat(*rest))
