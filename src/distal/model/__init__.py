@@ -2,7 +2,7 @@
 the time step. It is written once, for the simulation and the filters.
 """
 
-from distal.model.chain_kick import damped_inertias, residual
+from distal.model.chain_kick import Contacts, damped_inertias, residual
 from distal.model.elasticity import stretched
 from distal.model.friction import (
     Limit,
@@ -35,6 +35,7 @@ from distal.model.tangents import tangent_step
 __all__ = [
     "GRAVITY",
     "RESOLUTION",
+    "Contacts",
     "Kick",
     "Limit",
     "Mechanism",

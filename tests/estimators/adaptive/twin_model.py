@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 
 from distal.model import (
     Kick,
+    Limit,
     Mechanism,
     clip_moments,
     impulses,
     joint_frequency,
     kick_and_drift,
     responses,
+    soft,
     soft_moments,
 )
 from distal.rig import Rig
@@ -98,27 +100,43 @@ class TwinModel:
         kick = Kick(q, v, effort, response, h, h)
         moved, speeds = kick_and_drift(self.mechanism, kick, rebounds=False, bodies=range(self.n_j))
         z, limits, damping = impulses(self.mechanism, kick)
-        std = ca.SX.sym("std", self.n_j)
-        smooth, remaining, b = [], [], []
+        smooth, remaining = list(ca.vertsplit(speeds[: self.n_j])), [ca.SX(0)] * self.n_j
+        constants, values = [], []
         for i, joint in enumerate(rig.joints):
-            b.append(response[i, 1])
-            if joint.external_torque.std > 0 or self.doubted(i):
-                expected = soft_moments(z[i], limits[i], std[i])
-                share = 1 / (1 + response[i, 1] * damping[i])
-                smooth.append(expected.mean * share)
-                remaining.append(expected.rest * share**2)
-            else:
-                smooth.append(speeds[i])
-                remaining.append(ca.SX(0))
+            pushed = joint.external_torque.std > 0
+            if not pushed and not self.doubted(i):
+                continue
+            b = response[i, 1]
+            mass = ca.if_else(h > 0, h / b, self.mechanism.inertias()[i])
+            push, held = mass * z[i], mass * (1 + b * damping[i])
+            if joint.stops is not None and not pushed:
+                # a hand may take the joint off its stop, unsure friction does not
+                stiffness, damper, low, high = self.mechanism.stop(i)
+                free = soft(z[i], limits[i]) / (1 + b * damping[i])
+                end = q[i] + h * free
+                above = ca.logic_and(end > high, stiffness * (end - high) + damper * free > 0)
+                below = ca.logic_and(end < low, stiffness * (end - low) + damper * free < 0)
+                touches = ca.logic_or(above, below) * h
+                push -= touches * stiffness * (q[i] - ca.if_else(above, high, low))
+                held += touches * (response[i, 3] * stiffness * h + damper)
+            friction = [mass * side for side in (limits[i].up, limits[i].down)]
+            inertia, speed, forward, back = (ca.SX.sym(name) for name in ("m", "w", "f", "b"))
+            limit = Limit(*(side / held for side in friction))
+            expected = soft_moments(push / held, limit, h * sigma[i] / held + 1e-9)
+            # slopes of the balance of impulses, for the share of joints that slip
+            balance = held * speed - push + forward * friction[0] - back * friction[1]
+            smooth[i], remaining[i] = -balance / inertia, expected.rest
+            constants += [inertia, speed, forward, back]
+            share = ca.fmax(expected.slope, 1e-12)
+            slip = (expected.forward / share, expected.back / share)
+            values += [held / share, speeds[i], *slip]
         slope = ca.vertcat(*smooth)
         outputs = [moved[: self.n_j], speeds[: self.n_j], ca.vertcat(*remaining)]
         by_x, by_s = [
             ca.jacobian(e, of) for e in self._with_parameters(slope) for of in (self.x, self.s)
         ]
         outputs = [*self._with_parameters(*outputs), by_x, by_s]
-        # the std b_F σ_τ + 1e-9 is put in last: it is no function of x
-        spread = self._with_parameters(ca.vertcat(*b))[0] * sigma + 1e-9
-        outputs = [ca.substitute(entry, std, spread) for entry in outputs]
+        outputs = ca.substitute(outputs, constants, self._with_parameters(*values))
         return ca.Function("substep", [self.x, self.s, self.rates, h, sigma], outputs)
 
     def doubted(self, joint: int) -> list[int]:

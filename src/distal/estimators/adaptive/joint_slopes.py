@@ -10,6 +10,7 @@ import casadi as ca
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.expressions import Matrix, Vector
 from distal.model import (
+    Contacts,
     Kick,
     Limit,
     Slip,
@@ -114,44 +115,35 @@ def moving(
         forward[k] = moments.forward / share
         back[k] = moments.back / share
         rest[free[k]] = moments.rest
-    symbols = {
-        name: ca.SX.sym(name, count)
-        for name in ("after", "forward", "back", "kappa", "delta", "position")
-    }
-    contacts = type(kicked.contacts)(symbols["kappa"], symbols["delta"], symbols["position"])
-    loads = loads_of(mechanism, kick, context.joints_settle)
-    slip = Slip(symbols["forward"], symbols["back"])
+    speed, forward_by, back_by, *contact = (
+        ca.SX.sym(name, count) for name in ("after", "u", "d", "kappa", "delta", "position")
+    )
+    damped = ca.SX.sym("damped", nj)
     q = kick.q[:nj]
     v = ca.SX.zeros(nj) if context.joints_settle else kick.v[:nj]
-    damped = ca.SX.sym("damped", nj)
     equation = residual(
         mechanism,
         q,
         v,
-        symbols["after"],
-        loads,
-        slip=slip,
-        contacts=contacts,
+        speed,
+        loads_of(mechanism, kick, context.joints_settle),
+        slip=Slip(forward_by, back_by),
+        contacts=Contacts(*contact),
         damped=damped,
         h=length,
     )
+    # what changes with the parameters, and is computed before
     inertias = damped_inertias(mechanism, ca.diag(mechanism.mass_matrix(q)), length)
+    pushes = [stiffness, damping, kicked.contacts.position]
+    before = ca.vertcat(inertias, *pushes)
+    by_before = ca.jacobian(equation, ca.vertcat(damped, *contact))
     by = (kick.q, kick.v[:nj], mechanism.parameters.symbols, torques)
-    solution = [
-        after,
-        ca.vertcat(*forward),
-        ca.vertcat(*back),
-        stiffness,
-        damping,
-        kicked.contacts.position,
-        kicked.damped,
-    ]
-    by_damped = ca.jacobian(equation, damped)
     slopes = [
-        ca.jacobian(equation, argument) + ca.mtimes(by_damped, ca.jacobian(inertias, argument))
+        ca.jacobian(equation, argument) + ca.mtimes(by_before, ca.jacobian(before, argument))
         for argument in by
     ]
-    unknown = [*symbols.values(), damped]
+    unknown = [speed, forward_by, back_by, *contact, damped]
+    solution = [after, ca.vertcat(*forward), ca.vertcat(*back), *pushes, kicked.damped]
     slopes = ca.substitute(slopes, unknown, [ca.densify(part) for part in solution])
     solve = solver(matrix, ca.vertcat(*weight))
     inverse = ca.horzcat(*(solve(column) for column in ca.horzsplit(ca.SX.eye(count))))
