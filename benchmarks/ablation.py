@@ -1,5 +1,6 @@
-"""What each rule of `adaptive` with a number chosen by hand is worth: `python -m benchmarks.ablation
-[NAME …]`.
+"""What each rule of `adaptive` with a number chosen by hand is worth.
+
+`python -m benchmarks.ablation [RULE …]` prints a row for each.
 
 One rule is switched off at a time, on seven rigs whose plants share no code with `distal.model`,
 two seeds each: logs as they come, with bursts and missing samples, and of chains with a load, a
@@ -53,15 +54,15 @@ RULES: dict[str, tuple[str, str, Any]] = {
     "slow, one threshold": ("drive_friction", "SLOW_UNKNOWN", 0.6),
     "slow, declared": ("drive_friction", "SLOW_DECLARED", 0.8),
     "nominal pull lasts": ("measurement", "NOMINAL_TIME", 0.0),
-    "unsure of stops, (24b)": ("stop_contact", "UNSURE", 0.0),
+    "unsure of stops, (24b)": ("update", "UNSURE", 0.0),
     "slack pairs, (26b)": ("slack_pairs", "slack_pairs", nothing),
     "force's std in slack pairs": ("slack_pairs", "LIMIT_STDS", 0.0),
     "friction to a factor, joint_motion": ("joint_motion", "friction_stds", nothing),
-    "zero: shows": ("zero_jumps", "SHOWS", 0.0),
-    "zero: slips": ("zero_jumps", "LONGEST_SLIP", 0.0),
-    "zero: soonest stop": ("zero_jumps", "SOONEST_STOP", INF),
+    "zero: shows": ("guards", "SHOWS", 0.0),
+    "zero: slips": ("guards", "LONGEST_SLIP", 0.0),
+    "zero: soonest stop": ("guards", "SOONEST_STOP", INF),
     "zero: doubt settles": ("drive_tracking", "SETTLED_TIME", 1e-3),
-    "zero: goes on": ("zero_jumps", "GOES_ON", INF),
+    "zero: goes on": ("guards", "GOES_ON", INF),
     "pace": ("touch", "PACE_TIME", 1e-6),
     "usual time": ("touch", "USUAL_TIME", INF),
     "evidence time": ("touch", "EVIDENCE_TIME", 1e-6),
@@ -73,9 +74,9 @@ RULES: dict[str, tuple[str, str, Any]] = {
     "lowest factor": ("states.parameter", "SMALLEST_FACTOR", 1e-6),
     "unseen friction": ("states.parameter", "UNSEEN", 0.0),
     "speed at first": ("states.joint", "START_SPEED", 1e-3),
-    "position walks": ("states.drive_position", "POSITION_WALK", 0.0),
+    "position walks": ("states.drive", "POSITION_WALK", 0.0),
     "least tension": ("states.internal", "LEAST_TENSION", 0.0),
-    "calm effort": ("states.transmission", "CALM", 1e-3),
+    "calm effort": ("states.drive", "CALM", 1e-3),
     "dead time": ("tuning.Robustness", "dead_time", 0.0),
     "bend": ("tuning.Robustness", "bend_share", 0.0),
     "lost position's force": ("tuning.Robustness", "followed_variance", 0.0),
@@ -87,7 +88,7 @@ RULES: dict[str, tuple[str, str, Any]] = {
     "declared friction": ("tuning.Robustness", "declared_friction", 0.0),
     "unknown friction walks": ("tuning.Robustness", "unknown_friction_walk", 0.0),
 }
-"""Rule → module of `distal.estimators.adaptive` (or its class), name, and value without the rule."""
+"""Rule → module of `distal.estimators.adaptive` (or its class), name, value without it."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +155,7 @@ CASES: list[Case] = []
 def changed(rule: str) -> None:
     """Switch a rule off in this process."""
     where, name, value = RULES[rule]
-    module, _, of = where.partition(".")
+    _, _, of = where.partition(".")
     if of == "Robustness":
         kind = import_module("distal.estimators.adaptive.tuning").Robustness
         usual = kind.usual.__func__
@@ -226,7 +227,14 @@ def main() -> None:
         found = pool.map_async(partial(scores), [None, *rules], chunksize=1).get()
     usual = np.array(found[0])
     rows = [row(rule, usual, np.array(now)) for rule, now in zip(rules, found[1:])]
-    columns = ["without", "logs that tell", "RMS, ×", "inside [%]", "gains most on", "costs most on"]
+    columns = [
+        "without",
+        "logs that tell",
+        "RMS, ×",
+        "inside [%]",
+        "gains most on",
+        "costs most on",
+    ]
     table("ablation", f"One rule switched off, {len(CASES)} logs", columns, rows)
 
 

@@ -16,7 +16,7 @@ from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered
 from distal.estimators.adaptive.filter_context import LONGEST_SUBSTEP
 from distal.estimators.adaptive.filter_inputs import states_of_rig
 from distal.estimators.adaptive.measurement import MeasurementRow, measurement_rows_of
-from distal.estimators.adaptive.states.external_torque import ExternalTorqueState
+from distal.estimators.adaptive.states.joint import ExternalTorqueState
 from distal.estimators.belief import innovation
 from distal.estimators.read_channels import UNKNOWN_POSITION
 from distal.estimators.state_kinds import StateKind

@@ -28,7 +28,7 @@ from distal.diagnosis.perturbed_runs import Change, Outcome, PerturbedRuns, deri
 from distal.diagnosis.score_test import SPAN, quantile
 from distal.errors import EstimationError
 from distal.estimators import AdaptiveFilter
-from distal.estimators.dead_sensors import dead_after
+from distal.estimators.read_channels import dead_after
 from distal.logs import Log
 from distal.results import LARGE_PRIOR, Estimate
 from distal.rig import Rig

@@ -6,9 +6,12 @@ from distal.estimators.directions import Directions, directions
 from distal.estimators.estimator_protocol import (
     LARGEST_ANGLE,
     SHORTEST,
+    WILD,
     Estimator,
     KernelEstimator,
     check_time,
+    sample_problem,
+    wild_problem,
 )
 from distal.estimators.full_state import FullStateFilter, Noise, paper_noise, rig_noise
 from distal.estimators.gaps import first_values
@@ -23,7 +26,6 @@ from distal.estimators.regression_estimator import (
     parts_of,
     samples_of_angles,
 )
-from distal.estimators.sample_checks import WILD, sample_problem, wild_problem
 from distal.estimators.state_kinds import (
     UNITS_OF_JOINTS,
     StateKind,

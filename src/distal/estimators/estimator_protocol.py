@@ -1,5 +1,5 @@
 """The interface of all estimators: belief and sample in, belief and innovation out, no hidden
-state.
+state; and the checks of a sample.
 """
 
 from __future__ import annotations
@@ -16,11 +16,9 @@ from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.errors import EstimationError
-from distal.estimators.belief import Belief, Innovation, innovation
+from distal.estimators.belief import NOTHING_REPORTED, Belief, Innovation, innovation
 from distal.estimators.gaps import rows_with_gaps
 from distal.estimators.read_channels import Channels
-from distal.estimators.report import NOTHING_REPORTED
-from distal.estimators.sample_checks import WILD, sample_problem, wild_problem
 from distal.estimators.state_kinds import state_units
 from distal.kernels import (
     Advanced,
@@ -37,6 +35,35 @@ from distal.kernels import (
 from distal.logs import LARGEST_READING, frozen
 from distal.regression import PlacedMap
 from distal.rig import Rig, Role, measurand_of
+
+WILD = f"beyond {LARGEST_READING:g} in SI; NaN stands for a missing value"
+"""The words of a message on a wild value."""
+
+
+def sample_problem(sample: object, channels: Sequence[str]) -> str | None:
+    """Return why `sample` is no sample of `channels`, or None where it is an array with one number
+    for each of them.
+    """
+    if not isinstance(sample, np.ndarray) or sample.dtype.kind not in "fiu":
+        return (
+            f"a sample is an array of {len(channels)} numbers for {tuple(channels)}, "
+            f"{type(sample).__name__} came"
+        )
+    if sample.shape != (len(channels),):
+        return (
+            f"a sample must have shape ({len(channels)},) for {tuple(channels)}, "
+            f"{sample.shape} came"
+        )
+    return None
+
+
+def wild_problem(sample: Floats) -> str | None:
+    """Return a message if a value of a sample, (n_channels,) [SI], is wild, None where none is."""
+    for value in sample.tolist():  # of a few numbers this is faster than arrays
+        if value > LARGEST_READING or value < -LARGEST_READING:
+            return f"the sample {sample} is wild ({WILD})"
+    return None
+
 
 LARGEST_ANGLE = 50.0
 """A joint angle beyond this means that the filter diverged [rad]. Source: judgement."""

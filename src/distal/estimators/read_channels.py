@@ -1,4 +1,6 @@
-"""The sensors that an estimator reads, by their role."""
+"""The sensors that an estimator reads, by their role, and the time after which a silent one counts
+as dead.
+"""
 
 from __future__ import annotations
 
@@ -115,3 +117,21 @@ UNKNOWN_POSITION = {"slider": 0.01, "capstan": 1.0}
 """Kind of drive → standard deviation of its position where nothing measures it and no stop bounds
 it [m, rad]. Source: judgement.
 """
+
+
+DEAD = 0.5
+"""Shortest time without a value after which a sensor is dead [s]: it may not come back. Source:
+judgement.
+"""
+
+DEAD_INTERVALS = 5.0
+"""Smallest number of its own intervals without a value after which a sensor is dead [1]. Source:
+judgement.
+"""
+
+
+def dead_after(sensor: Sensor) -> float:
+    """Return the time without a value after which a sensor is dead [s]: `DEAD`, or `DEAD_INTERVALS`
+    of its own intervals where that is longer.
+    """
+    return max(DEAD, DEAD_INTERVALS / sensor.rate)

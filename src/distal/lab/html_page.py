@@ -18,7 +18,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.confidence import BAND
 from distal.estimators import external_torques_of, make_estimator
-from distal.estimators.dead_sensors import DEAD
+from distal.estimators.read_channels import DEAD
 from distal.export.names import filled, torque_fields
 from distal.export.plant_source import ExportedPlant, resting_pull
 from distal.lab.webassembly import LabModule, lab_module

@@ -3,7 +3,6 @@ the time step. It is written once, for the simulation and the filters.
 """
 
 from distal.model.chain_kick import Contacts, damped_inertias, residual
-from distal.model.elasticity import stretched
 from distal.model.friction import (
     Limit,
     capstan_limit,
@@ -13,9 +12,10 @@ from distal.model.friction import (
     soft_moments,
     stribeck,
 )
-from distal.model.intervals import interval_step
+from distal.model.intervals import interval_step, tangent_step
 from distal.model.mechanism import GRAVITY, Mechanism
 from distal.model.motion import Moment
+from distal.model.plays import stretched
 from distal.model.stepping import (
     RESOLUTION,
     Kick,
@@ -30,7 +30,6 @@ from distal.model.stepping import (
 )
 from distal.model.stick_slip_motion import Slip, slipping, solver
 from distal.model.stops import restitution
-from distal.model.tangents import tangent_step
 
 __all__ = [
     "GRAVITY",

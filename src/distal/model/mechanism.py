@@ -8,9 +8,9 @@ import casadi as ca
 
 from distal.expressions import Matrix, Scalar, Vector
 from distal.model.chain import Chain
-from distal.model.elasticity import extension_torque, polynomial_torque
 from distal.model.friction import Limit, capstan_limit, load_dependent_limit, stribeck
 from distal.model.parameters import NOTHING_DERIVED, Derived
+from distal.model.plays import extension_torque, polynomial_torque
 from distal.model.tendons import Tendons
 from distal.rig import Joint, Rig
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from distal.expressions import Scalar, Vector
-from distal.model.frames import Frames
+from distal.model.chain import Frames
 from distal.model.mechanism import Mechanism
 from distal.rig import Sensor, measurand_of, part_of
 

@@ -1,5 +1,5 @@
-"""Play operators inside a rig, which no sensor sees: the far side of a backlash, and the points of
-a cable in its sheath.
+"""Tendons that stiffen, springs that are not linear, and play operators inside a rig, which no
+sensor sees: the far side of a backlash, and the points of a cable in its sheath.
 
 Each of them is massless and held by friction, so that its forces are in balance at every time. It
 moves by p⁺ = clip(p, a, b) with bounds a and b that the rest of the rig moves (the play operator;
@@ -17,8 +17,76 @@ from typing import TypeAlias
 import casadi as ca
 
 from distal.expressions import Scalar
-from distal.model.elasticity import STEEPEST, slope_of, stretched
 from distal.rig import Rig
+
+STEEPEST = 2.0
+"""Largest a δ [1] up to which `stretched` is exponential. Beyond it the curve goes on as a straight
+line, whose slope is e² = 7.4 times the first one. Source: judgement.
+"""
+
+
+def stretched(elongation: Scalar, stiffening: Scalar) -> Scalar:
+    """Return (e^{a δ} − 1)/a, the stretch of a linear tendon with the same tension: T = T_pre + k
+    (e^{aδ} − 1)/a.
+
+    Stiffness then grows in a straight line with tension, dT/dδ = k + a (T − T_pre): Fung's law of
+    soft tissue (Am. J. Physiol. 213, 1967), which fibre ropes and wire ropes that bed in follow as
+    well. For a → 0 it is Hooke's law. The `elongation` δ [m] is counted from the pre-tensioned
+    length; the `stiffening` is a ≥ 0 [1/m].
+    """
+    x = stiffening * elongation
+    small = ca.fabs(x) < 1e-5
+    safe = ca.if_else(small, 1, stiffening)
+    curve = ca.if_else(
+        x < STEEPEST, ca.expm1(ca.fmin(x, STEEPEST)), exp(STEEPEST) * (x - STEEPEST + 1) - 1
+    )
+    return ca.if_else(small, elongation * (1 + x / 2), curve / safe)
+
+
+def slope_of(stretch: Scalar, stiffening: Scalar) -> Scalar:
+    """Return the slope of `stretched` with respect to the elongation, e^{a δ} and at most e². It is
+    1 + a s, where s [m] is the `stretch`, the value of `stretched`, and a the `stiffening` [1/m].
+    """
+    return ca.fmin(1 + stiffening * stretch, exp(STEEPEST))
+
+
+def polynomial_torque(away: Scalar, stiffness: Scalar, quadratic: Scalar, cubic: Scalar) -> Scalar:
+    """Return the torque −(k x + k₂ x² + k₃ x³) [N m] of a spring that is x = θ − rest angle [rad]
+    `away` from its rest.
+
+    Its `stiffness` k, `quadratic` k₂ and `cubic` k₃ are in N m/rad, N m/rad² and N m/rad³.
+    """
+    return -away * (stiffness + away * (quadratic + away * cubic))
+
+
+SHORTEST = 1e-6
+"""Least length of an extension spring [m]; at length zero it has no direction. Source: rounding (a
+division by zero).
+"""
+
+
+def extension_torque(
+    away: Scalar,
+    stiffness: Scalar,
+    free_length: Scalar,
+    radius: Scalar,
+    distance: Scalar,
+    preload: Scalar,
+) -> Scalar:
+    """Return the torque −F dL/dθ [N m] of a spring between two points, with the length L² = r² + R²
+    − 2 r R cos x and dL/dθ = r R sin x/L.
+
+    F = max(preload + k (L − free length), 0), the force of an extension spring with initial
+    tension: its coils open at `free_length` [m] with the force `preload` [N], and k is its
+    `stiffness` [N/m]. The angle x = θ − line angle [rad] is `away`. The distances from the axis to
+    the points on the link and on the base are `radius` r and `distance` R [m].
+    """
+    length = ca.sqrt(
+        ca.fmax(radius**2 + distance**2 - 2 * radius * distance * ca.cos(away), SHORTEST**2)
+    )
+    force = ca.fmax(preload + stiffness * (length - free_length), 0)
+    return -force * radius * distance * ca.sin(away) / length
+
 
 NEWTON_STEPS = 3
 """Number of Newton steps to the position at which tendons balance. Few are enough: their pull is

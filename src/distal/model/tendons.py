@@ -10,9 +10,8 @@ from dataclasses import dataclass
 import casadi as ca
 
 from distal.expressions import Matrix, Scalar, Vector
-from distal.model.elasticity import stretched
 from distal.model.parameters import NOTHING_DERIVED, Derived, Parameters
-from distal.model.plays import Bounds, Pull, Sheath, balanced, gap, plays_of
+from distal.model.plays import Bounds, Pull, Sheath, balanced, gap, plays_of, stretched
 from distal.rig import Meeting, Polynomial, Rig, Size
 
 

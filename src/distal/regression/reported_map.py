@@ -86,7 +86,7 @@ def reporting_function(
 
     The filter's own states are as without maps. In y, after the filter's own outputs, stand for
     each map the reported values of its states, the gains of these states' own errors, and the
-    variances that are added; see `distal.estimators.report`. Channels that say where a joint is
+    variances that are added; see `distal.estimators.belief`. Channels that say where a joint is
     known to stand condition the map; the filter does not read them.
 
     A map beside the filter was learned in free motion. Where touches have shares of the joints, of

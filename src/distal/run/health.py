@@ -18,7 +18,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.estimators import KernelEstimator
-from distal.estimators.dead_sensors import DEAD, dead_after
+from distal.estimators.read_channels import DEAD, dead_after
 from distal.expressions import Scalar, Vector
 from distal.kernels import Layout
 from distal.results import LARGE_PRIOR, SMALL

@@ -9,7 +9,7 @@ from benchmarks.strangers.rough_plants import FITTED, described, log_of
 
 from distal import Log, estimate, load_rig
 from distal.estimators import AdaptiveFilter
-from distal.estimators.adaptive.friction_doubt import doubted_frictions
+from distal.estimators.adaptive.joint_slopes import doubted_frictions
 from distal.rig import build_rig
 
 

@@ -12,18 +12,19 @@ from typing import Generic
 import casadi as ca
 
 from distal.estimators.adaptive.filter_context import FilterContext
-from distal.estimators.adaptive.guards import chance_of_jump, is_far, jump_evidence
-from distal.estimators.adaptive.mechanics import mechanics_function
-from distal.estimators.adaptive.states import StateVector
-from distal.estimators.adaptive.tuning import Robustness
-from distal.estimators.adaptive.zero_jumps import (
+from distal.estimators.adaptive.guards import (
     SETTLED_TIME,
     ForceEvidence,
+    chance_of_jump,
+    is_far,
+    jump_evidence,
     kept_shift,
     zero_jumped,
 )
-from distal.estimators.dead_sensors import DEAD_INTERVALS
-from distal.estimators.read_channels import UNKNOWN_POSITION
+from distal.estimators.adaptive.interval import mechanics_function
+from distal.estimators.adaptive.states import StateVector
+from distal.estimators.adaptive.tuning import Robustness
+from distal.estimators.read_channels import DEAD_INTERVALS, UNKNOWN_POSITION
 from distal.expressions import Expression, Scalar, Vector
 from distal.kernels.mask import is_bridge, is_read, is_there, rows_left
 

@@ -19,10 +19,10 @@ from distal.estimators.adaptive.independent_subsystems import Apart, subsystems_
 from distal.estimators.adaptive.states import KINDS, Kind, StateVector
 from distal.estimators.adaptive.touch import TORQUE
 from distal.estimators.adaptive.tuning import Robustness
+from distal.estimators.belief import Report
 from distal.estimators.directions import directions
 from distal.estimators.estimator_protocol import KernelEstimator
 from distal.estimators.read_channels import channels_of
-from distal.estimators.report import Report
 from distal.estimators.state_kinds import StateKind, states_of
 from distal.kernels import Compiled, Structure, kernel_of, structure_of
 from distal.logs import frozen

@@ -14,16 +14,14 @@ import numpy as np
 
 from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, tracking
 from distal.estimators.adaptive.independent_subsystems import filter_by_parts, subsystems_of
-from distal.estimators.adaptive.internal_motion import follow
+from distal.estimators.adaptive.internal_motion import follow, play
 from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.joint_motion import Moved, moved
 from distal.estimators.adaptive.prediction import predicted, revert, shifted_variance
 from distal.estimators.adaptive.slack_pairs import within_play
 from distal.estimators.adaptive.states import StateVector
-from distal.estimators.adaptive.stop_contact import depths_in_stops
 from distal.estimators.adaptive.touch import Remembered, touch_layout
-from distal.estimators.adaptive.transmission_play import play
-from distal.estimators.adaptive.update import updated
+from distal.estimators.adaptive.update import depths_in_stops, updated
 from distal.expressions import MatrixNode, VectorNode
 from distal.kernels import Layout, kernel_state_layout
 

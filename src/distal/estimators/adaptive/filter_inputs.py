@@ -9,8 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from distal.estimators.adaptive.filter_context import DERIVED, FilterContext, has_gain
 from distal.estimators.adaptive.states.internal import likely_tension
-from distal.estimators.adaptive.states.registry import KINDS, Kind
-from distal.estimators.adaptive.states.vector import StateVector
+from distal.estimators.adaptive.states.vector import KINDS, Kind, StateVector
 from distal.estimators.adaptive.tuning import Robustness
 from distal.estimators.read_channels import Channels
 from distal.model import Mechanism

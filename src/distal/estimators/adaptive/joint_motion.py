@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import casadi as ca
 
 from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered_position
-from distal.estimators.adaptive.friction_doubt import doubted_frictions, friction_stds
 from distal.estimators.adaptive.interval import Interval
-from distal.estimators.adaptive.joint_slopes import moving
+from distal.estimators.adaptive.joint_slopes import doubted_frictions, friction_stds, moving
 from distal.estimators.adaptive.states import StateVector
 from distal.expressions import Matrix, MatrixNode, Scalar, Vector, VectorNode
 from distal.model import Kick, damped_inertias

@@ -1,4 +1,10 @@
-"""One sub-step of the joints and the slopes of their speeds, all joints at once."""
+"""One sub-step of the joints and the slopes of their speeds, all joints at once, where friction
+may be known to a factor only.
+
+At the mean of its limit a joint that sticks has zero slopes: readings that wrong friction causes
+would then be explained by wrong stiffnesses. So the slopes are those of the expectation over the
+limit, as with an uncertain torque, (10).
+"""
 
 from __future__ import annotations
 
@@ -8,7 +14,9 @@ from dataclasses import dataclass
 import casadi as ca
 
 from distal.estimators.adaptive.filter_context import FilterContext
-from distal.expressions import Matrix, Vector
+from distal.estimators.adaptive.states import StateVector
+from distal.estimators.adaptive.states.parameter import UncertainParameter
+from distal.expressions import Matrix, Scalar, Vector
 from distal.model import (
     Contacts,
     Kick,
@@ -21,6 +29,50 @@ from distal.model import (
     soft_moments,
     solver,
 )
+
+
+def doubted_frictions(states: StateVector) -> dict[int, list[int]]:
+    """Return joint → indices of the states of its friction, for joints whose friction is known to a
+    factor only.
+    """
+    p = states.context.mechanism.parameters
+    doubted = dict[int, list[int]]()
+    for block in states.blocks:
+        if not isinstance(block, UncertainParameter) or block.acts != "value":
+            continue
+        at = block.indices[0]
+        head, index, part = p.names[at].split(".")[:3]
+        if (head, part) == ("joints", "friction") and block.doubted:
+            doubted.setdefault(int(index), []).extend(states.indices(block))
+    return doubted
+
+
+def friction_stds(
+    states: StateVector, q: Vector, v: Vector, mean: Vector, covariance: Matrix
+) -> dict[int, Scalar]:
+    """Return joint → std of its friction limit [N m], at q and v, from the uncertainty of its
+    friction.
+
+    It is at a symbolic `mean`, (n,), with a `covariance`, (n, n).
+    """
+    mechanism = states.context.mechanism
+    doubted = doubted_frictions(states)
+    if not doubted:
+        return {}
+    pulls = mechanism.pulls(q, v)
+    limits = mechanism.friction_limits(q, v, pulls.joint, pulls.drive)
+    stds = dict[int, Scalar]()
+    for joint, at in doubted.items():
+        frictions = ca.SX.sym("frictions", len(at))
+        state = ca.SX(mean)
+        state[at] = frictions
+        limit = ca.substitute(
+            limits[joint].mean, mechanism.parameters.symbols, states.parameters(state)
+        )
+        slope = ca.substitute(ca.jacobian(limit, frictions), frictions, mean[at])
+        stds[joint] = ca.sqrt(ca.fmax(ca.mtimes([slope, covariance[at, at], slope.T]), 0))
+    return stds
+
 
 TINY_STD = 1e-9
 """Added to the standard deviation of a joint's speed so that its moments stay finite where no time

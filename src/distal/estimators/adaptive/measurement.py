@@ -14,7 +14,7 @@ import casadi as ca
 from distal.estimators.adaptive.drive_tracking import Tracks
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.guards import extra_variance
-from distal.estimators.adaptive.mechanics import mechanics_function
+from distal.estimators.adaptive.interval import mechanics_function
 from distal.estimators.adaptive.states import StateVector
 from distal.expressions import Scalar, Vector, VectorNode
 from distal.kernels.layout import Layout

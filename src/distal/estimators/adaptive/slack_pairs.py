@@ -10,8 +10,7 @@ import casadi as ca
 
 from distal.estimators.adaptive.drive_tracking import Tracks
 from distal.estimators.adaptive.filter_context import FilterContext
-from distal.estimators.adaptive.interval import Interval
-from distal.estimators.adaptive.mechanics import mechanics_function
+from distal.estimators.adaptive.interval import Interval, mechanics_function
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.kalman import Downdate, along
 from distal.expressions import MatrixNode, VectorNode

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf, isfinite, radians
 
-from distal.estimators.dead_sensors import DEAD
+from distal.estimators.read_channels import DEAD
 
 
 @dataclass(frozen=True)

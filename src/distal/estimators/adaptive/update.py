@@ -1,4 +1,6 @@
-"""Update the state by the comparisons, one row after the other. Equations (22) to (26)."""
+"""Update the state by the comparisons, one row after the other, unless a stop may hold a joint.
+Equations (22) to (26).
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,6 @@ from distal.estimators.adaptive.guards import robust_variance
 from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.measurement import ROW, SLOPED, MeasurementRow, Rows
 from distal.estimators.adaptive.states import StateVector
-from distal.estimators.adaptive.stop_contact import sure_of_stops
 from distal.estimators.adaptive.touch import (
     FORCE,
     NORMAL,
@@ -28,6 +29,55 @@ from distal.estimators.kalman import Downdate, along
 from distal.expressions import MatrixNode, ScalarNode, VectorNode
 from distal.kernels.layout import Layout
 from distal.kernels.mask import is_there, share_used
+
+UNSURE = 2.0
+"""Distance of a joint before a stop, in stds of its angle, below which the stop may hold it, (24b)
+[1]. Source: judgement.
+"""
+
+
+def depths_in_stops(states: StateVector, mean: VectorNode, p: VectorNode) -> dict[int, ScalarNode]:
+    """Return joint → depth of its angle in its stop, negative before it [rad]; joints without stops
+    are left out.
+
+    It is at a `mean`, (n,), with the kernel's parameters p.
+    """
+    mechanism = states.context.mechanism
+    names = mechanism.parameters.names
+    depths = dict[int, ScalarNode]()
+    for j, joint in enumerate(mechanism.rig.joints):
+        if joint.stops is not None:
+            low, high = (p[names.index(f"joints.{j}.stops.{end}")] for end in ("low", "high"))
+            depths[j] = ca.fmax(mean[j] - high, low - mean[j])
+    return depths
+
+
+def sure_of_stops(
+    states: StateVector, mean: VectorNode, covariance: MatrixNode, p: VectorNode
+) -> list[ScalarNode]:
+    """Return for each drive 0 where it is uncertain whether a stop holds a joint that the drive
+    moves, else 1.
+
+    It is uncertain where a joint is before its stop by less than `UNSURE` stds. With a single joint
+    it is always 1. It is at a `mean`, (n,), and `covariance`, (n, n), with the kernel's parameters
+    p.
+    """
+    rig = states.context.mechanism.rig
+    sure = [ca.MX(1.0) for _ in rig.joints]
+    for j, depth in depths_in_stops(states, mean, p).items():
+        if len(rig.joints) > 1:
+            sure[j] = 1 - ca.logic_and(-depth > 0, -depth < UNSURE * ca.sqrt(covariance[j, j]))
+    products = list[ScalarNode]()
+    for drive in rig.drives:
+        moved = {
+            name for tendon in rig.tendons if tendon.drive == drive.name for name in tendon.joints
+        }
+        product = ca.MX(1.0)
+        for joint, is_sure in zip(rig.joints, sure):
+            product = product * is_sure if joint.name in moved else product
+        products.append(product)
+    return products
+
 
 SINCE = Layout(residual=1, limit=1, asymmetry=1, residual_variance=1, limit_variance=1, memory=1)
 """Layout of the changes of a row since the prior by the rows before it, the variances of its

@@ -1,20 +1,52 @@
-"""The state vector: blocks one after the other, and the sums of their effects."""
+"""The kinds of states beside the joints' motion, and the state vector: blocks one after the other,
+and the sums of their effects.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import casadi as ca
 import numpy as np
 
 from distal.estimators.adaptive.filter_context import FilterContext
-from distal.estimators.adaptive.states.external_torque import ExternalTorqueState
-from distal.estimators.adaptive.states.joint import JointMotion
-from distal.estimators.adaptive.states.registry import KINDS, Kind
+from distal.estimators.adaptive.states.drive import (
+    Transmitted,
+    transmissions,
+    unknown_frictions,
+    unmeasured_positions,
+)
+from distal.estimators.adaptive.states.internal import inside
+from distal.estimators.adaptive.states.joint import (
+    ExternalTorqueState,
+    JointMotion,
+    external_torques,
+)
+from distal.estimators.adaptive.states.parameter import uncertain_parameters
+from distal.estimators.adaptive.states.reading import (
+    linearities,
+    sensor_biases,
+    unknowns_of_readings,
+)
 from distal.estimators.adaptive.states.state import Fading, Learning, State
-from distal.estimators.adaptive.states.transmission import Transmitted
 from distal.expressions import Scalar, Vector
 from distal.rig import Sensor
+
+Kind = Callable[[FilterContext], Sequence[State]]
+"""Function that returns the blocks of one kind that a rig has."""
+
+KINDS: tuple[Kind, ...] = (
+    external_torques,
+    uncertain_parameters,
+    linearities,
+    unmeasured_positions,
+    unknown_frictions,
+    transmissions,
+    inside,
+    sensor_biases,
+    unknowns_of_readings,
+)
+"""All kinds; their order is that of the state vector, after the joints' motion."""
 
 
 class StateVector:

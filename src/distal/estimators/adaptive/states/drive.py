@@ -1,5 +1,5 @@
-"""The effort that a drive's transmission passes on where it has hysteresis, and the error of its
-play operator.
+"""What is unknown of a drive: its position where no sensor measures it, friction that the rig does
+not declare, and the effort that its transmission passes on, with the error of the play operator.
 """
 
 from __future__ import annotations
@@ -17,8 +17,100 @@ from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.states.state import Fading, OfDrive, Prior, State, ZeroMean
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
-from distal.rig import Hysteresis, Sensor, SliderHysteresis
+from distal.rig import Hysteresis, Sensor, SliderHysteresis, drive_travel
 from distal.sensor_errors import variance
+
+POSITION_WALK = 1.0
+"""Random walk of a drive's position that nothing measures, in its travel [1/√s]: the drive may
+cross it within a second. Source: judgement.
+"""
+
+
+@dataclass(frozen=True)
+class UnmeasuredPosition(OfDrive):
+    """The position s of a drive without a position sensor: anywhere on its travel at first; then it
+    walks.
+    """
+
+    quantity: ClassVar[str] = "position"
+    kind: ClassVar[StateKind] = StateKind.POSITION
+
+    @cached_property
+    def _travel(self) -> tuple[float, float]:
+        return drive_travel(self.context.mechanism.rig, self.drive)
+
+    @property
+    def means(self) -> Floats:
+        """Prior mean: the middle of the travel [m, rad]."""
+        return np.array([sum(self._travel) / 2])
+
+    @property
+    def stds(self) -> Floats:
+        """Prior standard deviation: that of a uniform distribution over the travel [m, rad]."""
+        low, high = self._travel
+        return np.array([(high - low) / np.sqrt(12.0)])
+
+    @property
+    def walk(self) -> float:
+        """Random walk: `POSITION_WALK` travels per √s."""
+        low, high = self._travel
+        return (high - low) * POSITION_WALK
+
+    def position(self, drive: int, values: Vector) -> Scalar | None:
+        """Return s [m, rad] if it is that of this drive, else None."""
+        return values[0] if drive == self.drive else None
+
+
+def unmeasured_positions(context: FilterContext) -> list[State]:
+    """Return a block for each drive without a position sensor."""
+    return [
+        UnmeasuredPosition(context, i)
+        for i in range(context.n_drives)
+        if context.position_sensor(i) is None
+    ]
+
+
+@dataclass(frozen=True)
+class UnknownFriction(OfDrive, ZeroMean):
+    """An addition to the friction limit of a drive for which the rig declares no friction.
+
+    Its size follows the noise σ of the drive's force sensor. It is not smoothed: friction at one
+    time tells little of another time (docs/explanation/adaptive-guards.md).
+    """
+
+    quantity: ClassVar[str] = "friction"
+    kind: ClassVar[StateKind] = StateKind.FRICTION
+    smoothed: ClassVar[bool] = False
+
+    sensor: Sensor
+
+    @property
+    def stds(self) -> Floats:
+        """Prior standard deviation: `Robustness.unknown_friction` σ [N, N m]."""
+        return np.array(
+            [self.context.robustness.unknown_friction * float(np.sqrt(variance(self.sensor)))]
+        )
+
+    @property
+    def walk(self) -> float:
+        """Random walk: `Robustness.unknown_friction_walk` σ per √s."""
+        return self.context.robustness.unknown_friction_walk * float(np.sqrt(variance(self.sensor)))
+
+    def friction(self, drive: int, values: Vector) -> Scalar:
+        """Return the addition [N, N m] if it is that of this drive, else 0."""
+        return values[0] if drive == self.drive else 0
+
+
+def unknown_frictions(context: FilterContext) -> list[State]:
+    """Return a block for each drive with a force sensor whose friction the rig does not declare."""
+    blocks: list[State] = []
+    for i, drive in enumerate(context.mechanism.rig.drives):
+        sensor = context.force_sensor(i)
+        looked_for = context.robustness.unknown_friction > 0.0 and drive.hysteresis is None
+        if sensor is not None and looked_for and not context.declares_friction(i):
+            blocks.append(UnknownFriction(context, i, sensor))
+    return blocks
+
 
 CALM = 8.0
 """Limit of a play over the noise of its smoothed effort, at least, (14) [1]. Source: judgement."""
