@@ -36,7 +36,7 @@ from distal.cli.app import app
 from distal.errors import EstimationError, RigError
 from distal.estimators import AdaptiveFilter, Robustness, directions
 from distal.estimators.adaptive.joint_motion import _acting, _substep
-from distal.estimators.kinematic_chain import unseen_covariance
+from distal.estimators.kinematic import unseen_covariance
 from distal.logs import TruthKind, write_log
 from distal.reports import draw_rig
 from distal.rig import build_rig

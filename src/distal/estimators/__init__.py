@@ -16,7 +16,6 @@ from distal.estimators.estimator_protocol import (
 from distal.estimators.full_state import FullStateFilter, Noise, paper_noise, rig_noise
 from distal.estimators.gaps import first_values
 from distal.estimators.kinematic import KinematicEstimator
-from distal.estimators.kinematic_chain import ChainKinematics
 from distal.estimators.read_channels import Channels, channels_of
 from distal.estimators.registry import DEFAULT, ESTIMATORS, make_estimator
 from distal.estimators.regression_estimator import (
@@ -45,7 +44,6 @@ __all__ = [
     "WILD",
     "AdaptiveFilter",
     "Belief",
-    "ChainKinematics",
     "Channels",
     "Directions",
     "Estimator",

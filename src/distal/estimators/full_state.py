@@ -14,7 +14,7 @@ from distal.arrays import Floats
 from distal.errors import EstimationError
 from distal.estimators.estimator_protocol import KernelEstimator
 from distal.estimators.kalman import predict_covariance, update
-from distal.estimators.kinematic_readings import first_drives
+from distal.estimators.kinematic import first_drives
 from distal.estimators.read_channels import UNKNOWN_POSITION, Channels, channels_of, sensor_for
 from distal.expressions import Vector
 from distal.kernels import Kernel, kernel_state_layout

@@ -1,68 +1,288 @@
-"""Estimators of one joint without dynamics: tendons are inextensible, or the measured force
-stretches them.
+"""Estimators without dynamics: tendons are inextensible, or the measured force stretches them.
+
+Of one joint each tendon gives an angle; of several joints, all tendons together by least squares.
 """
 
 from __future__ import annotations
 
-import casadi as ca
+from collections.abc import Sequence
 
+import casadi as ca
+import numpy as np
+
+from distal.arrays import Floats
+from distal.estimators.directions import directions
 from distal.estimators.estimator_protocol import KernelEstimator
-from distal.estimators.kinematic_readings import (
-    first_drives,
-    levers_of,
-    measured_tendons,
-    read_drives,
-    tension_share,
-)
 from distal.estimators.read_channels import Channels, channels_of, sensor_for
+from distal.expressions import Matrix, Scalar, Vector
 from distal.kernels import Kernel, kernel_state_layout
-from distal.model import Mechanism
-from distal.rig import Rig, angle_names, tendon_angle_name
+from distal.kernels.mask import is_read
+from distal.model import Mechanism, solver
+from distal.rig import Rig, angle_names, gain_of, tendon_angle_name
 from distal.sensor_errors import systematic_variance, variance
+
+CUT_OFF = 5.0
+"""Cut-off frequency of the low-pass on measured forces in `elastic` [Hz]. Source: judgement."""
+
+
+def read_drives(
+    rig: Rig, channels: Channels, positions: Vector, pulls: Vector, x: Vector
+) -> tuple[Vector, Vector]:
+    """Return positions and low-passed pulls of the drives after a sample, (n_drives,) each.
+
+    The low-pass is F⁺ = U + e^{−2π f dt} (F − U), f = `CUT_OFF`, of the measured pull U.
+
+    Args:
+        channels: the sensors that are read.
+        positions: before the sample [m, rad], (n_drives,).
+        pulls: F before the sample [N, N m], (n_drives,).
+        x: the sample (dt, values, mask).
+    """
+    names = rig.drive_names
+    width = len(channels.names)
+    dt = x[0]
+    values = x[1 : 1 + width]
+    mask = x[1 + width :]
+    forget = ca.exp(-2 * ca.pi * CUT_OFF * dt)
+    held = ca.vertsplit(positions)
+    filtered = ca.vertsplit(pulls)
+    for sensor in channels.positions:
+        i = names.index(sensor.of)
+        j = channels.names.index(sensor.name)
+        held[i] = ca.if_else(mask[j], values[j] - sensor.bias.value, positions[i])
+    for sensor in channels.forces:
+        i = names.index(sensor.of)
+        j = channels.names.index(sensor.name)
+        read = (values[j] - sensor.bias.value) / gain_of(sensor).value
+        filtered[i] = ca.if_else(mask[j], read + forget * (pulls[i] - read), pulls[i])
+    return ca.vertcat(*held), ca.vertcat(*filtered)
+
+
+def first_drives(
+    rig: Rig, channels: Channels, values: Vector, mask: Vector
+) -> tuple[Vector, Vector]:
+    """Return positions and pulls of the drives at the first sample, (n_drives,) each.
+
+    Where nothing is read, a position is 0 and a pull is the nominal one. The sample's `values` and
+    `mask` are (n_channels,).
+    """
+    positions = [ca.SX(0) for _ in rig.drives]
+    pulls = [ca.SX(drive.nominal_force.value) for drive in rig.drives]
+    for first, sensors in ((positions, channels.positions), (pulls, channels.forces)):
+        for i, drive in enumerate(rig.drives):
+            sensor = sensor_for(sensors, drive.name)
+            if sensor is not None:
+                k = channels.names.index(sensor.name)
+                first[i] = ca.if_else(
+                    is_read(mask[k]),
+                    (values[k] - sensor.bias.value) / gain_of(sensor).value,
+                    first[i],
+                )
+    return ca.vertcat(*positions), ca.vertcat(*pulls)
+
+
+def measured_tendons(rig: Rig, channels: Channels) -> tuple[int, ...]:
+    """Return the indices of the tendons whose drive has a position sensor."""
+    drives = [sensor.of for sensor in channels.positions]
+    return tuple(i for i, tendon in enumerate(rig.tendons) if tendon.drive in drives)
+
+
+def levers_of(mechanism: Mechanism) -> list[Scalar]:
+    """Return h for each tendon, its displacement per displacement of its drive: 1 for a slider,
+    side · R for a capstan.
+    """
+    q = ca.SX.sym("q", mechanism.n_bodies)
+    return [
+        ca.jacobian(mechanism.displacement(i, q), q[drive])
+        for i, drive in enumerate(mechanism.drive_of)
+    ]
+
+
+def tension_share(mechanism: Mechanism, levers: Sequence[Scalar], tendon: int) -> Scalar:
+    """Return h_i/Σ h², the tension of a tendon per unit of its drive's pull.
+
+    Of all tensions that balance the pull these are the smallest; `levers` are the h of `levers_of`.
+    """
+    drive = mechanism.drive_of[tendon]
+    squares = (
+        lever**2 for lever, pulled_by in zip(levers, mechanism.drive_of) if pulled_by == drive
+    )
+    return levers[tendon] / sum(squares, ca.SX(0))
+
+
+ITERATIONS = 3
+"""Number of Gauss–Newton steps per sample [1]: lengths are nearly linear in the angles, so that few
+suffice. Source: judgement.
+"""
+
+RIDGE = 1e-9
+"""Share of the mean weight that holds directions that no tendon sees where they were [1]. Source:
+rounding (the matrix stays invertible).
+"""
+
+UNSEEN = np.deg2rad(3.0)
+"""Least standard deviation along a direction that no tendon sees, where only springs and friction
+hold the joints [rad]. Source: judgement.
+"""
+
+CONSTRAINT = 1e3
+"""Factor on the tendons' stiffness where there are fewer tendons than joints, so that lengths
+decide before springs do [1]. Source: judgement.
+"""
+
+
+def stretches(mechanism: Mechanism, pulls: Vector, elastic: bool) -> list[Scalar]:
+    """Return the stretch of each tendon beyond that at its pre-tension, (T − T_pre)/k [m]; 0 if not
+    `elastic`.
+
+    The tensions balance the pull F of their drive with the smallest changes: T = T_pre + h (F − Σ h
+    T_pre)/Σ h². The `pulls` are (n_drives,) [N, N m].
+    """
+    p = mechanism.parameters
+    levers = levers_of(mechanism)
+    drives = mechanism.drive_of
+    lengths = []
+    for i, drive in enumerate(drives):
+        tendons = [j for j in range(mechanism.n_tendons) if drives[j] == drive]
+        standing = sum((levers[j] * p[f"tendons.{j}.pretension"] for j in tendons), ca.SX(0))
+        change = tension_share(mechanism, levers, i) * (
+            pulls[drive - mechanism.n_joints] - standing
+        )
+        lengths.append(change / p[f"tendons.{i}.stiffness"] if elastic else ca.SX(0))
+    return lengths
+
+
+def unseen_covariance(rig: Rig) -> Floats:
+    """Return the covariance of the angles along the directions that no tendon sees, (n_joints,
+    n_joints) [rad²].
+
+    It is the mean of the joints' initial stds, each at least `UNSEEN`, squared.
+    """
+    missed = directions(rig).missed
+    stds = np.array(
+        [max(joint.initial.std, UNSEEN) for joint in rig.joints if joint.coupled is None]
+    )
+    covariance: Floats = float(np.mean(stds) ** 2) * missed.T @ missed
+    return covariance
+
+
+def chain_function(
+    mechanism: Mechanism, channels: Channels, tendons: tuple[int, ...], elastic: bool
+) -> ca.Function:
+    """Return the function (kernel_state, x, p) → (kernel_state⁺, y) whose angles fit the lengths of
+    all tendons best, by least squares.
+
+    It minimises Σ k_i (ℓ_i(θ, s) − l_i − (T_i − T_pre,i)/k_i)² over θ. With fewer tendons than
+    joints many postures fit; the energy of the springs is then added, with the tendons' weight
+    times `CONSTRAINT`, and selects one of them. The zero is the rig's own: θ = 0 and s = 0 at
+    pre-tension.
+
+    Args:
+        mechanism: the rig's equations.
+        channels: the sensors that are read.
+        tendons: indices of the tendons whose drives have position sensors.
+        elastic: whether tendons stretch.
+    """
+    nd = mechanism.n_drives
+    nj = mechanism.n_joints
+    free = mechanism.free
+    n = nj
+    width = len(channels.names)
+    p = mechanism.parameters
+    layout = kernel_state_layout(n, read_positions=nd, pulls=nd)
+    kernel_state = ca.SX.sym("kernel_state", layout.size)
+    x = ca.SX.sym("x", 1 + 2 * width)
+    read_positions = layout.part(kernel_state, "read_positions")
+    pulls = layout.part(kernel_state, "pulls")
+    positions, filtered = read_drives(mechanism.rig, channels, read_positions, pulls, x)
+    errors = [ca.SX(0)] * nd
+    for sensor in channels.positions:
+        drive = mechanism.rig.drive_names.index(sensor.of)
+        errors[drive] = ca.SX(variance(sensor) + systematic_variance(sensor))
+    desired = stretches(mechanism, filtered, elastic)
+    q = ca.SX.sym("q", mechanism.n_bodies)
+    lengths = mechanism.elongations(q)
+    jacobian = mechanism.length_jacobian(q)
+    few = len(tendons) < len(free)
+    rows = list(tendons)
+    look = ca.Function(
+        "lengths", [q, p.symbols], [lengths[rows], jacobian[rows, :], mechanism.passive_springs(q)]
+    )
+    weights = ca.diag(
+        ca.vertcat(*(p[f"tendons.{i}.stiffness"] * (CONSTRAINT if few else 1) for i in rows))
+    )
+    angles = kernel_state[:nj]
+    for _ in range(ITERATIONS):
+        length, slopes, springs = look(ca.vertcat(angles, positions), p.symbols)
+        arms = ca.mtimes(slopes[:, :nj], mechanism.spread)
+        along = ca.mtimes(arms.T, weights)
+        matrix = ca.mtimes(along, arms)
+        push = ca.mtimes(along, ca.vertcat(*(desired[i] for i in rows)) - length)
+        if few:
+            torque = springs[:, 0]
+            stiffness = ca.diag(springs[:, 1])
+            push += ca.mtimes(mechanism.spread.T, torque)
+            matrix += ca.mtimes([mechanism.spread.T, stiffness, mechanism.spread])
+        matrix += RIDGE * ca.trace(matrix) * ca.SX.eye(len(free))
+        solve = solver(matrix, ca.SX.ones(len(free)))
+        moved = angles[free] + solve(push)
+        angles = ca.mtimes(mechanism.spread, moved) + mechanism.offsets
+    gain = ca.horzcat(*(solve(along[:, k]) for k in range(len(rows))))
+    bodies = [mechanism.drive_of[i] for i in rows]
+    variances = ca.vertcat(
+        *(slopes[k, body] ** 2 * errors[body - nj] for k, body in enumerate(bodies))
+    )
+    by_length = ca.mtimes(mechanism.spread, gain)
+    covariance = ca.mtimes([by_length, ca.diag(variances), by_length.T]) + ca.DM(
+        unseen_covariance(mechanism.rig)
+    )
+    following = layout.joined(
+        mean=angles, covariance=covariance, read_positions=positions, pulls=filtered
+    )
+    outputs = [ca.cse(following), ca.SX.zeros(1)]
+    return ca.Function(
+        "kinematic",
+        [kernel_state, x, p.symbols],
+        outputs,
+        ["kernel_state", "x", "p"],
+        ["next", "y"],
+    )
 
 
 def kinematic_function(
     mechanism: Mechanism, channels: Channels, tendons: tuple[int, ...], elastic: bool
 ) -> ca.Function:
     """Return the function (kernel_state, x, p) → (kernel_state⁺, y) of a kinematic estimator of one
-    joint (several: `kinematic_chain`).
+    joint (of several: `chain_function`).
 
     A tendon whose drive has a position sensor gives the angle at which its length fits the drive's
-    displacement: ℓ − l = e_0 + (F − F_0)/k. The joint's angle is the mean over these tendons. e_0
-    is ℓ − l at the first sample, with the joint at its `initial` angle. F is the tendon's share of
-    its drive's low-passed pull, and F_0 that at the first sample.
+    displacement: ℓ − l = e_0 + s, with its stretch s of `stretches`. The joint's angle is the mean
+    over these tendons. e_0 is ℓ − l − s at the first sample, with the joint at its `initial` angle.
 
     Args:
         mechanism: the rig's equations.
         channels: the sensors that are read.
         tendons: indices of the tendons.
-        elastic: whether the stretch (F − F_0)/k counts; `inextensible` leaves it out.
+        elastic: whether tendons stretch.
     """
     k = len(tendons)
     nd = mechanism.n_drives
     nj = mechanism.n_joints
     n = nj + k
     width = len(channels.names)
-    layout = kernel_state_layout(n, lengths=k, positions=nd, pulls=nd, first_pulls=nd)
+    layout = kernel_state_layout(n, lengths=k, positions=nd, pulls=nd)
     kernel_state = ca.SX.sym("kernel_state", layout.size)
     x = ca.SX.sym("x", 1 + 2 * width)
     mean, covariance, lengths = (
         layout.part(kernel_state, name) for name in ("mean", "covariance", "lengths")
     )
-    drives, pulls, first = (
-        layout.part(kernel_state, name) for name in ("positions", "pulls", "first_pulls")
-    )
+    drives, pulls = (layout.part(kernel_state, name) for name in ("positions", "pulls"))
     positions, filtered = read_drives(mechanism.rig, channels, drives, pulls, x)
     q = ca.vertcat(mean[:nj], positions)
     angles = []
-    levers = levers_of(mechanism)
+    stretched = stretches(mechanism, filtered, elastic)
     for row, tendon in enumerate(tendons):
-        drive = mechanism.drive_of[tendon] - mechanism.n_joints
-        length = lengths[row]
-        if elastic:
-            change = tension_share(mechanism, levers, tendon) * (filtered[drive] - first[drive])
-            length += change / mechanism.parameters[f"tendons.{tendon}.stiffness"]
-        angles.append(mechanism.angle_at(tendon, length, q))
+        angles.append(mechanism.angle_at(tendon, lengths[row] + stretched[tendon], q))
     mean = ca.vertcat(sum(angles) / len(angles), *angles)
     p = mechanism.parameters.symbols
     following = layout.joined(
@@ -71,7 +291,6 @@ def kinematic_function(
         lengths=lengths,
         positions=positions,
         pulls=filtered,
-        first_pulls=first,
     )
     return ca.Function(
         "kinematic",
@@ -83,11 +302,12 @@ def kinematic_function(
 
 
 class KinematicEstimator(KernelEstimator):
-    """The angle of one joint from the drives' displacements and the tendons' lengths; see
-    `kinematic_function`.
+    """The angles of the joints from the drives' displacements and the tendons' lengths; see
+    `kinematic_function` and `chain_function`.
 
-    Its standard deviation takes the errors of the sensors and of the initial angle into account,
-    but not the stretch of the tendons (or, if `elastic`, not their friction).
+    Its standard deviation takes the errors of the position sensors and, of one joint, of the
+    initial angle into account, but not the stretch of the tendons (or, if `elastic`, not their
+    friction).
 
     Raises:
         EstimationError: the sensors do not suffice.
@@ -97,41 +317,55 @@ class KinematicEstimator(KernelEstimator):
         self._mechanism = Mechanism(rig)
         self._channels = channels_of(rig, name)
         self._tendons = measured_tendons(rig, self._channels)
+        self._elastic = elastic
+        self._alone = len(rig.joints) == 1
+        function = kinematic_function if self._alone else chain_function
+        kernel = Kernel(function(self._mechanism, self._channels, self._tendons, elastic), compiled)
+        names = angle_names(rig.joint_names)
+        if self._alone:
+            names = (*names, *(tendon_angle_name(rig.tendons[i].name) for i in self._tendons))
         p = self._mechanism.parameters.values
-        kernel = Kernel(
-            kinematic_function(self._mechanism, self._channels, self._tendons, elastic), compiled
-        )
-        angles = angle_names(rig.joint_names)
-        names = (*angles, *(tendon_angle_name(rig.tendons[i].name) for i in self._tendons))
         super().__init__(name, rig, kernel, p, channels=self._channels, state_names=names)
 
     def prior_function(self) -> ca.Function:
-        """Return the function (values, mask, p) → (mean, covariance, memory) before the first
-        sample.
+        """Return the function (values, mask, p) → (mean, covariance or variances, memory) before
+        the first sample.
+        """
+        channels = self._channels
+        values, mask = (ca.SX.sym(name, len(channels.names)) for name in ("values", "mask"))
+        positions, pulls = first_drives(self.rig, channels, values, mask)
+        angles, stds = (
+            ca.DM([getattr(joint.initial, part) for joint in self.rig.joints])
+            for part in ("value", "std")
+        )
+        drives = ca.vertcat(positions, pulls)
+        prior = angles, stds**2, drives
+        if self._alone:
+            tendons = list(self._tendons)
+            q = ca.vertcat(angles, positions)
+            stretched = ca.vertcat(*stretches(self._mechanism, pulls, self._elastic))
+            lengths = (self._mechanism.elongations(q) - stretched)[tendons]
+            mean = ca.SX.ones(1 + len(tendons)) * angles
+            prior = mean, self._first_covariance(q) + stds**2, ca.vertcat(lengths, drives)
+        p = self._mechanism.parameters.symbols
+        return ca.Function("prior", [values, mask, p], [ca.densify(ca.SX(part)) for part in prior])
+
+    def _first_covariance(self, q: Vector) -> Matrix:
+        """Return the covariance of the mean and the tendons' angles at q by the errors of the
+        position sensors.
+
+        All tendons have the same zero, whose error they share; a sensor errs twice, at the first
+        sample and at the current one.
         """
         rig = self.rig
-        channels = self._channels
-        mechanism = self._mechanism
-        values, mask = (ca.SX.sym(name, len(channels.names)) for name in ("values", "mask"))
-        initial = rig.joints[0].initial.value
-        std = rig.joints[0].initial.std
-        positions, pulls = first_drives(rig, channels, values, mask)
-        q = ca.vertcat(initial, positions)
-        p = mechanism.parameters.symbols
-        lengths = mechanism.elongations(q)
-        jacobian = mechanism.length_jacobian(q)
-        # all tendons have the same zero, whose error they share; a sensor errs twice, at the first
-        # sample and at the current one
+        jacobian = self._mechanism.length_jacobian(q)
         variances = []
         for i in self._tendons:
-            sensor = sensor_for(channels.positions, rig.tendons[i].drive)
-            error = (
-                0.0 if sensor is None else 2.0 * (variance(sensor) + systematic_variance(sensor))
-            )
-            variances.append((jacobian[i, mechanism.drive_of[i]] / jacobian[i, 0]) ** 2 * error)
-        k = len(self._tendons)
+            sensor = sensor_for(self._channels.positions, rig.tendons[i].drive)
+            assert sensor is not None  # `measured_tendons`
+            error = 2.0 * (variance(sensor) + systematic_variance(sensor))
+            body = self._mechanism.drive_of[i]
+            variances.append((jacobian[i, body] / jacobian[i, 0]) ** 2 * error)
+        k = len(variances)
         mixing = ca.vertcat(ca.DM.ones(1, k) / k, ca.DM.eye(k))
-        covariance = ca.mtimes([mixing, ca.diag(ca.vertcat(*variances)), mixing.T]) + std**2
-        memory = ca.vertcat(lengths[list(self._tendons)], positions, pulls, pulls)
-        prior = [ca.SX.ones(1 + k) * initial, covariance, memory]
-        return ca.Function("prior", [values, mask, p], [ca.densify(part) for part in prior])
+        return ca.mtimes([mixing, ca.diag(ca.vertcat(*variances)), mixing.T])

@@ -9,22 +9,15 @@ from distal.estimators.adaptive import AdaptiveFilter
 from distal.estimators.estimator_protocol import KernelEstimator
 from distal.estimators.full_state import FullStateFilter, paper_noise, rig_noise
 from distal.estimators.kinematic import KinematicEstimator
-from distal.estimators.kinematic_chain import ChainKinematics
 from distal.estimators.regression_estimator import RegressionEstimator
 from distal.rig import Rig
 from distal.suggestions import did_you_mean
 
-
-def _kinematic(name: str, rig: Rig, elastic: bool, compiled: bool) -> KernelEstimator:
-    kind = KinematicEstimator if len(rig.joints) == 1 else ChainKinematics
-    return kind(name, rig, elastic=elastic, compiled=compiled)
-
-
 ESTIMATORS: dict[str, Callable[[Rig, bool], KernelEstimator]] = {
     "adaptive": lambda rig, compiled: AdaptiveFilter(rig, compiled),
     "regression": lambda rig, compiled: RegressionEstimator(rig, compiled),
-    "inextensible": lambda rig, compiled: _kinematic("inextensible", rig, False, compiled),
-    "elastic": lambda rig, compiled: _kinematic("elastic", rig, True, compiled),
+    "inextensible": lambda rig, compiled: KinematicEstimator("inextensible", rig, False, compiled),
+    "elastic": lambda rig, compiled: KinematicEstimator("elastic", rig, True, compiled),
     "ekf-2008": lambda rig, compiled: FullStateFilter("ekf-2008", rig, paper_noise(rig), compiled),
     "ekf": lambda rig, compiled: FullStateFilter("ekf", rig, rig_noise(rig), compiled),
 }
