@@ -313,16 +313,7 @@ def joint_frequency(mechanism: Mechanism) -> float:
     """Return the highest natural frequency [rad/s] of the joints on their taut tendons, with the
     drives held.
     """
-    if mechanism.n_joints > 1:
-        return max(_frequencies(mechanism, range(mechanism.n_joints)))
-    p = mechanism.parameters
-    q = ca.SX.sym("q", mechanism.n_bodies)
-    stiffness = ca.vertcat(*(mechanism.stiffest(i) for i in range(mechanism.n_tendons)))
-    square = ca.dot(mechanism.length_jacobian(q)[:, 0] ** 2, stiffness) / mechanism.inertias()[0]
-    at_zero = ca.Function("square", [q, p.symbols], [square])(
-        np.zeros(mechanism.n_bodies), p.values
-    )
-    return float(np.sqrt(max(float(at_zero), 0.0)))
+    return max(_frequencies(mechanism, range(mechanism.n_joints)))
 
 
 def substeps(mechanism: Mechanism, interval: float) -> int:

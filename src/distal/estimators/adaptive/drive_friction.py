@@ -13,23 +13,18 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from distal.estimators.adaptive.drive_tracking import MOTION_TIME, Drive
+from distal.estimators.adaptive.drive_tracking import Drive
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.expressions import Scalar
 from distal.kernels.mask import is_read
 
-MOTION_SPAN = MOTION_TIME / 2.5
-"""Time over which a drive's motion is compared with its sensor's noise [s]: one sample at 100 Hz.
-Source: judgement.
+SLOW_DECLARED = 60.0
+"""Speed, in stds of the position sensor, at which a drive with declared friction counts as half
+stuck [1/s]: 0.6 stds in a sample at 100 Hz. Source: judgement.
 """
 
-SLOW_DECLARED = 0.6
-"""Motion in `MOTION_SPAN`, in stds of the position sensor, at which a drive with declared friction
-counts as half stuck [1]. Source: judgement.
-"""
-
-SLOW_UNKNOWN = 0.8
-"""The same for a drive without declared friction [1]. Source: judgement."""
+SLOW_UNKNOWN = 80.0
+"""The same for a drive without declared friction [1/s]. Source: judgement."""
 
 CLEAR_STICK = 0.15
 """A drive whose `stuck` is below this clearly moves [1]. Source: benchmark (benchmarks/guards)."""
@@ -131,8 +126,8 @@ class DriveMotion:
 
 
 def motion_of(drive: Drive, noise: Scalar, dt: Scalar, slow: float) -> DriveMotion:
-    """Return the motion of a drive: its mean motion over `MOTION_SPAN` compared with what its
-    sensor's noise alone would show.
+    """Return the motion of a drive: its mean speed compared with what its sensor's noise alone
+    would show.
 
     Args:
         drive: what is known of it after a reading.
@@ -140,13 +135,13 @@ def motion_of(drive: Drive, noise: Scalar, dt: Scalar, slow: float) -> DriveMoti
         dt: length of the interval [s].
         slow: `SLOW_DECLARED` or `SLOW_UNKNOWN`.
     """
-    mean = MOTION_SPAN * drive.speed
-    square = MOTION_SPAN**2 * drive.square
     still = slow**2 * noise
-    alone = 2 * noise * (MOTION_SPAN / ca.fmax(dt, 1e-6)) ** 2
-    moving = ca.fmax(ca.fmax(square - alone, 0), mean**2)
+    alone = 2 * noise / ca.fmax(dt, 1e-6) ** 2
+    moving = ca.fmax(ca.fmax(drive.square - alone, 0), drive.speed**2)
     stuck = still / (moving + still)
-    direction = mean / ca.sqrt(moving + still) / (1 + drive.bend**2 / (SHARP_BEND**2 * noise))
+    direction = (
+        drive.speed / ca.sqrt(moving + still) / (1 + drive.bend**2 / (SHARP_BEND**2 * noise))
+    )
     return DriveMotion(
         stuck, direction, ca.logic_and(stuck < CLEAR_STICK, ca.fabs(direction) > CLEAR_DIRECTION)
     )

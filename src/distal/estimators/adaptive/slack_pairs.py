@@ -12,14 +12,10 @@ from distal.estimators.adaptive.drive_tracking import Tracks
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.interval import Interval, mechanics_function
 from distal.estimators.adaptive.states import StateVector
+from distal.estimators.adaptive.touch import SURE
 from distal.estimators.kalman import Downdate, along
 from distal.expressions import MatrixNode, VectorNode
 from distal.kernels.mask import is_there
-
-LIMIT_STDS = 3.0
-"""Number of stds of its sensor that is added to a force to have its largest possible value [1].
-Source: judgement.
-"""
 
 
 def within_play(
@@ -107,7 +103,7 @@ def slack_pair_function(states: StateVector, drive: int, pair: list[int]) -> ca.
     read = context.value(x, sensor)
     error = states.sensor_error(sensor, read, state)
     most = ca.fabs(read - error) + limits[body] + states.friction(drive, state)
-    beyond = stretch - (most + LIMIT_STDS * ca.sqrt(context.noise(sensor))) / yields
+    beyond = stretch - (most + SURE * ca.sqrt(context.noise(sensor))) / yields
     residual = (beyond[0] - beyond[1]) / 2
     known = is_there(context.mask(x, sensor)) * (tracks[drive].lost <= 0)
     slope = ca.sparsify(ca.jacobian((stretch[0] - stretch[1]) / 2, state)).T
