@@ -12,9 +12,9 @@ from __future__ import annotations
 import argparse
 import multiprocessing
 import os
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
 from importlib import import_module
 from typing import Any
 
@@ -224,9 +224,12 @@ def main() -> None:
     rules = arguments.rules or list(RULES)
     forked = multiprocessing.get_context("fork")
     with forked.Pool(arguments.workers, maxtasksperchild=1) as pool:
-        found = pool.map_async(partial(scores), [None, *rules], chunksize=1).get()
-    usual = np.array(found[0])
-    rows = [row(rule, usual, np.array(now)) for rule, now in zip(rules, found[1:])]
+        found = pool.imap(scores, [None, *rules])
+        usual = np.array(next(found))
+        rows = []
+        for rule, now in zip(rules, found):
+            rows.append(row(rule, usual, np.array(now)))
+            print(" | ".join(rows[-1]), file=sys.stderr, flush=True)
     columns = [
         "without",
         "logs that tell",
