@@ -184,16 +184,21 @@ def moving(
         damped=damped,
         h=length,
     )
-    # what changes with the parameters, and is computed before
+    # what the equation takes as given
     inertias = damped_inertias(mechanism, ca.diag(mechanism.mass_matrix(q)), length)
     pushes = [stiffness, damping, kicked.contacts.position]
-    before = ca.vertcat(inertias, *pushes)
-    by_before = ca.jacobian(equation, ca.vertcat(damped, *contact))
     by = (kick.q, kick.v[:nj], mechanism.parameters.symbols, torques)
     slopes = [
-        ca.jacobian(equation, argument) + ca.mtimes(by_before, ca.jacobian(before, argument))
+        ca.jacobian(equation, argument)
+        + ca.mtimes(ca.jacobian(equation, damped), ca.jacobian(inertias, argument))
         for argument in by
     ]
+    # whether a joint touches a stop has no slope: contacts change with the stops' own numbers alone
+    p = mechanism.parameters
+    stops = [i for i, name in enumerate(p.names) if ".stop" in name]
+    by_contact = ca.jacobian(equation, ca.vertcat(*contact))
+    by_stops = ca.jacobian(ca.vertcat(*pushes), p.symbols[stops])
+    slopes[2][:, stops] += ca.mtimes(by_contact, by_stops)
     unknown = [speed, forward_by, back_by, *contact, damped]
     solution = [after, ca.vertcat(*forward), ca.vertcat(*back), *pushes, kicked.damped]
     slopes = ca.substitute(slopes, unknown, [ca.densify(part) for part in solution])
