@@ -134,6 +134,7 @@ results: $(STAMP)
 	$(BIN)/python -m benchmarks.exports
 	$(BIN)/python -m benchmarks.false_alarms
 	$(BIN)/python -m benchmarks.guards
+	$(BIN)/python -m benchmarks.ablation
 	$(BIN)/python -m benchmarks.hysteresis
 	$(BIN)/python -m benchmarks.imported_models
 	$(BIN)/python -m benchmarks.lab

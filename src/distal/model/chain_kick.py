@@ -101,7 +101,7 @@ def _growth(damping: Scalar, inertia: Scalar, length: Scalar) -> Scalar:
 
 def damped_inertias(mechanism: Mechanism, inertias: Vector, length: Scalar) -> Vector:
     """Return M_jj (φ − 1), what viscous damping adds to the `inertias` M_jj of the joints over a
-    kick, (n_joints,) [kg m²].
+    kick of a `length` [s], (n_joints,) [kg m²].
     """
     pairs = zip(ca.vertsplit(mechanism.dampings()[: mechanism.n_joints]), ca.vertsplit(inertias))
     return ca.vertcat(
