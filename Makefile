@@ -139,7 +139,7 @@ results: $(STAMP)
 	$(BIN)/python -m benchmarks.imported_models
 	$(BIN)/python -m benchmarks.lab
 	$(BIN)/python -m benchmarks.robot_datasets
-	$(BIN)/python -m benchmarks.rig_search
+	$(BIN)/python -m benchmarks.paper_search
 	$(BIN)/python -m benchmarks.models
 	$(BIN)/python -m benchmarks.sensitivity
 	$(BIN)/python -m benchmarks.silent

@@ -24,8 +24,7 @@ def reproduce_command(
     page.
     """
     from distal.paper.claims import GROUPS
-    from distal.paper.paper_page import DRAWN, REPRODUCTION_FILES, reproduce, rms_of
-    from distal.paper.positioned import FEEDBACKS
+    from distal.paper.paper_page import DRAWN, FEEDBACKS, REPRODUCTION_FILES, reproduce, rms_of
     from distal.paper.series import PLANTS, SEEDS, SERIES_2, series_count
 
     check_command_outputs(to_folder("--out", out, REPRODUCTION_FILES))

@@ -111,8 +111,8 @@ PLANTS = (
 """The plants of the reproduction: Table 1 taken literally, and the plant on which most statements
 hold.
 
-The second comes from `python -m benchmarks.paper_search`: its result, rounded, is in the rig, in the
-angle of Series 1 in the scenario files, and in the reading of the inextensible estimate.
+The second comes from `python -m benchmarks.paper_search`: its result, rounded, is in the rig, in
+the angle of Series 1 in the scenario files, and in the reading of the inextensible estimate.
 """
 
 
