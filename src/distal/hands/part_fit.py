@@ -174,9 +174,10 @@ def _start(problem: Problem, log: Log, sweeps: Mapping[str, Sequence[Sweep]]) ->
         others = {name for other in rig.tendons if other != tendon for name in other.arms()}
         crossed = [(i, joint) for i, joint in enumerate(rig.joints) if joint.name in tendon.arms()]
         sprung = [i for i, joint in crossed if joint.name not in others and joint.spring]
-        if len(sprung) > 1 and all(joint.coupled is None for _, joint in crossed):
+        both_ways = len(sweeps[tendon.drive]) > 2
+        if len(sprung) > 1 and both_ways and all(joint.coupled is None for _, joint in crossed):
             positions, torques = _mean_torques(log, rig, tendon.drive, sweeps[tendon.drive])
-            if np.mean(tendon.winding * torques) > 0.0:
+            if np.sum(tendon.winding * torques) > 0.0:
                 curves.append((at, sprung, positions, torques))
     exchanges = _exchanges(problem, rig)
     if not (curves and exchanges):
