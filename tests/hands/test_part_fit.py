@@ -109,7 +109,7 @@ def swept_log(springs: Any, rub: float) -> Log:
     return Log(0.01 * np.arange(len(positions)), channels, {}, "swept")
 
 
-@pytest.mark.parametrize("order", [(0, 1, 2), (1, 0, 2), (2, 0, 1), (1, 2, 0)])
+@pytest.mark.parametrize("order", [(1, 0, 2), (2, 0, 1)])
 def test_bends_of_the_torque_say_which_spring_is_softer(order: tuple[int, ...]) -> None:
     """Friction of 30 mN m hides no bend: it is the same both ways. The rig begins with springs with
     which all joints close together.
