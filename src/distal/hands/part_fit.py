@@ -223,7 +223,7 @@ def _missed(
 
     At the tension T each joint is where T arm = k (θ − rest), or at its stop, and the motor is
     (Σ arm θ + slack + T/K)/radius from its zero: straight lines between the tensions at which a
-    joint comes to a stop. What joints that other tendons hold take up counts as the motor's zero.
+    joint comes to a stop. Joints that other tendons hold are in the middle of their ranges.
 
     Args:
         rig: the rig.
@@ -252,7 +252,12 @@ def _missed(
     bends = ((travel.T - rest) / turns).clip(0.0)
     bends = np.unique([0.0, *bends.flat, bends.max() + tensions.max()])
     angles = np.clip(rest + np.outer(bends, turns), *travel.T)
-    slack = value(f"tendons.{at}.slack")
+    held = [
+        arms[joint.name] * np.mean(joint.travel)
+        for i, joint in enumerate(rig.joints)
+        if joint.name in arms and i not in sprung
+    ]
+    slack = value(f"tendons.{at}.slack") + sum(held)
     lengths = angles @ arm + slack + bends / value(f"tendons.{at}.stiffness")
     expected = np.interp(wound, lengths, bends, left=0.0)
     stds = np.hypot(MISSED * tensions.max(), np.gradient(tensions))
@@ -267,7 +272,7 @@ def _mean_torques(log: Log, rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tu
     ends = [sweep.end for sweep in sweeps]
     known = np.isfinite(position) & np.isfinite(torque)
     rows = [np.flatnonzero(known[a + 1 : b + 1]) + a + 1 for a, b in pairwise(ends)]
-    reached = position[ends[1:]]
+    reached = position[ends[-2:]]
     edges = np.linspace(reached.min(), reached.max(), POSITIONS + 1)
     ways = [
         binned_statistic(position[way], torque[way], "median", edges).statistic
