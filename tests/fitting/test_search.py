@@ -16,6 +16,7 @@ from distal.fitting.likelihood import Derivatives
 from distal.fitting.likelihood_search import (
     first_widths,
     hessian,
+    likeliest_start,
     search,
     widths_at,
 )
@@ -181,3 +182,14 @@ def test_a_filters_search_ends_where_its_kinks_begin() -> None:
         ends.append(search(curve, np.array([-3.0])))  # type: ignore[arg-type]
     assert ends[0].converged
     assert ends[1].iterations > ends[0].iterations
+
+
+def test_a_search_begins_at_the_likeliest_of_draws_from_the_priors() -> None:
+    """The size of a noise, and what has no prior, begin where the rig file has them."""
+    problem = Curve(lambda z: 10.0 * (z - 1.5), 3, std=1.0)
+    free = problem.parts[0][0]
+    problem.parts = ((free, None), (replace(free, noise=True), None), (free, None))
+    problem.prior_stds = np.array([1.0, 1.0, np.inf])
+    start = likeliest_start(problem, 0)  # type: ignore[arg-type]
+    assert 0.5 < start[0] < 2.5
+    assert start[1] == start[2] == 0.0
