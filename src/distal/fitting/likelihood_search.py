@@ -4,7 +4,7 @@ tried side by side.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,15 +14,25 @@ from distal.fitting.likelihood import Derivatives
 from distal.fitting.problem import Problem
 
 SETTLED = 5e-3
-"""Gain of −ln p in the next step, predicted or by the rig's equations, below which the search ends:
-that of a tenth of a standard error. Source: judgement.
+"""Predicted gain of −ln p in the next step, below which the search ends: that of a tenth of a
+standard error. Source: judgement.
 """
 
-KINKED = 0.3
-"""The same gain with a filter, whose −ln p has kinks of this size. Source: judgement."""
+ENOUGH = 0.3
+"""Gain of −ln p of a filter, below which two steps in a row end the search: its kinks have this
+size. Source: judgement.
+"""
 
-MOST_ITERATIONS = 50
-"""Largest number of iterations. Source: judgement."""
+ENOUGH_OF_EQUATIONS = 0.02
+"""The same gain where the rig's equations are asked. Source: judgement."""
+
+MOST_ITERATIONS = 30
+"""Largest number of iterations with a filter; each takes as long as a hundred with a rig's
+equations. Source: judgement.
+"""
+
+MOST_OF_EQUATIONS = 50
+"""Largest number of iterations where the rig's equations are asked. Source: judgement."""
 
 WIDER = 4.0
 """Factor on the width of the differences that give the slopes, after a step that gained too little.
@@ -37,6 +47,27 @@ the undamped one. Source: judgement.
 FIRST_DAMPING = 1e-2
 """Damping of the first iteration: the share of the information's diagonal that is added to it.
 Source: judgement.
+"""
+
+LEAST_DAMPING = 1e-6
+"""Least such damping. Source: judgement."""
+
+MOST_DAMPING = 100.0
+"""Largest such damping. Source: judgement."""
+
+STRIDE = 0.5
+"""Share of the undamped step that is tried too, since the whole step is too long across a kink.
+Source: judgement.
+"""
+
+STRAIGHT = 1.0
+"""Difference of −ln p between the gain that the undamped step predicts and the best gain, above
+which the valley is taken as bent. Source: judgement.
+"""
+
+MOST_BENT = 0.75
+"""Largest length of a bend, as a share of the step's own length. Source: reference (Transtrum and
+Sethna 2012).
 """
 
 FIRST_WIDTH = 1e-2
@@ -58,9 +89,23 @@ SMALLEST_NOISE_WIDTH = 0.05
 judgement.
 """
 
+COARSE_SHARE = 0.25
+"""Share of each log, its beginning, with which the start is searched. Source: judgement."""
+
+COARSE_LEAST = 400
+"""Least number of samples of each log for that search. Source: judgement."""
+
+COARSE_ITERATIONS = 8
+"""Largest number of iterations of that search. Source: judgement."""
+
 STARTS = 16
 """Number of points drawn from the priors that are tried as starts, beside the priors' mean. Source:
 judgement.
+"""
+
+UNKNOWN_SPREAD = 2.0
+"""Standard deviation of those points where there is no prior, in units of the coordinate, of which
+one is a tenth of the value. Source: judgement.
 """
 
 FIRST_ITERATIONS = 3
@@ -93,14 +138,29 @@ class Optimum:
     interrupted: bool = False
 
 
-def likeliest_start(problem: Problem, seed: int) -> Floats:
-    """Return the likeliest of the priors' mean and some points drawn from the priors, (n,)."""
+def coarse_start(
+    problem: Problem, seed: int, begin: Floats, progress: Progress | None = None
+) -> Optimum:
+    """Return where to begin the search: the end of a short search with the beginnings of the logs.
+
+    The short search begins at the coordinates `begin`, (n,). Where these are the priors' mean, it
+    begins at the likeliest of that mean and some points drawn from the priors.
+    """
+    zero = _inside(problem, begin)
+    coarse = problem.beginning(COARSE_SHARE, COARSE_LEAST).assessed(zero)
     noise = np.array([part.noise for part, _ in problem.parts])
-    spreads = np.where(noise | ~np.isfinite(problem.prior_stds), 0.0, problem.prior_stds)
+    spreads = np.where(
+        noise, 0.0, np.where(np.isfinite(problem.prior_stds), problem.prior_stds, UNKNOWN_SPREAD)
+    )
     rng = np.random.default_rng(seed)
-    drawn = [_inside(problem, spreads * rng.normal(size=problem.size)) for _ in range(STARTS)]
-    points = [_inside(problem, np.zeros(problem.size)), *drawn]
-    return points[int(np.argmin(problem.costs(points)))]
+    drawn = (
+        []
+        if begin.any()
+        else [_inside(problem, spreads * rng.normal(size=problem.size)) for _ in range(STARTS)]
+    )
+    points = [zero, *drawn]
+    likeliest = points[int(np.argmin(coarse.costs(points)))]
+    return search(coarse.assessed(likeliest), likeliest, progress, most=COARSE_ITERATIONS)
 
 
 def most_likely(
@@ -125,7 +185,7 @@ def search(
     start: Floats,
     progress: Progress | None = None,
     *,
-    most: int = MOST_ITERATIONS,
+    most: int | None = None,
     fixed: Bools | None = None,
     near: Derivatives | None = None,
     at_start: Derivatives | None = None,
@@ -135,14 +195,17 @@ def search(
     Each step solves (H + λ diag H) d = −g within the bounds, with Fisher's information H and the
     gradient g (Levenberg 1944, Marquardt 1963; Gupta and Mehra, IEEE TAC 19, 1974). Steps with
     several λ are tried at once, and the best is taken; the next iteration tries λ around its λ.
-    Slopes are differences over a share of each parameter's std, wider than the kinks of −ln p. An
-    interruption (Ctrl-C) ends the search with the best point so far.
+    Where the best step gains far less than the undamped one predicts, −ln p is a bent valley; then
+    steps that follow the bend are tried too, d + a/2 with (H + λ diag H) a = −Jᵀ r'' (Transtrum and
+    Sethna, arXiv:1201.5885, 2012). Slopes are differences over a share of each parameter's std,
+    wider than the kinks of −ln p. An interruption (Ctrl-C) ends the search with the best point so
+    far.
 
     Args:
         problem: what is minimised.
         start: coordinates, (n,).
         progress: called with the iteration and −ln p after each step.
-        most: largest number of iterations.
+        most: largest number of iterations; default that of a filter, or of equations.
         fixed: which coordinates stay as they are, (n,).
         near: derivatives near the start, which give the widths of the first differences.
         at_start: derivatives at the start, where they are known already.
@@ -157,7 +220,7 @@ def search(
     )
     wider = 1.0
     damping = FIRST_DAMPING
-    enough = SETTLED if problem.asks_equations else KINKED
+    bent = False
     try:
         derivatives = (
             problem.derivatives(z, np.where(free, widths, 0.0)) if at_start is None else at_start
@@ -165,15 +228,25 @@ def search(
         # derivatives may have scales of other logs too: the cost is this problem's own
         cost = derivatives.cost if at_start is None else float(problem.costs([z])[0])
         optimum = Optimum(z, cost, derivatives)
-        for iteration in range(1, most + 1):
+        equations = problem.asks_equations
+        last = (MOST_OF_EQUATIONS if equations else MOST_ITERATIONS) if most is None else most
+        enough = ENOUGH_OF_EQUATIONS if equations else ENOUGH
+        for iteration in range(1, last + 1):
             dampings = [0.0, *(damping * times for times in DAMPINGS)]
             steps = [
                 damped_step(problem, optimum.z, derivatives, free, share) for share in dampings
             ]
             optimum = replace(optimum, iterations=iteration)
-            if steps[0][1] < SETTLED:
+            predicted = steps[0][1]
+            if predicted < SETTLED:
                 return replace(optimum, converged=True)
-            points = [_inside(problem, optimum.z + step) for step, _ in steps]
+            tried = [
+                (0.0, STRIDE * steps[0][0]),
+                *((share, step) for share, (step, _) in zip(dampings, steps)),
+            ]
+            if bent:
+                tried += _bent(problem, optimum.z, derivatives, free, tried[2:])
+            points = [_inside(problem, optimum.z + step) for _, step in tried]
             costs = problem.costs(points)
             best = int(np.argmin(costs))
             gained = optimum.cost - float(costs[best])
@@ -181,19 +254,46 @@ def search(
                 progress(iteration, min(float(costs[best]), optimum.cost))
             if gained > 0.0:
                 optimum = replace(optimum, z=points[best], cost=float(costs[best]))
-                damping = max(dampings[best], damping * DAMPINGS[0])
-            else:
-                damping *= DAMPINGS[-1]
             if gained < enough and wider > 1.0:
                 return replace(optimum, converged=True)
             wider = WIDER if gained < enough else 1.0
-            if iteration < most:
+            bent = predicted > gained + STRAIGHT
+            following = (
+                max(tried[best][0], damping * DAMPINGS[0])
+                if gained > 0.0
+                else damping * DAMPINGS[-1]
+            )
+            damping = min(max(following, LEAST_DAMPING), MOST_DAMPING)
+            if iteration < last:
                 widths = wider * widths_at(problem, optimum.z, derivatives)
                 derivatives = problem.derivatives(optimum.z, np.where(free, widths, 0.0))
                 optimum = replace(optimum, derivatives=derivatives)
     except KeyboardInterrupt:
         return replace(optimum, interrupted=True)
     return optimum
+
+
+def _bent(
+    problem: Problem,
+    z: Floats,
+    derivatives: Derivatives,
+    free: Bools,
+    tried: Sequence[tuple[float, Floats]],
+) -> list[tuple[float, Floats]]:
+    """Return for each damped step, (n,), its damping and the step with half its bend added."""
+    scale = np.sqrt(np.maximum(np.diag(hessian(problem, derivatives)), 1e-12))
+    bent_steps = []
+    bends = problem.bends(z, derivatives.of_logs, [step for _, step in tried])
+    for (damping, step), bend in zip(tried, bends):
+        correction = damped_step(
+            problem, z + step, replace(derivatives, gradient=bend), free, damping
+        )[0]
+        length = float(np.linalg.norm(correction * scale))
+        along = float(np.linalg.norm(step * scale))
+        bent_steps.append(
+            (damping, step + 0.5 * min(1.0, MOST_BENT * along / max(length, 1e-300)) * correction)
+        )
+    return bent_steps
 
 
 def hessian(problem: Problem, derivatives: Derivatives) -> Floats:

@@ -18,7 +18,7 @@ from distal.fitting.fit_filter import FitFilter, steps_of
 from distal.fitting.fit_options import Options, Progress, searching
 from distal.fitting.free_parameter import FittedParameter, Free
 from distal.fitting.inverse_dynamics import SMOOTHED, Equations, inverse_problem
-from distal.fitting.likelihood_search import Optimum, hessian, likeliest_start, most_likely, search
+from distal.fitting.likelihood_search import Optimum, coarse_start, hessian, most_likely, search
 from distal.fitting.problem import Problem
 from distal.fitting.standard_errors import CONFOUNDED, IDENTIFIED, Uncertainty, uncertainty_at
 from distal.homing import added_reference, with_references
@@ -130,8 +130,8 @@ def by_filter(
 ) -> ParameterEstimates:
     """Return the parameters with which a rig's filter predicts the readings best.
 
-    The search begins at `begin`, estimates by the rig's equations, or at the option `start`; where
-    there is neither, or the filter leaves all bounds there, at the likeliest draw from the priors.
+    The search begins at `begin`, estimates by the rig's equations; None stands for the priors' mean
+    or the option `start`, from which a short search finds the beginning.
 
     Raises:
         FitError: the filter leaves all bounds on the logs.
@@ -141,11 +141,11 @@ def by_filter(
         if begin is None
         else _translated(begin.problem, begin.optimum.z, problem)
     )
-    given = begin is not None or options.start is not None
-    if not given or not np.isfinite(problem.costs([start])[0]):
-        start = likeliest_start(problem, options.seed)
-        if not np.isfinite(problem.costs([start])[0]):
-            raise FitError(DIVERGED.format(problem.filter.rig.name))
+    costs = problem.costs([np.zeros(problem.size), start])
+    if not np.isfinite(costs).any():
+        raise FitError(DIVERGED.format(problem.filter.rig.name))
+    if begin is None or not np.isfinite(costs[1]):
+        start = coarse_start(problem, options.seed, start, searching(progress, "searching")).z
     return _searched(problem, start, searching(progress, "by its filter"))
 
 
