@@ -150,12 +150,12 @@ def test_a_shipped_rig_names_commands_that_there_are(name: str) -> None:
 @pytest.mark.parametrize(
     ("config", "said"),
     [
-        (ORCA.replace("95", "1" + 400 * "0"), "too large"),
+        (ORCA.replace("95", "1" + 400 * "0"), "input should be a valid number"),
         (
             ORCA.replace("[-20, 95]", "[-0.35, 1.66]").replace("[0, 105]", "[0, 1.83]"),
             "in radians",
         ),
-        (ORCA.replace("[-20, 95]", "[-20, high]"), "needs a number"),
+        (ORCA.replace("[-20, 95]", "[-20, high]"), "input should be a valid number"),
     ],
 )
 def test_a_config_of_a_hand_with_wrong_ranges(run, tmp_path: Path, config: str, said: str) -> None:
@@ -177,7 +177,7 @@ def test_limits_of_a_hand_that_was_not_calibrated(run, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("more", "cells", "said"),
     [
-        (",counts", ",0", "counts of 'mcp'"),
+        (",counts", ",0", "line 2: counts"),
         (",counts", ",1e400", "not finite"),
         (",zero [count]", ",100", "needs 'counts' of one turn"),
     ],

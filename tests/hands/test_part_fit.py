@@ -4,7 +4,8 @@ what it finds on plants of others.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,12 +14,9 @@ from benchmarks.hands import calibrated, log_of, motion, ratio, rig_of
 from benchmarks.strangers.servo_hands import aero_like, orca_like
 
 from distal import Rig, estimate
-from distal.fitting import Options
-from distal.fitting.parameter_estimates import problem_of
 from distal.hands import calibrate, part_fit
-from distal.hands.sweeps import Sweep, is_pair, sweeps_of
-from distal.logs import Log
-from distal.rig import Capstan, independent_parts
+from distal.hands.sweeps import Sweep, is_pair
+from distal.rig import Capstan, Number, independent_parts, number
 from distal.rig.hand_tables import Row, hand_of
 
 ARMS, SPOOL, LOW, HIGH = (12e-3, 6e-3), 9e-3, 0.0, 1.5
@@ -34,8 +32,8 @@ def pair_rig() -> Rig:
     return rig_of(known)
 
 
-def finger(arms: Any = ARMS) -> Rig:
-    """Return a finger of two or three joints with springs on one tendon."""
+def finger() -> Rig:
+    """Return a finger of two joints with springs on one tendon."""
     rows = [
         Row(
             joint=name,
@@ -43,10 +41,10 @@ def finger(arms: Any = ARMS) -> Rig:
             low=LOW,
             high=HIGH,
             spool_radius=SPOOL,
-            joint_radius=float(arm),
+            joint_radius=arm,
             back="spring",
         )
-        for name, arm in zip(("mcp", "pip", "dip"), arms)
+        for name, arm in zip(("mcp", "pip"), ARMS)
     ]
     return hand_of(rows, "finger", "table").rig
 
@@ -89,56 +87,67 @@ def test_the_first_sweep_leaves_the_joint_at_that_end() -> None:
         assert prior.sensors_of("force")[0].noise == rig.drives[0].friction.constant.std > 0.01
 
 
-THREE = np.array([12.5e-3, 7.5e-3, 9e-3])
-SPRINGS, REST, STIFFNESS, ZERO = np.array([0.05, 0.06, 0.035]), np.deg2rad(-18.0), 1.5e4, 0.7
-
-
-def swept_log(springs: Any, rub: float) -> Log:
-    """Return a log of five sweeps of a motor with friction `rub` [N m], at rest by hand: T arm =
-    k (θ − rest), within ranges.
+@dataclass
+class Valley:
+    """A problem with a minimum where the softer spring is at one joint, and a deeper one where the
+    bends of the torque are at the other joint.
     """
-    tension = np.linspace(0.0, 20.0, 4000)
-    angles = np.clip(REST + tension[:, None] * THREE / springs, LOW, HIGH)
-    reached = (angles @ THREE + tension / STIFFNESS) / SPOOL
-    there = np.linspace(-0.2, float(np.interp(18.0, tension, reached)), 600)
-    pull = SPOOL * np.interp(there, reached, tension, left=0.0)
-    ways = [(there, pull + rub), (there[::-1], pull[::-1] - rub)] * 3
-    positions, torques = (np.concatenate([way[k] for way in ways[:5]]) for k in (0, 1))
-    torques = torques + 1e-3 * np.random.default_rng(5).normal(size=len(torques))
-    channels = {"m_position": positions + ZERO, "m_current": torques}
-    return Log(0.01 * np.arange(len(positions)), channels, {}, "swept")
+
+    rig: Rig
+    start: tuple[Number, Number]
+    tensions: tuple[float, float]
+
+    size: int = 2
+
+    @property
+    def parts(self) -> list[Any]:
+        return [
+            (
+                SimpleNamespace(
+                    paths=(number.path,),
+                    value=lambda z, number=number: number.value * np.exp(z),
+                    coordinate=lambda value, number=number: np.log(value / number.value),
+                ),
+                None,
+            )
+            for number in self.start
+        ]
+
+    @property
+    def prior_stds(self) -> Any:
+        return np.array([0.5, 0.5])
+
+    @property
+    def ends(self) -> list[Any]:
+        """Both minima: the bends at 900 and 500 N, and the other way round."""
+        return [
+            np.log(np.array(bends) / self.tensions / [number.value for number in self.start])
+            for bends in ((900.0, 500.0), (500.0, 900.0))
+        ]
+
+    def costs(self, points: Any) -> Any:
+        away = [[np.sum((z - end) ** 2) for end in self.ends] for z in points]
+        return np.array([min(first, second - 0.01) for first, second in away])
 
 
-@pytest.mark.parametrize("order", [(1, 0, 2), (2, 0, 1)])
-def test_bends_of_the_torque_say_which_spring_is_softer(order: tuple[int, ...]) -> None:
-    """Friction of 30 mN m hides no bend: it is the same both ways. The rig begins with springs with
-    which all joints close together.
-    """
-    true = SPRINGS[list(order)]
-    changes: dict[str, object] = {
-        "tendons.0.slack": {"value": 0.0, "std": 0.0},
-        "tendons.0.stiffness": {"value": STIFFNESS, "std": 0.0},
-        "drives.0.radius": {"value": SPOOL, "std": 0.0},
-    }
-    for k, stiffness in enumerate(4.5 * THREE):
-        changes[f"joints.{k}.spring"] = {
-            "stiffness": {"value": float(stiffness), "std": 0.6 * float(stiffness)},
-            "rest_angle": {"value": float(REST), "std": 0.0},
-        }
-    rig = finger(THREE).bare().with_values(changes)
-    log = swept_log(true, 0.03)
-    sweeps = {"m": sweeps_of(log, rig, "m")}
-    prior = rig.with_values(part_fit._at_ends(rig, sweeps))
-    problem = problem_of([log], prior, Options(noise=False, workers=1))
-    z = part_fit._start(problem, log, sweeps)
-    found = dict(zip(problem.filter.estimator.parameter_names, problem.parameters(z)))
-    stiffness = [found[f"joints.{k}.spring.stiffness"] for k in range(3)]
-    np.testing.assert_allclose(stiffness, true, rtol=0.1)
-    zero = next(value for path, value in found.items() if path.endswith(".bias"))
-    assert zero == pytest.approx(ZERO, abs=0.05)
-    # a motor that pulls the other way says nothing of springs
-    turned = replace(log, channels=log.channels | {"m_current": -log.channels["m_current"]})
-    assert not np.any(part_fit._start(problem, turned, sweeps))
+def test_bends_of_the_torque_are_tried_at_other_joints(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = finger()
+    springs = [number(rig, f"joints.{i}.spring.stiffness") for i in (0, 1)]
+    rest = rig.joints[0].spring
+    assert rest is not None
+    tensions = tuple((HIGH - rest.rest_angle.value) / arm for arm in ARMS)
+    valley = Valley(rig, (springs[0], springs[1]), (tensions[0], tensions[1]))
+    ((one, other, share),) = part_fit._exchanges(valley, rig)  # type: ignore[arg-type]
+    assert (one, other) == (0, 1)
+    assert share == pytest.approx(tensions[1] / tensions[0])
+
+    def most_likely(problem: Valley, start: Any) -> Any:
+        nearest = min(problem.ends, key=lambda end: float(np.sum((start - end) ** 2)))
+        return problem, SimpleNamespace(z=nearest)
+
+    monkeypatch.setattr(part_fit, "most_likely", most_likely)
+    begin = part_fit._likeliest(valley, rig)  # type: ignore[arg-type]
+    np.testing.assert_allclose(begin, valley.ends[1])
 
 
 @pytest.mark.slow

@@ -218,13 +218,13 @@ class Session:
             (contact.probability for contact in reading.contacts),
         )
         known = {name: float(v) for name, v in zip(self._units, values) if isfinite(v)}
-        said = {"health": reading.health, "detail": printable(reading.detail)}
+        of_health = {"health": reading.health, "detail": printable(reading.detail)}
         nothing = dict.fromkeys(self._units)
-        self._record(reading, sample, {**nothing, **known, **said})
+        self._record(reading, sample, {**nothing, **known, **of_health})
         in_degrees = {
             name: degrees(value) for name, value in known.items() if self._units[name] == "deg"
         }
-        message = {**nothing, **known, **in_degrees, **said}
+        message = {**nothing, **known, **in_degrees, **of_health}
         if self._json or not self.csv:
             sys.stdout.write(json.dumps(message) + "\n")
             sys.stdout.flush()

@@ -73,17 +73,17 @@ def column_roles(logs: Sequence[RawLog], overrides: Overrides) -> list[ColumnRol
     """
     headers = list(logs[0].columns)
     drives = {_header(name, headers): unit for name, unit in overrides.drives.items()}
-    said: dict[str, Role] = {_header(name, headers): "angle" for name in overrides.truth}
-    said |= dict.fromkeys(drives, "position")
-    said |= {_header(name, headers): "other" for name in overrides.ignore}
+    roles_by_name: dict[str, Role] = {_header(name, headers): "angle" for name in overrides.truth}
+    roles_by_name |= dict.fromkeys(drives, "position")
+    roles_by_name |= {_header(name, headers): "other" for name in overrides.ignore}
     names = {header: name_evidence(header) for header in headers}
     values = {header: value_evidence([log.columns[header] for log in logs]) for header in headers}
     time = time_column(logs, headers, names)
-    if time in said:
+    if time in roles_by_name:
         raise LogError(f"'{time}' is the only column that increases: it is the time")
     constant = {header for header in headers if values[header].is_constant}
     scores = {header: {**names[header].scores, "time": -CERTAIN} for header in headers}
-    known: dict[str, Role] = {**dict.fromkeys(constant, "other"), time: "time", **said}
+    known: dict[str, Role] = {**dict.fromkeys(constant, "other"), time: "time", **roles_by_name}
     for header, role in known.items():
         scores[header][role] = CERTAIN
     open_headers = [header for header in headers if header not in known]
@@ -100,7 +100,7 @@ def column_roles(logs: Sequence[RawLog], overrides: Overrides) -> list[ColumnRol
                 "the column with one like mm, deg, N, N mm, mA or counts, or leave it out by "
                 "--ignore"
             )
-        if header in said:
+        if header in roles_by_name:
             column = replace(column, sureness="sure")
         if by_family and header in open_headers:
             reason = "by its values beside those of the others, as its name says nothing"

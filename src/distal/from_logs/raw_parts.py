@@ -234,10 +234,12 @@ def _stops(low: float, high: float, stops: tuple[float | None, float | None]) ->
         low - NO_STOP if stops[0] is None else stops[0],
         high + NO_STOP if stops[1] is None else stops[1],
     ]
-    said: object = [number(degrees(angle), "deg") for angle in ends]
+    stop_angles: object = [number(degrees(angle), "deg") for angle in ends]
     if None in stops:
-        said = Guess(said, f"the {'lower' if stops[0] is None else 'upper'} stop of a joint")
-    return {"stops": said, "stops_std": "0.5 deg"}
+        stop_angles = Guess(
+            stop_angles, f"the {'lower' if stops[0] is None else 'upper'} stop of a joint"
+        )
+    return {"stops": stop_angles, "stops_std": "0.5 deg"}
 
 
 def _joint_friction(

@@ -5,38 +5,26 @@ its sweeps: the ends of the joints' ranges, where the motors met them, are the r
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import combinations, pairwise, product
+from itertools import combinations
 
 import numpy as np
-from scipy.optimize import OptimizeResult, least_squares
-from scipy.stats import binned_statistic
 
 from distal.arrays import Floats
 from distal.errors import FitError
 from distal.fitting import Options
 from distal.fitting.free_parameter import assignments
+from distal.fitting.likelihood_search import most_likely
 from distal.fitting.parameter_estimates import ParameterEstimates, from_start, problem_of
 from distal.fitting.problem import Problem
 from distal.hands.findings import excess
-from distal.hands.sweeps import Sweep, contacts, is_pair, needed, sweep_channels_of
+from distal.hands.sweeps import Sweep, contacts, is_pair, needed
 from distal.logs import Log
-from distal.rig import Capstan, Rig, Subsystem, number
-from distal.rig.quantities import SMALLEST
+from distal.rig import Capstan, Rig, Subsystem
 
 SPRUNG = 4.0
 """Std of a motor's torque about the model's in usual motion, in multiples of that in the slow
 routine, where joints share one tendon against springs [1]. Source: benchmark
 (docs/results/hands.md).
-"""
-
-MISSED = 0.006
-"""Std of a motor's mean torque about that of springs at rest, as a share of the largest [1].
-Source: judgement.
-"""
-
-POSITIONS = 120
-"""Number of angles along the travel at which the torques of both directions are compared.
-Source: judgement.
 """
 
 SPRINGS_APART = 0.35
@@ -81,7 +69,7 @@ def part_values(
     for form in ({}, tense) if pairs else ({},):
         prior = rig.with_values(_at_ends(rig, sweeps) | form)
         problem = problem_of([cut], prior, Options(noise=False, workers=1))
-        parameters = from_start(problem, _start(problem, log, sweeps))
+        parameters = from_start(problem, _likeliest(problem, prior))
         # searches weight their channels differently, so that only unweighted costs can be compared
         found.append((float(problem.costs([parameters.optimum.z])[0]), form, parameters))
     cost, form, parameters = min(found, key=lambda one: one[0])
@@ -157,130 +145,32 @@ def _zeros(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> dict[str, object]
     return values
 
 
-def _start(problem: Problem, log: Log, sweeps: Mapping[str, Sequence[Sweep]]) -> Floats:
-    """Return the coordinates at which the search for the parameters begins, (n,): the priors'
-    means, or where joints share a tendon against springs, those that explain the motor's mean
-    torque best.
+def _likeliest(problem: Problem, prior: Rig) -> Floats:
+    """Return where the search for the parameters begins, (n,): at the priors' means, or where
+    joints have springs, at the likeliest end of several searches.
 
     A joint at its stop shows as a bend of the torque, and the same bends may be those of other
-    joints. So the springs are searched from a std softer to a std stiffer, then with the bends of
-    two joints exchanged, until none is likelier. The filter's own likelihood is no such judge: its
-    friction explains bends too.
+    joints. So each further search begins with the bends of two joints exchanged, until none ends
+    likelier.
     """
-    rig = problem.filter.rig
-    names = problem.filter.estimator.parameter_names
-    curves = list[tuple[int, list[int], Floats, Floats]]()
-    for at, tendon in enumerate(rig.tendons):
-        others = {name for other in rig.tendons if other != tendon for name in other.arms()}
-        crossed = [(i, joint) for i, joint in enumerate(rig.joints) if joint.name in tendon.arms()]
-        sprung = [i for i, joint in crossed if joint.name not in others and joint.spring]
-        both_ways = len(sweeps[tendon.drive]) > 2
-        if len(sprung) > 1 and both_ways and all(joint.coupled is None for _, joint in crossed):
-            positions, torques = _mean_torques(log, rig, tendon.drive, sweeps[tendon.drive])
-            if np.sum(tendon.winding * torques) > 0.0:
-                curves.append((at, sprung, positions, torques))
-    exchanges = _exchanges(problem, rig)
-    if not (curves and exchanges):
-        return np.zeros(problem.size)
-
-    def missed(z: Floats) -> Floats:
-        values = dict(zip(names, problem.parameters(np.clip(z, *problem.bounds.T))))
-        return np.concatenate(
-            [z / problem.prior_stds, *(_missed(rig, values, *curve) for curve in curves)]
-        )
-
-    def search(z: Floats) -> OptimizeResult:
-        return least_squares(missed, z, loss="soft_l1", x_scale="jac")
-
-    springs = sorted({at for *pair, _ in exchanges for at in pair})
-    starts = np.zeros((3 ** len(springs), problem.size))
-    starts[:, springs] = list(product((-1.0, 0.0, 1.0), repeat=len(springs)))
-    ends = [search(start * problem.prior_stds) for start in starts]
+    best = np.zeros(problem.size)
+    exchanges = _exchanges(problem, prior)
+    if not exchanges:
+        return best
+    best = most_likely(problem, best)[1].z
     likelier = True
     while likelier:
-        best = min(ends, key=lambda end: float(end.cost))
         ends = [best]
         for one, other, ratio in exchanges:
-            z = best.x.copy()
-            values = [problem.parts[at][0].value(z[at]) for at in (one, other)]
+            z = best.copy()
+            values = [problem.parts[at][0].value(best[at]) for at in (one, other)]
             z[one] = problem.parts[one][0].coordinate(ratio * values[1])
             z[other] = problem.parts[other][0].coordinate(values[0] / ratio)
-            ends.append(search(z))
-        likelier = min(end.cost for end in ends) < best.cost
-    likeliest: Floats = best.x
-    return likeliest
-
-
-def _missed(
-    rig: Rig,
-    values: Mapping[str, float],
-    at: int,
-    sprung: Sequence[int],
-    positions: Floats,
-    torques: Floats,
-) -> Floats:
-    """Return by how many stds a motor's mean torques differ from those of springs at rest, (n,).
-
-    At the tension T each joint is where T arm = k (θ − rest), or at its stop, and the motor is
-    (Σ arm θ + slack + T/K)/radius from its zero: straight lines between the tensions at which a
-    joint comes to a stop. Joints that other tendons hold are in the middle of their ranges.
-
-    Args:
-        rig: the rig.
-        values: path → value of what the fit varies.
-        at: index of the tendon.
-        sprung: indices of the joints that it moves against their springs.
-        positions: angles of the motor [rad], (n,).
-        torques: means of its torques in both directions [N m], (n,).
-    """
-
-    def value(path: str) -> float:
-        return values[path] if path in values else number(rig, path).value
-
-    tendon = rig.tendons[at]
-    arms = tendon.arms()
-    sensor = next(s.name for s in rig.sensors_of("position") if s.of == tendon.drive)
-    radius = value(f"drives.{rig.drive_names.index(tendon.drive)}.radius")
-    zero = value(f"sensors.{rig.sensor_names.index(sensor)}.bias")
-    wound = tendon.winding * radius * (positions - zero)
-    tensions = tendon.winding * torques / radius
-    travel = np.array([rig.joints[i].travel for i in sprung])
-    arm = np.array([arms[rig.joints[i].name] for i in sprung])
-    rest = np.array([value(f"joints.{i}.spring.rest_angle") for i in sprung])
-    stiffness = np.array([value(f"joints.{i}.spring.stiffness") for i in sprung])
-    turns = arm / np.maximum(stiffness, SMALLEST)
-    bends = ((travel.T - rest) / turns).clip(0.0)
-    bends = np.unique([0.0, *bends.flat, bends.max() + tensions.max()])
-    angles = np.clip(rest + np.outer(bends, turns), *travel.T)
-    held = [
-        arms[joint.name] * np.mean(joint.travel)
-        for i, joint in enumerate(rig.joints)
-        if joint.name in arms and i not in sprung
-    ]
-    slack = value(f"tendons.{at}.slack") + sum(held)
-    lengths = angles @ arm + slack + bends / value(f"tendons.{at}.stiffness")
-    expected = np.interp(wound, lengths, bends, left=0.0)
-    stds = np.hypot(MISSED * tensions.max(), np.gradient(tensions))
-    return np.asarray((expected - tensions) / stds)
-
-
-def _mean_torques(log: Log, rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Floats, Floats]:
-    """Return angles along a motor's travel [rad] and the mean of its torques in both directions
-    there [N m], which has no friction.
-    """
-    position, torque = (log.channels[name] for name in sweep_channels_of(rig, drive))
-    ends = [sweep.end for sweep in sweeps]
-    known = np.isfinite(position) & np.isfinite(torque)
-    rows = [np.flatnonzero(known[a + 1 : b + 1]) + a + 1 for a, b in pairwise(ends)]
-    reached = position[ends[-2:]]
-    edges = np.linspace(reached.min(), reached.max(), POSITIONS + 1)
-    ways = [
-        binned_statistic(position[way], torque[way], "median", edges).statistic
-        for way in (np.concatenate(rows[::2]), np.concatenate(rows[1::2]))
-    ]
-    mean = np.mean(ways, axis=0)
-    both = np.isfinite(mean)
-    return (edges[1:] + edges[:-1])[both] / 2, mean[both]
+            ends.append(most_likely(problem, z)[1].z)
+        at = int(np.nanargmin(problem.costs(ends)))
+        likelier = at > 0
+        best = ends[at]
+    return best
 
 
 def _exchanges(problem: Problem, prior: Rig) -> list[tuple[int, int, float]]:

@@ -370,8 +370,8 @@ def _experiments(
             settings["load"] *= constants["loadMost"]
         if "dead" in settings:
             settings["dead"] = first
-        said = filled(text, sensor) + _allowed(rig, module, constants, settings)
-        possible.append((name, settings, said))
+        filled_text = filled(text, sensor) + _allowed(rig, module, constants, settings)
+        possible.append((name, settings, filled_text))
     return possible
 
 

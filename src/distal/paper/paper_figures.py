@@ -138,9 +138,9 @@ def _write_errors(top: Axes, runs: Sequence[SeriesRun], series: str) -> None:
     beside = {"transform": top.transAxes, "ha": "right"}
     top.text(0.98, 0.37, "RMS error", fontsize=8, **beside)
     for row, (name, index) in enumerate(SHOWN.items()):
-        said = f"{rms(runs, series, name):.1f}°"
+        error_text = f"{rms(runs, series, name):.1f}°"
         bold = {"color": colour(index), "fontsize": 8.5, "weight": "bold"}
-        top.text(0.98, 0.27 - 0.1 * row, said, **bold, **beside)
+        top.text(0.98, 0.27 - 0.1 * row, error_text, **bold, **beside)
 
 
 def _draw_potentiometers(top: Axes, bottom: Axes, run: SeriesRun) -> None:

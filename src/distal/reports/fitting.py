@@ -117,8 +117,8 @@ def _parameters(fit: Fit) -> list[str]:
         for i, j in np.argwhere(np.tril(np.abs(fit.correlations) > 0.8, -1))
     ]
     if strong and fit.converged:
-        said = "; ".join(strong[:MOST_PAIRS])
-        parts.append(paragraph(f"Errors that go together (correlation): {said}."))
+        sentences = "; ".join(strong[:MOST_PAIRS])
+        parts.append(paragraph(f"Errors that go together (correlation): {sentences}."))
     ratios = [
         (name, *(f"{nis:.2f}" if nis < 100 else f"{nis:.0f}" for nis in (before, after)))
         for name, before, after in zip(fit.channels, fit.nis_before, fit.nis_after)
@@ -169,8 +169,8 @@ def _doubts(fit: Fit) -> list[str]:
     lines = fit.advice()
     if fit.rig.taken:
         lines.append(scales_in_words(fit.rig).rstrip("."))
-    said = [paragraph(f"{line[0].upper()}{line[1:]}.") for line in lines]
-    return [heading("Before you use it"), *said] if said else []
+    sentences = [paragraph(f"{line[0].upper()}{line[1:]}.") for line in lines]
+    return [heading("Before you use it"), *sentences] if sentences else []
 
 
 def _left_out(fit: Fit) -> list[str]:

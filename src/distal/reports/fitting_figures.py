@@ -126,19 +126,19 @@ def _smooth_speed(time: Floats, angle: Floats) -> Floats:
     """Return the mean speed of an angle over a tenth of a second around each stamp, (k,); NaN where
     the angle is known nowhere.
     """
-    known = np.isfinite(angle)
-    if not known.any():
+    finite = np.isfinite(angle)
+    if not finite.any():
         return np.full_like(angle, np.nan)
-    before, after = (np.interp(time + t, time[known], angle[known]) for t in (-0.05, 0.05))
+    before, after = (np.interp(time + t, time[finite], angle[finite]) for t in (-0.05, 0.05))
     speed: Floats = (after - before) / 0.1
     return speed
 
 
 def _draw_binned(axes: Axes, x: Floats, y: Floats, index: int, name: str) -> None:
     """Draw the quantiles of y in bins of x, which reach over all but a hundredth of its samples."""
-    known = np.isfinite(x) & np.isfinite(y)
-    x = x[known]
-    y = y[known]
+    finite = np.isfinite(x) & np.isfinite(y)
+    x = x[finite]
+    y = y[finite]
     if not len(x):
         return
     low, high = np.quantile(x, [0.005, 0.995])

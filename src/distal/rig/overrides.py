@@ -13,6 +13,9 @@ from distal.rig.sensors import one_number_each
 from distal.rig.validation import index_of, names_in
 from distal.suggestions import did_you_mean
 
+DEEPEST = 12
+"""Largest number of keys in a path [1]. Source: judgement."""
+
 SPREADS = {"std", "factor", "shared"}
 """Keys of a parameter that say how uncertain its value is; a new table with a std or a factor
 replaces all of them.
@@ -57,6 +60,11 @@ def set_value(raw: object, path: str, value: object, error: type[DistalError]) -
     """
     keys = path.split(".")
     _write_out_sensors(raw, keys)
+    if len(keys) > DEEPEST:
+        raise error(
+            f"--set '{path[:40]}…': has {len(keys)} parts; no value of a rig has more than "
+            f"{DEEPEST}"
+        )
     _replace(raw, keys, 0, path, value, error)
 
 
@@ -81,11 +89,11 @@ def _replace(
             raise error(f"--set '{path}': set the whole of '{where}' instead")
         for index in _indices(parent, key, where, path, error):
             # a table is changed in place: each item gets one of its own
-            own = deepcopy(value) if key == ALL else value
+            copied = deepcopy(value) if key == ALL else value
             if not is_last:
-                _replace(parent[index], keys, depth + 1, path, own, error)
+                _replace(parent[index], keys, depth + 1, path, copied, error)
             elif isinstance(parent, list):
-                parent[index] = _merged(parent[index], own)
+                parent[index] = _merged(parent[index], copied)
     elif not isinstance(parent, MutableMapping):
         raise error(f"--set '{path}': '{where}' is a plain value and has no '{key}'")
     elif is_last:

@@ -78,7 +78,7 @@ def independent_parts(rig: Rig) -> tuple[Subsystem, ...]:
         indices = {kind: tuple(range(len(every))) for kind, every in rig.components.items()}
         return (Subsystem(rig, indices),)
     return tuple(
-        _part(rig, [name for name, own in zip(joints, groups) if own == group])
+        _part(rig, [name for name, alone in zip(joints, groups) if alone == group])
         for group in dict.fromkeys(groups)
     )
 
@@ -98,16 +98,16 @@ def _joints_of(rig: Rig, path: str) -> list[str]:
 
 
 def _part(rig: Rig, names: list[str]) -> Subsystem:
-    own = {"joints": set(names)}
+    alone = {"joints": set(names)}
     pulling = [tendon for tendon in rig.tendons if tendon.joints[0] in names]
-    own["tendons"] = {tendon.name for tendon in pulling}
-    own["drives"] = {tendon.drive for tendon in pulling}
+    alone["tendons"] = {tendon.name for tendon in pulling}
+    alone["drives"] = {tendon.drive for tendon in pulling}
     chosen = {
-        kind: tuple(i for i, part in enumerate(rig.components[kind]) if part.name in own[kind])
+        kind: tuple(i for i, part in enumerate(rig.components[kind]) if part.name in alone[kind])
         for kind in ("joints", "drives", "tendons")
     }
     chosen["sensors"] = tuple(
-        i for i, sensor in enumerate(rig.sensors) if sensor.of in own[measurand_of(sensor).of]
+        i for i, sensor in enumerate(rig.sensors) if sensor.of in alone[measurand_of(sensor).of]
     )
     joints = chosen["joints"]
     parents = (rig.parent_of(j) for j in joints)

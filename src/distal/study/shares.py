@@ -180,7 +180,7 @@ def needs_in_short(plan: Plan, needs: Sequence[Need]) -> str:
     """Return which sensors are surely needed and which surely are not, in words; empty where none
     is.
     """
-    said = []
+    listed = []
     for verdict in (Verdict.NEEDED, Verdict.NOT_NEEDED):
         names = [
             words_of(plan, need.name)
@@ -188,5 +188,5 @@ def needs_in_short(plan: Plan, needs: Sequence[Need]) -> str:
             if sensor_of(need.name) and need.verdict is verdict
         ]
         if names:
-            said.append(f"{verdict.value}: {', '.join(names)}")
-    return "; ".join(said)
+            listed.append(f"{verdict.value}: {', '.join(names)}")
+    return "; ".join(listed)

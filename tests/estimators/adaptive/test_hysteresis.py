@@ -137,7 +137,7 @@ def test_a_held_value_is_taken_as_it_is(rig: Rig) -> None:
     log = slow(sure)
     assert "common factor of tendons.stiffness" in estimate(log, sure).state_names
     assert not any("stiffness" in name for name in estimate(log, held).state_names)
-    with pytest.raises(RigError, match="hold must be true or false"):
+    with pytest.raises(RigError, match="hold: input should be a valid boolean"):
         sure.with_values({"tendons.0.stiffness": {"value": 1e4, "hold": "yes"}})
 
 

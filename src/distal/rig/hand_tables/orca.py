@@ -107,7 +107,7 @@ def from_orca(
         low, high = (radians(end) for end in hand.joint_roms[joint])
         motor = abs(signed)
         direction = 1 if signed > 0 else -1
-        known: dict[str, object] = {}
+        of_config: dict[str, object] = {}
         travel = radians(travels[joint]) if joint in travels else None
         if motor in limits:
             ends = limits[motor]
@@ -119,16 +119,18 @@ def from_orca(
                     f"'{joint}': motor {motor} turns {ratio:.3g} times as far as it; from 0.02 to "
                     "50 is possible"
                 )
-            known = {
+            of_config = {
                 "ratio_std": assumed.travel_share_std,
                 "spool_radius": assumed.radius / ratio,
                 "joint_radius": assumed.radius,
             }
             if motor in limits:
-                known["zero"] = sum(ends) / 2 - direction * ratio * (low + high) / 2
-                known["zero_std"] = assumed.calibrated_zero_std
+                of_config["zero"] = sum(ends) / 2 - direction * ratio * (low + high) / 2
+                of_config["zero_std"] = assumed.calibrated_zero_std
         raw = {"joint": joint, "motor": str(motor), "direction": direction, "low": low}
-        rows.append(validated(Row, {**raw, "high": high, **known}, f"{path}: {joint}", RigError))
+        rows.append(
+            validated(Row, {**raw, "high": high, **of_config}, f"{path}: {joint}", RigError)
+        )
     if not travels and not limits:
         notes.append(
             "no ratio of motors to joints: give calibration.yaml too, or run the power-on routine"
