@@ -375,3 +375,9 @@ def test_a_torque_declared_after_the_fit_is_said_to_belong_before_it() -> None:
         load_rig("da-vinci-grasper", ['joints.jaw.external_torque.std="0.05 N m"'])
     with pytest.warns(DistalWarning, match="or remove it$"):
         load_rig("da-vinci-grasper", ["joints.jaw.inertia=1e-5"])
+
+
+def test_a_path_with_too_many_keys_is_refused() -> None:
+    """A path of thousands of keys would end Python's stack."""
+    with pytest.raises(RigError, match="has 2000 parts; no value of a rig has more than 12"):
+        load_rig("paper-2008", [f"{'.'.join(['a'] * 2000)}=1"])
