@@ -17,9 +17,8 @@ from benchmarks.strangers.servo_hands import orca_like
 from distal.errors import CommandError, EstimationError, OutputError
 from distal.hands import Hand, Motors
 from distal.hands.motors import AeroMotors, OrcaMotors
-from distal.rig import Rig, build_rig, load_rig, log_factor
+from distal.rig import Rig, build_rig, load_rig, log_factor, range_ends
 from distal.rig.hand_tables import Row, hand_of
-from distal.run.drive_range import range_ends
 
 JOINTS = ("index_mcp", "ring_abd")
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from distal import Rig, load_rig
 from distal.inverse.goal_gate import GoalGate, Sending
 from distal.inverse.motor_readings import USUAL, Caution
-from distal.run.log_units import FASTEST
+from distal.logs import FASTEST
 
 PERIOD = 0.01
 LAG, OLDEST, ARRIVED = USUAL.lag, USUAL.oldest, USUAL.arrived

@@ -127,8 +127,13 @@ def test_unreadable_files(tmp_path: Path, pulley_rig: Rig) -> None:
 
 def test_millimetres_read_as_metres_warn(tmp_path: Path, pulley_rig: Rig) -> None:
     text = "t,x1,x2,u1,u2\n0,0,2e-3,2,2\n0.01,5,2.1e-3,2,2\n"
-    with pytest.warns(DistalWarning, match=r"'x1' spans 5 m when read in 'm'.*is the log in mm\?"):
-        read_log(file(tmp_path, text), pulley_rig)
+    with (
+        pytest.warns(DistalWarning, match=r"'x1' spans 5 m when read in 'm'.*is the log in mm\?"),
+        pytest.warns(DistalWarning, match="further than its drive can"),
+    ):
+        read_log(
+            file(tmp_path, text + "0.02,0,2e-3,2,2\n0.03,5,2e-3,2,2\n0.04,5,2e-3,2,2\n"), pulley_rig
+        )
 
 
 def test_truth_from_a_column_a_file_and_a_reference(
@@ -173,7 +178,7 @@ def test_truth_from_a_column_a_file_and_a_reference(
 def test_what_is_written_is_read_back(
     tmp_path: Path, pulley_rig: Rig, values: list[float], ending: str
 ) -> None:
-    time = 0.01 * np.arange(len(values))
+    time = 0.1 * np.arange(len(values))
     column = np.array(values) * 1e-5
     log = Log(
         time,

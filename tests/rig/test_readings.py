@@ -8,10 +8,10 @@ from typing import Any, cast
 import pytest
 
 from distal import Rig, load_rig
+from distal.rig import position_range
 from distal.rig.joints import REACH
 from distal.rig.sensors.forces import Force, largest_effort
 from distal.rig.sensors.motions import Position, drive_travel
-from distal.run.drive_range import position_range
 
 
 def test_a_command_is_ahead_of_its_drive_by_its_speed_times_the_lag() -> None:

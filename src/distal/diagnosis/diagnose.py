@@ -31,8 +31,7 @@ from distal.estimators import AdaptiveFilter
 from distal.estimators.read_channels import dead_after
 from distal.logs import Log
 from distal.results import LARGE_PRIOR, Estimate
-from distal.rig import Rig
-from distal.run.drive_range import position_range
+from distal.rig import Rig, position_range
 from distal.run.offline import estimator_for
 
 OUTSIDE_SHARE = 0.05

@@ -117,7 +117,7 @@ class Hand:
         self._joints = tuple(self._rig.joint_names)
         self._live = LiveEstimator(self._rig, compiled=compiled)
         self._monitor = Monitor(self._live)
-        self._units = LogUnits(self._rig, self._live.channels)
+        self._units = LogUnits(self._rig, self._live.channels, doubting=False)
         self._gate = GoalGate(self._rig)
         self._inverse: LiveInverse | None = None
         self._desired: dict[str, float] = {}
@@ -384,7 +384,7 @@ class Hand:
         routine = Routine(self._rig, options)
         shown = tuple[str, ...]()
         # the motors' travel is what the routine finds out: nothing is put into it
-        self._units = LogUnits(self._rig, self._live.channels, ranged=False)
+        self._units = LogUnits(self._rig, self._live.channels, ranged=False, doubting=False)
         begin = now()
         try:
             while not routine.done:

@@ -15,8 +15,8 @@ from math import inf
 import numpy as np
 
 from distal.arrays import Bools, Floats
+from distal.logs import FASTEST
 from distal.rig import Rig
-from distal.run.log_units import FASTEST
 
 MISSED = 2.5
 """Time without a sample after which nothing is known of what went on, in intervals of the sensor

@@ -3,6 +3,7 @@
 from distal.logs.atomic_writes import keep_elsewhere, write_together, write_whole
 from distal.logs.cells import Column
 from distal.logs.datasets import da_vinci_grasper
+from distal.logs.door import FASTEST, Door, Remark
 from distal.logs.episodes import Episode, episodes_of, is_dataset, sources_of
 from distal.logs.formats import TABLES, check_format, file_of
 from distal.logs.header_units import header, name_and_unit
@@ -35,16 +36,19 @@ from distal.logs.tables import Source, open_table, read_table, table_of
 
 __all__ = [
     "ESTIMATE_TOPIC",
+    "FASTEST",
     "FROM_SENSOR",
     "LARGEST_READING",
     "SAMPLE_TOPIC",
     "TABLES",
     "Column",
+    "Door",
     "Episode",
     "Log",
     "MessageReader",
     "Output",
     "Recorder",
+    "Remark",
     "Source",
     "TruthKind",
     "TruthSource",

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from distal.arrays import Floats
 from distal.errors import DistalWarning, LogError
 from distal.logs.atomic_writes import write_whole
+from distal.logs.door import TURN, Door, through
 from distal.logs.formats import TABLES, file_of
 from distal.logs.header_units import factor_of, scale, time_factor
 from distal.logs.log import NO_SOURCE, Log, TruthKind, TruthSource, check_stamps
@@ -79,8 +80,9 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
     check_stamps(time, table.source, table.first_row)
     if len(time) < 2:
         raise LogError(f"{table.source}: has one row; an estimate over time needs at least two")
-    channels = {sensor.name: _in_si(sensor, table) for sensor in needed}
-    angles, origin = _known_angles(rig, table, column, truth, Clock(time, stamps))
+    readings = _readings(rig, table, time)
+    channels = {sensor.name: readings[sensor.name] for sensor in needed}
+    angles, origin = _known_angles(rig, table, readings, column, truth, Clock(time, stamps))
     if angles and not any(np.isfinite(theta).any() for theta in angles.values()):
         if truth is not None:
             raise LogError(f"{table.source}: the truth ({origin}) has no value at all")
@@ -92,7 +94,7 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
             raise LogError(
                 f"{table.source}: the truth ({origin}) reaches {largest:.3g} rad, which is no angle"
             )
-    known = angles | _known_torques(rig, table)
+    known = angles | _known_torques(rig, table, readings)
     setpoints = {
         name: _in_si(position, table, column)
         for name, (column, position) in goals.items()
@@ -104,18 +106,23 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
     return log
 
 
-def _known_torques(rig: Rig, table: Table) -> dict[str, Floats]:
+def _known_torques(rig: Rig, table: Table, readings: Mapping[str, Floats]) -> dict[str, Floats]:
     """Return name → external torque [N m], of the joints whose torque a log has.
 
     A simulated log's own true torque comes before a torque sensor's reading.
     """
     names = torque_names(rig.joint_names)
-    known = _of_references(rig, "torque", names, table) | _simulated(names, "N m", table)
+    known = _of_references(rig, "torque", names, readings) | _simulated(names, "N m", table)
     return {name: values for name, values in known.items() if np.isfinite(values).any()}
 
 
 def _known_angles(
-    rig: Rig, table: Table, column: str | None, truth: str | Path | None, clock: Clock
+    rig: Rig,
+    table: Table,
+    readings: Mapping[str, Floats],
+    column: str | None,
+    truth: str | Path | None,
+    clock: Clock,
 ) -> tuple[dict[str, Floats], TruthSource]:
     """Return name → true angle [rad], of the joints whose angle a log or a file beside it has, and
     the source of these angles.
@@ -127,7 +134,7 @@ def _known_angles(
         for sensor in rig.sensors_of("angle"):
             if sensor.log_column == column:
                 name = names[joints.index(sensor.of)]
-                return {name: _in_si(sensor, table)}, TruthSource(TruthKind.SENSOR, source)
+                return {name: readings[sensor.name]}, TruthSource(TruthKind.SENSOR, source)
         if len(joints) > 1:
             raise LogError(
                 f"truth '{column}' is one column, but the rig has the joints {', '.join(joints)}; "
@@ -142,19 +149,49 @@ def _known_angles(
     if angles:
         listed = ", ".join(f"'true_{name}'" for name in angles)
         return angles, TruthSource(TruthKind.COLUMN, f"column {listed}")
-    angles = _of_references(rig, "angle", names, table)
+    angles = _of_references(rig, "angle", names, readings)
     read = [s.log_column for s in rig.sensors_of("angle") if s.log_column in table.columns]
     listed = ", ".join(f"'{name}'" for name in read)
     return angles, TruthSource(TruthKind.SENSOR, f"column {listed}") if read else NO_SOURCE
 
 
-def _of_references(rig: Rig, kind: str, names: Sequence[str], table: Table) -> dict[str, Floats]:
+def _of_references(
+    rig: Rig, kind: str, names: Sequence[str], readings: Mapping[str, Floats]
+) -> dict[str, Floats]:
     """Return name → what reference sensors of a kind read in SI, of the joints that have one in the
-    table; `names` has one name for each joint.
+    log; `names` has one name for each joint.
     """
     name_of = dict(zip(rig.joint_names, names))
-    sensors = [s for s in rig.sensors_of(kind) if s.log_column in table.columns]
-    return {name_of[sensor.of]: _in_si(sensor, table) for sensor in sensors}
+    sensors = [sensor for sensor in rig.sensors_of(kind) if sensor.name in readings]
+    return {name_of[sensor.of]: readings[sensor.name] for sensor in sensors}
+
+
+def _readings(rig: Rig, table: Table, time: Floats) -> dict[str, Floats]:
+    """Return sensor → its readings in SI, of those in a table, as they pass through the door.
+
+    The angle of a reference that wraps is in the turn in which its joint can be.
+    """
+    sensors = [sensor for sensor in rig.sensors if sensor.log_column in table.columns]
+    columns = [sensor.log_column for sensor in sensors]
+    units = [table.units.get(column) for column in columns]
+    factors = [
+        sensor.sign * factor_of(sensor, unit, table.source) for sensor, unit in zip(sensors, units)
+    ]
+    logged = np.column_stack([table.columns[column] for column in columns])
+    samples, lines = through(Door(rig, sensors, np.array(factors)), time, logged, columns)
+    for line in lines:
+        warnings.warn(f"{table.source}: {line}", DistalWarning, stacklevel=3)
+    readings = {sensor.name: samples[:, i] for i, sensor in enumerate(sensors)}
+    stops = {joint.name: joint.stops for joint in rig.joints}
+    for sensor in rig.sensors_of("angle"):
+        ends = stops[sensor.of]
+        if sensor.name not in readings or ends is None:
+            continue
+        theta = readings[sensor.name]
+        if np.isfinite(theta).any():
+            away = float(np.nanmedian(theta)) - (ends[0] + ends[1]) / 2
+            readings[sensor.name] = theta - TURN * round(away / TURN)
+    return readings
 
 
 def _simulated(names: Sequence[str], si: str, table: Table) -> dict[str, Floats]:

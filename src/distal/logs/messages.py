@@ -15,6 +15,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import LogError
 from distal.logs.cells import MISSING
+from distal.logs.door import Door, Remark
 from distal.logs.header_units import factor_of, time_factor, units_of
 from distal.rig import Rig, log_factor
 from distal.units import unit_factor
@@ -46,7 +47,7 @@ class MessageReader:
         self._factors = np.array([sensor.sign * log_factor(sensor) for sensor in self._sensors])
         self._at: dict[str, int] = {}
         self._separator = ","
-        self._sample = np.zeros(len(channels))
+        self._door = Door(rig, self._sensors, self._factors)
 
     def header(self, line: str) -> None:
         """Read the header of a CSV stream, which must come before the first line.
@@ -81,7 +82,13 @@ class MessageReader:
             sensor.sign * factor_of(sensor, units.get(sensor.log_column), "the stream")
             for sensor in self._sensors
         ]
+        self._door = Door(self._rig, self._sensors, self._factors)
         self._at = at
+
+    @property
+    def remarks(self) -> tuple[Remark, ...]:
+        """What was done with the readings of the last sample, see `Door`."""
+        return self._door.remarks
 
     @property
     def absent(self) -> list[str]:
@@ -99,8 +106,7 @@ class MessageReader:
         return [cell.strip() for cell in cells]
 
     def csv(self, line: str) -> tuple[float, Floats]:
-        """Return the stamp [s] and the sample of a CSV line, in SI, (m,); the next call reuses the
-        array.
+        """Return the stamp [s] and the sample of a CSV line, in SI, (m,).
 
         Raises:
             LogError: the line has more or fewer cells than the header, or a cell is no number.
@@ -110,16 +116,14 @@ class MessageReader:
             raise LogError(f"{len(cells)} cells came, the header has {len(self._at)}")
         came = dict(zip(self._at, cells))
         time = number_of(came[self._time], self._time) * self._time_factor
-        return time, self._in_si(came.get(column) for column in self._columns)
+        return time, self._in_si(time, (came.get(column) for column in self._columns))
 
-    def _in_si(self, cells: Iterable[object]) -> Floats:
+    def _in_si(self, time: float, cells: Iterable[object]) -> Floats:
         readings = [number_of(cell, name) for cell, name in zip(cells, self._columns)]
-        self._sample[:] = self._factors * readings
-        return self._sample
+        return self._door.take(time, readings)
 
     def json(self, text: str | bytes) -> tuple[float, Floats]:
-        """Return the stamp [s] and the sample of a JSON object, in SI, (m,); the next call reuses
-        the array.
+        """Return the stamp [s] and the sample of a JSON object, in SI, (m,).
 
         Columns name nested members with dots or slashes, see `find`.
 
@@ -140,7 +144,7 @@ class MessageReader:
         if isnan(time):
             names = ", ".join(name for name in STAMPS if name != self._time)
             raise LogError(f"no stamp: neither '{self._time}' nor {names} is there with a value")
-        return time, self._in_si(find(message, column) for column in self._columns)
+        return time, self._in_si(time, (find(message, column) for column in self._columns))
 
     def message(self, time: float, sample: Floats) -> dict[str, float]:
         """Return a JSON object in the rig's columns and units, as `json` reads it.

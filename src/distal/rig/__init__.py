@@ -1,5 +1,6 @@
 """The description of a rig: joints, drives, tendons and sensors, read from TOML and checked."""
 
+from distal.rig.drive_range import FAR, RangeEnd, motor_range, position_range, range_ends
 from distal.rig.drives import (
     Capstan,
     Hysteresis,
@@ -82,6 +83,7 @@ from distal.rig.validation import (
 __all__ = [
     "ALL",
     "COUNTS",
+    "FAR",
     "HALF_WIDTHS",
     "IN_RADIAL",
     "NOTHING_NORMAL",
@@ -107,6 +109,7 @@ __all__ = [
     "Pinned",
     "Polynomial",
     "Pulley",
+    "RangeEnd",
     "Rig",
     "Role",
     "Sensor",
@@ -141,6 +144,7 @@ __all__ = [
     "log_factor",
     "log_unit",
     "measurand_of",
+    "motor_range",
     "name_of",
     "named",
     "number",
@@ -150,7 +154,9 @@ __all__ = [
     "parse_toml",
     "part_at",
     "part_of",
+    "position_range",
     "position_unit",
+    "range_ends",
     "read_text",
     "rig_text",
     "scales_in_words",

@@ -22,8 +22,7 @@ from distal.estimators.read_channels import DEAD, dead_after
 from distal.expressions import Scalar, Vector
 from distal.kernels import Layout
 from distal.results import LARGE_PRIOR, SMALL
-from distal.rig import Role, measurand_of, step_of
-from distal.run.drive_range import FAR, RangeEnd, position_range, range_ends
+from distal.rig import FAR, RangeEnd, Role, measurand_of, position_range, range_ends, step_of
 from distal.run.offline import priors_of
 
 Health = Literal[

@@ -1,13 +1,11 @@
-"""Logged values, such as counts, milliamperes or degrees, as samples in SI; encoders that wrap
-after a turn are unwrapped.
-"""
+"""Logged values, such as counts, milliamperes or degrees, as samples in SI, live."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
-from math import ceil, degrees, floor, inf, isfinite, nan, pi
+from math import degrees, inf, isfinite, nan
 from pathlib import Path
 from typing import Literal
 
@@ -16,18 +14,11 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import EstimationError
 from distal.estimators import channels_of
-from distal.logs import LARGEST_READING
-from distal.rig import Rig, Sensor, as_rig, log_factor
-from distal.rig.sensors.motions import AngleSensor
-from distal.run.drive_range import motor_range
+from distal.logs import LARGEST_READING, Door, Remark
+from distal.rig import Rig, as_rig, log_factor
 from distal.run.live_estimator import LiveEstimator
 from distal.run.monitor import Monitor, Reading
 from distal.suggestions import did_you_mean
-
-FASTEST = 10.0
-"""Largest speed of a motor whose rig does not give one (`servo.fastest`) [rad/s, m/s]. Source:
-judgement.
-"""
 
 TEMPERATURE_SLOPE = -0.0011
 """Relative change of a motor's torque constant per kelvin [1/K]. Source: physics (remanence of
@@ -36,14 +27,6 @@ Nd-Fe-B magnets, −0.11 %/K).
 
 REFERENCE = 25.0
 """Temperature for which a torque constant holds [°C]. Source: definition (catalogue values)."""
-
-TURN = 2 * pi
-"""One turn of a motor that is read in radians or degrees [rad]. Source: definition (full angle)."""
-
-BOOTS = 0.05
-"""Shortest time in which a motor restarts and answers again [s]; a position that jumps sooner is a
-wrong reading. Source: judgement.
-"""
 
 HOTTEST = 200.0
 """Highest temperature of a motor that still turns [°C]; minus this is the lowest. Source:
@@ -63,14 +46,9 @@ class LogUnits:
     sample = units.sample(time, {"m1_position": 2048, "m1_current": 35})
     ```
 
-    An encoder that wraps is followed beyond its turn in both directions: of all positions that its
-    reading may mean, the one nearest to the last is taken. This does not work at the first value,
-    nor after a silence in which the motor may have gone half a turn. Then the motor is in the only
-    turn that its joint's range allows. If several are possible, `doubts` says so, and the motor is
-    in `in_doubt` until it has moved so far that only one is left.
-
-    A motor that counts its turns may count from another one after a restart; it is then set to the
-    turn that its joint's range allows.
+    Values pass through the `Door`: encoders that wrap are followed, registers are decoded, and
+    wrong or old readings are missing. `doubts` says of what the turn is not known, and such a motor
+    is in `in_doubt` until it has moved so far that only one turn is left.
 
     Args:
         rig: the description, or a shipped rig's name, or a path.
@@ -81,6 +59,7 @@ class LogUnits:
             `sample` is given temperatures.
         ranged: whether the ranges of the joints say in which turn a motor is; before a power-on
             routine they do not.
+        doubting: whether readings that may be wrong or old are missing, see `Door`.
 
     Raises:
         EstimationError: a name in `turns` is no position of the rig, or a turn is no number.
@@ -94,6 +73,7 @@ class LogUnits:
         temperature_slope: float = TEMPERATURE_SLOPE,
         *,
         ranged: bool = True,
+        doubting: bool = True,
     ) -> None:
         self.rig = rig = as_rig(rig)
         names = channels_of(rig, "LogUnits", others=True).names if channels is None else channels
@@ -107,43 +87,50 @@ class LogUnits:
         }
         self._slope = temperature_slope
         self._turns = self._turn_sizes({} if turns is None else turns)
-        anywhere = (-inf, inf)
-        self._ranges = [motor_range(rig, s) if ranged else anywhere for s in self._sensors]
-        self._counted = [
-            i
-            for i, (sensor, (low, high)) in enumerate(zip(self._sensors, self._ranges))
-            if isinstance(sensor, AngleSensor)
-            and high - low < TURN
-            and not isfinite(self._turns[i])
-        ]
-        self._fastest = [_fastest(rig, sensor) for sensor in self._sensors]
+        self._ways = {"ranged": ranged, "doubting": doubting}
         self.reset()
 
     def reset(self) -> None:
-        """Forget in which turns the encoders are."""
-        self._last, self._seen, self._ahead = (np.full(len(self._sensors), nan) for _ in range(3))
-        self._ahead[:] = 0.0
-        self._doubts: tuple[str, ...] = ()
-        self._restarts: tuple[str, ...] = ()
-        # least and largest position of those whose turn is a guess, in the turn that was guessed
-        self._guessed = dict[int, tuple[float, float]]()
+        """Forget in which turns the encoders are, and all else that was learned from readings."""
+        self._door = Door(self.rig, self._sensors, self._factors, self._turns, **self._ways)
+
+    @property
+    def remarks(self) -> tuple[Remark, ...]:
+        """What was done with the readings of the last sample."""
+        return self._door.remarks
 
     @property
     def doubts(self) -> tuple[str, ...]:
         """Sentences on the encoders that may have turned without a value before the last sample."""
-        return self._doubts
+        lines = list[str]()
+        for remark in self.remarks:
+            if remark.kind == "turn":
+                gap = remark.size
+                lines.append(
+                    f"{self.columns[self._index(remark.sensor)]} "
+                    + (
+                        f"may have turned without a value for {gap:.2g} s"
+                        if isfinite(gap)
+                        else "its turn is not known: it counts within one only"
+                    )
+                )
+        return tuple(lines)
 
     @property
     def restarts(self) -> tuple[str, ...]:
         """Motors that, at the last sample, count from another turn than before; the sample is
         corrected for that.
         """
-        return self._restarts
+        return tuple(
+            self._sensors[self._index(each.sensor)].of
+            for each in self.remarks
+            if each.kind == "restarted"
+        )
 
     @property
     def in_doubt(self) -> tuple[str, ...]:
         """Motors that may be in several turns."""
-        return tuple(self._sensors[i].of for i in self._guessed)
+        return self._door.in_doubt
 
     def followed_by(self, rig: Rig) -> LogUnits:
         """Return a converter for another description of the same motors, in the turns in which they
@@ -151,22 +138,15 @@ class LogUnits:
 
         Turns are kept for encoders that wrap, not for motors that count their turns.
         """
-        other = LogUnits(rig, self.channels, temperature_slope=self._slope)
-        other._last = self._last.copy()
-        other._seen = self._seen.copy()
-        other._ahead[np.isfinite(self._turns)] = self._ahead[np.isfinite(self._turns)]
+        other = LogUnits(
+            rig, self.channels, temperature_slope=self._slope, doubting=self._ways["doubting"]
+        )
+        other._door.follow(self._door)
         return other
 
-    def _turn_sizes(self, asked: Mapping[str, float]) -> Floats:
-        """Return the turn of each channel in SI, infinite for one that does not wrap."""
-        sizes = np.full(len(self._sensors), inf)
-        for i, sensor in enumerate(self._sensors):
-            if (
-                isinstance(sensor, AngleSensor)
-                and sensor.measures == "position"
-                and sensor.counts_per_turn is not None
-            ):
-                sizes[i] = abs(self._factors[i]) * sensor.counts_per_turn
+    def _turn_sizes(self, asked: Mapping[str, float]) -> dict[int, float]:
+        """Return channel → the logged number of one turn, of those that a user gave."""
+        sizes = dict[int, float]()
         for name, turn in asked.items():
             at = self._index(name)
             if self._sensors[at].measures != "position":
@@ -175,7 +155,7 @@ class LogUnits:
                 raise EstimationError(
                     f"turns: '{name}' needs the log's number of one turn, {turn!r} came"
                 )
-            sizes[at] = abs(self._factors[at]) * turn if turn else inf
+            sizes[at] = turn
         return sizes
 
     def _index(self, name: str) -> int:
@@ -201,22 +181,11 @@ class LogUnits:
                 name.
         """
         logged = self._logged(values)
-        sample: Floats = logged * self._factors
-        wild = np.abs(sample) > LARGEST_READING
+        wild = np.abs(logged * self._factors) > LARGEST_READING
         if wild.any():
             at = int(np.argmax(wild))
             raise EstimationError(f"'{self.columns[at]}' cannot be {logged[at]:g}")
-        doubts = list[str]()
-        for i in np.flatnonzero(np.isfinite(self._turns) & np.isfinite(sample)).tolist():
-            sample[i] = self._unwrapped(i, time, float(sample[i]), doubts)
-        self._doubts = tuple(doubts)
-        before = self._ahead.copy()
-        for i in self._counted:
-            is_known = isfinite(self._last[i])
-            sample[i] = self._counted_anew(i, time, float(sample[i]))
-            before[i] = before[i] if is_known else self._ahead[i]
-        anew = np.flatnonzero(self._ahead[self._counted] != before[self._counted])
-        self._restarts = tuple(self._sensors[self._counted[k]].of for k in anew)
+        sample = self._door.take(time, logged.tolist())
         for name, temperature in (temperatures or {}).items():
             _check_temperature(name, temperature)
             for i in self._torques_of(name):
@@ -236,84 +205,12 @@ class LogUnits:
             )
         return np.array([_number(name, value) for name, value in zip(self.columns, values)])
 
-    def _unwrapped(self, i: int, time: float, position: float, doubts: list[str]) -> float:
-        """Return a position [rad, m] in the turn in which the motor is; a doubt is appended to
-        `doubts`.
-        """
-        turn = float(self._turns[i])
-        last = float(self._last[i])
-        gap = time - float(self._seen[i])
-        near = position + turn * round((last - position) / turn) if isfinite(last) else nan
-        if not isfinite(last) or self._fastest[i] * gap >= turn / 2:
-            turns = self._possible(i, position, position)
-            if len(turns) == 1:
-                near = position + turn * turns[0]
-                self._guessed.pop(i, None)
-            else:
-                if not isfinite(last):
-                    near = position if not turns else position + turn * turns[len(turns) // 2]
-                    since = "its turn is not known: it counts within one only"
-                else:
-                    since = f"may have turned without a value for {gap:.2g} s"
-                if isfinite(last) or turns:
-                    doubts.append(f"{self.columns[i]} {since}")
-                    self._guessed[i] = near, near
-        if i in self._guessed:
-            near += self._settled(i, near)
-        self._last[i] = near
-        self._seen[i] = time
-        self._ahead[i] = near - position
-        return near
-
-    def _possible(self, i: int, least: float, most: float) -> range:
-        """Return the numbers of turns by which positions from `least` to `most` may be off, so that
-        all are within the range.
-        """
-        turn = float(self._turns[i])
-        (low, high) = self._ranges[i]
-        if not isfinite(low):
-            return range(0)
-        return range(ceil((low - least) / turn), floor((high - most) / turn) + 1)
-
-    def _settled(self, i: int, position: float) -> float:
-        """Return the correction of a guessed turn [rad, m] if only one turn is possible, else 0."""
-        least, most = self._guessed[i]
-        least = min(least, position)
-        most = max(most, position)
-        self._guessed[i] = least, most
-        turns = self._possible(i, least, most)
-        if len(turns) != 1:
-            return 0.0
-        del self._guessed[i]
-        return float(self._turns[i]) * turns[0]
-
-    def _counted_anew(self, i: int, time: float, position: float) -> float:
-        """Return the position [rad] of a motor that counts its turns, in the turn that its joint's
-        range allows.
-
-        The turn changes only where a position jumps, out of range, after a silence (a restart). Out
-        of range without a jump, a tendon broke or a spool slipped.
-        """
-        if not isfinite(position):
-            return position
-        low, high = self._ranges[i]
-        at = position + float(self._ahead[i])
-        jumped = not abs(at - float(self._last[i])) < TURN / 2
-        was_silent = not time - float(self._seen[i]) < BOOTS
-        if jumped and was_silent and not low <= at <= high:
-            ahead = TURN * round(((low + high) / 2 - position) / TURN)
-            if low <= position + ahead <= high:
-                self._ahead[i] = ahead
-        self._last[i] = position + float(self._ahead[i])
-        self._seen[i] = time
-        return float(self._last[i])
-
     def logged(self, channel: str, value: float) -> float:
         """Return the logged number for a channel's value in SI, in the current turn of its encoder,
         such as a goal for a motor.
         """
         i = self._index(channel)
-        return (value - float(self._ahead[i])) / float(self._factors[i])
+        return (value - self._door.ahead(i)) / float(self._factors[i])
 
     def _torques_of(self, motor: str) -> list[int]:
         drives = self.rig.drive_names
@@ -446,11 +343,3 @@ def _check_temperature(motor: str, temperature: object) -> None:
         or not abs(float(temperature)) <= HOTTEST
     ):
         raise EstimationError(f"temperatures: '{motor}' cannot have {temperature!r} °C")
-
-
-def _fastest(rig: Rig, sensor: Sensor) -> float:
-    """Return the largest speed at which a sensor's drive moves [rad/s, m/s]."""
-    drive = next((drive for drive in rig.drives if drive.name == sensor.of), None)
-    if drive is None or drive.servo is None or drive.servo.fastest is None:
-        return FASTEST
-    return drive.servo.fastest

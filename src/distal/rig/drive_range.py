@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf, radians, sqrt
 
-from distal.rig import Capstan, Rig, Sensor, drive_travel
+from distal.rig.drives import Capstan
+from distal.rig.rig import Rig
+from distal.rig.sensors import Sensor, drive_travel
 
 BEYOND = 0.05
 """Share of its travel by which a drive may read beyond its stops [1]; in `motor_range` the angle by
