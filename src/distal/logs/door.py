@@ -65,7 +65,7 @@ UNUSUAL = 5.0
 judgement.
 """
 
-RATE = 0.1
+RATE = 0.3
 """Relative change of that median with a sample [1]. Source: judgement."""
 
 REGISTERS = ((15, True), (31, True), (10, False), (15, False), (31, False))
@@ -102,7 +102,8 @@ class Door:
       `in_doubt` says so until motion has decided.
     * A motor that counts its turns may count from another one after a restart; it is then set to
       the turn that its joint's range allows.
-    * A position that a drive cannot have reached is missing until the next sample confirms it.
+    * A position that a drive cannot have reached is missing until the next sample confirms it, and
+      after that until it jumps back: where its zero is, nobody knows.
     * A reading that repeats exactly, although it has noise of its own, is missing, as old as it is.
 
     Args:
@@ -358,7 +359,8 @@ class _Encoder:
         self._limits = limits
         self.ahead = 0.0
         self._last = self._seen = nan
-        self._speed = 0.0
+        self._speed = self._off = 0.0
+        self._changed = -inf
         # least and largest reading so far, and those of a position whose turn is a guess
         self._read = (inf, -inf)
         self._guessed: tuple[float, float] | None = None
@@ -395,21 +397,26 @@ class _Encoder:
         self._read = min(self._read[0], reading), max(self._read[1], reading)
         self._learn(position)
         size = gap if kind == "turn" else 0.0
-        if self._reached(position, gap):
+        if self._reached(position, time, gap):
             self._speed = (position - self._last) / gap if isfinite(gap) else 0.0
         else:
             waiting = self._waiting
             self._waiting = position
             if waiting is None or not self._near(position - waiting, self._limits.interval):
                 return nan, "left out", 0.0
-            kind = kind or "jumped"
             size = position - self._last
+            kind = kind or "jumped"
+            self._off += size
+            if self._near(self._off, self._limits.interval):
+                self._off = 0.0
             self._speed = 0.0
         self._waiting = None
+        if position != self._last:
+            self._changed = time
         self._last = position
         self._seen = time
         self.ahead = position - reading
-        return position, kind, size
+        return (nan if self._off else position), kind, size
 
     def _learn(self, position: float) -> None:
         """Follow the median of the motion in two samples, which two sources in turn do not show."""
@@ -419,11 +426,13 @@ class _Encoder:
             rate = RATE if abs(position - first) > self._usual else -RATE
             self._usual = max(self._usual * exp(rate), self._least)
 
-    def _reached(self, position: float, gap: float) -> bool:
+    def _reached(self, position: float, time: float, gap: float) -> bool:
+        """Return whether the drive can have gone there, since the reading last changed."""
         if not isfinite(self._last):
             return True
         step = position - self._last
-        return self._near(step, gap) or self._near(step - self._speed * gap, gap)
+        since = max(time - self._changed, gap)
+        return self._near(step, since) or self._near(step - self._speed * gap, gap)
 
     def _near(self, step: float, gap: float) -> bool:
         limits = self._limits
@@ -530,7 +539,7 @@ SENTENCES: dict[Kind, str] = {
     "left out": "{name} jumps away and back, or further than its drive can, {count} times, first "
     "at {time:g} s: these readings are left out",
     "jumped": "{name} jumps by {size:.3g} [SI] at {time:g} s, faster than its drive can, and stays "
-    "there: did a spool slip, or its zero change?",
+    "there: did its zero change? It is taken as missing until it jumps back",
     "repeated": "{name}: {count} readings repeat exactly, the first at {time:g} s: taken as "
     "missing",
 }
