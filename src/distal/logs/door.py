@@ -407,9 +407,9 @@ class _Encoder:
             size = position - self._last
             kind = kind or "jumped"
             self._off += size
-            if self._near(self._off, self._limits.interval):
-                self._off = 0.0
             self._speed = 0.0
+        if self._near(self._off, self._limits.interval):
+            self._off = 0.0
         self._waiting = None
         if position != self._last:
             self._changed = time
