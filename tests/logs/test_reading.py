@@ -134,7 +134,8 @@ def test_millimetres_read_as_metres_warn(tmp_path: Path, pulley_rig: Rig) -> Non
         warnings.simplefilter("always")
         read_log(file(tmp_path, text), pulley_rig)
     assert re.search(
-        r"'x1' spans [56.0-9]* m when read in 'm'.*is the log in mm\?", "\n".join(str(each.message) for each in said)
+        r"'x1' spans [56.0-9]* m when read in 'm'.*is the log in mm\?",
+        "\n".join(str(each.message) for each in said),
     )
 
 

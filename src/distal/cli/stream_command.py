@@ -186,7 +186,7 @@ class Session:
             if len(line) >= LONGEST_LINE:
                 raise LogError("the line is too long")
             time, sample = self._reader.csv(text) if self.csv else self._reader.json(text)
-            reading = self._monitor.take(time, sample)
+            reading = self._monitor.take(time, sample, self._reader.remarks)
         except LogError as problem:
             reading = Reading(nan, (), (), "bad", str(problem))
         self._answer(reading, sample)

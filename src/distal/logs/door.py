@@ -8,7 +8,7 @@ stream gave.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil, exp, floor, inf, isfinite, log, log1p, nan, pi, sqrt
 from typing import Literal
 
@@ -18,8 +18,8 @@ from distal.arrays import Floats
 from distal.rig import REFERENCES, Rig, Sensor, drive_travel, motor_range
 from distal.rig.sensors.motions import AngleSensor
 
-Kind = Literal["turn", "restarted", "decoded", "left out", "jumped", "repeated"]
-"""What the door did with a reading: its turn may be another one; it counts from another turn than
+Kind = Literal["turn", "unknown turn", "restarted", "decoded", "left out", "jumped", "repeated"]
+"""What the door did with a reading: its turn may be another one, or is a guess; it counts from another turn than
 before; its register was decoded; it is missing since it may be a wrong one; it jumped and stays
 there; it is missing since it repeats the last one.
 """
@@ -65,6 +65,14 @@ UNUSUAL = 5.0
 judgement.
 """
 
+RARE = 0.05
+"""Weight of a sample in the share of those that were left out [1]. Source: judgement."""
+
+OFTEN = 0.2
+"""Share of readings that were left out, above which the others are not believed either [1]. Source:
+judgement.
+"""
+
 RATE = 0.3
 """Relative change of that median with a sample [1]. Source: judgement."""
 
@@ -75,6 +83,18 @@ registers that were read as numbers without a sign. Source: definition (16 and 3
 """
 
 
+SENTENCES: dict[Kind, str] = {
+    "turn": "{} may have turned without a value for {:.2g} s",
+    "unknown turn": "{}: its turn is not known, it counts within one only",
+    "restarted": "{} counts from another turn: taken back",
+    "decoded": "{} holds negative numbers that were read without a sign: decoded",
+    "left out": "{} is where its drive cannot be so soon: left out",
+    "jumped": "{} jumped faster than its drive can: missing until it jumps back",
+    "repeated": "{} repeats exactly what it read before: taken as missing",
+}
+"""What was done with a reading, in words."""
+
+
 @dataclass(frozen=True)
 class Remark:
     """What the door did with a reading.
@@ -82,13 +102,18 @@ class Remark:
     Args:
         kind: see `Kind`.
         sensor: name of the sensor; empty for all of them.
-        size: by how much it jumped [SI], for how long the motor was silent [s], or the bit of the
-            register's sign; else 0.
+        size: for how long the motor was silent [s], for a turn; else 0.
     """
 
     kind: Kind
     sensor: str
     size: float = 0.0
+
+    @property
+    def text(self) -> str:
+        """What was done, in words."""
+        name = f"'{self.sensor}'" if self.sensor else "every sensor"
+        return SENTENCES[self.kind].format(name, self.size)
 
 
 class Door:
@@ -175,7 +200,7 @@ class Door:
             register = self._registers[i]
             value = register.decoded(number) * self._factors[i]
             if register.bit:
-                remarks.append(Remark("decoded", self._sensors[i].name, register.bit))
+                remarks.append(Remark("decoded", self._sensors[i].name))
             encoder = self._encoders.get(i)
             if encoder is not None:
                 value, kind, size = encoder.take(time, value)
@@ -359,7 +384,7 @@ class _Encoder:
         self._limits = limits
         self.ahead = 0.0
         self._last = self._seen = nan
-        self._speed = self._off = 0.0
+        self._speed = self._off = self._left_out = 0.0
         self._changed = -inf
         # least and largest reading so far, and those of a position whose turn is a guess
         self._read = (inf, -inf)
@@ -390,12 +415,16 @@ class _Encoder:
             gap = inf
         elif not gap > 0.0:
             gap = self._limits.interval  # the clock was set back, or the stamp is none
-        if self._limits.wraps:
+        self._read = min(self._read[0], reading), max(self._read[1], reading)
+        limits = self._limits
+        within = self._read[1] - self._read[0] < limits.turn
+        if limits.wraps and within:
             position, kind = self._within_turn(reading, gap)
         else:
-            position, kind = self._counted(reading, gap)
-        self._read = min(self._read[0], reading), max(self._read[1], reading)
+            position, kind = self._counted(reading, gap, within=within)
         self._learn(position)
+        if limits.wraps and within and 4.0 * self._usual > limits.turn:
+            return nan, "turn", gap  # it goes on too fast to be followed
         size = gap if kind == "turn" else 0.0
         if self._reached(position, time, gap):
             self._speed = (position - self._last) / gap if isfinite(gap) else 0.0
@@ -403,10 +432,10 @@ class _Encoder:
             waiting = self._waiting
             self._waiting = position
             if waiting is None or not self._near(position - waiting, self._limits.interval):
+                self._left_out += RARE * (1.0 - self._left_out)
                 return nan, "left out", 0.0
-            size = position - self._last
             kind = kind or "jumped"
-            self._off += size
+            self._off += position - self._last
             self._speed = 0.0
         if self._near(self._off, self._limits.interval):
             self._off = 0.0
@@ -416,7 +445,10 @@ class _Encoder:
         self._last = position
         self._seen = time
         self.ahead = position - reading
-        return (nan if self._off else position), kind, size
+        self._left_out *= 1.0 - RARE
+        if self._left_out > OFTEN:
+            kind = kind or "left out"  # two sources in turn: nobody knows which is the drive
+        return (nan if self._off or self._left_out > OFTEN else position), kind, size
 
     def _learn(self, position: float) -> None:
         """Follow the median of the motion in two samples, which two sources in turn do not show."""
@@ -454,7 +486,7 @@ class _Encoder:
                 if not is_known and turns and 0 not in turns:
                     near = reading + turn * turns[len(turns) // 2]
                 if is_known or turns:
-                    kind = "turn"
+                    kind = "turn" if is_known else "unknown turn"
                     self._guessed = near, near
         if self._guessed is not None:
             least = min(self._guessed[0], near)
@@ -478,9 +510,9 @@ class _Encoder:
             ceil((limits.low - least) / limits.turn), floor((limits.high - most) / limits.turn) + 1
         )
 
-    def _counted(self, reading: float, gap: float) -> tuple[float, Kind | None]:
+    def _counted(self, reading: float, gap: float, *, within: bool) -> tuple[float, Kind | None]:
         """Return the position of an encoder that counts its turns, or a wrapped one if all that it
-        has read is within one turn.
+        has read is `within` one turn.
 
         Out of range without a jump, a tendon broke or a spool slipped.
         """
@@ -490,10 +522,9 @@ class _Encoder:
             return position, None
         is_inside = limits.low <= position <= limits.high
         if isfinite(self._last):
-            span = max(self._read[1], reading) - min(self._read[0], reading)
             near = reading + limits.turn * round((self._last - reading) / limits.turn)
             soon = limits.fastest * gap < limits.turn / 2
-            if span < limits.turn and (soon or not is_inside) and limits.low <= near <= limits.high:
+            if within and (soon or not is_inside) and limits.low <= near <= limits.high:
                 return near, None
         if is_inside or gap < BOOTS or not limits.high - limits.low < limits.turn:
             return position, None
@@ -515,35 +546,20 @@ def through(
         columns: names of the columns by the sensors' order, as the log has them.
     """
     samples = np.empty_like(logged)
-    found = dict[tuple[Kind, str], list[tuple[float, float]]]()
+    found = dict[Remark, list[float]]()
     for k, (stamp, numbers) in enumerate(zip(time.tolist(), logged.tolist())):
         samples[k] = door.take(stamp, numbers)
         for remark in door.remarks:
-            if remark.kind == "turn" and remark.size == inf:
-                continue  # what a log begins with is taken as it is
-            found.setdefault((remark.kind, remark.sensor), []).append((stamp, remark.size))
+            # where a log begins it is taken as it is
+            if remark.kind != "unknown turn":
+                found.setdefault(replace(remark, size=0.0), []).append(stamp)
     column_of = dict(zip(door.sensors, columns))
-    lines = list[str]()
-    for (kind, sensor), places in found.items():
-        first, size = places[0]
-        name = f"'{column_of[sensor]}'" if sensor else "all sensors"
-        lines.append(SENTENCES[kind].format(name=name, count=len(places), time=first, size=size))
+    lines = [
+        f"{replace(remark, sensor=column_of.get(remark.sensor, '')).text} ({len(times)} readings, "
+        f"the first at {times[0]:g} s)"
+        for remark, times in found.items()
+    ]
     return samples, lines
-
-
-SENTENCES: dict[Kind, str] = {
-    "turn": "{name}: in which of its turns it is at {time:g} s, is not known",
-    "restarted": "{name} counts from another turn from {time:g} s on: taken back",
-    "decoded": "{name} holds negative numbers that were read without a sign (bit {size:.0f}): "
-    "decoded",
-    "left out": "{name} jumps away and back, or further than its drive can, {count} times, first "
-    "at {time:g} s: these readings are left out",
-    "jumped": "{name} jumps by {size:.3g} [SI] at {time:g} s, faster than its drive can, and stays "
-    "there: did its zero change? It is taken as missing until it jumps back",
-    "repeated": "{name}: {count} readings repeat exactly, the first at {time:g} s: taken as "
-    "missing",
-}
-"""What was done with a reading → the sentence on a log."""
 
 
 def _encoder(

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import replace
-from math import degrees, inf, isfinite, nan
+from math import degrees, inf, nan
 from pathlib import Path
 from typing import Literal
 
@@ -102,19 +101,7 @@ class LogUnits:
     @property
     def doubts(self) -> tuple[str, ...]:
         """Sentences on the encoders that may have turned without a value before the last sample."""
-        lines = list[str]()
-        for remark in self.remarks:
-            if remark.kind == "turn":
-                gap = remark.size
-                lines.append(
-                    f"{self.columns[self._index(remark.sensor)]} "
-                    + (
-                        f"may have turned without a value for {gap:.2g} s"
-                        if isfinite(gap)
-                        else "its turn is not known: it counts within one only"
-                    )
-                )
-        return tuple(lines)
+        return tuple(each.text for each in self.remarks if each.kind.endswith("turn"))
 
     @property
     def restarts(self) -> tuple[str, ...]:
@@ -300,10 +287,7 @@ class LiveInLogUnits:
             self._live.reset(
                 np.clip(self._live.angles, low, high).tolist(), float(np.max(high - low)) / 2
             )
-        reading = self._monitor.take(time, sample)
-        if self._units.doubts:
-            reading = replace(reading, health="restarted", detail=", ".join(self._units.doubts))
-        self._reading = reading
+        self._reading = self._monitor.take(time, sample, self._units.remarks)
         return self.angles
 
     @property

@@ -4,7 +4,7 @@ bridged, and one word says so.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from math import inf, isfinite, isnan, nan, sqrt
@@ -16,7 +16,7 @@ from distal.arrays import Bools, Floats
 from distal.errors import EstimationError
 from distal.estimators import DEFAULT, LARGEST_ANGLE, SHORTEST, sample_problem
 from distal.kernels import Evaluation
-from distal.logs import LARGEST_READING, Log
+from distal.logs import LARGEST_READING, Log, Remark
 from distal.rig import Rig
 from distal.run.health import LONGEST_GAP, WORDS, Health, begun, watch_of, word_code
 from distal.run.live_estimator import LATEST, JointContact, LiveEstimator, only
@@ -33,6 +33,16 @@ LOST = 0.35
 """Standard deviation above which an angle is not known, so that nothing is controlled with it
 [rad]. Source: judgement.
 """
+
+OF_REMARKS: dict[str, Health] = {
+    "turn": "restarted",
+    "unknown turn": "restarted",
+    "restarted": "restarted",
+    "left out": "missing",
+    "jumped": "disagrees",
+    "repeated": "missing",
+}
+"""What the door did with a reading → the health word that reports it."""
 
 UNUSABLE = frozenset({"bad", "dead"})
 """The health words of readings with which nothing is controlled."""
@@ -158,13 +168,14 @@ class Monitor:
         """Names of the sensors in a sample."""
         return self._live.channels
 
-    def take(self, time: float, sample: Floats) -> Reading:
+    def take(self, time: float, sample: Floats, remarks: Sequence[Remark] = ()) -> Reading:
         """Return the reading at a sample: the estimate with its health, or NaN with the reason why
         the sample was skipped.
 
         Args:
             time: stamp [s].
             sample: values of `channels`, SI, NaN where missing, (n_channels,).
+            remarks: what the `Door` did with its readings.
         """
         live = self._live
         if not isinstance(time, (float, int)) or not abs(time) <= LATEST:
@@ -172,7 +183,9 @@ class Monitor:
         problem = sample_problem(sample, live.channels)
         if problem is not None:
             return self._skipped(time, "bad", problem)
-        problems: list[tuple[Health, str]] = []
+        problems = [
+            (OF_REMARKS[each.kind], each.text) for each in remarks if each.kind in OF_REMARKS
+        ]
         wild = np.abs(sample) > LARGEST_READING
         if wild.any():
             sample = np.where(wild, nan, sample)
