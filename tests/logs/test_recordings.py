@@ -252,22 +252,33 @@ def recorded(path: Path, stamps: list[float], **changed: object) -> Path:
 
 
 def test_a_clock_that_was_set_back_is_said(rig: Rig, tmp_path: Path) -> None:
-    first, second = [0.01 * k for k in range(300)], [0.005 + 0.01 * k for k in range(100)]
-    path = recorded(tmp_path / "back.mcap", first + second)
-    with pytest.warns(DistalWarning, match=r"set back 1 times; only part 1 of 2 is read"):
-        assert len(read_log(path, rig)) == 300
+    """By half a second too, and where a table's clock was."""
+    for back in (0.0, 2.5):
+        first, second = (
+            [0.01 * k for k in range(300)],
+            [back + 0.005 + 0.01 * k for k in range(100)],
+        )
+        path = recorded(tmp_path / f"back_{back}.mcap", first + second)
+        with pytest.warns(DistalWarning, match=r"set back 1 times; only part 1 of 2 is read"):
+            assert len(read_log(path, rig)) == 300
+    rows = [f"{stamp},{1e-5 * k},2,{-1e-5 * k},2" for k, stamp in enumerate(first + second)]
+    table = tmp_path / "back.csv"
+    table.write_text("\n".join(["t,x1,u1,x2,u2", *rows]))
+    with pytest.warns(DistalWarning, match=r"back.csv: the clock was set back 1 times"):
+        log = read_log(table, rig)
+    np.testing.assert_array_equal(log.time, first)
 
 
 def test_clocks_that_were_set_back_differently_are_refused() -> None:
     """Parts of one topic would be paired with those of another."""
-    once = [(k * 10**9, k * 10**9, 1.0) for k in (1, 2, 3, 1, 2)]
-    never = [(k * 10**9, k * 10**9, 2.0) for k in (1, 2, 3, 4, 5)]
+    once = [(k * 10**9, k * 10**9, 1.0) for k in (1, 2, 3, 4, 5, 1, 2, 3)]
+    never = [(k * 10**9, k * 10**9, 2.0) for k in (1, 2, 3, 4, 5, 6, 7, 8)]
     with pytest.raises(
         LogError, match=r"set back \(/a.x 1 times, /b.x 0 times\), so that their parts do not match"
     ):
         _stamped(Path("two.mcap"), {"/a.x": once, "/b.x": never})  # type: ignore[dict-item]
     with pytest.warns(DistalWarning, match="set back 1 times; only part 1 of 2 is read"):
-        assert len(_stamped(Path("one.mcap"), {"/a.x": once, "/b.x": once})["/a.x"][0]) == 3  # type: ignore[dict-item]
+        assert len(_stamped(Path("one.mcap"), {"/a.x": once, "/b.x": once})["/a.x"][0]) == 5  # type: ignore[dict-item]
 
 
 def test_odd_messages_are_one_line(rig: Rig, tmp_path: Path) -> None:

@@ -25,10 +25,10 @@ from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
 from distal.inverse.motor_readings import USUAL, Caution, MotorReadings
+from distal.logs.stamps import REWOUND
 from distal.rig import Rig, motor_range, position_range
 from distal.rig.drives import Drive
 from distal.run.live_estimator import LATEST
-from distal.run.monitor import REWOUND
 
 
 class Sending(NamedTuple):

@@ -19,9 +19,9 @@ from distal.rig import REFERENCES, Rig, Sensor, drive_travel, motor_range
 from distal.rig.sensors.motions import AngleSensor
 
 Kind = Literal["turn", "unknown turn", "restarted", "decoded", "left out", "jumped", "repeated"]
-"""What the door did with a reading: its turn may be another one, or is a guess; it counts from another turn than
-before; its register was decoded; it is missing since it may be a wrong one; it jumped and stays
-there; it is missing since it repeats the last one.
+"""What the door did with a reading: its turn may be another one, or is a guess; it counts from
+another turn than before; its register was decoded; it is missing since it may be a wrong one; it
+jumped and stays there; it is missing since it repeats the last one.
 """
 
 TURN = 2 * pi

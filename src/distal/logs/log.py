@@ -235,7 +235,7 @@ def check_stamps(time: Floats, source: str, first_row: int | None = None) -> Non
     if len(back):
         i = int(back[0]) + 1
         fault = "goes back"
-        remedy = "sort the rows"
+        remedy = "leave out what is out of order"
         if time[i] == time[i - 1]:
             fault = "repeats"
             remedy = "--set 'log.time.repeated=\"last\"' keeps the last of them"

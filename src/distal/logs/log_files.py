@@ -19,7 +19,7 @@ from distal.logs.header_units import factor_of, scale, time_factor
 from distal.logs.log import NO_SOURCE, Log, TruthKind, TruthSource, check_stamps
 from distal.logs.reader_process import read_apart
 from distal.logs.recordings import ROW_STAMPS, is_recording, recorded_cells
-from distal.logs.stamps import Clock, clock_of
+from distal.logs.stamps import Clock, clock_of, longest_part, set_backs
 from distal.logs.tables import Source, Table, open_table, table_of
 from distal.logs.unit_doubts import doubts_of_units
 from distal.rig import REFERENCES, Rig, Sensor, angle_names, log_factor, torque_names
@@ -68,13 +68,16 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
     table = table_of(cells, desired, [*optional, *([column] if column else [])])
     time = clock.time
     stamps = np.asarray(cells.held[ROW_STAMPS]) if is_recording(path) else clock.stamps
+    rows = np.zeros(len(time), dtype=bool)
+    part = longest_part(set_backs(time), len(time), table.source)
+    rows[part] = True
     if rig.log.time.repeated != "refused":
         same = np.diff(time) == 0.0
         at = len(same) if rig.log.time.repeated == "last" else 0
-        rows = ~np.insert(same, at, False)
-        table = replace(
-            table, columns={name: values[rows] for name, values in table.columns.items()}
-        )
+        rows &= ~np.insert(same, at, False)
+    if not rows.all():
+        columns = {name: values[rows] for name, values in table.columns.items()}
+        table = replace(table, columns=columns, first_row=table.first_row + part.start)
         time = time[rows]
         stamps = None if stamps is None else stamps[rows]
     check_stamps(time, table.source, table.first_row)

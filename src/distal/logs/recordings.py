@@ -5,7 +5,6 @@ row.
 from __future__ import annotations
 
 import re
-import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
@@ -18,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Floats
-from distal.errors import DistalWarning, LogError
+from distal.errors import LogError
 from distal.logs.cells import Cells, in_memory
 from distal.logs.formats import Message, UndecodableError, check_is_content, format_of
 from distal.logs.messages import STAMPS, number_of
-from distal.logs.stamps import LATEST
+from distal.logs.stamps import LATEST, REWOUND, longest_part, set_backs
 from distal.suggestions import did_you_mean
 
 NEAR = 0.1
@@ -39,9 +38,6 @@ LONGEST = 64
 """Length of the longest array whose elements are columns; longer ones are images and clouds of
 points. Source: judgement.
 """
-
-SET_BACK = 1_000_000_000
-"""A clock was set back where its stamps go back by more than this [ns]. Source: judgement."""
 
 ROW_STAMPS = "stamps [ns]"
 """Name under which a recording's stamps are held, beside the columns that were asked for."""
@@ -191,20 +187,18 @@ def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, Stampe
 
     Where a clock was set back, only the longest part is taken, with a warning.
     """
-    parts: dict[str, list[Stamped]] = {}
+    stamped: dict[str, Stamped] = {}
+    recorded = dict[str, NDArray[np.int64]]()
     have_headers = set()
     for column, samples in readings.items():
         # a stamp of zero counts as missing, unless another stamp of the column is not zero, as in a
         # simulation that begins at zero
         by_header = any(stamp for stamp, _, _ in samples)
         have_headers.add(by_header)
-        stamps = np.array(
-            [stamp if by_header and stamp is not None else at for stamp, at, _ in samples]
-        )
-        values = np.array([number for _, _, number in samples])
-        ends = np.flatnonzero(np.diff(stamps) < -SET_BACK) + 1
-        parts[column] = list(zip(np.split(stamps, ends), np.split(values, ends)))
-    starts = [int(of_column[0][0][0]) for of_column in parts.values()]
+        stamps = [stamp if by_header and stamp is not None else at for stamp, at, _ in samples]
+        stamped[column] = np.array(stamps), np.array([number for _, _, number in samples])
+        recorded[column] = np.array([at for _, at, _ in samples])
+    starts = [int(stamps[0]) for stamps, _ in stamped.values()]
     if len(have_headers) > 1 and max(starts) - min(starts) > 1e15:
         raise LogError(
             f"{path}: some topics have stamps of their own (from {min(starts) * 1e-9:.6g} s on), "
@@ -212,24 +206,35 @@ def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, Stampe
             f"recorder ({max(starts) * 1e-9:.12g} s): two clocks; record all with headers, or all "
             "without"
         )
-    counts = {column: len(of_column) for column, of_column in parts.items()}
-    count = max(counts.values())
-    if min(counts.values()) < count:
-        resets = ", ".join(f"{column} {number - 1} times" for column, number in counts.items())
+    ends = {column: set_backs(stamps) for column, (stamps, _) in stamped.items()}
+    busiest = max(ends, key=lambda column: (len(ends[column]), len(recorded[column])))
+    part = longest_part(ends[busiest], len(recorded[busiest]), str(path))
+    steps = [-float(np.diff(stamped[busiest][0])[end - 1]) for end in ends[busiest]]
+    # a column with so few samples does not show that its clock was set back too
+    rare = {
+        column
+        for column, (stamps, _) in stamped.items()
+        if REWOUND * _shortest_interval([stamps]) > min(steps, default=0.0)
+    }
+    is_same = len({len(each) for column, each in ends.items() if column not in rare}) <= 1
+    if is_same and all((np.diff(at) >= 0).all() for at in recorded.values()):
+        # the recorder's clock went on: by it all topics are cut at the same moments
+        first = recorded[busiest][part.start] if part.start else -np.inf
+        last = recorded[busiest][part.stop - 1] if part.stop < len(recorded[busiest]) else np.inf
+        inside = {c: (at >= first) & (at <= last) for c, at in recorded.items()}
+    elif len({len(each) for each in ends.values()}) == 1:
+        number = int(np.searchsorted(ends[busiest], part.start, side="right"))
+        inside = {
+            c: np.searchsorted(ends[c], np.arange(len(at)), side="right") == number
+            for c, at in recorded.items()
+        }
+    else:
+        resets = ", ".join(f"{column} {len(each)} times" for column, each in ends.items())
         raise LogError(
             f"{path}: clocks of the topics were set back ({resets}), so that their parts do not "
             "match; record again"
         )
-    shortest = [min(len(values) for _, values in part) for part in zip(*parts.values())]
-    longest = int(np.argmax(shortest))
-    if count > 1:
-        warnings.warn(
-            f"{path}: the clock was set back {count - 1} times; only part {longest + 1} of {count} "
-            "is read, the longest",
-            DistalWarning,
-            stacklevel=4,
-        )
-    return {column: of_column[longest] for column, of_column in parts.items()}
+    return {c: (stamps[inside[c]], values[inside[c]]) for c, (stamps, values) in stamped.items()}
 
 
 def _in_cycles(stamped: dict[str, Stamped]) -> dict[str, Stamped]:

@@ -6,6 +6,7 @@ Time counts from the start of a log with dates; its original stamps are kept.
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Floats
-from distal.errors import LogError
+from distal.errors import DistalWarning, LogError
 from distal.logs.cells import MISSING, Cells, is_plain, parsed_cells
 
 Stamps = NDArray[np.int64]
@@ -29,6 +30,11 @@ start of their own. Source: judgement.
 
 LATEST = 9e9
 """Latest stamp that is taken for a date, in 2255 [s since 1970]. Source: judgement."""
+
+REWOUND = 3
+"""Number of late stamps in a row, each newer than the one before, after which the clock counts as
+set back [1]. Source: judgement.
+"""
 
 FRACTION = re.compile(r"[.,](\d+)")
 """Fraction of a second in an ISO date."""
@@ -195,3 +201,36 @@ def _one_date(cell: str) -> int | None:
     except (ValueError, OverflowError):
         return None
     return round(seconds) * 10**9 + int(f"{digits:0<9}"[:9]) if abs(seconds) < LATEST else None
+
+
+def set_backs(stamps: Floats | Stamps) -> NDArray[np.int64]:
+    """Return the indices of stamps, (n,), before which the clock was set back: they and the next
+    ones rise, and all are late.
+    """
+    back = np.flatnonzero(np.diff(stamps) < 0) + 1
+    return np.array(
+        [
+            i
+            for i in back
+            if i + REWOUND <= len(stamps)
+            and (np.diff(stamps[i : i + REWOUND]) > 0).all()
+            and stamps[i + REWOUND - 1] < stamps[i - 1]
+        ],
+        dtype=np.int64,
+    )
+
+
+def longest_part(ends: NDArray[np.int64], n: int, source: str) -> slice:
+    """Return the longest of the parts between the indices `ends` of n samples, and warn where there
+    are several.
+    """
+    edges = [0, *ends.tolist(), n]
+    at = int(np.argmax(np.diff(edges)))
+    if len(ends):
+        warnings.warn(
+            f"{source}: the clock was set back {len(ends)} times; only part {at + 1} of "
+            f"{len(ends) + 1} is read, the longest",
+            DistalWarning,
+            stacklevel=4,
+        )
+    return slice(edges[at], edges[at + 1])

@@ -17,14 +17,10 @@ from distal.errors import EstimationError
 from distal.estimators import DEFAULT, LARGEST_ANGLE, SHORTEST, sample_problem
 from distal.kernels import Evaluation
 from distal.logs import LARGEST_READING, Log, Remark
+from distal.logs.stamps import REWOUND
 from distal.rig import Rig
 from distal.run.health import LONGEST_GAP, WORDS, Health, begun, watch_of, word_code
 from distal.run.live_estimator import LATEST, JointContact, LiveEstimator, only
-
-REWOUND = 3
-"""Number of late samples in a row, each newer than the one before, after which the clock counts as
-set back [1]. Source: judgement.
-"""
 
 ANYWHERE = 0.5
 """Standard deviation of the joint's angle where the filter begins anew [rad]. Source: judgement."""
