@@ -208,7 +208,6 @@ def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, Stampe
         )
     ends = {column: set_backs(stamps) for column, (stamps, _) in stamped.items()}
     busiest = max(ends, key=lambda column: (len(ends[column]), len(recorded[column])))
-    part = longest_part(ends[busiest], len(recorded[busiest]), str(path))
     steps = [-float(np.diff(stamped[busiest][0])[end - 1]) for end in ends[busiest]]
     # a column with so few samples does not show that its clock was set back too
     rare = {
@@ -216,24 +215,26 @@ def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, Stampe
         for column, (stamps, _) in stamped.items()
         if REWOUND * _shortest_interval([stamps]) > min(steps, default=0.0)
     }
-    is_same = len({len(each) for column, each in ends.items() if column not in rare}) <= 1
-    if is_same and all((np.diff(at) >= 0).all() for at in recorded.values()):
-        # the recorder's clock went on: by it all topics are cut at the same moments
-        first = recorded[busiest][part.start] if part.start else -np.inf
-        last = recorded[busiest][part.stop - 1] if part.stop < len(recorded[busiest]) else np.inf
-        inside = {c: (at >= first) & (at <= last) for c, at in recorded.items()}
-    elif len({len(each) for each in ends.values()}) == 1:
-        number = int(np.searchsorted(ends[busiest], part.start, side="right"))
-        inside = {
-            c: np.searchsorted(ends[c], np.arange(len(at)), side="right") == number
-            for c, at in recorded.items()
-        }
-    else:
+    went_on = all((np.diff(at) >= 0).all() for at in recorded.values())
+    counts = {len(each) for column, each in ends.items() if not went_on or column not in rare}
+    if len(counts) > 1:
         resets = ", ".join(f"{column} {len(each)} times" for column, each in ends.items())
         raise LogError(
             f"{path}: clocks of the topics were set back ({resets}), so that their parts do not "
             "match; record again"
         )
+    part = longest_part(ends[busiest], len(recorded[busiest]), str(path))
+    if went_on:
+        # by the recorder's clock all topics are cut at the same moments
+        first = recorded[busiest][part.start] if part.start else -np.inf
+        last = recorded[busiest][part.stop - 1] if part.stop < len(recorded[busiest]) else np.inf
+        inside = {c: (at >= first) & (at <= last) for c, at in recorded.items()}
+    else:
+        number = int(np.searchsorted(ends[busiest], part.start, side="right"))
+        inside = {
+            c: np.searchsorted(ends[c], np.arange(len(at)), side="right") == number
+            for c, at in recorded.items()
+        }
     return {c: (stamps[inside[c]], values[inside[c]]) for c, (stamps, values) in stamped.items()}
 
 
