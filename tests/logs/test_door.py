@@ -1,0 +1,210 @@
+"""The door of readings: what registers, encoders and drivers do is undone alike for a table, a
+stream of lines or messages, and values that are given one by one.
+"""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Callable
+from math import pi, radians
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from distal import LogUnits, Rig, load_rig, read_log
+from distal.arrays import Floats
+from distal.errors import DistalWarning
+from distal.logs import MessageReader
+from distal.rig import build_rig
+
+N = 1200
+TIME = 0.005 * np.arange(N)
+CHANNELS = ("angle", "current")
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    """Return a joint with an encoder of 4096 counts on its motor, and a current in mA."""
+    raw = load_rig("capstan-joint").model_dump()
+    raw["joints"][0]["stops"] = (radians(-60), radians(60))
+    encoder, current, *others = (dict(sensor) for sensor in raw["sensors"])
+    encoder |= {
+        "name": "angle",
+        "column": "angle",
+        "unit": "count",
+        "counts_per_turn": 4096,
+        "resolution": 2 * pi / 4096,
+    }
+    current |= {"name": "current", "column": "current", "unit": "mA", "torque_constant": 0.5}
+    return build_rig({**raw, "sensors": [encoder, current, *others]}, "counting joint")
+
+
+@pytest.fixture(scope="module")
+def good() -> Floats:
+    """Return counts and milliamperes, whole numbers with noise, (N, 2)."""
+    rng = np.random.default_rng(3)
+    position = 400.0 * np.sin(2.0 * TIME) + rng.normal(0.0, 1.0, N)
+    current = 200.0 * np.sin(2.0 * TIME + 1.0) + rng.normal(0.0, 8.0, N)
+    return np.round(np.column_stack([position, current]))
+
+
+def by_table(rig: Rig, logged: Floats, folder: Path) -> Floats:
+    path = folder / "log.csv"
+    rows = [f"{t:.3f},{a:.0f},{c:.0f}" for t, (a, c) in zip(TIME, logged)]
+    path.write_text("\n".join(["t,angle,current", *rows]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DistalWarning)
+        log = read_log(path, rig)
+    return np.column_stack([log.channels[name] for name in CHANNELS])
+
+
+def by_lines(rig: Rig, logged: Floats, folder: Path) -> Floats:
+    reader = MessageReader(rig, CHANNELS)
+    reader.header("t,angle,current")
+    return np.array([reader.csv(f"{t:.3f},{a:.0f},{c:.0f}")[1] for t, (a, c) in zip(TIME, logged)])
+
+
+def by_messages(rig: Rig, logged: Floats, folder: Path) -> Floats:
+    reader = MessageReader(rig, CHANNELS)
+    return np.array(
+        [
+            reader.json(json.dumps({"t": t, "angle": a, "current": c}))[1]
+            for t, (a, c) in zip(TIME.tolist(), logged.tolist())
+        ]
+    )
+
+
+def one_by_one(rig: Rig, logged: Floats, folder: Path) -> Floats:
+    units = LogUnits(rig, CHANNELS)
+    return np.array([units.sample(float(t), row) for t, row in zip(TIME, logged)])
+
+
+ENTRIES = (by_table, by_lines, by_messages, one_by_one)
+
+
+def negative(logged: Floats, change: Callable[[Floats], Floats], *columns: int) -> Floats:
+    result = logged.copy()
+    for i in columns:
+        below = result[:, i] < 0
+        result[below, i] = change(result[below, i])
+    return result
+
+
+DECODED: dict[str, Callable[[Floats], Floats]] = {
+    "16 bits without a sign": lambda logged: negative(logged, lambda x: x + 2**16, 0, 1),
+    "32 bits without a sign": lambda logged: negative(logged, lambda x: x + 2**32, 0, 1),
+    "sign in bit 15": lambda logged: negative(logged, lambda x: 2**15 - x, 0, 1),
+    "sign in bit 10": lambda logged: negative(logged, lambda x: 2**10 - x, 1),
+    "one turn only": lambda logged: np.column_stack([logged[:, 0] % 4096, logged[:, 1]]),
+    "half a turn either way": lambda logged: np.column_stack(
+        [(logged[:, 0] + 2048) % 4096 - 2048, logged[:, 1]]
+    ),
+}
+
+
+@pytest.mark.parametrize("entry", ENTRIES)
+@pytest.mark.parametrize("kind", DECODED)
+def test_registers_and_turns_are_undone(
+    kind: str, entry: Callable[..., Floats], rig: Rig, good: Floats, tmp_path: Path
+) -> None:
+    np.testing.assert_allclose(
+        entry(rig, DECODED[kind](good), tmp_path), entry(rig, good, tmp_path), atol=1e-12
+    )
+
+
+def spoiled(logged: Floats, rows: slice | Floats, columns: slice, value: object) -> Floats:
+    result = logged.copy()
+    result[rows, columns] = value
+    return result
+
+
+@pytest.mark.parametrize("entry", ENTRIES)
+def test_a_good_log_passes_whole(
+    entry: Callable[..., Floats], rig: Rig, good: Floats, tmp_path: Path
+) -> None:
+    expected = good * [2 * pi / 4096, 0.5e-3]
+    np.testing.assert_allclose(entry(rig, good, tmp_path), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("entry", ENTRIES)
+def test_a_wild_reading_alone_is_left_out(
+    entry: Callable[..., Floats], rig: Rig, good: Floats, tmp_path: Path
+) -> None:
+    wild = good.copy()
+    wild[[300, 700], 0] += [900, -700]
+    came, usual = entry(rig, wild, tmp_path), entry(rig, good, tmp_path)
+    assert np.flatnonzero(np.isnan(came[:, 0])).tolist() == [300, 700]
+    rest = ~np.isnan(came)
+    np.testing.assert_allclose(came[rest], usual[rest], atol=1e-12)
+
+
+@pytest.mark.parametrize("entry", ENTRIES)
+def test_a_position_that_jumps_is_missing_until_it_jumps_back(
+    entry: Callable[..., Floats], rig: Rig, good: Floats, tmp_path: Path
+) -> None:
+    jumped = good.copy()
+    jumped[400:800, 0] += 700
+    came, usual = entry(rig, jumped, tmp_path), entry(rig, good, tmp_path)
+    assert np.isnan(came[400:800, 0]).all()
+    np.testing.assert_allclose(came[802:], usual[802:], atol=1e-12)
+    np.testing.assert_allclose(came[:400], usual[:400], atol=1e-12)
+
+
+@pytest.mark.parametrize("entry", ENTRIES)
+def test_readings_that_repeat_exactly_are_missing(
+    entry: Callable[..., Floats], rig: Rig, good: Floats, tmp_path: Path
+) -> None:
+    """The position alone may rest between two counts, the current with its noise may not."""
+    repeated = good.copy()
+    repeated[500:600] = repeated[499]
+    came, usual = entry(rig, repeated, tmp_path), entry(rig, good, tmp_path)
+    assert np.isnan(came[506:600]).all()
+    np.testing.assert_allclose(came[600:], usual[600:], atol=1e-12)
+    rests = good.copy()
+    rests[500:600, 0] = rests[499, 0]
+    assert not np.isnan(entry(rig, rests, tmp_path)).any()
+
+
+@pytest.mark.parametrize("entry", ENTRIES)
+def test_of_two_sources_in_turn_neither_is_believed(
+    entry: Callable[..., Floats], rig: Rig, good: Floats, tmp_path: Path
+) -> None:
+    two = good.copy()
+    two[::2, 0] += 700
+    came = entry(rig, two, tmp_path)
+    assert np.isnan(came[50:, 0]).all()
+    assert not np.isnan(came[:, 1]).any()
+
+
+def test_a_reference_that_wraps_is_in_the_turn_of_its_joint(rig: Rig, tmp_path: Path) -> None:
+    angle = 50.0 * np.sin(2.0 * TIME)
+    raw = rig.model_dump()
+    reference = {"name": "camera", "measures": "angle", "of": "jaw", "si": "rad", "unit": "deg"}
+    sensors = [s for s in raw["sensors"] if s["measures"] != "angle"]
+    known = build_rig({**raw, "sensors": [*sensors, {**reference, "column": "deg"}]}, "known")
+    path = tmp_path / "log.csv"
+    for wrapped in (angle % 360.0, (angle + 180.0) % 360.0 - 180.0 + 360.0):
+        rows = [f"{t:.3f},{k % 7},{k % 5},{a:.3f}" for k, (t, a) in enumerate(zip(TIME, wrapped))]
+        path.write_text("\n".join(["t,angle,current,deg", *rows]))
+        truth = read_log(path, known).truth["theta"]
+        np.testing.assert_allclose(np.rad2deg(truth), angle, atol=1e-3)
+
+
+def test_what_was_done_is_said(rig: Rig, good: Floats, tmp_path: Path) -> None:
+    units = LogUnits(rig, CHANNELS)
+    said = set()
+    for t, row in zip(TIME, DECODED["sign in bit 15"](good)):
+        units.sample(float(t), row)
+        said |= {remark.text for remark in units.remarks}
+    assert "'current' holds negative numbers that were read without a sign: decoded" in said
+    path = tmp_path / "log.csv"
+    wild = good.copy()
+    wild[300, 0] += 900
+    rows = [f"{t:.3f},{a:.0f},{c:.0f}" for t, (a, c) in zip(TIME, wild)]
+    path.write_text("\n".join(["t,angle,current", *rows]))
+    with pytest.warns(
+        DistalWarning, match=r"'angle' is where its drive cannot be so soon.*1 readings.*at 1\.5 s"
+    ):
+        read_log(path, rig)
