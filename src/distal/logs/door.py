@@ -89,7 +89,7 @@ SENTENCES: dict[Kind, str] = {
     "restarted": "{} counts from another turn: taken back",
     "decoded": "{} holds negative numbers that were read without a sign: decoded",
     "left out": "{} is where its drive cannot be so soon: left out",
-    "jumped": "{} jumped faster than its drive can: missing until it jumps back",
+    "jumped": "{} jumped faster than its drive can: did its zero change?",
     "repeated": "{} repeats exactly what it read before: taken as missing",
 }
 """What was done with a reading, in words."""
@@ -127,8 +127,8 @@ class Door:
       `in_doubt` says so until motion has decided.
     * A motor that counts its turns may count from another one after a restart; it is then set to
       the turn that its joint's range allows.
-    * A position that a drive cannot have reached is missing until the next sample confirms it, and
-      after that until it jumps back: where its zero is, nobody knows.
+    * A position that a drive cannot have reached is missing until the next sample confirms it. Of
+      two sources in turn none is believed.
     * A reading that repeats exactly, although it has noise of its own, is missing, as old as it is.
 
     Args:
@@ -384,7 +384,7 @@ class _Encoder:
         self._limits = limits
         self.ahead = 0.0
         self._last = self._seen = nan
-        self._speed = self._off = self._left_out = 0.0
+        self._speed = self._left_out = 0.0
         self._changed = -inf
         # least and largest reading so far, and those of a position whose turn is a guess
         self._read = (inf, -inf)
@@ -435,10 +435,7 @@ class _Encoder:
                 self._left_out += RARE * (1.0 - self._left_out)
                 return nan, "left out", 0.0
             kind = kind or "jumped"
-            self._off += position - self._last
             self._speed = 0.0
-        if self._near(self._off, self._limits.interval):
-            self._off = 0.0
         self._waiting = None
         if position != self._last:
             self._changed = time
@@ -448,7 +445,7 @@ class _Encoder:
         self._left_out *= 1.0 - RARE
         if self._left_out > OFTEN:
             kind = kind or "left out"  # two sources in turn: nobody knows which is the drive
-        return (nan if self._off or self._left_out > OFTEN else position), kind, size
+        return (nan if self._left_out > OFTEN else position), kind, size
 
     def _learn(self, position: float) -> None:
         """Follow the median of the motion in two samples, which two sources in turn do not show."""
