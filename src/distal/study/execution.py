@@ -112,15 +112,16 @@ def open_folder(plan: Plan, path: str | Path) -> Folder:
     holds are kept.
 
     Raises:
-        StudyError: the folder is of another study or another version of distal, or pyarrow is not
-            installed.
+        StudyError: the folder is of another study or another version of distal, or pyarrow or
+            plotly is not installed.
         OutputError: the folder cannot be made or written.
     """
     try:
+        import plotly  # noqa: F401
         import pyarrow  # noqa: F401
-    except ImportError:
+    except ImportError as problem:
         raise StudyError(
-            "a study's rows are Parquet, which needs pyarrow; pip install '.[study]'"
+            f"rows and page of a study need {problem.name}; pip install '.[study]'"
         ) from None
     folder = make_folder(Path(path) / "rows").parent
     label = folder / LABEL
