@@ -168,6 +168,14 @@ class Rezero(Description):
         min_length=1, description="what pulls each drive meanwhile"
     )
 
+    @model_validator(mode="after")
+    def _time_between(self) -> Self:
+        if self.lasts >= self.every:
+            raise ValueError(
+                f"lasts: {self.lasts:g} s, and it comes every {self.every:g} s; leave time between"
+            )
+        return self
+
 
 class Scenario(Description):
     """What is done to a rig, for how long, and how the plant differs from the rig that filters
