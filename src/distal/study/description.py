@@ -6,7 +6,6 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -14,7 +13,17 @@ from pydantic import Field, model_validator
 
 from distal.errors import DistalError, StudyError
 from distal.estimators import DEFAULT, ESTIMATORS
-from distal.rig import Description, In, Rig, load_rig, parse_toml, read_text, validated
+from distal.rig import (
+    Description,
+    In,
+    Rig,
+    description_path,
+    description_text,
+    load_rig,
+    parse_toml,
+    shipped_in,
+    validated,
+)
 from distal.simulation import Scenario, load_scenario
 from distal.simulation.simulate import prepare
 from distal.suggestions import did_you_mean
@@ -125,8 +134,7 @@ class Plan:
 
 def shipped_studies() -> tuple[str, ...]:
     """Return the names of the studies that come with distal."""
-    files = resources.files("distal.study").joinpath("library").iterdir()
-    return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
+    return shipped_in("distal.study")
 
 
 def load_study(name: str | Path) -> Plan:
@@ -138,26 +146,12 @@ def load_study(name: str | Path) -> Plan:
         RigError: its rig is unknown or wrong.
         ScenarioError: one of its scenarios is unknown or wrong.
     """
-    shipped = shipped_studies()
-    path = Path(name)
-    if str(name) in shipped:
-        text = (
-            resources.files("distal.study")
-            .joinpath("library", f"{name}.toml")
-            .read_text(encoding="utf-8")
-        )
-        return plan_of(parse_toml(text, str(name), StudyError), str(name))
-    if path.suffix != ".toml" and not path.exists():
-        raise StudyError(
-            f"unknown study '{name}'{did_you_mean(str(name), shipped)}; or give the path of a "
-            ".toml file"
-        )
-    return plan_of(
-        parse_toml(read_text(path, StudyError), str(path), StudyError), str(path), path.parent
-    )
+    text = description_text(name, "distal.study", "study", StudyError)
+    beside = description_path(name, "distal.study").parent
+    return plan_of(parse_toml(text, str(name), StudyError), str(name), beside)
 
 
-def plan_of(raw: Mapping[str, object], source: str = "study", beside: Path | None = None) -> Plan:
+def plan_of(raw: Mapping[str, object], source: str = "study", beside: Path = Path()) -> Plan:
     """Check a raw study and load the rig and the scenarios that it names.
 
     Args:
@@ -172,7 +166,7 @@ def plan_of(raw: Mapping[str, object], source: str = "study", beside: Path | Non
     study = validated(Study, raw, source, StudyError)
 
     def position(name: str) -> str | Path:
-        return beside / name if beside is not None and name.endswith(".toml") else name
+        return beside / name if name.endswith(".toml") else name
 
     rig = load_rig(position(study.rig))
     rig = rig.with_values(study.set) if study.set else rig
