@@ -17,8 +17,7 @@ from distal.results import Estimate
 from distal.rig import Rig, load_rig
 from distal.run import estimate
 from distal.simulation import Scenario, load_scenario, scenario_rig
-from distal.simulation.plant import run_plant
-from distal.simulation.simulate import prepare, sampled
+from distal.simulation.simulate import motions_of, prepare, sampled
 
 SERIES_1 = ("series-1-soft", "series-1")
 """Scenarios of Series 1, in which a hand moves the link, with softer and stiffer tendons."""
@@ -172,7 +171,7 @@ def run_series(
     scenario = plant.scenario(series)
     rig = scenario_rig(scenario)
     ready = prepare(rig, scenario)
-    motion = run_plant(ready.plant, ready.inputs, ready.start, ready.dt, ready.count)
+    (motion,) = motions_of([ready])
 
     def read(seed: int, sensors: Mapping[str, object] | None = None) -> Log:
         plant = (

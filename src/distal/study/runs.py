@@ -26,9 +26,9 @@ from distal.rig import Rig, named
 from distal.run.estimate_batch import run_all
 from distal.run.offline import Run, estimator_for, prepared
 from distal.simulation import Scenario
-from distal.simulation.plant import PlantMotion, equilibrium, plant_kernel, run_plants
+from distal.simulation.plant import PlantMotion, equilibrium, plant_kernel
 from distal.simulation.signal_inputs import BodyInputs, body_inputs, initial_angles
-from distal.simulation.simulate import Prepared, sampled, timing
+from distal.simulation.simulate import Prepared, motions_of, sampled, timing
 from distal.study.description import Plan
 from distal.study.design_space import ESTIMATOR, FEEDBACK, Design, Space, rig_of, space_of
 from distal.study.plants import Draw, built_values, draws_of, scores
@@ -247,7 +247,6 @@ class _Setup:
     Args:
         rig: as filters know it.
         fixed: what the scenario says of the plant, where nothing is drawn.
-        mechanism: the plant as it is meant, of the structure of all as built.
         timing: interval [s] and sub-steps.
     """
 
@@ -255,7 +254,6 @@ class _Setup:
     rig: Rig
     draws: tuple[Draw, ...]
     fixed: dict[str, object]
-    mechanism: Mechanism
     kernel: Kernel
     inputs: BodyInputs
     timing: tuple[float, int]
@@ -297,7 +295,7 @@ def _setup_of(plan: Plan, scenario_rig: Rig, task: Task) -> _Setup | DistalError
     except DistalError as problem:
         return problem
     kernel = plant_kernel(plant, count)
-    return _Setup(scenario, rig, draws, fixed, plant, kernel, inputs, (dt, count), estimator)
+    return _Setup(scenario, rig, draws, fixed, kernel, inputs, (dt, count), estimator)
 
 
 def _logs(
@@ -308,7 +306,7 @@ def _logs(
     """
     for alike in plants:
         for group in _groups(alike):
-            motions = _motions(group[0][1], [built for _, _, built in group])
+            motions = _motions([built for _, _, built in group])
             for (k, setup, built), motion in zip(group, motions):
                 if isinstance(motion, PlantMotion):
                     yield k, setup, sampled(built, motion, _sensor_seed(plan, tasks[k]))
@@ -316,12 +314,10 @@ def _logs(
                     yield k, setup, motion
 
 
-def _motions(setup: _Setup, group: Sequence[Prepared]) -> Iterable[PlantMotion | DistalError]:
-    runs = [(built.inputs, built.start) for built in group]
-    values = [built.plant.parameters.values for built in group]
+def _motions(group: Sequence[Prepared]) -> Sequence[PlantMotion | DistalError]:
     try:
-        return run_plants(setup.mechanism, runs, setup.timing[0], setup.kernel, values)
+        return motions_of(group)
     except DistalError as problem:
         if len(group) == 1:
             return [problem]
-        return [motion for built in group for motion in _motions(setup, [built])]
+        return [motion for built in group for motion in _motions([built])]
