@@ -75,7 +75,7 @@ def made(plan: Plan, space: Space, rms: np.ndarray) -> Columns:
     columns["scenario"] = np.array([names[k % len(names)] for k in range(n)])
     columns |= dict.fromkeys(MEASURES, rms)
     columns |= {
-        "met": (rms < 1.0).astype(np.int8),
+        "met": rms < 1.0,
         "problem": np.array([""] * n),
         "seconds": np.ones(n),
     }
@@ -170,14 +170,6 @@ def test_it_says_of_a_sensor_and_of_a_number_whether_it_is_needed(needed: str) -
     verdicts = {need.name: need.verdict for need in found.needs}
     assert verdicts == {STIFF: of_stiffness, "sensors.u1": of_sensor}
     assert ("; needed: sensor u1" in found.sentence) == (of_sensor is Verdict.NEEDED)
-    text = next(need.text for need in found.needs if need.name == "sensors.u1")
-    begins = {
-        Verdict.NOT_CERTAIN: "whether sensor u1 is needed is not certain",
-        Verdict.NEEDED: "sensor u1 is needed",
-        Verdict.NOT_NEEDED: "sensor u1 is not needed",
-        Verdict.NOT_ENOUGH: "sensor u1 is not enough",
-    }
-    assert text.startswith(begins[of_sensor])
 
 
 def test_a_rig_has_to_meet_the_requirement_in_all_scenarios(

@@ -94,10 +94,6 @@ def test_chunks_hold_each_design_once_and_like_beside_like() -> None:
             "no joint 'lnk'; did you mean 'link'",
         ),
         (
-            {"requirement": {"joint": "link", "within": "1 deg", "scenarios": ["x"]}},
-            "'x' is none of scenarios",
-        ),
-        (
             {"requirement": {"joint": "link", "within": "1 deg", "time": 1.2}},
             "less than or equal to 1, 1.2 came",
         ),

@@ -88,13 +88,6 @@ def test_an_error_is_a_row() -> None:
     assert np.isnan(float(rows["rms_deg"][-1] or 0.0))
 
 
-def test_a_scenario_that_is_not_asked_is_neither_met_nor_not() -> None:
-    asked = {"joint": "link", "within": "1 deg", "scenarios": ["series-2"]}
-    plan = small(scenarios=["series-2", "series-2-high"], requirement=asked, designs=1)
-    rows = run_chunk(plan, [0])
-    assert [met is None for met in rows["met"]] == [name != "series-2" for name in rows["scenario"]]
-
-
 def test_the_nominal_plant_is_the_rig() -> None:
     (found,) = run_tasks(small(), [Task(0, {}, NOMINAL, 0)])
     assert isinstance(found, Estimate)

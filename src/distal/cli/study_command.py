@@ -68,12 +68,11 @@ def _answer(plan: Plan, space: Space, folder: Folder) -> None:
     from distal.reports import study_report
     from distal.study.answer import answer_of
 
-    rows = folder.gather()
-    columns = folder.read()
+    columns = folder.gather()
     answer = answer_of(plan, space, columns)
     page = study_report(plan, space, columns, answer, folder.path)
     say(answer.sentence)
-    say(f"wrote {page}, {folder.path / 'answer.json'} and {rows}")
+    say(f"wrote {page}, {folder.path / 'answer.json'} and {folder.path / 'rows.parquet'}")
 
 
 def _suggest(plan: Plan) -> None:

@@ -15,7 +15,7 @@ from distal.control import ClosedLoop, closed_loop, plot_control, trackings_of
 from distal.errors import OutputError
 from distal.logs import check_outputs, outputs_in, write_together
 from distal.paper.claims import GROUPS, Claim, measure_claims, rms
-from distal.paper.paper_figures import CAPTIONS, FIGURES, SUMMARY, draw_figure
+from distal.paper.paper_figures import CAPTIONS, FIGURES, POSITIONED, SUMMARY, draw_figure
 from distal.paper.series import PLANTS, READINGS, SEEDS, SERIES_2, Plant, SeriesRun, all_runs
 from distal.reports import rig_svg, svg_of
 from distal.reports.moving_chain import moving_chain
@@ -27,9 +27,6 @@ from distal.simulation import load_scenario, scenario_rig
 ESTIMATORS = ("inextensible", "simulation", "ekf-2008", "observed friction", "ekf", "adaptive")
 """Estimators in the tables of errors."""
 
-POSITIONED = "positioned"
-"""Name of the figure."""
-
 SCENARIO = "control-paper"
 """Name of the scenario of the closed loops."""
 
@@ -38,18 +35,8 @@ FEEDBACKS = ("encoder", "adaptive", "ratio")
 by radii.
 """
 
-CAPTION = (
-    "Steps and ramps of 20°, the same controller with three feedbacks: an encoder of 1° in the "
-    "joint, the estimate of "
-    "adaptive, and the displacements over the radii."
-)
-"""Caption of the figure."""
-
-DRAWN = (SUMMARY, *FIGURES, POSITIONED)
-"""Names of all figures."""
-
 REPRODUCTION_FILES = (
-    *(f"{name}.{kind}" for name in DRAWN for kind in ("png", "svg")),
+    *(f"{name}.{kind}" for name in CAPTIONS for kind in ("png", "svg")),
     "results.json",
     "index.html",
 )
@@ -66,36 +53,27 @@ REFERENCE = (
 """The paper's title and source, for the page."""
 
 SEARCH_NOTE = (
-    "How the plant with more friction was found: plants were drawn over the friction of the "
-    "sliders (constant and by load), exponent, reference load and preload of the axle's friction,"
-    " and the angle of Series 1, and each was read both ways, as x/r and from the geometry. The "
-    "plant on which most of the twelve statements hold is that one, so all twelve have chosen it."
-    " python -m benchmarks.paper_search does this again: it draws the map, tests each statement "
-    "on the plant that the other eleven choose, and names the pairs that exclude each other. What"
-    " it found stands in docs/results/reproduction.md."
+    "How the plant with more friction was found: plants were drawn over what the paper does not "
+    "print, and the one on which most of the twelve statements hold was taken, so all twelve have "
+    "chosen it. python -m benchmarks.paper_search does this again and tests each statement on the "
+    "plant that the other eleven choose."
 )
 """Text on how the plant with more friction was found."""
 
 EKF_NOTE = (
     "Bold is the smallest error of a row. ekf is the filter of 2008 with the noise of the sensors "
-    "as the simulation "
-    "has it. On the plant with the friction of Table 1 it is given the exact model and the exact "
-    "noise, "
-    "and then nothing can be "
-    "better. At 2 N / 6 N Table 1 is nearly right on the other plant too, and both filters that "
-    "take it for "
-    "exact beat adaptive, which keeps room for friction that is wrong. From 3 N / 9 N on Table 1 "
-    "is wrong, and that "
-    "room is what keeps adaptive right."
+    "as the simulation has it; on the plant with the friction of Table 1 it has the exact model "
+    "too, and nothing can be better. At 2 N / 6 N Table 1 is nearly right on the other plant, and "
+    "filters that take it for exact beat adaptive, which keeps room for friction that is wrong. "
+    "From 3 N / 9 N on that room is what keeps adaptive right."
 )
 """Text below the table of errors."""
 
 READING_NOTE = (
     "The paper sets Q = R = 0.001·I without units. In SI, R would be a potentiometer that errs by "
-    "32 mm, three "
-    "times its travel; in mm² it errs by 32 µm, between its random error and its linearity. "
-    "ekf-2008 reads R in mm² "
-    "and the rest in SI. What each reading gives at 2 N / 6 N, one pass:"
+    "32 mm, three times its travel; in mm² it errs by 32 µm, between its random error and its "
+    "linearity. ekf-2008 reads R in mm² and the rest in SI. What each reading gives at 2 N / 6 N, "
+    "one pass:"
 )
 """Text of the page on the readings of the paper's Q and R."""
 
@@ -131,13 +109,13 @@ def reproduce(
     loops = positioned(advance)
     drawings = dict[str, str]()
     files = dict[Path, bytes | str]()
-    for name in DRAWN:
+    for name in CAPTIONS:
         drawing = plot_control(loops) if name == POSITIONED else draw_figure(name, runs)
         files |= {
             path: figure_bytes(drawing, path)
             for path in (folder / f"{name}.png", folder / f"{name}.svg")
         }
-        drawings[name] = svg_of(drawing, CAPTION if name == POSITIONED else CAPTIONS[name])
+        drawings[name] = svg_of(drawing, CAPTIONS[name])
         advance()
     files[folder / "results.json"] = (
         json.dumps(results(claims, runs), indent=2, ensure_ascii=False) + "\n"
@@ -186,7 +164,7 @@ def results(claims: Sequence[Claim], runs: Sequence[SeriesRun]) -> dict[str, obj
     """
 
     def error_of(plant: Plant, series: str, estimator: str) -> float:
-        return round(rms_of(runs, plant.name, series, estimator), 4)
+        return round(rms(runs, series, estimator, plant.name), 4)
 
     content: dict[str, object] = {
         claim.statement.key: {
@@ -226,18 +204,6 @@ def results(claims: Sequence[Claim], runs: Sequence[SeriesRun]) -> dict[str, obj
     return content
 
 
-def rms_of(runs: Sequence[SeriesRun], plant: str, series: str, estimator: str) -> float:
-    """Return the RMS error of an estimator in a series on a plant, pooled over all samples and
-    seeds [°].
-
-    Args:
-        plant: name of the plant.
-        series: name of the scenario.
-        estimator: a key of `SeriesRun.estimates`.
-    """
-    return rms([run for run in runs if run.plant == plant], series, estimator)
-
-
 def _page(
     claims: Sequence[Claim],
     runs: Sequence[SeriesRun],
@@ -247,7 +213,7 @@ def _page(
 ) -> str:
     observed = PLANTS[1].name
     errors = {
-        name: rms_of(runs, observed, SERIES_2[-1], name)
+        name: rms(runs, SERIES_2[-1], name, observed)
         for name in ("inextensible", "ekf-2008", "adaptive")
     }
     held = sum(claim.holds(observed) for claim in claims)
@@ -316,7 +282,7 @@ def _page(
     parts += [
         heading("What it is for: the link positioned without its encoder"),
         paragraph(positioned_sentences),
-        picture(drawings[POSITIONED], CAPTION),
+        picture(drawings[POSITIONED], CAPTIONS[POSITIONED]),
         heading("RMS errors in Series 2"),
         _errors_table(runs),
         paragraph(EKF_NOTE),
@@ -354,7 +320,7 @@ def _errors_table(runs: Sequence[SeriesRun]) -> str:
     sources = {run.series: run.log.source.removeprefix("Series 2: ") for run in runs}
     for plant in PLANTS:
         for series in SERIES_2:
-            values = [rms_of(runs, plant.name, series, estimator) for estimator in ESTIMATORS]
+            values = [rms(runs, series, estimator, plant.name) for estimator in ESTIMATORS]
             cells = [
                 Html(f"<b>{value:.2f}</b>") if value == min(values) else f"{value:.2f}"
                 for value in values
@@ -374,7 +340,7 @@ def _readings_table(runs: Sequence[SeriesRun]) -> str:
     rows = [
         [
             name,
-            *(f"{rms_of(runs, plant.name, 'series-2', f'reading {name}'):.2f}" for plant in PLANTS),
+            *(f"{rms(runs, 'series-2', f'reading {name}', plant.name):.2f}" for plant in PLANTS),
         ]
         for name in READINGS
     ]

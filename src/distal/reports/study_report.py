@@ -114,10 +114,7 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
         table = html_table(["", "where it is best", "rigs that meet it"], needs)
         parts += [heading("What is needed"), table]
     if answer.regions:
-        regions = [
-            [region.where, region.proportion, f"{region.proportion.rigs:,}"]
-            for region in answer.regions[:SHOWN]
-        ]
+        regions = [[where, part, f"{part.rigs:,}"] for where, part in answer.regions[:SHOWN]]
         table = html_table(["designs", "rigs that meet it", "rigs"], regions, [2])
         parts += [heading("Where it is met"), table]
     if answer.influences:
@@ -191,7 +188,7 @@ def _points(plan: Plan, space: Space, columns: Columns) -> dict[str, dict[str, o
         for name in (name for name in columns if name.startswith(BUILT)):
             drawn = columns[name][::runs_per_dot][dots]
             points[name] = {"words": f"{words_of(plan, name)} [σ]", "values": _values(drawn)}
-    good = np.repeat(np.all(columns["met"].reshape(-1, n_scenarios) != 0, axis=1), n_scenarios)
+    good = np.repeat(columns["met"].reshape(-1, n_scenarios).all(axis=1), n_scenarios)
     for name, words in WORDS.items():
         column = good if name == "met" else columns[name]
         runs: Floats = column.astype(np.float64).reshape(count, runs_per_dot)[dots]

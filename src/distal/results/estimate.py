@@ -121,11 +121,23 @@ class Estimate:
         )
 
     def _repr_html_(self) -> str:
-        """Return the short description and the `summary` as HTML, which notebooks show."""
-        rows = self.summary()
-        return (
-            f"<p>{escape(repr(self))}</p>{html_table(rows[0], [[*row.values()] for row in rows])}"
-        )
+        """Return the short description and the `table` as HTML, which notebooks show."""
+        return f"<p>{escape(repr(self))}</p>{self.table()}"
+
+    def table(self) -> str:
+        """Return the `summary` as a table in HTML."""
+        rows = [
+            (
+                row["joint"],
+                f"{row['least [deg]']:.2f}° to {row['greatest [deg]']:.2f}°",
+                f"±{row['median band [deg]']:.2f}°",
+                "" if row["RMS error [deg]"] is None else f"{row['RMS error [deg]']:.2f}°",
+                "" if row["inside band"] is None else f"{100 * row['inside band']:.0f} %",
+            )
+            for row in self.summary()
+        ]
+        band = f"{in_percent(self.level)} band, median"
+        return html_table(["joint", "angle", band, "RMS error", "inside"], rows, range(1, 5))
 
     def in_words(self, joint: int = 0) -> str:
         """Return one line on a joint: the range of its angle, its band, and its error where the

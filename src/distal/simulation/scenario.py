@@ -111,7 +111,7 @@ class JointControl(Description):
 
 
 class Control(Description):
-    """A controller in the loop; with one joint, its keys may stand here beside ``joint``."""
+    """A controller in the loop."""
 
     feedback: str = Field(
         "adaptive",
@@ -128,18 +128,6 @@ class Control(Description):
         pi / 180.0, description="step of the encoder in the joint, with feedback = encoder"
     )
     joints: dict[str, JointControl] = Field(min_length=1, description="what is controlled")
-
-    @model_validator(mode="before")
-    @classmethod
-    def _one_joint(cls, raw: object) -> object:
-        """Put the keys of a single joint where those of several stand."""
-        if not isinstance(raw, Mapping) or "joint" not in raw:
-            return raw
-        if "joints" in raw:
-            raise ValueError("joint: stands beside joints; give one of them")
-        of_joint = {key: raw[key] for key in raw if key in JointControl.model_fields}
-        of_loop = {key: raw[key] for key in raw if key not in of_joint and key != "joint"}
-        return {**of_loop, "joints": {raw["joint"]: of_joint}}
 
 
 class Change(Description):

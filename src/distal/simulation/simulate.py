@@ -206,16 +206,15 @@ def true_motion(motion: PlantMotion, grid: Floats, stamps: Floats) -> dict[str, 
     The motion is at the times `grid` [s], the log has the `stamps` [s], (k,).
     """
     rig = motion.plant.rig
-    nj = motion.plant.n_joints
-    joints = rig.joint_names
-    columns = dict(zip(angle_names(joints), motion.q.T)) | dict(
-        zip(torque_names(joints), motion.pulls.T)
-    )
-    columns |= {f"position_{drive.name}": motion.q[:, nj + i] for i, drive in enumerate(rig.drives)}
-    columns |= {
-        f"force_{drive.name}": motion.pulls[:, nj + i] for i, drive in enumerate(rig.drives)
-    }
-    columns |= {
-        f"tension_{tendon.name}": motion.tensions[:, i] for i, tendon in enumerate(rig.tendons)
-    }
-    return {name: np.interp(stamps, grid, values) for name, values in columns.items()}
+    n = motion.plant.n_joints
+    names = [
+        *angle_names(rig.joint_names),
+        *torque_names(rig.joint_names),
+        *(f"position_{drive}" for drive in rig.drive_names),
+        *(f"force_{drive}" for drive in rig.drive_names),
+        *(f"tension_{tendon}" for tendon in rig.tendon_names),
+    ]
+    q = motion.q
+    pulls = motion.pulls
+    columns = np.hstack([q[:, :n], pulls[:, :n], q[:, n:], pulls[:, n:], motion.tensions])
+    return {name: np.interp(stamps, grid, column) for name, column in zip(names, columns.T)}

@@ -42,9 +42,6 @@ class Requirement(Description):
         description="how far the estimate may be from the truth"
     )
     time: Share = Field(0.95, description="for which share of the time")
-    scenarios: tuple[str, ...] = Field(
-        (), description="in which scenarios; default: in all of the study"
-    )
     rigs: Share = Field(0.95, description="of which share of the rigs as built this is asked")
 
 
@@ -93,12 +90,6 @@ class Study(Description):
             raise ValueError(
                 f"estimator: unknown '{self.estimator}'{did_you_mean(self.estimator, ESTIMATORS)}"
             )
-        for name in self.requirement.scenarios:
-            if name not in self.scenarios:
-                raise ValueError(
-                    f"requirement.scenarios: '{name}' is none of "
-                    f"scenarios{did_you_mean(name, self.scenarios)}"
-                )
         if len(set(self.scenarios)) < len(self.scenarios):
             raise ValueError("scenarios: one stands more than once; seeds give several runs of one")
         return self

@@ -4,7 +4,7 @@ it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from math import ceil, exp, log, log2
@@ -191,9 +191,6 @@ class Space:
 
     def __len__(self) -> int:
         return len(self.shares)
-
-    def __iter__(self) -> Iterator[dict[str, Value]]:
-        return map(self.design, range(len(self)))
 
     def design(self, index: int) -> dict[str, Value]:
         """Return the design with this `index`: path → value [SI]."""

@@ -35,7 +35,7 @@ from distal.study.plants import Draw, built_values, draws_of, scores
 from distal.threads import one_blas_thread
 
 Lane = TypeVar("Lane")
-Cell = float | str | bool | None
+Cell = float | str | bool
 Rows = dict[str, list[Cell]]
 Outcome = Estimate | ClosedLoop | DistalError
 
@@ -133,8 +133,7 @@ def _row(plan: Plan, task: Task, outcome: Outcome) -> dict[str, Cell]:
         ).tolist()
         row |= dict(zip(MEASURES, (rms, worst, within, float(np.mean(wrong <= half)), width)))
         met = within >= asked.time
-    is_asked = not asked.scenarios or name in asked.scenarios
-    return row | {"met": met if is_asked else None, "problem": problem}
+    return row | {"met": met, "problem": problem}
 
 
 def curves_of(outcome: Outcome, j: int) -> tuple[Floats, Floats, Floats, Floats] | None:
