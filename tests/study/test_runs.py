@@ -17,7 +17,7 @@ from distal.results import Estimate
 from distal.run import samples_of
 from distal.study.design_space import rig_of, space_of
 from distal.study.plants import built_values, draws_of, scores
-from distal.study.runs import NOMINAL, Task, run_chunk, run_tasks
+from distal.study.runs import Task, run_chunk, run_tasks
 from tests.study.plans import small, still
 
 
@@ -86,13 +86,6 @@ def test_an_error_is_a_row() -> None:
     assert "needs" in problems[-1] or "sensor" in problems[-1]
     assert rows["met"][-1] is False
     assert np.isnan(float(rows["rms_deg"][-1] or 0.0))
-
-
-def test_the_nominal_plant_is_the_rig() -> None:
-    (found,) = run_tasks(small(), [Task(0, {}, NOMINAL, 0)])
-    assert isinstance(found, Estimate)
-    assert found.truths is not None
-    assert found.truths[0, 0] == pytest.approx(np.deg2rad(-25.0), abs=1e-9)
 
 
 @pytest.mark.slow

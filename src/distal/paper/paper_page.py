@@ -16,7 +16,7 @@ from distal.errors import OutputError
 from distal.logs import check_outputs, outputs_in, write_together
 from distal.paper.claims import GROUPS, Claim, measure_claims, rms
 from distal.paper.paper_figures import CAPTIONS, FIGURES, POSITIONED, SUMMARY, draw_figure
-from distal.paper.series import PLANTS, READINGS, SEEDS, SERIES_2, Plant, SeriesRun, all_runs
+from distal.paper.series import PLANTS, READINGS, SEEDS, SERIES_2, SeriesRun, all_runs
 from distal.reports import rig_svg, svg_of
 from distal.reports.moving_chain import moving_chain
 from distal.reports.page import heading, page, paragraph, picture
@@ -117,11 +117,11 @@ def reproduce(
         }
         drawings[name] = svg_of(drawing, CAPTIONS[name])
         advance()
-    files[folder / "results.json"] = (
-        json.dumps(results(claims, runs), indent=2, ensure_ascii=False) + "\n"
-    )
+    errors = errors_of(runs)
+    found = json.dumps(results(claims, errors), indent=2, ensure_ascii=False)
+    files[folder / "results.json"] = found + "\n"
     files[folder / "index.html"] = _page(
-        claims, runs, drawings, positioned_text(loops), moving is not None
+        claims, runs, errors, drawings, positioned_text(loops), moving is not None
     )
     if moving is not None:
         files[folder / LAB] = moving
@@ -158,14 +158,31 @@ def positioned_text(runs: list[ClosedLoop]) -> str:
     )
 
 
-def results(claims: Sequence[Claim], runs: Sequence[SeriesRun]) -> dict[str, object]:
+Errors = dict[str, dict[str, dict[str, float]]]
+"""Name of a plant → scenario → estimate → RMS error [°]."""
+
+
+def errors_of(runs: Sequence[SeriesRun]) -> Errors:
+    """Return the errors in Series 2 of all estimators and, at the lowest tension, of the readings
+    of Q and R.
+    """
+    readings = [f"reading {name}" for name in READINGS]
+    return {
+        plant.name: {
+            series: {
+                name: rms(runs, series, name, plant.name)
+                for name in (*ESTIMATORS, *(readings if series == SERIES_2[0] else ()))
+            }
+            for series in SERIES_2
+        }
+        for plant in PLANTS
+    }
+
+
+def results(claims: Sequence[Claim], errors: Errors) -> dict[str, object]:
     """Return the content of `results.json`: for C1 to C12 their measures and group, and the errors
     of all estimators.
     """
-
-    def error_of(plant: Plant, series: str, estimator: str) -> float:
-        return round(rms(runs, series, estimator, plant.name), 4)
-
     content: dict[str, object] = {
         claim.statement.key: {
             "statement": claim.statement.text,
@@ -176,9 +193,7 @@ def results(claims: Sequence[Claim], runs: Sequence[SeriesRun]) -> dict[str, obj
                     "measure": measure.text,
                     "least": measure.least,
                     "most": measure.most,
-                    "values": {
-                        plant: round(values[i], 4) for plant, values in claim.values.items()
-                    },
+                    "values": {plant: values[i] for plant, values in claim.values.items()},
                     "holds": {
                         plant: measure.margin(values[i]) >= 0.0
                         for plant, values in claim.values.items()
@@ -189,33 +204,19 @@ def results(claims: Sequence[Claim], runs: Sequence[SeriesRun]) -> dict[str, obj
         }
         for claim in claims
     }
-    content["rms_error_deg"] = {
-        plant.name: {
-            series: {name: error_of(plant, series, name) for name in ESTIMATORS}
-            for series in SERIES_2
-        }
-        for plant in PLANTS
-    }
-    content["readings_of_q_and_r_rms_deg"] = {
-        plant.name: {name: error_of(plant, "series-2", f"reading {name}") for name in READINGS}
-        for plant in PLANTS
-    }
-    content["seeds"] = list(SEEDS)
-    return content
+    return content | {"rms_error_deg": errors, "seeds": list(SEEDS)}
 
 
 def _page(
     claims: Sequence[Claim],
     runs: Sequence[SeriesRun],
+    errors: Errors,
     drawings: dict[str, str],
     positioned_sentences: str,
     lab: bool,
 ) -> str:
     observed = PLANTS[1].name
-    errors = {
-        name: rms(runs, SERIES_2[-1], name, observed)
-        for name in ("inextensible", "ekf-2008", "adaptive")
-    }
+    highest = errors[observed][SERIES_2[-1]]
     held = sum(claim.holds(observed) for claim in claims)
     lead = (
         "Joints that are pulled by tendons are light, but a sensor in the joint is one more thing "
@@ -238,10 +239,10 @@ def _page(
             "its angle. In 2008 a dynamic model inside an extended Kalman filter did that. Here "
             "the paper's tests are "
             "simulated again. At the highest tension, tendons taken as inextensible err by "
-            f"{errors['inextensible']:.1f}°, "
-            f"the filter of 2008 by {errors['ekf-2008']:.1f}°, and adaptive, the filter of "
+            f"{highest['inextensible']:.1f}°, "
+            f"the filter of 2008 by {highest['ekf-2008']:.1f}°, and adaptive, the filter of "
             "distal, by "
-            f"{errors['adaptive']:.1f}°."
+            f"{highest['adaptive']:.1f}°."
         ),
         picture(drawings[SUMMARY], CAPTIONS[SUMMARY]),
         picture(
@@ -284,11 +285,11 @@ def _page(
         paragraph(positioned_sentences),
         picture(drawings[POSITIONED], CAPTIONS[POSITIONED]),
         heading("RMS errors in Series 2"),
-        _errors_table(runs),
+        _errors_table(runs, errors),
         paragraph(EKF_NOTE),
         heading("What Q = R = 0.001 can have meant"),
         paragraph(READING_NOTE),
-        _readings_table(runs),
+        _readings_table(errors),
         paragraph(
             f"All errors are RMS over all samples of {len(SEEDS)} seeds of the sensors' errors."
         ),
@@ -315,17 +316,17 @@ def _moving_link(run: SeriesRun) -> list[str]:
     ]
 
 
-def _errors_table(runs: Sequence[SeriesRun]) -> str:
+def _errors_table(runs: Sequence[SeriesRun], errors: Errors) -> str:
     rows = []
     sources = {run.series: run.log.source.removeprefix("Series 2: ") for run in runs}
-    for plant in PLANTS:
-        for series in SERIES_2:
-            values = [rms(runs, series, estimator, plant.name) for estimator in ESTIMATORS]
+    for plant, by_series in errors.items():
+        for series, by_name in by_series.items():
+            values = [by_name[name] for name in ESTIMATORS]
             cells = [
                 Html(f"<b>{value:.2f}</b>") if value == min(values) else f"{value:.2f}"
                 for value in values
             ]
-            rows.append([plant.name, sources[series], *cells])
+            rows.append([plant, sources[series], *cells])
     names = [
         {"simulation": "simulation alone", "observed friction": "ekf-2008, observed friction"}.get(
             name, name
@@ -336,19 +337,13 @@ def _errors_table(runs: Sequence[SeriesRun]) -> str:
     return html_table(columns, rows, range(2, len(columns)))
 
 
-def _readings_table(runs: Sequence[SeriesRun]) -> str:
+def _readings_table(errors: Errors) -> str:
     rows = [
-        [
-            name,
-            *(f"{rms(runs, 'series-2', f'reading {name}', plant.name):.2f}" for plant in PLANTS),
-        ]
+        [name, *(f"{of[SERIES_2[0]][f'reading {name}']:.2f}" for of in errors.values())]
         for name in READINGS
     ]
-    return html_table(
-        ["reading", *(f"RMS, plant with {plant.name} [°]" for plant in PLANTS)],
-        rows,
-        values=(1, 2),
-    )
+    columns = ["reading", *(f"RMS, plant with {plant} [°]" for plant in errors)]
+    return html_table(columns, rows, values=(1, 2))
 
 
 def _claims_table(claims: Sequence[Claim]) -> str:

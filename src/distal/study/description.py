@@ -59,7 +59,7 @@ class Study(Description):
         None, description="of each run; default: as long as the scenario says"
     )
     estimator: str = Field(DEFAULT, description="a name, as of `distal estimate -e`")
-    fill: Literal["grid", "latin", "sobol"] = Field(
+    fill: Literal["grid", "latin"] = Field(
         "latin", description="how designs fill the space of what varies"
     )
     designs: int = Field(

@@ -50,11 +50,6 @@ STEPS = 4
 share few kernels [1]. Source: judgement.
 """
 
-NOMINAL = -1
-"""Seed of the plant that is as the rig says, without drawn errors [1]. Source: definition (a
-marker).
-"""
-
 BUILT = "built: "
 """Beginning of the names of columns that hold the draws of a rig as built, in standard
 deviations.
@@ -68,7 +63,7 @@ class Task:
     Args:
         index: of the design.
         design: path → value [SI].
-        seed: number of the rig as built, or `NOMINAL`.
+        seed: number of the rig as built.
         scenario: index of the scenario.
     """
 
@@ -229,9 +224,7 @@ def _closed(plan: Plan, setup: _Setup, task: Task) -> ClosedLoop | DistalError:
 
 
 def _sensor_seed(plan: Plan, task: Task) -> int:
-    words = np.random.SeedSequence(
-        [*map(abs, _seeds(plan, task)), task.scenario, 1]
-    ).generate_state(1)
+    words = np.random.SeedSequence([*_seeds(plan, task), task.scenario, 1]).generate_state(1)
     return int(words[0])
 
 
@@ -260,9 +253,7 @@ class _Setup:
 
     def drawn(self, seed: tuple[int, ...]) -> dict[str, float]:
         """Return path → value of one rig as built."""
-        nominal = dict.fromkeys((draw.name for draw in self.draws), 0.0)
-        score = nominal if seed[-1] == NOMINAL else scores(self.draws, seed)
-        return built_values(self.rig, self.draws, score)
+        return built_values(self.rig, self.draws, scores(self.draws, seed))
 
     def built(self, seed: tuple[int, ...]) -> Prepared:
         """Return the scenario on one rig as built."""
