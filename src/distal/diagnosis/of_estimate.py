@@ -185,18 +185,8 @@ def _since(time: Floats, scaled: Floats, limit: float) -> float:
     return float(time[0] + first * SPAN) if first > 0 and before < 0.0 < above[first] else np.nan
 
 
-def of_states(estimate: Estimate, farthest: float = LARGE_PRIOR) -> list[Finding]:
-    """Return the findings by the states of an estimate: parameters that left their priors, angles
-    of no joint, and friction that the rig does not declare.
-
-    Args:
-        estimate: to be diagnosed.
-        farthest: distance from its prior from which on a parameter has left it [its stds].
-    """
-    return [*_left(estimate, farthest), *_turning(estimate), *_friction(estimate)]
-
-
 def _left(estimate: Estimate, farthest: float) -> list[Finding]:
+    """Return the findings on parameters that left their priors."""
     means = estimate.prior_means
     stds = estimate.prior_stds
     if means is None or stds is None:
@@ -329,7 +319,7 @@ def diagnose_estimate(
         estimate: to be diagnosed.
         further: findings by other means.
         channels: statistics of the innovations; by default those of the estimate.
-        farthest: as for `of_states`.
+        farthest: distance from its prior from which on a parameter has left it [its stds].
     """
     channels = channels_of(estimate) if channels is None else channels
     # the truth has the last word, so it is said first; causes come right after what they explain
@@ -339,7 +329,9 @@ def diagnose_estimate(
     findings = [
         *truth,
         *(looks + disagreeing if truth else disagreeing + looks),
-        *of_states(estimate, farthest),
+        *_left(estimate, farthest),
+        *_turning(estimate),
+        *_friction(estimate),
         *(finding for finding in further if finding not in (*truth, *looks)),
         *channels.untested(),
     ]
