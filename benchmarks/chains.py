@@ -14,7 +14,7 @@ import os
 import time
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,14 +28,12 @@ from distal import Log, Rig, estimate, load_rig, read_log
 from distal.confidence import BAND
 from distal.errors import DistalWarning
 from distal.estimators import AdaptiveFilter
-from distal.kernels import Kernel
 from distal.model import Mechanism, chain_kick, interval_step, slipping, solver, stiffest_frequency
 from distal.model import stick_slip_motion as coupled
 from distal.results import Estimate
 from distal.rig import build_rig, step_of
 from distal.simulation import build_scenario
-from distal.simulation.plant import plant_function, run_plant, run_plants
-from distal.simulation.simulate import prepare
+from distal.simulation.simulate import motions_of, prepare
 
 PLANTS = {
     "finger-2n": ("finger2N", "0.04 N m"),
@@ -352,14 +350,14 @@ def stepping() -> None:
         rig, build_scenario({"rig": "finger-n-plus-1", "duration": "2 s", "drives": drives})
     )
     fastest = stiffest_frequency(ready.plant)
-    known = run_plant(ready.plant, ready.inputs, ready.start, ready.dt, 128).q[:, :3]
+    known = motions_of([replace(ready, count=128)])[0].q[:, :3]
     cells: list[list[str]] = [[], [], []]
     counts = (1, 2, 4, 8, 16)
     for count in counts:
-        kernel, run = Kernel(plant_function(ready.plant, count)), [(ready.inputs, ready.start)]
-        run_plants(ready.plant, run, ready.dt, kernel)  # compiles it
+        run = [replace(ready, count=count)]
+        motions_of(run)  # compiles it
         begun = time.perf_counter()
-        found = run_plants(ready.plant, run, ready.dt, kernel)[0].q[:, :3]
+        found = motions_of(run)[0].q[:, :3]
         taken = time.perf_counter() - begun
         away = np.rad2deg(found - known)
         cells[0].append(f"{np.sqrt(np.mean(away**2)):.4f}")

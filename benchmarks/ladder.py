@@ -30,8 +30,8 @@ from benchmarks.strangers.foreign_plants import hand_log as foreign_hand_log
 from benchmarks.strangers.foreign_plants import hand_rig as foreign_hand_rig
 from benchmarks.strangers.hands_plants import bowden_log, bowden_rig, ropes_log, ropes_rig
 from distal import Log, Rig, diagnose, estimate, load_rig, read_log
-from distal.diagnosis import finding as texts
 from distal.diagnosis import why_diverged
+from distal.diagnosis.finding import COMPLIANCE, SCALE, ZERO
 from distal.errors import DivergedError
 from distal.logs import write_log
 from distal.results import Estimate
@@ -257,11 +257,11 @@ def judged(
     looks = [finding for finding in findings if finding.kind in ("looks like", "would explain")][:2]
     is_named = any(cause in finding.text for finding in looks for cause in step.causes)
     if blind:
-        group = texts.ZERO if step.added or "pretension" in step.name else texts.SCALE
+        group = ZERO if step.added or "pretension" in step.name else SCALE
         if "stiffness" in step.name or any(
             s.name == step.channel and s.measures == "force" for s in rig.sensors
         ):
-            group = texts.COMPLIANCE
+            group = COMPLIANCE
         looks += [finding for finding in findings if finding.kind == "cannot test"]
         is_named |= any(
             finding.kind == "cannot test" and group in finding.text for finding in findings

@@ -15,10 +15,11 @@ SHORT = """
 rig = "paper-2008"
 duration = "2 s"
 [control]
-joint = "link"
-reference = [["0 s", "0 deg"], ["0.5 s", "0 deg"], ["1 s", "8 deg"]]
 period = "20 ms"
 co_contraction = "4 N"
+
+[control.joints.link]
+reference = [["0 s", "0 deg"], ["0.5 s", "0 deg"], ["1 s", "8 deg"]]
 proportional = "0.3 N m/rad"
 torque_limit = "0.08 N m"
 """

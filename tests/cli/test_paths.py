@@ -33,7 +33,7 @@ from tests.cli.test_cli import refused, run  # noqa: F401
 LOG = "t,x1,u1,x2,u2\n" + "".join(f"{0.01 * i:.2f},{1e-4 * i},2.0,1e-3,2.0\n" for i in range(30))
 TRUTH = "t,theta\n0,0\n1,0.1\n"
 RIG = "# distal export-c\n" + rig_text("paper-2008-printed")[0]
-SCENARIO = scenario_text("series-2")[0].replace('rig = "paper-2008-printed"', 'rig = "{rig}"')
+SCENARIO = scenario_text("series-2").replace('rig = "paper-2008-printed"', 'rig = "{rig}"')
 assert "{rig}" in SCENARIO
 
 Words = Callable[[dict[str, str], str], list[str]]

@@ -33,15 +33,14 @@ STILL = {
     "duration": "1 s",
     "drives": {"left": {"force": "2 N"}, "right": {"force": "2 N"}},
 }
-PID = {
-    "joint": "link",
+GAINS = {
     "reference": [["0 s", "0 deg"], ["0.5 s", "0 deg"], ["1 s", "10 deg"]],
-    "co_contraction": "4 N",
     "proportional": "0.3 N m/rad",
     "integral": "0.6 N m/(rad s)",
     "derivative": "0.02 N m s/rad",
     "torque_limit": "0.08 N m",
 }
+PID = {"co_contraction": "4 N", "joints": {"link": GAINS}}
 
 
 @pytest.fixture(scope="module")
@@ -183,8 +182,8 @@ def test_a_controller_may_end_a_run_only_with_a_line_that_says_why(rig: Rig) -> 
     with pytest.raises(ControlError, match="no controller: give one"):
         closed_loop(rig, scenario())
     with pytest.raises(ControlError, match="the rig has no joint 'linc'; did you mean 'link'"):
-        closed_loop(rig, scenario(control={**PID, "joint": "linc"}))
-    with pytest.raises(ScenarioError, match="joint: stands beside joints"):
+        closed_loop(rig, scenario(control={**PID, "joints": {"linc": GAINS}}))
+    with pytest.raises(ScenarioError, match=r"control\.joints"):
         scenario(control={**PID, "joints": {}})
 
 

@@ -11,9 +11,10 @@ import pytest
 
 from distal import estimate, load_rig, load_scenario, scenario_rig
 from distal.confidence import BAND
-from distal.errors import EstimationError, ScenarioError
+from distal.errors import ScenarioError
 from distal.logs import Log
 from distal.model import Mechanism
+from distal.results import save_figure
 from distal.run import Hour, PieceEstimate, by_hour, estimate_pieces, plot_hours
 from distal.simulation import Scenario, build_scenario, simulate_pieces, simulate_plant
 from distal.simulation.drifting_plant import parameters_at
@@ -118,7 +119,7 @@ def test_a_rezero_pulls_the_joint_to_a_known_angle_and_the_filter_reads_it() -> 
     rig = scenario_rig(described).with_values({"sensors.x1.bias": {"value": 0.0, "std": "1 mm"}})
     built = described.model_copy(update={"plant": {"sensors.x1.bias": {"value": 1e-3}}})
     pieces = list(simulate_pieces(rig, built))
-    known = np.vstack([piece.known for piece in pieces])[:, 0]
+    known = np.concatenate([piece.known for piece in pieces])
     times = np.concatenate([piece.log.time for piece in pieces])
     identified = np.isfinite(known)
     np.testing.assert_allclose(times[identified][[0, -1]], [62.0, 123.99], atol=0.011)
@@ -129,7 +130,7 @@ def test_a_rezero_pulls_the_joint_to_a_known_angle_and_the_filter_reads_it() -> 
         < 0.3
     )
     blind, identified_of = (
-        list(estimate_pieces(pieces, rig, known_std=std)) for std in (None, np.deg2rad(0.2))
+        list(estimate_pieces(pieces, rig, rezero)) for rezero in (None, built.rezero)
     )
     assert identified_of[0].angle_stds.mean() == pytest.approx(blind[0].angle_stds.mean(), rel=0.02)
     assert identified_of[2].angle_stds.mean() < 0.9 * blind[2].angle_stds.mean()
@@ -161,9 +162,6 @@ def test_what_is_wrong_is_said() -> None:
             next(iter(simulate_pieces(rig, scenario(**raw))))
     with pytest.raises(ScenarioError, match=r"has a \[schedule\] or \[rezero\], which need pieces"):
         simulate_plant(rig, scenario(schedule={"tendons.*.stiffness": {"per_hour": 0.1}}))
-    described = scenario()
-    with pytest.raises(EstimationError, match="elastic does not take known angles"):
-        next(iter(estimate_pieces(simulate_pieces(rig, described), rig, "elastic", 0.1)))
     assert parameters_at(Mechanism(rig), "tendons.left.stiffness") == parameters_at(
         Mechanism(rig), "tendons.0.stiffness"
     )
@@ -171,18 +169,16 @@ def test_what_is_wrong_is_said() -> None:
 
 
 def test_hours_are_counted(tmp_path: Path) -> None:
-    """Two pieces over three hours: errors of 1 inside a band of ±1.96, then of 3 outside."""
-    log = Log(np.array([0.0, 1800.0, 3599.0]), {}, {}, "a")
-    later = Log(np.array([3600.0, 7200.0]), {}, {}, "b")
+    """Pieces of three hours: errors of 1 inside a band of ±1.96, then of 3 outside."""
     ones = np.ones((3, 1))
     pieces = [
-        PieceEstimate(log, ones, ones, 0 * ones),
-        PieceEstimate(later, 3 * ones[:2], ones[:2], 0 * ones[:2]),
+        PieceEstimate(Log(begin + np.arange(3.0), {}, {}, "a"), size * ones, ones, 0 * ones)
+        for begin, size in ((0.0, 1.0), (3600.0, 3.0), (7140.0, 3.0), (7200.0, 3.0))
     ]
     found = by_hour(iter(pieces))
     band = pytest.approx(1.959963984540054)
     assert found == (Hour(0, 1.0, 1.0, band), Hour(1, 3.0, 0.0, band), Hour(2, 3.0, 0.0, band))
-    plot_hours({"one": found}, tmp_path / "hours.png")
+    save_figure(plot_hours({"one": found}), tmp_path / "hours.png")
     assert (tmp_path / "hours.png").stat().st_size > 5000
 
 
@@ -201,8 +197,8 @@ def test_each_hours_curves_are_error_band_and_share(tmp_path: Path) -> None:
     """
     rng = np.random.default_rng(5)
     pieces: list[Any] = []
-    for begin in (0.0, 3000.0):
-        time = begin + np.arange(100) * 30.0
+    for begin in (0.0, 1800.0, 3600.0):
+        time = begin + np.arange(100) * 10.0
         stds, truths = rng.uniform(0.01, 0.03, (100, 1)), rng.normal(size=(100, 1))
         angles = truths + stds * rng.normal(size=(100, 1)) * 1.5
         pieces.append(

@@ -35,9 +35,7 @@ def test_a_grid_has_every_combination() -> None:
 
 
 def test_a_logarithmic_range_has_its_mean_at_the_geometric_one() -> None:
-    space = space_of(
-        small(fill="sobol", designs=64, vary={STIFF: {"from": 100.0, "to": 1e4, "scale": "log"}})
-    )
+    space = space_of(small(designs=64, vary={STIFF: {"from": 100.0, "to": 1e4, "scale": "log"}}))
     logs = np.log10([float(space.design(i)[STIFF]) for i in range(64)])
     assert logs.mean() == pytest.approx(3.0, abs=0.02)
 
@@ -92,10 +90,6 @@ def test_chunks_hold_each_design_once_and_like_beside_like() -> None:
         (
             {"requirement": {"joint": "lnk", "within": "1 deg"}},
             "no joint 'lnk'; did you mean 'link'",
-        ),
-        (
-            {"requirement": {"joint": "link", "within": "1 deg", "scenarios": ["x"]}},
-            "'x' is none of scenarios",
         ),
         (
             {"requirement": {"joint": "link", "within": "1 deg", "time": 1.2}},

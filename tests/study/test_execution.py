@@ -46,8 +46,7 @@ def many(designs: int = MANY) -> Plan:
 def rows(plan: Plan, folder: Path, workers: int = 1, scheduler: str | None = None) -> Columns:
     opened = open_folder(plan, folder)
     run_study(plan, space_of(plan), opened, workers, scheduler)
-    opened.gather()
-    return opened.read()
+    return opened.gather()
 
 
 def assert_same(one: Columns, other: Columns) -> None:
@@ -259,8 +258,7 @@ def test_dask_workers_that_die_and_come_late_give_the_same_rows(
             if late:
                 second.__exit__(None, None, None)
         assert late
-    folder.gather()
-    assert_same(folder.read(), whole)
+    assert_same(folder.gather(), whole)
 
 
 def test_other_processes_of_the_caller_go_on() -> None:
@@ -306,7 +304,7 @@ def test_a_study_stops_where_all_its_first_runs_fail_alike(
     ):
         run_study(plan, space_of(plan), folder, 1)
     assert len(ran) == 1
-    assert folder.done() == set()
+    assert folder.chunks == {}
     written = list[int]()
     monkeypatch.setattr(type(folder), "write", lambda self, number, rows: written.append(number))
     grid = small(

@@ -17,7 +17,7 @@ from distal.results import Estimate
 from distal.run import samples_of
 from distal.study.design_space import rig_of, space_of
 from distal.study.plants import built_values, draws_of, scores
-from distal.study.runs import NOMINAL, Task, run_chunk, run_tasks
+from distal.study.runs import Task, run_chunk, run_tasks
 from tests.study.plans import small, still
 
 
@@ -86,20 +86,6 @@ def test_an_error_is_a_row() -> None:
     assert "needs" in problems[-1] or "sensor" in problems[-1]
     assert rows["met"][-1] is False
     assert np.isnan(float(rows["rms_deg"][-1] or 0.0))
-
-
-def test_a_scenario_that_is_not_asked_is_neither_met_nor_not() -> None:
-    asked = {"joint": "link", "within": "1 deg", "scenarios": ["series-2"]}
-    plan = small(scenarios=["series-2", "series-2-high"], requirement=asked, designs=1)
-    rows = run_chunk(plan, [0])
-    assert [met is None for met in rows["met"]] == [name != "series-2" for name in rows["scenario"]]
-
-
-def test_the_nominal_plant_is_the_rig() -> None:
-    (found,) = run_tasks(small(), [Task(0, {}, NOMINAL, 0)])
-    assert isinstance(found, Estimate)
-    assert found.truths is not None
-    assert found.truths[0, 0] == pytest.approx(np.deg2rad(-25.0), abs=1e-9)
 
 
 @pytest.mark.slow

@@ -17,6 +17,7 @@ from distal.cli.shared_options import ScenarioArgument, SeedOption, SetOption
 
 if TYPE_CHECKING:
     from distal.run import PieceEstimate
+    from distal.simulation import Rezero
 
 
 def drift_command(
@@ -30,6 +31,7 @@ def drift_command(
     of one minute.
     """
     from distal.logs import write_whole
+    from distal.results import save_figure
     from distal.run import by_hour, estimate_pieces, plot_hours
     from distal.simulation import load_scenario, scenario_rig, simulate_pieces
 
@@ -42,16 +44,16 @@ def drift_command(
         rig=description.rig,
         scenario=scenario,
     )
-    ways = {"nothing known": None} | (
-        {} if description.rezero is None else {"rezeroed": description.rezero.std}
-    )
+    ways: dict[str, Rezero | None] = {"nothing known": None}
+    if description.rezero is not None:
+        ways["rezeroed"] = description.rezero
     hours_of = {}
     with working("simulating hours") as show:
-        for name, std in ways.items():
-            pieces = estimate_pieces(simulate_pieces(rig, description, seed), rig, known_std=std)
+        for name, rezero in ways.items():
+            pieces = estimate_pieces(simulate_pieces(rig, description, seed), rig, rezero)
             hours_of[name] = by_hour(_with_progress(pieces, show, description.duration, name))
     out.mkdir(parents=True, exist_ok=True)
-    plot_hours(hours_of, picture)
+    save_figure(plot_hours(hours_of), picture)
     rows = []
     for name, hours in hours_of.items():
         for hour in hours:

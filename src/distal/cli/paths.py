@@ -7,7 +7,6 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -75,18 +74,15 @@ def check_command_outputs(
         OutputError: see `distal.logs.check_outputs` and `distal.logs.check_format`.
     """
     from distal import logs as files
-    from distal.rig import shipped_rigs
-    from distal.simulation import shipped_scenarios
+    from distal.rig import description_path
 
     inputs: list[tuple[str, str | Path | int]] = [
         ("log", file) for log in logs for file in _files_of(log)
     ]
     if rig is not None:
-        inputs.append(("rig", _description(rig, shipped_rigs(), "distal.rig")))
+        inputs.append(("rig", description_path(rig, "distal.rig")))
     if scenario is not None:
-        inputs.append(
-            ("scenario", _description(scenario, shipped_scenarios(), "distal.simulation"))
-        )
+        inputs.append(("scenario", description_path(scenario, "distal.simulation")))
     if truth is not None and (os.path.exists(truth) or Path(truth).suffix.lower() in files.TABLES):
         inputs.append(("truth", truth))
     if stdin and sys.stdin is not None:
@@ -96,17 +92,6 @@ def check_command_outputs(
     files.check_outputs(outputs, inputs, streams)
     for output in outputs:
         files.check_format(output.path)
-
-
-def _description(name: str, shipped: Sequence[str], package: str) -> Path:
-    """Return the file of a rig or a scenario; a shipped one comes before a path of the same
-    name.
-    """
-    return (
-        Path(str(resources.files(package) / "library" / f"{name}.toml"))
-        if name in shipped
-        else Path(name)
-    )
 
 
 def _files_of(log: Path) -> Iterator[Path]:

@@ -23,13 +23,14 @@ def reproduce_command(
     """Simulate and filter the 2008 paper's two test series; write its figures, results and a
     page.
     """
-    from distal.paper.claims import GROUPS
-    from distal.paper.paper_page import DRAWN, FEEDBACKS, REPRODUCTION_FILES, reproduce, rms_of
+    from distal.paper.claims import GROUPS, rms
+    from distal.paper.paper_figures import CAPTIONS
+    from distal.paper.paper_page import FEEDBACKS, REPRODUCTION_FILES, reproduce
     from distal.paper.series import PLANTS, SEEDS, SERIES_2, series_count
 
     check_command_outputs(to_folder("--out", out, REPRODUCTION_FILES))
     done = count(1)
-    total = series_count() + len(FEEDBACKS) + len(DRAWN)
+    total = series_count() + len(FEEDBACKS) + len(CAPTIONS)
     with progress_bar("simulating and filtering", total) as show:
         claims, runs = reproduce(out, lambda: show(next(done)), lab)
     observed = PLANTS[1].name
@@ -43,7 +44,7 @@ def reproduce_command(
         "adaptive": "adaptive",
     }
     rows = [
-        (text, *(f"{rms_of(runs, observed, series, name):.1f}°" for series in SERIES_2))
+        (text, *(f"{rms(runs, series, name, observed):.1f}°" for series in SERIES_2))
         for name, text in names.items()
     ]
     title = f"RMS error of the link's angle, plant with {observed}, {len(SEEDS)} seeds"

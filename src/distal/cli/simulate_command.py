@@ -112,7 +112,7 @@ def show_scenario_command(name: ScenarioArgument) -> None:
     """Print a scenario's file, to copy and change."""
     from distal.simulation import scenario_text
 
-    print(scenario_text(name)[0], end="")
+    print(scenario_text(name), end="")
 
 
 def _ranges(log: Log, rig: Rig) -> str:

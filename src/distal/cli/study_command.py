@@ -68,35 +68,25 @@ def _answer(plan: Plan, space: Space, folder: Folder) -> None:
     from distal.reports import study_report
     from distal.study.answer import answer_of
 
-    rows = folder.gather()
-    columns = folder.read()
+    columns = folder.gather()
     answer = answer_of(plan, space, columns)
     page = study_report(plan, space, columns, answer, folder.path)
     say(answer.sentence)
-    say(f"wrote {page}, {folder.path / 'answer.json'} and {rows}")
+    say(f"wrote {page}, {folder.path / 'answer.json'} and {folder.path / 'rows.parquet'}")
 
 
 def _suggest(plan: Plan) -> None:
     from distal.study.suggest import PLANTS, suggestions
 
     with progress_bar("options") as show:
-        base, options, tau = suggestions(plan, show)
-    errors = sorted(option.error for option in options)
-    rows = [(base.words, f"{degrees(base.band):.3g}", "", f"{degrees(base.error):.3g}", "")]
-    for rank, option in enumerate(options, 1):
-        rank_by_error = f"{errors.index(option.error) + 1}"
-        rows.append(
-            (
-                option.words,
-                f"{degrees(option.band):.3g}",
-                f"{rank}",
-                f"{degrees(option.error):.3g}",
-                rank_by_error,
-            )
-        )
-    columns = ["option", "band ± [°]", "rank", f"RMS over {PLANTS} plants [°]", "rank"]
+        base, options = suggestions(plan, show)
+    rows = [
+        (option.words, f"{degrees(option.band):.3g}", f"{degrees(option.error):.3g}")
+        for option in (base, *options)
+    ]
+    columns = ["option", "band ± [°]", f"RMS over {PLANTS} plants [°]"]
     table(plan.study.name or plan.rig.name, columns, rows)
-    say(f"most by the band: {options[0].words}; Kendall's tau of the two ranks: {tau:.2f}")
+    say(f"narrowest band: {options[0].words}")
 
 
 def list_studies_command() -> None:

@@ -126,15 +126,13 @@ class ControlledPlant:
         """
         other = copy(self)
         scenario = self.prepared.scenario
-        alike = self.prepared.plant
         described = scenario.model_copy(update={"plant": {**values, **scenario.plant}})
         other.plant = plant = Mechanism(described.plant_rig(self.rig), remembers=True)
         inputs = self.prepared.inputs
-        parameters = plant.parameters.values
         start = equilibrium(plant, initial_angles(scenario, plant), inputs)
         other.prepared = replace(self.prepared, plant=plant, start=start)
         other._drives = plant.rig.drives
-        other.begin = at_rest(alike, inputs, start, self._kernel, parameters)
+        other.begin = at_rest(plant, inputs, start, self._kernel)
         other._shares, other._lowest, other._highest = drive_parameters(plant.rig, self.prepared.dt)
         return other
 

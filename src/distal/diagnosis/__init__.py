@@ -4,10 +4,9 @@ test.
 
 from distal.diagnosis.diagnose import diagnose, why_diverged
 from distal.diagnosis.finding import Finding, Kind
-from distal.diagnosis.of_estimate import LARGE_RATIO, Diagnosis, diagnose_estimate
+from distal.diagnosis.of_estimate import Diagnosis, diagnose_estimate
 
 __all__ = [
-    "LARGE_RATIO",
     "Diagnosis",
     "Finding",
     "Kind",

@@ -12,9 +12,8 @@ import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.confidence import BAND, COVERED
-from distal.diagnosis import finding as texts
 from distal.diagnosis.causes import Cause, causes_of
-from distal.diagnosis.finding import Finding, Kind
+from distal.diagnosis.finding import COMPLIANCE, SCALE, ZERO, Finding, Kind, named_cause
 from distal.diagnosis.known_motion import sizes
 from distal.diagnosis.naming import Search, Trial, candidates, unfelt
 from distal.diagnosis.of_estimate import (
@@ -32,6 +31,7 @@ from distal.estimators.read_channels import dead_after
 from distal.logs import Log
 from distal.results import LARGE_PRIOR, Estimate
 from distal.rig import Rig, position_range
+from distal.rounded import rounded
 from distal.run.offline import estimator_for
 
 OUTSIDE_SHARE = 0.05
@@ -51,7 +51,6 @@ def diagnose(
     homing: float | None = None,
     *,
     compiled: bool = True,
-    ranges: Mapping[str, tuple[float, float]] | None = None,
     what_if: bool = True,
 ) -> Diagnosis:
     """Return what was tested, what disagrees, and what no sensor in the log can test.
@@ -67,8 +66,6 @@ def diagnose(
         log: of the estimate.
         rig: of the estimate.
         homing: time for which the reference angle was used [s], or None.
-        ranges: channel → lowest and highest value that a fit has seen, SI; by default those of the
-            rig's `[map]`, if any.
         what_if: whether the filter is run with changes.
 
     Raises:
@@ -87,12 +84,10 @@ def diagnose(
         *truth,
         *elsewhere(log, rig),
         *stuck_positions(log, rig),
-        *out_of_range(log, _learned_range(rig) if ranges is None else ranges),
+        *out_of_range(log, _learned_range(rig)),
     ]
-    if result.estimator != "adaptive":
-        return diagnose_estimate(result, further, farthest=farthest)
     first = diagnose_estimate(result, further, farthest=farthest)
-    if not what_if:
+    if result.estimator != "adaptive" or not what_if:
         return first
     runs = _runs(log, rig, homing, compiled=compiled)
     derivatives = derivatives_of(runs, _causes(runs))
@@ -124,9 +119,7 @@ def diagnose(
     return diagnose_estimate(result, further, channels, farthest)
 
 
-def why_diverged(
-    log: Log, rig: Rig, homing: float | None = None, *, compiled: bool = True
-) -> list[Finding]:
+def why_diverged(log: Log, rig: Rig, homing: float | None = None) -> list[Finding]:
     """Return what would explain that `adaptive` left all bounds on a log: by its reference angle,
     or else by runs with changes.
 
@@ -136,7 +129,7 @@ def why_diverged(
         homing: time for which the reference angle is used [s], or None.
     """
     # an estimated external torque would hide what is wrong with the rig
-    runs = _runs(log, rig.with_values({"joints.*.touch": "never"}), homing, compiled=compiled)
+    runs = _runs(log, rig.with_values({"joints.*.touch": "never"}), homing)
     causes = _causes(runs)
     (base,) = runs([{}])
     sized = _sized(runs, causes)
@@ -161,7 +154,7 @@ def _explained(
     return []
 
 
-def _runs(log: Log, rig: Rig, homing: float | None, *, compiled: bool) -> PerturbedRuns:
+def _runs(log: Log, rig: Rig, homing: float | None, *, compiled: bool = True) -> PerturbedRuns:
     estimator = estimator_for(log, rig, "adaptive", compiled, homing)
     assert isinstance(estimator, AdaptiveFilter)
     return PerturbedRuns(log, estimator, homing)
@@ -194,7 +187,7 @@ def _named(trials: Sequence[Trial], kind: Kind, rig: Rig) -> list[Finding]:
     """
     if not trials:
         return []
-    named = [[texts.named_cause(kind, rig, *pair) for pair in t.change.items()] for t in trials]
+    named = [[named_cause(kind, rig, *pair) for pair in t.change.items()] for t in trials]
     alternatives = [
         findings_of[0]
         for trial, findings_of in zip(trials, named)
@@ -211,24 +204,25 @@ def _named(trials: Sequence[Trial], kind: Kind, rig: Rig) -> list[Finding]:
 def _cannot_be_felt(causes: Sequence[Cause], rig: Rig) -> list[Finding]:
     """Return the groups of causes that no sensor tests, each with its drives."""
     drives = dict[str, list[str]]()
-    groups = {"scale": texts.SCALE, "arm": texts.SCALE, "zero": texts.ZERO}
+    groups = {"scale": SCALE, "arm": SCALE, "zero": ZERO}
     of = {sensor.name: sensor for sensor in rig.sensors}
     for cause in causes:
         sensor = of[cause.channels[0]] if cause.channels else None
-        group = groups.get(cause.kind, texts.COMPLIANCE)
+        group = groups.get(cause.kind, COMPLIANCE)
         if sensor is not None and sensor.measures != "position":
-            group = texts.COMPLIANCE
+            group = COMPLIANCE
         tendon = int(cause.paths[0].split(".")[1]) if cause.paths else 0
         drive = rig.tendons[tendon].drive if sensor is None else sensor.of
         drives.setdefault(group, [])
         if drive not in drives[group]:
             drives[group].append(drive)
-    return [
-        texts.cannot_be_felt(
-            group, "all drives" if len(named) == len(rig.drives) > 1 else ", ".join(named)
-        )
-        for group, named in drives.items()
-    ]
+    findings = []
+    for group, named in drives.items():
+        of_all = "all drives" if len(named) == len(rig.drives) > 1 else ", ".join(named)
+        subject = f"{group} of {of_all}"
+        text = f"{subject}: an error there changes the angle but no innovation"
+        findings.append(Finding("cannot test", subject, text))
+    return findings
 
 
 def against_truth(result: Estimate) -> list[Finding]:
@@ -250,14 +244,21 @@ def against_truth(result: Estimate) -> list[Finding]:
     worst = int(np.argmin(shares))
     if shares[worst] >= least:
         return []
-    rms = float(np.sqrt(np.nanmean(errors[:, worst] ** 2)))
-    return [texts.outside_the_truth(result.joint_names[worst], rms, float(shares[worst]))]
+    rms = rounded(np.rad2deg(np.sqrt(np.nanmean(errors[:, worst] ** 2))))
+    joint = result.joint_names[worst]
+    inside = f"{100 * shares[worst]:.0f} % inside the band"
+    text = f"the truth contradicts: {joint} errs by {rms}° RMS, {inside}"
+    return [Finding("against the truth", joint, text)]
 
 
 def elsewhere(log: Log, rig: Rig) -> list[Finding]:
     """Return the displacements that are beyond the range of their drives."""
     return [
-        texts.drive_elsewhere(sensor.name)
+        Finding(
+            "cannot be there",
+            sensor.name,
+            f"{sensor.name} is where its drive cannot be: wrong unit, zero or side?",
+        )
         for sensor in rig.sensors_of("position")
         if sensor.name in log.channels
         and _share_outside(log.channels[sensor.name], *position_range(rig, sensor)) > OUTSIDE_SHARE
@@ -278,7 +279,9 @@ def stuck_positions(log: Log, rig: Rig) -> list[Finding]:
                 elsewhere = np.delete(force, np.arange(rows.start, rows.stop))
                 is_long = end - begin > max(SPAN, dead_after(sensor))
                 if is_long and _spread(force[rows]) > ACTIVE * _spread(elsewhere):
-                    findings.append(texts.stuck(sensor.name, begin, end))
+                    text = f"{sensor.name} has one value from {begin:.1f} to {end:.1f} s"
+                    text += " while its force goes on: is it stuck?"
+                    findings.append(Finding("stuck", sensor.name, text))
     return findings
 
 
@@ -314,7 +317,8 @@ def out_of_range(log: Log, ranges: Mapping[str, tuple[float, float]]) -> list[Fi
     for name, (low, high) in ranges.items():
         share = _share_outside(log.channels.get(name, np.zeros(0)), low, high)
         if share > OUTSIDE_SHARE:
-            findings.append(texts.outside_the_fit(name, share, low, high))
+            text = f"{name} is outside the range of the fit for {100 * share:.0f} % of the log"
+            findings.append(Finding("out of range", name, f"{text} ({low:.3g} to {high:.3g})"))
     return findings
 
 

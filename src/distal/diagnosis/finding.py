@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -84,120 +83,6 @@ class Finding:
     def contradicts(self) -> bool:
         """Whether the finding speaks against the rig, the sensors or the band."""
         return self.kind not in SILENT
-
-
-def not_white(channels: Sequence[str], correlation: float) -> Finding:
-    """Return the finding that some channels' innovations are correlated, by their largest
-    `correlation`.
-    """
-    several = ", ".join(channels)
-    text = f"innovations of {several} are not white (correlation {correlation:.1f})"
-    return Finding("drifts", several, f"{text}: something acts that the rig does not have")
-
-
-def disagrees_since(channel: str, since: float) -> Finding:
-    """Return the finding that a sensor disagrees from the time `since` [s] to the end."""
-    text = f"sensor {channel} disagrees from {since:.0f} s on: its innovations are too large"
-    return Finding("disagrees", channel, text)
-
-
-def too_large(channels: Sequence[str], ratio: float) -> Finding:
-    """Return the finding that the innovations of channels are too large, by `ratio`, the mean of
-    ν²/S over what is normal.
-    """
-    several = ", ".join(channels)
-    verb = "disagrees" if len(channels) == 1 else "disagree"
-    text = f"{several} {verb} with the rig: innovations {np.sqrt(ratio):.1f}× larger than normal"
-    return Finding("too large", several, text)
-
-
-def hardly_compared(channel: str, share: float) -> Finding:
-    """Return the finding that only a small `share` of a channel's samples is compared."""
-    text = (
-        f"only {100 * share:.0f} % of {channel} could be compared (missing, or the slider at a "
-        "stop)"
-    )
-    return Finding("hardly compared", channel, text)
-
-
-def not_tested(channel: str, ratio: float) -> Finding:
-    """Return the finding that a channel tests nothing: its innovations are far too small, by
-    `ratio`, the mean of ν²/S.
-    """
-    text = (
-        f"not tested by {channel}: its innovations are only {np.sqrt(ratio):.2f} of the "
-        "expected size"
-    )
-    return Finding("not tested", channel, text)
-
-
-def left_its_prior(state: str, value: float, std: float, prior: float, prior_std: float) -> Finding:
-    """Return the finding that a state ends far outside its prior: `value` and `std`, and `prior`
-    and `prior_std`, SI.
-    """
-    text = f"{state} is {value:.3g} ± {std:.1g}, its prior {prior:.3g} ± {prior_std:.1g}"
-    return Finding("left its prior", state, text)
-
-
-def turns_too_far(joint: str, covered: float) -> Finding:
-    """Return the finding that a joint has `covered` a larger angle than a joint can [rad]."""
-    text = (
-        f"the angle of {joint} covers {np.rad2deg(covered):.0f}°, which no joint does: is a gear, "
-        "a unit or a radius wrong?"
-    )
-    return Finding("cannot be there", joint, text)
-
-
-def friction_undeclared(drive: str, friction: float) -> Finding:
-    """Return the finding that a drive has `friction` that the rig does not declare [N, N m]."""
-    size = f"friction that the rig does not have: {friction:.2g} at '{drive}' [SI]"
-    return Finding("friction", drive, f"{size} (set drives.{drive}.friction, or a hand acts)")
-
-
-def drive_elsewhere(sensor: str) -> Finding:
-    """Return the finding that a displacement is beyond the range of its drive."""
-    text = f"{sensor} is where its drive cannot be: wrong unit, zero or side?"
-    return Finding("cannot be there", sensor, text)
-
-
-def stuck(sensor: str, begin: float, end: float) -> Finding:
-    """Return the finding that a position stays at one value from `begin` to `end` [s] while its
-    drive's force goes on.
-    """
-    text = (
-        f"{sensor} has one value from {begin:.1f} to {end:.1f} s while its force goes on: is it "
-        "stuck?"
-    )
-    return Finding("stuck", sensor, text)
-
-
-def outside_the_fit(channel: str, share: float, low: float, high: float) -> Finding:
-    """Return the finding that a channel left the range of a fit, `low` to `high` [SI], for some
-    `share` of the log.
-    """
-    text = (
-        f"{channel} is outside the range of the fit for {100 * share:.0f} % of the log "
-        f"({low:.3g} to {high:.3g})"
-    )
-    return Finding("out of range", channel, text)
-
-
-def cannot_be_felt(group: str, drives: str) -> Finding:
-    """Return the finding that no sensor tests a group of causes of some drives."""
-    subject = f"{group} of {drives}"
-    text = f"{subject}: an error there changes the angle but no innovation"
-    return Finding("cannot test", subject, text)
-
-
-def outside_the_truth(joint: str, rms: float, share: float) -> Finding:
-    """Return the finding that the band of a joint contains the reference angle for only a `share`
-    of the samples, with the error `rms` [rad].
-    """
-    text = (
-        f"the truth contradicts: {joint} errs by {rounded(np.rad2deg(rms))}° RMS, "
-        f"{100 * share:.0f} % inside the band"
-    )
-    return Finding("against the truth", joint, text)
 
 
 def named_cause(kind: Kind, rig: Rig, cause: Cause, x: float) -> Finding:

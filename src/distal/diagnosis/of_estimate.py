@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from distal.arrays import Floats
-from distal.diagnosis import finding as texts
 from distal.diagnosis.finding import Finding, Kind
 from distal.diagnosis.score_test import SPAN, quantile, span_sums
 from distal.estimators import StateKind
@@ -89,18 +88,23 @@ class ChannelStatistics:
         """Return the findings on channels that disagree."""
         channels = range(len(self.names))
         large = [i for i in channels if self.ratios[i] > self.limits[i]]
-        if large:
-            late = [i for i in large if np.isfinite(self.since[i])]
-            if len(large) == len(late) == 1:
-                return [texts.disagrees_since(self.names[late[0]], self.since[late[0]])]
-            worst = max(self.ratios[i] for i in large)
-            return [texts.too_large([self.names[i] for i in large], worst)]
         coloured = [
             i for i in channels if self.correlations[i] > COLOURED and self.ratios[i] > NOISE_RATIO
         ]
+        several = ", ".join(self.names[i] for i in large or coloured)
+        if len(large) == 1 and np.isfinite(self.since[large[0]]):
+            begin = f"sensor {several} disagrees from {self.since[large[0]]:.0f} s on"
+            return [Finding("disagrees", several, f"{begin}: its innovations are too large")]
+        if large:
+            verb = "disagrees" if len(large) == 1 else "disagree"
+            size = np.sqrt(max(self.ratios[i] for i in large))
+            text = f"{several} {verb} with the rig: innovations {size:.1f}× larger than normal"
+            return [Finding("too large", several, text)]
         if coloured:
             largest = max(self.correlations[i] for i in coloured)
-            return [texts.not_white([self.names[i] for i in coloured], largest)]
+            text = f"innovations of {several} are not white (correlation {largest:.1f})"
+            text += ": something acts that the rig does not have"
+            return [Finding("drifts", several, text)]
         return []
 
     def untested(self) -> list[Finding]:
@@ -108,9 +112,13 @@ class ChannelStatistics:
         findings = []
         for name, ratio, share in zip(self.names, self.ratios, self.shares):
             if share < SELDOM:
-                findings.append(texts.hardly_compared(name, share))
+                text = f"only {100 * share:.0f} % of {name} could be compared"
+                text += " (missing, or the slider at a stop)"
+                findings.append(Finding("hardly compared", name, text))
             if share >= NEVER_COMPARED and ratio < SMALL:
-                findings.append(texts.not_tested(name, ratio))
+                size = f"only {np.sqrt(ratio):.2f} of the expected size"
+                text = f"not tested by {name}: its innovations are {size}"
+                findings.append(Finding("not tested", name, text))
         return findings
 
 
@@ -177,18 +185,8 @@ def _since(time: Floats, scaled: Floats, limit: float) -> float:
     return float(time[0] + first * SPAN) if first > 0 and before < 0.0 < above[first] else np.nan
 
 
-def of_states(estimate: Estimate, farthest: float = LARGE_PRIOR) -> list[Finding]:
-    """Return the findings by the states of an estimate: parameters that left their priors, angles
-    of no joint, and friction that the rig does not declare.
-
-    Args:
-        estimate: to be diagnosed.
-        farthest: distance from its prior from which on a parameter has left it [its stds].
-    """
-    return [*_left(estimate, farthest), *_turning(estimate), *_friction(estimate)]
-
-
 def _left(estimate: Estimate, farthest: float) -> list[Finding]:
+    """Return the findings on parameters that left their priors."""
     means = estimate.prior_means
     stds = estimate.prior_stds
     if means is None or stds is None:
@@ -206,14 +204,24 @@ def _left(estimate: Estimate, farthest: float) -> list[Finding]:
         is_linearity = estimate.state_kinds[i] is StateKind.LINEARITY
         part = f"linearity_{estimate.state_parts[i]}"
         subject = part if is_linearity else estimate.state_names[i]
-        moments = (ends[i], spreads[i], means[i], stds[i])
-        left.setdefault(subject, texts.left_its_prior(subject, *map(float, moments)))
+        text = f"{subject} is {ends[i]:.3g} ± {spreads[i]:.1g}"
+        text += f", its prior {means[i]:.3g} ± {stds[i]:.1g}"
+        left.setdefault(subject, Finding("left its prior", subject, text))
     return list(left.values())
 
 
 def _turning(estimate: Estimate) -> list[Finding]:
     covered = zip(estimate.joint_names, np.ptp(estimate.angles, axis=0).tolist())
-    return [texts.turns_too_far(joint, most) for joint, most in covered if most > LARGEST_TRAVEL]
+    return [
+        Finding(
+            "cannot be there",
+            joint,
+            f"the angle of {joint} covers {np.rad2deg(most):.0f}°, which no joint does: is a gear, "
+            "a unit or a radius wrong?",
+        )
+        for joint, most in covered
+        if most > LARGEST_TRAVEL
+    ]
 
 
 def _friction(estimate: Estimate) -> list[Finding]:
@@ -223,7 +231,9 @@ def _friction(estimate: Estimate) -> list[Finding]:
         std = np.sqrt(estimate.variances[-1, i])
         prior = np.sqrt(estimate.variances[0, i])
         if kind is StateKind.FRICTION and friction > 0.25 * prior and friction > 3.0 * std:
-            findings.append(texts.friction_undeclared(drive, float(friction)))
+            size = f"friction that the rig does not have: {friction:.2g} at '{drive}' [SI]"
+            text = f"{size} (set drives.{drive}.friction, or a hand acts)"
+            findings.append(Finding("friction", drive, text))
     return findings
 
 
@@ -309,7 +319,7 @@ def diagnose_estimate(
         estimate: to be diagnosed.
         further: findings by other means.
         channels: statistics of the innovations; by default those of the estimate.
-        farthest: as for `of_states`.
+        farthest: distance from its prior from which on a parameter has left it [its stds].
     """
     channels = channels_of(estimate) if channels is None else channels
     # the truth has the last word, so it is said first; causes come right after what they explain
@@ -319,7 +329,9 @@ def diagnose_estimate(
     findings = [
         *truth,
         *(looks + disagreeing if truth else disagreeing + looks),
-        *of_states(estimate, farthest),
+        *_left(estimate, farthest),
+        *_turning(estimate),
+        *_friction(estimate),
         *(finding for finding in further if finding not in (*truth, *looks)),
         *channels.untested(),
     ]

@@ -138,14 +138,16 @@ def _pooled(errors: Sequence[Floats]) -> float:
     return float(np.rad2deg(np.sqrt(np.nanmean(np.concatenate(errors) ** 2))))
 
 
-def rms(runs: Sequence[SeriesRun], series: str, estimator: str) -> float:
+def rms(runs: Sequence[SeriesRun], series: str, estimator: str, plant: str = "") -> float:
     """Return the RMS error of an estimator in a series, pooled over all samples and seeds [°].
 
     Args:
         series: name of the scenario.
         estimator: a key of `SeriesRun.estimates`.
+        plant: name of the plant, where the runs are of several.
     """
-    return _pooled([run.estimates[estimator].errors() for run in _of(runs, series)])
+    asked = [run for run in _of(runs, series) if plant in ("", run.plant)]
+    return _pooled([run.estimates[estimator].errors() for run in asked])
 
 
 def _of(runs: Sequence[SeriesRun], series: str) -> list[SeriesRun]:

@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 SUMMARY = "summary"
 """Name of the figure that sums up the reproduction."""
 
+POSITIONED = "positioned"
+"""Name of the figure of the closed loops."""
+
 FIGURES = {
     "figure-2": "series-1-soft",
     "figure-3": "series-2",
@@ -41,23 +44,18 @@ FIGURES = {
 
 CAPTIONS = {
     SUMMARY: "The same motion at rising tension, on a plant with more friction than the paper's "
-    "Table 1 says. Top: the "
-    "link's angle. Bottom: the error of each estimate, with its RMS over all seeds. All three "
-    "know Table 1 and nothing "
-    "else. On the left Table 1 is nearly right: the filter of 2008, which takes it as exact, wins "
-    "there. Further right it "
-    "is wrong, and adaptive, which allows for that, wins. The shaded band is where adaptive says "
+    "Table 1 says. Top: the link's angle. Bottom: the error of each estimate, with its RMS over "
+    "all seeds. All three know Table 1 and nothing else. The shaded band is where adaptive says "
     "that the angle is.",
     "figure-2": "Series 1: the link is moved by hand, 2 N on each tendon, k = 403 N/m. The angle "
-    "from each "
-    "potentiometer, tendons taken as inextensible, against the encoder.",
+    "from each potentiometer, tendons taken as inextensible, against the encoder.",
     "figure-3": "Series 2: 2 N against 6 N, k = 806 N/m. Inextensible estimate, simulation from "
-    "the measured forces "
-    "alone, and Kalman filters; below, the errors of all but the first with the 95 % band of "
-    "adaptive. The link "
-    "rests afterwards, up to 8 s.",
+    "the measured forces alone, and Kalman filters; below, the errors of all but the first with "
+    "the 95 % band of adaptive. The link rests afterwards, up to 8 s.",
     "figure-4": "Series 2 at higher tension: 3 N against 9 N.",
     "figure-5": "Series 2 at the highest tension: 4 N against 12 N.",
+    POSITIONED: "Steps and ramps of 20°, the same controller with three feedbacks: an encoder of "
+    "1° in the joint, the estimate of adaptive, and the displacements over the radii.",
 }
 """Name of a figure → its caption."""
 
@@ -119,7 +117,7 @@ def draw_figure(name: str, runs: Sequence[SeriesRun]) -> Figure:
                 _draw_potentiometers(top, bottom, run)
             elif name == SUMMARY:
                 _draw_filters(top, bottom, run, SHOWN, errors=SHOWN)
-                _write_errors(top, [one for one in runs if one.plant == observed], run.series)
+                _write_errors(top, runs, run)
             else:
                 _draw_filters(top, bottom, run, FILTERS, errors=set(FILTERS) - {"inextensible"})
             top.set_title(title, fontsize=9, loc="left")
@@ -134,11 +132,11 @@ def draw_figure(name: str, runs: Sequence[SeriesRun]) -> Figure:
     return drawing
 
 
-def _write_errors(top: Axes, runs: Sequence[SeriesRun], series: str) -> None:
+def _write_errors(top: Axes, runs: Sequence[SeriesRun], shown: SeriesRun) -> None:
     beside = {"transform": top.transAxes, "ha": "right"}
     top.text(0.98, 0.37, "RMS error", fontsize=8, **beside)
     for row, (name, index) in enumerate(SHOWN.items()):
-        error_text = f"{rms(runs, series, name):.1f}°"
+        error_text = f"{rms(runs, shown.series, name, shown.plant):.1f}°"
         bold = {"color": colour(index), "fontsize": 8.5, "weight": "bold"}
         top.text(0.98, 0.27 - 0.1 * row, error_text, **bold, **beside)
 

@@ -15,8 +15,8 @@ from distal.control import ClosedLoop, closed_loop, plot_control, trackings_of
 from distal.errors import OutputError
 from distal.logs import check_outputs, outputs_in, write_together
 from distal.paper.claims import GROUPS, Claim, measure_claims, rms
-from distal.paper.paper_figures import CAPTIONS, FIGURES, SUMMARY, draw_figure
-from distal.paper.series import PLANTS, READINGS, SEEDS, SERIES_2, Plant, SeriesRun, all_runs
+from distal.paper.paper_figures import CAPTIONS, FIGURES, POSITIONED, SUMMARY, draw_figure
+from distal.paper.series import PLANTS, READINGS, SEEDS, SERIES_2, SeriesRun, all_runs
 from distal.reports import rig_svg, svg_of
 from distal.reports.moving_chain import moving_chain
 from distal.reports.page import heading, page, paragraph, picture
@@ -27,9 +27,6 @@ from distal.simulation import load_scenario, scenario_rig
 ESTIMATORS = ("inextensible", "simulation", "ekf-2008", "observed friction", "ekf", "adaptive")
 """Estimators in the tables of errors."""
 
-POSITIONED = "positioned"
-"""Name of the figure."""
-
 SCENARIO = "control-paper"
 """Name of the scenario of the closed loops."""
 
@@ -38,18 +35,8 @@ FEEDBACKS = ("encoder", "adaptive", "ratio")
 by radii.
 """
 
-CAPTION = (
-    "Steps and ramps of 20°, the same controller with three feedbacks: an encoder of 1° in the "
-    "joint, the estimate of "
-    "adaptive, and the displacements over the radii."
-)
-"""Caption of the figure."""
-
-DRAWN = (SUMMARY, *FIGURES, POSITIONED)
-"""Names of all figures."""
-
 REPRODUCTION_FILES = (
-    *(f"{name}.{kind}" for name in DRAWN for kind in ("png", "svg")),
+    *(f"{name}.{kind}" for name in CAPTIONS for kind in ("png", "svg")),
     "results.json",
     "index.html",
 )
@@ -66,36 +53,27 @@ REFERENCE = (
 """The paper's title and source, for the page."""
 
 SEARCH_NOTE = (
-    "How the plant with more friction was found: plants were drawn over the friction of the "
-    "sliders (constant and by load), exponent, reference load and preload of the axle's friction,"
-    " and the angle of Series 1, and each was read both ways, as x/r and from the geometry. The "
-    "plant on which most of the twelve statements hold is that one, so all twelve have chosen it."
-    " python -m benchmarks.paper_search does this again: it draws the map, tests each statement "
-    "on the plant that the other eleven choose, and names the pairs that exclude each other. What"
-    " it found stands in docs/results/reproduction.md."
+    "How the plant with more friction was found: plants were drawn over what the paper does not "
+    "print, and the one on which most of the twelve statements hold was taken, so all twelve have "
+    "chosen it. python -m benchmarks.paper_search does this again and tests each statement on the "
+    "plant that the other eleven choose."
 )
 """Text on how the plant with more friction was found."""
 
 EKF_NOTE = (
     "Bold is the smallest error of a row. ekf is the filter of 2008 with the noise of the sensors "
-    "as the simulation "
-    "has it. On the plant with the friction of Table 1 it is given the exact model and the exact "
-    "noise, "
-    "and then nothing can be "
-    "better. At 2 N / 6 N Table 1 is nearly right on the other plant too, and both filters that "
-    "take it for "
-    "exact beat adaptive, which keeps room for friction that is wrong. From 3 N / 9 N on Table 1 "
-    "is wrong, and that "
-    "room is what keeps adaptive right."
+    "as the simulation has it; on the plant with the friction of Table 1 it has the exact model "
+    "too, and nothing can be better. At 2 N / 6 N Table 1 is nearly right on the other plant, and "
+    "filters that take it for exact beat adaptive, which keeps room for friction that is wrong. "
+    "From 3 N / 9 N on that room is what keeps adaptive right."
 )
 """Text below the table of errors."""
 
 READING_NOTE = (
     "The paper sets Q = R = 0.001·I without units. In SI, R would be a potentiometer that errs by "
-    "32 mm, three "
-    "times its travel; in mm² it errs by 32 µm, between its random error and its linearity. "
-    "ekf-2008 reads R in mm² "
-    "and the rest in SI. What each reading gives at 2 N / 6 N, one pass:"
+    "32 mm, three times its travel; in mm² it errs by 32 µm, between its random error and its "
+    "linearity. ekf-2008 reads R in mm² and the rest in SI. What each reading gives at 2 N / 6 N, "
+    "one pass:"
 )
 """Text of the page on the readings of the paper's Q and R."""
 
@@ -131,19 +109,19 @@ def reproduce(
     loops = positioned(advance)
     drawings = dict[str, str]()
     files = dict[Path, bytes | str]()
-    for name in DRAWN:
+    for name in CAPTIONS:
         drawing = plot_control(loops) if name == POSITIONED else draw_figure(name, runs)
         files |= {
             path: figure_bytes(drawing, path)
             for path in (folder / f"{name}.png", folder / f"{name}.svg")
         }
-        drawings[name] = svg_of(drawing, CAPTION if name == POSITIONED else CAPTIONS[name])
+        drawings[name] = svg_of(drawing, CAPTIONS[name])
         advance()
-    files[folder / "results.json"] = (
-        json.dumps(results(claims, runs), indent=2, ensure_ascii=False) + "\n"
-    )
+    errors = errors_of(runs)
+    found = json.dumps(results(claims, errors), indent=2, ensure_ascii=False)
+    files[folder / "results.json"] = found + "\n"
     files[folder / "index.html"] = _page(
-        claims, runs, drawings, positioned_text(loops), moving is not None
+        claims, runs, errors, drawings, positioned_text(loops), moving is not None
     )
     if moving is not None:
         files[folder / LAB] = moving
@@ -180,14 +158,31 @@ def positioned_text(runs: list[ClosedLoop]) -> str:
     )
 
 
-def results(claims: Sequence[Claim], runs: Sequence[SeriesRun]) -> dict[str, object]:
+Errors = dict[str, dict[str, dict[str, float]]]
+"""Name of a plant → scenario → estimate → RMS error [°]."""
+
+
+def errors_of(runs: Sequence[SeriesRun]) -> Errors:
+    """Return the errors in Series 2 of all estimators and, at the lowest tension, of the readings
+    of Q and R.
+    """
+    readings = [f"reading {name}" for name in READINGS]
+    return {
+        plant.name: {
+            series: {
+                name: rms(runs, series, name, plant.name)
+                for name in (*ESTIMATORS, *(readings if series == SERIES_2[0] else ()))
+            }
+            for series in SERIES_2
+        }
+        for plant in PLANTS
+    }
+
+
+def results(claims: Sequence[Claim], errors: Errors) -> dict[str, object]:
     """Return the content of `results.json`: for C1 to C12 their measures and group, and the errors
     of all estimators.
     """
-
-    def error_of(plant: Plant, series: str, estimator: str) -> float:
-        return round(rms_of(runs, plant.name, series, estimator), 4)
-
     content: dict[str, object] = {
         claim.statement.key: {
             "statement": claim.statement.text,
@@ -198,9 +193,7 @@ def results(claims: Sequence[Claim], runs: Sequence[SeriesRun]) -> dict[str, obj
                     "measure": measure.text,
                     "least": measure.least,
                     "most": measure.most,
-                    "values": {
-                        plant: round(values[i], 4) for plant, values in claim.values.items()
-                    },
+                    "values": {plant: values[i] for plant, values in claim.values.items()},
                     "holds": {
                         plant: measure.margin(values[i]) >= 0.0
                         for plant, values in claim.values.items()
@@ -211,45 +204,19 @@ def results(claims: Sequence[Claim], runs: Sequence[SeriesRun]) -> dict[str, obj
         }
         for claim in claims
     }
-    content["rms_error_deg"] = {
-        plant.name: {
-            series: {name: error_of(plant, series, name) for name in ESTIMATORS}
-            for series in SERIES_2
-        }
-        for plant in PLANTS
-    }
-    content["readings_of_q_and_r_rms_deg"] = {
-        plant.name: {name: error_of(plant, "series-2", f"reading {name}") for name in READINGS}
-        for plant in PLANTS
-    }
-    content["seeds"] = list(SEEDS)
-    return content
-
-
-def rms_of(runs: Sequence[SeriesRun], plant: str, series: str, estimator: str) -> float:
-    """Return the RMS error of an estimator in a series on a plant, pooled over all samples and
-    seeds [°].
-
-    Args:
-        plant: name of the plant.
-        series: name of the scenario.
-        estimator: a key of `SeriesRun.estimates`.
-    """
-    return rms([run for run in runs if run.plant == plant], series, estimator)
+    return content | {"rms_error_deg": errors, "seeds": list(SEEDS)}
 
 
 def _page(
     claims: Sequence[Claim],
     runs: Sequence[SeriesRun],
+    errors: Errors,
     drawings: dict[str, str],
     positioned_sentences: str,
     lab: bool,
 ) -> str:
     observed = PLANTS[1].name
-    errors = {
-        name: rms_of(runs, observed, SERIES_2[-1], name)
-        for name in ("inextensible", "ekf-2008", "adaptive")
-    }
+    highest = errors[observed][SERIES_2[-1]]
     held = sum(claim.holds(observed) for claim in claims)
     lead = (
         "Joints that are pulled by tendons are light, but a sensor in the joint is one more thing "
@@ -272,10 +239,10 @@ def _page(
             "its angle. In 2008 a dynamic model inside an extended Kalman filter did that. Here "
             "the paper's tests are "
             "simulated again. At the highest tension, tendons taken as inextensible err by "
-            f"{errors['inextensible']:.1f}°, "
-            f"the filter of 2008 by {errors['ekf-2008']:.1f}°, and adaptive, the filter of "
+            f"{highest['inextensible']:.1f}°, "
+            f"the filter of 2008 by {highest['ekf-2008']:.1f}°, and adaptive, the filter of "
             "distal, by "
-            f"{errors['adaptive']:.1f}°."
+            f"{highest['adaptive']:.1f}°."
         ),
         picture(drawings[SUMMARY], CAPTIONS[SUMMARY]),
         picture(
@@ -316,13 +283,13 @@ def _page(
     parts += [
         heading("What it is for: the link positioned without its encoder"),
         paragraph(positioned_sentences),
-        picture(drawings[POSITIONED], CAPTION),
+        picture(drawings[POSITIONED], CAPTIONS[POSITIONED]),
         heading("RMS errors in Series 2"),
-        _errors_table(runs),
+        _errors_table(runs, errors),
         paragraph(EKF_NOTE),
         heading("What Q = R = 0.001 can have meant"),
         paragraph(READING_NOTE),
-        _readings_table(runs),
+        _readings_table(errors),
         paragraph(
             f"All errors are RMS over all samples of {len(SEEDS)} seeds of the sensors' errors."
         ),
@@ -349,17 +316,17 @@ def _moving_link(run: SeriesRun) -> list[str]:
     ]
 
 
-def _errors_table(runs: Sequence[SeriesRun]) -> str:
+def _errors_table(runs: Sequence[SeriesRun], errors: Errors) -> str:
     rows = []
     sources = {run.series: run.log.source.removeprefix("Series 2: ") for run in runs}
-    for plant in PLANTS:
-        for series in SERIES_2:
-            values = [rms_of(runs, plant.name, series, estimator) for estimator in ESTIMATORS]
+    for plant, by_series in errors.items():
+        for series, by_name in by_series.items():
+            values = [by_name[name] for name in ESTIMATORS]
             cells = [
                 Html(f"<b>{value:.2f}</b>") if value == min(values) else f"{value:.2f}"
                 for value in values
             ]
-            rows.append([plant.name, sources[series], *cells])
+            rows.append([plant, sources[series], *cells])
     names = [
         {"simulation": "simulation alone", "observed friction": "ekf-2008, observed friction"}.get(
             name, name
@@ -370,19 +337,13 @@ def _errors_table(runs: Sequence[SeriesRun]) -> str:
     return html_table(columns, rows, range(2, len(columns)))
 
 
-def _readings_table(runs: Sequence[SeriesRun]) -> str:
+def _readings_table(errors: Errors) -> str:
     rows = [
-        [
-            name,
-            *(f"{rms_of(runs, plant.name, 'series-2', f'reading {name}'):.2f}" for plant in PLANTS),
-        ]
+        [name, *(f"{of[SERIES_2[0]][f'reading {name}']:.2f}" for of in errors.values())]
         for name in READINGS
     ]
-    return html_table(
-        ["reading", *(f"RMS, plant with {plant.name} [°]" for plant in PLANTS)],
-        rows,
-        values=(1, 2),
-    )
+    columns = ["reading", *(f"RMS, plant with {plant} [°]" for plant in errors)]
+    return html_table(columns, rows, values=(1, 2))
 
 
 def _claims_table(claims: Sequence[Claim]) -> str:

@@ -17,8 +17,7 @@ from distal.results import Estimate
 from distal.rig import Rig, load_rig
 from distal.run import estimate
 from distal.simulation import Scenario, load_scenario, scenario_rig
-from distal.simulation.plant import run_plant
-from distal.simulation.simulate import prepare, sampled
+from distal.simulation.simulate import motions_of, prepare, sampled
 
 SERIES_1 = ("series-1-soft", "series-1")
 """Scenarios of Series 1, in which a hand moves the link, with softer and stiffer tendons."""
@@ -47,6 +46,10 @@ IDEAL = {"sensors.x1.linearity": 0.0, "sensors.x2.linearity": 0.0}
 
 BETTER_CELLS = {"sensors.u1.noise": "0.03 N", "sensors.u2.noise": "0.03 N"}
 """Parameters of load cells with less noise."""
+
+
+TWO_PASSES = ("ekf-2008", "observed friction", "hung weights", "better cells")
+"""Names of the estimates that go over a log twice, as the paper's filter did."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +175,7 @@ def run_series(
     scenario = plant.scenario(series)
     rig = scenario_rig(scenario)
     ready = prepare(rig, scenario)
-    motion = run_plant(ready.plant, ready.inputs, ready.start, ready.dt, ready.count)
+    (motion,) = motions_of([ready])
 
     def read(seed: int, sensors: Mapping[str, object] | None = None) -> Log:
         plant = (
@@ -183,40 +186,28 @@ def run_series(
         return sampled(replace(ready, plant=plant), motion, seed)
 
     inextensible = _estimator(series, "x/r" if plant.over_radius else "inextensible")
+    knowing = make_estimator("ekf-2008", rig.with_values(plant.values or observed_values()))
     runs = []
     for seed in seeds:
         log = read(seed)
-        estimates = {"inextensible": estimate(log, rig, inextensible)}
+        asked = {"inextensible": (log, inextensible)}
         if series in SERIES_1:
-            estimates["without linearity"] = estimate(read(seed, IDEAL), rig, inextensible)
+            asked["without linearity"] = (read(seed, IDEAL), inextensible)
         else:
-            filters = (
-                ("ekf-2008", "simulation")
-                if statements_only
-                else ("ekf-2008", "simulation", "ekf", "adaptive")
-            )
-            for name in filters:
-                passes = 2 if name == "ekf-2008" else 1
-                estimates[name] = estimate(log, rig, _estimator(series, name), passes=passes)
+            names = ("ekf-2008", "simulation", *(() if statements_only else ("ekf", "adaptive")))
+            asked |= {name: (log, _estimator(series, name)) for name in names}
+            asked["observed friction"] = (log, knowing)
         if series == "series-2":
-            logs = {
-                "hung weights": hung_weights(log, scenario),
-                "better cells": read(seed, BETTER_CELLS),
-            }
             paper = _estimator(series, "ekf-2008")
-            estimates |= {
-                name: estimate(variant, rig, paper, passes=2) for name, variant in logs.items()
-            }
-            if not statements_only:
-                estimates |= {
-                    f"reading {name}": estimate(log, rig, _estimator(series, name))
-                    for name in READINGS
-                }
+            asked["hung weights"] = (hung_weights(log, scenario), paper)
+            asked["better cells"] = (read(seed, BETTER_CELLS), paper)
+            for name in () if statements_only else READINGS:
+                asked[f"reading {name}"] = (log, _estimator(series, name))
+        estimates = {
+            name: estimate(of, rig, by, passes=2 if name in TWO_PASSES else 1)
+            for name, (of, by) in asked.items()
+        }
         runs.append(SeriesRun(series, plant.name, seed, rig, log, estimates))
-    if series == "series-2" or (series in SERIES_2 and not statements_only):
-        knowing = make_estimator("ekf-2008", rig.with_values(plant.values or observed_values()))
-        for run in runs:
-            run.estimates["observed friction"] = estimate(run.log, rig, knowing, passes=2)
     return runs
 
 

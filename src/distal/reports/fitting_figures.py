@@ -81,34 +81,37 @@ def draw_residuals(
     rig lacks. Where no log has a truth, the innovations of the first compared sensor are drawn
     instead of the errors.
     """
+    names = rig.joint_names
     force = next(iter(rig.sensors_of("force") or rig.sensors_of("tension")), None)
-    truths = [true_angles(log, rig.joint_names) for log in logs]
-    pairs = [(i, j) for i in range(len(logs)) for j in range(len(rig.joints))]
-    with_truth = [
-        (i, j)
-        for i, j in pairs
-        if (true := truths[i]) is not None and np.isfinite(true[:, j]).any()
+    truths = [
+        np.full_like(result.angles, np.nan) if (true := true_angles(log, names)) is None else true
+        for log, result in zip(logs, after)
     ]
-    chosen = with_truth or pairs
+    has_truth = any(np.isfinite(truth).any() for truth in truths)
     angles = [
-        np.rad2deg((after[i].angles if (true := truths[i]) is None else true)[:, j])
-        for i, j in chosen
+        np.rad2deg(truth if has_truth else result.angles) for truth, result in zip(truths, after)
     ]
-    speeds = [_smooth_speed(logs[i].time, angle) for (i, _), angle in zip(chosen, angles)]
-    against = {"angle θ [°]": angles, "speed [°/s]": speeds}
+    against = {
+        "angle θ [°]": angles,
+        "speed [°/s]": [_smooth_speed(log.time, angle) for log, angle in zip(logs, angles)],
+    }
     if force is not None:
-        readings = [logs[i].channels[force.name] for i, _ in chosen]
+        readings = [log.channels[force.name][:, None] for log in logs]
         against[f"{force.name} [{force.si}]"] = readings
     with figure(1, len(against), (7.2, 2.9), sharey=True) as (drawing, panels):
         for name, estimates, colour in (("before", before, 1), ("after", after, 0)):
-            residuals = [
-                _residuals(truths[i] if with_truth else None, estimates[i], j) for i, j in chosen
-            ]
+            if has_truth:
+                residuals = [np.rad2deg(e.angles - t) for e, t in zip(estimates, truths)]
+            else:
+                first = (e.innovations / np.sqrt(e.innovation_variances) for e in estimates)
+                residuals = [scaled[:, :1] for scaled in first]
             for axes, (label, columns) in zip(panels, against.items()):
-                _draw_binned(axes, np.concatenate(columns), np.concatenate(residuals), colour, name)
+                both = [np.broadcast_arrays(x, y) for x, y in zip(columns, residuals)]
+                x, y = (np.concatenate([np.ravel(part) for part in parts]) for parts in zip(*both))
+                _draw_binned(axes, x, y, colour, name)
                 axes.set_xlabel(label)
         panels[0].set_ylabel(
-            "error [°]" if with_truth else f"innovation / its std, {after[0].measured[0]}"
+            "error [°]" if has_truth else f"innovation / its std, {after[0].measured[0]}"
         )
         for axes in panels:
             axes.axhline(0.0, color=BLACK, lw=0.6)
@@ -116,22 +119,17 @@ def draw_residuals(
     return drawing
 
 
-def _residuals(truth: Floats | None, estimate: Estimate, joint: int) -> Floats:
-    if truth is not None:
-        return np.rad2deg(estimate.angles[:, joint] - truth[:, joint])
-    return estimate.innovations[:, 0] / np.sqrt(estimate.innovation_variances[:, 0])
-
-
-def _smooth_speed(time: Floats, angle: Floats) -> Floats:
-    """Return the mean speed of an angle over a tenth of a second around each stamp, (k,); NaN where
-    the angle is known nowhere.
+def _smooth_speed(time: Floats, angles: Floats) -> Floats:
+    """Return the mean speeds of angles over a tenth of a second around each stamp, (k, n_joints);
+    NaN where an angle is known nowhere.
     """
-    finite = np.isfinite(angle)
-    if not finite.any():
-        return np.full_like(angle, np.nan)
-    before, after = (np.interp(time + t, time[finite], angle[finite]) for t in (-0.05, 0.05))
-    speed: Floats = (after - before) / 0.1
-    return speed
+    speeds = np.full_like(angles, np.nan)
+    for j, angle in enumerate(angles.T):
+        finite = np.isfinite(angle)
+        if finite.any():
+            ends = (np.interp(time + t, time[finite], angle[finite]) for t in (-0.05, 0.05))
+            speeds[:, j] = np.diff([*ends], axis=0) / 0.1
+    return speeds
 
 
 def _draw_binned(axes: Axes, x: Floats, y: Floats, index: int, name: str) -> None:

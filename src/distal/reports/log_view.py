@@ -27,7 +27,6 @@ from distal.results import (
     Estimate,
     colour,
     from_start,
-    html_table,
     in_order,
     pulls_of,
     time_label,
@@ -132,7 +131,7 @@ def view_page(
     parts = [
         *map(paragraph, sentences),
         paragraph(f"Drawn is one sample of {step}.") if step > 1 else "",
-        _summary(estimate) if joints > 1 else "",
+        estimate.table() if joints > 1 else "",
         f"<div class='beside'>{moving}<div>{drawn}</div></div>",
         script,
         picture(rig_svg(rig), "The rig: drives, tendons, joints and sensors."),
@@ -140,22 +139,6 @@ def view_page(
     lead = estimate.in_words() if joints == 1 else f"{estimate.estimator}: {joints} joints"
     write_whole(path, page(shown(Path(log.source).name), lead, parts))
     return Path(path)
-
-
-def _summary(estimate: Estimate) -> str:
-    """Return a table with a row for each joint: range, band, and error where the truth is known."""
-    rows = [
-        [
-            row["joint"],
-            f"{row['least [deg]']:.2f}° to {row['greatest [deg]']:.2f}°",
-            f"±{row['median band [deg]']:.2f}°",
-            "" if row["RMS error [deg]"] is None else f"{row['RMS error [deg]']:.2f}°",
-            "" if row["inside band"] is None else f"{100 * row['inside band']:.0f} %",
-        ]
-        for row in estimate.summary()
-    ]
-    band = f"{in_percent(estimate.level)} band, median"
-    return html_table(["joint", "angle", band, "RMS error", "inside"], rows, range(1, 5))
 
 
 def check_plotly() -> None:

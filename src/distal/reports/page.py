@@ -9,7 +9,7 @@ from html import escape
 from importlib import resources
 from typing import TYPE_CHECKING
 
-from distal.results import BAD, BLACK, COLOURS, FAINT, GOOD, INK, SOFT, WHITE
+from distal.results import BAD, COLOURS, FAINT, GOOD, INK, SOFT, WHITE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,10 +21,7 @@ _COLOURS = {
     "line": FAINT,
     "yes": GOOD,
     "no": BAD,
-    "truth": BLACK,
     "curve": COLOURS[0],
-    "mark": COLOURS[1],
-    "dot": COLOURS[5],
 }
 """Name of a colour in style sheets → the colour."""
 

@@ -1,162 +1,37 @@
+// Two columns of a study against each other, coloured by a third, and the front: what no other one beats in both.
 "use strict";
-(() => {
-  const data = JSON.parse(document.getElementById("study-data").textContent);
-  const names = Object.keys(data.columns), W = 640, H = 400, B = 54, T = 12, R = 14;
-  const NS = "http://www.w3.org/2000/svg";
-  const get = (id) => document.getElementById(id);
+{
+  const { columns, shown } = JSON.parse(document.getElementById("study-data").textContent);
+  const names = Object.keys(columns), get = (id) => document.getElementById(id), column = (way) => columns[get(way).value];
+  const ticks = ({ labels }) => labels && { tickvals: labels.map((_, i) => i), ticktext: labels };
+  const axis = (own) => ({ title: { text: own.words }, type: own.log ? "log" : "linear", automargin: true, ...ticks(own) });
+  const told = ({ words, labels, values }, i) => `${words}: ${labels ? labels[values[i]] : values[i] ?? "–"}`;
+  const text = columns.rms_deg.values.map((_, i) => names.map((name) => told(columns[name], i)).join("<br>"));
 
-  function node(tag, attributes, text) {
-    const made = document.createElementNS(NS, tag);
-    for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-    if (text !== undefined) made.textContent = text;
-    return made;
-  }
-
-  function short(value) {
-    if (value === 0) return "0";
-    const size = Math.abs(value);
-    return size >= 1e5 || size < 1e-3 ? value.toExponential(1) : String(Number(value.toPrecision(3)));
-  }
-
-  /* a column as numbers: texts and choices by their index, a logarithmic one by its logarithm */
-  function column(name) {
-    const given = data.columns[name], told = given.labels;
-    const values = given.log ? given.values.map((v) => v === null ? null : Math.log10(v)) : given.values;
-    let low = Infinity, high = -Infinity;
-    for (const v of values) if (v !== null) { low = Math.min(low, v); high = Math.max(high, v); }
-    if (!(low < high)) { const room = Math.abs(low) || 1; low -= room / 2; high += room / 2; }
-    const room = told ? 0.5 : 0.03 * (high - low);
-    return { name, values, labels: told, words: given.words, low: low - room, high: high + room, log: given.log };
-  }
-
-  function ticks(axis) {
-    if (axis.labels) return axis.labels.map((text, i) => [i, text]);
-    if (axis.log) {
-      const found = [], few = axis.high - axis.low > 2.5 ? [1] : [1, 2, 5];
-      for (let p = Math.floor(axis.low); p <= axis.high; p++) for (const m of few) {
-        const v = p + Math.log10(m);
-        if (v >= axis.low && v <= axis.high) found.push([v, short(m * 10 ** p)]);
-      }
-      return found;
-    }
-    const span = axis.high - axis.low, raw = span / 5, power = 10 ** Math.floor(Math.log10(raw));
-    const step = power * [1, 2, 5, 10].find((m) => m * power >= raw), found = [];
-    for (let v = Math.ceil(axis.low / step) * step; v <= axis.high; v += step) found.push([v, short(v)]);
-    return found;
-  }
-
-  function frame(svg, x, y) {
-    svg.replaceChildren();
-    svg.setAttribute("viewBox", `0 0 ${W} ${H}`);
-    const letter = matchMedia("(max-width: 40rem)").matches ? 10.5 : 7;
-    const L = 34 + letter * Math.max(...ticks(y).map(([, text]) => text.length), 3);
-    const px = (v) => L + (v - x.low) / (x.high - x.low) * (W - L - R);
-    const py = (v) => H - B - (v - y.low) / (y.high - y.low) * (H - T - B);
-    for (const [v, text] of ticks(x)) {
-      svg.append(node("line", { x1: px(v), x2: px(v), y1: T, y2: H - B, class: "grid" }));
-      svg.append(node("text", { x: px(v), y: H - B + 19, "text-anchor": "middle" }, text));
-    }
-    for (const [v, text] of ticks(y)) {
-      svg.append(node("line", { x1: L, x2: W - R, y1: py(v), y2: py(v), class: "grid" }));
-      svg.append(node("text", { x: L - 6, y: py(v) + 4, "text-anchor": "end" }, text));
-    }
-    svg.append(node("text", { x: (L + W - R) / 2, y: H - 8, "text-anchor": "middle", class: "name" }, x.words));
-    svg.append(node("text", { x: 14, y: (T + H - B) / 2, "text-anchor": "middle", class: "name",
-      transform: `rotate(-90 14 ${(T + H - B) / 2})` }, y.words));
-    return [px, py];
-  }
-
-  function front(x, y, lessX, lessY) {
-    const sx = lessX ? 1 : -1, sy = lessY ? 1 : -1, order = [];
-    x.values.forEach((v, i) => { if (v !== null && y.values[i] !== null) order.push(i); });
+  function front(x, y) {
+    const [sx, sy] = ["dx", "dy"].map((way) => (get(way).value === "less" ? 1 : -1));
+    const order = text.map((_, i) => i).filter((i) => x.values[i] !== null && y.values[i] !== null);
     order.sort((a, b) => sx * (x.values[a] - x.values[b]) || sy * (y.values[a] - y.values[b]));
     let best = Infinity;
-    return order.filter((i) => { const v = sy * y.values[i], on = v < best; if (on) best = v; return on; });
+    return order.filter((i) => { const on = sy * y.values[i] < best; if (on) best = sy * y.values[i]; return on; });
   }
-
-  function said(i) {
-    return names.map((name) => {
-      const own = data.columns[name], v = own.values[i];
-      return `${own.words}: ${v === null ? "–" : own.labels ? own.labels[v] : short(v)}`;
-    }).join("\n");
+  function draw() {
+    const [x, y, z] = ["x", "y", "z"].map(column), best = front(x, y);
+    const colorbar = { title: { text: z.words, side: "top" }, orientation: "h", thickness: 12, y: 1, yanchor: "bottom", ...ticks(z) };
+    const marker = { color: z.values, colorscale: "Cividis", size: 6, colorbar, ...(z.labels && { cmin: -0.5, cmax: z.labels.length - 0.5 }) };
+    const ends = Object.fromEntries(Object.entries({ x, y }).map(([way, own]) => [way, best.map((i) => own.values[i])]));
+    Plotly.react("designs", [
+      { x: x.values, y: y.values, text, hoverinfo: "text", mode: "markers", marker },
+      { ...ends, hoverinfo: "skip", mode: "lines+markers", line: { color: "#D55E00" }, marker: { symbol: "circle-open", size: 11 } },
+    ], { xaxis: axis(x), yaxis: axis(y), height: 520, margin: { l: 20, r: 10, t: 10, b: 20 }, showlegend: false, hovermode: "closest" }, { displaylogo: false, responsive: true });
+    get("said").textContent = `${best.length} of ${text.length} are on the front; point at one to read it.`;
   }
-
-  function pareto() {
-    const x = column(get("pareto-x").value), y = column(get("pareto-y").value);
-    const [px, py] = frame(get("pareto"), x, y), svg = get("pareto");
-    x.values.forEach((v, i) => {
-      if (v === null || y.values[i] === null) return;
-      const dot = node("circle", { cx: px(v), cy: py(y.values[i]), r: 2.5, class: "dot" });
-      dot.append(node("title", {}, said(i)));
-      svg.append(dot);
-    });
-    const best = front(x, y, get("pareto-dx").value === "less", get("pareto-dy").value === "less");
-    svg.append(node("polyline", { points: best.map((i) => `${px(x.values[i])},${py(y.values[i])}`).join(" "), class: "front" }));
-    for (const i of best) {
-      const dot = node("circle", { cx: px(x.values[i]), cy: py(y.values[i]), r: 5, class: "best", tabindex: 0 });
-      dot.append(node("title", {}, said(i)));
-      svg.append(dot);
-    }
-    get("pareto-said").textContent = `${best.length} of ${x.values.length} are on the front; point at one to read it.`;
+  for (const [way, wanted] of Object.entries(shown)) {
+    names.forEach((name) => get(way).append(new Option(columns[name].words, name, false, name === wanted)));
+    const better = get(`d${way}`), turned = () => { if (better) better.value = column(way).more ? "more" : "less"; };
+    if (better) for (const word of ["less", "more"]) better.append(new Option(`${word} is better`, word));
+    if (better) better.addEventListener("change", draw);
+    get(way).addEventListener("change", () => { turned(); draw(); }); turned();
   }
-
-  function mix(share) {
-    const from = [238, 241, 244], to = [0, 114, 178];
-    return `rgb(${from.map((v, k) => Math.round(v + share * (to[k] - v))).join(",")})`;
-  }
-
-  function map() {
-    const x = column(get("map-x").value), y = column(get("map-y").value), z = data.columns[get("map-z").value];
-    const svg = get("map"), [px, py] = frame(svg, x, y), cells = new Map();
-    const count = (axis) => axis.labels ? axis.labels.length : data.cells;
-    const place = (axis, v) => axis.labels ? v : Math.min(count(axis) - 1,
-      Math.floor((v - axis.low) / (axis.high - axis.low) * count(axis)));
-    x.values.forEach((v, i) => {
-      if (v === null || y.values[i] === null || z.values[i] === null) return;
-      const key = place(x, v) + count(x) * place(y, y.values[i]), cell = cells.get(key) || [0, 0];
-      cells.set(key, [cell[0] + z.values[i], cell[1] + 1]);
-    });
-    const means = [...cells.values()].map(([sum, n]) => sum / n), low = Math.min(...means), high = Math.max(...means);
-    for (const [key, [sum, n]] of cells) {
-      const i = key % count(x), j = Math.floor(key / count(x)), mean = sum / n, share = high > low ? (mean - low) / (high - low) : 0;
-      const edge = (axis, k) => axis.low + k * (axis.high - axis.low) / count(axis);
-      const box = node("rect", { x: px(edge(x, i)), y: py(edge(y, j + 1)), width: px(edge(x, i + 1)) - px(edge(x, i)) - 1,
-        height: py(edge(y, j)) - py(edge(y, j + 1)) - 1, fill: mix(share) });
-      box.append(node("title", {}, `${z.words}: ${short(mean)} (mean of ${n})`));
-      svg.append(box);
-      svg.append(node("text", { x: px(edge(x, i + 0.5)), y: py(edge(y, j + 0.5)) + 4, "text-anchor": "middle",
-        class: share > 0.55 ? "light" : "cell" }, short(mean)));
-    }
-    get("map-said").textContent = `Mean ${z.words} in each part; darker is larger.`;
-  }
-
-  function trace(at) {
-    const one = data.cases[at], svg = get(`case-${at}`);
-    const edge = one.estimate.map((v, i) => [v - one.half[i], v + one.half[i]]);
-    const all = [...one.truth, ...edge.flat()], low = Math.min(...all), high = Math.max(...all);
-    const room = 0.05 * (high - low) || 1;
-    const [px, py] = frame(svg, { low: one.time[0], high: one.time[one.time.length - 1], words: "time [s]" },
-      { low: low - room, high: high + room, words: "angle [°]" });
-    const line = (values) => values.map((v, i) => `${px(one.time[i]).toFixed(1)},${py(v).toFixed(1)}`);
-    svg.append(node("polygon", { points: [...line(edge.map((e) => e[0])), ...line(edge.map((e) => e[1])).reverse()].join(" "), class: "band" }));
-    svg.append(node("polyline", { points: line(one.truth).join(" "), class: "truth" }));
-    svg.append(node("polyline", { points: line(one.estimate).join(" "), class: "estimate" }));
-  }
-
-  function fill(id, wanted, draw) {
-    const select = get(id);
-    for (const name of names) select.append(new Option(data.columns[name].words, name, false, name === wanted));
-    select.addEventListener("change", draw);
-  }
-
-  const direction = (axis) => () => { get(`pareto-d${axis}`).value = data.columns[get(`pareto-${axis}`).value].more ? "more" : "less"; pareto(); };
-  if (names.length > 1) {
-    fill("pareto-x", data.pareto[0], direction("x"));
-    fill("pareto-y", data.pareto[1], direction("y"));
-    for (const axis of ["x", "y"]) get(`pareto-d${axis}`).addEventListener("change", pareto);
-    for (const [k, axis] of ["x", "y", "z"].entries()) fill(`map-${axis}`, data.map[k], map);
-    direction("x")(); direction("y")(); map();
-  }
-  data.cases.forEach((_, at) => trace(at));
-  document.body.dataset.drawn = "yes";
-})();
+  draw();
+}

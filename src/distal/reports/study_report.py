@@ -5,34 +5,52 @@ evidence.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from html import escape
 from math import degrees
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.logs import write_together
-from distal.reports.page import heading, page, paragraph, picture, resource, script_with
+from distal.reports.page import (
+    heading,
+    page,
+    paragraph,
+    picture,
+    resource,
+    script_with,
+    svg_of,
+)
 from distal.reports.rig_drawing import rig_svg
-from distal.results import Html, html_table
+from distal.results import (
+    BAND_ALPHA,
+    TRUTH,
+    Html,
+    colour,
+    curve_style,
+    figure,
+    html_table,
+    legend_above,
+)
 from distal.rounded import rounded
 from distal.study import Axis, Plan, Space
-from distal.study.answer import Answer, Influence
+from distal.study.answer import Answer, Case, Influence
 from distal.study.execution import Columns
 from distal.study.runs import BUILT, MEASURES
 from distal.study.shares import words_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 MOST_DOTS = 2000
 """Number of dots in a chart at most; more make the page slow without showing more. Source:
 layout.
 """
-
-CELLS = 8
-"""Number of cells of the map along each axis. Source: layout."""
 
 SHOWN = 10
 """Number of parameters, of regions and of problems that are listed at most. Source: layout."""
@@ -51,6 +69,14 @@ MORE = frozenset({"within", "inside", "met"})
 """Names of the measures of which more is better."""
 
 
+CHART = """<div class='axes'>
+<label>across <select id='x'></select> <select id='dx' aria-label='better'></select></label>
+<label>up <select id='y'></select> <select id='dy' aria-label='better'></select></label>
+<label>colour <select id='z'></select></label></div>
+<div id='designs'></div><p id='said'></p>"""
+"""A chart and its controls, which the page's script fills."""
+
+
 def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, folder: Path) -> Path:
     """Write the answer of a study as ``index.html`` and ``answer.json`` to a folder, and return the
     page's path.
@@ -58,6 +84,8 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
     Raises:
         OutputError: a file cannot be written.
     """
+    from plotly.offline import get_plotlyjs
+
     asked = plan.study.requirement
     title = plan.study.name or plan.rig.name
     lead = (
@@ -68,65 +96,47 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
         "Every rig as built is drawn from the standard deviations of the rig file; the estimator "
         "knows the rig file only."
     )
-    parts = [f"<p class='answer'>{escape(answer.sentence)}</p>", *_scenarios(answer)]
-    if answer.needs:
-        parts += [heading("What is needed"), _needs(answer)]
-    if answer.regions:
-        parts += [heading("Where it is met"), _regions(answer)]
-    if answer.influences:
-        parts += [heading("Which numbers matter"), *_influences(answer.influences)]
-    points = _points(plan, space, columns)
-    if len(points) > 1:
-        axes = {"x": "across", "y": "up"}
-        parts += [heading("What is traded for what"), *_chart("pareto", axes)]
-        parts += [heading("Map"), *_chart("map", axes | {"z": "shown"})]
-    if answer.worst:
-        parts.append(heading("Worst cases"))
-        parts.append(paragraph("Black is the true angle, blue the estimate with its 95 % band."))
-        for k, case in enumerate(answer.worst):
-            parts.append(picture(f"<svg class='chart' id='case-{k}' role='img'></svg>", case.words))
-    parts += [heading("The rig"), picture(rig_svg(plan.rig), "The rig before any change.")]
-    if answer.problems:
-        rows = [*answer.problems.items()][:SHOWN]
-        parts += [heading("Runs that failed"), html_table(["why", "runs"], rows, [1])]
-    charts = {
-        "columns": points,
-        "cases": [asdict(case) for case in answer.worst],
-        "cells": CELLS,
-        **_chosen(answer.influences, points),
-    }
-    parts.append(script_with("study-data", charts, resource("study_page.js")))
-    table = json.dumps(asdict(answer), indent=2, ensure_ascii=False, default=lambda v: v.value)
-    write_together(
-        {folder / "index.html": page(title, lead, parts), folder / "answer.json": table + "\n"}
-    )
-    return folder / "index.html"
-
-
-def _scenarios(answer: Answer) -> list[str]:
     rows = [
         [name, f"{part.met:,} of {part.rigs:,}", part] for name, part in answer.scenarios.items()
     ]
     measured = [[WORDS[name], f"{answer.measures[name]:.3g}"] for name in MEASURES]
-    table = html_table(["scenario", "rigs that meet it", "share"], rows)
-    return [table, html_table(["mean over all runs", ""], measured, [1])]
-
-
-def _needs(answer: Answer) -> str:
-    rows = [
-        [need.verdict.value if k == 0 else "", part, share]
-        for need in answer.needs
-        for k, (part, share) in enumerate(need.shares)
+    parts = [
+        f"<p class='answer'>{escape(answer.sentence)}</p>",
+        html_table(["scenario", "rigs that meet it", "share"], rows),
+        html_table(["mean over all runs", ""], measured, [1]),
     ]
-    return html_table(["", "where it is best", "rigs that meet it"], rows)
-
-
-def _regions(answer: Answer) -> str:
-    rows = [
-        [region.where, region.proportion, f"{region.proportion.rigs:,}"]
-        for region in answer.regions[:SHOWN]
-    ]
-    return html_table(["designs", "rigs that meet it", "rigs"], rows, [2])
+    if answer.needs:
+        needs = [
+            [need.verdict.value if k == 0 else "", part, share]
+            for need in answer.needs
+            for k, (part, share) in enumerate(need.shares)
+        ]
+        table = html_table(["", "where it is best", "rigs that meet it"], needs)
+        parts += [heading("What is needed"), table]
+    if answer.regions:
+        regions = [[where, part, f"{part.rigs:,}"] for where, part in answer.regions[:SHOWN]]
+        table = html_table(["designs", "rigs that meet it", "rigs"], regions, [2])
+        parts += [heading("Where it is met"), table]
+    if answer.influences:
+        parts += [heading("Which numbers matter"), *_influences(answer.influences)]
+    parts += [heading("What is traded for what"), CHART]
+    if answer.worst:
+        parts.append(heading("Worst cases"))
+        parts += [picture(svg_of(_drawn(case)), case.words) for case in answer.worst]
+    parts += [heading("The rig"), picture(rig_svg(plan.rig), "The rig before any change.")]
+    if answer.problems:
+        problems = [*answer.problems.items()][:SHOWN]
+        parts += [heading("Runs that failed"), html_table(["why", "runs"], problems, [1])]
+    points = _points(plan, space, columns)
+    ranked = [influence.name for influence in answer.influences if influence.name in points]
+    first, second, *_ = (name for name in dict.fromkeys([*ranked, *points]) if name != "rms_deg")
+    charts = {"columns": points, "shown": {"x": first, "y": "rms_deg", "z": second}}
+    parts.append(script_with("study-data", charts, get_plotlyjs(), resource("study_page.js")))
+    said = json.dumps(asdict(answer), indent=2, ensure_ascii=False, default=lambda v: v.value)
+    write_together(
+        {folder / "index.html": page(title, lead, parts), folder / "answer.json": said + "\n"}
+    )
+    return folder / "index.html"
 
 
 def _influences(influences: Sequence[Influence]) -> list[str]:
@@ -147,25 +157,19 @@ def _influences(influences: Sequence[Influence]) -> list[str]:
     return [html_table(columns, rows, [2], "bars"), paragraph(explanation)]
 
 
-def _chart(name: str, axes: Mapping[str, str]) -> list[str]:
-    """Return the controls of a chart and its empty drawing, which the page's script fills.
-
-    Args:
-        axes: name of an axis in the script → its label.
-    """
-    options = (
-        "<option value='less'>less is better</option><option value='more'>more is better</option>"
-    )
-    controls = ""
-    for axis, label in axes.items():
-        better = f"<select id='{name}-d{axis}' aria-label='better'>{options}</select>"
-        controls += f"<label>{label} <select id='{name}-{axis}'></select>"
-        controls += f"{better if name == 'pareto' else ''}</label>"
-    return [
-        f"<div class='axes'>{controls}</div>",
-        f"<figure><svg class='chart' id='{name}' role='img'></svg><figcaption "
-        f"id='{name}-said'></figcaption></figure>",
-    ]
+def _drawn(case: Case) -> Figure:
+    """Return a figure of a case: the true angle, and the estimate with its band."""
+    estimate = np.array(case.estimate)
+    with figure(size=(7.2, 2.4)) as (drawing, (axes,)):
+        axes.plot(case.time, case.truth, label="truth", **TRUTH)
+        band = {"color": colour(0), "alpha": BAND_ALPHA, "linewidth": 0}
+        low, high = (estimate - case.half, estimate + case.half)
+        axes.fill_between(case.time, low, high, label="95 % band", **band)
+        axes.plot(case.time, estimate, label="estimate", linewidth=1.2, **curve_style(0))
+        axes.set_xlabel("time [s]")
+        axes.set_ylabel("angle [°]")
+        legend_above(axes)
+    return drawing
 
 
 def _points(plan: Plan, space: Space, columns: Columns) -> dict[str, dict[str, object]]:
@@ -184,7 +188,7 @@ def _points(plan: Plan, space: Space, columns: Columns) -> dict[str, dict[str, o
         for name in (name for name in columns if name.startswith(BUILT)):
             drawn = columns[name][::runs_per_dot][dots]
             points[name] = {"words": f"{words_of(plan, name)} [σ]", "values": _values(drawn)}
-    good = np.repeat(np.all(columns["met"].reshape(-1, n_scenarios) != 0, axis=1), n_scenarios)
+    good = np.repeat(columns["met"].reshape(-1, n_scenarios).all(axis=1), n_scenarios)
     for name, words in WORDS.items():
         column = good if name == "met" else columns[name]
         runs: Floats = column.astype(np.float64).reshape(count, runs_per_dot)[dots]
@@ -219,18 +223,3 @@ def _values(values: NDArray[np.generic]) -> list[float | None]:
         float(f"{number:.4g}") if np.isfinite(number) else None
         for number in values.astype(np.float64)
     ]
-
-
-def _chosen(
-    influences: Sequence[Influence], points: dict[str, dict[str, object]]
-) -> dict[str, list[str]]:
-    """Return which columns the charts show at first: those with the largest influence."""
-    ranked = [influence.name for influence in influences if influence.name in points]
-    order = [
-        *ranked,
-        *(name for name in points if name not in ranked and name not in WORDS),
-        "within",
-        "worst_deg",
-    ]
-    numeric = [name for name in order if "labels" not in points.get(name, {"labels": 1})]
-    return {"pareto": [numeric[0], "rms_deg"], "map": [order[0], order[1], "rms_deg"]}

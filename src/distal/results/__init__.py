@@ -6,7 +6,7 @@ from distal.results.angle_plots import (
     draw_estimate,
     plot_estimates,
 )
-from distal.results.estimate import ANGLE_UNITS, Estimate
+from distal.results.estimate import Estimate
 from distal.results.innovation_plots import HEALTH_COLOURS, in_order, pulls_of
 from distal.results.style import (
     BAD,
@@ -30,14 +30,12 @@ from distal.results.style import (
     make_folder,
     plot_kind,
     save_figure,
-    styled,
     time_label,
 )
 from distal.results.tables import Html, html_table, verdict
 from distal.results.thresholds import LARGE_PRIOR, SMALL
 
 __all__ = [
-    "ANGLE_UNITS",
     "BAD",
     "BAND_ALPHA",
     "BLACK",
@@ -71,7 +69,6 @@ __all__ = [
     "plot_kind",
     "pulls_of",
     "save_figure",
-    "styled",
     "time_label",
     "verdict",
 ]

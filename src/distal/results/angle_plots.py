@@ -26,7 +26,6 @@ from distal.results.style import (
     plain,
     save_figure,
     time_label,
-    title_above,
 )
 from distal.rig import Rig
 from distal.rounded import rounded
@@ -56,8 +55,6 @@ class PlotOptions(TypedDict, total=False):
     """Keyword options of a plot; see `plot_estimates`."""
 
     title: str | None
-    bands: bool
-    errors: bool | None
     panels: Sequence[str]
     log: Log | None
     rig: Rig | None
@@ -69,8 +66,6 @@ def plot_estimates(
     path: str | Path | None = None,
     *,
     title: str | None = None,
-    bands: bool = True,
-    errors: bool | None = None,
     panels: Sequence[str] = (),
     log: Log | None = None,
     rig: Rig | None = None,
@@ -84,8 +79,6 @@ def plot_estimates(
     Args:
         path: where to save the figure; with None it is only returned.
         title: title of the figure; by default it is the rig's name.
-        bands: whether the bands are drawn.
-        errors: whether the errors are drawn; by default they are where the truth is known.
         panels: names of further panels, from `PANELS`: the first estimate's innovations in standard
             deviations, with lines at ±2; measured forces, tensions and torques; and the stream's
             health.
@@ -98,33 +91,26 @@ def plot_estimates(
             it draws.
     """
     first = estimates[0]
-    joints = len(estimates[0].joint_names)
+    joints = len(first.joint_names)
     check_panels(panels)
-    with_errors = (first.truths is not None) if errors is None else errors
-    below = "errors" if with_errors else "bands" if bands else ""
-    heights = [
-        2.2,
-        *([1.1] if below else []),
-        *(0.8 if panel == "health" else 1.1 for panel in panels),
-    ]
+    heights = [2.2, 1.1, *(0.8 if panel == "health" else 1.1 for panel in panels)]
     size = (6.5 if joints == 1 else 4.0 * joints, 0.9 + 1.25 * sum(heights))
     with figure(len(heights), joints, size, sharex=True, height_ratios=heights) as (drawing, axes):
-        rows = 2 if below else 1
         for joint, name in enumerate(first.joint_names):
             column = axes[joint::joints]
-            _draw_joint(column[:rows], estimates, joint, bands, below, joints > 1)
+            _draw_joint(column[:2], estimates, joint)
             if joints > 1:
                 column[0].set_ylabel(f"{plain(name[:40])} [°]")
             if not panels or joints > 1:
-                column[rows - 1].set_xlabel(time_label(first.time))
-                column[rows - 1].tick_params(labelbottom=True)
-        for row, panel in enumerate(panels, start=rows):
+                column[1].set_xlabel(time_label(first.time))
+                column[1].tick_params(labelbottom=True)
+        for row, panel in enumerate(panels, start=2):
             position = axes[row * joints] if joints == 1 else _across(drawing, axes, row, joints)
             _draw_panel(position, panel, first, log, rig, health)
             if row == len(heights) - 1:
                 position.set_xlabel(time_label(first.time))
         drawing.align_ylabels()
-        title_above(drawing, title or first.rig)
+        drawing.suptitle(plain((title or first.rig)[:90]), fontsize=9, x=0.01, ha="left")
     if path is not None:
         save_figure(drawing, path)
     return drawing
@@ -173,48 +159,35 @@ def _draw_panel(
         draw_health(axes, from_start(first.time), health)
 
 
-def _draw_joint(
-    axes: Sequence[Axes],
-    estimates: Sequence[Curves],
-    joint: int,
-    bands: bool,
-    below: str,
-    several: bool,
-) -> None:
-    """Draw one joint: its angle in the upper axes, its error or the width of its band in the lower
-    ones.
-
-    Where `several` joints are drawn, only the first has a legend.
+def _draw_joint(axes: Sequence[Axes], estimates: Sequence[Curves], joint: int) -> None:
+    """Draw one joint: its angle in the upper axes, its error in the lower ones, or the width of its
+    band where no truth is known. Of several joints only the first has a legend.
     """
-    top = axes[0]
-    truth = _truth_of(estimates[0], joint)
+    top, below = axes
+    first = estimates[0]
+    truth = _truth_of(first, joint)
     entries: list[tuple[Artist, str]] = []
     if truth is not None:
-        (line,) = top.plot(from_start(estimates[0].time), np.rad2deg(truth), **TRUTH)
+        (line,) = top.plot(from_start(first.time), np.rad2deg(truth), **TRUTH)
         entries.append((line, "truth"))
     for i, estimate in enumerate(estimates):
-        handle = draw_estimate(top, estimate, i, bands, joint=joint)
-        band = f", {in_percent(estimate.level)} band" if bands else ""
-        entries.append((handle, estimate.estimator + band))
+        handle = draw_estimate(top, estimate, i, joint=joint)
+        entries.append((handle, f"{estimate.estimator}, {in_percent(estimate.level)} band"))
     _limit_angles(top, estimates, joint)
     top.set_ylabel("joint angle θ [°]")
     if joint == 0:
-        legend_above(top, entries, most=2 if several else 4)
-    if below == "errors":
-        _draw_errors(axes[1], estimates, joint, bands)
-    elif below == "bands":
-        for i, estimate in enumerate(estimates):
-            axes[1].plot(
-                from_start(estimate.time),
-                _half_width(estimate, joint),
-                linewidth=1.0,
-                **curve_style(i),
-            )
-        axes[1].set_ylim(bottom=0.0)
-        axes[1].set_ylabel(f"{in_percent(estimates[0].level)} band ± [°]")
+        legend_above(top, entries, most=4 if len(first.joint_names) == 1 else 2)
+    if first.truths is not None:
+        _draw_errors(below, estimates, joint)
+        return
+    for i, estimate in enumerate(estimates):
+        time = from_start(estimate.time)
+        below.plot(time, _half_width(estimate, joint), linewidth=1.0, **curve_style(i))
+    below.set_ylim(bottom=0.0)
+    below.set_ylabel(f"{in_percent(first.level)} band ± [°]")
 
 
-def _draw_errors(axes: Axes, estimates: Sequence[Curves], joint: int, bands: bool) -> None:
+def _draw_errors(axes: Axes, estimates: Sequence[Curves], joint: int) -> None:
     """Draw a joint's errors with the bands about zero, on an axis that a short large error does not
     stretch.
     """
@@ -223,13 +196,12 @@ def _draw_errors(axes: Axes, estimates: Sequence[Curves], joint: int, bands: boo
         time = from_start(estimate.time)
         error = _error(estimate, joint)
         half = _half_width(estimate, joint)
-        if bands:
-            _shade(axes, time, -half, half, i)
+        _shade(axes, time, -half, half, i)
         axes.plot(time, error, linewidth=1.0, **curve_style(i))
         curves.append((estimate.estimator, time, error))
     axes.axhline(0.0, color=BLACK, linewidth=0.6)
     axes.set_ylabel("error [°]")
-    _limit_errors(axes, curves, _half_width(estimates[0], joint) if bands else np.zeros(1))
+    _limit_errors(axes, curves, _half_width(estimates[0], joint))
 
 
 def _limit_errors(axes: Axes, errors: Sequence[tuple[str, Floats, Floats]], half: Floats) -> None:

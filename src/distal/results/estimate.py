@@ -121,11 +121,23 @@ class Estimate:
         )
 
     def _repr_html_(self) -> str:
-        """Return the short description and the `summary` as HTML, which notebooks show."""
-        rows = self.summary()
-        return (
-            f"<p>{escape(repr(self))}</p>{html_table(rows[0], [[*row.values()] for row in rows])}"
-        )
+        """Return the short description and the `table` as HTML, which notebooks show."""
+        return f"<p>{escape(repr(self))}</p>{self.table()}"
+
+    def table(self) -> str:
+        """Return the `summary` as a table in HTML."""
+        rows = [
+            (
+                row["joint"],
+                f"{row['least [deg]']:.2f}° to {row['greatest [deg]']:.2f}°",
+                f"±{row['median band [deg]']:.2f}°",
+                "" if row["RMS error [deg]"] is None else f"{row['RMS error [deg]']:.2f}°",
+                "" if row["inside band"] is None else f"{100 * row['inside band']:.0f} %",
+            )
+            for row in self.summary()
+        ]
+        band = f"{in_percent(self.level)} band, median"
+        return html_table(["joint", "angle", band, "RMS error", "inside"], rows, range(1, 5))
 
     def in_words(self, joint: int = 0) -> str:
         """Return one line on a joint: the range of its angle, its band, and its error where the
@@ -362,55 +374,36 @@ class Estimate:
         errors = self.external_torques - self.torque_truths
         return errors[:, 0] if len(self.joint_names) == 1 else errors
 
-    def errors(self, truth: Floats | None = None) -> Floats:
+    def errors(self) -> Floats:
         """Return estimated minus true angle [rad], NaN where the truth is missing.
 
         The shape is (k,) for one joint, else (k, n_joints).
 
-        Args:
-            truth: true angles [rad], of the same shape; by default those of the log.
-
         Raises:
             EstimationError: no truth is known.
         """
-        truths = (
-            self.truths
-            if truth is None
-            else np.asarray(truth, dtype=np.float64).reshape(self.angles.shape)
-        )
-        if truths is None:
-            raise EstimationError("the log has no truth; pass it, or read the log with truth=…")
-        errors = self.angles - truths
+        if self.truths is None:
+            raise EstimationError("the log has no truth; read the log with truth=…")
+        errors = self.angles - self.truths
         return errors[:, 0] if len(self.joint_names) == 1 else errors
 
-    def rms_error(self, truth: Floats | None = None) -> float:
-        """Return the root mean square of the `errors` over all samples and joints [rad].
+    def rms_error(self) -> float:
+        """Return the root mean square of the `errors` over all samples and joints [rad]."""
+        return float(np.sqrt(np.nanmean(self.errors() ** 2)))
 
-        Args:
-            truth: true angles [rad]; by default those of the log.
-        """
-        return float(np.sqrt(np.nanmean(self.errors(truth) ** 2)))
-
-    def max_error(self, truth: Floats | None = None) -> float:
-        """Return the largest magnitude of the `errors` [rad].
-
-        Args:
-            truth: true angles [rad]; by default those of the log.
-        """
-        return float(np.nanmax(np.abs(self.errors(truth))))
+    def max_error(self) -> float:
+        """Return the largest magnitude of the `errors` [rad]."""
+        return float(np.nanmax(np.abs(self.errors())))
 
     def half_width(self) -> float:
         """Return the mean half-width of the band over all samples and joints [rad]."""
         return float(self.stds_of_band * np.mean(self.angle_stds))
 
-    def inside_band(self, truth: Floats | None = None) -> float:
+    def inside_band(self) -> float:
         """Return the coverage of the band: the share of samples, over all joints, whose truth
         is inside.
-
-        Args:
-            truth: true angles [rad]; by default those of the log.
         """
-        errors = self.errors(truth)
+        errors = self.errors()
         finite = np.isfinite(errors)
         stds = self.angle_stds.reshape(errors.shape)
         return float(np.mean(np.abs(errors[finite]) <= self.stds_of_band * stds[finite]))

@@ -275,8 +275,3 @@ def legend_above(axes: Axes, entries: Sequence[tuple[Artist, str]] = (), most: i
             columnspacing=1.2,
             handlelength=2.2,
         )
-
-
-def title_above(drawing: Figure, title: str) -> None:
-    """Put a title above everything else, at the left."""
-    drawing.suptitle(plain(title[:90]), fontsize=9, x=0.01, ha="left")

@@ -20,11 +20,41 @@ from distal.rig.rig import Rig
 from distal.rig.validation import validated
 from distal.suggestions import did_you_mean
 
+RIGS = "distal.rig"
+"""Package with the library of rigs."""
+
+
+def shipped_in(package: str) -> tuple[str, ...]:
+    """Return the names of the descriptions in the library of a package."""
+    files = resources.files(package).joinpath("library").iterdir()
+    return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
+
+
+def description_path(name: str | Path, package: str) -> Path:
+    """Return the file of a description: in the library of a package, which comes before a path of
+    the same name.
+    """
+    if str(name) in shipped_in(package):
+        return Path(str(resources.files(package) / "library" / f"{name}.toml"))
+    return Path(name)
+
+
+def description_text(name: str | Path, package: str, kind: str, error: type[DistalError]) -> str:
+    """Return the text of a shipped description or of the file at a path, or raise `error`; `kind`
+    says in messages what is described.
+    """
+    path = description_path(name, package)
+    if path.suffix != ".toml" and not path.exists():
+        raise error(
+            f"unknown {kind} '{name}'{did_you_mean(str(name), shipped_in(package))}; or give the "
+            "path of a .toml file"
+        )
+    return read_text(path, error)
+
 
 def shipped_rigs() -> tuple[str, ...]:
     """Return the names of the rigs that come with distal."""
-    files = resources.files("distal.rig").joinpath("library").iterdir()
-    return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
+    return shipped_in(RIGS)
 
 
 def rig_text(name: str | Path) -> tuple[str, str]:
@@ -33,25 +63,7 @@ def rig_text(name: str | Path) -> tuple[str, str]:
     Raises:
         RigError: the rig is unknown, or its file cannot be read.
     """
-    shipped = shipped_rigs()
-    if str(name) in shipped:
-        file = resources.files("distal.rig").joinpath("library", f"{name}.toml")
-        return file.read_text(encoding="utf-8"), str(name)
-    path = Path(name)
-    if path.suffix != ".toml" and not path.exists():
-        raise RigError(
-            f"unknown rig '{name}'{did_you_mean(str(name), shipped)}; or give the path of a .toml "
-            "file"
-        )
-    return read_text(path, RigError), str(path)
-
-
-def _folder(name: str | Path) -> Path:
-    """Return the folder of a shipped rig's file, or of the file at a path."""
-    if str(name) in shipped_rigs():
-        with resources.as_file(resources.files("distal.rig").joinpath("library")) as folder:
-            return Path(folder)
-    return Path(name).parent
+    return description_text(name, RIGS, "rig", RigError), str(name)
 
 
 def read_text(path: Path, error: type[DistalError]) -> str:
@@ -91,7 +103,7 @@ def load_rig(name: str | Path, assignments: Sequence[str] = ()) -> Rig:
     changed = [parse_assignment(assignment, RigError) for assignment in assignments]
     for path, value in changed:
         set_value(raw, path, value, RigError)
-    rig = build_rig(with_arrays(raw, source, _folder(name)), source)
+    rig = build_rig(with_arrays(raw, source, description_path(name, RIGS).parent), source)
     if rig.provisional:
         warnings.warn(f"{source}: {rig.provisional}", DistalWarning, stacklevel=2)
     moved = [path for path, _ in changed if path.split(".")[0] in ("joints", "drives", "tendons")]
@@ -116,7 +128,7 @@ def edited_text(name: str | Path, assignments: Sequence[str] = ()) -> str:
     raw = parse_toml(text, source, RigError)
     for assignment in assignments:
         set_value(raw, *parse_assignment(assignment, RigError), RigError)
-    build_rig(with_arrays(raw, source, _folder(name)), source)
+    build_rig(with_arrays(raw, source, description_path(name, RIGS).parent), source)
     if not assignments:
         return text
     import tomlkit

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from math import ceil, sqrt
-from pathlib import Path
 
 import numpy as np
 
@@ -17,11 +16,11 @@ from distal.errors import ScenarioError
 from distal.kernels import Feed, advance
 from distal.logs import Log
 from distal.model import Mechanism
-from distal.rig import Rig, as_rig, named
+from distal.rig import Rig, named
 from distal.simulation.plant import PlantMotion, at_rest, plant_kernel, rows_of
 from distal.simulation.readings import Sampler, stamps_of
-from distal.simulation.scenario import Rezero, Scenario, load_scenario
-from distal.simulation.signal_inputs import BodyInputs, body_inputs
+from distal.simulation.scenario import Rezero, Scenario
+from distal.simulation.signal_inputs import body_inputs
 from distal.simulation.simulate import log_of, prepare
 from distal.suggestions import did_you_mean
 
@@ -31,25 +30,20 @@ PIECE = 60.0
 HOUR = 3600.0
 """Length of an hour [s]. Source: definition (unit conversion)."""
 
-LEAST = 0.05
-"""Least share of its first value to which a parameter of the plant may fall. Source: judgement."""
-
 
 @dataclass(frozen=True)
 class Piece:
     """A part of a long log; its time goes on from the piece before.
 
     Args:
-        known: the joints' angles where a rezero gives them, NaN elsewhere [rad], (k, n_joints).
+        known: the angle of the rezero's joint where it gives one, NaN elsewhere [rad], (k,).
     """
 
     log: Log
     known: Floats
 
 
-def simulate_pieces(
-    rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int = 0
-) -> Iterator[Piece]:
+def simulate_pieces(rig: Rig, scenario: Scenario, seed: int = 0) -> Iterator[Piece]:
     """Simulate hours of a scenario and yield what the sensors read, minute after minute.
 
     A parameter of the plant on the scenario's ``[schedule]`` is p(t) = p (1 + rate t + w(t)), where
@@ -61,8 +55,6 @@ def simulate_pieces(
         ScenarioError: the scenario does not fit the rig, or the motion left all bounds.
         RigError: the plant's values are wrong.
     """
-    scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
-    rig = as_rig(rig)
     if scenario.control is not None:
         raise ScenarioError("control: loops are not closed over hours; take [control] out")
     length = min(PIECE, scenario.duration)
@@ -72,7 +64,6 @@ def simulate_pieces(
     steps = len(prepared.inputs.effort)
     scheduled = [(parameters_at(plant, path), change) for path, change in scenario.schedule.items()]
     rezero = scenario.rezero
-    rezeroing = scenario if rezero is None else _pulls(scenario, rezero)
     kernel = plant_kernel(plant, prepared.count)
     kernel_state, y = at_rest(plant, prepared.inputs, prepared.start, kernel)
     walks = np.zeros(len(scheduled))
@@ -82,12 +73,18 @@ def simulate_pieces(
         begin = k * length
         p = plant.parameters.values.copy()
         for i, (at, change) in enumerate(scheduled):
-            p[at] *= max(1.0 + change.per_hour * begin / HOUR + walks[i], LEAST)
+            p[at] *= max(1.0 + change.per_hour * begin / HOUR + walks[i], 0.0)
             walks[i] += change.walk * sqrt(length / HOUR) * rng.normal()
         grid = begin + dt * np.arange(steps + 1, dtype=np.float64)
         inputs = body_inputs(scenario, plant, grid[:-1])
         if rezero is not None:
-            _replace(inputs, body_inputs(rezeroing, plant, grid[:-1]), rezero, plant, grid[:-1])
+            drives = {**scenario.drives, **rezero.drives}
+            pulled = scenario.model_copy(update={"drives": drives})
+            pulls = body_inputs(pulled, plant, grid[:-1])
+            lasts = _since(rezero, grid[:-1]) < rezero.lasts
+            inputs.effort[lasts] = pulls.effort[lasts]
+            inputs.added_inertia[lasts] = pulls.added_inertia[lasts]
+            inputs.servo[lasts] = pulls.servo[lasts]
         kernel_states, ys = advance(kernel, Feed(kernel_state, rows_of(inputs, dt), p))
         motion = PlantMotion(plant, np.vstack([y, ys]))
         kernel_state = kernel_states[-1]
@@ -95,7 +92,7 @@ def simulate_pieces(
         motion.check()
         stamps = stamps_of(plant.rig, begin, begin + length)
         log = log_of(motion, grid, stamps, sampler.read(motion.y, grid, stamps), scenario)
-        yield Piece(log, _known(scenario.rezero, plant.rig, stamps))
+        yield Piece(log, _known(rezero, stamps))
 
 
 def parameters_at(plant: Mechanism, path: str) -> list[int]:
@@ -119,16 +116,6 @@ def parameters_at(plant: Mechanism, path: str) -> list[int]:
     return matches
 
 
-def _pulls(scenario: Scenario, rezero: Rezero) -> Scenario:
-    """Return the scenario with the pulls of a rezero in place of its own."""
-    if rezero.lasts >= rezero.every:
-        raise ScenarioError(
-            f"rezero: it lasts {rezero.lasts:g} s and comes every {rezero.every:g} s; leave time "
-            "between"
-        )
-    return scenario.model_copy(update={"drives": rezero.drives})
-
-
 def _since(rezero: Rezero, time: Floats) -> Floats:
     """Return the time since the last rezero began [s], infinite before the first one, which comes
     after `every`.
@@ -136,24 +123,10 @@ def _since(rezero: Rezero, time: Floats) -> Floats:
     return np.where(time >= rezero.every, np.mod(time, rezero.every), np.inf)
 
 
-def _replace(
-    inputs: BodyInputs, pulls: BodyInputs, rezero: Rezero, plant: Mechanism, time: Floats
-) -> None:
-    """Put a rezero's pulls in place of the inputs of its drives, at the times when it lasts."""
-    names = plant.rig.drive_names
-    bodies = np.array([plant.n_joints + names.index(name) for name in rezero.drives])
-    at = np.ix_(np.flatnonzero(_since(rezero, time) < rezero.lasts), bodies)
-    inputs.effort[at] = pulls.effort[at]
-    inputs.added_inertia[at] = pulls.added_inertia[at]
-    inputs.servo[at] = pulls.servo[at]
-
-
-def _known(rezero: Rezero | None, rig: Rig, stamps: Floats) -> Floats:
-    """Return the angles that a rezero gives at `stamps` [s], NaN elsewhere [rad], (k, n_joints)."""
-    angles = np.full((len(stamps), len(rig.joints)), np.nan)
-    if rezero is not None:
-        since = _since(rezero, stamps)
-        late = (since >= rezero.lasts / 2) & (since < rezero.lasts)
-        joint = 0 if rezero.joint is None else rig.joint_names.index(rezero.joint)
-        angles[late, joint] = rezero.angle
-    return angles
+def _known(rezero: Rezero | None, stamps: Floats) -> Floats:
+    """Return the angle that a rezero gives at `stamps` [s], NaN elsewhere [rad], (k,)."""
+    if rezero is None:
+        return np.full(len(stamps), np.nan)
+    since = _since(rezero, stamps)
+    is_known = (since >= rezero.lasts / 2) & (since < rezero.lasts)
+    return np.where(is_known, rezero.angle, np.nan)

@@ -4,7 +4,6 @@ starts.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -13,7 +12,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import ScenarioError
 from distal.expressions import Scalar
-from distal.kernels import Feed, Kernel, advance, advance_all, function_of, kernel_of, structure_of
+from distal.kernels import Feed, Kernel, advance, function_of, kernel_of, structure_of
 from distal.model import Mechanism, interval_step
 from distal.simulation.independent_plants import parts_of_plant, plants_apart
 from distal.simulation.signal_inputs import BodyInputs
@@ -94,25 +93,19 @@ def inside_function(mechanism: Mechanism) -> ca.Function:
     """Return the function (q, p) → the internal state of a plant that has long stood at q: plays
     are in the middle of their bounds, and creep is as settled as the rig says.
     """
-    structure = structure_of("inside", mechanism, settled=_all_settled(mechanism))
+    structure = structure_of("inside", mechanism, settled=_settled(mechanism))
     return function_of(structure, lambda: _inside_function(mechanism))
 
 
-def _creeping(mechanism: Mechanism) -> Iterator[tuple[int, str]]:
-    """Yield index and path of each tendon's creep."""
-    for i in range(mechanism.n_tendons):
-        yield from ((i, name) for name in mechanism.creeps(i))
-
-
-def _settled(mechanism: Mechanism, tendon: int, name: str) -> float:
-    return mechanism.rig.tendons[tendon].creeps[name.rpartition(".")[2]].settled.value
-
-
-def _all_settled(mechanism: Mechanism) -> tuple[float, ...]:
-    """Return how far each creep has settled at the start. These are numbers of a mechanism that
-    remembers no internal state, and so belong to its structure.
+def _settled(mechanism: Mechanism) -> tuple[tuple[int, str, float], ...]:
+    """Return the tendon and path of each creep, and how far it has settled at the start. These are
+    numbers of a mechanism that remembers no internal state, and so belong to its structure.
     """
-    return tuple(_settled(mechanism, i, name) for i, name in _creeping(mechanism))
+    return tuple(
+        (i, name, tendon.creeps[name.rpartition(".")[2]].settled.value)
+        for i, tendon in enumerate(mechanism.rig.tendons)
+        for name in mechanism.creeps(i)
+    )
 
 
 def _inside_function(mechanism: Mechanism) -> ca.Function:
@@ -121,9 +114,9 @@ def _inside_function(mechanism: Mechanism) -> ca.Function:
     pulls = still.pulls(at, ca.SX.zeros(mechanism.n_bodies))
     p = still.parameters
     strains = []
-    for i, name in _creeping(mechanism):
+    for i, name, settled in _settled(mechanism):
         stretch = (pulls.joint[i] + pulls.drive[i]) / 2 / p[f"tendons.{i}.stiffness"]
-        strains.append(_settled(mechanism, i, name) * p[f"{name}.share"] * stretch)
+        strains.append(settled * p[f"{name}.share"] * stretch)
     return ca.Function(
         "inside", [at, p.symbols], [ca.vertcat(*still.internal_state(at).inside, *strains)]
     )
@@ -258,11 +251,7 @@ def rows_of(inputs: BodyInputs, dt: float) -> Floats:
 
 
 def at_rest(
-    mechanism: Mechanism,
-    inputs: BodyInputs,
-    start: Floats,
-    kernel: Kernel,
-    parameters: Floats | None = None,
+    mechanism: Mechanism, inputs: BodyInputs, start: Floats, kernel: Kernel
 ) -> tuple[Floats, Floats]:
     """Return the kernel state of a plant at rest, and the output y of its kernel there, (1, n_y).
 
@@ -271,10 +260,9 @@ def at_rest(
     Args:
         start: coordinates at rest, (n_bodies,).
         kernel: of `plant_function`.
-        parameters: of the plant, (n_p,); default those of the mechanism.
     """
     n = mechanism.n_bodies
-    p = mechanism.parameters.values if parameters is None else parameters
+    p = mechanism.parameters.values
     inside = np.array(
         inside_function(mechanism)(start, p[: p.size - len(mechanism.parameters.inside)])
     ).ravel()
@@ -290,52 +278,9 @@ def at_rest(
     return kernel_state, y
 
 
-def run_plant(
-    mechanism: Mechanism, inputs: BodyInputs, start: Floats, dt: float, count: int
-) -> PlantMotion:
-    """Return the plant's motion at the `start`, coordinates at rest, and after every interval of
-    length `dt` [s] with `count` sub-steps.
-
-    Raises:
-        ScenarioError: the motion left all bounds.
-    """
-    return run_plants(mechanism, [(inputs, start)], dt, plant_kernel(mechanism, count))[0]
-
-
-def run_plants(
-    mechanism: Mechanism,
-    runs: Sequence[tuple[BodyInputs, Floats]],
-    dt: float,
-    kernel: Kernel,
-    parameters: Sequence[Floats] | None = None,
-) -> list[PlantMotion]:
-    """Return the motions of several runs of one plant, side by side where there are vector lanes.
-
-    Args:
-        runs: (what acts in each interval, coordinates at rest) of each run.
-        dt: length of an interval [s].
-        kernel: of `plant_function`.
-        parameters: of the plant in each run, (n_p,); default those of the mechanism.
-
-    Raises:
-        ScenarioError: a motion left all bounds.
-    """
-    ps = [mechanism.parameters.values] * len(runs) if parameters is None else list(parameters)
-    rows = [rows_of(inputs, dt) for inputs, _ in runs]
-    begun = [at_rest(mechanism, inputs, start, kernel, p) for (inputs, start), p in zip(runs, ps)]
-    feeds = [Feed(kernel_state, xs, p) for (kernel_state, _), xs, p in zip(begun, rows, ps)]
-    moved = advance_all(kernel, feeds, keep=())
-    motions = [
-        PlantMotion(mechanism, np.vstack([first, run.ys])) for (_, first), run in zip(begun, moved)
-    ]
-    for motion in motions:
-        motion.check()
-    return motions
-
-
 def resting_force(mechanism: Mechanism) -> ca.Function:
     """Return the function (q, p) → the elastic forces of the tendons on the bodies at rest."""
-    structure = structure_of("resting force", mechanism, settled=_all_settled(mechanism))
+    structure = structure_of("resting force", mechanism, settled=_settled(mechanism))
     return function_of(structure, lambda: _resting_force(mechanism))
 
 

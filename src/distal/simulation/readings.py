@@ -1,5 +1,5 @@
-"""The readings of the sensors in a simulated motion: without errors (`Readings`), and with them, at
-the sensors' rates (`Sampler`) or as one function (`reading_function`).
+"""The readings of the sensors in a simulated motion, at the sensors' rates (`Sampler`) or as one
+function (`reading_function`).
 """
 
 from __future__ import annotations
@@ -26,14 +26,17 @@ def moment_of(plant: Mechanism, y: Vector) -> Moment:
     )
 
 
-class Readings:
-    """The readings without errors of a plant's sensors."""
+class Sampler:
+    """What a plant's sensors read in the run of a seed, each at its own rate, along a motion that
+    may come in pieces.
+    """
 
-    def __init__(self, plant: Mechanism) -> None:
+    def __init__(self, plant: Mechanism, seed: int) -> None:
+        self._rig = rig = plant.rig
         y = ca.SX.sym("y", 3 * plant.n_bodies + plant.n_tendons)
         p = plant.parameters
         moment = moment_of(plant, y)
-        readings = [ca.SX(moment.read(sensor)) for sensor in plant.rig.sensors]
+        readings = [ca.SX(moment.read(sensor)) for sensor in rig.sensors]
         # most sensors read one of the plant's outputs: those are taken as they are
         positions = {y[i].element_hash(): i for i in range(y.numel())}
         self._columns = np.array(
@@ -44,25 +47,6 @@ class Readings:
         self._function = ca.Function(
             "readings", [y], [ca.substitute(computed, p.symbols, ca.DM(p.values))]
         )
-
-    def at(self, y: Floats) -> Floats:
-        """Return the readings [SI], (k, n_sensors), at outputs y, (k, n_y), of the plant's
-        kernel.
-        """
-        readings: Floats = y[:, self._columns]
-        if len(self._computed):
-            readings[:, self._computed] = np.array(self._function(y.T)).T
-        return readings
-
-
-class Sampler:
-    """What a plant's sensors read in the run of a seed, each at its own rate, along a motion that
-    may come in pieces.
-    """
-
-    def __init__(self, plant: Mechanism, seed: int) -> None:
-        self._rig = rig = plant.rig
-        self._readings = Readings(plant)
         rngs = np.random.default_rng(seed).spawn(len(rig.sensors))
         self._errors = [
             SensorErrors([sensor], [travel_of(sensor, rig)], [rng])
@@ -79,7 +63,9 @@ class Sampler:
             stamps: rising, of `stamps_of` [s], (k,).
         """
         read = np.full((len(stamps), len(self._errors)), np.nan)
-        true = self._readings.at(y)
+        true: Floats = y[:, self._columns]
+        if len(self._computed):
+            true[:, self._computed] = np.array(self._function(y.T)).T
         for k, (sensor, errors) in enumerate(zip(self._rig.sensors, self._errors)):
             times = np.round(stamps * sensor.rate) / sensor.rate
             due = np.flatnonzero(np.round(times, 9) == stamps)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from importlib import resources
 from math import pi
 from pathlib import Path
 from typing import Annotated, Self
@@ -15,15 +14,19 @@ from distal.rig import (
     Description,
     In,
     Rig,
+    description_path,
+    description_text,
     load_rig,
     parse_assignment,
     parse_toml,
-    read_text,
     set_value,
+    shipped_in,
     validated,
 )
 from distal.simulation.signals import POSITIONS, Signal, SignalIn
-from distal.suggestions import did_you_mean
+
+SCENARIOS = "distal.simulation"
+"""Package with the library of scenarios."""
 
 
 class SliderLoop(Description):
@@ -108,7 +111,7 @@ class JointControl(Description):
 
 
 class Control(Description):
-    """A controller in the loop; with one joint, its keys may stand here beside ``joint``."""
+    """A controller in the loop."""
 
     feedback: str = Field(
         "adaptive",
@@ -125,18 +128,6 @@ class Control(Description):
         pi / 180.0, description="step of the encoder in the joint, with feedback = encoder"
     )
     joints: dict[str, JointControl] = Field(min_length=1, description="what is controlled")
-
-    @model_validator(mode="before")
-    @classmethod
-    def _one_joint(cls, raw: object) -> object:
-        """Put the keys of a single joint where those of several stand."""
-        if not isinstance(raw, Mapping) or "joint" not in raw:
-            return raw
-        if "joints" in raw:
-            raise ValueError("joint: stands beside joints; give one of them")
-        of_joint = {key: raw[key] for key in raw if key in JointControl.model_fields}
-        of_loop = {key: raw[key] for key in raw if key not in of_joint and key != "joint"}
-        return {**of_loop, "joints": {raw["joint"]: of_joint}}
 
 
 class Change(Description):
@@ -167,6 +158,14 @@ class Rezero(Description):
     drives: dict[str, DriveInput] = Field(
         min_length=1, description="what pulls each drive meanwhile"
     )
+
+    @model_validator(mode="after")
+    def _time_between(self) -> Self:
+        if self.lasts >= self.every:
+            raise ValueError(
+                f"lasts: {self.lasts:g} s, and it comes every {self.every:g} s; leave time between"
+            )
+        return self
 
 
 class Scenario(Description):
@@ -222,27 +221,16 @@ class Scenario(Description):
 
 def shipped_scenarios() -> tuple[str, ...]:
     """Return the names of the scenarios that come with distal."""
-    files = resources.files("distal.simulation").joinpath("library").iterdir()
-    return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
+    return shipped_in(SCENARIOS)
 
 
-def scenario_text(name: str | Path) -> tuple[str, Path | None]:
-    """Return the text of a scenario file, and the folder it stands in (None for a shipped one).
+def scenario_text(name: str | Path) -> str:
+    """Return the text of a scenario file.
 
     Raises:
         ScenarioError: neither a shipped scenario nor a readable file.
     """
-    shipped = shipped_scenarios()
-    path = Path(name)
-    if str(name) in shipped:
-        file = resources.files("distal.simulation").joinpath("library", f"{name}.toml")
-        return file.read_text(encoding="utf-8"), None
-    if path.suffix != ".toml" and not path.exists():
-        raise ScenarioError(
-            f"unknown scenario '{name}'{did_you_mean(str(name), shipped)}; or give the path of a "
-            ".toml file"
-        )
-    return read_text(path, ScenarioError), path.parent
+    return description_text(name, SCENARIOS, "scenario", ScenarioError)
 
 
 def load_scenario(name: str | Path, assignments: Sequence[str] = ()) -> Scenario:
@@ -252,8 +240,7 @@ def load_scenario(name: str | Path, assignments: Sequence[str] = ()) -> Scenario
     Raises:
         ScenarioError: it is unknown, cannot be read, or its description is wrong.
     """
-    text, beside = scenario_text(name)
-    raw = parse_toml(text, str(name), ScenarioError)
+    raw = parse_toml(scenario_text(name), str(name), ScenarioError)
     for assignment in assignments:
         where, value = parse_assignment(assignment, ScenarioError)
         set_value(raw, where, value, ScenarioError)
@@ -264,7 +251,8 @@ def load_scenario(name: str | Path, assignments: Sequence[str] = ()) -> Scenario
             "[drives], or a shipped scenario (distal scenarios)"
         )
     scenario = build_scenario(raw, str(name))
-    if beside is not None and scenario.rig.endswith(".toml"):
+    if scenario.rig.endswith(".toml"):
+        beside = description_path(name, SCENARIOS).parent
         return scenario.model_copy(update={"rig": str(beside / scenario.rig)})
     return scenario
 

@@ -21,6 +21,9 @@ from distal.simulation.scenario import (
 from distal.suggestions import did_you_mean
 from distal.units import to_si
 
+PULLS = {"slider": ("weight", "force", "servo.position"), "capstan": ("torque", "servo.angle")}
+"""Kind of a drive → what may pull it."""
+
 
 @dataclass(frozen=True)
 class BodyInputs:
@@ -84,20 +87,16 @@ def _spring(
 
 
 def _check_pull(pull: DriveInput, kind: str, where: str) -> None:
-    slider = isinstance(pull.servo, SliderLoop)
-    capstan = isinstance(pull.servo, CapstanServo)
-    force, torque, weight = (
-        signal is not None for signal in (pull.force, pull.torque, pull.weight)
-    )
-    allowed, refused = {
-        "slider": ("weight, force, servo.position", {"torque": torque, "servo.angle": capstan}),
-        "capstan": (
-            "torque, servo.angle",
-            {"force": force, "weight": weight, "servo.position": slider},
-        ),
-    }[kind]
-    for name, is_present in refused.items():
-        if is_present:
+    parts = {
+        "weight": pull.weight,
+        "force": pull.force,
+        "torque": pull.torque,
+        "servo.position": pull.servo if isinstance(pull.servo, SliderLoop) else None,
+        "servo.angle": pull.servo if isinstance(pull.servo, CapstanServo) else None,
+    }
+    for name, part in parts.items():
+        if part is not None and name not in PULLS[kind]:
+            allowed = ", ".join(PULLS[kind])
             raise ScenarioError(
                 f"{where}.{name}: a {kind} cannot be pulled so; {allowed} are allowed"
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
@@ -10,10 +11,18 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import ScenarioError
+from distal.kernels import Feed, advance_all
 from distal.logs import Log, TruthKind, TruthSource
 from distal.model import Mechanism, substeps
 from distal.rig import Rig, angle_names, as_rig, torque_names
-from distal.simulation.plant import PlantMotion, equilibrium, longest_interval, run_plant
+from distal.simulation.plant import (
+    PlantMotion,
+    at_rest,
+    equilibrium,
+    longest_interval,
+    plant_kernel,
+    rows_of,
+)
 from distal.simulation.readings import Sampler, stamps_of
 from distal.simulation.scenario import Scenario, load_scenario
 from distal.simulation.signal_inputs import BodyInputs, body_inputs, initial_angles
@@ -39,7 +48,7 @@ def simulate_plant(rig: Rig | str | Path, scenario: Scenario | str | Path, seed:
     """
     prepared = prepare(rig, scenario, seed)
     check_open(prepared.scenario)
-    motion = run_plant(prepared.plant, prepared.inputs, prepared.start, prepared.dt, prepared.count)
+    (motion,) = motions_of([prepared])
     return sampled(prepared, motion, seed)
 
 
@@ -146,12 +155,33 @@ def intervals_of(plant: Mechanism, filled: float) -> tuple[float, int]:
     return dt, max(2, 2 * substeps(plant, dt))
 
 
+def motions_of(runs: Sequence[Prepared]) -> list[PlantMotion]:
+    """Return the motions of runs whose plants and sub-steps have one structure, side by side where
+    there are vector lanes.
+
+    Raises:
+        ScenarioError: a motion left all bounds.
+    """
+    kernel = plant_kernel(runs[0].plant, runs[0].count)
+    begun = [at_rest(run.plant, run.inputs, run.start, kernel) for run in runs]
+    feeds = [
+        Feed(kernel_state, rows_of(run.inputs, run.dt), run.plant.parameters.values)
+        for run, (kernel_state, _) in zip(runs, begun)
+    ]
+    moved = advance_all(kernel, feeds, keep=())
+    motions = [
+        PlantMotion(run.plant, np.vstack([first, after.ys]))
+        for run, (_, first), after in zip(runs, begun, moved)
+    ]
+    for motion in motions:
+        motion.check()
+    return motions
+
+
 def sampled(prepared: Prepared, motion: PlantMotion, seed: int) -> Log:
     """Return the log of a motion: what the sensors read, and the truth. The seed decides the
     sensors' errors.
     """
-    # in a batch one mechanism stands for all plants of a structure: here are this run's own values
-    motion = PlantMotion(prepared.plant, motion.y)
     grid: Floats = prepared.dt * np.arange(len(motion.y), dtype=np.float64)
     stamps = stamps_of(prepared.plant.rig, 0.0, prepared.scenario.duration)
     read = Sampler(prepared.plant, seed).read(motion.y, grid, stamps)
@@ -176,16 +206,15 @@ def true_motion(motion: PlantMotion, grid: Floats, stamps: Floats) -> dict[str, 
     The motion is at the times `grid` [s], the log has the `stamps` [s], (k,).
     """
     rig = motion.plant.rig
-    nj = motion.plant.n_joints
-    joints = rig.joint_names
-    columns = dict(zip(angle_names(joints), motion.q.T)) | dict(
-        zip(torque_names(joints), motion.pulls.T)
-    )
-    columns |= {f"position_{drive.name}": motion.q[:, nj + i] for i, drive in enumerate(rig.drives)}
-    columns |= {
-        f"force_{drive.name}": motion.pulls[:, nj + i] for i, drive in enumerate(rig.drives)
-    }
-    columns |= {
-        f"tension_{tendon.name}": motion.tensions[:, i] for i, tendon in enumerate(rig.tendons)
-    }
-    return {name: np.interp(stamps, grid, values) for name, values in columns.items()}
+    n = motion.plant.n_joints
+    names = [
+        *angle_names(rig.joint_names),
+        *torque_names(rig.joint_names),
+        *(f"position_{drive}" for drive in rig.drive_names),
+        *(f"force_{drive}" for drive in rig.drive_names),
+        *(f"tension_{tendon}" for tendon in rig.tendon_names),
+    ]
+    q = motion.q
+    pulls = motion.pulls
+    columns = np.hstack([q[:, :n], pulls[:, :n], q[:, n:], pulls[:, n:], motion.tensions])
+    return {name: np.interp(stamps, grid, column) for name, column in zip(names, columns.T)}

@@ -12,9 +12,9 @@ from distal.errors import ScenarioError
 from distal.kernels import in_order, lanes_here
 from distal.logs import Log
 from distal.rig import Rig, as_rig
-from distal.simulation.plant import PlantMotion, plant_kernel, run_plants
+from distal.simulation.plant import PlantMotion
 from distal.simulation.scenario import Scenario
-from distal.simulation.simulate import Prepared, check_open, prepare, sampled
+from distal.simulation.simulate import Prepared, check_open, motions_of, prepare, sampled
 
 Job = tuple[Scenario | str | Path, int]
 
@@ -76,33 +76,23 @@ def _group(rig: Rig, jobs: list[Job]) -> list[Log | Exception]:
     which: list[int] = []
     problem: Exception | None = None
     for scenario, seed in jobs:
-        at = next(
-            (
-                i
-                for i, (before, _) in enumerate(distinct)
-                if before is scenario or before == scenario
-            ),
-            None,
-        )
+        known = (i for i, (before, _) in enumerate(distinct) if before == scenario)
+        at = next(known, len(distinct))
         try:
-            ready = prepare(rig, scenario, seed) if at is None else distinct[at][1]
-            check_open(ready.scenario)
+            if at == len(distinct):
+                ready = prepare(rig, scenario, seed)
+                check_open(ready.scenario)
+                distinct.append((scenario, ready))
         except Exception as error:
             problem = error
             break
-        if at is None:
-            at = len(distinct)
-            distinct.append((scenario, ready))
         which.append(at)
     motions: dict[int, PlantMotion] = {}
     plants = [(ready.plant.rig, ready.dt, ready.count) for _, ready in distinct]
-    for i, (_, first) in enumerate(distinct):
-        if i in motions:
-            continue
+    for i in range(len(distinct)):
         alike = [j for j, plant in enumerate(plants) if j not in motions and plant == plants[i]]
-        runs = [(distinct[j][1].inputs, distinct[j][1].start) for j in alike]
-        kernel = plant_kernel(first.plant, first.count)
-        motions.update(zip(alike, run_plants(first.plant, runs, first.dt, kernel)))
+        if alike:
+            motions.update(zip(alike, motions_of([distinct[j][1] for j in alike])))
     logs: list[Log | Exception] = [
         sampled(distinct[at][1], motions[at], seed) for at, (_, seed) in zip(which, jobs)
     ]

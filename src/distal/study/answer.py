@@ -52,16 +52,6 @@ class Influence:
 
 
 @dataclass(frozen=True)
-class Region:
-    """A part of the space of designs, in words, and the share of rigs in it that meet the
-    requirement.
-    """
-
-    where: str
-    proportion: Proportion
-
-
-@dataclass(frozen=True)
 class Case:
     """One of the runs with the largest errors: time [s], the joint's true angle, its estimate and
     the half-width of the 95 % band [°], (k,) each.
@@ -80,13 +70,13 @@ class Answer:
 
     Args:
         sentence: the answer in short.
-        overall: share of the rigs that meet the requirement in all scenarios that are asked.
-        scenarios: name → share of the rigs that meet the requirement in it, of the scenarios that
-            are asked.
-        influences: which numbers matter, most first; empty where SALib is not installed, nothing
-            varies, or fewer than 100 rigs have an error.
+        overall: share of the rigs that meet the requirement in all scenarios.
+        scenarios: name → share of the rigs that meet the requirement in it.
+        influences: which numbers matter, most first; empty where nothing varies, or fewer than 100
+            rigs have an error.
         needs: whether each thing that varies is needed.
-        regions: parts of the space of designs, best first.
+        regions: parts of the space of designs, in words, with the share of rigs in each that meet
+            the requirement, best first.
         worst: the runs with the largest errors.
         problems: message of an error → number of runs that it ended, most first.
         measures: name (see `MEASURES`) → mean over all runs that did not fail.
@@ -97,7 +87,7 @@ class Answer:
     scenarios: dict[str, Proportion]
     influences: tuple[Influence, ...]
     needs: tuple[Need, ...]
-    regions: tuple[Region, ...]
+    regions: tuple[tuple[str, Proportion], ...]
     worst: tuple[Case, ...]
     problems: dict[str, int]
     measures: dict[str, float]
@@ -119,16 +109,12 @@ def answer_of(plan: Plan, space: Space, columns: Columns) -> Answer:
     if rows != runs:
         raise StudyError(f"{rows} rows came of {runs}; run the study to its end")
     names = sorted(study.scenarios)
-    met = columns["met"].reshape(-1, n_scenarios)
-    asked = [k for k, name in enumerate(names) if name in (study.requirement.scenarios or names)]
-    good = np.all(met[:, asked] == 1, axis=1)
-    rms = np.sqrt(
-        np.mean(
-            columns["rms_deg"].reshape(-1, n_scenarios)[:, asked].astype(np.float64) ** 2, axis=1
-        )
-    )
+    met = columns["met"].reshape(-1, n_scenarios).astype(bool)
+    good = np.all(met, axis=1)
+    errors = columns["rms_deg"].reshape(-1, n_scenarios).astype(np.float64)
+    rms = np.sqrt(np.mean(errors**2, axis=1))
     overall = proportion(good)
-    of_scenario = {names[k]: proportion(met[:, k] == 1) for k in asked}
+    of_scenario = {name: proportion(column) for name, column in zip(names, met.T)}
     influences = influences_of(plan, space, columns, rms)
     regions = _regions(plan, space, columns, good, influences)
     problems = dict(Counter(filter(None, columns["problem"].tolist())).most_common())
@@ -162,10 +148,8 @@ def influences_of(plan: Plan, space: Space, columns: Columns, rms: Floats) -> tu
         return ()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        try:
-            from SALib.analyze import rbd_fast
-        except ImportError:
-            return ()
+        from SALib.analyze import rbd_fast
+
         # designs come in the order of their choices, which the indices must not see
         order = np.random.default_rng(0).permutation(len(rms))
         problem = {"num_vars": len(inputs), "names": list(inputs)}
@@ -180,7 +164,7 @@ def influences_of(plan: Plan, space: Space, columns: Columns, rms: Floats) -> tu
 
 def _regions(
     plan: Plan, space: Space, columns: Columns, good: Bools, influences: Sequence[Influence]
-) -> tuple[Region, ...]:
+) -> tuple[tuple[str, Proportion], ...]:
     """Return regions of the space of designs with their shares of rigs, best first.
 
     The space is split along choices and along numbers whose influence is larger than its
@@ -194,13 +178,13 @@ def _regions(
     )
     axes = [axis for axis in ranked if axis.choices or axis.path in significant] or list(space.axes)
     cells: list[tuple[str, Bools]] = [("", np.ones(len(good), dtype=np.bool_))]
-    found: tuple[Region, ...] = ()
+    found: tuple[tuple[str, Proportion], ...] = ()
     for axis in axes:
         parts = parts_of(plan, axis, columns[axis.path][:: len(plan.scenarios)])
         cells = [(f"{a}, {b}" if a else b, x & y) for a, x in cells for b, y in parts]
-        regions = [Region(words, proportion(good[cell])) for words, cell in cells if cell.any()]
-        regions.sort(key=lambda region: -region.proportion.low)
-        if found and regions[0].proportion.low <= found[0].proportion.low:
+        regions = [(words, proportion(good[cell])) for words, cell in cells if cell.any()]
+        regions.sort(key=lambda region: -region[1].low)
+        if found and regions[0][1].low <= found[0][1].low:
             break
         found = tuple(regions)
     return found
@@ -228,10 +212,8 @@ def _worst(plan: Plan, space: Space, columns: Columns) -> tuple[Case, ...]:
         words = "; ".join(
             [f"{plan.study.scenarios[task.scenario]}: RMS {rounded(rms[k])}°", *settings]
         )
-        traces = [time - time[0], *map(np.rad2deg, angles)]
-        cases.append(
-            Case(words, *([round(float(number), 3) for number in trace] for trace in traces))
-        )
+        traces = np.round([time - time[0], *map(np.rad2deg, angles)], 3)
+        cases.append(Case(words, *traces.tolist()))
     return tuple(cases)
 
 
@@ -241,7 +223,7 @@ def _sentence(
     scenarios: dict[str, Proportion],
     influences: Sequence[Influence],
     needs: Sequence[Need],
-    regions: Sequence[Region],
+    regions: Sequence[tuple[str, Proportion]],
     problems: dict[str, int],
 ) -> str:
     asked = plan.study.requirement
@@ -262,7 +244,7 @@ def _sentence(
     if short := needs_in_short(plan, needs):
         text += f"; {short}"
     if regions and len(regions) > 1:
-        text += f". Best: {regions[0].where}: {regions[0].proportion}"
+        text += f". Best: {': '.join(map(str, regions[0]))}"
     if problems:
         text += f". {sum(problems.values())} runs failed and count as not met"
     return text + "."

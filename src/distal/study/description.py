@@ -6,7 +6,6 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -14,7 +13,17 @@ from pydantic import Field, model_validator
 
 from distal.errors import DistalError, StudyError
 from distal.estimators import DEFAULT, ESTIMATORS
-from distal.rig import Description, In, Rig, load_rig, parse_toml, read_text, validated
+from distal.rig import (
+    Description,
+    In,
+    Rig,
+    description_path,
+    description_text,
+    load_rig,
+    parse_toml,
+    shipped_in,
+    validated,
+)
 from distal.simulation import Scenario, load_scenario
 from distal.simulation.simulate import prepare
 from distal.suggestions import did_you_mean
@@ -33,9 +42,6 @@ class Requirement(Description):
         description="how far the estimate may be from the truth"
     )
     time: Share = Field(0.95, description="for which share of the time")
-    scenarios: tuple[str, ...] = Field(
-        (), description="in which scenarios; default: in all of the study"
-    )
     rigs: Share = Field(0.95, description="of which share of the rigs as built this is asked")
 
 
@@ -53,7 +59,7 @@ class Study(Description):
         None, description="of each run; default: as long as the scenario says"
     )
     estimator: str = Field(DEFAULT, description="a name, as of `distal estimate -e`")
-    fill: Literal["grid", "latin", "sobol"] = Field(
+    fill: Literal["grid", "latin"] = Field(
         "latin", description="how designs fill the space of what varies"
     )
     designs: int = Field(
@@ -84,12 +90,6 @@ class Study(Description):
             raise ValueError(
                 f"estimator: unknown '{self.estimator}'{did_you_mean(self.estimator, ESTIMATORS)}"
             )
-        for name in self.requirement.scenarios:
-            if name not in self.scenarios:
-                raise ValueError(
-                    f"requirement.scenarios: '{name}' is none of "
-                    f"scenarios{did_you_mean(name, self.scenarios)}"
-                )
         if len(set(self.scenarios)) < len(self.scenarios):
             raise ValueError("scenarios: one stands more than once; seeds give several runs of one")
         return self
@@ -125,8 +125,7 @@ class Plan:
 
 def shipped_studies() -> tuple[str, ...]:
     """Return the names of the studies that come with distal."""
-    files = resources.files("distal.study").joinpath("library").iterdir()
-    return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
+    return shipped_in("distal.study")
 
 
 def load_study(name: str | Path) -> Plan:
@@ -138,26 +137,12 @@ def load_study(name: str | Path) -> Plan:
         RigError: its rig is unknown or wrong.
         ScenarioError: one of its scenarios is unknown or wrong.
     """
-    shipped = shipped_studies()
-    path = Path(name)
-    if str(name) in shipped:
-        text = (
-            resources.files("distal.study")
-            .joinpath("library", f"{name}.toml")
-            .read_text(encoding="utf-8")
-        )
-        return plan_of(parse_toml(text, str(name), StudyError), str(name))
-    if path.suffix != ".toml" and not path.exists():
-        raise StudyError(
-            f"unknown study '{name}'{did_you_mean(str(name), shipped)}; or give the path of a "
-            ".toml file"
-        )
-    return plan_of(
-        parse_toml(read_text(path, StudyError), str(path), StudyError), str(path), path.parent
-    )
+    text = description_text(name, "distal.study", "study", StudyError)
+    beside = description_path(name, "distal.study").parent
+    return plan_of(parse_toml(text, str(name), StudyError), str(name), beside)
 
 
-def plan_of(raw: Mapping[str, object], source: str = "study", beside: Path | None = None) -> Plan:
+def plan_of(raw: Mapping[str, object], source: str = "study", beside: Path = Path()) -> Plan:
     """Check a raw study and load the rig and the scenarios that it names.
 
     Args:
@@ -172,7 +157,7 @@ def plan_of(raw: Mapping[str, object], source: str = "study", beside: Path | Non
     study = validated(Study, raw, source, StudyError)
 
     def position(name: str) -> str | Path:
-        return beside / name if beside is not None and name.endswith(".toml") else name
+        return beside / name if name.endswith(".toml") else name
 
     rig = load_rig(position(study.rig))
     rig = rig.with_values(study.set) if study.set else rig

@@ -4,10 +4,10 @@ it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from math import ceil, exp, log, log2
+from math import exp, log
 from typing import Literal
 
 import numpy as np
@@ -192,9 +192,6 @@ class Space:
     def __len__(self) -> int:
         return len(self.shares)
 
-    def __iter__(self) -> Iterator[dict[str, Value]]:
-        return map(self.design, range(len(self)))
-
     def design(self, index: int) -> dict[str, Value]:
         """Return the design with this `index`: path → value [SI]."""
         return {
@@ -256,10 +253,7 @@ def space_of(plan: Plan) -> Space:
     if not axes:
         return Space(axes, np.zeros((study.designs, 0)))
     rng = np.random.default_rng([study.draw, 0])
-    if study.fill == "latin":
-        return Space(axes, qmc.LatinHypercube(len(axes), rng=rng).random(study.designs))
-    shares = qmc.Sobol(len(axes), rng=rng).random_base2(ceil(log2(max(study.designs, 2))))
-    return Space(axes, shares[: study.designs])
+    return Space(axes, qmc.LatinHypercube(len(axes), rng=rng).random(study.designs))
 
 
 def rig_of(rig: Rig, design: Design) -> Rig:

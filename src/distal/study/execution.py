@@ -50,14 +50,11 @@ class Folder:
     path: Path
 
     @property
-    def _chunks(self) -> dict[int, Path]:
+    def chunks(self) -> dict[int, Path]:
+        """Number of each chunk whose rows are in the folder → their file."""
         return {
             int(file.stem): file for file in sorted((self.path / "rows").glob("[0-9]*.parquet"))
         }
-
-    def done(self) -> set[int]:
-        """Return the numbers of the chunks whose rows are in the folder."""
-        return set(self._chunks)
 
     def write(self, chunk: int, rows: Rows) -> None:
         """Write the rows of a chunk."""
@@ -66,37 +63,18 @@ class Folder:
         path = self.path / "rows" / f"{chunk:06d}.parquet"
         write_whole(path, _bytes(pa.Table.from_pydict(rows)))
 
-    def gather(self) -> Path:
+    def gather(self) -> Columns:
         """Write the rows of all chunks into one file, ``rows.parquet``, sorted by design, seed and
-        scenario, and return its path.
+        scenario, and return them, column → values.
         """
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        table = pa.concat_tables(map(pq.read_table, self._chunks.values()))
+        table = pa.concat_tables(map(pq.read_table, self.chunks.values()))
         order = [(name, "ascending") for name in ("design", "seed", "scenario")]
-        write_whole(self.path / "rows.parquet", _bytes(table.sort_by(order)))
-        return self.path / "rows.parquet"
-
-    def read(self) -> Columns:
-        """Return the gathered rows, column → values. In ``met`` 1 stands for yes, 0 for no, and -1
-        where the requirement does not ask for the scenario.
-
-        Raises:
-            StudyError: there are no rows.
-        """
-        import pyarrow.parquet as pq
-
-        try:
-            table = pq.read_table(self.path / "rows.parquet")
-        except OSError as problem:
-            raise StudyError(f"{self.path}: has no rows that can be read ({problem})") from None
-        return {
-            name: (
-                table[name].cast("int8").fill_null(-1) if name == "met" else table[name]
-            ).to_numpy()
-            for name in table.column_names
-        }
+        table = table.sort_by(order)
+        write_whole(self.path / "rows.parquet", _bytes(table))
+        return {name: table[name].to_numpy() for name in table.column_names}
 
 
 def _bytes(table: pyarrow.Table) -> bytes:
@@ -112,15 +90,17 @@ def open_folder(plan: Plan, path: str | Path) -> Folder:
     holds are kept.
 
     Raises:
-        StudyError: the folder is of another study or another version of distal, or pyarrow is not
-            installed.
+        StudyError: the folder is of another study or another version of distal, or pyarrow,
+            plotly or SALib is not installed.
         OutputError: the folder cannot be made or written.
     """
     try:
+        import plotly  # noqa: F401
         import pyarrow  # noqa: F401
-    except ImportError:
+        import SALib  # noqa: F401
+    except ImportError as problem:
         raise StudyError(
-            "a study's rows are Parquet, which needs pyarrow; pip install '.[study]'"
+            f"rows and page of a study need {problem.name}; pip install '.[study]'"
         ) from None
     folder = make_folder(Path(path) / "rows").parent
     label = folder / LABEL
@@ -170,7 +150,7 @@ def run_study(
         OutputError: rows cannot be written.
     """
     runs_per_design = plan.study.seeds * len(plan.scenarios)
-    finished = folder.done()
+    finished = folder.chunks
     total = len(space) * runs_per_design
     chunks = [
         (k, designs) for k, designs in enumerate(space.chunks(runs_per_design)) if k not in finished
@@ -183,9 +163,13 @@ def run_study(
     count = (os.cpu_count() or 1) if workers is None else workers
     # a grid begins in a corner of the space, where all runs may fail
     is_first = done == 0 and plan.study.fill != "grid"
-    for number, rows in (
-        _by_dask(plan, chunks, scheduler) if scheduler else _by_processes(plan, chunks, count)
-    ):
+    if scheduler:
+        tasks = {number: (plan, designs) for number, designs in chunks}
+        kept = "the rows so far are kept: the same command goes on"
+        found = on_cluster(run_chunk, tasks, scheduler, StudyError, kept)
+    else:
+        found = _by_processes(plan, chunks, count)
+    for number, rows in found:
         problem, *others = set(map(str, rows["problem"]))
         if is_first and problem and not others:
             raise StudyError(
@@ -250,10 +234,3 @@ def _begin(plan: Plan) -> None:
 
 def _work(designs: tuple[int, ...]) -> Rows:
     return run_chunk(_PLAN[0], designs)
-
-
-def _by_dask(plan: Plan, chunks: Sequence[Chunk], address: str) -> Iterator[tuple[int, Rows]]:
-    tasks = {number: (plan, designs) for number, designs in chunks}
-    yield from on_cluster(
-        run_chunk, tasks, address, StudyError, "the rows so far are kept: the same command goes on"
-    )

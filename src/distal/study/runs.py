@@ -26,16 +26,16 @@ from distal.rig import Rig, named
 from distal.run.estimate_batch import run_all
 from distal.run.offline import Run, estimator_for, prepared
 from distal.simulation import Scenario
-from distal.simulation.plant import PlantMotion, equilibrium, plant_kernel, run_plants
+from distal.simulation.plant import PlantMotion, equilibrium, plant_kernel
 from distal.simulation.signal_inputs import BodyInputs, body_inputs, initial_angles
-from distal.simulation.simulate import Prepared, sampled, timing
+from distal.simulation.simulate import Prepared, motions_of, sampled, timing
 from distal.study.description import Plan
 from distal.study.design_space import ESTIMATOR, FEEDBACK, Design, Space, rig_of, space_of
 from distal.study.plants import Draw, built_values, draws_of, scores
 from distal.threads import one_blas_thread
 
 Lane = TypeVar("Lane")
-Cell = float | str | bool | None
+Cell = float | str | bool
 Rows = dict[str, list[Cell]]
 Outcome = Estimate | ClosedLoop | DistalError
 
@@ -48,11 +48,6 @@ true angle's distance from its reference; the band is always judged by the estim
 STEPS = 4
 """The number of sub-steps of a plant is a multiple of this, so that designs of different stiffness
 share few kernels [1]. Source: judgement.
-"""
-
-NOMINAL = -1
-"""Seed of the plant that is as the rig says, without drawn errors [1]. Source: definition (a
-marker).
 """
 
 BUILT = "built: "
@@ -68,7 +63,7 @@ class Task:
     Args:
         index: of the design.
         design: path → value [SI].
-        seed: number of the rig as built, or `NOMINAL`.
+        seed: number of the rig as built.
         scenario: index of the scenario.
     """
 
@@ -133,8 +128,7 @@ def _row(plan: Plan, task: Task, outcome: Outcome) -> dict[str, Cell]:
         ).tolist()
         row |= dict(zip(MEASURES, (rms, worst, within, float(np.mean(wrong <= half)), width)))
         met = within >= asked.time
-    is_asked = not asked.scenarios or name in asked.scenarios
-    return row | {"met": met if is_asked else None, "problem": problem}
+    return row | {"met": met, "problem": problem}
 
 
 def curves_of(outcome: Outcome, j: int) -> tuple[Floats, Floats, Floats, Floats] | None:
@@ -230,9 +224,7 @@ def _closed(plan: Plan, setup: _Setup, task: Task) -> ClosedLoop | DistalError:
 
 
 def _sensor_seed(plan: Plan, task: Task) -> int:
-    words = np.random.SeedSequence(
-        [*map(abs, _seeds(plan, task)), task.scenario, 1]
-    ).generate_state(1)
+    words = np.random.SeedSequence([*_seeds(plan, task), task.scenario, 1]).generate_state(1)
     return int(words[0])
 
 
@@ -247,7 +239,6 @@ class _Setup:
     Args:
         rig: as filters know it.
         fixed: what the scenario says of the plant, where nothing is drawn.
-        mechanism: the plant as it is meant, of the structure of all as built.
         timing: interval [s] and sub-steps.
     """
 
@@ -255,7 +246,6 @@ class _Setup:
     rig: Rig
     draws: tuple[Draw, ...]
     fixed: dict[str, object]
-    mechanism: Mechanism
     kernel: Kernel
     inputs: BodyInputs
     timing: tuple[float, int]
@@ -263,9 +253,7 @@ class _Setup:
 
     def drawn(self, seed: tuple[int, ...]) -> dict[str, float]:
         """Return path → value of one rig as built."""
-        nominal = dict.fromkeys((draw.name for draw in self.draws), 0.0)
-        score = nominal if seed[-1] == NOMINAL else scores(self.draws, seed)
-        return built_values(self.rig, self.draws, score)
+        return built_values(self.rig, self.draws, scores(self.draws, seed))
 
     def built(self, seed: tuple[int, ...]) -> Prepared:
         """Return the scenario on one rig as built."""
@@ -297,7 +285,7 @@ def _setup_of(plan: Plan, scenario_rig: Rig, task: Task) -> _Setup | DistalError
     except DistalError as problem:
         return problem
     kernel = plant_kernel(plant, count)
-    return _Setup(scenario, rig, draws, fixed, plant, kernel, inputs, (dt, count), estimator)
+    return _Setup(scenario, rig, draws, fixed, kernel, inputs, (dt, count), estimator)
 
 
 def _logs(
@@ -308,7 +296,7 @@ def _logs(
     """
     for alike in plants:
         for group in _groups(alike):
-            motions = _motions(group[0][1], [built for _, _, built in group])
+            motions = _motions([built for _, _, built in group])
             for (k, setup, built), motion in zip(group, motions):
                 if isinstance(motion, PlantMotion):
                     yield k, setup, sampled(built, motion, _sensor_seed(plan, tasks[k]))
@@ -316,12 +304,10 @@ def _logs(
                     yield k, setup, motion
 
 
-def _motions(setup: _Setup, group: Sequence[Prepared]) -> Iterable[PlantMotion | DistalError]:
-    runs = [(built.inputs, built.start) for built in group]
-    values = [built.plant.parameters.values for built in group]
+def _motions(group: Sequence[Prepared]) -> Sequence[PlantMotion | DistalError]:
     try:
-        return run_plants(setup.mechanism, runs, setup.timing[0], setup.kernel, values)
+        return motions_of(group)
     except DistalError as problem:
         if len(group) == 1:
             return [problem]
-        return [motion for built in group for motion in _motions(setup, [built])]
+        return [motion for built in group for motion in _motions([built])]

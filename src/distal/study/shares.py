@@ -111,14 +111,12 @@ class Need:
 
     Args:
         name: path of what varies.
-        text: the verdict in words.
         shares: each choice, or part of a range, in words, with the share of rigs that meet the
             requirement there, see `needs_of`.
     """
 
     name: str
     verdict: Verdict
-    text: str
     shares: tuple[tuple[str, Proportion], ...]
 
 
@@ -152,28 +150,21 @@ def needs_of(plan: Plan, space: Space, columns: Columns, good: Bools) -> tuple[N
 
 def _need(plan: Plan, axis: Axis, shares: Sequence[tuple[str, Proportion]]) -> Need:
     asked = plan.study.requirement.rigs
-    words = words_of(plan, axis.path)
     meets = [share.low >= asked for _, share in shares]
     fails = [share.high < asked for _, share in shares]
     switch = bool(sensor_of(axis.path)) and False in axis.choices
     without = axis.choices.index(False) if switch else 0
     if all(fails):
         verdict = Verdict.NOT_ENOUGH
-        text = f"{words} is not enough, whatever it is"
     elif all(meets) or (switch and meets[without]):
         verdict = Verdict.NOT_NEEDED
-        text = f"{words} is not needed" if switch else f"any {words} does"
     elif switch and fails[without] and any(meets):
         verdict = Verdict.NEEDED
-        text = f"{words} is needed"
     elif any(meets) and not switch:
         verdict = Verdict.SOME
-        text = f"enough is {', '.join(part for (part, _), meet in zip(shares, meets) if meet)}"
     else:
         verdict = Verdict.NOT_CERTAIN
-        text = f"whether {words} is needed is not certain"
-    said = "; ".join(f"{part}: {share}" for part, share in shares)
-    return Need(axis.path, verdict, f"{text} ({said})", tuple(shares))
+    return Need(axis.path, verdict, tuple(shares))
 
 
 def needs_in_short(plan: Plan, needs: Sequence[Need]) -> str:

@@ -9,15 +9,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from distal.arrays import Floats
-from distal.confidence import BAND, COVERED
+from distal.confidence import BAND
 from distal.errors import StudyError
 from distal.estimators import DEFAULT
 from distal.results import Estimate
 from distal.rig import Rig, in_words, number
 from distal.study.description import Plan
 from distal.study.plants import draws_of
-from distal.study.runs import NOMINAL, Task, run_tasks
+from distal.study.runs import Task, run_tasks
 
 KNOWN = 2.0
 """Time at the start for which the joint's angle is known in a calibration [s]. Source:
@@ -44,39 +43,28 @@ class Option:
 
 @dataclass(frozen=True)
 class Suggestion:
-    """What an option brings, by the samples after the first `KNOWN` seconds.
+    """What an option brings, over rigs as built in all scenarios, by the samples after the first
+    `KNOWN` seconds.
 
     Args:
-        band: mean half-width of the 95 % band by the filter's covariance, on one nominal log of
-            each scenario [rad].
-        squares: mean square error of each rig as built over all scenarios, NaN where a run failed,
-            (n,) [rad²].
+        band: mean half-width of the 95 % band by the filter's covariance [rad].
+        error: RMS error [rad].
     """
 
     words: str
     band: float
-    squares: Floats
-
-    @property
-    def error(self) -> float:
-        """RMS error over the rigs as built that did not fail [rad]."""
-        return float(np.sqrt(np.nanmean(self.squares)))
+    error: float
 
 
 def suggestions(
     plan: Plan, progress: Callable[[int, int], None] | None = None
-) -> tuple[Suggestion, list[Suggestion], float]:
-    """Return the rig as it is, the options (narrowest band first), and Kendall's τ between their
-    ranks by band and by error.
-
-    The ranks are those of options that `differs` from the rig as it is; of fewer than two τ is NaN.
+) -> tuple[Suggestion, list[Suggestion]]:
+    """Return the rig as it is, and the options, narrowest band first.
 
     Raises:
         StudyError: the study's estimator is not the default one, whose covariance is needed, or the
             rig cannot be estimated.
     """
-    from scipy.stats import kendalltau
-
     if plan.study.estimator != DEFAULT:
         raise StudyError(
             f"suggestions go by the covariance of '{DEFAULT}'; '{plan.study.estimator}' came as "
@@ -89,21 +77,7 @@ def suggestions(
         if progress is not None:
             progress(k, len(options))
     base, *changes = judged
-    ranked = [change for change in changes if differs(base, change)]
-    bands = [change.band for change in ranked]
-    tau = kendalltau(bands, [change.error for change in ranked]).statistic
-    changes.sort(key=lambda change: change.band)
-    return base, changes, float(tau)
-
-
-def differs(base: Suggestion, change: Suggestion) -> bool:
-    """Return whether the rigs as built show that an option changes the error: whether the square
-    errors of the same rigs with and without it differ by a paired t-test at the level 0.05.
-    """
-    from scipy.stats import ttest_rel
-
-    test = ttest_rel(change.squares, base.squares, nan_policy="omit")
-    return bool(test.pvalue < 1.0 - COVERED)
+    return base, sorted(changes, key=lambda change: change.band)
 
 
 def options_of(rig: Rig, noise: float) -> list[Option]:
@@ -176,20 +150,16 @@ def _with_sensors(rig: Rig, noise: float) -> list[Option]:
 def _judged(plan: Plan, option: Option) -> Suggestion:
     changed = replace(plan, rig=option.rig)
     scenarios = range(len(plan.scenarios))
-    tasks = [Task(0, {}, seed, s) for s in scenarios for seed in (NOMINAL, *range(PLANTS))]
+    tasks = [Task(0, {}, seed, s) for s in scenarios for seed in range(PLANTS)]
+    outcomes = run_tasks(changed, tasks, homing=option.homing)
     bands = []
     squares = []
-    for task, outcome in zip(tasks, run_tasks(changed, tasks, homing=option.homing)):
-        if not isinstance(outcome, Estimate) or outcome.truths is None:
-            if task.seed == NOMINAL:
-                raise StudyError(f"{option.words}: {outcome}")
-            squares.append(np.nan)
-            continue
-        # a calibration is judged by what comes after it, and so are all other options
-        late = outcome.time - outcome.time[0] >= KNOWN
-        if task.seed == NOMINAL:
+    for outcome in outcomes:
+        if isinstance(outcome, Estimate) and outcome.truths is not None:
+            # a calibration is judged by what comes after it, and so are all other options
+            late = outcome.time - outcome.time[0] >= KNOWN
             bands.append(np.mean(BAND * outcome.angle_stds[late, plan.joint]))
-        else:
             squares.append(np.mean((outcome.angles - outcome.truths)[late, plan.joint] ** 2))
-    by_scenario = np.array(squares, dtype=np.float64).reshape(len(plan.scenarios), PLANTS)
-    return Suggestion(option.words, float(np.mean(bands)), by_scenario.mean(axis=0))
+    if not bands:
+        raise StudyError(f"{option.words}: {outcomes[0]}")
+    return Suggestion(option.words, float(np.mean(bands)), float(np.sqrt(np.mean(squares))))
