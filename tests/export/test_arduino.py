@@ -63,7 +63,7 @@ def test_the_layout_follows_the_rules(folder: Path, made: Exported) -> None:
     """Those that arduino-lint checks with --compliance strict --library-manager submit, of what can
     be read here.
     """
-    assert made.single
+    assert made.real.single
     lines = (folder / "library.properties").read_text().splitlines()
     fields = dict(line.split("=", 1) for line in lines)
     assert len(fields) == len(lines)
@@ -179,7 +179,7 @@ def test_the_sketch_compiles_for_a_board(name: str, tmp_path: Path) -> None:
         check=True,
     )
     text, data = map(int, sizes.stdout.splitlines()[1].split()[:2])
-    assert made.channels
+    assert made.estimator.channels
     assert 4_000 < text + data <= (32 if len(rig.joints) == 1 else 80) * 1024
 
 

@@ -13,7 +13,7 @@ import pytest
 from distal import Rig, load_rig
 from distal.export.plant_source import ExportedPlant, c_plant
 from distal.lab.html_page import STIFF, SWING, _largest_load, _motion, _positions, _servo
-from distal.lab.webassembly import _COMMAND, _GLUE
+from distal.lab.webassembly import _GLUE
 from distal.reports.moving_chain import chain_script
 
 SHOWN = Path(__file__).parents[2] / "docs" / "lab.html"
@@ -40,7 +40,7 @@ def test_what_scripts_read_is_what_pages_hold() -> None:
     script = resources.files("distal.lab").joinpath("lab.js").read_text(encoding="utf-8")
     assert set(re.findall(r"\bdata\.(\w+)", script)) <= set(json.loads(found[1]))
     viewed = set(re.findall(r'view\("(\w+)"', script))
-    exported = set(re.findall(r"EXPORTED\((\w+)\)", _GLUE + _COMMAND))
+    exported = set(re.findall(r"EXPORTED\((\w+)\)", _GLUE))
     assert viewed
     assert viewed <= exported
 

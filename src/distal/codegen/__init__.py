@@ -14,8 +14,8 @@ An operation of matrices that has no C yet is one more writer, and one more line
 ``matrices``.
 """
 
-from distal.codegen.emitter import Emitter
+from distal.codegen.emitter import Emitter, unused
 from distal.codegen.number_types import Dialect, Lanes, Plain
 from distal.codegen.operations import CodeError
 
-__all__ = ["CodeError", "Dialect", "Emitter", "Lanes", "Plain"]
+__all__ = ["CodeError", "Dialect", "Emitter", "Lanes", "Plain", "unused"]

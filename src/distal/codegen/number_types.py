@@ -54,6 +54,11 @@ class Plain:
         """Name of the type of a number in C."""
         return "float" if self.single else "double"
 
+    @property
+    def size(self) -> int:
+        """Size of a number [bytes]."""
+        return 4 if self.single else 8
+
     def prelude(self, text: str) -> str:
         """Return the functions for the larger and the smaller of two numbers, each if `text` calls
         it: compilers warn of unused ones.

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import importlib.util
 import logging
 import os
 import platform
 import shlex
 import shutil
 import subprocess
+import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
@@ -305,16 +307,33 @@ def _build(compiler: Compiler, source: str, level: str, folder: Path) -> Path:
     code = folder / "kernel.c"
     library = folder / "kernel.so"
     code.write_text(source, encoding="utf-8")
-    command = [*compiler.command, level, *FLAGS, str(code), "-o", str(library), "-lm"]
+    run_compiler([*compiler.command, level, *FLAGS, str(code), "-o", str(library), "-lm"])
+    return library
+
+
+def run_compiler(command: Sequence[str], folder: str | Path = ".") -> None:
+    """Run a C compiler in a folder.
+
+    Raises:
+        CompileError: it did not run, or it failed.
+    """
     try:
-        process = subprocess.run(
-            command, capture_output=True, text=True, errors="replace", timeout=300, check=False
+        done = subprocess.run(
+            command, cwd=folder, capture_output=True, text=True, errors="replace", timeout=600
         )
     except (OSError, subprocess.SubprocessError) as problem:
         raise CompileError(f"the C compiler did not run ({type(problem).__name__})") from None
-    if process.returncode != 0 or not library.exists():
-        lines = (process.stderr or process.stdout).strip().splitlines()
+    if done.returncode != 0:
+        lines = (done.stderr or done.stdout).strip().splitlines()
         raise CompileError(
-            f"the C compiler failed: {lines[0] if lines else f'exit code {process.returncode}'}"
+            f"the C compiler failed: {lines[0] if lines else f'exit code {done.returncode}'}"
         )
-    return library
+
+
+def zig_compiler(target: str) -> list[str] | None:
+    """Return the command of ziglang's C compiler for a target, or None where it is not
+    installed.
+    """
+    if importlib.util.find_spec("ziglang") is None:
+        return None
+    return [sys.executable, "-m", "ziglang", "cc", "-s", "-target", target]

@@ -17,19 +17,17 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.confidence import BAND
-from distal.estimators import external_torques_of, make_estimator
 from distal.estimators.read_channels import DEAD
-from distal.export.names import filled, torque_fields
-from distal.export.plant_source import ExportedPlant, resting_pull
+from distal.export.c_text import filled
+from distal.export.plant_source import ExportedPlant, resting_inputs, resting_pull
 from distal.lab.webassembly import LabModule, lab_module
 from distal.logs import write_whole
 from distal.reports.moving_chain import chain_script, chain_shape, tension_scale
 from distal.reports.page import page, resource, script_with
 from distal.results import COLOURS
-from distal.rig import Rig, angle_names, log_factor, number, std_name
+from distal.rig import Rig, angle_names, log_factor, number
 from distal.run.health import HEALTH
 from distal.simulation.plant import equilibrium
-from distal.simulation.signal_inputs import BodyInputs
 from distal.units import unit_factor
 
 WINDOW = 12.0
@@ -145,11 +143,9 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
     n = mechanism.n_bodies
     nj = mechanism.n_joints
     most = _largest_load(rig, plant.first[2 * n : 2 * n + mechanism.n_tendons])
-    sensors = [next(s for s in rig.sensors if s.name == name) for name in plant.sensors]
-    chosen = make_estimator(estimator, rig, compiled=False)
     names = rig.joint_names
     zeros = {sensor.of: sensor.bias.value for sensor in rig.sensors_of("position")}
-    touched = dict(zip((field for _, field in torque_fields(chosen)), external_torques_of(chosen)))
+    sensors = rig.sensors
     scales = [
         unit_factor(rig.log.time.unit, "s"),
         *(sensor.sign * log_factor(sensor) for sensor in sensors),
@@ -161,18 +157,19 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
         "shape": chain_shape(rig, 0.0),
         "joints": names,
         "tendons": rig.tendon_names,
-        "sensors": list(plant.sensors),
-        "read": [plant.sensors.index(channel) for channel in module.filter.channels],
+        "sensors": rig.sensor_names,
+        "read": [rig.sensor_names.index(channel) for channel in module.filter.estimator.channels],
         "bodies": n,
         "interval": plant.interval,
         "band": BAND,
         "window": WINDOW,
         "longest": LONGEST,
-        "numbers": len(plant.parameters),
+        "numbers": len(mechanism.parameters.names),
         "told": list(module.outputs),
         "plain": module.inextensible,
         "torques": [
-            [field, std_name(field), names.index(joint)] for field, joint in touched.items()
+            [field.name, field.std, names.index(field.joint)]
+            for field in module.filter.fields[len(names) :]
         ],
         "health": [[word, meaning] for word, meaning in HEALTH.items()],
         "start": plant.start.tolist(),
@@ -183,7 +180,9 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
         "hand": [most / 0.2, 0.02 * most / 0.2],
         "loadMost": most,
         "factors": {
-            factor: [i for i, path in enumerate(plant.parameters) if re.search(pattern, path)]
+            factor: [
+                i for i, path in enumerate(mechanism.parameters.names) if re.search(pattern, path)
+            ]
             for factor, (_, pattern) in FACTORS.items()
         },
         "columns": columns,
@@ -219,9 +218,8 @@ def _positions(rig: Rig, plant: ExportedPlant) -> list[dict[str, Any]]:
     """
     mechanism = plant.plant
     tables = []
-    n = mechanism.n_bodies
     nj = mechanism.n_joints
-    held = BodyInputs(resting_pull(mechanism)[None], np.zeros((1, n)), np.zeros((1, n, 3)))
+    held = resting_inputs(mechanism)
     for j, motion in enumerate(_motion(rig)):
         reach = motion["amplitude"] + abs(motion["centre"] - motion["from"])
         low = motion["from"] - reach
@@ -383,7 +381,10 @@ def _allowed(
     """
     factor = next((key for key in changes if key in FACTORS), None)
     if factor is not None:
-        values = [number(rig, module.plant.parameters[i]) for i in constants["factors"][factor]]
+        values = [
+            number(rig, module.plant.plant.parameters.names[i])
+            for i in constants["factors"][factor]
+        ]
         share = min(one.std / abs(one.value) for one in values if one.value)
         stds = abs(changes[factor]) * log(2.0) / log1p(share) if share else inf
         known = f"{FACTORS[factor][0]} as {f'known to ± {100 * share:.2g} %' if share else 'exact'}"

@@ -1,0 +1,157 @@
+"""What the exported texts of C share: templates and their blanks, comments, the pair of files, and
+the numbers that a filter puts out.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from distal.codegen import Dialect, Emitter, Plain, unused
+from distal.estimators import KernelEstimator, external_torques_of
+from distal.rig import Rig, Sensor, angle_names, std_name
+
+DOUBLE = Plain()
+"""The number type of C that most of the texts are in."""
+
+
+@dataclass(frozen=True)
+class Translated:
+    """A model as C.
+
+    Args:
+        name: prefix of its C names, and the name of its files.
+        header: text of the .h file.
+        source: text of the .c file.
+    """
+
+    name: str
+    header: str
+    source: str
+
+    @property
+    def files(self) -> dict[str, str]:
+        """Name of each file → its text."""
+        return {f"{self.name}.h": self.header, f"{self.name}.c": self.source}
+
+
+def filled(template: str, values: Mapping[str, object], real: Dialect = DOUBLE) -> str:
+    """Return a template in which each ``$name$`` is replaced by the value of that name.
+
+    ``$NAME$`` is the same value in capitals. Texts stand as they are, numbers are written in C and
+    sequences with commas. Blanks in the values themselves are not replaced.
+
+    Args:
+        real: number type of the values that are no integers.
+    """
+
+    def value(blank: re.Match[str]) -> str:
+        key = blank[1]
+        return in_c(values[key], real) if key in values else str(values[key.lower()]).upper()
+
+    return re.sub(r"\$(\w+)\$", value, template)
+
+
+def in_c(value: object, real: Dialect) -> str:
+    """Return a value as C: a number, or several with commas, rows of them in braces."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, (int, np.integer)):
+        return str(int(value))
+    if isinstance(value, Iterable):
+        items = np.asarray(value).tolist() if isinstance(value, np.ndarray) else value
+        return ", ".join(
+            f"{{{in_c(item, real)}}}" if isinstance(item, (list, tuple)) else in_c(item, real)
+            for item in items
+        )
+    return real.constant(float(value))  # type: ignore[arg-type]
+
+
+def shared_blanks(name: str, rig: Rig, emitter: Emitter) -> dict[str, object]:
+    """Return the blanks that all sources of a rig have: its name, the number type, and the
+    functions that were written.
+    """
+    return {
+        "name": name,
+        "rig": comment(rig.name),
+        "real": emitter.dialect.type,
+        "prelude": emitter.dialect.prelude(emitter.text),
+        "functions": emitter.text,
+    }
+
+
+def comment(text: str) -> str:
+    """Return a text without what would end a C comment, cut to 200 characters."""
+    plain = "".join(c if c.isprintable() else " " for c in text)[:200]
+    for ends, harmless in (("\\", "/"), ("??", "? ?"), ("*/", "* /"), ("/*", "/ *"), ("*/", "* /")):
+        plain = plain.replace(ends, harmless)
+    return " ".join(plain.split())
+
+
+def numbered(parts: Iterable[str]) -> str:
+    """Return lines of a C comment that list parts with their indices."""
+    return "\n".join(f" *  {i:2d}  {comment(part)}" for i, part in enumerate(parts)) or " *   none"
+
+
+def sensor_texts(sensors: Iterable[Sensor]) -> list[str]:
+    """Return what each sensor measures, and its unit, in words."""
+    return [f"{each.name}: {each.measures} of {each.of} [{each.si}]" for each in sensors]
+
+
+def largest(to: str, home: str, states: Iterable[int]) -> str:
+    """Return C that sets a number to the largest of some values of a kernel state, or to zero."""
+    lines = [f"  {to} = 0;"]
+    for state in states:
+        value = f"{home}->kernel_state[{state}]"
+        lines += [f"  if ({to} < {value}) {to} = {value};"]
+    return "\n".join(lines)
+
+
+class Field(NamedTuple):
+    """A number that an exported filter puts out, with the standard deviation of its error.
+
+    Args:
+        name: in C.
+        column: its name in a table.
+        state: index of its state.
+        meaning: what it is, in words.
+        joint: name of the joint to which it belongs.
+    """
+
+    name: str
+    column: str
+    state: int
+    meaning: str
+    joint: str
+    unit: str
+
+    @property
+    def std(self) -> str:
+        """Name of the standard deviation in C."""
+        return std_name(self.name)
+
+
+def fields_of(estimator: KernelEstimator) -> list[Field]:
+    """Return what an exported filter puts out: the angle of each joint, then external torques.
+
+    The angle of a single joint is ``angle`` in C. All other names are those of columns, with _ for
+    characters that C does not allow.
+    """
+    joints = estimator.rig.joint_names
+    columns = angle_names(joints)
+    rows = [(j, *pair, "angle of", "rad") for j, pair in enumerate(zip(joints, columns))]
+    rows += [
+        (state, joint, estimator.state_names[state], "torque from outside on", "N m")
+        for joint, state in external_torques_of(estimator).items()
+    ]
+    fields: list[Field] = []
+    for state, joint, column, meaning, unit in rows:
+        alone = len(joints) == 1 and unit == "rad"
+        plain = "angle" if alone else re.sub(r"[^A-Za-z0-9]", "_", column)
+        name = unused(plain, {field.name for field in fields})
+        fields.append(Field(name, column, state, f"{meaning} {joint}", joint, unit))
+    return fields
