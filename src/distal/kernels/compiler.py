@@ -44,14 +44,16 @@ OPTIMISED_LANES = "-O2"
 takes longer and brings nothing.
 """
 
+QUICK = "-O1"
+"""Level of optimisation of kernels that are used little, and of all with DISTAL_COMPILE=quick: they
+are compiled in a third of the time and run half as fast.
+"""
+
 LONG = 500_000
-"""Number of characters of C above which `OPTIMISED_LONG` is used. Such C is straight lines without
+"""Number of characters of C above which `QUICK` is used. Such C is straight lines without
 loops, and runs as fast with less effort: a filter with a sheath takes GCC 12 7 s in place of 17,
 and 46 µs a sample in place of 44. Source: judgement.
 """
-
-OPTIMISED_LONG = "-O1"
-"""Level of optimisation of C with more than `LONG` characters."""
 
 VERY_LONG = 1_500_000
 """Number of characters of C above which `UNOPTIMISED` is used. The equations of a finger with three
@@ -62,25 +64,19 @@ any optimisation. Source: judgement.
 UNOPTIMISED = "-O0"
 """Level of optimisation of C with more than `VERY_LONG` characters."""
 
-QUICK = "-O1"
-"""Level of optimisation of kernels that are used little, and of all with DISTAL_COMPILE=quick: they
-are compiled in a third of the time and run half as fast.
-"""
-
 LOG = logging.getLogger("distal.kernels")
 """Logs when a compiler begins, which may take minutes, and when it has ended (an empty message)."""
 
 _SCAN = """
 /* {name} over n samples: kernel_state and outputs of every sample are kept, the kernel_state of
  * sample k is the input of k + 1 */
-long long {name}_scan(long long n, const double* kernel_state, const double* x, const double* p,
-                      double* kernel_states, double* y) {{
+void {name}_scan(long long n, const double* kernel_state, const double* x, const double* p,
+                 double* kernel_states, double* y) {{
   long long k;
   for (k = 0; k < n; ++k) {{
     {name}(kernel_state, x + k * {n_x}, p, kernel_states + k * {n_kernel_state}, y + k * {n_y});
     kernel_state = kernel_states + k * {n_kernel_state};
   }}
-  return n;
 }}
 
 /* one sample, as CasADi calls what it did not generate */
@@ -242,12 +238,10 @@ def compiled_source(source: str, level: str = OPTIMISED) -> Path:
     """
     compiler = _needed_compiler()
     cache = _own_cache()
-    if os.environ.get("DISTAL_COMPILE") == "quick":
+    if os.environ.get("DISTAL_COMPILE") == "quick" or len(source) > LONG:
         level = QUICK
     if len(source) > VERY_LONG:
         level = UNOPTIMISED
-    elif len(source) > LONG:
-        level = OPTIMISED_LONG
     key = _key(compiler, source, level)
     library = cache.find(key)
     if library is not None:

@@ -89,25 +89,6 @@ AHEAD = 2
 """Number of groups of items that are in work or ready, for each worker. Source: judgement."""
 
 
-def grouped(items: Iterable[Item], size: int) -> Iterator[list[Item]]:
-    """Yield items in groups of `size`, for vector lanes. Items that came before an error are
-    yielded before it is raised.
-    """
-    group: list[Item] = []
-    try:
-        for item in items:
-            group.append(item)
-            if len(group) == size:
-                yield group
-                group = []
-    except Exception:
-        if group:
-            yield group
-        raise
-    if group:
-        yield group
-
-
 def in_order(
     items: Iterable[Item], size: int, work: Callable[[list[Item]], list[Result]], workers: int
 ) -> Iterator[tuple[Item, Result]]:
@@ -115,30 +96,32 @@ def in_order(
     it is raised.
 
     Args:
-        size: number of items in a group.
+        size: number of items in a group, for vector lanes.
         work: returns the results of a group.
         workers: number of threads.
     """
-    groups = grouped(items, size)
+    coming = iter(items)
     waiting: deque[tuple[list[Item], Future[list[Result]]]] = deque()
-    ended: BaseException | None = None
+    ended: Exception | None = None
     pool = ThreadPoolExecutor(workers)
     try:
         while True:
-            try:
-                while ended is None and len(waiting) < AHEAD * workers:
-                    group = next(groups, None)
-                    if group is None:
-                        break
+            while ended is None and len(waiting) < AHEAD * workers:
+                group: list[Item] = []
+                try:
+                    while len(group) < size:
+                        group.append(next(coming))
+                except Exception as problem:  # at the end of the items a StopIteration
+                    ended = problem
+                if group:
                     waiting.append((group, pool.submit(work, group)))
-            except Exception as problem:
-                ended = problem
-            if not waiting:
-                if ended is not None:
-                    raise ended
+            if waiting:
+                done, future = waiting.popleft()
+                yield from zip(done, future.result())
+            elif isinstance(ended, StopIteration):
                 return
-            done, future = waiting.popleft()
-            yield from zip(done, future.result())
+            elif ended is not None:
+                raise ended
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 

@@ -58,7 +58,7 @@ class Kernel:
         self._recipe = Recipe(lambda: function) if isinstance(function, ca.Function) else function
         self.backend: Backend = "interpreted"
         self.reason = "asked for"
-        self._scan: Callable[..., int] | None = None
+        self._scan: Callable[..., None] | None = None
         self._lanes: LaneKernel | None = None
         self._laned = not compiled  # lanes that are not desired count as tried
         self._lanes_alone = compiled == "lanes"
@@ -82,7 +82,7 @@ class Kernel:
                 f"the compiled kernel {library.path} cannot be loaded ({type(problem).__name__})"
             ) from None
         self._sizes = library.sizes
-        scan.restype = ctypes.c_longlong
+        scan.restype = None
         scan.argtypes = [ctypes.c_longlong] + 5 * [ctypes.c_void_p]
         self._scan = scan
         compiler = find_compiler()
@@ -148,12 +148,8 @@ class Kernel:
         start = np.ascontiguousarray(kernel_state, dtype=np.float64).reshape(self.n_kernel_state)
         parameters = np.ascontiguousarray(p, dtype=np.float64).reshape(self.n_p)
         if self._scan is not None:
-            done = self._scan(
-                len(xs),
-                *(array.ctypes.data for array in (start, xs, parameters, kernel_states, ys)),
-            )
-            if done != len(xs):
-                raise RuntimeError(f"kernel {self.function.name()} failed at sample {done}")
+            arrays = (start, xs, parameters, kernel_states, ys)
+            self._scan(len(xs), *(array.ctypes.data for array in arrays))
             return kernel_states, ys
         loop = self.loop(parameters)
         loop.kernel_state[:] = start

@@ -94,11 +94,6 @@ POSTURES = 17
 judgement.
 """
 
-ALLOWED = 2.0
-"""Standard deviations by which the truth may differ from the rig file before the page says that the
-file does not allow for it. Source: judgement.
-"""
-
 STIFF = 20.0
 """Ratio of the stiffness of a drive's position loop to that of its tendons. Source: judgement."""
 
@@ -124,7 +119,13 @@ def lab_page(rig: Rig, path: str | Path, estimator: str = "adaptive", source: st
     parts = [
         f"<style>{resource('lab.css', 'distal.lab')}</style>",
         _body(rig, module, constants, estimator),
-        script_with("lab-data", constants, chain_script(), resource("lab.js", "distal.lab")),
+        script_with(
+            "lab-data",
+            constants,
+            chain_script(),
+            resource("chart.js"),
+            resource("lab.js", "distal.lab"),
+        ),
     ]
     lead = (
         "The rig moves in your browser, and a filter says where its joints are from what its "
@@ -187,7 +188,6 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
         },
         "columns": columns,
         "scales": [*scales, *[1.0] * nj],
-        "colours": {"plain": COLOURS[1]},
         "commanded": list(module.commanded),
         "zeros": [zeros.get(drive.name, 0.0) for drive in rig.drives],
         "command": f"distal estimate lab.csv --rig {source} -e {estimator} gives the same angles.",
@@ -292,11 +292,11 @@ def _body(rig: Rig, module: LabModule, constants: dict[str, Any], estimator: str
         motion += "<label><input type='checkbox' id='bring'> go to the desired angle</label>"
         motion += _slider("desired", "desired angle", (-most_turned, most_turned, 0.0), "°")
     torque = (
-        "<figure><canvas id='torque' role='img' aria-label='Torque from outside over time: true "
-        "and estimated'></canvas>"
+        "<figure><svg class='chart' id='torque' role='img' aria-label='Torque from outside over "
+        "time: true and estimated'></svg>"
         "<figcaption>Torque on the joint from outside: true and estimated.</figcaption></figure>"
     )
-    plain = f"<span style='color:{COLOURS[1]}'>Dashed: tendons taken as inextensible.</span>"
+    plain = "<span class='plain'>Dashed: tendons taken as inextensible.</span>"
     blanks = {
         "experiments": "".join(
             f"<button type='button' aria-pressed='{str(not settings).lower()}' "
@@ -368,16 +368,16 @@ def _experiments(
             settings["load"] *= constants["loadMost"]
         if "dead" in settings:
             settings["dead"] = first
-        filled_text = filled(text, sensor) + _allowed(rig, module, constants, settings)
+        filled_text = filled(text, sensor) + _distance(rig, module, constants, settings)
         possible.append((name, settings, filled_text))
     return possible
 
 
-def _allowed(
+def _distance(
     rig: Rig, module: LabModule, constants: dict[str, Any], changes: dict[str, Any]
 ) -> str:
-    """Return a sentence that says whether the rig file's standard deviations allow for a change of
-    the true rig, so that the band should hold.
+    """Return a sentence that says how far a change of the true rig is off what the rig file takes
+    for known, in its standard deviations.
     """
     factor = next((key for key in changes if key in FACTORS), None)
     if factor is not None:
@@ -394,7 +394,5 @@ def _allowed(
         known = f"a torque from outside as {f'± {std:.2g} N m' if std else 'none'}"
     else:
         return ""
-    if stds <= ALLOWED:
-        return " The rig file allows for that, and the band should hold."
-    off = "" if stds == inf else f" This is {stds:.0f} standard deviations off."
-    return f" The rig file takes {known}, so the band need not hold the truth.{off}"
+    off = "" if stds == inf else f": this is {stds:.1f} standard deviations off"
+    return f" The rig file takes {known}{off}."

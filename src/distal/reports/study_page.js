@@ -1,22 +1,8 @@
 "use strict";
 (() => {
   const data = JSON.parse(document.getElementById("study-data").textContent);
-  const names = Object.keys(data.columns), W = 640, H = 400, B = 54, T = 12, R = 14;
-  const NS = "http://www.w3.org/2000/svg";
+  const { node, short, frame } = chart, names = Object.keys(data.columns);
   const get = (id) => document.getElementById(id);
-
-  function node(tag, attributes, text) {
-    const made = document.createElementNS(NS, tag);
-    for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-    if (text !== undefined) made.textContent = text;
-    return made;
-  }
-
-  function short(value) {
-    if (value === 0) return "0";
-    const size = Math.abs(value);
-    return size >= 1e5 || size < 1e-3 ? value.toExponential(1) : String(Number(value.toPrecision(3)));
-  }
 
   /* a column as numbers: texts and choices by their index, a logarithmic one by its logarithm */
   function column(name) {
@@ -27,43 +13,6 @@
     if (!(low < high)) { const room = Math.abs(low) || 1; low -= room / 2; high += room / 2; }
     const room = told ? 0.5 : 0.03 * (high - low);
     return { name, values, labels: told, words: given.words, low: low - room, high: high + room, log: given.log };
-  }
-
-  function ticks(axis) {
-    if (axis.labels) return axis.labels.map((text, i) => [i, text]);
-    if (axis.log) {
-      const found = [], few = axis.high - axis.low > 2.5 ? [1] : [1, 2, 5];
-      for (let p = Math.floor(axis.low); p <= axis.high; p++) for (const m of few) {
-        const v = p + Math.log10(m);
-        if (v >= axis.low && v <= axis.high) found.push([v, short(m * 10 ** p)]);
-      }
-      return found;
-    }
-    const span = axis.high - axis.low, raw = span / 5, power = 10 ** Math.floor(Math.log10(raw));
-    const step = power * [1, 2, 5, 10].find((m) => m * power >= raw), found = [];
-    for (let v = Math.ceil(axis.low / step) * step; v <= axis.high; v += step) found.push([v, short(v)]);
-    return found;
-  }
-
-  function frame(svg, x, y) {
-    svg.replaceChildren();
-    svg.setAttribute("viewBox", `0 0 ${W} ${H}`);
-    const letter = matchMedia("(max-width: 40rem)").matches ? 10.5 : 7;
-    const L = 34 + letter * Math.max(...ticks(y).map(([, text]) => text.length), 3);
-    const px = (v) => L + (v - x.low) / (x.high - x.low) * (W - L - R);
-    const py = (v) => H - B - (v - y.low) / (y.high - y.low) * (H - T - B);
-    for (const [v, text] of ticks(x)) {
-      svg.append(node("line", { x1: px(v), x2: px(v), y1: T, y2: H - B, class: "grid" }));
-      svg.append(node("text", { x: px(v), y: H - B + 19, "text-anchor": "middle" }, text));
-    }
-    for (const [v, text] of ticks(y)) {
-      svg.append(node("line", { x1: L, x2: W - R, y1: py(v), y2: py(v), class: "grid" }));
-      svg.append(node("text", { x: L - 6, y: py(v) + 4, "text-anchor": "end" }, text));
-    }
-    svg.append(node("text", { x: (L + W - R) / 2, y: H - 8, "text-anchor": "middle", class: "name" }, x.words));
-    svg.append(node("text", { x: 14, y: (T + H - B) / 2, "text-anchor": "middle", class: "name",
-      transform: `rotate(-90 14 ${(T + H - B) / 2})` }, y.words));
-    return [px, py];
   }
 
   function front(x, y, lessX, lessY) {

@@ -95,7 +95,7 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
         "cells": CELLS,
         **_chosen(answer.influences, points),
     }
-    parts.append(script_with("study-data", charts, resource("study_page.js")))
+    parts.append(script_with("study-data", charts, resource("chart.js"), resource("study_page.js")))
     table = json.dumps(asdict(answer), indent=2, ensure_ascii=False, default=lambda v: v.value)
     write_together(
         {folder / "index.html": page(title, lead, parts), folder / "answer.json": table + "\n"}
