@@ -5,6 +5,7 @@ sensors.
 from __future__ import annotations
 
 import re
+from importlib.metadata import files
 from math import pi
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from distal.confidence import BAND
 from distal.errors import OutputError
 from distal.export.c_text import comment, filled
 from distal.export.health_source import spoken
-from distal.export.project import check_ours, readme, write_files
+from distal.export.project import readme, write_files
 from distal.export.source import Exported, c_filter
 from distal.rig import Rig, log_factor, log_unit
 from distal.version import __version__
@@ -20,7 +21,7 @@ from distal.version import __version__
 SKETCH = "joint_angle"
 """Name of the example sketch and of its folder, which must be the same."""
 
-EDITED = ("library.properties", "library.json", f"examples/{SKETCH}/{SKETCH}.ino")
+EDITED = ("library.properties", f"examples/{SKETCH}/{SKETCH}.ino")
 """Files that a user edits; they stay as they are when the library is exported again."""
 
 
@@ -50,9 +51,8 @@ def export_arduino(
             library.
     """
     exported = c_filter(rig, estimator, single, name)
-    files = arduino_files(exported)
+    texts = arduino_files(exported)
     folder = Path(out)
-    check_ours(folder, [file for file in files if file not in EDITED])
     for file in EDITED:
         if (folder / file).is_file():
             if f"{exported.name}.h" not in (folder / file).read_text(
@@ -62,8 +62,8 @@ def export_arduino(
                     f"{folder / file}: is of another library than {exported.name}; give another "
                     "folder"
                 )
-            del files[file]
-    write_files(folder, files)
+            del texts[file]
+    write_files(folder, texts)
     return exported
 
 
@@ -76,7 +76,6 @@ def arduino_files(exported: Exported) -> dict[str, str]:
         "name": exported.name,
         "short": exported.name[:63],
         "rig": comment(rig.name),
-        "json_rig": comment(rig.name).replace("\\", "/").replace('"', "'"),
         "estimator": exported.estimator.name,
         "version": re.match(r"\d+\.\d+\.\d+", __version__ + ".0.0")[0],  # type: ignore[index]
         "sensors": _sensors(exported),
@@ -98,13 +97,16 @@ def arduino_files(exported: Exported) -> dict[str, str]:
     }
     return {
         "library.properties": filled(_PROPERTIES, values),
-        "library.json": filled(_JSON, values),
-        "keywords.txt": filled(_KEYWORDS, values),
-        "LICENSE": _LICENSE,
+        "LICENSE": f"For the code that `distal export-c` wrote:\n\n{_own_license()}",
         "README.md": readme(exported, _README),
         **{f"src/{file}": text for file, text in exported.files.items()},
         f"examples/{SKETCH}/{SKETCH}.ino": filled(_SKETCH, values),
     }
+
+
+def _own_license() -> str:
+    """Return the license of this package, which the code that it writes has too."""
+    return next(file for file in files("distal") or () if file.name == "LICENSE").read_text()
 
 
 def _sensors(exported: Exported) -> str:
@@ -193,63 +195,6 @@ category=Sensors
 url=https://example.org
 architectures=*
 includes=$name$.h
-"""
-
-_JSON = """\
-{
-  "name": "$short$",
-  "version": "$version$",
-  "description": "Joint angles of '$json_rig$', no joint sensor. Written by `distal export-c`.",
-  "keywords": ["robotics", "sensors", "estimation", "tendon"],
-  "license": "BSD-3-Clause",
-  "authors": {"name": "distal export-c"},
-  "frameworks": "*",
-  "platforms": "*",
-  "headers": "$name$.h",
-  "build": {"flags": "-fno-math-errno"}
-}
-"""
-
-_KEYWORDS = """\
-# Written by `distal export-c`: name, tab, kind
-$name$_state\tKEYWORD1
-$name$_output\tKEYWORD1
-$name$_watch\tKEYWORD1
-$name$_begin\tKEYWORD2
-$name$_step\tKEYWORD2
-$name$_restart\tKEYWORD2
-$name$_watch_begin\tKEYWORD2
-$name$_health\tKEYWORD2
-$NAME$_OK\tLITERAL1
-$NAME$_INTERVAL\tLITERAL1
-"""
-
-_LICENSE = """\
-BSD 3-Clause License, for the code that `distal export-c` wrote
-
-Copyright (c) distal contributors
-
-Redistribution and use in source and binary forms, with or without modification, are permitted
-provided that the following conditions are met:
-
-1. Redistributions of source code must retain the above copyright notice, this list of conditions
-   and the following disclaimer.
-
-2. Redistributions in binary form must reproduce the above copyright notice, this list of conditions
-   and the following disclaimer in the documentation and/or other materials provided with the
-   distribution.
-
-3. Neither the name of the copyright holder nor the names of its contributors may be used to endorse
-   or promote products derived from this software without specific prior written permission.
-
-THIS SOFTWARE IS PROVIDED BY THE COPYRIGHT HOLDERS AND CONTRIBUTORS "AS IS" AND ANY EXPRESS OR
-IMPLIED WARRANTIES, INCLUDING, BUT NOT LIMITED TO, THE IMPLIED WARRANTIES OF MERCHANTABILITY AND
-FITNESS FOR A PARTICULAR PURPOSE ARE DISCLAIMED. IN NO EVENT SHALL THE COPYRIGHT HOLDER OR
-CONTRIBUTORS BE LIABLE FOR ANY DIRECT, INDIRECT, INCIDENTAL, SPECIAL, EXEMPLARY, OR CONSEQUENTIAL
-DAMAGES (INCLUDING, BUT NOT LIMITED TO, PROCUREMENT OF SUBSTITUTE GOODS OR SERVICES; LOSS OF USE,
-DATA, OR PROFITS; OR BUSINESS INTERRUPTION) HOWEVER CAUSED AND ON ANY THEORY OF LIABILITY, WHETHER
-IN CONTRACT, STRICT LIABILITY, OR TORT (INCLUDING NEGLIGENCE OR OTHERWISE) ARISING IN ANY WAY OUT OF
-THE USE OF THIS SOFTWARE, EVEN IF ADVISED OF THE POSSIBILITY OF SUCH DAMAGE.
 """
 
 _README = """

@@ -10,7 +10,7 @@ from pathlib import Path
 from distal.errors import ExportError, OutputError
 from distal.export.c_text import comment, filled
 from distal.export.command_source import c_command
-from distal.export.names import c_name, checked_name
+from distal.export.names import checked_name
 from distal.export.plant_source import c_plant
 from distal.export.source import Exported, c_filter
 from distal.logs import check_outputs, outputs_in, write_together
@@ -54,21 +54,17 @@ def export_c(
         OutputError: the folder cannot be written, or has files that no export wrote.
     """
     folder = Path(out)
-    name = name if name is not None else c_name(f"{rig.name}_{estimator}")
     if command and estimator != "adaptive":
         raise ExportError(
             f"commands are by the state of adaptive, {estimator} has another; leave command out"
         )
-    names = export_files(name, plant, command)
-    check_outputs(outputs_in(folder, names, "the export"))
-    check_ours(folder, names)
     exported = c_filter(rig, estimator, single, name, home)
     files = project_files(exported)
     if plant:
-        files |= c_plant(rig, f"{name}_plant").files
+        files |= c_plant(rig, f"{exported.name}_plant").files
     if command:
         check_scales(rig, "a command in C that keeps tendons taut", "tension")
-        files |= c_command(rig, f"{name}_command", name, exported.real).files
+        files |= c_command(rig, f"{exported.name}_command", exported.name, exported.real).files
     write_files(folder, files)
     return exported
 
@@ -80,8 +76,10 @@ def write_files(folder: Path, files: Mapping[str, str]) -> None:
         files: path below the folder → text.
 
     Raises:
-        OutputError: the folder cannot be written.
+        OutputError: the folder cannot be written, or has a file that no export wrote.
     """
+    check_outputs(outputs_in(folder, files, "the export"))
+    check_ours(folder, files)
     try:
         for file in files:
             (folder / file).parent.mkdir(parents=True, exist_ok=True)
@@ -116,13 +114,7 @@ def check_ours(folder: Path, names: Iterable[str]) -> None:
         OutputError: a file that exists was not written by an export, or cannot be read.
     """
     for path in (folder / name for name in names):
-        try:
-            ours = not path.is_file() or MARK in path.read_text(encoding="utf-8", errors="replace")
-        except OSError as problem:
-            raise OutputError(
-                f"{path}: cannot be read ({problem.strerror}); give another folder"
-            ) from None
-        if not ours:
+        if path.is_file() and MARK not in path.read_text(encoding="utf-8", errors="replace"):
             raise OutputError(
                 f"{path}: was not written by export-c; give another folder, so that it is not "
                 "replaced"

@@ -40,8 +40,6 @@ def check_own(folder: Path) -> None:
     Raises:
         PermissionError: it belongs to another user, or others can write to it.
     """
-    if not hasattr(os, "geteuid"):
-        return
     try:
         status = os.stat(folder)
     except (FileNotFoundError, NotADirectoryError):

@@ -24,6 +24,7 @@ from distal.kernels.compiler import (
     c_source,
     find_compiler,
     library_of,
+    loaded,
 )
 from distal.kernels.lanes import LaneKernel, begin_lanes
 from distal.kernels.structure import Recipe
@@ -59,9 +60,7 @@ class Kernel:
         self.backend: Backend = "interpreted"
         self.reason = "asked for"
         self._scan: Callable[..., None] | None = None
-        self._lanes: LaneKernel | None = None
-        self._laned = not compiled  # lanes that are not desired count as tried
-        self._lanes_alone = compiled == "lanes"
+        self._compiled = compiled
         self._sizes: tuple[int, ...] = ()
         self._external: ca.Function | None = None
         if compiled is True or compiled == "quick":
@@ -74,21 +73,12 @@ class Kernel:
 
     def _load(self, level: str) -> ca.Function:
         library = library_of(self._recipe, "scan", c_source, level)
-        try:
-            external = ca.external(f"{library.name}_kernel", str(library.path))
-            scan = getattr(ctypes.CDLL(str(library.path)), f"{library.name}_scan")
-        except (OSError, RuntimeError, AttributeError) as problem:
-            raise CompileError(
-                f"the compiled kernel {library.path} cannot be loaded ({type(problem).__name__})"
-            ) from None
+        self._scan = loaded(library, "scan", [ctypes.c_longlong, *5 * [ctypes.c_void_p]])
         self._sizes = library.sizes
-        scan.restype = None
-        scan.argtypes = [ctypes.c_longlong] + 5 * [ctypes.c_void_p]
-        self._scan = scan
         compiler = find_compiler()
         self.backend = "compiled"
         self.reason = compiler if isinstance(compiler, str) else compiler.version
-        return external
+        return ca.external(f"{library.name}_kernel", str(library.path))
 
     @property
     def function(self) -> ca.Function:
@@ -176,14 +166,16 @@ class Kernel:
         built at the first call.
         """
         with _building:
-            if not self._laned:
-                self._laned = True
-                if self.backend == "compiled" or self._lanes_alone:
-                    try:
-                        self._lanes = LaneKernel(self._recipe)
-                    except CompileError:
-                        self._lanes = None  # one by one gives the same numbers
-        return self._lanes
+            return self._lanes
+
+    @cached_property
+    def _lanes(self) -> LaneKernel | None:
+        if self.backend == "interpreted" and self._compiled != "lanes":
+            return None
+        try:
+            return LaneKernel(self._recipe)
+        except CompileError:
+            return None  # one by one gives the same numbers
 
     @property
     def side_by_side(self) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import platform
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 
@@ -15,10 +15,10 @@ from distal.arrays import Floats
 from distal.codegen import Lanes
 from distal.kernels.compiler import (
     OPTIMISED_LANES,
-    CompileError,
     begin_library,
     emitted,
     library_of,
+    loaded,
 )
 from distal.kernels.feed import Advanced, Feed
 from distal.kernels.structure import Recipe
@@ -91,14 +91,9 @@ class LaneKernel:
         self.lanes = lanes_here()
         library = library_of(recipe, f"{self.lanes} lanes", _source, OPTIMISED_LANES)
         self.n_kernel_state, self.n_x, self.n_p, self.n_y = library.sizes or recipe.sizes
-        try:
-            batch = getattr(ctypes.CDLL(str(library.path)), f"{library.name}_batch")
-        except (OSError, AttributeError) as problem:
-            raise CompileError(
-                f"the compiled kernel {library.path} cannot be loaded ({type(problem).__name__})"
-            ) from None
-        batch.restype = None
-        self._batch: Callable[..., None] = batch
+        self._batch = loaded(
+            library, "batch", [*4 * [ctypes.c_void_p], ctypes.c_longlong, *3 * [ctypes.c_void_p]]
+        )
 
     def scan(self, feeds: Sequence[Feed], keep: Sequence[int]) -> list[Advanced]:
         """Return the results of several runs: of the kernel state after each row only the numbers
@@ -125,10 +120,10 @@ class LaneKernel:
         kept = np.array(keep, dtype=np.int32)
         # lanes without a run of their own begin as the first one, with no rows, and keep nothing
         self._batch(
-            ctypes.c_void_p(lengths.ctypes.data),
+            lengths.ctypes.data,
             *(self._pointers(arrays) for arrays in (starts, rows, parameters)),
-            ctypes.c_longlong(len(kept)),
-            ctypes.c_void_p(kept.ctypes.data),
+            len(kept),
+            kept.ctypes.data,
             *(self._pointers([pair[i] for pair in out]) for i in range(2)),
         )
         return out
