@@ -320,7 +320,7 @@ class Library:
         ]  # type: ignore[union-attr]
         subprocess.run(command, cwd=folder, check=True)
         self.made, self.code = made, ctypes.CDLL(str(folder / "f.so"))
-        self.state = np.zeros(made.estimator.kernel.n_kernel_state + 1)
+        self.state = np.zeros(made.estimator.kernel.sizes.kernel_state + 1)
         self.out = np.zeros(2 + 2 * max(len(made.estimator.measured), 1))
 
     def begin(self, values: np.ndarray) -> None:

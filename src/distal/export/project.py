@@ -152,7 +152,7 @@ def readme(exported: Exported, use: str) -> str:
         "n_states": len(estimator.state_names),
         "state_bytes": f"{exported.state_bytes:,}",
         "scratch_bytes": f"{exported.scratch_bytes:,}",
-        "kernel_state": f"{estimator.kernel.n_kernel_state} x {real.size}",
+        "kernel_state": f"{estimator.kernel.sizes.kernel_state} x {real.size}",
         "operations": f"{exported.operations:,}",
         "calls": ", ".join(calls) or "none",
     }

@@ -64,7 +64,7 @@ class Exported(Translated):
     @property
     def state_bytes(self) -> int:
         """Size of the filter's state in C [bytes]: its numbers and a counter, as it is padded."""
-        return self.real.size * (self.estimator.kernel.n_kernel_state + 1)
+        return self.real.size * (self.estimator.kernel.sizes.kernel_state + 1)
 
     @property
     def scratch_bytes(self) -> int:
@@ -142,8 +142,8 @@ def c_filter(
         "n_states": n,
         "n_measured": m,
         "n_innovations": max(m, 1),
-        "n_outputs": max(chosen.kernel.n_y, 2 * m, 1),
-        "n_kernel_state": chosen.kernel.n_kernel_state,
+        "n_outputs": max(chosen.kernel.sizes.y, 2 * m, 1),
+        "n_kernel_state": chosen.kernel.sizes.kernel_state,
         "n_numbers": len(chosen.parameters),
         "n_bridged": chosen.bridged,
         "n_joints": len(rig.joints),

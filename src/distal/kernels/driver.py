@@ -143,7 +143,7 @@ def advance_all(
     lanes = kernel.lanes() if len(feeds) > 1 or kernel.backend == "interpreted" else None
     if lanes is None:
         return [advance(kernel, feed, keep) for feed in feeds]
-    columns = range(kernel.n_kernel_state) if keep is None else keep
+    columns = range(kernel.sizes.kernel_state) if keep is None else keep
     groups = (feeds[k : k + lanes.lanes] for k in range(0, len(feeds), lanes.lanes))
     return [run for group in groups for run in lanes.scan(group, columns)]
 

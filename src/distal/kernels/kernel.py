@@ -26,6 +26,7 @@ from distal.kernels.compiler import (
     library_of,
     loaded,
 )
+from distal.kernels.feed import Feed, Sizes
 from distal.kernels.lanes import LaneKernel, begin_lanes
 from distal.kernels.structure import Recipe
 
@@ -61,7 +62,7 @@ class Kernel:
         self.reason = "asked for"
         self._scan: Callable[..., None] | None = None
         self._compiled = compiled
-        self._sizes: tuple[int, ...] = ()
+        self._sizes: Sizes | None = None
         self._external: ca.Function | None = None
         if compiled is True or compiled == "quick":
             try:
@@ -86,29 +87,9 @@ class Kernel:
         return self._recipe.function
 
     @cached_property
-    def sizes(self) -> tuple[int, ...]:
+    def sizes(self) -> Sizes:
         """The lengths of the kernel state, x, p and y."""
-        return self._sizes or self._recipe.sizes
-
-    @property
-    def n_kernel_state(self) -> int:
-        """Length of the kernel state."""
-        return self.sizes[0]
-
-    @property
-    def n_x(self) -> int:
-        """Length of a sample x."""
-        return self.sizes[1]
-
-    @property
-    def n_p(self) -> int:
-        """Number of parameters p."""
-        return self.sizes[2]
-
-    @property
-    def n_y(self) -> int:
-        """Number of outputs y."""
-        return self.sizes[3]
+        return self._recipe.sizes if self._sizes is None else self._sizes
 
     def scan(
         self, kernel_state: Floats, xs: Floats, p: Floats, keep: Sequence[int] | None = None
@@ -122,28 +103,25 @@ class Kernel:
             p: the parameters, (n_p,).
             keep: indices of the numbers of the kernel states that are returned; default all.
         """
-        xs = np.ascontiguousarray(xs, dtype=np.float64).reshape(-1, self.n_x)
+        start, rows, parameters = feed = Feed(kernel_state, xs, p).dense(self.sizes)
+        ys = np.empty((len(rows), self.sizes.y))
         if keep is not None:  # only some samples' whole kernel states are in memory at once
-            columns = np.empty((len(xs), len(keep)))
-            outputs = np.empty((len(xs), self.n_y))
-            step = 1 + AT_ONCE // self.n_kernel_state
-            for begin in range(0, len(xs), step):
-                rows = slice(begin, begin + step)
-                states, outputs[rows] = self.scan(kernel_state, xs[rows], p)
-                columns[rows] = states[:, list(keep)]
-                kernel_state = states[-1]
-            return columns, outputs
-        kernel_states = np.empty((len(xs), self.n_kernel_state))
-        ys = np.empty((len(xs), self.n_y))
-        start = np.ascontiguousarray(kernel_state, dtype=np.float64).reshape(self.n_kernel_state)
-        parameters = np.ascontiguousarray(p, dtype=np.float64).reshape(self.n_p)
+            columns = np.empty((len(rows), len(keep)))
+            step = 1 + AT_ONCE // self.sizes.kernel_state
+            for begin in range(0, len(rows), step):
+                part = slice(begin, begin + step)
+                states, ys[part] = self.scan(start, rows[part], parameters)
+                columns[part] = states[:, list(keep)]
+                start = states[-1]
+            return columns, ys
+        kernel_states = np.empty((len(rows), self.sizes.kernel_state))
         if self._scan is not None:
-            arrays = (start, xs, parameters, kernel_states, ys)
-            self._scan(len(xs), *(array.ctypes.data for array in arrays))
+            arrays = (*feed, kernel_states, ys)
+            self._scan(len(rows), *(array.ctypes.data for array in arrays))
             return kernel_states, ys
         loop = self.loop(parameters)
         loop.kernel_state[:] = start
-        for k, x in enumerate(xs):
+        for k, x in enumerate(rows):
             loop.x[:] = x
             loop.step()
             kernel_states[k] = loop.kernel_state
@@ -155,7 +133,7 @@ class Kernel:
         other.
         """
         call = self.function if self._external is None else self._external
-        return Loop(call, np.array(p, dtype=np.float64).reshape(self.n_p))
+        return Loop(call, np.array(p, dtype=np.float64).reshape(self.sizes.p))
 
     def begin_lanes(self) -> None:
         """Begin to build the kernel that `lanes` returns, in the background."""

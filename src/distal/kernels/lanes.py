@@ -6,13 +6,13 @@ import ctypes
 import platform
 from collections.abc import Sequence
 from functools import lru_cache
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
 from distal.codegen import Lanes
+from distal.kernels.cache import cpu
 from distal.kernels.compiler import (
     OPTIMISED_LANES,
     begin_library,
@@ -60,10 +60,7 @@ def lanes_here() -> int:
     """Return the number of vector lanes: how many numbers of double precision this processor takes
     at once.
     """
-    try:
-        features = Path("/proc/cpuinfo").read_text(encoding="utf-8")
-    except OSError:
-        features = ""
+    features = cpu()
     if "avx512f" in features:
         return 8
     return 4 if "avx2" in features or platform.machine() == "x86_64" else 2
@@ -90,7 +87,7 @@ class LaneKernel:
     def __init__(self, recipe: Recipe) -> None:
         self.lanes = lanes_here()
         library = library_of(recipe, f"{self.lanes} lanes", _source, OPTIMISED_LANES)
-        self.n_kernel_state, self.n_x, self.n_p, self.n_y = library.sizes or recipe.sizes
+        self.sizes = library.sizes
         self._batch = loaded(
             library, "batch", [*4 * [ctypes.c_void_p], ctypes.c_longlong, *3 * [ctypes.c_void_p]]
         )
@@ -103,28 +100,21 @@ class LaneKernel:
             feeds: at most `lanes` runs, which may differ in length.
             keep: indices of numbers of the kernel state.
         """
-        starts = [
-            np.ascontiguousarray(feed.kernel_state, dtype=np.float64).reshape(self.n_kernel_state)
-            for feed in feeds
-        ]
-        rows = [
-            np.ascontiguousarray(feed.rows, dtype=np.float64).reshape(-1, self.n_x)
-            for feed in feeds
-        ]
-        parameters = [
-            np.ascontiguousarray(feed.p, dtype=np.float64).reshape(self.n_p) for feed in feeds
-        ]
-        out = [Advanced(np.empty((len(x), len(keep))), np.empty((len(x), self.n_y))) for x in rows]
+        dense = [feed.dense(self.sizes) for feed in feeds]
         lengths = np.zeros(self.lanes, dtype=np.int64)
-        lengths[: len(feeds)] = [len(x) for x in rows]
+        lengths[: len(feeds)] = [len(feed.rows) for feed in dense]
+        out = [
+            Advanced(np.empty((rows, len(keep))), np.empty((rows, self.sizes.y)))
+            for rows in lengths[: len(feeds)]
+        ]
         kept = np.array(keep, dtype=np.int32)
         # lanes without a run of their own begin as the first one, with no rows, and keep nothing
         self._batch(
             lengths.ctypes.data,
-            *(self._pointers(arrays) for arrays in (starts, rows, parameters)),
+            *(self._pointers(arrays) for arrays in zip(*dense)),
             len(kept),
             kept.ctypes.data,
-            *(self._pointers([pair[i] for pair in out]) for i in range(2)),
+            *(self._pointers(arrays) for arrays in zip(*out)),
         )
         return out
 

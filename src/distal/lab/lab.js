@@ -146,7 +146,7 @@
   let toSay = [], heard = "", silentUntil = 0;
   function speak(stamp) {
     if (!toSay.length || stamp < silentUntil) return;
-    by("live").textContent = toSay.splice(0, 1).map((id) => by(id).textContent)[0]; silentUntil = stamp + 5000;
+    by("live").textContent = by(toSay.shift()).textContent; silentUntil = stamp + 5000;
   }
   // numbers and words, four times a second
   function tell() {
