@@ -86,11 +86,11 @@ class Emitter:
         self.functions[name] = written
         return written
 
-    def _called(self, function: ca.Function, in_place: bool) -> Written:
+    def _called(self, function: ca.Function) -> Written:
         """Return a function that a function of scalars calls. The compiler is asked to inline a
         small one, if the dialect allows long code.
         """
-        written = self._written(function, in_place)
+        written = self._written(function)
         if written.cost.operations <= LARGEST_COPIED:
             self._by_scalars.add(written.name)
         return written

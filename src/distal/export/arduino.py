@@ -30,17 +30,14 @@ def export_arduino(
     out: str | Path,
     estimator: str = "adaptive",
     *,
-    single: bool = True,
     name: str | None = None,
 ) -> Exported:
-    """Write an estimator of a rig as a library for Arduino and PlatformIO.
+    """Write an estimator of a rig as a library for Arduino and PlatformIO, in float.
 
     Args:
         out: the library's folder, which is made where it does not exist. Files of an earlier export
             are replaced, except those in `EDITED`.
         estimator: name of the estimator.
-        single: whether numbers are float and only float functions are called; otherwise they are
-            double.
         name: name of the library and prefix of its C names; by default it is made from the rig's
             title and the estimator.
 
@@ -50,7 +47,7 @@ def export_arduino(
         OutputError: the folder cannot be written, has files that no export wrote, or holds another
             library.
     """
-    exported = c_filter(rig, estimator, single, name)
+    exported = c_filter(rig, estimator, True, name)
     texts = arduino_files(exported)
     folder = Path(out)
     for file in EDITED:

@@ -60,9 +60,7 @@ _FLAGS = (
 def this_platform() -> str:
     """Return FMI's name of the platform on which this program runs."""
     machine = platform.machine().lower()
-    architecture = {"amd64": "x86_64", "arm64": "aarch64", "i386": "x86", "i686": "x86"}.get(
-        machine, machine
-    )
+    architecture = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
     return f"{architecture}-{ {'win32': 'windows'}.get(sys.platform, sys.platform) }"
 
 

@@ -27,11 +27,6 @@ from distal.kernels.kernel import Kernel
 Indices = NDArray[np.intp]
 
 
-def taken(vector: VectorNode, at: Indices) -> VectorNode:
-    """Return the numbers of a vector at some indices."""
-    return vector[at.tolist()]
-
-
 def placed(parts: Sequence[MatrixNode], positions: Sequence[Indices], size: int) -> VectorNode:
     """Return a vector of length `size` with the numbers of the `parts` at their `positions`, and
     zero elsewhere.
@@ -71,10 +66,9 @@ def side_by_side(
     following = ca.MX(kernel_state)
     outputs = list[VectorNode]()
     for part in parts:
-        after, y = part.function(
-            taken(kernel_state, part.kernel_state), taken(x, part.x), taken(p, part.p)
-        )
-        following[part.kernel_state.tolist()] = after
+        own = part.kernel_state.tolist()
+        after, y = part.function(kernel_state[own], x[part.x.tolist()], p[part.p.tolist()])
+        following[own] = after
         outputs.append(y)
     y = placed(outputs, [part.y for part in parts], sizes[3])
     return ca.Function(

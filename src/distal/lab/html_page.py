@@ -22,7 +22,7 @@ from distal.export.c_text import filled
 from distal.export.plant_source import ExportedPlant, resting_inputs, resting_pull
 from distal.lab.webassembly import LabModule, lab_module
 from distal.logs import write_whole
-from distal.reports.moving_chain import chain_script, chain_shape, tension_scale
+from distal.reports.moving_chain import chain_shape, tension_scale
 from distal.reports.page import page, resource, script_with
 from distal.results import COLOURS
 from distal.rig import Rig, angle_names, log_factor, number
@@ -122,7 +122,7 @@ def lab_page(rig: Rig, path: str | Path, estimator: str = "adaptive", source: st
         script_with(
             "lab-data",
             constants,
-            chain_script(),
+            resource("chain.js"),
             resource("chart.js"),
             resource("lab.js", "distal.lab"),
         ),
