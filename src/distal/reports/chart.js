@@ -1,7 +1,7 @@
 // Charts in SVG: their axes with ticks, lines and areas.
 "use strict";
 const chart = (() => {
-  const NS = "http://www.w3.org/2000/svg";
+  const NS = document.querySelector("svg.chart")?.namespaceURI;
 
   function node(tag, attributes, text) {
     const made = document.createElementNS(NS, tag);
