@@ -89,12 +89,12 @@ def _check_versions(
     versions: Mapping[str, Mapping[str, Mapping[str, str]]], error: type[DistalError]
 ) -> None:
     """Refuse a scheduler with another version of Dask or Python than is here."""
-    for package, numbers in (("python", 2), ("distributed", 3), ("dask", 3)):
-        here, there = (
-            ".".join(versions[side]["packages"][package].split(".")[:numbers])
+    for package, length in (("python", 2), ("distributed", 3), ("dask", 3)):
+        local, remote = (
+            ".".join(versions[side]["packages"][package].split(".")[:length])
             for side in ("client", "scheduler")
         )
-        if here != there:
+        if local != remote:
             raise error(
-                f"the scheduler has {package} {there}, this is {here}; install the same on all"
+                f"the scheduler has {package} {remote}, this is {local}; install the same on all"
             )

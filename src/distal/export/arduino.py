@@ -94,14 +94,14 @@ def arduino_files(exported: Exported) -> dict[str, str]:
     }
     return {
         "library.properties": filled(_PROPERTIES, values),
-        "LICENSE": f"For the code that `distal export-c` wrote:\n\n{_own_license()}",
+        "LICENSE": f"For the code that `distal export-c` wrote:\n\n{_license()}",
         "README.md": readme(exported, _README),
         **{f"src/{file}": text for file, text in exported.files.items()},
         f"examples/{SKETCH}/{SKETCH}.ino": filled(_SKETCH, values),
     }
 
 
-def _own_license() -> str:
+def _license() -> str:
     """Return the license of this package, which the code that it writes has too."""
     return next(file for file in files("distal") or () if file.name == "LICENSE").read_text()
 

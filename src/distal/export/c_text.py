@@ -99,7 +99,7 @@ def numbered(parts: Iterable[str]) -> str:
 
 def sensor_texts(sensors: Iterable[Sensor]) -> list[str]:
     """Return what each sensor measures, and its unit, in words."""
-    return [f"{each.name}: {each.measures} of {each.of} [{each.si}]" for each in sensors]
+    return [f"{s.name}: {s.measures} of {s.of} [{s.si}]" for s in sensors]
 
 
 def largest(to: str, home: str, states: Iterable[int]) -> str:

@@ -64,7 +64,7 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
     together = (crossed @ crossed.T) | np.eye(model.nd, dtype=bool)
     fields = fields_of(estimator)
     state = layout.x["state"].start
-    known = (
+    trusted = (
         f"out->{field.std} <= {real.constant(LOST)}" for field in fields if field.unit == "rad"
     )
     values = shared_blanks(checked_name(name), rig, emitter) | {
@@ -82,7 +82,7 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
             f"  x[{state + field.state}] = out->{field.name};" for field in fields
         ),
         "touched": largest(f"x[{layout.x['touched'].start}]", "filter", estimator.touched),
-        "known": " && ".join(known),
+        "known": " && ".join(trusted),
         "free": model.free,
         "positions": [at.get(drive, -1) for drive in rig.drive_names],
         "oldest": MotorReadings(rig).oldest,

@@ -94,7 +94,7 @@ def binaries_of(sources: Mapping[str, str], everywhere: bool) -> tuple[dict[str,
         for file, text in sources.items():
             Path(folder, file).write_text(text, encoding="utf-8")
 
-        def made(where: str) -> bytes | str:
+        def compiled(where: str) -> bytes | str:
             library = Path(folder, f"made-{where}")
             command = [*commands[where], *_FLAGS, *files, "-lm", "-o", library.name]
             try:
@@ -104,7 +104,7 @@ def binaries_of(sources: Mapping[str, str], everywhere: bool) -> tuple[dict[str,
             LOG.info("%s is done", where)
             return library.read_bytes()
 
-        results = dict(zip(commands, pool.map(made, commands)))
+        results = dict(zip(commands, pool.map(compiled, commands)))
     reasons += [reason for reason in results.values() if isinstance(reason, str)]
     binaries = {where: code for where, code in results.items() if isinstance(code, bytes)}
     return binaries, "; ".join(reasons)
@@ -162,13 +162,13 @@ def export_fmu(
         raise ExportError(f"{out}: an FMU is one file; give a name that ends in .fmu")
     exported = c_filter(rig, estimator, False, name)
     channels = exported.estimator.channels
-    told = [part for field in exported.fields for part in (field.name, field.std)]
+    names_in_c = [part for field in exported.fields for part in (field.name, field.std)]
     # the same filter has the same token, whenever it was written
     token = "{" + str(uuid.uuid5(uuid.NAMESPACE_OID, exported.source)) + "}"
     values = {
         "name": exported.name,
-        "n_outputs": len(told),
-        "told": [f"now->out.{field}" for field in told],
+        "n_outputs": len(names_in_c),
+        "told": [f"now->out.{field}" for field in names_in_c],
         "prior": outputs(exported.estimator, stepped=False),
         "not_yet": len(spoken()),
         "token": token,
@@ -187,7 +187,7 @@ def export_fmu(
             suffix = SUFFIX[where.split("-")[1]]
             archive.writestr(f"binaries/{where}/{exported.name}{suffix}", binary)
     write_whole(out, fmu.getvalue())
-    names = tuple(_free(name, channels) for name in (*told, "health"))
+    names = tuple(_free(name, channels) for name in (*names_in_c, "health"))
     return Fmu(exported, channels, names, tuple(binaries), without)
 
 
@@ -206,8 +206,8 @@ def _description(exported: Exported, token: str) -> str:
     variables: list[tuple[str, str, str, str, dict[str, str]]] = []
     for channel in channels:
         sensor = sensors[channel]
-        said = f"{sensor.measures} of {sensor.of}; NaN where missing"
-        variables.append((channel, sensor.si, said, "input", {"start": "NaN"}))
+        meaning = f"{sensor.measures} of {sensor.of}; NaN where missing"
+        variables.append((channel, sensor.si, meaning, "input", {"start": "NaN"}))
     for field in exported.fields:
         std = f"standard deviation of the error of the {field.meaning}"
         for name, text in ((field.name, field.meaning), (field.std, std)):
@@ -239,11 +239,11 @@ def _description(exported: Exported, token: str) -> str:
                 valueReference=i,
                 causality=causality,
                 unit=unit,
-                description=said,
+                description=meaning,
                 variability="continuous" if causality == "input" else "discrete",
                 **more,
             )
-            for i, (name, unit, said, causality, more) in enumerate(variables, 1)
+            for i, (name, unit, meaning, causality, more) in enumerate(variables, 1)
         ),
         "structure": "".join(
             _element(kind, valueReference=i)
@@ -256,8 +256,8 @@ def _description(exported: Exported, token: str) -> str:
 
 def _element(tag: str, **attributes: object) -> str:
     """Return an XML element without content."""
-    said = "".join(f" {key}={quoteattr(str(value))}" for key, value in attributes.items())
-    return f"<{tag}{said}/>"
+    pairs = "".join(f" {key}={quoteattr(str(value))}" for key, value in attributes.items())
+    return f"<{tag}{pairs}/>"
 
 
 _NOT_YET = "no sample was taken in: the outputs are the prior"

@@ -23,7 +23,7 @@ def replay_program(estimator: KernelEstimator, name: str) -> str:
     read = [sensors[channel] for channel in estimator.channels]
     columns = [
         (time.column, time.unit, unit_factor(time.unit, "s")),
-        *((each.log_column, log_unit(each), each.sign * log_factor(each)) for each in read),
+        *((s.log_column, log_unit(s), s.sign * log_factor(s)) for s in read),
     ]
     fields = fields_of(estimator)
     names = [

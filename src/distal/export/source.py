@@ -131,7 +131,7 @@ def c_filter(
     sensors = {sensor.name: sensor for sensor in chosen.rig.sensors}
     units = (f" [{unit}]" * bool(unit) for unit in chosen.state_units)
     # the prior's spread is a covariance, or its diagonal only
-    whole = prior.numel_out(1) > n
+    is_dense = prior.numel_out(1) > n
     values = shared_blanks(name, rig, emitter) | {
         "estimator": chosen.name,
         "channels": numbered(sensor_texts(sensors[channel] for channel in chosen.channels)),
@@ -166,8 +166,8 @@ def c_filter(
         "slack": 1e-5 if single else 1e-9,
         "nan": float("nan"),
         "sqrt": "sqrtf" if single else "sqrt",
-        "spread": f"*spread = state->kernel_state + {n}" if whole else f"spread[{n}]",
-        "place": "" if whole else filled(_PLACE, {"n": n}),
+        "spread": f"*spread = state->kernel_state + {n}" if is_dense else f"spread[{n}]",
+        "diagonal": "" if is_dense else filled(_DIAGONAL, {"n": n}),
         **watching,
     }
     return Exported(
@@ -215,7 +215,7 @@ def outputs(estimator: KernelEstimator, stepped: bool = True) -> str:
     return "\n".join(lines)
 
 
-_PLACE = """\
+_DIAGONAL = """\
   for (i = 0; i < $n$; ++i) state->kernel_state[$n$ + i * ($n$ + 1)] = spread[i];
 """
 
@@ -345,7 +345,7 @@ void $name$_begin($name$_state* state, const $real$* values) {
   memset(state, 0, sizeof *state);
   $begin$(known, mask, numbers, state->kernel_state, spread,
           state->kernel_state + $n_states$ + $n_states$ * $n_states$);
-$place$}
+$diagonal$}
 
 void $name$_restart($name$_state* state, const $real$* values) {
   static const $real$ reach[][2] = {$reach$};

@@ -130,10 +130,10 @@ def find_compiler() -> Compiler | str:
     for command in commands:
         if command and shutil.which(command[0]):
             try:
-                said = run_compiler([*command, "--version"])
+                version = run_compiler([*command, "--version"])
             except CompileError as problem:
                 return f"the C compiler '{command[0]}' does not run: {problem}"
-            return Compiler(tuple(command), said.splitlines()[0] if said else command[0])
+            return Compiler(tuple(command), version.splitlines()[0] if version else command[0])
     tried = ", ".join(command[0] if command else "$CC" for command in commands)
     return f"no C compiler was found (tried {tried}); install gcc or clang, or set CC"
 

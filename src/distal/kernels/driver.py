@@ -66,9 +66,9 @@ def side_by_side(
     following = ca.MX(kernel_state)
     outputs = list[VectorNode]()
     for part in parts:
-        own = part.kernel_state.tolist()
-        after, y = part.function(kernel_state[own], x[part.x.tolist()], p[part.p.tolist()])
-        following[own] = after
+        states = part.kernel_state.tolist()
+        after, y = part.function(kernel_state[states], x[part.x.tolist()], p[part.p.tolist()])
+        following[states] = after
         outputs.append(y)
     y = placed(outputs, [part.y for part in parts], sizes[3])
     return ca.Function(

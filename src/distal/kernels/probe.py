@@ -27,7 +27,7 @@ def probe() -> tuple[Backend, str, float]:
         kernel = Kernel(function)
     inputs = np.linspace(-1.0, 1.0, 200)
     run, interpreted = (
-        np.hstack(one.scan(np.array([0.3, 0.0]), inputs, np.array([9.0])))
-        for one in (kernel, Kernel(function, compiled=False))
+        np.hstack(backend.scan(np.array([0.3, 0.0]), inputs, np.array([9.0])))
+        for backend in (kernel, Kernel(function, compiled=False))
     )
     return kernel.backend, kernel.reason, float(np.abs(run - interpreted).max())

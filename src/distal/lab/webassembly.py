@@ -73,17 +73,17 @@ def lab_module(rig: Rig, estimator: str) -> LabModule:
     except EstimationError:
         plain = None  # it needs the positions of the drives
     command = c_command(rig, "command", "filter", Plain()) if estimator == "adaptive" else None
-    told = [part for field in filter_.fields for part in (field.name, field.std)]
+    outputs = [part for field in filter_.fields for part in (field.name, field.std)]
     angles = [field.name for field in plain.fields] if plain is not None else []
     values = {
-        "told": _assigned(told, 0),
-        "n_told": len(told) + 1 + len(angles),
-        "health": len(told),
+        "told": _assigned(outputs, 0),
+        "n_told": len(outputs) + 1 + len(angles),
+        "health": len(outputs),
         "channels": _channels(rig, filter_),
-        "plain_told": _assigned(angles, len(told) + 1),
+        "plain_told": _assigned(angles, len(outputs) + 1),
         "plain_channels": _channels(rig, plain) if plain is not None else [],
     }
-    exports = [one for one in (plant, filter_, plain, command) if one is not None]
+    exports = [text for text in (plant, filter_, plain, command) if text is not None]
     values["includes"] = "\n".join(f'#include "{export.name}.h"' for export in exports)
     files = {"lab.c": filled(_GLUE, values)}
     for export in exports:
@@ -92,7 +92,7 @@ def lab_module(rig: Rig, estimator: str) -> LabModule:
         _compiled(files),
         plant,
         filter_,
-        (*told, "health", *(f"plain_{angle}" for angle in angles)),
+        (*outputs, "health", *(f"plain_{angle}" for angle in angles)),
         plain is not None,
         command.joints if command else (),
     )
