@@ -266,8 +266,8 @@ _MODEL = """\
 <?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="3.0" modelName=$rig$ instantiationToken="$token$"
  description="Where the joints are, from what is measured at the proximal end of the tendons. A
- sample is taken in when a step begins; outputs are predictions of the step's end, health is that of
- the sample" generationTool="distal $version$" variableNamingConvention="flat">
+sample is taken in when a step begins; outputs are predictions of the step's end, health is that of
+the sample" generationTool="distal $version$" variableNamingConvention="flat">
 <CoSimulation modelIdentifier="$name$" canHandleVariableCommunicationStepSize="true"
  canGetAndSetFMUState="true" canSerializeFMUState="true"/>
 <UnitDefinitions>$units$</UnitDefinitions>
