@@ -11,7 +11,7 @@ from pathlib import Path
 
 from distal.confidence import BAND
 from distal.errors import OutputError
-from distal.export.c_text import comment, filled
+from distal.export.c_text import comment, filled, sensors_of
 from distal.export.health_source import spoken
 from distal.export.project import readme, write_files
 from distal.export.source import Exported, c_filter
@@ -112,12 +112,9 @@ def _sensors(exported: Exported) -> str:
 
     A factor from a reading to SI that the rig does not say is an example.
     """
-    sensors = {sensor.name: sensor for sensor in exported.estimator.rig.sensors}
-    channels = exported.estimator.channels
     texts = []
     counted = 0
-    for i, channel in enumerate(channels):
-        sensor = sensors[channel]
+    for i, sensor in enumerate(sensors_of(exported.estimator)):
         if sensor.measures in ("position", "angle"):
             template, unit, pin = _ENCODER, "count", 2 + 2 * counted
             turns = sensor.si == "rad"
@@ -132,7 +129,7 @@ def _sensors(exported: Exported) -> str:
         values = {
             "name": exported.name,
             "i": i,
-            "meaning": comment(f"{channel}: {sensor.measures} of {sensor.of}"),
+            "meaning": comment(f"{sensor.name}: {sensor.measures} of {sensor.of}"),
             "unit": sensor.si,
             "factor": f"{factor:.9g}",
             "why": why,
@@ -140,8 +137,8 @@ def _sensors(exported: Exported) -> str:
             "next": pin + 1,
         }
         texts.append(filled(template, values))
-    calls = "".join(f"  begin_{i}();\n" for i in range(len(channels)))
-    reads = "".join(f"  values[{i}] = read_{i}();\n" for i in range(len(channels)))
+    calls = "".join(f"  begin_{i}();\n" for i in range(len(texts)))
+    reads = "".join(f"  values[{i}] = read_{i}();\n" for i in range(len(texts)))
     return "\n".join(
         [*texts, f"void begin_sensors() {{\n{calls}}}\n\nvoid read_sensors() {{\n{reads}}}"]
     )

@@ -97,6 +97,12 @@ def numbered(parts: Iterable[str]) -> str:
     return "\n".join(f" *  {i:2d}  {comment(part)}" for i, part in enumerate(parts)) or " *   none"
 
 
+def sensors_of(estimator: KernelEstimator) -> list[Sensor]:
+    """Return the sensors that a filter reads, in the order of a sample's values."""
+    sensors = {sensor.name: sensor for sensor in estimator.rig.sensors}
+    return [sensors[channel] for channel in estimator.channels]
+
+
 def sensor_texts(sensors: Iterable[Sensor]) -> list[str]:
     """Return what each sensor measures, and its unit, in words."""
     return [f"{s.name}: {s.measures} of {s.of} [{s.si}]" for s in sensors]

@@ -21,7 +21,7 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from distal.errors import ExportError
-from distal.export.c_text import comment, filled
+from distal.export.c_text import comment, filled, sensors_of
 from distal.export.health_source import spoken
 from distal.export.source import Exported, c_filter, outputs
 from distal.kernels import find_compiler
@@ -202,12 +202,10 @@ def _description(exported: Exported, token: str) -> str:
     """
     estimator = exported.estimator
     channels = estimator.channels
-    sensors = {sensor.name: sensor for sensor in estimator.rig.sensors}
     variables: list[tuple[str, str, str, str, dict[str, str]]] = []
-    for channel in channels:
-        sensor = sensors[channel]
+    for sensor in sensors_of(estimator):
         meaning = f"{sensor.measures} of {sensor.of}; NaN where missing"
-        variables.append((channel, sensor.si, meaning, "input", {"start": "NaN"}))
+        variables.append((sensor.name, sensor.si, meaning, "input", {"start": "NaN"}))
     for field in exported.fields:
         std = f"standard deviation of the error of the {field.meaning}"
         for name, text in ((field.name, field.meaning), (field.std, std)):

@@ -5,7 +5,7 @@ reads.
 from __future__ import annotations
 
 from distal.estimators import KernelEstimator
-from distal.export.c_text import fields_of, filled
+from distal.export.c_text import fields_of, filled, sensors_of
 from distal.logs import LARGEST_READING, header
 from distal.rig import log_factor, log_unit, std_name
 from distal.units import unit_factor
@@ -18,9 +18,8 @@ def replay_program(estimator: KernelEstimator, name: str) -> str:
     Args:
         name: prefix of the filter's C names.
     """
-    sensors = {sensor.name: sensor for sensor in estimator.rig.sensors}
     time = estimator.rig.log.time
-    read = [sensors[channel] for channel in estimator.channels]
+    read = sensors_of(estimator)
     columns = [
         (time.column, time.unit, unit_factor(time.unit, "s")),
         *((s.log_column, log_unit(s), s.sign * log_factor(s)) for s in read),

@@ -26,6 +26,7 @@ from distal.export.c_text import (
     filled,
     numbered,
     sensor_texts,
+    sensors_of,
     shared_blanks,
 )
 from distal.export.health_source import health_codes, health_source
@@ -128,13 +129,12 @@ def c_filter(
     watching = health_source(chosen, name, emitter)
     n = len(chosen.state_names)
     m = len(chosen.measured)
-    sensors = {sensor.name: sensor for sensor in chosen.rig.sensors}
     units = (f" [{unit}]" * bool(unit) for unit in chosen.state_units)
     # the prior's spread is a covariance, or its diagonal only
     is_dense = prior.numel_out(1) > n
     values = shared_blanks(name, rig, emitter) | {
         "estimator": chosen.name,
-        "channels": numbered(sensor_texts(sensors[channel] for channel in chosen.channels)),
+        "channels": numbered(sensor_texts(sensors_of(chosen))),
         "states": numbered(map("".join, zip(chosen.state_names, units))),
         "measured": numbered(chosen.measured),
         "which": [chosen.channels.index(channel) for channel in chosen.measured] or [0],
