@@ -16,8 +16,7 @@ from distal import load_rig
 from distal.codegen import Plain
 from distal.errors import ExportError, OutputError
 from distal.export import c_name, export_c
-from distal.export.c_text import filled
-from distal.export.names import TAKEN, checked_name
+from distal.export.c_text import TAKEN, checked_name, filled
 from distal.export.project import export_files
 
 COMPILERS = [name for name in ("gcc", "clang", "arm-none-eabi-gcc") if shutil.which(name)]

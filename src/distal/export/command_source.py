@@ -12,13 +12,13 @@ from distal.codegen import Emitter, Plain
 from distal.estimators import AdaptiveFilter
 from distal.export.c_text import (
     Translated,
+    checked_name,
     fields_of,
     filled,
     largest,
     numbered,
     shared_blanks,
 )
-from distal.export.names import checked_name
 from distal.inverse.goal_gate import crossed_joints
 from distal.inverse.live_inverse import live_parameters
 from distal.inverse.live_inverse_function import LiveModel

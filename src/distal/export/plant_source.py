@@ -11,8 +11,14 @@ import numpy as np
 from distal.arrays import Floats
 from distal.codegen import Emitter, Plain
 from distal.errors import ExportError
-from distal.export.c_text import Translated, filled, numbered, sensor_texts, shared_blanks
-from distal.export.names import checked_name
+from distal.export.c_text import (
+    Translated,
+    checked_name,
+    filled,
+    numbered,
+    sensor_texts,
+    shared_blanks,
+)
 from distal.kernels import Kernel
 from distal.model import Mechanism
 from distal.rig import Rig, gain_of, step_of, travel_of

@@ -8,9 +8,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from distal.errors import ExportError, OutputError
-from distal.export.c_text import comment, filled
+from distal.export.c_text import checked_name, comment, filled
 from distal.export.command_source import c_command
-from distal.export.names import checked_name
 from distal.export.plant_source import c_plant
 from distal.export.source import Exported, c_filter
 from distal.logs import check_outputs, outputs_in, write_together

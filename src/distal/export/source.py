@@ -21,6 +21,8 @@ from distal.estimators.gaps import MOST_BRIDGES, SPLIT
 from distal.export.c_text import (
     Field,
     Translated,
+    c_name,
+    checked_name,
     comment,
     fields_of,
     filled,
@@ -30,7 +32,6 @@ from distal.export.c_text import (
     shared_blanks,
 )
 from distal.export.health_source import health_codes, health_source
-from distal.export.names import c_name, checked_name
 from distal.export.replay import replay_program
 from distal.homing import homing_filter
 from distal.kernels.mask import MISSING, READ
