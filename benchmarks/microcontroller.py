@@ -222,7 +222,7 @@ def sizes() -> None:
                 [
                     rig_name,
                     estimator,
-                    f"{len(made.states)}",
+                    f"{len(made.estimator.state_names)}",
                     f"{measured.flash / 1024:.1f}",
                     f"{measured.ram / 1024:.1f}",
                     f"{mean:,.0f}",

@@ -126,7 +126,7 @@ class Counted:
             return lanes(kernel, feeds, keep)
 
         def one_by_one(kernel: Kernel, kernel_state: Any, xs: Any, p: Any) -> Any:
-            self.rows += len(xs) if kernel.n_x > 1 else 0
+            self.rows += len(xs) if kernel.sizes.x > 1 else 0
             return alone(kernel, kernel_state, xs, p)
 
         LaneKernel.scan, Kernel.scan = in_lanes, one_by_one  # type: ignore[method-assign]

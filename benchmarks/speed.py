@@ -172,7 +172,7 @@ def everything() -> None:
     count = substeps(mechanism, 0.01)
     for compiled in (True, False) if compiles else (False,):
         kernel = Kernel(plant_function(mechanism, count), compiled)
-        x = np.zeros((SAMPLES, kernel.n_x))
+        x = np.zeros((SAMPLES, kernel.sizes.x))
         x[:, 1], x[:, 2], x[:, -1] = 3.0, 2.0, 0.01
         kernel_state = np.array([0.0, 2.5e-3, 2.5e-3, 0, 0, 0])
         times = step_times(kernel, kernel_state, x, mechanism.parameters.values)

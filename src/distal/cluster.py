@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator, Mapping
 from typing import TypeVar
 
@@ -24,7 +23,7 @@ def on_cluster(
     tasks: Mapping[Key, tuple[object, ...]],
     address: str,
     error: type[DistalError],
-    lost: str = "the same command goes on",
+    lost: str,
 ) -> Iterator[tuple[Key, Result]]:
     """Yield the key and the result of each task as it ends; the workers of a Dask scheduler run
     function(*arguments).
@@ -90,15 +89,11 @@ def _check_versions(
     versions: Mapping[str, Mapping[str, Mapping[str, str]]], error: type[DistalError]
 ) -> None:
     """Refuse a scheduler with another version of Dask or Python than is here."""
-    client = versions["client"]
-    scheduler = versions["scheduler"]
-    local = ".".join(map(str, sys.version_info[:2]))
-    remote = ".".join(str(scheduler["host"]["python"]).split(".")[:2])
-    if remote != local:
-        raise error(f"the scheduler runs Python {remote}, this is {local}; install the same on all")
-    for package in ("distributed", "dask"):
-        local = client["packages"][package]
-        remote = scheduler["packages"][package]
+    for package, length in (("python", 2), ("distributed", 3), ("dask", 3)):
+        local, remote = (
+            ".".join(versions[side]["packages"][package].split(".")[:length])
+            for side in ("client", "scheduler")
+        )
         if local != remote:
             raise error(
                 f"the scheduler has {package} {remote}, this is {local}; install the same on all"

@@ -21,7 +21,7 @@ from distal.arrays import Floats
 from distal.control import ControlledPlant
 from distal.errors import ControlError
 from distal.estimators import DEFAULT
-from distal.rig import Rig, angle_names, load_rig, std_name
+from distal.rig import Rig, angle_names, as_rig, std_name
 from distal.run import LiveEstimator, Monitor, Reading
 from distal.simulation import Scenario, load_scenario, scenario_rig
 from distal.study.plants import built_values, draws_of, scores
@@ -68,13 +68,7 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
             raise ControlError(
                 "TendonEnv: the scenario has no [control], whose references are what is wanted"
             )
-        described = (
-            scenario_rig(scenario)
-            if rig is None
-            else rig
-            if isinstance(rig, Rig)
-            else load_rig(rig)
-        )
+        described = scenario_rig(scenario) if rig is None else as_rig(rig)
         self._rig = described
         self._draws = draws_of(described) if drawn else ()
         # as built it has the same equations, so that a reset compiles nothing
@@ -149,14 +143,9 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
             )
         shares = np.asarray(action, dtype=np.float64)
         if shares.shape != self._largest.shape or not np.isfinite(shares).all():
-            came = (
-                f"{action!r} came"
-                if shares.shape == self._largest.shape
-                else f"the shape {shares.shape} came"
-            )
             raise ControlError(
                 f"TendonEnv: an action is a finite number for each of {', '.join(self.acted)}; "
-                f"{came}"
+                f"{action!r} came"
             )
         pulls = np.clip(shares, self._actions.low, self._actions.high) * self._largest
         observation, reading = self._observed(
@@ -177,15 +166,9 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
             self._reading = self._monitor.take(stamp, values[self._fed])
         reading = self._reading
         assert reading is not None  # there is a sample at time zero
-        parts = [
-            self._values[self._read],
-            reading.angles,
-            reading.angle_stds,
-            [*self._targets().values()],
-        ]
-        observation: Observation = np.nan_to_num(
-            np.concatenate([np.asarray(part) for part in parts])
-        ).astype(np.float32)
+        targets = list(self._targets().values())
+        parts = self._values[self._read], reading.angles, reading.angle_stds, targets
+        observation: Observation = np.nan_to_num(np.concatenate(parts)).astype(np.float32)
         return observation, reading
 
 

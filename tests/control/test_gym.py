@@ -201,9 +201,9 @@ def test_an_action_outside_of_the_space_is_clipped_to_it(env: TendonEnv) -> None
 @pytest.mark.parametrize(
     ("action", "said"),
     [
-        (0.5, r"a finite number for each of left, right; the shape \(\) came"),
-        ([0.5], r"each of left, right; the shape \(1,\) came"),
-        ([0.5, 0.2, 0.1], r"each of left, right; the shape \(3,\) came"),
+        (0.5, r"a finite number for each of left, right; 0.5 came"),
+        ([0.5], r"each of left, right; \[0.5\] came"),
+        ([0.5, 0.2, 0.1], r"each of left, right; \[0.5, 0.2, 0.1\] came"),
         ([0.5, np.nan], r"each of left, right; \[0.5, nan\] came"),
         ([np.inf, 0.0], r"each of left, right; \[inf, 0.0\] came"),
     ],

@@ -30,7 +30,7 @@ from distal.cli.app import app
 from distal.errors import EstimationError, ExportError, OutputError, RigError
 from distal.estimators import first_values
 from distal.export import Exported, c_filter, export_c, project_files
-from distal.export.names import c_name
+from distal.export.c_text import c_name
 from distal.kernels import find_compiler
 from distal.logs import write_log
 from distal.rig import build_rig, set_value
@@ -320,8 +320,8 @@ class Library:
         ]  # type: ignore[union-attr]
         subprocess.run(command, cwd=folder, check=True)
         self.made, self.code = made, ctypes.CDLL(str(folder / "f.so"))
-        self.state = np.zeros(made.kernel_state + 1)
-        self.out = np.zeros(2 + 2 * max(len(made.measured), 1))
+        self.state = np.zeros(made.estimator.kernel.sizes.kernel_state + 1)
+        self.out = np.zeros(2 + 2 * max(len(made.estimator.measured), 1))
 
     def begin(self, values: np.ndarray) -> None:
         getattr(self.code, f"{self.made.name}_begin")(self._at(self.state), self._at(values))
@@ -365,7 +365,7 @@ def test_beliefs_and_innovations_are_pythons(rig: Rig, log: Log, name: str, tmp_
 def test_what_a_step_refuses(rig: Rig, log: Log, tmp_path: Path) -> None:
     """Late, repeated, too late, infinite: a code, and the state stays."""
     library = Library(c_filter(rig), tmp_path)
-    samples = samples_of(log, library.made.channels)
+    samples = samples_of(log, library.made.estimator.channels)
     library.begin(samples[0])
     assert library.step(0.0, samples[0]) == 0
     kept = library.state.copy()
@@ -399,7 +399,7 @@ def test_the_header_says_shapes_units_and_order(rig: Rig) -> None:
     ):
         assert said in made.header
     assert not re.search(r"20\d\d-\d\d|\d\d:\d\d:\d\d", made.header + made.source + made.replay)
-    assert len(made.states) == 19
+    assert len(made.estimator.state_names) == 19
     assert made.state_bytes == 4 * 402 + 4
 
 

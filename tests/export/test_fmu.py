@@ -59,7 +59,7 @@ def simulated(path: Path, made: Fmu, log: Log) -> np.ndarray:
     signals["time"] = log.time
     for name, values in zip(made.inputs, samples_of(log, made.inputs).T):
         signals[name] = values
-    step = made.exported.interval
+    step = made.exported.estimator.interval
     found: np.ndarray = fmpy.simulate_fmu(
         str(path),
         stop_time=float(log.time[-1]) + step,
@@ -117,7 +117,7 @@ def test_a_chain(tmp_path: Path) -> None:
     assert validate_fmu(str(tmp_path / "wrist.fmu")) == []
     found, known = (
         simulated(tmp_path / "wrist.fmu", made, log),
-        at_the_ends(log, rig, made.exported.interval),
+        at_the_ends(log, rig, made.exported.estimator.interval),
     )
     assert made.outputs[-1] == "health"
     for k, name in enumerate(made.outputs[:6:2]):

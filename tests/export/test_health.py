@@ -47,7 +47,10 @@ def words_in_c(rig: Rig, log: Log, folder: Path) -> list[str]:
     ]  # type: ignore[union-attr]
     subprocess.run(command, cwd=folder, check=True)
     word = ctypes.CDLL(str(folder / "f.so")).word
-    samples, steps = samples_of(log, made.channels), np.diff(log.time, prepend=log.time[0])
+    samples, steps = (
+        samples_of(log, made.estimator.channels),
+        np.diff(log.time, prepend=log.time[0]),
+    )
     codes = [
         word(
             k == 0,

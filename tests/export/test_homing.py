@@ -96,7 +96,7 @@ def test_in_c_as_live(name: str, is_mapped: bool, tmp_path: Path) -> None:
     rig, log = case(name, "3 s")
     rig = with_drawn(rig) if is_mapped else rig
     made = c_filter(rig, home=STD)
-    homes = made.channels[len(made.channels) - len(rig.joints) :]
+    homes = made.estimator.channels[len(made.estimator.channels) - len(rig.joints) :]
     assert homes == (
         ("home",) if len(rig.joints) == 1 else tuple(f"home_{joint.name}" for joint in rig.joints)
     )
@@ -113,7 +113,7 @@ def test_in_c_as_live(name: str, is_mapped: bool, tmp_path: Path) -> None:
 
     sensors = {sensor.name: sensor for sensor in rig.sensors}
     columns = {rig.log.time.column: log.time / (1e-3 if rig.log.time.unit == "ms" else 1.0)}
-    for channel in made.channels[: -len(homes)]:
+    for channel in made.estimator.channels[: -len(homes)]:
         own = sensors[channel]
         columns[own.log_column] = own.sign * log.channels[channel] / log_factor(own)
     columns |= {channel: at[:, j] for j, channel in enumerate(homes)}

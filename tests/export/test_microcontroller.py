@@ -16,7 +16,6 @@ import pytest
 from distal import Rig, estimate, load_rig, load_scenario, scenario_rig, simulate
 from distal.estimators import make_estimator
 from distal.export import Exported, c_filter
-from distal.export.names import angle_fields
 from distal.run import samples_of
 from distal.simulation import Scenario, build_scenario
 from tests.export.helpers import missing_tools
@@ -126,7 +125,11 @@ def measure(
         f"{{{steps}}};\n"
         f"static const float samples[][{samples.shape[1]}] = {{\n{rows}}};\n"
     )
-    identified = ",".join(f"out.{field}" for pair in angle_fields(rig) for field in pair)
+    identified = ",".join(
+        f"out.{part}"
+        for field in made.fields[: len(rig.joints)]
+        for part in (field.name, field.std)
+    )
     names = [
         '-DFILTER_HEADER="filter.h"',
         "-DFILTER(x)=filter_##x",

@@ -9,12 +9,14 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from distal import load_rig
+from distal.codegen import Plain
 from distal.errors import ExportError, OutputError
 from distal.export import c_name, export_c
-from distal.export.names import TAKEN, checked_name
+from distal.export.c_text import TAKEN, checked_name, filled
 from distal.export.project import export_files
 
 COMPILERS = [name for name in ("gcc", "clang", "arm-none-eabi-gcc") if shutil.which(name)]
@@ -66,6 +68,41 @@ def test_names_that_are_refused(name: str) -> None:
 )
 def test_a_name_of_any_title_is_accepted(title: str) -> None:
     assert checked_name(c_name(title)) == c_name(title)
+
+
+def test_a_template_writes_values_as_c() -> None:
+    """Texts, integers, truth values, numbers of the type, lists, rows, and a name in capitals."""
+    values = {
+        "name": "a $b$",
+        "b": "text",
+        "n": np.int64(3),
+        "yes": np.array([True, False]),
+        "x": -0.5,
+        "rows": [(1.0, np.nan), [2, 3]],
+        "none": (),
+    }
+    text = filled("$name$|$NAME$|$b$|$n$|$yes$|$x$|$rows$|$none$|${x}", values, Plain(single=True))
+    assert text == "a $b$|A $B$|text|3|1, 0|(-0.5f)|{1.0f, NAN}, {2, 3}||${x}"
+    assert filled("$x$", {"x": 1e-200}) == "9.9999999999999998e-201"
+
+
+@pytest.mark.parametrize(
+    ("value", "double", "single"),
+    [
+        (0.0, "0.0", "0.0f"),
+        (-0.0, "(-0.0)", "0.0f"),
+        (2.0, "2.0", "2.0f"),
+        (-3.0, "(-3.0)", "(-3.0f)"),
+        (0.1, "0.10000000000000001", "0.1f"),
+        (1e300, "1.0000000000000001e+300", "3.40282346e+38f"),
+        (-1e300, "(-1.0000000000000001e+300)", "(-3.40282346e+38f)"),
+        (1e-300, "1e-300", "0.0f"),
+        (-np.inf, "(-INFINITY)", "(-INFINITY)"),
+        (np.nan, "(double)NAN", "NAN"),
+    ],
+)
+def test_numbers_as_c(value: float, double: str, single: str) -> None:
+    assert (Plain().constant(value), Plain(single=True).constant(value)) == (double, single)
 
 
 @pytest.mark.slow

@@ -70,7 +70,7 @@ class Plant:
         subprocess.run(command, cwd=folder, check=True)
         self.code, self.made = ctypes.CDLL(str(folder / "p.so")), made
         self.state = np.zeros(int(self.code.size()) // 8 + 1)
-        self.values = np.zeros(len(made.sensors))
+        self.values = np.zeros(len(made.plant.rig.sensors))
 
     def begin(self, seed: int) -> np.ndarray:
         self.code.p_begin(self._at(self.state), ctypes.c_uint64(seed), self._at(self.values))

@@ -143,14 +143,20 @@ def test_a_scheduler_that_is_not_there_is_one_line(
 def test_a_scheduler_of_another_version_is_one_line() -> None:
     from distal.cluster import _check_versions
 
-    host = {"python": ".".join(map(str, sys.version_info[:3]))}
-    own = {"host": host, "packages": {"distributed": "2026.1", "dask": "2026.1"}}
+    packages = {"python": "3.12.1.final.0", "distributed": "2026.1", "dask": "2026.1"}
+    own = {"packages": packages}
     _check_versions({"client": own, "scheduler": own}, StudyError)
-    other = {"host": host, "packages": {"distributed": "2025.1", "dask": "2026.1"}}
-    with pytest.raises(
-        StudyError, match=r"the scheduler has distributed 2025.1, this is 2026.1; install the same"
+    _check_versions(
+        {"client": own, "scheduler": {"packages": packages | {"python": "3.12.9.final.0"}}},
+        StudyError,
+    )
+    for package, version, said in (
+        ("distributed", "2025.1", "distributed 2025.1, this is 2026.1; install the same"),
+        ("python", "3.11.1.final.0", "python 3.11, this is 3.12; install the same"),
     ):
-        _check_versions({"client": own, "scheduler": other}, StudyError)
+        other = {"packages": packages | {package: version}}
+        with pytest.raises(StudyError, match=f"the scheduler has {said}"):
+            _check_versions({"client": own, "scheduler": other}, StudyError)
 
 
 COMMAND = """

@@ -92,17 +92,15 @@ def export_command(
         with working("writing C"):
             exported = export_arduino(load_rig(rig, set_ or ()), arduino, estimator, name=name)
     rows = [
-        ("states", f"{len(exported.states)}"),
+        ("states", f"{len(exported.estimator.state_names)}"),
         ("state, the caller's", f"{exported.state_bytes:,} bytes"),
         ("arrays on the stack in a step", f"{exported.scratch_bytes:,} bytes"),
         ("arithmetic operations in a step", f"{exported.operations:,}"),
         ("calls of the mathematics library", f"{sum(exported.library.values())}"),
     ]
-    title = (
-        f"{exported.estimator} for {exported.rig}, in {'float' if exported.single else 'double'}"
-    )
+    title = f"{estimator} for {exported.estimator.rig.name}, in {exported.real.type}"
     table(title, ["what", "how much"], rows)
-    if exported.single and exported.jumps:
+    if exported.real.single and exported.jumps:
         warn(
             f"in float, {estimator} may differ from double by more than its band, since it jumps "
             "from sticking to "
@@ -148,11 +146,11 @@ def fmu_command(
         ("outputs", ", ".join(fmu.outputs)),
     ]
     rows += [
-        ("step", f"{fmu.exported.interval:g} s"),
+        ("step", f"{fmu.exported.estimator.interval:g} s"),
         ("binaries", ", ".join(fmu.platforms) or "none"),
     ]
     table(
-        f"{fmu.exported.estimator} for {fmu.exported.rig}, FMI 3.0 co-simulation",
+        f"{estimator} for {fmu.exported.estimator.rig.name}, FMI 3.0 co-simulation",
         ["what", "which"],
         rows,
     )

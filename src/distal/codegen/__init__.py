@@ -6,16 +6,16 @@ microcontroller that is most of the memory, and it has no vector lanes. docs/res
 has the figures.
 
 From text to function, each module knows only those above it: ``operations``, ``number_types``,
-``memory`` and ``dataflow``, ``placement``, ``workspace``, then the writers, each a function from an
-instruction to lines of C (``elements``, ``slices``, ``products``, ``calls``), ``frame``,
-``matrices`` and ``scalars``, and ``emitter`` for all functions.
+``memory``, ``placement``, ``workspace``, then the writers, each a function from an instruction to
+lines of C (``slices``, ``products``), ``matrices`` and ``scalars``, and ``emitter`` for all
+functions.
 
 An operation of matrices that has no C yet is one more writer, and one more line in the table of
 ``matrices``.
 """
 
-from distal.codegen.emitter import Emitter
+from distal.codegen.emitter import Emitter, unused
 from distal.codegen.number_types import Dialect, Lanes, Plain
 from distal.codegen.operations import CodeError
 
-__all__ = ["CodeError", "Dialect", "Emitter", "Lanes", "Plain"]
+__all__ = ["CodeError", "Dialect", "Emitter", "Lanes", "Plain", "unused"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from itertools import chain, count
 
 import casadi as ca
@@ -68,7 +69,8 @@ class Emitter:
             raise CodeError(
                 f"'{function.name()}' has no C in place: its first input and output differ in shape"
             )
-        name = self._free_name(str(function.name()))
+        name = unused(str(function.name()), self._taken)
+        self._taken.add(name)
         if function.is_a("SXFunction"):
             written = write_scalars(function, name, in_place, self.dialect, self._called)
         else:
@@ -84,20 +86,17 @@ class Emitter:
         self.functions[name] = written
         return written
 
-    def _called(self, function: ca.Function, in_place: bool) -> Written:
+    def _called(self, function: ca.Function) -> Written:
         """Return a function that a function of scalars calls. The compiler is asked to inline a
         small one, if the dialect allows long code.
         """
-        written = self._written(function, in_place)
+        written = self._written(function)
         if written.cost.operations <= LARGEST_COPIED:
             self._by_scalars.add(written.name)
         return written
 
-    def _free_name(self, name: str) -> str:
-        """Return a function's name, with a number if another function has it."""
-        numbered = (f"{name}_{number}" for number in count(2))
-        free = next(
-            candidate for candidate in chain([name], numbered) if candidate not in self._taken
-        )
-        self._taken.add(free)
-        return free
+
+def unused(name: str, taken: Container[str]) -> str:
+    """Return a name with a number behind it where it is taken, from 2 on."""
+    candidates = chain([name], (f"{name}_{number}" for number in count(2)))
+    return next(candidate for candidate in candidates if candidate not in taken)

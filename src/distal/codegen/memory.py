@@ -27,9 +27,9 @@ INDEX = "unsigned short"
 LARGEST_INDEX = 65_535
 """Largest index that `INDEX` holds. Source: definition (an unsigned short of 16 bits)."""
 
-_MARK = re.compile(r"«([AEI])(\d+):(\d+):([^»]*)»")
-"""A position in scratch before it is laid out: an address, a number, a number by an index; block,
-offset, index.
+_MARK = re.compile(r"«(\d+):(\d+):([^»]*)»")
+"""A position in scratch before it is laid out: block, offset, and the index of a number, without
+which it is an address.
 """
 
 
@@ -130,13 +130,21 @@ class Scratch:
 
     def _settled(self, mark: re.Match[str]) -> str:
         """Return a mark as C, now that the blocks are laid out."""
-        kind, block, offset, index = mark.groups()
+        block, offset, index = mark.groups()
         at = self.blocks[int(block)].at + int(offset)
-        if kind == "A":
-            return f"w + {at}" if at else "w"
-        if kind == "E":
-            return f"w[{at}]"
-        return f"w[{at} + {index}]" if at else f"w[{index}]"
+        return _element("w", at, index) if index else shifted("w", at)
+
+
+def shifted(base: str, offset: int) -> str:
+    """Return C plus an offset."""
+    return f"{base} + {offset}" if offset else base
+
+
+def _element(home: str, offset: int, index: str) -> str:
+    """Return the C of a number that lies at an index, an integer or C, behind an offset."""
+    if index.isdigit():
+        return f"{home}[{offset + int(index)}]"
+    return f"{home}[{offset} + {index}]" if offset else f"{home}[{index}]"
 
 
 class Tables:
@@ -187,8 +195,8 @@ class Memory:
         if value.home is None:
             return self.tables.constants(value.ids)
         if value.home == "w":
-            return f"«A{value.block}:{value.offset}:»"
-        return f"{value.home} + {value.offset}" if value.offset else value.home
+            return f"«{value.block}:{value.offset}:»"
+        return shifted(value.home, value.offset)
 
     def at(self, value: Value, index: str | int) -> str:
         """Return the C of one number of a value; its index is an integer or C."""
@@ -198,15 +206,9 @@ class Memory:
             if isinstance(index, int):
                 return self.dialect.constant(value.ids[index])
             return f"{self.tables.constants(value.ids)}[{index}]"
-        if isinstance(index, int):
-            if value.home == "w":
-                return f"«E{value.block}:{value.offset + index}:»"
-            return f"{value.home}[{value.offset + index}]"
         if value.home == "w":
-            return f"«I{value.block}:{value.offset}:{index}»"
-        return (
-            f"{value.home}[{value.offset} + {index}]" if value.offset else f"{value.home}[{index}]"
-        )
+            return f"«{value.block}:{value.offset}:{index}»"
+        return _element(value.home, value.offset, str(index))
 
     def copy(self, to: Value, value: Value) -> list[str]:
         """Return the C that copies a value to another position."""

@@ -8,8 +8,7 @@ more class here, with the same methods.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
-from math import copysign, isfinite
+from math import isfinite
 
 import casadi as ca
 
@@ -34,6 +33,13 @@ _LANES = FORMS | {
 }
 
 
+LARGEST_FLOAT = 3.40282346e38
+"""Largest finite number of C's float. Source: definition (IEEE 754 single precision)."""
+
+SMALLEST_FLOAT = 1.17549435e-38
+"""Smallest positive normal number of C's float. Source: definition (IEEE 754 single precision)."""
+
+
 @dataclass(frozen=True)
 class Plain:
     """C of numbers one by one: float with float functions if `single`, else double. With `quick`,
@@ -54,6 +60,11 @@ class Plain:
         """Name of the type of a number in C."""
         return "float" if self.single else "double"
 
+    @property
+    def size(self) -> int:
+        """Size of a number [bytes]."""
+        return 4 if self.single else 8
+
     def prelude(self, text: str) -> str:
         """Return the functions for the larger and the smaller of two numbers, each if `text` calls
         it: compilers warn of unused ones.
@@ -68,7 +79,16 @@ class Plain:
 
     def constant(self, value: float) -> str:
         """Return a number as C."""
-        return _constant(value, copysign(1.0, value), self.single)
+        if value != value:
+            return "NAN" if self.single else "(double)NAN"
+        if value in (float("inf"), float("-inf")):
+            return "INFINITY" if value > 0 else "(-INFINITY)"
+        text = f"{value:.17g}"
+        if self.single:  # what a float cannot hold is its largest number, or zero
+            near = min(max(value, -LARGEST_FLOAT), LARGEST_FLOAT)
+            text = f"{near if abs(value) > SMALLEST_FLOAT else 0.0:.9g}"
+        text += ".0" * text.lstrip("-").isdigit() + "f" * self.single
+        return f"({text})" if text.startswith("-") else text
 
     entry = constant
 
@@ -80,32 +100,6 @@ class Plain:
         if operation in CALLED:
             return f"{CALLED[operation]}{suffix}({f'{a}, {b}' if operation in BINARY else a})"
         raise no_such_operation(operation)
-
-
-LARGEST_FLOAT = 3.40282346e38
-"""Largest finite number of C's float. Source: definition (IEEE 754 single precision)."""
-
-SMALLEST_FLOAT = 1.17549435e-38
-"""Smallest positive normal number of C's float. Source: definition (IEEE 754 single precision)."""
-
-
-@lru_cache(maxsize=4096)
-def _constant(value: float, sign: float, single: bool) -> str:
-    """Return a number as C; its sign is an argument because 0.0 equals -0.0, and would be found in
-    its place.
-    """
-    if value != value:
-        return "NAN" if single else "(double)NAN"
-    if value in (float("inf"), float("-inf")):
-        return "INFINITY" if value > 0 else "(-INFINITY)"
-    if single:  # what a float cannot hold is its largest number, or zero
-        value = (
-            max(min(value, LARGEST_FLOAT), -LARGEST_FLOAT) if abs(value) > SMALLEST_FLOAT else 0.0
-        )
-    text = f"{value:.9g}" if single else f"{value:.17g}"
-    text += "" if any(c in text for c in ".e") else ".0"
-    text += "f" if single else ""
-    return f"({text})" if text.startswith("-") else text
 
 
 _VECTORS = """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from distal.errors import DistalError
+from distal.errors import ExportError
 
 FORMS = {
     ca.OP_ADD: "{a} + {b}",
@@ -54,7 +54,7 @@ BINARY = frozenset((*_FUNCTIONS, *_SIGNS))
 """Operations with two operands."""
 
 
-class CodeError(DistalError):
+class CodeError(ExportError):
     """A function cannot be written as C."""
 
 

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import casadi as ca
 
-from distal.codegen.memory import Value
+from distal.codegen.memory import Value, shifted
 from distal.codegen.operations import CodeError
 from distal.codegen.workspace import Step, Workspace
 
@@ -121,14 +121,14 @@ def _dense(work: Workspace, step: Step, rows: int, inner: int, columns: int) -> 
     at = memory.at
     for first, end in _ranges(columns):
         together = range(min(COLUMNS_TOGETHER, end - first))
-        positions = [at(to, _sum("i", rows * (first + c)) + f" + {rows} * j") for c in together]
+        positions = [at(to, shifted("i", rows * (first + c)) + f" + {rows} * j") for c in together]
         starts = [memory.dialect.constant(0.0) if zero else position for position in positions]
         sums = ", ".join(f"s{c} = {start}" for c, start in enumerate(starts))
         short = inner <= UNROLLED_SUM
         terms = []
         for k in map(str, range(inner)) if short else ["k"]:
-            left = at(x, _sum("i", rows * int(k)) if short else f"i + {rows} * k")
-            right = [at(y, _sum(k, inner * (first + c)) + f" + {inner} * j") for c in together]
+            left = at(x, shifted("i", rows * int(k)) if short else f"i + {rows} * k")
+            right = [at(y, shifted(k, inner * (first + c)) + f" + {inner} * j") for c in together]
             added = " ".join(f"s{c} += e * {factor};" for c, factor in enumerate(right))
             terms.append(f"{{ const {kind} e = {left}; {added} }}")
         total = " ".join(terms) if short else f"for (k = 0; k < {inner}; ++k) {terms[0]}"
@@ -189,9 +189,9 @@ def _sparse_right_unrolled(
     at = work.memory.at
     to, lines, zero = _begun(work, step)
     for column in range(columns):
-        target = at(to, _sum("i", rows * column))
+        target = at(to, shifted("i", rows * column))
         terms = [
-            f"{at(x, _sum('i', rows * row))} * {at(y, number)}"
+            f"{at(x, shifted('i', rows * row))} * {at(y, number)}"
             for number, (row, position) in enumerate(entries)
             if position == column
         ]
@@ -211,7 +211,3 @@ def _begun(work: Workspace, step: Step) -> tuple[Value, list[str], bool]:
     if base.is_zero:
         return work.placement.new(step.k, step.makes[0], base.size), [], True
     return *work.placement.over_the_first(step.k), False
-
-
-def _sum(index: str, offset: int) -> str:
-    return f"{index} + {offset}" if offset else index

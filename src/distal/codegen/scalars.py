@@ -4,15 +4,21 @@ compiler optimises.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import casadi as ca
 
 from distal.codegen.number_types import Dialect
 from distal.codegen.operations import BINARY, CALLED, INLINE, CodeError
-from distal.codegen.workspace import Cost, WriteFunction, Written, framed
+from distal.codegen.workspace import Cost, Written, framed
 
 
 def write_scalars(
-    function: ca.Function, name: str, in_place: bool, dialect: Dialect, written: WriteFunction
+    function: ca.Function,
+    name: str,
+    in_place: bool,
+    dialect: Dialect,
+    written: Callable[[ca.Function], Written],
 ) -> Written:
     """Return a function of scalars (SX) as C. The functions that it calls are written by `written`.
 
@@ -40,7 +46,7 @@ def write_scalars(
             lines.append(f"  r{outputs[0]}[{outputs[1]}] = {names[inputs[0]]};")
         elif operation == ca.OP_CALL:
             called = _called(function, len(inputs), len(outputs))
-            callee = written(called, False)
+            callee = written(called)
             lines += _call(k, callee.name, called, [names[i] for i in inputs], arrays, dialect.type)
             results = [
                 f"v{k}_{i}[{j}]" for i in range(called.n_out()) for j in range(called.nnz_out(i))

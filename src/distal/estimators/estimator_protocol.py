@@ -408,7 +408,7 @@ class KernelEstimator:
     @property
     def initial_size(self) -> int | None:
         """Length of the kernel state of a belief, or None where there is no kernel yet."""
-        return self.kernel.n_kernel_state if self.has_kernel else None
+        return self.kernel.sizes.kernel_state if self.has_kernel else None
 
     def _checked(self, sample: Floats) -> Floats:
         with suppress(TypeError, ValueError):

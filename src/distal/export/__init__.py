@@ -1,8 +1,8 @@
 """Export a filter as C for microcontrollers, as a library for Arduino, or as an FMU."""
 
 from distal.export.arduino import export_arduino
+from distal.export.c_text import c_name
 from distal.export.fmu import Fmu, export_fmu
-from distal.export.names import c_name
 from distal.export.project import check_ours, export_c, export_files, project_files
 from distal.export.source import Exported, c_filter
 

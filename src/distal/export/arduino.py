@@ -5,21 +5,23 @@ sensors.
 from __future__ import annotations
 
 import re
+from importlib.metadata import files
+from math import pi
 from pathlib import Path
 
 from distal.confidence import BAND
 from distal.errors import OutputError
+from distal.export.c_text import comment, filled, sensors_of
 from distal.export.health_source import spoken
-from distal.export.names import angle_fields, c_name, comment, filled
-from distal.export.project import check_ours, readme, write_files
+from distal.export.project import readme, write_files
 from distal.export.source import Exported, c_filter
-from distal.rig import Rig, Sensor, log_factor, log_unit
+from distal.rig import Rig, log_factor, log_unit
 from distal.version import __version__
 
 SKETCH = "joint_angle"
 """Name of the example sketch and of its folder, which must be the same."""
 
-EDITED = ("library.properties", "library.json", f"examples/{SKETCH}/{SKETCH}.ino")
+EDITED = ("library.properties", f"examples/{SKETCH}/{SKETCH}.ino")
 """Files that a user edits; they stay as they are when the library is exported again."""
 
 
@@ -28,17 +30,14 @@ def export_arduino(
     out: str | Path,
     estimator: str = "adaptive",
     *,
-    single: bool = True,
     name: str | None = None,
 ) -> Exported:
-    """Write an estimator of a rig as a library for Arduino and PlatformIO.
+    """Write an estimator of a rig as a library for Arduino and PlatformIO, in float.
 
     Args:
         out: the library's folder, which is made where it does not exist. Files of an earlier export
             are replaced, except those in `EDITED`.
         estimator: name of the estimator.
-        single: whether numbers are float and only float functions are called; otherwise they are
-            double.
         name: name of the library and prefix of its C names; by default it is made from the rig's
             title and the estimator.
 
@@ -48,123 +47,136 @@ def export_arduino(
         OutputError: the folder cannot be written, has files that no export wrote, or holds another
             library.
     """
-    name = name if name is not None else c_name(f"{rig.name}_{estimator}")
-    exported = c_filter(rig, estimator, single, name)
-    files = arduino_files(rig, exported)
+    exported = c_filter(rig, estimator, True, name)
+    texts = arduino_files(exported)
     folder = Path(out)
-    check_ours(folder, [file for file in files if file not in EDITED])
     for file in EDITED:
         if (folder / file).is_file():
-            if f"{name}.h" not in (folder / file).read_text(encoding="utf-8", errors="replace"):
+            if f"{exported.name}.h" not in (folder / file).read_text(
+                encoding="utf-8", errors="replace"
+            ):
                 raise OutputError(
-                    f"{folder / file}: is of another library than {name}; give another folder"
+                    f"{folder / file}: is of another library than {exported.name}; give another "
+                    "folder"
                 )
-            del files[file]
-    write_files(folder, files)
+            del texts[file]
+    write_files(folder, texts)
     return exported
 
 
-def arduino_files(rig: Rig, exported: Exported) -> dict[str, str]:
+def arduino_files(exported: Exported) -> dict[str, str]:
     """Return the files of a library, path → text, in the layout of the Arduino library
     specification 1.5.
     """
+    rig = exported.estimator.rig
     values = {
         "name": exported.name,
-        "NAME": exported.name.upper(),
         "short": exported.name[:63],
         "rig": comment(rig.name),
-        "json_rig": comment(rig.name).replace("\\", "/").replace('"', "'"),
-        "estimator": exported.estimator,
+        "estimator": exported.estimator.name,
         "version": re.match(r"\d+\.\d+\.\d+", __version__ + ".0.0")[0],  # type: ignore[index]
-        "sensors": _sensors(rig, exported),
-        "prints": _prints(rig),
-        "health": ", ".join(f'"{word}"' for word in spoken()),
-        "micros": f"{1e6 * exported.interval:.0f}",
+        "sensors": _sensors(exported),
+        "prints": "".join(
+            filled(
+                _PRINT,
+                {
+                    "joint": re.sub(r"[^A-Za-z0-9 _-]", " ", field.joint),
+                    "field": field.name,
+                    "std": field.std,
+                    "band": f"{BAND:.3g}",
+                },
+            )
+            for field in exported.fields
+            if field.unit == "rad"
+        ),
+        "health": [f'"{word}"' for word in spoken()],
+        "micros": round(1e6 * exported.estimator.interval),
     }
-    # the README's part on the replay is left out, since the library has no replay program
-    text = readme(exported).split("## Replay")[0]
     return {
         "library.properties": filled(_PROPERTIES, values),
-        "library.json": filled(_JSON, values),
-        "keywords.txt": filled(_KEYWORDS, values),
-        "LICENSE": _LICENSE,
-        "README.md": text + filled(_README, values),
-        f"src/{exported.name}.h": exported.header,
-        f"src/{exported.name}.c": exported.source,
+        "LICENSE": f"For the code that `distal export-c` wrote:\n\n{_license()}",
+        "README.md": readme(exported, _README),
+        **{f"src/{file}": text for file, text in exported.files.items()},
         f"examples/{SKETCH}/{SKETCH}.ino": filled(_SKETCH, values),
     }
 
 
-def _sensors(rig: Rig, exported: Exported) -> str:
-    """Return the lines of the sketch that read the sensors: positions and angles by the counts of
+def _license() -> str:
+    """Return the license of this package, which the code that it writes has too."""
+    return next(file for file in files("distal") or () if file.name == "LICENSE").read_text()
+
+
+def _sensors(exported: Exported) -> str:
+    """Return the part of the sketch that reads the sensors: positions and angles by the counts of
     encoders, others by analog pins.
+
+    A factor from a reading to SI that the rig does not say is an example.
     """
-    sensors = {sensor.name: sensor for sensor in rig.sensors}
-    lines = list[str]()
-    begin = list[str]()
-    values = []
-    pin = 2
-    analog = 0
-    for i, channel in enumerate(exported.channels):
-        sensor = sensors[channel]
-        meaning = f"{comment(channel)}: {sensor.measures} of {comment(sensor.of)}"
+    texts = []
+    counted = 0
+    for i, sensor in enumerate(sensors_of(exported.estimator)):
         if sensor.measures in ("position", "angle"):
-            factor, why = _factor(
-                sensor, "count", "2 * pi / 4096 of a turn" if sensor.si == "rad" else "10 um", 1e-5
-            )
-            lines += [
-                f"/* {meaning}: an encoder with two channels; per count [{sensor.si}]: {why} */",
-                f"const {exported.name}_real PER_COUNT_{i} = {factor};",
-                f"const int A_{i} = {pin}, B_{i} = {pin + 1};",
-                f"volatile long counts_{i};",
-                f"void counted_{i}() {{ counts_{i} += digitalRead(A_{i}) == digitalRead(B_{i}) ? "
-                f"1 : -1; }}",
-                "",
-            ]
-            begin += [
-                f"  pinMode(A_{i}, INPUT_PULLUP);",
-                f"  pinMode(B_{i}, INPUT_PULLUP);",
-                f"  attachInterrupt(digitalPinToInterrupt(A_{i}), counted_{i}, CHANGE);",
-            ]
-            values += ["  noInterrupts();", f"  counted = counts_{i};", "  interrupts();"]
-            values += [f"  values[{i}] = PER_COUNT_{i} * counted;"]
-            pin += 2
+            template, unit, pin = _ENCODER, "count", 2 + 2 * counted
+            turns = sensor.si == "rad"
+            factor, why = (2 * pi / 4096, "2 * pi / 4096 of a turn") if turns else (1e-5, "10 um")
+            counted += 1
         else:
-            factor, why = _factor(sensor, "mA", f"0.01 {sensor.si}", 1e-2)
-            lines += [
-                f"/* {meaning}: a voltage at an analog pin; per step of the converter "
-                f"[{sensor.si}]: {why} */",
-                f"const {exported.name}_real PER_STEP_{i} = {factor};",
-                f"const int ZERO_{i} = 0; /* what the pin reads without a force */",
-                "",
-            ]
-            values += [f"  values[{i}] = PER_STEP_{i} * (analogRead(A{analog}) - ZERO_{i});"]
-            analog += 1
-    reading = ["void read_sensors() {", "  long counted = 0;", "  (void)counted;", *values, "}", ""]
-    return "\n".join([*lines, *reading, "void begin_sensors() {", *begin, "}"])
+            template, unit, pin = _ANALOG, "mA", i - counted
+            factor, why = 1e-2, f"0.01 {sensor.si}"
+        why += "; SET YOURS"
+        if log_unit(sensor) == unit:
+            factor, why = sensor.sign * log_factor(sensor), f"as the rig has it, a {unit}"
+        values = {
+            "name": exported.name,
+            "i": i,
+            "meaning": comment(f"{sensor.name}: {sensor.measures} of {sensor.of}"),
+            "unit": sensor.si,
+            "factor": f"{factor:.9g}",
+            "why": why,
+            "pin": pin,
+            "next": pin + 1,
+        }
+        texts.append(filled(template, values))
+    calls = "".join(f"  begin_{i}();\n" for i in range(len(texts)))
+    reads = "".join(f"  values[{i}] = read_{i}();\n" for i in range(len(texts)))
+    return "\n".join(
+        [*texts, f"void begin_sensors() {{\n{calls}}}\n\nvoid read_sensors() {{\n{reads}}}"]
+    )
 
 
-def _factor(sensor: Sensor, unit: str, example: str, otherwise: float) -> tuple[str, str]:
-    """Return the factor from a reading to SI, and a comment that says whether it is the rig's or an
-    example that the user must replace.
-    """
-    if log_unit(sensor) == unit:
-        return f"{sensor.sign * log_factor(sensor):.9g}", f"as the rig has it, a {unit}"
-    return f"{0.00153398079 if 'pi' in example else otherwise:.9g}", f"{example}; SET YOURS"
+_ENCODER = """\
+/* $meaning$: an encoder with two channels; per count [$unit$]: $why$ */
+const $name$_real PER_COUNT_$i$ = $factor$;
+const int A_$i$ = $pin$, B_$i$ = $next$;
+volatile long counts_$i$;
+void counted_$i$() { counts_$i$ += digitalRead(A_$i$) == digitalRead(B_$i$) ? 1 : -1; }
+void begin_$i$() {
+  pinMode(A_$i$, INPUT_PULLUP);
+  pinMode(B_$i$, INPUT_PULLUP);
+  attachInterrupt(digitalPinToInterrupt(A_$i$), counted_$i$, CHANGE);
+}
+$name$_real read_$i$() {
+  noInterrupts();
+  const long counted = counts_$i$;
+  interrupts();
+  return PER_COUNT_$i$ * counted;
+}
+"""
 
+_ANALOG = """\
+/* $meaning$: a voltage at an analog pin; per step of the converter [$unit$]: $why$ */
+const $name$_real PER_STEP_$i$ = $factor$;
+const int ZERO_$i$ = 0; /* what the pin reads without a force */
+void begin_$i$() {}
+$name$_real read_$i$() { return PER_STEP_$i$ * (analogRead(A$pin$) - ZERO_$i$); }
+"""
 
-def _prints(rig: Rig) -> str:
-    lines = []
-    for joint, (angle, std) in zip(rig.joints, angle_fields(rig), strict=True):
-        lines += [
-            f'    Serial.print("{re.sub(r"[^A-Za-z0-9 _-]", " ", joint.name)} ");',
-            f"    Serial.print(DEGREES * out.{angle});",
-            '    Serial.print(" +- ");',
-            f"    Serial.print({BAND:.3g} * DEGREES * out.{std});",
-            '    Serial.print(" deg, ");',
-        ]
-    return "\n".join(lines)
-
+_PRINT = """
+    Serial.print("$joint$ ");
+    Serial.print(DEGREES * out.$field$);
+    Serial.print(" +- ");
+    Serial.print($band$ * DEGREES * out.$std$);
+    Serial.print(" deg, ");"""
 
 _PROPERTIES = """\
 name=$short$
@@ -179,64 +191,7 @@ architectures=*
 includes=$name$.h
 """
 
-_JSON = """\
-{
-  "name": "$short$",
-  "version": "$version$",
-  "description": "Joint angles of '$json_rig$', no joint sensor. Written by `distal export-c`.",
-  "keywords": ["robotics", "sensors", "estimation", "tendon"],
-  "license": "BSD-3-Clause",
-  "authors": {"name": "distal export-c"},
-  "frameworks": "*",
-  "platforms": "*",
-  "headers": "$name$.h",
-  "build": {"flags": "-fno-math-errno"}
-}
-"""
-
-_KEYWORDS = """\
-# Written by `distal export-c`: name, tab, kind
-$name$_state\tKEYWORD1
-$name$_output\tKEYWORD1
-$name$_watch\tKEYWORD1
-$name$_begin\tKEYWORD2
-$name$_step\tKEYWORD2
-$name$_restart\tKEYWORD2
-$name$_watch_begin\tKEYWORD2
-$name$_health\tKEYWORD2
-$NAME$_OK\tLITERAL1
-$NAME$_INTERVAL\tLITERAL1
-"""
-
-_LICENSE = """\
-BSD 3-Clause License, for the code that `distal export-c` wrote
-
-Copyright (c) distal contributors
-
-Redistribution and use in source and binary forms, with or without modification, are permitted
-provided that the following conditions are met:
-
-1. Redistributions of source code must retain the above copyright notice, this list of conditions
-   and the following disclaimer.
-
-2. Redistributions in binary form must reproduce the above copyright notice, this list of conditions
-   and the following disclaimer in the documentation and/or other materials provided with the
-   distribution.
-
-3. Neither the name of the copyright holder nor the names of its contributors may be used to endorse
-   or promote products derived from this software without specific prior written permission.
-
-THIS SOFTWARE IS PROVIDED BY THE COPYRIGHT HOLDERS AND CONTRIBUTORS "AS IS" AND ANY EXPRESS OR
-IMPLIED WARRANTIES, INCLUDING, BUT NOT LIMITED TO, THE IMPLIED WARRANTIES OF MERCHANTABILITY AND
-FITNESS FOR A PARTICULAR PURPOSE ARE DISCLAIMED. IN NO EVENT SHALL THE COPYRIGHT HOLDER OR
-CONTRIBUTORS BE LIABLE FOR ANY DIRECT, INDIRECT, INCIDENTAL, SPECIAL, EXEMPLARY, OR CONSEQUENTIAL
-DAMAGES (INCLUDING, BUT NOT LIMITED TO, PROCUREMENT OF SUBSTITUTE GOODS OR SERVICES; LOSS OF USE,
-DATA, OR PROFITS; OR BUSINESS INTERRUPTION) HOWEVER CAUSED AND ON ANY THEORY OF LIABILITY, WHETHER
-IN CONTRACT, STRICT LIABILITY, OR TORT (INCLUDING NEGLIGENCE OR OTHERWISE) ARISING IN ANY WAY OUT OF
-THE USE OF THIS SOFTWARE, EVEN IF ADVISED OF THE POSSIBILITY OF SUCH DAMAGE.
-"""
-
-_README = """\
+_README = """
 ## Use it
 
 Copy this folder into the `libraries` folder of your sketchbook, or into `lib` of a PlatformIO
@@ -290,8 +245,7 @@ void loop() {
   last_sample = now;
   const int health = $name$_health(&watch, &state, dt, values, &out);
   if (now - last_line > 100000) { /* ten lines a second */
-    last_line = now;
-$prints$
+    last_line = now;$prints$
     Serial.println(HEALTH[health]);
   }
 }

@@ -8,11 +8,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from distal.arrays import Bools
-from distal.codegen import CodeError, Emitter, Plain
-from distal.errors import ExportError
+from distal.codegen import Emitter, Plain
 from distal.estimators import AdaptiveFilter
-from distal.export.names import angle_fields, checked_name, comment, filled, torque_fields
+from distal.export.c_text import (
+    Translated,
+    checked_name,
+    fields_of,
+    filled,
+    largest,
+    numbered,
+    shared_blanks,
+)
 from distal.inverse.goal_gate import crossed_joints
 from distal.inverse.live_inverse import live_parameters
 from distal.inverse.live_inverse_function import LiveModel
@@ -23,19 +29,14 @@ from distal.run import LOST
 
 
 @dataclass(frozen=True)
-class ExportedCommand:
+class ExportedCommand(Translated):
     """The live inverse of a rig as C.
 
     Args:
-        kernel_state: how many numbers it keeps from sample to sample.
         operations: arithmetic operations of a step.
         joints: indices of the joints that have desired angles.
     """
 
-    name: str
-    header: str
-    source: str
-    kernel_state: int
     operations: int
     joints: tuple[int, ...]
 
@@ -52,87 +53,54 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
         ExportError: the name is no C identifier, or the inverse cannot be written in C.
         EstimationError: the filter cannot run on this rig.
     """
-    checked_name(name)
     estimator = AdaptiveFilter(rig, False, folded=True)
     layout = LiveModel(rig, estimator.states, folded=True)
     model = layout.model
     emitter = Emitter(real)
-    try:
-        advance = emitter.add(layout.function(), in_place=True)
-    except CodeError as problem:
-        raise ExportError(f"the inverse of '{rig.name}' has no C: {problem}") from None
-    parameters = live_parameters(layout, estimator)
+    advance = emitter.add(layout.function(), in_place=True)
     at = {sensor.of: estimator.channels.index(sensor.name) for sensor in rig.sensors_of("position")}
     crossed = crossed_joints(rig)
     moves = crossed @ (np.array(model.mechanism.spread) != 0.0)
     together = (crossed @ crossed.T) | np.eye(model.nd, dtype=bool)
-    at_touched = layout.x["touched"].start
-    reported = [(j, field) for j, (field, _) in enumerate(angle_fields(rig))]
-    reported += [
-        (estimator.state_names.index(state), field) for state, field in torque_fields(estimator)
-    ]
-    values = {
-        "name": name,
-        "NAME": name.upper(),
-        "filter": filter_name,
-        "rig": comment(rig.name),
-        "real": real.type,
-        "joints": "\n".join(
-            f" *   {i}  {comment(rig.joints[j].name)} [rad]" for i, j in enumerate(model.free)
-        ),
-        "drives": "\n".join(
-            f" *   {i}  {comment(drive.name)}" for i, drive in enumerate(rig.drives)
-        ),
-        "n_joints": str(model.nf),
-        "n_drives": str(model.nd),
-        "n_states": str(len(estimator.states)),
-        "n_kernel_state": str(layout.kernel_state.size),
-        "n_x": str(layout.x.size),
-        "n_y": str(layout.y.size),
-        "numbers": ", ".join(real.constant(float(number)) for number in parameters),
-        "reported": "\n".join(
-            f"  x[{layout.x['state'].start + i}] = out->{field};" for i, field in reported
-        ),
-        "touched": "\n".join(
-            f"  if (x[{at_touched}] < filter->kernel_state[{i}])\n"
-            f"    x[{at_touched}] = filter->kernel_state[{i}];"
-            for i in estimator.touched
-        ),
-        "known": " && ".join(
-            f"out->{std} <= {real.constant(LOST)}" for _, std in angle_fields(rig)
-        ),
-        "free": ", ".join(map(str, model.free)),
-        "positions": ", ".join(str(at.get(drive.name, -1)) for drive in rig.drives),
-        "oldest": ", ".join(real.constant(float(age)) for age in MotorReadings(rig).oldest),
-        "moves": _matrix(moves),
-        "together": _matrix(together),
-        **{
-            f"c_{part}": str(layout.kernel_state[part].start)
-            for part in ("reference", *MOVING, "at_end")
-        },
-        "zero": real.constant(0.0),
-        "one": real.constant(1.0),
-        "first": str(ROUNDS),
-        "prelude": real.prelude(emitter.text),
-        "functions": emitter.text,
-        "advance": advance,
-        **{f"x_{part}": str(layout.x[part].start) for part in layout.x.names},
-        **{f"y_{part}": str(layout.y[part].start) for part in layout.y.names},
-    }
-    operations = emitter.functions[advance].cost.operations
-    header = filled(_HEADER, values)
-    source = filled(_SOURCE, values)
-    return ExportedCommand(
-        name, header, source, layout.kernel_state.size, operations, tuple(model.free)
+    fields = fields_of(estimator)
+    state = layout.x["state"].start
+    trusted = (
+        f"out->{field.std} <= {real.constant(LOST)}" for field in fields if field.unit == "rad"
     )
-
-
-MOVING = ("rate", "speed", "acceleration")
-"""Blocks of the kernel state that are set to zero for a joint that must rest."""
-
-
-def _matrix(values: Bools) -> str:
-    return ", ".join(f"{{{', '.join(str(int(value)) for value in row)}}}" for row in values)
+    values = shared_blanks(checked_name(name), rig, emitter) | {
+        "filter": filter_name,
+        "joints": numbered(f"{rig.joints[j].name} [rad]" for j in model.free),
+        "drives": numbered(rig.drive_names),
+        "n_joints": model.nf,
+        "n_drives": model.nd,
+        "n_states": len(estimator.states),
+        "n_kernel_state": layout.kernel_state.size,
+        "n_x": layout.x.size,
+        "n_y": layout.y.size,
+        "numbers": live_parameters(layout, estimator),
+        "reported": "\n".join(
+            f"  x[{state + field.state}] = out->{field.name};" for field in fields
+        ),
+        "touched": largest(f"x[{layout.x['touched'].start}]", "filter", estimator.touched),
+        "known": " && ".join(trusted),
+        "free": model.free,
+        "positions": [at.get(drive, -1) for drive in rig.drive_names],
+        "oldest": MotorReadings(rig).oldest,
+        "moves": moves.tolist(),
+        "together": together.tolist(),
+        "first": ROUNDS,
+        "advance": advance,
+        **{f"c_{part}": layout.kernel_state[part].start for part in layout.kernel_state.names},
+        **{f"x_{part}": layout.x[part].start for part in layout.x.names},
+        **{f"y_{part}": layout.y[part].start for part in layout.y.names},
+    }
+    return ExportedCommand(
+        name,
+        filled(_HEADER, values, real),
+        filled(_SOURCE, values, real),
+        emitter.functions[advance].cost.operations,
+        tuple(model.free),
+    )
 
 
 _HEADER = """\
@@ -225,15 +193,12 @@ int $name$_step($name$_state* state, const $filter$_state* filter, $real$ dt, co
   for (i = 0; i < $n_drives$; ++i) {
     const int is_read = positions[i] < 0 || values[positions[i]] == values[positions[i]];
     if (!is_read && !state->begun) code = $NAME$_UNREAD;
-    state->age[i] = is_read ? $zero$ : state->age[i] + dt;
+    state->age[i] = is_read ? 0 : state->age[i] + dt;
     lost[i] = state->age[i] > oldest[i];
   }
   if (code == $NAME$_UNREAD) {
-    for (i = 0; i < $n_drives$; ++i) {
-      commands->positions[i] = ($real$)NAN;
-      commands->speeds[i] = ($real$)NAN;
-      commands->forces[i] = ($real$)NAN;
-    }
+    for (i = 0; i < $n_drives$; ++i)
+      commands->positions[i] = commands->speeds[i] = commands->forces[i] = ($real$)NAN;
     return code;
   }
   for (i = 0; i < $n_drives$; ++i) {
@@ -244,15 +209,15 @@ int $name$_step($name$_state* state, const $filter$_state* filter, $real$ dt, co
   memcpy(x + $x_state$, filter->kernel_state, $n_states$ * sizeof *x);
 $reported$
   for (i = 0; i < $n_joints$; ++i) {
-    if (desired[i] - desired[i] == $zero$) state->desired[i] = desired[i];
+    if (desired[i] - desired[i] == 0) state->desired[i] = desired[i];
     else if (!state->begun) state->desired[i] = x[$x_state$ + joints[i]];
     x[$x_desired$ + i] = state->desired[i];
     if (rests[i]) {
       x[$x_desired$ + i] = state->kernel_state[$c_reference$ + i];
-      state->kernel_state[$c_rate$ + i] = $zero$;
-      state->kernel_state[$c_speed$ + i] = $zero$;
-      state->kernel_state[$c_acceleration$ + i] = $zero$;
-      state->kernel_state[$c_at_end$] = $one$; /* feedback does not wind up */
+      state->kernel_state[$c_rate$ + i] = 0;
+      state->kernel_state[$c_speed$ + i] = 0;
+      state->kernel_state[$c_acceleration$ + i] = 0;
+      state->kernel_state[$c_at_end$] = 1; /* feedback does not wind up */
     }
     x[$x_mapped$ + i] = x[$x_state$ + joints[i]] - filter->kernel_state[joints[i]];
   }
@@ -261,10 +226,9 @@ $reported$
     const $real$ read = positions[i] < 0 ? state->positions[i] : values[positions[i]];
     x[$x_read$ + i] = read == read ? read : state->positions[i];
   }
-  x[$x_touched$] = $zero$;
 $touched$
-  x[$x_trusted$] = trusted && $known$ ? $one$ : $zero$;
-  x[$x_dt$] = state->begun ? dt : $zero$;
+  x[$x_trusted$] = trusted && $known$ ? 1 : 0;
+  x[$x_dt$] = state->begun ? dt : 0;
   for (k = state->begun ? 1 : $first$; k > 0; --k) $advance$(state->kernel_state, x, numbers, y);
   for (i = 0; i < $n_drives$; ++i) {
     if (!stands[i]) {
@@ -273,7 +237,7 @@ $touched$
     }
     commands->positions[i] = state->positions[i];
     commands->forces[i] = state->forces[i];
-    commands->speeds[i] = stands[i] ? $zero$ : y[$y_speeds$ + i];
+    commands->speeds[i] = stands[i] ? 0 : y[$y_speeds$ + i];
   }
   state->begun = 1;
   return code;

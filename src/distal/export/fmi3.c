@@ -32,6 +32,11 @@ typedef enum { fmi3OK, fmi3Warning, fmi3Discard, fmi3Error, fmi3Fatal } fmi3Stat
 typedef void (*fmi3LogMessageCallback)(fmi3InstanceEnvironment, fmi3Status, fmi3String, fmi3String);
 typedef void (*fmi3Callback)(void);
 
+/* functions of the standard have parameters that are not used here */
+#if defined(__GNUC__)
+#pragma GCC diagnostic ignored "-Wunused-parameter"
+#endif
+
 #define INPUTS $NAME$_CHANNELS
 #define OUTPUTS $n_outputs$
 #define NOT_YET $not_yet$ /* health before the first sample */
@@ -118,8 +123,6 @@ EXPORT fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String toke
     bool logging, bool events, bool early, const fmi3ValueReference required[], size_t n, fmi3InstanceEnvironment where,
     fmi3LogMessageCallback log, fmi3Callback intermediate) {
   instance* self;
-  (void)name, (void)resources, (void)visible, (void)logging, (void)events, (void)early, (void)required, (void)n;
-  (void)intermediate;
   if (!token || strcmp(token, "$token$")) {
     if (log) log(where, fmi3Error, "logStatusError", "the instantiation token is not this FMU's");
     return NULL;
@@ -141,7 +144,6 @@ static fmi3Status refused(fmi3Instance self, const char* why) {
 }
 
 EXPORT fmi3Status fmi3EnterInitializationMode(fmi3Instance self, bool is, double tolerance, double start, bool stops, double stop) {
-  (void)is, (void)tolerance, (void)stops, (void)stop;
   ((instance*)self)->now.time = ((instance*)self)->now.sampled = start;
   return fmi3OK;
 }
@@ -154,7 +156,6 @@ EXPORT fmi3Status fmi3ExitInitializationMode(fmi3Instance self) {
 EXPORT fmi3Status fmi3DoStep(fmi3Instance self, double time, double step, bool final, bool* events, bool* terminate, bool* early,
                              double* last) {
   snapshot* now = &((instance*)self)->now;
-  (void)final;
   if (!(step > 0.0 && time - time == 0.0)) return refused(self, "a step is longer than zero, from a finite time");
   if (now->sampled - time > 1e-9 * (1.0 + fabs(time))) return refused(self, "time goes back");
   take(now, time);
@@ -215,14 +216,12 @@ EXPORT fmi3Status fmi3SetFMUState(fmi3Instance self, fmi3FMUState state) {
 }
 
 EXPORT fmi3Status fmi3FreeFMUState(fmi3Instance self, fmi3FMUState* state) {
-  (void)self;
   free(*state);
   *state = NULL;
   return fmi3OK;
 }
 
 EXPORT fmi3Status fmi3SerializedFMUStateSize(fmi3Instance self, fmi3FMUState state, size_t* size) {
-  (void)self, (void)state;
   *size = sizeof(snapshot);
   return fmi3OK;
 }
@@ -242,7 +241,7 @@ EXPORT fmi3Status fmi3DeserializeFMUState(fmi3Instance self, const uint8_t bytes
 }
 
 /* what changes nothing here */
-#define NOTHING(name) EXPORT fmi3Status name(fmi3Instance self) { (void)self; return fmi3OK; }
+#define NOTHING(name) EXPORT fmi3Status name(fmi3Instance self) { return fmi3OK; }
 NOTHING(fmi3Terminate)
 NOTHING(fmi3EnterEventMode)
 NOTHING(fmi3EnterStepMode)
@@ -250,24 +249,25 @@ NOTHING(fmi3EnterConfigurationMode)
 NOTHING(fmi3ExitConfigurationMode)
 NOTHING(fmi3EvaluateDiscreteStates)
 
-EXPORT fmi3Status fmi3SetDebugLogging(fmi3Instance self, bool on, size_t n, const fmi3String kinds[]) {
-  (void)self, (void)on, (void)n, (void)kinds;
-  return fmi3OK;
-}
+EXPORT fmi3Status fmi3SetDebugLogging(fmi3Instance self, bool on, size_t n, const fmi3String kinds[]) { return fmi3OK; }
 
 EXPORT fmi3Status fmi3UpdateDiscreteStates(fmi3Instance self, bool* again, bool* terminate, bool* nominals, bool* values, bool* next,
                                            double* time) {
-  (void)self, (void)time;
   *again = *terminate = *nominals = *values = *next = false;
   return fmi3OK;
 }
 
 /* what this FMU does not have; a tool that looks for all names of the standard finds them */
 typedef const fmi3ValueReference* references;
-#define NONE(name, parameters, unused) EXPORT fmi3Status name parameters { unused; return refused(self, #name " is not supported"); }
+#define NONE(name, ...) \
+  EXPORT fmi3Status name(fmi3Instance self, __VA_ARGS__) { return refused(self, #name " is not supported"); }
+#define TWO(name, x, y) NONE(name, x a, y b)
+#define THREE(name, x, y, z) NONE(name, x a, y b, z c)
+#define FOUR(name, x, y, z, u) NONE(name, x a, y b, z c, u d)
+#define FIVE(name, x, y, z, u, v) NONE(name, x a, y b, z c, u d, v e)
 #define ACCESS(kind, type) \
-  NONE(fmi3Get##kind, (fmi3Instance self, references a, size_t b, type c[], size_t d), ((void)a, (void)b, (void)c, (void)d)) \
-  NONE(fmi3Set##kind, (fmi3Instance self, references a, size_t b, const type c[], size_t d), ((void)a, (void)b, (void)c, (void)d))
+  FOUR(fmi3Get##kind, references, size_t, type*, size_t) \
+  FOUR(fmi3Set##kind, references, size_t, const type*, size_t)
 ACCESS(Float32, float)
 ACCESS(Int8, int8_t)
 ACCESS(UInt8, uint8_t)
@@ -278,11 +278,7 @@ ACCESS(UInt32, uint32_t)
 ACCESS(UInt64, uint64_t)
 ACCESS(Boolean, bool)
 ACCESS(String, fmi3String)
-NONE(fmi3SetInt64, (fmi3Instance self, references a, size_t b, const int64_t c[], size_t d), ((void)a, (void)b, (void)c, (void)d))
-#define THREE(name, x, y, z) NONE(name, (fmi3Instance self, x a, y b, z c), ((void)a, (void)b, (void)c))
-#define FOUR(name, x, y, z, u) NONE(name, (fmi3Instance self, x a, y b, z c, u d), ((void)a, (void)b, (void)c, (void)d))
-#define FIVE(name, x, y, z, u, v) \
-  NONE(name, (fmi3Instance self, x a, y b, z c, u d, v e), ((void)a, (void)b, (void)c, (void)d, (void)e))
+FOUR(fmi3SetInt64, references, size_t, const int64_t*, size_t)
 FIVE(fmi3GetBinary, references, size_t, size_t*, fmi3Binary*, size_t)
 FIVE(fmi3SetBinary, references, size_t, const size_t*, const fmi3Binary*, size_t)
 THREE(fmi3GetClock, references, size_t, bool*)
@@ -297,30 +293,25 @@ THREE(fmi3SetShiftDecimal, references, size_t, const double*)
 FOUR(fmi3SetShiftFraction, references, size_t, const uint64_t*, const uint64_t*)
 FIVE(fmi3GetOutputDerivatives, references, size_t, const int32_t*, double*, size_t)
 #define DERIVATIVE(name) \
-  NONE(name, (fmi3Instance self, references a, size_t b, references c, size_t d, const double* e, size_t f, double* g, size_t h), \
-       ((void)a, (void)b, (void)c, (void)d, (void)e, (void)f, (void)g, (void)h))
+  NONE(name, references a, size_t b, references c, size_t d, const double* e, size_t f, double* g, size_t h)
 DERIVATIVE(fmi3GetDirectionalDerivative)
 DERIVATIVE(fmi3GetAdjointDerivative)
-NONE(fmi3GetNumberOfVariableDependencies, (fmi3Instance self, fmi3ValueReference a, size_t* b), ((void)a, (void)b))
-NONE(fmi3GetVariableDependencies,
-     (fmi3Instance self, fmi3ValueReference a, size_t* b, fmi3ValueReference* c, size_t* d, int* e, size_t f),
-     ((void)a, (void)b, (void)c, (void)d, (void)e, (void)f))
-NONE(fmi3EnterContinuousTimeMode, (fmi3Instance self), (void)0)
+TWO(fmi3GetNumberOfVariableDependencies, fmi3ValueReference, size_t*)
+NONE(fmi3GetVariableDependencies, fmi3ValueReference a, size_t* b, fmi3ValueReference* c, size_t* d, int* e, size_t f)
+EXPORT fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance self) { return refused(self, "there is no continuous time"); }
 THREE(fmi3CompletedIntegratorStep, bool, bool*, bool*)
-NONE(fmi3SetTime, (fmi3Instance self, double a), (void)a)
-#define VECTOR(name, type) NONE(name, (fmi3Instance self, type a, size_t b), ((void)a, (void)b))
-VECTOR(fmi3SetContinuousStates, const double*)
-VECTOR(fmi3GetContinuousStateDerivatives, double*)
-VECTOR(fmi3GetEventIndicators, double*)
-VECTOR(fmi3GetContinuousStates, double*)
-VECTOR(fmi3GetNominalsOfContinuousStates, double*)
-NONE(fmi3GetNumberOfEventIndicators, (fmi3Instance self, size_t* a), (void)a)
-NONE(fmi3GetNumberOfContinuousStates, (fmi3Instance self, size_t* a), (void)a)
-NONE(fmi3ActivateModelPartition, (fmi3Instance self, fmi3ValueReference a, double b), ((void)a, (void)b))
+NONE(fmi3SetTime, double a)
+TWO(fmi3SetContinuousStates, const double*, size_t)
+TWO(fmi3GetContinuousStateDerivatives, double*, size_t)
+TWO(fmi3GetEventIndicators, double*, size_t)
+TWO(fmi3GetContinuousStates, double*, size_t)
+TWO(fmi3GetNominalsOfContinuousStates, double*, size_t)
+NONE(fmi3GetNumberOfEventIndicators, size_t* a)
+NONE(fmi3GetNumberOfContinuousStates, size_t* a)
+TWO(fmi3ActivateModelPartition, fmi3ValueReference, double)
 
 EXPORT fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String resources, bool visible, bool logging,
                                                  fmi3InstanceEnvironment where, fmi3LogMessageCallback log) {
-  (void)name, (void)token, (void)resources, (void)visible, (void)logging;
   if (log) log(where, fmi3Error, "logStatusError", "this FMU is for co-simulation");
   return NULL;
 }
@@ -328,7 +319,6 @@ EXPORT fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String tok
 EXPORT fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token, fmi3String resources, bool visible,
     bool logging, fmi3InstanceEnvironment where, fmi3LogMessageCallback log, fmi3Callback update, fmi3Callback lock,
     fmi3Callback unlock) {
-  (void)name, (void)token, (void)resources, (void)visible, (void)logging, (void)update, (void)lock, (void)unlock;
   if (log) log(where, fmi3Error, "logStatusError", "this FMU is for co-simulation");
   return NULL;
 }

@@ -7,30 +7,27 @@ where it is installed.
 
 from __future__ import annotations
 
-import importlib.util
 import io
 import platform
-import subprocess
 import sys
 import tempfile
 import uuid
 import zipfile
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from xml.etree import ElementTree
+from xml.sax.saxutils import quoteattr
 
 from distal.errors import ExportError
-from distal.estimators import KernelEstimator, make_estimator
+from distal.export.c_text import comment, filled, sensors_of
 from distal.export.health_source import spoken
-from distal.export.names import angle_fields, filled, outputs, torque_fields
-from distal.export.source import Exported, c_filter
+from distal.export.source import Exported, c_filter, outputs
 from distal.kernels import find_compiler
-from distal.kernels.compiler import LOG, SWITCHED_OFF
+from distal.kernels.compiler import LOG, SWITCHED_OFF, CompileError, run_compiler, zig_compiler
 from distal.logs import LARGEST_READING, write_whole
-from distal.rig import Rig, std_name
+from distal.rig import Rig
 from distal.run.health import HEALTH
 from distal.units import base_powers
 from distal.version import __version__
@@ -63,9 +60,7 @@ _FLAGS = (
 def this_platform() -> str:
     """Return FMI's name of the platform on which this program runs."""
     machine = platform.machine().lower()
-    architecture = {"amd64": "x86_64", "arm64": "aarch64", "i386": "x86", "i686": "x86"}.get(
-        machine, machine
-    )
+    architecture = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
     return f"{architecture}-{ {'win32': 'windows'}.get(sys.platform, sys.platform) }"
 
 
@@ -85,46 +80,34 @@ def binaries_of(sources: Mapping[str, str], everywhere: bool) -> tuple[dict[str,
         return {}, compiler
     commands: dict[str, Sequence[str]] = {}
     reasons = [compiler] if isinstance(compiler, str) else []
-    if everywhere and importlib.util.find_spec("ziglang") is None:
+    for where, target in ZIG_TARGETS.items() if everywhere else ():
+        zig = zig_compiler(target)
+        if zig is not None:
+            commands[where] = zig
+    if everywhere and not commands:
         others = ", ".join(other for other in ZIG_TARGETS if other != here)
         reasons.append(f"{others} need ziglang: pip install ziglang")
-    elif everywhere:
-        zig = [sys.executable, "-m", "ziglang", "cc", "-s", "-target"]
-        commands = {where: [*zig, target] for where, target in ZIG_TARGETS.items()}
     if not isinstance(compiler, str) and here.split("-")[1] in SUFFIX:
         commands[here] = compiler.command
-    with tempfile.TemporaryDirectory() as folder:
+    files = [file for file in sources if file.endswith(".c")]
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor() as pool:
         for file, text in sources.items():
             Path(folder, file).write_text(text, encoding="utf-8")
-        files = [file for file in sources if file.endswith(".c")]
-        with ThreadPoolExecutor() as pool:
-            made = dict(
-                zip(
-                    commands,
-                    pool.map(
-                        lambda at: _made(folder, [*commands[at], *_FLAGS], files, at), commands
-                    ),
-                )
-            )
-    reasons += [f"{where}: {reason}" for where, reason in made.items() if isinstance(reason, str)]
-    return {where: code for where, code in made.items() if isinstance(code, bytes)}, "; ".join(
-        reasons
-    )
 
+        def compiled(where: str) -> bytes | str:
+            library = Path(folder, f"made-{where}")
+            command = [*commands[where], *_FLAGS, *files, "-lm", "-o", library.name]
+            try:
+                run_compiler(command, folder)
+            except CompileError as problem:
+                return f"{where}: {problem}"
+            LOG.info("%s is done", where)
+            return library.read_bytes()
 
-def _made(folder: str, command: Sequence[str], files: Sequence[str], where: str) -> bytes | str:
-    """Return the shared library that a compiler makes in a folder, or the reason why it fails."""
-    command = [*command, *files, "-lm", "-o", f"made-{where}"]
-    try:
-        done = subprocess.run(
-            command, cwd=folder, capture_output=True, text=True, errors="replace", timeout=600
-        )
-    except (OSError, subprocess.SubprocessError) as problem:
-        return f"the C compiler did not run ({type(problem).__name__})"
-    LOG.info("%s is done", where)
-    if done.returncode != 0:
-        return f"the C compiler failed: {(done.stderr.strip().splitlines() or ['no message'])[0]}"
-    return Path(folder, f"made-{where}").read_bytes()
+        results = dict(zip(commands, pool.map(compiled, commands)))
+    reasons += [reason for reason in results.values() if isinstance(reason, str)]
+    binaries = {where: code for where, code in results.items() if isinstance(code, bytes)}
+    return binaries, "; ".join(reasons)
 
 
 @dataclass(frozen=True)
@@ -178,75 +161,34 @@ def export_fmu(
     if Path(out).suffix.lower() != ".fmu":
         raise ExportError(f"{out}: an FMU is one file; give a name that ends in .fmu")
     exported = c_filter(rig, estimator, False, name)
-    chosen = make_estimator(estimator, rig, compiled=False)
-    variables = [*_variables(chosen, exported)]
-    identified = [variable for variable in variables if variable.causality == "output"]
+    channels = exported.estimator.channels
+    names_in_c = [part for field in exported.fields for part in (field.name, field.std)]
     # the same filter has the same token, whenever it was written
     token = "{" + str(uuid.uuid5(uuid.NAMESPACE_OID, exported.source)) + "}"
     values = {
         "name": exported.name,
-        "NAME": exported.name.upper(),
-        "n_outputs": str(len(identified)),
-        "told": ", ".join(f"now->out.{variable.field}" for variable in identified),
-        "prior": outputs(chosen, len(chosen.state_names), stepped=False),
-        "not_yet": str(len(spoken())),
+        "n_outputs": len(names_in_c),
+        "told": [f"now->out.{field}" for field in names_in_c],
+        "prior": outputs(exported.estimator, stepped=False),
+        "not_yet": len(spoken()),
         "token": token,
-        "wild": f"{LARGEST_READING:.17g}",
+        "wild": LARGEST_READING,
     }
-    interface = filled(
-        resources.files("distal.export").joinpath("fmi3.c").read_text(encoding="utf-8"), values
-    )
-    sources = {
-        f"{exported.name}.h": exported.header,
-        f"{exported.name}.c": exported.source,
-        f"{exported.name}_fmi3.c": interface,
-    }
-    fmu = io.BytesIO()
+    interface = resources.files("distal.export").joinpath("fmi3.c").read_text(encoding="utf-8")
+    sources = {**exported.files, f"{exported.name}_fmi3.c": filled(interface, values)}
     binaries, without = binaries_of(sources, everywhere)
+    fmu = io.BytesIO()
     with zipfile.ZipFile(fmu, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("modelDescription.xml", _description(rig, exported, variables, token))
-        archive.writestr("sources/buildDescription.xml", _build_description(exported.name))
+        archive.writestr("modelDescription.xml", _description(exported, token))
+        archive.writestr("sources/buildDescription.xml", filled(_BUILD, values))
         for file, text in sources.items():
             archive.writestr(f"sources/{file}", text)
-        for platform, binary in binaries.items():
-            archive.writestr(
-                f"binaries/{platform}/{exported.name}{SUFFIX[platform.split('-')[1]]}", binary
-            )
+        for where, binary in binaries.items():
+            suffix = SUFFIX[where.split("-")[1]]
+            archive.writestr(f"binaries/{where}/{exported.name}{suffix}", binary)
     write_whole(out, fmu.getvalue())
-    names = (*(variable.name for variable in identified), _free("health", exported.channels))
-    return Fmu(exported, exported.channels, names, tuple(binaries), without)
-
-
-@dataclass(frozen=True)
-class _Variable:
-    """A variable of the model: an input, or an output with the field of the C output that holds
-    it.
-    """
-
-    name: str
-    causality: str
-    unit: str
-    description: str
-    field: str = ""
-
-
-def _variables(chosen: KernelEstimator, exported: Exported) -> Iterator[_Variable]:
-    rig = chosen.rig
-    sensors = {sensor.name: sensor for sensor in rig.sensors}
-    for channel in exported.channels:
-        sensor = sensors[channel]
-        yield _Variable(
-            channel, "input", sensor.si, f"{sensor.measures} of {sensor.of}; NaN where missing"
-        )
-    angles = (angle for angle, _ in angle_fields(rig))
-    fields = [
-        (angle, joint.name, "angle", "rad") for joint, angle in zip(rig.joints, angles, strict=True)
-    ]
-    fields += [(field, field, "torque from outside", "N m") for _, field in torque_fields(chosen)]
-    for field, part, quantity, unit in fields:
-        std = std_name(field), f"standard deviation of the error of the {quantity}"
-        for name, description in ((field, quantity), std):
-            yield _Variable(_free(name, sensors), "output", unit, f"{description}, {part}", name)
+    names = tuple(_free(name, channels) for name in (*names_in_c, "health"))
+    return Fmu(exported, channels, names, tuple(binaries), without)
 
 
 def _free(name: str, taken: Container[str]) -> str:
@@ -254,95 +196,95 @@ def _free(name: str, taken: Container[str]) -> str:
     return name if name not in taken else _free(f"{name}_estimate", taken)
 
 
-def _description(rig: Rig, exported: Exported, variables: list[_Variable], token: str) -> bytes:
-    root = ElementTree.Element(
-        "fmiModelDescription",
-        fmiVersion="3.0",
-        modelName="".join(c if c.isprintable() else " " for c in rig.name),
-        description="Where the joints are, from what is measured at the proximal end of the "
-        "tendons. A sample is taken in "
-        "when a step begins; outputs are predictions of the step's end, health is that of the "
-        "sample",
-        instantiationToken=token,
-        generationTool=f"distal {__version__}",
-        variableNamingConvention="flat",
-    )
-    ElementTree.SubElement(
-        root,
-        "CoSimulation",
-        modelIdentifier=exported.name,
-        canHandleVariableCommunicationStepSize="true",
-        canGetAndSetFMUState="true",
-        canSerializeFMUState="true",
-    )
-    units = ElementTree.SubElement(root, "UnitDefinitions")
-    for unit in dict.fromkeys(["s", *(variable.unit for variable in variables)]):
-        base = {key: str(power) for key, power in base_powers(unit).items()}
-        ElementTree.SubElement(ElementTree.SubElement(units, "Unit", name=unit), "BaseUnit", base)
-    types = ElementTree.SubElement(root, "TypeDefinitions")
-    health = ElementTree.SubElement(types, "EnumerationType", name="Health")
-    words = {word: HEALTH[word] for word in spoken()} | {
-        "not_yet": "no sample was taken in: the outputs are the prior"
+def _description(exported: Exported, token: str) -> str:
+    """Return the description of the model: its variables are the inputs, then the outputs, the
+    health last.
+    """
+    estimator = exported.estimator
+    channels = estimator.channels
+    variables: list[tuple[str, str, str, str, dict[str, str]]] = []
+    for sensor in sensors_of(estimator):
+        meaning = f"{sensor.measures} of {sensor.of}; NaN where missing"
+        variables.append((sensor.name, sensor.si, meaning, "input", {"start": "NaN"}))
+    for field in exported.fields:
+        std = f"standard deviation of the error of the {field.meaning}"
+        for name, text in ((field.name, field.meaning), (field.std, std)):
+            variables.append((_free(name, channels), field.unit, text, "output", {}))
+    units = dict.fromkeys(["s", *(unit for _, unit, _, _, _ in variables)])
+    words = [*((word, HEALTH[word]) for word in spoken()), ("not_yet", _NOT_YET)]
+    count = len(variables) + 1
+    values = {
+        "rig": quoteattr(comment(estimator.rig.name)),
+        "token": token,
+        "version": __version__,
+        "name": exported.name,
+        "step": repr(estimator.interval),
+        "time": _free("time", channels),
+        "health": _free("health", channels),
+        "n": count,
+        "units": "".join(
+            f"<Unit name={quoteattr(unit)}>{_element('BaseUnit', **base_powers(unit))}</Unit>"
+            for unit in units
+        ),
+        "words": "".join(
+            _element("Item", name=word, value=code, description=meaning)
+            for code, (word, meaning) in enumerate(words)
+        ),
+        "variables": "\n".join(
+            _element(
+                "Float64",
+                name=name,
+                valueReference=i,
+                causality=causality,
+                unit=unit,
+                description=meaning,
+                variability="continuous" if causality == "input" else "discrete",
+                **more,
+            )
+            for i, (name, unit, meaning, causality, more) in enumerate(variables, 1)
+        ),
+        "structure": "".join(
+            _element(kind, valueReference=i)
+            for kind in ("Output", "InitialUnknown")
+            for i in range(len(channels) + 1, count + 1)
+        ),
     }
-    for code, (word, meaning) in enumerate(words.items()):
-        ElementTree.SubElement(health, "Item", name=word, value=str(code), description=meaning)
-    ElementTree.SubElement(
-        root, "DefaultExperiment", startTime="0", stepSize=repr(exported.interval)
-    )
-    model = ElementTree.SubElement(root, "ModelVariables")
-    names = {variable.name for variable in variables}
-    ElementTree.SubElement(
-        model,
-        "Float64",
-        name=_free("time", names),
-        valueReference="0",
-        causality="independent",
-        variability="continuous",
-        unit="s",
-    )
-    structure = ElementTree.SubElement(root, "ModelStructure")
-    for reference, variable in enumerate(variables, 1):
-        ElementTree.SubElement(model, "Float64", _attributes(variable, reference))
-    ElementTree.SubElement(
-        model,
-        "Enumeration",
-        name=_free("health", names),
-        valueReference=str(len(variables) + 1),
-        causality="output",
-        declaredType="Health",
-        variability="discrete",
-        description="whether the stream can be trusted",
-    )
-    references = [i for i, variable in enumerate(variables, 1) if variable.causality == "output"]
-    for kind in ("Output", "InitialUnknown"):
-        for reference in (*references, len(variables) + 1):
-            ElementTree.SubElement(structure, kind, valueReference=str(reference))
-    return _written(root)
+    return filled(_MODEL, values)
 
 
-def _attributes(variable: _Variable, reference: int) -> dict[str, str]:
-    is_input = variable.causality == "input"
-    attributes = {
-        "name": variable.name,
-        "valueReference": str(reference),
-        "causality": variable.causality,
-    }
-    attributes |= {"unit": variable.unit, "description": variable.description}
-    attributes |= (
-        {"variability": "continuous", "start": "NaN"} if is_input else {"variability": "discrete"}
-    )
-    return attributes
+def _element(tag: str, **attributes: object) -> str:
+    """Return an XML element without content."""
+    pairs = "".join(f" {key}={quoteattr(str(value))}" for key, value in attributes.items())
+    return f"<{tag}{pairs}/>"
 
 
-def _written(root: ElementTree.Element) -> bytes:
-    ElementTree.indent(root)
-    return bytes(ElementTree.tostring(root, "utf-8", xml_declaration=True))
+_NOT_YET = "no sample was taken in: the outputs are the prior"
 
+_MODEL = """\
+<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="3.0" modelName=$rig$ instantiationToken="$token$"
+ description="Where the joints are, from what is measured at the proximal end of the tendons. A
+sample is taken in when a step begins; outputs are predictions of the step's end, health is that of
+the sample" generationTool="distal $version$" variableNamingConvention="flat">
+<CoSimulation modelIdentifier="$name$" canHandleVariableCommunicationStepSize="true"
+ canGetAndSetFMUState="true" canSerializeFMUState="true"/>
+<UnitDefinitions>$units$</UnitDefinitions>
+<TypeDefinitions><EnumerationType name="Health">$words$</EnumerationType></TypeDefinitions>
+<DefaultExperiment startTime="0" stepSize="$step$"/>
+<ModelVariables>
+<Float64 name="$time$" valueReference="0" causality="independent" unit="s"
+ variability="continuous"/>
+$variables$
+<Enumeration name="$health$" valueReference="$n$" causality="output" declaredType="Health"
+ variability="discrete" description="whether the stream can be trusted"/>
+</ModelVariables>
+<ModelStructure>$structure$</ModelStructure>
+</fmiModelDescription>
+"""
 
-def _build_description(name: str) -> bytes:
-    root = ElementTree.Element("fmiBuildDescription", fmiVersion="3.0")
-    configuration = ElementTree.SubElement(root, "BuildConfiguration", modelIdentifier=name)
-    files = ElementTree.SubElement(configuration, "SourceFileSet", language="C99")
-    for file in (f"{name}.c", f"{name}_fmi3.c"):
-        ElementTree.SubElement(files, "SourceFile", name=file)
-    return _written(root)
+_BUILD = """\
+<?xml version="1.0" encoding="UTF-8"?>
+<fmiBuildDescription fmiVersion="3.0"><BuildConfiguration modelIdentifier="$name$">
+<SourceFileSet language="C99"><SourceFile name="$name$.c"/><SourceFile name="$name$_fmi3.c"/>
+</SourceFileSet></BuildConfiguration></fmiBuildDescription>
+"""

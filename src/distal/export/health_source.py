@@ -4,12 +4,9 @@ exported filter.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-from distal.codegen import CodeError, Emitter, Plain
-from distal.errors import ExportError
+from distal.codegen import Emitter
 from distal.estimators import KernelEstimator
-from distal.export.names import angle_fields, filled
+from distal.export.c_text import fields_of, filled, largest
 from distal.run.health import HEALTH, Health, begun, watch_of
 
 
@@ -29,55 +26,31 @@ def health_codes(name: str) -> str:
     )
 
 
-def health_source(estimator: KernelEstimator, name: str, emitter: Emitter) -> dict[str, str]:
+def health_source(estimator: KernelEstimator, name: str, emitter: Emitter) -> dict[str, object]:
     """Return the C code of an estimator's health and the size of its memory, as blanks of the
     header's and source's templates.
 
     Args:
         name: prefix of the C names.
         emitter: writer of C functions, to which the health's function is added.
-
-    Raises:
-        ExportError: the function cannot be written in C.
     """
     watch = watch_of(estimator)
-    dialect = emitter.dialect
-    assert isinstance(dialect, Plain)
-    try:
-        check = emitter.add(watch.function)
-    except CodeError as problem:
-        raise ExportError(f"the health of '{estimator.rig.name}' has no C: {problem}") from None
-    values = {
+    values: dict[str, object] = {
         "name": name,
-        "NAME": name.upper(),
-        "real": dialect.type,
-        "check": check,
-        "begun": ", ".join(dialect.constant(float(number)) for number in begun(watch)),
-        "n_sample": str(watch.sample.size),
-        "n_findings": str(watch.findings.size),
-        "n": str(len(estimator.state_names)),
-        "watched": ", ".join(map(str, watch.watched)) or "0",  # a list without members is not C
-        "n_watched": str(len(watch.watched)),
-        "stds": ", ".join(f"out->{std}" for _, std in angle_fields(estimator.rig)),
-        "touched": _largest(watch.sample["touched"], estimator.touched),
-        "zero": dialect.constant(0.0),
-        "one": dialect.constant(1.0),
-        **{f"at_{part}": str(watch.sample[part].start) for part in watch.sample.names},
+        "real": emitter.dialect.type,
+        "check": emitter.add(watch.function),
+        "begun": begun(watch),
+        "n_sample": watch.sample.size,
+        "n_findings": watch.findings.size,
+        "n": len(estimator.state_names),
+        "watched": watch.watched or [0],  # a list without members is not C
+        "n_watched": len(watch.watched),
+        "stds": [f"out->{field.std}" for field in fields_of(estimator) if field.unit == "rad"],
+        "touched": largest(f"sample[{watch.sample['touched'].start}]", "state", estimator.touched),
+        **{f"at_{part}": watch.sample[part].start for part in watch.sample.names},
     }
-    return {"watching": filled(_SOURCE, values), "n_memory": str(watch.memory.size)}
-
-
-def _largest(part: slice, indices: Sequence[int]) -> str:
-    """Return statements that give a part of the sample, of one number or none, the largest of some
-    values of the kernel state, or zero.
-    """
-    lines = [f"  sample[{at}] = 0;" for at in range(part.start, part.stop)]
-    lines += [
-        f"  if (sample[{part.start}] < state->kernel_state[{i}])\n"
-        f"    sample[{part.start}] = state->kernel_state[{i}];"
-        for i in indices
-    ]
-    return "\n".join(lines)
+    text = filled(_SOURCE, values, emitter.dialect)
+    return {"watching": text, "n_memory": watch.memory.size}
 
 
 _SOURCE = """\
@@ -94,16 +67,16 @@ int $name$_health($name$_watch* watch, const $name$_state* state, $real$ dt, con
   $real$ memory[sizeof watch->memory / sizeof *watch->memory];
   $real$ sample[$n_sample$], findings[$n_findings$];
   int i;
-  sample[$at_first$] = watch->begun ? $zero$ : $one$;
+  sample[$at_first$] = watch->begun ? 0 : 1;
   sample[$at_dt$] = dt;
   for (i = 0; i < $NAME$_CHANNELS; ++i) {
-    sample[$at_values$ + i] = is_there(values[i]) ? values[i] : $zero$;
-    sample[$at_mask$ + i] = is_there(values[i]) ? $one$ : $zero$;
+    sample[$at_values$ + i] = is_there(values[i]) ? values[i] : 0;
+    sample[$at_mask$ + i] = is_there(values[i]) ? 1 : 0;
   }
   for (i = 0; i < (int)(sizeof stds / sizeof *stds); ++i) sample[$at_stds$ + i] = stds[i];
   for (i = 0; i < $NAME$_MEASURED; ++i) {
-    sample[$at_compared$ + i] = is_there(out->innovations[i]) ? $one$ : $zero$;
-    sample[$at_innovations$ + i] = is_there(out->innovations[i]) ? out->innovations[i] : $zero$;
+    sample[$at_compared$ + i] = is_there(out->innovations[i]) ? 1 : 0;
+    sample[$at_innovations$ + i] = is_there(out->innovations[i]) ? out->innovations[i] : 0;
     sample[$at_variances$ + i] = out->innovation_variances[i];
   }
   for (i = 0; i < $n_watched$; ++i) { /* numbers of the rig */

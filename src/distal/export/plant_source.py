@@ -9,9 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from distal.arrays import Floats
-from distal.codegen import CodeError, Emitter, Plain
+from distal.codegen import Emitter, Plain
 from distal.errors import ExportError
-from distal.export.names import checked_name, comment, filled
+from distal.export.c_text import (
+    Translated,
+    checked_name,
+    filled,
+    numbered,
+    sensor_texts,
+    shared_blanks,
+)
 from distal.kernels import Kernel
 from distal.model import Mechanism
 from distal.rig import Rig, gain_of, step_of, travel_of
@@ -22,13 +29,11 @@ from distal.simulation.simulate import intervals_of
 
 
 @dataclass(frozen=True)
-class ExportedPlant:
+class ExportedPlant(Translated):
     """A simulated plant as C.
 
     Args:
         plant: the model of the plant.
-        sensors: names of the sensors, in the order of their readings.
-        parameters: names of the parameters that may be changed, in order.
         start: coordinates at rest at the start, joints first, (n_bodies,).
         first: outputs of the kernel at the start: coordinates, velocities, tensions and pulls,
             (n_y,).
@@ -37,12 +42,7 @@ class ExportedPlant:
         count: sub-steps of one call.
     """
 
-    name: str
-    header: str
-    source: str
     plant: Mechanism
-    sensors: tuple[str, ...]
-    parameters: tuple[str, ...]
     start: Floats
     first: Floats
     interval: float
@@ -59,6 +59,12 @@ def resting_pull(plant: Mechanism) -> Floats:
     )
 
 
+def resting_inputs(plant: Mechanism) -> BodyInputs:
+    """Return the inputs of one sample that hold a plant at rest."""
+    n = plant.n_bodies
+    return BodyInputs(resting_pull(plant)[None], np.zeros((1, n)), np.zeros((1, n, 3)))
+
+
 def c_plant(rig: Rig, name: str) -> ExportedPlant:
     """Return the simulated plant of a rig as C99, in double precision.
 
@@ -70,7 +76,6 @@ def c_plant(rig: Rig, name: str) -> ExportedPlant:
             plant cannot be written in C.
         ScenarioError: a drive has no equilibrium.
     """
-    checked_name(name)
     late = [sensor.name for sensor in rig.sensors if sensor.delay > 0.0]
     if not rig.sensors:
         raise ExportError(f"'{rig.name}' has no sensor: there is nothing to simulate; add one")
@@ -83,67 +88,38 @@ def c_plant(rig: Rig, name: str) -> ExportedPlant:
     interval = 1.0 / max(sensor.rate for sensor in rig.sensors)
     dt, count = intervals_of(plant, interval)
     kernel = plant_function(plant, count)
-    n = plant.n_bodies
-    pull = resting_pull(plant)
-    held = BodyInputs(pull[None], np.zeros((1, n)), np.zeros((1, n, 3)))
+    held = resting_inputs(plant)
     start = equilibrium(plant, np.array([joint.initial.value for joint in rig.joints]), held)
-    kernel_state, first = at_rest(plant, held, start, Kernel(kernel, False))
+    kernel_state, (first,) = at_rest(plant, held, start, Kernel(kernel, False))
     emitter = Emitter(Plain())
-    dialect = Plain()
-    try:
-        advance = emitter.add(kernel, in_place=True)
-        reading = emitter.add(reading_function(plant))
-    except CodeError as problem:
-        raise ExportError(f"the plant of '{rig.name}' has no C: {problem}") from None
+    advance = emitter.add(kernel, in_place=True)
+    reading = emitter.add(reading_function(plant))
     names = plant.parameters.names
-    parameters = plant.parameters.values
     parts = round(interval / dt)
-
-    def table(parameters: Floats | list[float]) -> str:
-        return ", ".join(dialect.constant(float(number)) for number in parameters)
-
-    values = {
-        "name": name,
-        "NAME": name.upper(),
-        "rig": comment(rig.name),
-        "bodies": "\n".join(
-            f" *   {i}  {comment(body.name)}" for i, body in enumerate(plant.bodies)
-        ),
-        "sensors": "\n".join(
-            f" *   {i}  {comment(s.name)}: {s.measures} of {comment(s.of)} [{s.si}]"
-            for i, s in enumerate(rig.sensors)
-        ),
-        "names": "\n".join(
-            f" *   {i:3d}  {comment(parameter)}" for i, parameter in enumerate(names)
-        ),
-        "n_bodies": str(n),
-        "n_joints": str(plant.n_joints),
-        "n_tendons": str(plant.n_tendons),
-        "n_sensors": str(len(rig.sensors)),
-        "n_numbers": str(len(names)),
-        "n_kernel_state": str(len(kernel_state)),
-        "n_y": str(first.size),
-        "interval": dialect.constant(interval),
-        "dt": dialect.constant(dt),
-        "parts": str(parts),
-        "numbers": table(parameters[: len(names)]),
-        "kernel_state": table(kernel_state),
-        "first": table(first[0]),
-        "errors": ",\n  ".join(f"{{{table(row)}}}" for row in _errors(plant)),
-        "every": ", ".join(
-            str(max(round(1.0 / interval / sensor.rate), 1)) for sensor in rig.sensors
-        ),
-        "prelude": dialect.prelude(emitter.text),
-        "functions": emitter.text,
+    values = shared_blanks(checked_name(name), rig, emitter) | {
+        "bodies": numbered(body.name for body in plant.bodies),
+        "sensors": numbered(sensor_texts(rig.sensors)),
+        "names": numbered(names),
+        "n_bodies": plant.n_bodies,
+        "n_joints": plant.n_joints,
+        "n_tendons": plant.n_tendons,
+        "n_sensors": len(rig.sensors),
+        "n_numbers": len(names),
+        "n_kernel_state": len(kernel_state),
+        "n_y": first.size,
+        "interval": interval,
+        "dt": dt,
+        "parts": parts,
+        "numbers": plant.parameters.values[: len(names)],
+        "kernel_state": kernel_state,
+        "first": first,
+        "errors": _errors(plant),
+        "every": [max(round(1.0 / interval / sensor.rate), 1) for sensor in rig.sensors],
         "advance": advance,
         "reading": reading,
     }
-    header = filled(_HEADER, values)
-    source = filled(_SOURCE, values)
-    sensors = tuple(rig.sensor_names)
-    return ExportedPlant(
-        name, header, source, plant, sensors, tuple(names), start, first[0], interval, parts, count
-    )
+    texts = filled(_HEADER, values), filled(_SOURCE, values)
+    return ExportedPlant(name, *texts, plant, start, first, interval, parts, count)
 
 
 def _errors(plant: Mechanism) -> list[list[float]]:
@@ -234,8 +210,7 @@ static const double resting[] = {$kernel_state$};
 static const double first[] = {$first$};
 
 /* of each sensor: gain, bias, noise, step, ends of the travel, largest deviation of its curve */
-static const double errors[][7] = {
-  $errors$};
+static const double errors[][7] = {$errors$};
 /* each is read at every so many samples */
 static const int every[] = {$every$};
 

@@ -7,10 +7,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from distal.codegen import Plain
 from distal.errors import ExportError, OutputError
+from distal.export.c_text import checked_name, comment, filled
 from distal.export.command_source import c_command
-from distal.export.names import c_name, checked_name, comment, filled
 from distal.export.plant_source import c_plant
 from distal.export.source import Exported, c_filter
 from distal.logs import check_outputs, outputs_in, write_together
@@ -54,26 +53,17 @@ def export_c(
         OutputError: the folder cannot be written, or has files that no export wrote.
     """
     folder = Path(out)
-    name = name if name is not None else c_name(f"{rig.name}_{estimator}")
     if command and estimator != "adaptive":
         raise ExportError(
             f"commands are by the state of adaptive, {estimator} has another; leave command out"
         )
-    names = export_files(name, plant, command)
-    check_outputs(outputs_in(folder, names, "the export"))
-    check_ours(folder, names)
     exported = c_filter(rig, estimator, single, name, home)
     files = project_files(exported)
     if plant:
-        c_of_plant = c_plant(rig, f"{name}_plant")
-        files |= {f"{name}_plant.h": c_of_plant.header, f"{name}_plant.c": c_of_plant.source}
+        files |= c_plant(rig, f"{exported.name}_plant").files
     if command:
         check_scales(rig, "a command in C that keeps tendons taut", "tension")
-        c_of_command = c_command(rig, f"{name}_command", name, Plain(single))
-        files |= {
-            f"{name}_command.h": c_of_command.header,
-            f"{name}_command.c": c_of_command.source,
-        }
+        files |= c_command(rig, f"{exported.name}_command", exported.name, exported.real).files
     write_files(folder, files)
     return exported
 
@@ -85,8 +75,10 @@ def write_files(folder: Path, files: Mapping[str, str]) -> None:
         files: path below the folder → text.
 
     Raises:
-        OutputError: the folder cannot be written.
+        OutputError: the folder cannot be written, or has a file that no export wrote.
     """
+    check_outputs(outputs_in(folder, files, "the export"))
+    check_ours(folder, files)
     try:
         for file in files:
             (folder / file).parent.mkdir(parents=True, exist_ok=True)
@@ -106,11 +98,9 @@ def export_files(name: str, plant: bool = False, command: bool = False) -> tuple
     Raises:
         ExportError: the name is no C identifier.
     """
-    names = f"{checked_name(name)}.h", f"{name}.c", "replay.c", "CMakeLists.txt", "README.md"
-    also = [
-        f"{name}_{part}" for part, desired in (("plant", plant), ("command", command)) if desired
-    ]
-    return (*names, *(f"{part}.{ending}" for part in also for ending in "hc"))
+    parts = [checked_name(name), *[f"{name}_plant"] * plant, *[f"{name}_command"] * command]
+    texts = (f"{part}.{ending}" for part in parts for ending in "hc")
+    return (*texts, "replay.c", "CMakeLists.txt", "README.md")
 
 
 def check_ours(folder: Path, names: Iterable[str]) -> None:
@@ -123,13 +113,7 @@ def check_ours(folder: Path, names: Iterable[str]) -> None:
         OutputError: a file that exists was not written by an export, or cannot be read.
     """
     for path in (folder / name for name in names):
-        try:
-            ours = not path.is_file() or MARK in path.read_text(encoding="utf-8", errors="replace")
-        except OSError as problem:
-            raise OutputError(
-                f"{path}: cannot be read ({problem.strerror}); give another folder"
-            ) from None
-        if not ours:
+        if path.is_file() and MARK not in path.read_text(encoding="utf-8", errors="replace"):
             raise OutputError(
                 f"{path}: was not written by export-c; give another folder, so that it is not "
                 "replaced"
@@ -138,44 +122,40 @@ def check_ours(folder: Path, names: Iterable[str]) -> None:
 
 def project_files(exported: Exported) -> dict[str, str]:
     """Return the files of an exported filter: name → text."""
-    build_file = _CMAKE.replace("$name$", exported.name)
-    texts = exported.header, exported.source, exported.replay, build_file, readme(exported)
-    return dict(zip(export_files(exported.name), texts, strict=True))
+    return exported.files | {
+        "replay.c": exported.replay,
+        "CMakeLists.txt": _CMAKE.replace("$name$", exported.name),
+        "README.md": readme(exported, _REPLAY),
+    }
 
 
-def readme(exported: Exported) -> str:
+def readme(exported: Exported, use: str) -> str:
     """Return the README of an exported filter: how to call it, and what it takes of memory and
     time.
+
+    Args:
+        use: template of the last part, which says what to do with the files.
     """
-    kind, size, suffix = ("float", 4, "f") if exported.single else ("double", 8, "")
-    calls = ", ".join(f"{count} {name}{suffix}" for name, count in exported.library.items())
-    float_warning = (
-        "\nIn float this estimator may differ from double by much more than its band: it jumps "
-        "where a body goes from\n"
-        "sticking to slipping. `adaptive` does not; or export it in double.\n"
-        if exported.single and exported.jumps
-        else ""
-    )
-    return filled(
-        _README,
-        {
-            "name": exported.name,
-            "NAME": exported.name.upper(),
-            "rig": comment(exported.rig),
-            "estimator": exported.estimator,
-            "real": kind,
-            "float_warning": float_warning,
-            "channels": "\n".join(
-                f"| {i} | `{channel}` |" for i, channel in enumerate(exported.channels)
-            ),
-            "n_states": str(len(exported.states)),
-            "state_bytes": f"{exported.state_bytes:,}",
-            "scratch_bytes": f"{exported.scratch_bytes:,}",
-            "kernel_state": f"{exported.kernel_state} x {size}",
-            "operations": f"{exported.operations:,}",
-            "calls": calls or "none",
-        },
-    )
+    real = exported.real
+    jumps = "" if not real.single or not exported.jumps else _JUMPS
+    estimator = exported.estimator
+    channels = enumerate(estimator.channels)
+    calls = (f"{count} {name}{'f' * real.single}" for name, count in exported.library.items())
+    values = {
+        "name": exported.name,
+        "rig": comment(estimator.rig.name),
+        "estimator": estimator.name,
+        "real": real.type,
+        "jumps": jumps,
+        "channels": "\n".join(f"| {i} | `{channel}` |" for i, channel in channels),
+        "n_states": len(estimator.state_names),
+        "state_bytes": f"{exported.state_bytes:,}",
+        "scratch_bytes": f"{exported.scratch_bytes:,}",
+        "kernel_state": f"{estimator.kernel.sizes.kernel_state} x {real.size}",
+        "operations": f"{exported.operations:,}",
+        "calls": ", ".join(calls) or "none",
+    }
+    return filled(_README + use, values)
 
 
 _CMAKE = """\
@@ -205,12 +185,17 @@ if(NOT CMAKE_CROSSCOMPILING AND CMAKE_SOURCE_DIR STREQUAL CMAKE_CURRENT_SOURCE_D
 endif()
 """
 
+_JUMPS = """
+In float this estimator may differ from double by much more than its band: it jumps where a body
+goes from sticking to slipping. `adaptive` does not; or export it in double.
+"""
+
 _README = """\
 # $name$
 
 Written by `distal export-c`: `$estimator$` for the rig "$rig$", in C99 with `$real$`. No malloc, no
 globals: the caller owns the state.
-$float_warning$
+$jumps$
 ```c
 #include "$name$.h"
 
@@ -242,6 +227,9 @@ nothing is changed.
 | arrays on the stack in a step | $scratch_bytes$ bytes, and what the compiler spills |
 | arithmetic operations in a step | $operations$ |
 | calls of the mathematics library in a step | $calls$ |
+"""
+
+_REPLAY = """\
 
 ## Replay a log
 

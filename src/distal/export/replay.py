@@ -5,9 +5,9 @@ reads.
 from __future__ import annotations
 
 from distal.estimators import KernelEstimator
-from distal.export.names import angle_fields, filled, torque_fields
+from distal.export.c_text import fields_of, filled, sensors_of
 from distal.logs import LARGEST_READING, header
-from distal.rig import angle_names, log_factor, log_unit, std_name
+from distal.rig import log_factor, log_unit, std_name
 from distal.units import unit_factor
 
 
@@ -18,33 +18,29 @@ def replay_program(estimator: KernelEstimator, name: str) -> str:
     Args:
         name: prefix of the filter's C names.
     """
-    sensors = {sensor.name: sensor for sensor in estimator.rig.sensors}
     time = estimator.rig.log.time
-    read = [sensors[channel] for channel in estimator.channels]
-    columns = [time.column, *(sensor.log_column for sensor in read)]
-    factors = [unit_factor(time.unit, "s"), *(sensor.sign * log_factor(sensor) for sensor in read)]
-    angles = angle_names(estimator.rig.joint_names)
-    torques = torque_fields(estimator)
-    units = {**dict.fromkeys(angles, "rad"), **{torque: "N m" for torque, _ in torques}}
-    names = [
-        header(column, unit)
-        for estimate, unit in units.items()
-        for column in (estimate, std_name(estimate))
+    read = sensors_of(estimator)
+    columns = [
+        (time.column, time.unit, unit_factor(time.unit, "s")),
+        *((s.log_column, log_unit(s), s.sign * log_factor(s)) for s in read),
     ]
-    log_units = [time.unit, *(log_unit(sensor) for sensor in read)]
-    pairs = [*angle_fields(estimator.rig), *((field, std_name(field)) for _, field in torques)]
+    fields = fields_of(estimator)
+    names = [
+        header(column, field.unit)
+        for field in fields
+        for column in (field.column, std_name(field.column))
+    ]
     values = {
         "header": ",".join([header("t", "s"), *names]),
         "format": ",".join(["%.17g"] * (1 + len(names))),
-        "fields": ", ".join(f"(double)out.{field}" for pair in pairs for field in pair),
-        "wild": f"{LARGEST_READING:.17g}",
+        "fields": [f"(double)out.{part}" for field in fields for part in (field.name, field.std)],
+        "wild": LARGEST_READING,
         "name": name,
-        "NAME": name.upper(),
-        "columns": ", ".join(c_string(column) for column in columns),
-        "headers": ", ".join(c_string(header(*pair)) for pair in zip(columns, log_units)),
+        "columns": [c_string(column) for column, _, _ in columns],
+        "headers": [c_string(header(column, unit)) for column, unit, _ in columns],
         # a log may lack the angle at which a joint homes
-        "needed": ", ".join(["1", *(str(int(sensor.measures != "angle")) for sensor in read)]),
-        "factors": ", ".join(f"{factor:.17g}" for factor in factors),
+        "needed": [1, *(sensor.measures != "angle" for sensor in read)],
+        "factors": [factor for _, _, factor in columns],
     }
     return filled(_PROGRAM, values)
 

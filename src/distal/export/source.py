@@ -4,9 +4,10 @@ caller owns the state.
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass
 
-from distal.codegen import CodeError, Emitter, Plain
+from distal.codegen import Emitter, Plain
 from distal.errors import ExportError
 from distal.estimators import (
     LARGEST_ANGLE,
@@ -15,11 +16,22 @@ from distal.estimators import (
     FullStateFilter,
     KernelEstimator,
     make_estimator,
-    state_units,
 )
 from distal.estimators.gaps import MOST_BRIDGES, SPLIT
+from distal.export.c_text import (
+    Field,
+    Translated,
+    c_name,
+    checked_name,
+    comment,
+    fields_of,
+    filled,
+    numbered,
+    sensor_texts,
+    sensors_of,
+    shared_blanks,
+)
 from distal.export.health_source import health_codes, health_source
-from distal.export.names import c_name, checked_name, comment, filled, members, outputs
 from distal.export.replay import replay_program
 from distal.homing import homing_filter
 from distal.kernels.mask import MISSING, READ
@@ -29,56 +41,51 @@ from distal.run.monitor import ANYWHERE
 
 
 @dataclass(frozen=True)
-class Exported:
+class Exported(Translated):
     """A filter as C.
 
     Args:
-        name: prefix of its C names.
-        estimator: name of the estimator.
-        rig: title of the rig.
-        single: whether numbers are float.
-        channels: names of the sensors, in the order of a sample's values.
-        states: names of the states, in order.
-        measured: names of the channels that have an innovation.
-        kernel_state: how many numbers it keeps from sample to sample.
+        estimator: the filter in Python.
+        real: number type, float or double.
         scratch: how many numbers a step has on the stack.
         operations: arithmetic operations of a step.
         library: name of a mathematical function → its calls in a step.
-        interval: nominal time between samples [s].
-        replay: text of a program that runs the filter over a CSV file.
-        jumps: whether the estimate jumps where a body goes from sticking to slipping; float and
-            double may do so at different samples.
     """
 
-    name: str
-    estimator: str
-    rig: str
-    single: bool
-    _: KW_ONLY
-    header: str
-    source: str
-    channels: tuple[str, ...]
-    states: tuple[str, ...]
-    measured: tuple[str, ...]
-    kernel_state: int
+    estimator: KernelEstimator
+    real: Plain
     scratch: int
     operations: int
     library: dict[str, int]
-    interval: float
-    replay: str
-    jumps: bool
+
+    @property
+    def fields(self) -> list[Field]:
+        """The numbers that it puts out."""
+        return fields_of(self.estimator)
 
     @property
     def state_bytes(self) -> int:
-        """Size of the filter's state in C [bytes]."""
-        return (4 * self.kernel_state + 4) if self.single else 8 * (self.kernel_state + 1)
+        """Size of the filter's state in C [bytes]: its numbers and a counter, as it is padded."""
+        return self.real.size * (self.estimator.kernel.sizes.kernel_state + 1)
 
     @property
     def scratch_bytes(self) -> int:
         """Size of the arrays that a step has on the stack [bytes], without what the compiler
         adds.
         """
-        return (4 if self.single else 8) * self.scratch
+        return self.real.size * self.scratch
+
+    @property
+    def jumps(self) -> bool:
+        """Whether the estimate jumps where a body goes from sticking to slipping; float and double
+        may do so at different samples.
+        """
+        return isinstance(self.estimator, FullStateFilter)
+
+    @property
+    def replay(self) -> str:
+        """Text of a program that runs the filter over a CSV file."""
+        return replay_program(self.estimator, self.name)
 
 
 def c_filter(
@@ -113,116 +120,105 @@ def c_filter(
     if isinstance(chosen, AdaptiveFilter):
         chosen = chosen.folded()
     name = checked_name(name if name is not None else c_name(f"{rig.name}_{estimator}"))
+    real = Plain(single)
+    emitter = Emitter(real)
     prior = chosen.prior_function()
-    step = chosen.kernel.function
-    emitter = Emitter(Plain(single))
-    try:
-        begin = emitter.add(prior)
-        advance = emitter.add(step, in_place=True)
-    except CodeError as problem:
-        raise ExportError(f"{estimator} of '{rig.name}' has no C: {problem}") from None
+    begin = emitter.add(prior)
+    advance = emitter.add(chosen.kernel.function, in_place=True)
     cost = emitter.functions[advance].cost
     scratch = sum(written.scratch for written in emitter.functions.values())
     watching = health_source(chosen, name, emitter)
-    values = _values(chosen, name, emitter, begin, advance) | watching
-    values |= _beginning(len(chosen.state_names), prior.numel_out(1))
+    n = len(chosen.state_names)
+    m = len(chosen.measured)
+    units = (f" [{unit}]" * bool(unit) for unit in chosen.state_units)
+    # the prior's spread is a covariance, or its diagonal only
+    is_dense = prior.numel_out(1) > n
+    values = shared_blanks(name, rig, emitter) | {
+        "estimator": chosen.name,
+        "channels": numbered(sensor_texts(sensors_of(chosen))),
+        "states": numbered(map("".join, zip(chosen.state_names, units))),
+        "measured": numbered(chosen.measured),
+        "which": [chosen.channels.index(channel) for channel in chosen.measured] or [0],
+        "n_channels": len(chosen.channels),
+        "n_states": n,
+        "n_measured": m,
+        "n_innovations": max(m, 1),
+        "n_outputs": max(chosen.kernel.sizes.y, 2 * m, 1),
+        "n_kernel_state": chosen.kernel.sizes.kernel_state,
+        "n_numbers": len(chosen.parameters),
+        "n_bridged": chosen.bridged,
+        "n_joints": len(rig.joints),
+        "reach": [joint.travel for joint in rig.joints],
+        "anywhere": ANYWHERE**2,
+        "health": health_codes(name),
+        "outputs": members(fields_of(chosen), name),
+        "angles": outputs(chosen),
+        "numbers": chosen.parameters,
+        "begin": begin,
+        "advance": advance,
+        "interval": chosen.interval,
+        "split": SPLIT * chosen.interval,
+        "most": MOST_BRIDGES,
+        "largest": LARGEST_ANGLE,
+        "wild": LARGEST_READING,
+        "shortest": SHORTEST,
+        "read": READ,
+        "missing": MISSING,
+        "slack": 1e-5 if single else 1e-9,
+        "nan": float("nan"),
+        "sqrt": "sqrtf" if single else "sqrt",
+        "spread": f"*spread = state->kernel_state + {n}" if is_dense else f"spread[{n}]",
+        "diagonal": "" if is_dense else filled(_DIAGONAL, {"n": n}),
+        **watching,
+    }
     return Exported(
         name,
-        estimator,
-        rig.name,
-        single,
-        header=filled(_HEADER, values),
-        source=filled(_SOURCE, values),
-        channels=chosen.channels,
-        states=chosen.state_names,
-        measured=chosen.measured,
-        kernel_state=int(step.numel_in(0)),
-        scratch=scratch,
-        operations=cost.operations,
-        library=dict(sorted(cost.library.items())),
-        interval=chosen.interval,
-        replay=replay_program(chosen, name),
-        jumps=isinstance(chosen, FullStateFilter),
+        filled(_HEADER, values, real),
+        filled(_SOURCE, values, real),
+        chosen,
+        real,
+        scratch,
+        cost.operations,
+        dict(sorted(cost.library.items())),
     )
 
 
-def _values(
-    chosen: KernelEstimator, name: str, emitter: Emitter, begin: str, advance: str
-) -> dict[str, str]:
-    """Return the blanks of the templates with their contents."""
-    dialect = emitter.dialect
-    n = len(chosen.state_names)
-    m = len(chosen.measured)
-    assert isinstance(dialect, Plain)
-    sensors = {sensor.name: sensor for sensor in chosen.rig.sensors}
-    read = [sensors[channel] for channel in chosen.channels]
-    channels = [f" *   {i}  {s.name}: {s.measures} of {s.of} [{s.si}]" for i, s in enumerate(read)]
-    states = [
-        f"{state}{f' [{unit}]' * bool(unit)}"
-        for state, unit in zip(chosen.state_names, state_units(chosen))
-    ]
-    measured = [f" *   {i}  {c}" for i, c in enumerate(chosen.measured)]
-    parameters = [dialect.constant(float(x)) for x in chosen.parameters]
-    travels = [joint.travel for joint in chosen.rig.joints]
-    rows = [", ".join(parameters[i : i + 6]) for i in range(0, len(parameters), 6)]
-    return {
-        "nan": dialect.constant(float("nan")),
-        "name": name,
-        "NAME": name.upper(),
-        "rig": comment(chosen.rig.name),
-        "estimator": chosen.name,
-        "real": dialect.type,
-        "channels": "\n".join(channels),
-        "states": "\n".join(f" *   {i:2d}  {state}" for i, state in enumerate(states)),
-        "measured": "\n".join(measured) or " *   none",
-        "n_channels": str(len(chosen.channels)),
-        "n_states": str(n),
-        "n_measured": str(m),
-        "n_innovations": str(max(m, 1)),
-        "n_outputs": str(max(chosen.kernel.n_y, 2 * m, 1)),
-        "n_kernel_state": str(chosen.kernel.n_kernel_state),
-        "n_numbers": str(len(parameters)),
-        "n_bridged": str(chosen.bridged),
-        "reach": ", ".join(
-            f"{{{dialect.constant(low)}, {dialect.constant(high)}}}" for low, high in travels
-        ),
-        "anywhere": dialect.constant(ANYWHERE**2),
-        "health": health_codes(name),
-        "n_joints": str(len(chosen.rig.joints)),
-        "outputs": members(chosen, name),
-        "angles": outputs(chosen, n),
-        "numbers": ",\n  ".join(rows),
-        "prelude": dialect.prelude(emitter.text),
-        "functions": emitter.text,
-        "begin": begin,
-        "advance": advance,
-        "interval": dialect.constant(chosen.interval),
-        "split": dialect.constant(SPLIT * chosen.interval),
-        "most": str(MOST_BRIDGES),
-        "largest": dialect.constant(LARGEST_ANGLE),
-        "wild": dialect.constant(LARGEST_READING),
-        "shortest": dialect.constant(SHORTEST),
-        "which": ", ".join(str(chosen.channels.index(c)) for c in chosen.measured) or "0",
-        "zero": dialect.constant(0.0),
-        "read": dialect.constant(READ),
-        "missing": dialect.constant(MISSING),
-        "slack": dialect.constant(1e-9 if not dialect.single else 1e-5),
-        "sqrt": "sqrtf" if dialect.single else "sqrt",
-    }
+def members(fields: Iterable[Field], name: str) -> str:
+    """Return the C members of the output's struct."""
+    return "\n".join(
+        f"  {name}_real {field.name}; /* {comment(field.meaning)} [{field.unit}] */\n"
+        f"  {name}_real {field.std}; /* standard deviation of its error [{field.unit}] */"
+        for field in fields
+    )
 
 
-def _beginning(n: int, spread: int) -> dict[str, str]:
-    """Return the blanks of the function that begins a filter.
+def outputs(estimator: KernelEstimator, stepped: bool = True) -> str:
+    """Return the C lines that fill the `members` from the kernel state.
 
     Args:
-        n: number of states.
-        spread: size of the prior's spread: n² for a covariance, n for its diagonal only.
+        stepped: whether a sample was taken in; before the first one, learned maps change nothing.
     """
-    if spread > n:
-        return {"spread": f", *spread = state->kernel_state + {n}", "place": ""}
-    row = f"  for (i = 0; i < {n}; ++i) state->kernel_state[{n} + i * {n + 1}] = spread[i];\n"
-    return {"spread": f", spread[{n}]", "place": row}
+    lines = []
+    report = estimator.report
+    n = len(estimator.state_names)
+    for field in fields_of(estimator):
+        estimate = f"state->kernel_state[{field.state}]"
+        variance = f"state->kernel_state[{n + field.state * (n + 1)}]"
+        if stepped and field.state in report.states:  # a learned map speaks of it
+            k = report.states.index(field.state)
+            gain = f"y[{report.gains[k]}]"
+            estimate = f"y[{report.values[k]}]"
+            variance = f"{gain} * {gain} * {variance} + y[{report.variances[k]}]"
+        lines += [
+            f"    out->{field.name} = {estimate};",
+            f"    out->{field.std} = root({variance});",
+        ]
+    return "\n".join(lines)
 
+
+_DIAGONAL = """\
+  for (i = 0; i < $n$; ++i) state->kernel_state[$n$ + i * ($n$ + 1)] = spread[i];
+"""
 
 _HEADER = """\
 /* $name$.h: `$estimator$` for the rig "$rig$"
@@ -338,19 +334,19 @@ static const unsigned char measured[$n_innovations$] = {$which$};
 
 static int is_there($real$ value) { return value == value; }
 
-static $real$ root($real$ variance) { return variance <= $zero$ ? $zero$ : $sqrt$(variance); }
+static $real$ root($real$ variance) { return variance <= 0 ? 0 : $sqrt$(variance); }
 
 void $name$_begin($name$_state* state, const $real$* values) {
-  $real$ known[$n_channels$], mask[$n_channels$]$spread$;
+  $real$ known[$n_channels$], mask[$n_channels$], $spread$;
   int i;
   for (i = 0; i < $n_channels$; ++i) {
     mask[i] = is_there(values[i]) ? $read$ : $missing$;
-    known[i] = is_there(values[i]) ? values[i] : $zero$;
+    known[i] = is_there(values[i]) ? values[i] : 0;
   }
   memset(state, 0, sizeof *state);
   $begin$(known, mask, numbers, state->kernel_state, spread,
           state->kernel_state + $n_states$ + $n_states$ * $n_states$);
-$place$}
+$diagonal$}
 
 void $name$_restart($name$_state* state, const $real$* values) {
   static const $real$ reach[][2] = {$reach$};
@@ -374,7 +370,7 @@ int $name$_step($name$_state* state, $real$ dt, const $real$* values, $name$_out
   $real$ x[1 + 2 * $n_channels$], y[$n_outputs$];
   long parts, k;
   int i, wild = 0;
-  if (!(dt >= $shortest$) && !(dt == $zero$ && state->samples == 0)) return $NAME$_LATE;
+  if (!(dt >= $shortest$) && !(dt == 0 && state->samples == 0)) return $NAME$_LATE;
   if (!(dt <= $most$ * $split$)) return $NAME$_GAP;
   for (i = 0; i < $n_channels$; ++i) wild |= values[i] > $wild$ || values[i] < -$wild$;
   if (wild) return $NAME$_BAD;
@@ -388,7 +384,7 @@ int $name$_step($name$_state* state, $real$ dt, const $real$* values, $name$_out
       const int last = k == 1, led = i < $n_bridged$;
       const int there = is_there(values[i]);
       /* displacements cross a gap in a straight line to the reading that ends it */
-      x[1 + i] = there && (last || led) ? values[i] : $zero$;
+      x[1 + i] = there && (last || led) ? values[i] : 0;
       x[1 + $n_channels$ + i] = !there ? $missing$ : last ? $read$ : led ? -($real$)k : $missing$;
     }
     $advance$(state->kernel_state, x, numbers, y);
@@ -403,8 +399,8 @@ $angles$
   }
   for (i = 0; i < $n_states$; ++i) {
     /* neither infinite nor undefined, and no negative variance */
-    if (!(state->kernel_state[i] - state->kernel_state[i] == $zero$)) return $NAME$_LOST;
-    if (!(state->kernel_state[$n_states$ + i * ($n_states$ + 1)] >= $zero$)) return $NAME$_LOST;
+    if (!(state->kernel_state[i] - state->kernel_state[i] == 0)) return $NAME$_LOST;
+    if (!(state->kernel_state[$n_states$ + i * ($n_states$ + 1)] >= 0)) return $NAME$_LOST;
   }
   for (i = 0; i < $n_joints$; ++i)
     if (!(state->kernel_state[i] >= -$largest$ && state->kernel_state[i] <= $largest$))

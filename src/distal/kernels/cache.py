@@ -17,6 +17,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from distal.kernels.feed import Sizes
+
 
 def cache_folder() -> Path:
     """Return the folder for compiled kernels: $DISTAL_CACHE, else `distal` in the user's cache
@@ -40,8 +42,6 @@ def check_own(folder: Path) -> None:
     Raises:
         PermissionError: it belongs to another user, or others can write to it.
     """
-    if not hasattr(os, "geteuid"):
-        return
     try:
         status = os.stat(folder)
     except (FileNotFoundError, NotADirectoryError):
@@ -77,18 +77,22 @@ def digest(*parts: str | bytes) -> str:
     return sha.hexdigest()
 
 
+NOT_NOTED = Sizes(0, 0, 0, 0)
+"""Sizes of a kernel that is found by its C. Source: definition (none)."""
+
+
 @dataclass(frozen=True)
 class Library:
     """A shared library with a kernel.
 
     Args:
         name: of the kernel's function.
-        sizes: lengths of its kernel state, x, p and y; empty where they are not noted.
+        sizes: lengths of its kernel state, x, p and y; zero where they are not noted.
     """
 
     path: Path
     name: str = ""
-    sizes: tuple[int, ...] = ()
+    sizes: Sizes = NOT_NOTED
 
 
 class Cache:
@@ -104,7 +108,7 @@ class Cache:
         try:
             note = json.loads((self.folder / f"{key}.json").read_text(encoding="utf-8"))
             path = self.folder / str(note["library"])
-            library = Library(path, str(note["name"]), tuple(map(int, note["sizes"])))
+            library = Library(path, str(note["name"]), Sizes._make(map(int, note["sizes"])))
             return library if digest(path.read_bytes()) == note["digest"] else None
         except (OSError, ValueError, KeyError, TypeError):
             return None

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import ctypes
+import importlib.util
 import logging
 import os
 import platform
 import shlex
 import shutil
 import subprocess
+import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import cast
 
 import casadi as ca
 
@@ -42,14 +46,16 @@ OPTIMISED_LANES = "-O2"
 takes longer and brings nothing.
 """
 
+QUICK = "-O1"
+"""Level of optimisation of kernels that are used little, and of all with DISTAL_COMPILE=quick: they
+are compiled in a third of the time and run half as fast.
+"""
+
 LONG = 500_000
-"""Number of characters of C above which `OPTIMISED_LONG` is used. Such C is straight lines without
+"""Number of characters of C above which `QUICK` is used. Such C is straight lines without
 loops, and runs as fast with less effort: a filter with a sheath takes GCC 12 7 s in place of 17,
 and 46 µs a sample in place of 44. Source: judgement.
 """
-
-OPTIMISED_LONG = "-O1"
-"""Level of optimisation of C with more than `LONG` characters."""
 
 VERY_LONG = 1_500_000
 """Number of characters of C above which `UNOPTIMISED` is used. The equations of a finger with three
@@ -60,25 +66,19 @@ any optimisation. Source: judgement.
 UNOPTIMISED = "-O0"
 """Level of optimisation of C with more than `VERY_LONG` characters."""
 
-QUICK = "-O1"
-"""Level of optimisation of kernels that are used little, and of all with DISTAL_COMPILE=quick: they
-are compiled in a third of the time and run half as fast.
-"""
-
 LOG = logging.getLogger("distal.kernels")
 """Logs when a compiler begins, which may take minutes, and when it has ended (an empty message)."""
 
 _SCAN = """
 /* {name} over n samples: kernel_state and outputs of every sample are kept, the kernel_state of
  * sample k is the input of k + 1 */
-long long {name}_scan(long long n, const double* kernel_state, const double* x, const double* p,
-                      double* kernel_states, double* y) {{
+void {name}_scan(long long n, const double* kernel_state, const double* x, const double* p,
+                 double* kernel_states, double* y) {{
   long long k;
   for (k = 0; k < n; ++k) {{
     {name}(kernel_state, x + k * {n_x}, p, kernel_states + k * {n_kernel_state}, y + k * {n_y});
     kernel_state = kernel_states + k * {n_kernel_state};
   }}
-  return n;
 }}
 
 /* one sample, as CasADi calls what it did not generate */
@@ -130,19 +130,10 @@ def find_compiler() -> Compiler | str:
     for command in commands:
         if command and shutil.which(command[0]):
             try:
-                process = subprocess.run(
-                    [*command, "--version"],
-                    capture_output=True,
-                    text=True,
-                    errors="replace",
-                    timeout=20,
-                    check=True,
-                )
-            except (OSError, subprocess.SubprocessError) as problem:
-                return f"the C compiler '{command[0]}' does not run ({type(problem).__name__})"
-            return Compiler(
-                tuple(command), process.stdout.splitlines()[0] if process.stdout else command[0]
-            )
+                version = run_compiler([*command, "--version"])
+            except CompileError as problem:
+                return f"the C compiler '{command[0]}' does not run: {problem}"
+            return Compiler(tuple(command), version.splitlines()[0] if version else command[0])
     tried = ", ".join(command[0] if command else "$CC" for command in commands)
     return f"no C compiler was found (tried {tried}); install gcc or clang, or set CC"
 
@@ -191,17 +182,14 @@ def library_of(
     Raises:
         CompileError: no compiler, it failed, or the cache cannot be written.
     """
-    compiler = _needed_compiler()
-    cache = _own_cache()
-    if recipe.structure is None:
-        return Library(compiled_source(recipe.written(source), level), recipe.function.name())
-    key = _kept_as(compiler, recipe.structure, form, level)
-    library = cache.find(key)
+    library = _kept(recipe, form, level)
     if library is None:
         path = compiled_source(recipe.written(source), level)
         library = Library(path, recipe.function.name(), recipe.sizes)
-        with _written(cache):
-            cache.note(key, library)
+        if recipe.structure is not None:
+            cache = _own_cache()
+            with _written(cache):
+                cache.note(_kept_as(recipe.structure, form, level), library)
     return library
 
 
@@ -216,19 +204,21 @@ def begin_library(
     over here.
     """
     with suppress(CompileError):
-        compiler = _needed_compiler()
-        cache = _own_cache()
-        if recipe.structure is None or cache.find(
-            _kept_as(compiler, recipe.structure, form, level)
-        ):
-            return
-        text = recipe.written(source)
+        if _kept(recipe, form, level) is None:
+            text = recipe.written(source)
 
-        def build() -> None:
-            with suppress(CompileError):
-                compiled_source(text, level)
+            def build() -> None:
+                with suppress(CompileError):
+                    compiled_source(text, level)
 
-        threading.Thread(target=build, daemon=True).start()
+            threading.Thread(target=build, daemon=True).start()
+
+
+def _kept(recipe: Recipe, form: str, level: str) -> Library | None:
+    """Return the library of a recipe that is in the cache."""
+    if recipe.structure is None:
+        return None
+    return _own_cache().find(_kept_as(recipe.structure, form, level))
 
 
 def compiled_source(source: str, level: str = OPTIMISED) -> Path:
@@ -238,15 +228,12 @@ def compiled_source(source: str, level: str = OPTIMISED) -> Path:
     Raises:
         CompileError: no compiler, it failed, or the cache cannot be written.
     """
-    compiler = _needed_compiler()
     cache = _own_cache()
-    if os.environ.get("DISTAL_COMPILE") == "quick":
+    if os.environ.get("DISTAL_COMPILE") == "quick" or len(source) > LONG:
         level = QUICK
     if len(source) > VERY_LONG:
         level = UNOPTIMISED
-    elif len(source) > LONG:
-        level = OPTIMISED_LONG
-    key = _key(compiler, source, level)
+    key = _key(source, level)
     library = cache.find(key)
     if library is not None:
         return library.path
@@ -256,17 +243,18 @@ def compiled_source(source: str, level: str = OPTIMISED) -> Path:
             LOG.info("compiling, once: it is kept for the next time")
             try:
                 with cache.work_folder() as folder:
-                    library = cache.keep(key, _build(compiler, source, level, Path(folder)))
+                    library = cache.keep(key, _build(source, level, Path(folder)))
             finally:
                 LOG.info("")
         return library.path
 
 
-def _kept_as(compiler: Compiler, structure: Structure, form: str, level: str) -> str:
-    return _key(compiler, structure.key, form, level, os.environ.get("DISTAL_COMPILE", ""))
+def _kept_as(structure: Structure, form: str, level: str) -> str:
+    return _key(structure.key, form, level, os.environ.get("DISTAL_COMPILE", ""))
 
 
-def _key(compiler: Compiler, *parts: str) -> str:
+def _key(*parts: str) -> str:
+    compiler = _needed_compiler()
     command = " ".join(compiler.command)
     return digest(*parts, compiler.version, command, " ".join(FLAGS), cpu(), ca.__version__)
 
@@ -301,20 +289,56 @@ def _needed_compiler() -> Compiler:
     return compiler
 
 
-def _build(compiler: Compiler, source: str, level: str, folder: Path) -> Path:
+def _build(source: str, level: str, folder: Path) -> Path:
     code = folder / "kernel.c"
     library = folder / "kernel.so"
     code.write_text(source, encoding="utf-8")
-    command = [*compiler.command, level, *FLAGS, str(code), "-o", str(library), "-lm"]
+    run_compiler([*_needed_compiler().command, level, *FLAGS, str(code), "-o", str(library), "-lm"])
+    return library
+
+
+def run_compiler(command: Sequence[str], folder: str | Path = ".") -> str:
+    """Run a C compiler in a folder and return what it prints.
+
+    Raises:
+        CompileError: it did not run, or it failed.
+    """
     try:
-        process = subprocess.run(
-            command, capture_output=True, text=True, errors="replace", timeout=300, check=False
+        done = subprocess.run(
+            command, cwd=folder, capture_output=True, text=True, errors="replace", timeout=600
         )
     except (OSError, subprocess.SubprocessError) as problem:
         raise CompileError(f"the C compiler did not run ({type(problem).__name__})") from None
-    if process.returncode != 0 or not library.exists():
-        lines = (process.stderr or process.stdout).strip().splitlines()
+    if done.returncode != 0:
+        lines = (done.stderr or done.stdout).strip().splitlines()
         raise CompileError(
-            f"the C compiler failed: {lines[0] if lines else f'exit code {process.returncode}'}"
+            f"the C compiler failed: {lines[0] if lines else f'exit code {done.returncode}'}"
         )
-    return library
+    return done.stdout
+
+
+def loaded(library: Library, form: str, arguments: Sequence[type]) -> Callable[..., None]:
+    """Return a function of a shared library, such as its ``scan``, with the types of its
+    arguments.
+
+    Raises:
+        CompileError: the library cannot be loaded.
+    """
+    try:
+        function = getattr(ctypes.CDLL(str(library.path)), f"{library.name}_{form}")
+    except (OSError, AttributeError) as problem:
+        raise CompileError(
+            f"the compiled kernel {library.path} cannot be loaded ({type(problem).__name__})"
+        ) from None
+    function.restype = None
+    function.argtypes = arguments
+    return cast("Callable[..., None]", function)
+
+
+def zig_compiler(target: str) -> list[str] | None:
+    """Return the command of ziglang's C compiler for a target, or None where it is not
+    installed.
+    """
+    if importlib.util.find_spec("ziglang") is None:
+        return None
+    return [sys.executable, "-m", "ziglang", "cc", "-s", "-target", target]

@@ -27,11 +27,6 @@ from distal.kernels.kernel import Kernel
 Indices = NDArray[np.intp]
 
 
-def taken(vector: VectorNode, at: Indices) -> VectorNode:
-    """Return the numbers of a vector at some indices."""
-    return vector[at.tolist()]
-
-
 def placed(parts: Sequence[MatrixNode], positions: Sequence[Indices], size: int) -> VectorNode:
     """Return a vector of length `size` with the numbers of the `parts` at their `positions`, and
     zero elsewhere.
@@ -71,10 +66,9 @@ def side_by_side(
     following = ca.MX(kernel_state)
     outputs = list[VectorNode]()
     for part in parts:
-        after, y = part.function(
-            taken(kernel_state, part.kernel_state), taken(x, part.x), taken(p, part.p)
-        )
-        following[part.kernel_state.tolist()] = after
+        states = part.kernel_state.tolist()
+        after, y = part.function(kernel_state[states], x[part.x.tolist()], p[part.p.tolist()])
+        following[states] = after
         outputs.append(y)
     y = placed(outputs, [part.y for part in parts], sizes[3])
     return ca.Function(
@@ -89,25 +83,6 @@ AHEAD = 2
 """Number of groups of items that are in work or ready, for each worker. Source: judgement."""
 
 
-def grouped(items: Iterable[Item], size: int) -> Iterator[list[Item]]:
-    """Yield items in groups of `size`, for vector lanes. Items that came before an error are
-    yielded before it is raised.
-    """
-    group: list[Item] = []
-    try:
-        for item in items:
-            group.append(item)
-            if len(group) == size:
-                yield group
-                group = []
-    except Exception:
-        if group:
-            yield group
-        raise
-    if group:
-        yield group
-
-
 def in_order(
     items: Iterable[Item], size: int, work: Callable[[list[Item]], list[Result]], workers: int
 ) -> Iterator[tuple[Item, Result]]:
@@ -115,30 +90,32 @@ def in_order(
     it is raised.
 
     Args:
-        size: number of items in a group.
+        size: number of items in a group, for vector lanes.
         work: returns the results of a group.
         workers: number of threads.
     """
-    groups = grouped(items, size)
+    coming = iter(items)
     waiting: deque[tuple[list[Item], Future[list[Result]]]] = deque()
-    ended: BaseException | None = None
+    ended: Exception | None = None
     pool = ThreadPoolExecutor(workers)
     try:
         while True:
-            try:
-                while ended is None and len(waiting) < AHEAD * workers:
-                    group = next(groups, None)
-                    if group is None:
-                        break
+            while ended is None and len(waiting) < AHEAD * workers:
+                group: list[Item] = []
+                try:
+                    while len(group) < size:
+                        group.append(next(coming))
+                except Exception as problem:  # at the end of the items a StopIteration
+                    ended = problem
+                if group:
                     waiting.append((group, pool.submit(work, group)))
-            except Exception as problem:
-                ended = problem
-            if not waiting:
-                if ended is not None:
-                    raise ended
+            if waiting:
+                done, future = waiting.popleft()
+                yield from zip(done, future.result())
+            elif isinstance(ended, StopIteration):
                 return
-            done, future = waiting.popleft()
-            yield from zip(done, future.result())
+            elif ended is not None:
+                raise ended
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 
@@ -160,7 +137,7 @@ def advance_all(
     lanes = kernel.lanes() if len(feeds) > 1 or kernel.backend == "interpreted" else None
     if lanes is None:
         return [advance(kernel, feed, keep) for feed in feeds]
-    columns = range(kernel.n_kernel_state) if keep is None else keep
+    columns = range(kernel.sizes.kernel_state) if keep is None else keep
     groups = (feeds[k : k + lanes.lanes] for k in range(0, len(feeds), lanes.lanes))
     return [run for group in groups for run in lanes.scan(group, columns)]
 

@@ -4,7 +4,18 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from distal.arrays import Floats
+
+
+class Sizes(NamedTuple):
+    """The lengths of a kernel's arguments and of its output."""
+
+    kernel_state: int
+    x: int
+    p: int
+    y: int
 
 
 class Feed(NamedTuple):
@@ -19,6 +30,16 @@ class Feed(NamedTuple):
     kernel_state: Floats
     rows: Floats
     p: Floats
+
+    def dense(self, sizes: Sizes) -> Feed:
+        """Return the same arrays as C reads them, in their shapes."""
+        shapes = (sizes.kernel_state,), (-1, sizes.x), (sizes.p,)
+        return Feed(
+            *(
+                np.ascontiguousarray(part, dtype=np.float64).reshape(shape)
+                for part, shape in zip(self, shapes)
+            )
+        )
 
 
 class Advanced(NamedTuple):

@@ -24,7 +24,9 @@ from distal.kernels.compiler import (
     c_source,
     find_compiler,
     library_of,
+    loaded,
 )
+from distal.kernels.feed import Feed, Sizes
 from distal.kernels.lanes import LaneKernel, begin_lanes
 from distal.kernels.structure import Recipe
 
@@ -58,11 +60,9 @@ class Kernel:
         self._recipe = Recipe(lambda: function) if isinstance(function, ca.Function) else function
         self.backend: Backend = "interpreted"
         self.reason = "asked for"
-        self._scan: Callable[..., int] | None = None
-        self._lanes: LaneKernel | None = None
-        self._laned = not compiled  # lanes that are not desired count as tried
-        self._lanes_alone = compiled == "lanes"
-        self._sizes: tuple[int, ...] = ()
+        self._scan: Callable[..., None] | None = None
+        self._compiled = compiled
+        self._sizes: Sizes | None = None
         self._external: ca.Function | None = None
         if compiled is True or compiled == "quick":
             try:
@@ -74,21 +74,12 @@ class Kernel:
 
     def _load(self, level: str) -> ca.Function:
         library = library_of(self._recipe, "scan", c_source, level)
-        try:
-            external = ca.external(f"{library.name}_kernel", str(library.path))
-            scan = getattr(ctypes.CDLL(str(library.path)), f"{library.name}_scan")
-        except (OSError, RuntimeError, AttributeError) as problem:
-            raise CompileError(
-                f"the compiled kernel {library.path} cannot be loaded ({type(problem).__name__})"
-            ) from None
+        self._scan = loaded(library, "scan", [ctypes.c_longlong, *5 * [ctypes.c_void_p]])
         self._sizes = library.sizes
-        scan.restype = ctypes.c_longlong
-        scan.argtypes = [ctypes.c_longlong] + 5 * [ctypes.c_void_p]
-        self._scan = scan
         compiler = find_compiler()
         self.backend = "compiled"
         self.reason = compiler if isinstance(compiler, str) else compiler.version
-        return external
+        return ca.external(f"{library.name}_kernel", str(library.path))
 
     @property
     def function(self) -> ca.Function:
@@ -96,29 +87,9 @@ class Kernel:
         return self._recipe.function
 
     @cached_property
-    def sizes(self) -> tuple[int, ...]:
+    def sizes(self) -> Sizes:
         """The lengths of the kernel state, x, p and y."""
-        return self._sizes or self._recipe.sizes
-
-    @property
-    def n_kernel_state(self) -> int:
-        """Length of the kernel state."""
-        return self.sizes[0]
-
-    @property
-    def n_x(self) -> int:
-        """Length of a sample x."""
-        return self.sizes[1]
-
-    @property
-    def n_p(self) -> int:
-        """Number of parameters p."""
-        return self.sizes[2]
-
-    @property
-    def n_y(self) -> int:
-        """Number of outputs y."""
-        return self.sizes[3]
+        return self._recipe.sizes if self._sizes is None else self._sizes
 
     def scan(
         self, kernel_state: Floats, xs: Floats, p: Floats, keep: Sequence[int] | None = None
@@ -132,32 +103,25 @@ class Kernel:
             p: the parameters, (n_p,).
             keep: indices of the numbers of the kernel states that are returned; default all.
         """
-        xs = np.ascontiguousarray(xs, dtype=np.float64).reshape(-1, self.n_x)
+        start, rows, parameters = feed = Feed(kernel_state, xs, p).dense(self.sizes)
+        ys = np.empty((len(rows), self.sizes.y))
         if keep is not None:  # only some samples' whole kernel states are in memory at once
-            columns = np.empty((len(xs), len(keep)))
-            outputs = np.empty((len(xs), self.n_y))
-            step = 1 + AT_ONCE // self.n_kernel_state
-            for begin in range(0, len(xs), step):
-                rows = slice(begin, begin + step)
-                states, outputs[rows] = self.scan(kernel_state, xs[rows], p)
-                columns[rows] = states[:, list(keep)]
-                kernel_state = states[-1]
-            return columns, outputs
-        kernel_states = np.empty((len(xs), self.n_kernel_state))
-        ys = np.empty((len(xs), self.n_y))
-        start = np.ascontiguousarray(kernel_state, dtype=np.float64).reshape(self.n_kernel_state)
-        parameters = np.ascontiguousarray(p, dtype=np.float64).reshape(self.n_p)
+            columns = np.empty((len(rows), len(keep)))
+            step = 1 + AT_ONCE // self.sizes.kernel_state
+            for begin in range(0, len(rows), step):
+                part = slice(begin, begin + step)
+                states, ys[part] = self.scan(start, rows[part], parameters)
+                columns[part] = states[:, list(keep)]
+                start = states[-1]
+            return columns, ys
+        kernel_states = np.empty((len(rows), self.sizes.kernel_state))
         if self._scan is not None:
-            done = self._scan(
-                len(xs),
-                *(array.ctypes.data for array in (start, xs, parameters, kernel_states, ys)),
-            )
-            if done != len(xs):
-                raise RuntimeError(f"kernel {self.function.name()} failed at sample {done}")
+            arrays = (*feed, kernel_states, ys)
+            self._scan(len(rows), *(array.ctypes.data for array in arrays))
             return kernel_states, ys
         loop = self.loop(parameters)
         loop.kernel_state[:] = start
-        for k, x in enumerate(xs):
+        for k, x in enumerate(rows):
             loop.x[:] = x
             loop.step()
             kernel_states[k] = loop.kernel_state
@@ -169,7 +133,7 @@ class Kernel:
         other.
         """
         call = self.function if self._external is None else self._external
-        return Loop(call, np.array(p, dtype=np.float64).reshape(self.n_p))
+        return Loop(call, np.array(p, dtype=np.float64).reshape(self.sizes.p))
 
     def begin_lanes(self) -> None:
         """Begin to build the kernel that `lanes` returns, in the background."""
@@ -180,14 +144,16 @@ class Kernel:
         built at the first call.
         """
         with _building:
-            if not self._laned:
-                self._laned = True
-                if self.backend == "compiled" or self._lanes_alone:
-                    try:
-                        self._lanes = LaneKernel(self._recipe)
-                    except CompileError:
-                        self._lanes = None  # one by one gives the same numbers
-        return self._lanes
+            return self._lanes
+
+    @cached_property
+    def _lanes(self) -> LaneKernel | None:
+        if self.backend == "interpreted" and self._compiled != "lanes":
+            return None
+        try:
+            return LaneKernel(self._recipe)
+        except CompileError:
+            return None  # one by one gives the same numbers
 
     @property
     def side_by_side(self) -> int:

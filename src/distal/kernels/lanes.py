@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import ctypes
 import platform
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
 from distal.codegen import Lanes
+from distal.kernels.cache import cpu
 from distal.kernels.compiler import (
     OPTIMISED_LANES,
-    CompileError,
     begin_library,
     emitted,
     library_of,
+    loaded,
 )
 from distal.kernels.feed import Advanced, Feed
 from distal.kernels.structure import Recipe
@@ -60,10 +60,7 @@ def lanes_here() -> int:
     """Return the number of vector lanes: how many numbers of double precision this processor takes
     at once.
     """
-    try:
-        features = Path("/proc/cpuinfo").read_text(encoding="utf-8")
-    except OSError:
-        features = ""
+    features = cpu()
     if "avx512f" in features:
         return 8
     return 4 if "avx2" in features or platform.machine() == "x86_64" else 2
@@ -90,15 +87,10 @@ class LaneKernel:
     def __init__(self, recipe: Recipe) -> None:
         self.lanes = lanes_here()
         library = library_of(recipe, f"{self.lanes} lanes", _source, OPTIMISED_LANES)
-        self.n_kernel_state, self.n_x, self.n_p, self.n_y = library.sizes or recipe.sizes
-        try:
-            batch = getattr(ctypes.CDLL(str(library.path)), f"{library.name}_batch")
-        except (OSError, AttributeError) as problem:
-            raise CompileError(
-                f"the compiled kernel {library.path} cannot be loaded ({type(problem).__name__})"
-            ) from None
-        batch.restype = None
-        self._batch: Callable[..., None] = batch
+        self.sizes = library.sizes
+        self._batch = loaded(
+            library, "batch", [*4 * [ctypes.c_void_p], ctypes.c_longlong, *3 * [ctypes.c_void_p]]
+        )
 
     def scan(self, feeds: Sequence[Feed], keep: Sequence[int]) -> list[Advanced]:
         """Return the results of several runs: of the kernel state after each row only the numbers
@@ -108,28 +100,21 @@ class LaneKernel:
             feeds: at most `lanes` runs, which may differ in length.
             keep: indices of numbers of the kernel state.
         """
-        starts = [
-            np.ascontiguousarray(feed.kernel_state, dtype=np.float64).reshape(self.n_kernel_state)
-            for feed in feeds
-        ]
-        rows = [
-            np.ascontiguousarray(feed.rows, dtype=np.float64).reshape(-1, self.n_x)
-            for feed in feeds
-        ]
-        parameters = [
-            np.ascontiguousarray(feed.p, dtype=np.float64).reshape(self.n_p) for feed in feeds
-        ]
-        out = [Advanced(np.empty((len(x), len(keep))), np.empty((len(x), self.n_y))) for x in rows]
+        dense = [feed.dense(self.sizes) for feed in feeds]
         lengths = np.zeros(self.lanes, dtype=np.int64)
-        lengths[: len(feeds)] = [len(x) for x in rows]
+        lengths[: len(feeds)] = [len(feed.rows) for feed in dense]
+        out = [
+            Advanced(np.empty((rows, len(keep))), np.empty((rows, self.sizes.y)))
+            for rows in lengths[: len(feeds)]
+        ]
         kept = np.array(keep, dtype=np.int32)
         # lanes without a run of their own begin as the first one, with no rows, and keep nothing
         self._batch(
-            ctypes.c_void_p(lengths.ctypes.data),
-            *(self._pointers(arrays) for arrays in (starts, rows, parameters)),
-            ctypes.c_longlong(len(kept)),
-            ctypes.c_void_p(kept.ctypes.data),
-            *(self._pointers([pair[i] for pair in out]) for i in range(2)),
+            lengths.ctypes.data,
+            *(self._pointers(arrays) for arrays in zip(*dense)),
+            len(kept),
+            kept.ctypes.data,
+            *(self._pointers(arrays) for arrays in zip(*out)),
         )
         return out
 

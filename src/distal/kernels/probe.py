@@ -17,29 +17,17 @@ def probe() -> tuple[Backend, str, float]:
     between it and the interpreter in a small scan.
     """
     kernel_state = ca.MX.sym("kernel_state", 2)
-    x = ca.MX.sym("x", 1)
-    p = ca.MX.sym("p", 2)
-    following = ca.vertcat(
-        kernel_state[0] + 0.01 * kernel_state[1],
-        kernel_state[1] * ca.exp(-p[1] * 0.01) - 0.01 * p[0] * ca.sin(kernel_state[0]) + x,
-    )
-    function = ca.Function(
-        "probe",
-        [kernel_state, x, p],
-        [following, ca.sum1(following**2)],
-        ["kernel_state", "x", "p"],
-        ["next", "y"],
-    )
+    angle, speed = ca.vertsplit(kernel_state)
+    x = ca.MX.sym("x")
+    p = ca.MX.sym("p")
+    following = ca.vertcat(angle + 0.01 * speed, speed - 0.01 * p * ca.sin(angle) + x)
+    function = ca.Function("probe", [kernel_state, x, p], [following, ca.exp(-angle)])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         kernel = Kernel(function)
-    inputs = np.linspace(-1.0, 1.0, 200).reshape(-1, 1)
-    start = np.array([0.3, 0.0])
-    parameters = np.array([9.0, 0.5])
-    run = kernel.scan(start, inputs, parameters)
-    interpreted = Kernel(function, compiled=False).scan(start, inputs, parameters)
-    return (
-        kernel.backend,
-        kernel.reason,
-        float(max(np.abs(a - b).max() for a, b in zip(run, interpreted))),
+    inputs = np.linspace(-1.0, 1.0, 200)
+    run, interpreted = (
+        np.hstack(backend.scan(np.array([0.3, 0.0]), inputs, np.array([9.0])))
+        for backend in (kernel, Kernel(function, compiled=False))
     )
+    return kernel.backend, kernel.reason, float(np.abs(run - interpreted).max())

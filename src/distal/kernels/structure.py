@@ -17,6 +17,7 @@ import casadi as ca
 from pydantic import BaseModel
 
 from distal.kernels.cache import digest
+from distal.kernels.feed import Sizes
 from distal.model import Mechanism
 from distal.rig import Parameter, Rig
 from distal.rig.joints import Coupling
@@ -169,8 +170,8 @@ class Recipe:
             return source(function)
 
     @property
-    def sizes(self) -> tuple[int, int, int, int]:
+    def sizes(self) -> Sizes:
         """The lengths of the kernel state, x, p and y."""
         function = self.function
-        kernel_state, x, p = (int(function.numel_in(i)) for i in range(3))
-        return kernel_state, x, p, int(function.numel_out(1))
+        inputs = (function.numel_in(i) for i in range(3))
+        return Sizes._make([*inputs, function.numel_out(1)])

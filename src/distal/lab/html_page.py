@@ -17,19 +17,17 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.confidence import BAND
-from distal.estimators import external_torques_of, make_estimator
 from distal.estimators.read_channels import DEAD
-from distal.export.names import filled, torque_fields
-from distal.export.plant_source import ExportedPlant, resting_pull
+from distal.export.c_text import filled
+from distal.export.plant_source import ExportedPlant, resting_inputs, resting_pull
 from distal.lab.webassembly import LabModule, lab_module
 from distal.logs import write_whole
-from distal.reports.moving_chain import chain_script, chain_shape, tension_scale
+from distal.reports.moving_chain import chain_shape, tension_scale
 from distal.reports.page import page, resource, script_with
 from distal.results import COLOURS
-from distal.rig import Rig, angle_names, log_factor, number, std_name
+from distal.rig import Rig, angle_names, log_factor, number
 from distal.run.health import HEALTH
 from distal.simulation.plant import equilibrium
-from distal.simulation.signal_inputs import BodyInputs
 from distal.units import unit_factor
 
 WINDOW = 12.0
@@ -96,11 +94,6 @@ POSTURES = 17
 judgement.
 """
 
-ALLOWED = 2.0
-"""Standard deviations by which the truth may differ from the rig file before the page says that the
-file does not allow for it. Source: judgement.
-"""
-
 STIFF = 20.0
 """Ratio of the stiffness of a drive's position loop to that of its tendons. Source: judgement."""
 
@@ -126,7 +119,13 @@ def lab_page(rig: Rig, path: str | Path, estimator: str = "adaptive", source: st
     parts = [
         f"<style>{resource('lab.css', 'distal.lab')}</style>",
         _body(rig, module, constants, estimator),
-        script_with("lab-data", constants, chain_script(), resource("lab.js", "distal.lab")),
+        script_with(
+            "lab-data",
+            constants,
+            resource("chain.js"),
+            resource("chart.js"),
+            resource("lab.js", "distal.lab"),
+        ),
     ]
     lead = (
         "The rig moves in your browser, and a filter says where its joints are from what its "
@@ -145,11 +144,9 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
     n = mechanism.n_bodies
     nj = mechanism.n_joints
     most = _largest_load(rig, plant.first[2 * n : 2 * n + mechanism.n_tendons])
-    sensors = [next(s for s in rig.sensors if s.name == name) for name in plant.sensors]
-    chosen = make_estimator(estimator, rig, compiled=False)
     names = rig.joint_names
     zeros = {sensor.of: sensor.bias.value for sensor in rig.sensors_of("position")}
-    touched = dict(zip((field for _, field in torque_fields(chosen)), external_torques_of(chosen)))
+    sensors = rig.sensors
     scales = [
         unit_factor(rig.log.time.unit, "s"),
         *(sensor.sign * log_factor(sensor) for sensor in sensors),
@@ -161,18 +158,19 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
         "shape": chain_shape(rig, 0.0),
         "joints": names,
         "tendons": rig.tendon_names,
-        "sensors": list(plant.sensors),
-        "read": [plant.sensors.index(channel) for channel in module.filter.channels],
+        "sensors": rig.sensor_names,
+        "read": [rig.sensor_names.index(channel) for channel in module.filter.estimator.channels],
         "bodies": n,
         "interval": plant.interval,
         "band": BAND,
         "window": WINDOW,
         "longest": LONGEST,
-        "numbers": len(plant.parameters),
+        "numbers": len(mechanism.parameters.names),
         "told": list(module.outputs),
         "plain": module.inextensible,
         "torques": [
-            [field, std_name(field), names.index(joint)] for field, joint in touched.items()
+            [field.name, field.std, names.index(field.joint)]
+            for field in module.filter.fields[len(names) :]
         ],
         "health": [[word, meaning] for word, meaning in HEALTH.items()],
         "start": plant.start.tolist(),
@@ -183,12 +181,13 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
         "hand": [most / 0.2, 0.02 * most / 0.2],
         "loadMost": most,
         "factors": {
-            factor: [i for i, path in enumerate(plant.parameters) if re.search(pattern, path)]
+            factor: [
+                i for i, path in enumerate(mechanism.parameters.names) if re.search(pattern, path)
+            ]
             for factor, (_, pattern) in FACTORS.items()
         },
         "columns": columns,
         "scales": [*scales, *[1.0] * nj],
-        "colours": {"plain": COLOURS[1]},
         "commanded": list(module.commanded),
         "zeros": [zeros.get(drive.name, 0.0) for drive in rig.drives],
         "command": f"distal estimate lab.csv --rig {source} -e {estimator} gives the same angles.",
@@ -219,9 +218,8 @@ def _positions(rig: Rig, plant: ExportedPlant) -> list[dict[str, Any]]:
     """
     mechanism = plant.plant
     tables = []
-    n = mechanism.n_bodies
     nj = mechanism.n_joints
-    held = BodyInputs(resting_pull(mechanism)[None], np.zeros((1, n)), np.zeros((1, n, 3)))
+    held = resting_inputs(mechanism)
     for j, motion in enumerate(_motion(rig)):
         reach = motion["amplitude"] + abs(motion["centre"] - motion["from"])
         low = motion["from"] - reach
@@ -294,11 +292,11 @@ def _body(rig: Rig, module: LabModule, constants: dict[str, Any], estimator: str
         motion += "<label><input type='checkbox' id='bring'> go to the desired angle</label>"
         motion += _slider("desired", "desired angle", (-most_turned, most_turned, 0.0), "°")
     torque = (
-        "<figure><canvas id='torque' role='img' aria-label='Torque from outside over time: true "
-        "and estimated'></canvas>"
+        "<figure><svg class='chart' id='torque' role='img' aria-label='Torque from outside over "
+        "time: true and estimated'></svg>"
         "<figcaption>Torque on the joint from outside: true and estimated.</figcaption></figure>"
     )
-    plain = f"<span style='color:{COLOURS[1]}'>Dashed: tendons taken as inextensible.</span>"
+    plain = "<span class='plain'>Dashed: tendons taken as inextensible.</span>"
     blanks = {
         "experiments": "".join(
             f"<button type='button' aria-pressed='{str(not settings).lower()}' "
@@ -370,20 +368,23 @@ def _experiments(
             settings["load"] *= constants["loadMost"]
         if "dead" in settings:
             settings["dead"] = first
-        filled_text = filled(text, sensor) + _allowed(rig, module, constants, settings)
+        filled_text = filled(text, sensor) + _distance(rig, module, constants, settings)
         possible.append((name, settings, filled_text))
     return possible
 
 
-def _allowed(
+def _distance(
     rig: Rig, module: LabModule, constants: dict[str, Any], changes: dict[str, Any]
 ) -> str:
-    """Return a sentence that says whether the rig file's standard deviations allow for a change of
-    the true rig, so that the band should hold.
+    """Return a sentence that says how far a change of the true rig is off what the rig file takes
+    for known, in its standard deviations.
     """
     factor = next((key for key in changes if key in FACTORS), None)
     if factor is not None:
-        values = [number(rig, module.plant.parameters[i]) for i in constants["factors"][factor]]
+        values = [
+            number(rig, module.plant.plant.parameters.names[i])
+            for i in constants["factors"][factor]
+        ]
         share = min(one.std / abs(one.value) for one in values if one.value)
         stds = abs(changes[factor]) * log(2.0) / log1p(share) if share else inf
         known = f"{FACTORS[factor][0]} as {f'known to ± {100 * share:.2g} %' if share else 'exact'}"
@@ -393,7 +394,5 @@ def _allowed(
         known = f"a torque from outside as {f'± {std:.2g} N m' if std else 'none'}"
     else:
         return ""
-    if stds <= ALLOWED:
-        return " The rig file allows for that, and the band should hold."
-    off = "" if stds == inf else f" This is {stds:.0f} standard deviations off."
-    return f" The rig file takes {known}, so the band need not hold the truth.{off}"
+    off = "" if stds == inf else f": this is {stds:.1f} standard deviations off"
+    return f" The rig file takes {known}{off}."

@@ -91,82 +91,36 @@
   const each = (what) => names.map((_, j) => angle(j, what));
 
   // the rig as it moves
-  const picture = chainPicture(by("rig"), data.shape), colours = data.shape.colours;
+  const picture = chainPicture(by("rig"), data.shape);
   function fitted() {
     const some = [];
     for (let time = 0; time < 20; time += 0.5) some.push(led(time, 1, 0.15));
     picture.fit(some);
-    for (const plot of plots) plot.fit();
   }
 
-  // curves over time
-  function curves(id, unit) {
-    const canvas = by(id), pen = canvas.getContext("2d"), left = 56, bottom = 18;
-    let box = { width: 1, height: 1 }, drawn = [];
+  // curves over time; lines: [value(row), class], bands: [low(row), high(row)]
+  function curves(id, words) {
+    const svg = by(id);
+    let drawn = [];
     return {
       // time and every number of what was drawn, for each column of it
       numbers: () => drawn[0].map((row) => [kept[row], ...drawn[1].map((line) => line[0](row)), ...drawn[2].flat().map((edge) => edge(row))]),
-      fit() {
-        const ratio = window.devicePixelRatio || 1;
-        box = canvas.getBoundingClientRect();
-        canvas.width = box.width * ratio; canvas.height = box.height * ratio;
-        pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-      },
-      // lines: [value(row), colour, width, dash]; bands: [low(row), high(row)]
       draw(lines, bands, least) {
-        const shown = Math.min(count, KEPT), first = count - shown, end = first * interval + data.window;
-        const every = Math.max(1, Math.floor(shown / box.width)), right = box.width - 4, high = box.height - bottom;
-        let low = Infinity, top = -Infinity;
-        const rows = [];
-        for (let k = first - (first % every) + (first % every ? every : 0); k < count; k += every) rows.push(width * (k % KEPT));
+        const shown = Math.min(count, KEPT), first = count - shown, start = first * interval, rows = [];
+        const every = Math.max(1, Math.floor(shown / svg.clientWidth));
+        for (let k = first; k < count; k++) if (k % every === 0) rows.push(width * (k % KEPT));
         drawn = [rows, lines, bands];
-        for (const row of rows) for (const value of [...lines.map((l) => l[0]), ...bands.flat()]) {
-          const y = value(row);
-          if (y < low) low = y;
-          if (y > top) top = y;
-        }
-        if (!(top > low)) { low = -least; top = least; }
-        if (top - low < least) { const middle = (top + low) / 2; low = middle - least / 2; top = middle + least / 2; }
-        const room = 0.06 * (top - low); low -= room; top += room;
-        const x = (row) => left + ((kept[row] - (end - data.window)) / data.window) * (right - left);
-        const y = (value) => high - ((Math.min(Math.max(value, low - top), 2 * top - low) - low) / (top - low)) * (high - 6);
-        pen.clearRect(0, 0, box.width, box.height);
-        pen.font = "12px system-ui, sans-serif"; pen.setLineDash([]);
-        const size = 10 ** Math.floor(Math.log10((top - low) / 2)), tick = size * [1, 2, 5].find((f) => (top - low) / (f * size) <= 5 || f === 5);
-        pen.lineWidth = 1; pen.strokeStyle = colours.faint; pen.fillStyle = colours.soft;
-        pen.textAlign = "right"; pen.textBaseline = "middle";
-        for (let v = Math.ceil(low / tick) * tick; v <= top; v += tick) {
-          pen.beginPath(); pen.moveTo(left, y(v)); pen.lineTo(right, y(v)); pen.stroke();
-          pen.fillText(`${+(Math.abs(v) < tick / 1e6 ? 0 : v).toPrecision(4)}`, left - 5, y(v));
-        }
-        pen.textAlign = "center"; pen.textBaseline = "alphabetic";
-        for (let t = Math.ceil((end - data.window) / 2) * 2; t <= end; t += 2) {
-          const px = left + ((t - (end - data.window)) / data.window) * (right - left);
-          if (px > left + 12 && px < right - 20) pen.fillText(`${t} s`, px, box.height - 4);
-        }
-        pen.save(); pen.beginPath(); pen.rect(left, 0, right - left, high); pen.clip();
-        for (const [below, above] of bands) {
-          pen.beginPath();
-          rows.forEach((row, i) => (i ? pen.lineTo(x(row), y(above(row))) : pen.moveTo(x(row), y(above(row)))));
-          for (let i = rows.length - 1; i >= 0; i--) pen.lineTo(x(rows[i]), y(below(rows[i])));
-          pen.closePath(); pen.fillStyle = colours.band; pen.fill();
-        }
-        for (const [value, colour, thick, dash] of lines) {
-          pen.beginPath(); pen.strokeStyle = colour; pen.lineWidth = thick; pen.setLineDash(dash);
-          let open = false;
-          for (const row of rows) {
-            const v = value(row);
-            if (Number.isFinite(v)) { if (open) pen.lineTo(x(row), y(v)); else pen.moveTo(x(row), y(v)); open = true; } else open = false;
-          }
-          pen.stroke();
-        }
-        pen.restore();
-        pen.save(); pen.translate(11, high / 2); pen.rotate(-Math.PI / 2); pen.textAlign = "center"; pen.fillStyle = colours.soft; pen.fillText(unit, 0, 0); pen.restore();
+        const all = [...lines.map((line) => line[0]), ...bands.flat()].flatMap((value) => rows.map(value)).filter(Number.isFinite);
+        const low = Math.min(...all), high = Math.max(...all), half = Math.max(least, 1.12 * (high - low)) / 2, middle = (low + high) / 2;
+        const [px, py] = chart.frame(svg, { low: start, high: start + data.window, words: "", unit: " s" }, { low: middle - half, high: middle + half, words }, svg.clientWidth, svg.clientHeight);
+        const points = (value) => rows.filter((row) => Number.isFinite(value(row))).map((row) => `${px(kept[row]).toFixed(1)},${py(value(row)).toFixed(1)}`);
+        for (const [below, above] of bands) svg.append(chart.node("polygon", { points: [...points(below), ...points(above).reverse()].join(" "), class: "band" }));
+        for (const [value, kind] of lines) svg.append(chart.node("polyline", { points: points(value).join(" "), class: kind }));
       },
     };
   }
   const angles = curves("angles", "angle [°]"), errors = curves("errors", "error [°]");
-  const touch = torques.length ? curves("torque", "torque [N m]") : null, plots = [angles, errors, ...(touch ? [touch] : [])];
+  const touch = torques.length ? curves("torque", "torque [N m]") : null;
   let pictured = [];
 
   function draw() {
@@ -174,24 +128,25 @@
     data.shape.most = Math.max(data.shape.most, ...tensions.filter((x) => x < 1e4));
     pictured = [each(1), halves, each(0), tensions];
     picture.draw(...pictured);
+  }
+  function plot() {
     const of = (what, scale = 1 / DEGREE) => (row) => kept[row + 1 + 4 * joint + what] * scale;
     const half = (row) => (data.band * kept[row + 1 + 4 * joint + 2]) / DEGREE;
-    const plain = [of(3), data.colours.plain, 1.5, [5, 3]];
-    angles.draw([[of(0), colours.ink, 2, []], [of(1), colours.estimate, 1.5, []], ...(data.plain ? [plain] : [])], [[(r) => of(1)(r) - half(r), (r) => of(1)(r) + half(r)]], 10);
-    const off = (what) => (row) => of(what)(row) - of(0)(row);
-    errors.draw([[off(1), colours.estimate, 1.5, []], ...(data.plain ? [[off(3), data.colours.plain, 1.5, [5, 3]]] : [])], [[(r) => -half(r), half]], 2);
-    const touched = torques.findIndex((t) => t[2] === joint);
+    const plain = data.plain ? [[of(3), "plain"]] : [];
+    angles.draw([[of(0), "truth"], [of(1), "estimate"], ...plain], [[(r) => of(1)(r) - half(r), (r) => of(1)(r) + half(r)]], 10);
+    const off = (line) => [(row) => line[0](row) - of(0)(row), line[1]];
+    errors.draw([[of(1), "estimate"], ...plain].map(off), [[(r) => -half(r), half]], 2);
+    const touched = torques.findIndex((t) => t[2] === joint), base = 1 + 4 * nj + 3 * touched;
     if (touched >= 0) {
-      const base = 1 + 4 * nj + 3 * touched;
       const value = (k) => (row) => kept[row + base + k], reach = (row) => data.band * kept[row + base + 2];
-      touch.draw([[value(0), colours.ink, 2, []], [value(1), colours.estimate, 1.5, []]], [[(r) => kept[r + base + 1] - reach(r), (r) => kept[r + base + 1] + reach(r)]], 0.01 * data.loadMost);
+      touch.draw([[value(0), "truth"], [value(1), "estimate"]], [[(r) => value(1)(r) - reach(r), (r) => value(1)(r) + reach(r)]], 0.01 * data.loadMost);
     }
   }
   // a screen reader hears what an action brought and then the verdict, or a change of health; at most every 5 s
   let toSay = [], heard = "", silentUntil = 0;
   function speak(stamp) {
     if (!toSay.length || stamp < silentUntil) return;
-    by("live").textContent = toSay.splice(0, 1).map((id) => by(id).textContent)[0]; silentUntil = stamp + 5000;
+    by("live").textContent = by(toSay.shift()).textContent; silentUntil = stamp + 5000;
   }
   // numbers and words, four times a second
   function tell() {
@@ -214,7 +169,7 @@
     for (const name of Object.keys(settings)) { by(`${name}-said`).textContent = said(name); settings[name].setAttribute("aria-valuetext", said(name)); }
   }
 
-  let before = null, due = 0, spoken = -1e9, wall = 0, moved = 0;
+  let before = null, due = 0, spoken = -1e9, plotted = -1e9, wall = 0, moved = 0;
   function frame(stamp) {
     const begun = performance.now();
     if (playing && !broken) {
@@ -230,6 +185,7 @@
     }
     before = stamp;
     draw();
+    if (stamp - plotted > 50) { plotted = stamp; plot(); }  // twenty times a second
     if (stamp - spoken > 250) { spoken = stamp; tell(); speak(stamp); }
     frames += 1;
     lab.dataset.frames = frames;
@@ -268,7 +224,7 @@
   function choose(j) {
     joint = j;
     if (setting("load") === 0) loaded = j;
-    if (touch) { by("torque").closest("figure").hidden = !torques.some((t) => t[2] === j); touch.fit(); }
+    if (touch) by("torque").closest("figure").hidden = !torques.some((t) => t[2] === j);
     tell();
   }
   by("joint").addEventListener("change", (e) => choose(Number(e.target.value)));
@@ -314,7 +270,7 @@
   lab.begin = begin; lab.csv = csv; lab.pause = () => { if (playing) by("play").click(); };
   lab.last = () => [...kept.subarray(width * ((count - 1) % KEPT)).subarray(0, width)];
   lab.acted = () => [...pull];
-  lab.drawn = () => { draw(); return { angles: angles.numbers(), errors: errors.numbers(), torque: touch && !by("torque").closest("figure").hidden ? touch.numbers() : [], pictured }; };
+  lab.drawn = () => { draw(); plot(); return { angles: angles.numbers(), errors: errors.numbers(), torque: touch && !by("torque").closest("figure").hidden ? touch.numbers() : [], pictured }; };
   by("why").textContent = experiments[0].dataset.why;
   begin(); choose(joint); fitted(); draw();
   lab.dataset.first = performance.now().toFixed(1);  // since the page was opened [ms]

@@ -4,21 +4,18 @@ functions.
 
 from __future__ import annotations
 
-import importlib.util
-import subprocess
-import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
 from distal.codegen import Plain
 from distal.errors import EstimationError, ExportError
-from distal.estimators import make_estimator
 from distal.export import Exported, c_filter
-from distal.export.command_source import ExportedCommand, c_command
-from distal.export.names import angle_fields, filled, torque_fields
+from distal.export.c_text import filled
+from distal.export.command_source import c_command
 from distal.export.plant_source import ExportedPlant, c_plant
-from distal.rig import Rig, std_name
+from distal.kernels.compiler import CompileError, run_compiler, zig_compiler
+from distal.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -44,10 +41,16 @@ class LabModule:
     commanded: tuple[int, ...]
 
 
-def check_ziglang() -> None:
-    """Raise an `ExportError` where ziglang, which compiles WebAssembly, is not installed."""
-    if importlib.util.find_spec("ziglang") is None:
+def check_ziglang() -> list[str]:
+    """Return the command that compiles WebAssembly.
+
+    Raises:
+        ExportError: ziglang, which has it, is not installed.
+    """
+    command = zig_compiler("wasm32-wasi")
+    if command is None:
         raise ExportError("the lab is compiled to WebAssembly by ziglang; pip install '.[lab]'")
+    return command
 
 
 def lab_module(rig: Rig, estimator: str) -> LabModule:
@@ -70,138 +73,62 @@ def lab_module(rig: Rig, estimator: str) -> LabModule:
     except EstimationError:
         plain = None  # it needs the positions of the drives
     command = c_command(rig, "command", "filter", Plain()) if estimator == "adaptive" else None
-    chosen = make_estimator(estimator, rig, compiled=False)
-    pairs = [
-        *angle_fields(rig),
-        *((field, std_name(field)) for _, field in torque_fields(chosen)),
-    ]
-    names = [*(field for pair in pairs for field in pair), "health"]
-    fields = [f"out.{field}" for field in names[:-1]]
-    if plain is not None:
-        names += [f"plain_{field}" for field, _ in angle_fields(rig)]
-    source = filled(
-        _GLUE,
-        {
-            "told": "\n".join(f"  told[{i}] = {field};" for i, field in enumerate(fields)),
-            "n_told": str(len(names)),
-            "health": str(len(fields)),
-            "channels": _channels(plant, filter_),
-            "plain": _plain(rig, plain, plant, len(fields) + 1),
-            "include_plain": '#include "plain.h"' if plain is not None else "",
-            "command": _COMMAND if command is not None else _NO_COMMAND,
-            "include_command": '#include "command.h"' if command is not None else "",
-        },
-    )
-    files = {"lab.c": source}
-    exports: list[Exported | ExportedPlant | ExportedCommand] = [plant, filter_]
-    exports += [export for export in (plain, command) if export is not None]
+    outputs = [part for field in filter_.fields for part in (field.name, field.std)]
+    angles = [field.name for field in plain.fields] if plain is not None else []
+    values = {
+        "told": _assigned(outputs, 0),
+        "n_told": len(outputs) + 1 + len(angles),
+        "health": len(outputs),
+        "channels": _channels(rig, filter_),
+        "plain_told": _assigned(angles, len(outputs) + 1),
+        "plain_channels": _channels(rig, plain) if plain is not None else [],
+    }
+    exports = [text for text in (plant, filter_, plain, command) if text is not None]
+    values["includes"] = "\n".join(f'#include "{export.name}.h"' for export in exports)
+    files = {"lab.c": filled(_GLUE, values)}
     for export in exports:
-        files |= {f"{export.name}.h": export.header, f"{export.name}.c": export.source}
+        files |= export.files
     return LabModule(
         _compiled(files),
         plant,
         filter_,
-        tuple(names),
+        (*outputs, "health", *(f"plain_{angle}" for angle in angles)),
         plain is not None,
         command.joints if command else (),
     )
 
 
-def _plain(rig: Rig, plain: Exported | None, plant: ExportedPlant, at: int) -> str:
-    """Return the C code that estimates with inextensible tendons, or that does nothing where this
-    is not possible.
-    """
-    if plain is None:
-        return "static void follow(int begins) { (void)begins; }"
-    outputs = "\n".join(
-        f"  told[{at + i}] = out.{field};" for i, (field, _) in enumerate(angle_fields(rig))
-    )
-    return filled(_PLAIN, {"channels": _channels(plant, plain), "told": outputs})
+def _channels(rig: Rig, exported: Exported) -> list[int]:
+    """Return the indices of the plant's sensors that a filter reads."""
+    return [rig.sensor_names.index(channel) for channel in exported.estimator.channels]
 
 
-def _channels(plant: ExportedPlant, exported: Exported) -> str:
-    """Return the indices of the plant's sensors that a filter reads, as the values of an array in
-    C.
-    """
-    return ", ".join(str(plant.sensors.index(channel)) for channel in exported.channels)
+def _assigned(fields: list[str], first: int) -> str:
+    """Return C that tells the numbers of an output, from an index on."""
+    return "\n".join(f"  told[{first + i}] = out.{field};" for i, field in enumerate(fields))
 
 
 def _compiled(files: dict[str, str]) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         for name, text in files.items():
             Path(folder, name).write_text(text, encoding="utf-8")
-        command = [
-            sys.executable,
-            "-m",
-            "ziglang",
-            "cc",
-            "-target",
-            "wasm32-wasi",
-            "-Os",
-            "-s",
-            "-std=c99",
-        ]
-        command += ["-mexec-model=reactor", "-fno-math-errno", "-ffp-contract=off"]
-        command += [*sorted(name for name in files if name.endswith(".c")), "-lm", "-o", "lab.wasm"]
+        options = (
+            "-Os -std=c99 -mexec-model=reactor -fno-math-errno -ffp-contract=off -lm -o lab.wasm"
+        )
+        sources = sorted(name for name in files if name.endswith(".c"))
         try:
-            done = subprocess.run(
-                command, cwd=folder, capture_output=True, text=True, errors="replace", timeout=600
-            )
-        except (OSError, subprocess.SubprocessError) as problem:
-            raise ExportError(f"ziglang did not run ({type(problem).__name__})") from None
-        if done.returncode != 0:
-            lines = done.stderr.strip().splitlines() or ["no message"]
-            raise ExportError(
-                f"ziglang failed: {next((line for line in lines if 'error' in line), lines[0])}"
-            )
+            run_compiler([*check_ziglang(), *sources, *options.split()], folder)
+        except CompileError as problem:
+            raise ExportError(f"ziglang: {problem}") from None
         return Path(folder, "lab.wasm").read_bytes()
 
-
-_PLAIN = """\
-static plain_state plain;
-static const unsigned char plain_channels[] = {$channels$};
-
-static void follow(int begins) {
-  plain_real own[PLAIN_CHANNELS];
-  plain_output out;
-  int i;
-  for (i = 0; i < PLAIN_CHANNELS; ++i) own[i] = values[plain_channels[i]];
-  if (begins) plain_begin(&plain, own);
-  if (plain_step(&plain, begins ? 0 : PLANT_INTERVAL, own, &out)) return;
-$told$
-}"""
-
-_COMMAND = """\
-static command_state command;
-static command_output commands;
-static double desired[COMMAND_JOINTS];
-
-static void bring(int begins, double dt, const filter_real* own, const filter_output* out,
-                  int trusted) {
-  if (begins) command_begin(&command);
-  command_step(&command, &filter, dt, own, out, desired, trusted, &commands);
-}
-
-void* EXPORTED(lab_desired)(void) { return desired; }
-void* EXPORTED(lab_commanded)(void) { return commands.positions; }
-"""
-
-_NO_COMMAND = """\
-static void bring(int begins, double dt, const filter_real* own, const filter_output* out,
-                  int trusted) {
-  (void)begins, (void)dt, (void)own, (void)out, (void)trusted;
-}
-"""
 
 _GLUE = """\
 /* The lab: the plant moves, its sensors are read, dead ones left out, and the filters take the
  * sample. */
 #include <math.h>
 
-#include "filter.h"
-#include "plant.h"
-$include_plain$
-$include_command$
+$includes$
 
 #define EXPORTED(name) __attribute__((export_name(#name))) name
 
@@ -213,8 +140,32 @@ static double values[PLANT_SENSORS], told[$n_told$];
 static unsigned char dead[PLANT_SENSORS];
 static const unsigned char channels[] = {$channels$};
 
-$plain$
-$command$
+/* what inextensible tendons would say */
+static void follow(int begins) {
+#ifdef PLAIN_H
+  static plain_state plain;
+  static const unsigned char plain_channels[] = {$plain_channels$};
+  plain_real own[PLAIN_CHANNELS];
+  plain_output out;
+  int i;
+  for (i = 0; i < PLAIN_CHANNELS; ++i) own[i] = values[plain_channels[i]];
+  if (begins) plain_begin(&plain, own);
+  if (plain_step(&plain, begins ? 0 : PLANT_INTERVAL, own, &out)) return;
+$plain_told$
+#else
+  (void)begins;
+#endif
+}
+
+#ifdef COMMAND_H
+static command_state command;
+static command_output commands;
+static double desired[COMMAND_JOINTS];
+
+void* EXPORTED(lab_desired)(void) { return desired; }
+void* EXPORTED(lab_commanded)(void) { return commands.positions; }
+#endif
+
 static void estimate(int begins) {
   filter_real own[FILTER_CHANNELS];
   filter_output out;
@@ -233,7 +184,12 @@ static void estimate(int begins) {
     filter_step(&filter, 0, own, &out);
     told[$health$] = FILTER_HEALTH_RESTARTED;
   }
-  if (code != FILTER_BAD) bring(begins, dt, own, &out, told[$health$] < FILTER_HEALTH_DEAD);
+#ifdef COMMAND_H
+  if (begins) command_begin(&command);
+  if (code != FILTER_BAD)
+    command_step(&command, &filter, dt, own, &out, desired, told[$health$] < FILTER_HEALTH_DEAD,
+                 &commands);
+#endif
 $told$
   follow(begins);
 }

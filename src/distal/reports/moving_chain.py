@@ -92,18 +92,13 @@ def moving_chain(
         "more": more,
         "level": in_percent(estimate.level),
     }
-    scripts = chain_script(), resource("moving.js")
+    scripts = resource("chain.js"), resource("moving.js")
     picture = Template(resource("moving.html")).substitute(blanks)
     return picture, script_with("moving-data", frames, *scripts)
 
 
-def chain_script() -> str:
-    """Return the JavaScript that draws a chain."""
-    return resource("chain.js")
-
-
 def chain_shape(rig: Rig, most: float) -> dict[str, object]:
-    """Return the data of a rig that `chain_script` draws.
+    """Return the data of a rig that ``chain.js`` draws.
 
     Args:
         most: tension at the end of the scale of colours [N].

@@ -6,9 +6,7 @@
 
 /* the rig's parameters and the noise, as the filter takes them */
 static const float numbers[18] = {
-  2e-05f, 0.001f, 0.15f, 0.0015f, 0.00038f, 0.005f,
-  0.002f, 0.02f, 0.05f, 0.008f, 23000.0f, 2.0f,
-  20.0f, 0.008f, 23000.0f, 2.0f, 20.0f, 40.0f
+  2e-05f, 0.001f, 0.15f, 0.0015f, 0.00038f, 0.005f, 0.002f, 0.02f, 0.05f, 0.008f, 23000.0f, 2.0f, 20.0f, 0.008f, 23000.0f, 2.0f, 20.0f, 40.0f
 };
 
 static inline float larger(float a, float b) { return a > b || b != b ? a : b; }
@@ -1178,19 +1176,19 @@ static const unsigned char measured[1] = {1};
 
 static int is_there(float value) { return value == value; }
 
-static float root(float variance) { return variance <= 0.0f ? 0.0f : sqrtf(variance); }
+static float root(float variance) { return variance <= 0 ? 0 : sqrtf(variance); }
 
 void capstan_adaptive_begin(capstan_adaptive_state* state, const float* values) {
   float known[2], mask[2], spread[8];
   int i;
   for (i = 0; i < 2; ++i) {
     mask[i] = is_there(values[i]) ? 1.0f : 0.0f;
-    known[i] = is_there(values[i]) ? values[i] : 0.0f;
+    known[i] = is_there(values[i]) ? values[i] : 0;
   }
   memset(state, 0, sizeof *state);
   prior(known, mask, numbers, state->kernel_state, spread,
           state->kernel_state + 8 + 8 * 8);
-  for (i = 0; i < 8; ++i) state->kernel_state[8 + i * 9] = spread[i];
+  for (i = 0; i < 8; ++i) state->kernel_state[8 + i * (8 + 1)] = spread[i];
 }
 
 void capstan_adaptive_restart(capstan_adaptive_state* state, const float* values) {
@@ -1215,7 +1213,7 @@ int capstan_adaptive_step(capstan_adaptive_state* state, float dt, const float* 
   float x[1 + 2 * 2], y[2];
   long parts, k;
   int i, wild = 0;
-  if (!(dt >= 1e-09f) && !(dt == 0.0f && state->samples == 0)) return CAPSTAN_ADAPTIVE_LATE;
+  if (!(dt >= 1e-09f) && !(dt == 0 && state->samples == 0)) return CAPSTAN_ADAPTIVE_LATE;
   if (!(dt <= 100000 * 0.00625f)) return CAPSTAN_ADAPTIVE_GAP;
   for (i = 0; i < 2; ++i) wild |= values[i] > 10000000.0f || values[i] < -10000000.0f;
   if (wild) return CAPSTAN_ADAPTIVE_BAD;
@@ -1229,7 +1227,7 @@ int capstan_adaptive_step(capstan_adaptive_state* state, float dt, const float* 
       const int last = k == 1, led = i < 1;
       const int there = is_there(values[i]);
       /* displacements cross a gap in a straight line to the reading that ends it */
-      x[1 + i] = there && (last || led) ? values[i] : 0.0f;
+      x[1 + i] = there && (last || led) ? values[i] : 0;
       x[1 + 2 + i] = !there ? 0.0f : last ? 1.0f : led ? -(float)k : 0.0f;
     }
     adaptive(state->kernel_state, x, numbers, y);
@@ -1245,8 +1243,8 @@ int capstan_adaptive_step(capstan_adaptive_state* state, float dt, const float* 
   }
   for (i = 0; i < 8; ++i) {
     /* neither infinite nor undefined, and no negative variance */
-    if (!(state->kernel_state[i] - state->kernel_state[i] == 0.0f)) return CAPSTAN_ADAPTIVE_LOST;
-    if (!(state->kernel_state[8 + i * (8 + 1)] >= 0.0f)) return CAPSTAN_ADAPTIVE_LOST;
+    if (!(state->kernel_state[i] - state->kernel_state[i] == 0)) return CAPSTAN_ADAPTIVE_LOST;
+    if (!(state->kernel_state[8 + i * (8 + 1)] >= 0)) return CAPSTAN_ADAPTIVE_LOST;
   }
   for (i = 0; i < 1; ++i)
     if (!(state->kernel_state[i] >= -50.0f && state->kernel_state[i] <= 50.0f))
@@ -1267,16 +1265,16 @@ int capstan_adaptive_health(capstan_adaptive_watch* watch, const capstan_adaptiv
   float memory[sizeof watch->memory / sizeof *watch->memory];
   float sample[23], findings[20];
   int i;
-  sample[0] = watch->begun ? 0.0f : 1.0f;
+  sample[0] = watch->begun ? 0 : 1;
   sample[1] = dt;
   for (i = 0; i < CAPSTAN_ADAPTIVE_CHANNELS; ++i) {
-    sample[2 + i] = is_there(values[i]) ? values[i] : 0.0f;
-    sample[4 + i] = is_there(values[i]) ? 1.0f : 0.0f;
+    sample[2 + i] = is_there(values[i]) ? values[i] : 0;
+    sample[4 + i] = is_there(values[i]) ? 1 : 0;
   }
   for (i = 0; i < (int)(sizeof stds / sizeof *stds); ++i) sample[6 + i] = stds[i];
   for (i = 0; i < CAPSTAN_ADAPTIVE_MEASURED; ++i) {
-    sample[8 + i] = is_there(out->innovations[i]) ? 1.0f : 0.0f;
-    sample[7 + i] = is_there(out->innovations[i]) ? out->innovations[i] : 0.0f;
+    sample[8 + i] = is_there(out->innovations[i]) ? 1 : 0;
+    sample[7 + i] = is_there(out->innovations[i]) ? out->innovations[i] : 0;
     sample[9 + i] = out->innovation_variances[i];
   }
   for (i = 0; i < 6; ++i) { /* numbers of the rig */

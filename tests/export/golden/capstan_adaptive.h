@@ -10,14 +10,14 @@
  *
  * states, in this order (means first in `kernel_state`, then the covariance,
  * 8 x 8, then what is remembered):
- *    0  theta [rad]
- *    1  theta_dot [rad/s]
- *    2  friction coefficient of joint jaw [1]
- *    3  friction constant of drive motor [N m]
- *    4  friction load of drive motor [1]
- *    5  pretension of tendon flexor [N]
- *    6  pretension of tendon extensor [N]
- *    7  common factor of tendons.stiffness [1]
+ *   0  theta [rad]
+ *   1  theta_dot [rad/s]
+ *   2  friction coefficient of joint jaw [1]
+ *   3  friction constant of drive motor [N m]
+ *   4  friction load of drive motor [1]
+ *   5  pretension of tendon flexor [N]
+ *   6  pretension of tendon extensor [N]
+ *   7  common factor of tendons.stiffness [1]
  *
  * innovations, in this order:
  *   0  motor_torque
@@ -44,7 +44,7 @@ typedef struct {
 } capstan_adaptive_state;
 
 typedef struct {
-  capstan_adaptive_real angle; /* of the joint [rad] */
+  capstan_adaptive_real angle; /* angle of jaw [rad] */
   capstan_adaptive_real angle_std; /* standard deviation of its error [rad] */
   /* measured minus predicted, NAN where nothing was compared */
   capstan_adaptive_real innovations[1];

@@ -10,10 +10,10 @@
  *
  * states, in this order (means first in `kernel_state`, then the covariance,
  * 4 x 4, then what is remembered):
- *    0  theta [rad]
- *    1  position_motor [rad]
- *    2  theta_dot [rad/s]
- *    3  velocity_motor [rad/s]
+ *   0  theta [rad]
+ *   1  position_motor [rad]
+ *   2  theta_dot [rad/s]
+ *   3  velocity_motor [rad/s]
  *
  * innovations, in this order:
  *   0  motor_angle
@@ -40,7 +40,7 @@ typedef struct {
 } capstan_ekf_2008_state;
 
 typedef struct {
-  capstan_ekf_2008_real angle; /* of the joint [rad] */
+  capstan_ekf_2008_real angle; /* angle of jaw [rad] */
   capstan_ekf_2008_real angle_std; /* standard deviation of its error [rad] */
   /* measured minus predicted, NAN where nothing was compared */
   capstan_ekf_2008_real innovations[1];

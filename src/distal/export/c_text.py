@@ -1,0 +1,226 @@
+"""What the exported texts of C share: templates and their blanks, comments, the pair of files, the
+numbers that a filter puts out, and the names that C functions, files and CMake targets may have on
+every system.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from distal.codegen import Dialect, Emitter, Plain, unused
+from distal.errors import ExportError
+from distal.estimators import KernelEstimator, external_torques_of
+from distal.logs import shown
+from distal.rig import Rig, Sensor, angle_names, std_name
+
+DOUBLE = Plain()
+"""The number type of C that most of the texts are in."""
+
+
+@dataclass(frozen=True)
+class Translated:
+    """A model as C.
+
+    Args:
+        name: prefix of its C names, and the name of its files.
+        header: text of the .h file.
+        source: text of the .c file.
+    """
+
+    name: str
+    header: str
+    source: str
+
+    @property
+    def files(self) -> dict[str, str]:
+        """Name of each file → its text."""
+        return {f"{self.name}.h": self.header, f"{self.name}.c": self.source}
+
+
+def filled(template: str, values: Mapping[str, object], real: Dialect = DOUBLE) -> str:
+    """Return a template in which each ``$name$`` is replaced by the value of that name.
+
+    ``$NAME$`` is the same value in capitals. Texts stand as they are, numbers are written in C and
+    sequences with commas. Blanks in the values themselves are not replaced.
+
+    Args:
+        real: number type of the values that are no integers.
+    """
+
+    def value(blank: re.Match[str]) -> str:
+        key = blank[1]
+        return in_c(values[key], real) if key in values else str(values[key.lower()]).upper()
+
+    return re.sub(r"\$(\w+)\$", value, template)
+
+
+def in_c(value: object, real: Dialect) -> str:
+    """Return a value as C: a number, or several with commas, rows of them in braces."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, (int, np.integer)):
+        return str(int(value))
+    if isinstance(value, Iterable):
+        items = np.asarray(value).tolist() if isinstance(value, np.ndarray) else value
+        return ", ".join(
+            f"{{{in_c(item, real)}}}" if isinstance(item, (list, tuple)) else in_c(item, real)
+            for item in items
+        )
+    return real.constant(float(value))  # type: ignore[arg-type]
+
+
+def shared_blanks(name: str, rig: Rig, emitter: Emitter) -> dict[str, object]:
+    """Return the blanks that all sources of a rig have: its name, the number type, and the
+    functions that were written.
+    """
+    return {
+        "name": name,
+        "rig": comment(rig.name),
+        "real": emitter.dialect.type,
+        "prelude": emitter.dialect.prelude(emitter.text),
+        "functions": emitter.text,
+    }
+
+
+def comment(text: str) -> str:
+    """Return a text without what would end a C comment, cut to 200 characters."""
+    plain = "".join(c if c.isprintable() else " " for c in text)[:200]
+    for ends, harmless in (("\\", "/"), ("??", "? ?"), ("*/", "* /"), ("/*", "/ *"), ("*/", "* /")):
+        plain = plain.replace(ends, harmless)
+    return " ".join(plain.split())
+
+
+def numbered(parts: Iterable[str]) -> str:
+    """Return lines of a C comment that list parts with their indices."""
+    return "\n".join(f" *  {i:2d}  {comment(part)}" for i, part in enumerate(parts)) or " *   none"
+
+
+def sensors_of(estimator: KernelEstimator) -> list[Sensor]:
+    """Return the sensors that a filter reads, in the order of a sample's values."""
+    sensors = {sensor.name: sensor for sensor in estimator.rig.sensors}
+    return [sensors[channel] for channel in estimator.channels]
+
+
+def sensor_texts(sensors: Iterable[Sensor]) -> list[str]:
+    """Return what each sensor measures, and its unit, in words."""
+    return [f"{s.name}: {s.measures} of {s.of} [{s.si}]" for s in sensors]
+
+
+def largest(to: str, home: str, states: Iterable[int]) -> str:
+    """Return C that sets a number to the largest of some values of a kernel state, or to zero."""
+    lines = [f"  {to} = 0;"]
+    for state in states:
+        value = f"{home}->kernel_state[{state}]"
+        lines += [f"  if ({to} < {value}) {to} = {value};"]
+    return "\n".join(lines)
+
+
+class Field(NamedTuple):
+    """A number that an exported filter puts out, with the standard deviation of its error.
+
+    Args:
+        name: in C.
+        column: its name in a table.
+        state: index of its state.
+        meaning: what it is, in words.
+        joint: name of the joint to which it belongs.
+    """
+
+    name: str
+    column: str
+    state: int
+    meaning: str
+    joint: str
+    unit: str
+
+    @property
+    def std(self) -> str:
+        """Name of the standard deviation in C."""
+        return std_name(self.name)
+
+
+def fields_of(estimator: KernelEstimator) -> list[Field]:
+    """Return what an exported filter puts out: the angle of each joint, then external torques.
+
+    The angle of a single joint is ``angle`` in C. All other names are those of columns, with _ for
+    characters that C does not allow.
+    """
+    joints = estimator.rig.joint_names
+    columns = angle_names(joints)
+    rows = [(j, *pair, "angle of", "rad") for j, pair in enumerate(zip(joints, columns))]
+    rows += [
+        (state, joint, estimator.state_names[state], "torque from outside on", "N m")
+        for joint, state in external_torques_of(estimator).items()
+    ]
+    fields: list[Field] = []
+    for state, joint, column, meaning, unit in rows:
+        alone = len(joints) == 1 and unit == "rad"
+        plain = "angle" if alone else re.sub(r"[^A-Za-z0-9]", "_", column)
+        name = unused(plain, {field.name for field in fields})
+        fields.append(Field(name, column, state, f"{meaning} {joint}", joint, unit))
+    return fields
+
+
+HEADERS = """
+assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdalign
+stdarg stdatomic stdbool stdckdint stddef stdint stdio stdlib stdnoreturn string tgmath threads time
+uchar wchar wctype
+"""
+"""Headers of C: a file of the same name would hide them."""
+
+INCLUDED = """
+alloca availability corecrt crtdefs endian fcntl features malloc memory newlib picolibc pthread
+reent sal sched strings swab unistd vadefs vcruntime yvals
+"""
+"""Headers that those of C include on Linux, macOS, Windows and with newlib, as far as somebody
+might call a filter so.
+"""
+
+TARGETS = """
+all all_build clean default_target depend help install m package rebuild_cache replay run_tests test
+zero_check
+"""
+"""Names that CMake or the export uses for targets, and ``m``, the mathematics library."""
+
+TAKEN = frozenset((HEADERS + INCLUDED + TARGETS).split())
+"""All names that a filter cannot have."""
+
+DEVICES = re.compile(r"con|prn|aux|nul|com[0-9]|lpt[0-9]")
+"""Names of devices, which no file can have on Windows."""
+
+
+def c_name(text: str) -> str:
+    """Return a C identifier made from a text, which C names may begin with."""
+    plain = re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_")[:100].rstrip("_")
+    if not plain or not plain[0].isalpha() or _taken(plain):
+        plain = f"rig_{plain}"[:100].rstrip("_")
+    return plain
+
+
+def checked_name(name: str) -> str:
+    """Return the name unchanged, if C names and files may begin with it.
+
+    Raises:
+        ExportError: the name is no C identifier of lower-case letters, digits and _, does not begin
+            with a letter, or is taken.
+    """
+    if not re.fullmatch(r"[a-z][a-z0-9_]{0,99}", name):
+        raise ExportError(
+            f"'{shown(name)}' cannot begin the names of C functions; up to 100 lower-case "
+            "letters, digits and _ can, a letter first"
+        )
+    if _taken(name):
+        raise ExportError(
+            f"'{name}' is the name of a header of C, a target of CMake or a device; give another "
+            "one (--name)"
+        )
+    return name
+
+
+def _taken(name: str) -> bool:
+    return name in TAKEN or DEVICES.fullmatch(name) is not None
