@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from distal.expressions import Scalar, Vector
-from distal.model.chain import Frames
+from distal.model.chain import Chain
 from distal.model.mechanism import Mechanism
 from distal.rig import Sensor, measurand_of, part_of
 
@@ -65,8 +65,8 @@ class Moment:
         return self.mechanism.rig.joints[joint].axis
 
     @property
-    def _frames(self) -> Frames:
-        return Frames(self.mechanism.rig, self.mechanism.parameters)
+    def _frames(self) -> Chain:
+        return Chain(self.mechanism.rig, self.mechanism.parameters)
 
     def read(self, sensor: Sensor, unknowns: Mapping[str, Scalar] | None = None) -> Scalar:
         """Return what a sensor without errors reads [SI]. Its parameters are those of the rig, but

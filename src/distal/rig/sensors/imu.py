@@ -8,13 +8,13 @@ acceleration adds is part of its noise.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Annotated, Literal
 
 import casadi as ca
 from pydantic import Field
 
-from distal.expressions import Scalar, Vector
+from distal.expressions import Scalar, rotation
 from distal.rig.quantities import (
     FixedAngle,
     In,
@@ -139,24 +139,10 @@ class Imu(Measurand):
         kind, axis = sensor.number.split("_")
         vector = motion.turning(part) if kind == "rate" else -motion.falling(part)
         mounting = unknowns.get(f"mounting_{sensor.unit_name}", sensor.mounting.value)
-        return turned(vector, motion.axis(part), -mounting)["xyz".index(axis)]
+        return ca.mtimes(rotation(motion.axis(part), -mounting), vector)["xyz".index(axis)]
 
     def travel(self, sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
         """Return the range that common units measure."""
         assert isinstance(sensor, ImuSensor)
         largest = RANGES[sensor.number.split("_")[0]]
         return -largest, largest
-
-
-def turned(vector: Vector, axis: Sequence[float], angle: Scalar) -> Vector:
-    """Return a `vector` v turned about a unit `axis` a by an `angle` α [rad], (3,) (Rodrigues).
-
-    v cos α + (a × v) sin α + a (a·v)(1 − cos α)
-    """
-    a = ca.DM(list(axis))
-    across = ca.cross(ca.SX(a), vector)
-    return (
-        vector * ca.cos(angle)
-        + across * ca.sin(angle)
-        + a * ca.dot(ca.SX(a), vector) * (1 - ca.cos(angle))
-    )
