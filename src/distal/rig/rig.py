@@ -13,7 +13,7 @@ from distal.rig.joints import BASE, Base, Joint
 from distal.rig.learned import KINDS, FreeMotion, LearnedMap, LearnedMaps
 from distal.rig.overrides import set_value
 from distal.rig.quantities import Description, Duration, Parameter
-from distal.rig.sensors import MEASURED, Sensor, checked_parts, log_factor
+from distal.rig.sensors.registry import MEASURED, Sensor, checked_parts, log_factor
 from distal.rig.tendons import Tendon
 from distal.rig.validation import named, validated
 from distal.suggestions import did_you_mean

@@ -77,72 +77,66 @@ class Accelerometer(ImuSensor):
     bias: Annotated[Parameter, In("m/s^2")] = WALKING
 
 
-class Imu(Measurand):
-    """Angular velocity Rᵀ ω [rad/s] and specific force −Rᵀ g [m/s²] of a link, with R the turn by
-    the mounting angle about the joint's axis.
+def _values(raw: Mapping[str, object]) -> list[Mapping[str, object]]:
+    """Return a sensor for each number of the unit, all six or those that the table names.
+
+    Raises:
+        ValueError: the table names a number that no unit has.
     """
+    if "number" in raw:
+        return [{**raw, "si": VALUES.get(str(raw["number"]), "rad/s")}]
+    desired = raw.get("numbers", list(VALUES))
+    if not isinstance(desired, list) or not desired or not set(map(str, desired)) <= set(VALUES):
+        raise ValueError(f"numbers: must be some of {', '.join(VALUES)}, {desired!r} came")
+    common = {key: part for key, part in raw.items() if key not in GROUP}
+    sensors: list[Mapping[str, object]] = []
+    for number in desired:
+        sensor = {
+            **common,
+            "name": f"{raw.get('name')}_{number}",
+            "unit_name": raw.get("name"),
+            "number": number,
+        }
+        sensor |= {
+            "column": f"{raw.get('column', raw.get('name'))}_{number}",
+            "si": VALUES[number],
+        }
+        for key in ("noise", "bias"):
+            by_kind = raw.get(key, {})
+            if not isinstance(by_kind, Mapping):
+                raise ValueError(f"{key}: must be a table with rate and force, {by_kind!r} came")
+            if number.split("_")[0] in by_kind:
+                sensor[key] = by_kind[number.split("_")[0]]
+        sensors.append(sensor)
+    return sensors
 
-    name = "imu"
-    of = "joints"
-    role = Role.COMPARED
-    si = "rad/s"
 
-    def values(self, raw: Mapping[str, object]) -> list[Mapping[str, object]]:
-        """Return a sensor for each number of the unit, all six or those that the table names.
+def _read(sensor: ImuSensor, motion: Motion, part: int) -> Scalar:
+    """Return the sensor's number in the frame of the unit."""
+    kind, axis = sensor.number.split("_")
+    vector = motion.turning(part) if kind == "rate" else -motion.falling(part)
+    mounting = motion.unknowns.get(f"mounting_{sensor.unit_name}", sensor.mounting.value)
+    turned = ca.mtimes(rotation(motion.axes[part], -mounting), vector)
+    return turned["xyz".index(axis)]
 
-        Raises:
-            ValueError: the table names a number that no unit has.
-        """
-        if "number" in raw:
-            return [{**raw, "si": VALUES.get(str(raw["number"]), "rad/s")}]
-        desired = raw.get("numbers", list(VALUES))
-        if (
-            not isinstance(desired, list)
-            or not desired
-            or not set(map(str, desired)) <= set(VALUES)
-        ):
-            raise ValueError(f"numbers: must be some of {', '.join(VALUES)}, {desired!r} came")
-        common = {key: part for key, part in raw.items() if key not in GROUP}
-        sensors: list[Mapping[str, object]] = []
-        for number in desired:
-            sensor = {
-                **common,
-                "name": f"{raw.get('name')}_{number}",
-                "unit_name": raw.get("name"),
-                "number": number,
-            }
-            sensor |= {
-                "column": f"{raw.get('column', raw.get('name'))}_{number}",
-                "si": VALUES[number],
-            }
-            for key in ("noise", "bias"):
-                by_kind = raw.get(key, {})
-                if not isinstance(by_kind, Mapping):
-                    raise ValueError(
-                        f"{key}: must be a table with rate and force, {by_kind!r} came"
-                    )
-                if number.split("_")[0] in by_kind:
-                    sensor[key] = by_kind[number.split("_")[0]]
-            sensors.append(sensor)
-        return sensors
 
-    def unknowns(self, sensor: SensorBase) -> tuple[Unknown, ...]:
-        """Return the mounting angle, which all numbers of one unit share."""
-        assert isinstance(sensor, ImuSensor)
-        return (Unknown(f"mounting_{sensor.unit_name}", sensor.mounting),)
+def _travel(sensor: ImuSensor, rig: Parts, part: int) -> tuple[float, float]:
+    """Return the range that common units measure."""
+    largest = RANGES[sensor.number.split("_")[0]]
+    return -largest, largest
 
-    def read(
-        self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
-    ) -> Scalar:
-        """Return the sensor's number in the frame of the unit."""
-        assert isinstance(sensor, ImuSensor)
-        kind, axis = sensor.number.split("_")
-        vector = motion.turning(part) if kind == "rate" else -motion.falling(part)
-        mounting = unknowns.get(f"mounting_{sensor.unit_name}", sensor.mounting.value)
-        return ca.mtimes(rotation(motion.axis(part), -mounting), vector)["xyz".index(axis)]
 
-    def travel(self, sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
-        """Return the range that common units measure."""
-        assert isinstance(sensor, ImuSensor)
-        largest = RANGES[sensor.number.split("_")[0]]
-        return -largest, largest
+IMU = Measurand(
+    "imu",
+    "joints",
+    Role.COMPARED,
+    lambda part: "rad/s",
+    _read,
+    _travel,
+    # all numbers of one unit share its mounting angle
+    lambda sensor: (Unknown(f"mounting_{sensor.unit_name}", sensor.mounting),),
+    _values,
+)
+"""Angular velocity Rᵀ ω [rad/s] and specific force −Rᵀ g [m/s²] of a link, with R the turn by the
+mounting angle about the joint's axis.
+"""

@@ -13,14 +13,14 @@ from pydantic import Field
 from distal.errors import UnitError
 from distal.rig.quantities import Parameter
 from distal.rig.sensors.base import Measurand, Part, Parts, Role
-from distal.rig.sensors.forces import Force, ForceSensor, Tension, Torque, TorqueSensor
-from distal.rig.sensors.imu import VALUES, Accelerometer, Gyroscope, Imu
-from distal.rig.sensors.motions import Angle, AngleSensor, LengthSensor, Position
+from distal.rig.sensors.forces import FORCE, TENSION, TORQUE, ForceSensor, TorqueSensor
+from distal.rig.sensors.imu import IMU, VALUES, Accelerometer, Gyroscope
+from distal.rig.sensors.motions import ANGLE, POSITION, AngleSensor, LengthSensor
 from distal.suggestions import did_you_mean
 from distal.units import unit_factor
 
 MEASURANDS: dict[str, Measurand] = {
-    kind.name: kind for kind in (Position(), Force(), Tension(), Angle(), Torque(), Imu())
+    kind.name: kind for kind in (POSITION, FORCE, TENSION, ANGLE, TORQUE, IMU)
 }
 """Name in a rig file → what can be measured."""
 
