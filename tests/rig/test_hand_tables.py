@@ -87,7 +87,7 @@ def test_one_tendon_over_three_joints_has_springs_and_no_second_tendon(tmp_path:
         (("-20,95", "95,-20"), "from a lower to a higher angle"),
         (("-20,95", "-20,9500"), "is the unit right?"),
         ((",1,-20", ",2,-20"), "must be 1 or -1, '2' came"),
-        (("1,7,8", "1,0.007,8"), "0.1 to 500 mm"),
+        (("1,7,8", "1,0.007,8"), "must be from 0.0001 to 0.5 m, 7e-06 came"),
         (("high [deg]", "high"), "line 2: high: '95' has no unit"),
         (("index_mcp,1", "index_mcp,"), "needs a motor"),
         (("index_pip,two", "index_mcp,two"), "several lines with different ranges"),

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from distal import Rig, load_rig, shipped_rigs
 from distal.errors import DistalWarning, RigError
-from distal.rig import edited_text, number, template_text
+from distal.rig import edited_text, number, rig_text
 
 
 def test_shipped_rigs_load() -> None:
@@ -92,13 +92,13 @@ def test_dump_and_build_give_the_same_rig() -> None:
 
 def test_template_is_a_rig(tmp_path: Path) -> None:
     file = tmp_path / "new.toml"
-    file.write_text(template_text(), encoding="utf-8")
+    file.write_text(rig_text("template")[0], encoding="utf-8")
     assert load_rig(file).name == "My joint"
     # what the template only shows as a comment is right too
     shown = re.sub(
         r"(?m)^# (spring|gravity|stops|external_torque|damping|pretension) =",
         r"\1 =",
-        template_text(),
+        rig_text("template")[0],
     )
     file.write_text(shown, encoding="utf-8")
     rig = load_rig(file)

@@ -13,7 +13,7 @@ from pydantic import BaseModel
 from distal.arrays import Floats
 from distal.errors import RigError
 from distal.expressions import Scalar, Vector
-from distal.rig import Parameter, Rig
+from distal.rig import Parameter, Rig, part_at
 
 # not part of the equations of motion: the start, and what stands in for a missing force sensor
 _NOT_DYNAMIC = frozenset({"initial", "nominal_force", "settled"})
@@ -151,20 +151,14 @@ class Parameters:
 
 
 def number_at(rig: Rig, path: str) -> float:
-    """Return the number at a path of the description, whose keys are names of fields and indices.
+    """Return the number at a path of the description.
 
     A parameter counts as its value, a drift that is not given as 0.
 
     Raises:
         RigError: there is no number at the path.
     """
-    part: object = rig
-    for key in path.split("."):
-        if isinstance(part, tuple):
-            is_index = key.isascii() and key.isdigit() and len(key) < 10 and int(key) < len(part)
-            part = part[int(key)] if is_index else None
-        else:
-            part = getattr(part, key, None)
+    part = part_at(rig, path)
     if isinstance(part, Parameter):
         return part.value
     if part is None and path.endswith(".drift"):

@@ -20,7 +20,6 @@ from distal.rig.files import (
     read_text,
     rig_text,
     shipped_rigs,
-    template_text,
 )
 from distal.rig.hand_tables.aero import from_aero
 from distal.rig.hand_tables.described import from_table
@@ -160,7 +159,6 @@ __all__ = [
     "speed_names",
     "std_name",
     "step_of",
-    "template_text",
     "tendon_angle_name",
     "torque_names",
     "travel_of",

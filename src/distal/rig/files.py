@@ -9,7 +9,6 @@ import tomllib
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import cast
 
@@ -20,11 +19,18 @@ from distal.rig.rig import Rig
 from distal.rig.validation import validated
 from distal.suggestions import did_you_mean
 
+LIBRARY = Path(__file__).with_name("library")
+"""Folder of the rigs that come with distal."""
+
 
 def shipped_rigs() -> tuple[str, ...]:
     """Return the names of the rigs that come with distal."""
-    files = resources.files("distal.rig").joinpath("library").iterdir()
-    return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
+    return tuple(sorted(file.stem for file in LIBRARY.glob("*.toml")))
+
+
+def rig_file(name: str | Path) -> Path:
+    """Return the file of a shipped rig, or the path itself."""
+    return LIBRARY / f"{name}.toml" if str(name) in shipped_rigs() else Path(name)
 
 
 def rig_text(name: str | Path) -> tuple[str, str]:
@@ -33,25 +39,13 @@ def rig_text(name: str | Path) -> tuple[str, str]:
     Raises:
         RigError: the rig is unknown, or its file cannot be read.
     """
-    shipped = shipped_rigs()
-    if str(name) in shipped:
-        file = resources.files("distal.rig").joinpath("library", f"{name}.toml")
-        return file.read_text(encoding="utf-8"), str(name)
-    path = Path(name)
+    path = rig_file(name)
     if path.suffix != ".toml" and not path.exists():
         raise RigError(
-            f"unknown rig '{name}'{did_you_mean(str(name), shipped)}; or give the path of a .toml "
-            "file"
+            f"unknown rig '{name}'{did_you_mean(str(name), shipped_rigs())}; or give the path of a "
+            ".toml file"
         )
-    return read_text(path, RigError), str(path)
-
-
-def _folder(name: str | Path) -> Path:
-    """Return the folder of a shipped rig's file, or of the file at a path."""
-    if str(name) in shipped_rigs():
-        with resources.as_file(resources.files("distal.rig").joinpath("library")) as folder:
-            return Path(folder)
-    return Path(name).parent
+    return read_text(path, RigError), str(Path(name))
 
 
 def read_text(path: Path, error: type[DistalError]) -> str:
@@ -86,12 +80,7 @@ def load_rig(name: str | Path, assignments: Sequence[str] = ()) -> Rig:
     Raises:
         RigError: the rig is unknown, cannot be read, or its description is wrong.
     """
-    text, source = rig_text(name)
-    raw = parse_toml(text, source, RigError)
-    changed = [parse_assignment(assignment, RigError) for assignment in assignments]
-    for path, value in changed:
-        set_value(raw, path, value, RigError)
-    rig = build_rig(with_arrays(raw, source, _folder(name)), source)
+    _, source, changed, rig = _changed(name, assignments)
     if rig.provisional:
         warnings.warn(f"{source}: {rig.provisional}", DistalWarning, stacklevel=2)
     moved = [path for path, _ in changed if path.split(".")[0] in ("joints", "drives", "tendons")]
@@ -112,28 +101,29 @@ def edited_text(name: str | Path, assignments: Sequence[str] = ()) -> str:
     """Return the text of a rig file with some values replaced, as by `load_rig`; its comments
     stay.
     """
-    text, source = rig_text(name)
-    raw = parse_toml(text, source, RigError)
-    for assignment in assignments:
-        set_value(raw, *parse_assignment(assignment, RigError), RigError)
-    build_rig(with_arrays(raw, source, _folder(name)), source)
-    if not assignments:
+    text, _, changed, _ = _changed(name, assignments)
+    if not changed:
         return text
     import tomlkit
 
     document = tomlkit.parse(text)
-    for assignment in assignments:
-        set_value(document, *parse_assignment(assignment, RigError), RigError)
+    for path, value in changed:
+        set_value(document, path, value, RigError)
     return tomlkit.dumps(document)
 
 
-def template_text() -> str:
-    """Return a commented template of a rig file."""
-    return (
-        resources.files("distal.rig")
-        .joinpath("library", "template.toml")
-        .read_text(encoding="utf-8")
-    )
+def _changed(
+    name: str | Path, assignments: Sequence[str]
+) -> tuple[str, str, list[tuple[str, object]], Rig]:
+    """Return the text of a rig file, its name for messages, the paths and values of some
+    assignments, and the rig that has these values.
+    """
+    text, source = rig_text(name)
+    raw = parse_toml(text, source, RigError)
+    changed = [parse_assignment(assignment, RigError) for assignment in assignments]
+    for path, value in changed:
+        set_value(raw, path, value, RigError)
+    return text, source, changed, build_rig(with_arrays(raw, source, rig_file(name).parent), source)
 
 
 def build_rig(raw: Mapping[str, object], source: str) -> Rig:

@@ -100,8 +100,8 @@ class SensorBase(Description):
     )
     unit: str | None = Field(None, min_length=1, description="unit in the log; default: SI")
     sign: Literal[1, -1] = Field(1, description="-1 where the log counts the other way")
-    rate: Annotated[float, In("Hz")] = Field(
-        100.0, ge=1e-3, le=1e6, description="samples per second"
+    rate: Annotated[float, In("Hz", within=(1e-3, 1e6))] = Field(
+        100.0, description="samples per second"
     )
     delay: Seconds = Field(0.0, description="age of a value when it is stamped")
 
