@@ -189,11 +189,3 @@ def _event(n: int) -> ca.Function:
     return ca.Function(
         "event", inputs, [ca.densify(part) for part in state], {"cse": True, "never_inline": True}
     )
-
-
-def velocities(matrix: Matrix, load: Vector, up: Vector, down: Vector) -> Vector:
-    """Return the velocities v⁺, (n,), of joints with the inertia `matrix` A, (n, n), under a `load`
-    r with the friction limits `up` and `down`, (n,) each; see `slipping`.
-    """
-    slip = slipping(matrix, load, up, down)
-    return solver(matrix, slip.moving)(load - slip.friction(up, down))
