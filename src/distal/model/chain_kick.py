@@ -194,11 +194,8 @@ def chain_kick(
     load = ca.mtimes(spread.T, load)
     if assembled is not None:
         bias = ca.mtimes(spread.T, assembled.torques(q, v, ca.SX(nj, 1)))
-        if nj > 1:
-            middle = _middle(matrix, load - length * bias, v[free], up, down)
-            bias = ca.mtimes(
-                spread.T, assembled.torques(q, ca.mtimes(spread, middle), ca.SX(nj, 1))
-            )
+        middle = _middle(matrix, load - length * bias, v[free], up, down)
+        bias = ca.mtimes(spread.T, assembled.torques(q, ca.mtimes(spread, middle), ca.SX(nj, 1)))
         load -= length * bias
     inertias = inertias[free]
 

@@ -11,6 +11,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from distal.errors import UnitError
 from distal.rig.quantities import (
+    ONE,
     ZERO,
     AngularDamping,
     AnyAngle,
@@ -138,7 +139,7 @@ class JointFriction(Description):
     radius: Length = Field(description="radius of the axle r_a")
     preload: Load = Field(ZERO, description="load on the axle before any tension, T0")
     exponent: Annotated[Parameter, In("", "positive")] = Field(
-        Parameter(value=1.0), description="growth of friction with load, e (1 = proportional)"
+        ONE, description="growth of friction with load, e (1 = proportional)"
     )
     reference: PositiveNewtons | None = Field(
         None,

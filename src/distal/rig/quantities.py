@@ -220,6 +220,9 @@ ZERO = Parameter(value=0.0)
 (absent).
 """
 
+ONE = Parameter(value=1.0)
+"""Default of a factor that changes nothing: one for certain. Source: definition (unity)."""
+
 Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$", max_length=64)]
 """A name that can stand in a column header and in a path of ``--set``."""
 

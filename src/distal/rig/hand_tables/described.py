@@ -242,18 +242,10 @@ def _joint(name: str, rows: Sequence[Row]) -> Raw:
 
 def _drive(name: str, rows: Sequence[Row]) -> Raw:
     row = rows[0]
-    arm = row.joint_radius
-    spool = row.spool_radius
-    is_identified = arm is not None and spool is not None
-    radius = ASSUMED.radius if spool is None else spool
-    share = (
-        row.ratio_std
-        if row.ratio_std is not None
-        else ASSUMED.ratio_std
-        if is_identified
-        else ASSUMED.unknown_ratio_std
-    )
-    value: Raw = {"value": radius, "std": f"{100 * share:g} %"}
+    is_identified = row.joint_radius is not None and row.spool_radius is not None
+    share = ASSUMED.ratio_std if is_identified else ASSUMED.unknown_ratio_std
+    share = share if row.ratio_std is None else row.ratio_std
+    value: Raw = {"value": row.spool_radius or ASSUMED.radius, "std": f"{100 * share:g} %"}
     return {
         "name": name,
         "kind": "capstan",
@@ -269,56 +261,46 @@ def _tendons(motor: str, rows: Sequence[Row]) -> list[Raw]:
     """Return the tendons of a motor: two where a tendon brings its only joint back, else one over
     all of its joints.
     """
-    pair = len(rows) == 1 and rows[0].back == "tendon"
-    if not pair:
-        crossings = [
-            {
-                "joint": _name(row.joint, "joint"),
-                "side": row.direction * _winds(rows),
-                "kind": "pulley",
-                "radius": _arm(row),
-            }
-            for row in rows
-        ]
-        common: Raw = {
-            "damping": ASSUMED.tendon_damping,
-            "slack": ASSUMED.loose,
-            "path": ASSUMED.path,
-        }
-        stiffness = {"value": ASSUMED.stiffness, "std": f"{100 * ASSUMED.stiffness_std:g} %"}
-        return [
-            {
-                "name": motor,
-                "drive": motor,
-                "side": 1,
-                "crossings": crossings,
-                "stiffness": Guess(stiffness, "stiffness of tendons"),
-            }
-            | common
-        ]
-    shared: Raw = {"name": f"stiffness_{motor}", "std": ASSUMED.stiffness_std}
+    shapes = [
+        {"joint": _name(row.joint, "joint"), "side": row.direction * _winds(rows)}
+        | {"kind": "pulley", "radius": _arm(row)}
+        for row in rows
+    ]
+    if len(rows) > 1 or rows[0].back != "tendon":
+        spread: Raw = {"std": f"{100 * ASSUMED.stiffness_std:g} %"}
+        return [_tendon(motor, motor, {"side": 1, "crossings": shapes}, spread, ASSUMED.loose)]
+    joint = shapes[0]["joint"]
+    insertion = {"kind": "pulley", "radius": _arm(rows[0])}
+    spread = {"shared": {"name": f"stiffness_{motor}", "std": ASSUMED.stiffness_std}}
     return [
-        {
-            "name": f"{motor}_{word}",
-            "joint": _name(rows[0].joint, "joint"),
-            "drive": motor,
-            "side": side,
-            "insertion": {"kind": "pulley", "radius": _arm(rows[0])},
-            "stiffness": Guess(
-                {"value": ASSUMED.stiffness, "shared": shared}, "stiffness of tendons"
-            ),
-            "damping": ASSUMED.tendon_damping,
-            "slack": ASSUMED.slack,
-            "path": ASSUMED.path,
-        }
+        _tendon(
+            f"{motor}_{word}",
+            motor,
+            {"joint": joint, "side": side, "insertion": insertion},
+            spread,
+            ASSUMED.slack,
+        )
         for word, side in (("plus", 1), ("minus", -1))
     ]
 
 
+def _tendon(name: str, motor: str, meets: Raw, spread: Raw, slack: Guess) -> Raw:
+    """Return a tendon that `meets` its joints, with the `spread` of its stiffness."""
+    return {
+        "name": name,
+        "drive": motor,
+        **meets,
+        "stiffness": Guess({"value": ASSUMED.stiffness, **spread}, "stiffness of tendons"),
+        "damping": ASSUMED.tendon_damping,
+        "slack": slack,
+        "path": ASSUMED.path,
+    }
+
+
 def _arm(row: Row) -> object:
-    if row.joint_radius is not None:
-        return row.joint_radius
-    return Guess(ASSUMED.radius, "radii of joints (only their ratio to the spools counts)")
+    return row.joint_radius or Guess(
+        ASSUMED.radius, "radii of joints (only their ratio to the spools counts)"
+    )
 
 
 def _winds(rows: Sequence[Row]) -> int:
@@ -336,13 +318,12 @@ def _sensors(motor: str, rows: Sequence[Row]) -> list[Raw]:
         if row.zero_std is None
         else in_degrees(row.zero_std)
     )
-    counts = ASSUMED.counts if row.counts is None else row.counts
     logged: Raw = (
         {"unit": row.unit}
         if row.counts is None
         else {"unit": "count", "counts_per_turn": row.counts}
     )
-    step: object = f"{360 / counts:.6g} deg"
+    step: object = f"{360 / (row.counts or ASSUMED.counts):.6g} deg"
     position: Raw = {
         "name": f"{motor}_position",
         "measures": "position",
@@ -359,9 +340,7 @@ def _sensors(motor: str, rows: Sequence[Row]) -> list[Raw]:
         "measures": "force",
         "of": motor,
         "unit": "mA",
-        "torque_constant": ASSUMED.torque_constant
-        if row.torque_constant is None
-        else row.torque_constant,
+        "torque_constant": row.torque_constant or ASSUMED.torque_constant,
         "sign": _winds(rows),
         "rate": ASSUMED.rate,
         "noise": ASSUMED.current_noise,

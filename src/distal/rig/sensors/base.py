@@ -15,7 +15,7 @@ from distal.errors import UnitError
 from distal.expressions import Scalar, Vector
 from distal.rig.drives import Capstan, Slider
 from distal.rig.joints import Joint
-from distal.rig.quantities import Description, In, Name, Parameter, Seconds
+from distal.rig.quantities import ZERO, Description, In, Name, Parameter, Seconds
 from distal.rig.tendons import Tendon
 from distal.units import to_si
 
@@ -25,7 +25,7 @@ COUNTS = frozenset({"count", "counts", "tick", "ticks"})
 
 NOISE = Field(0.0, description="standard deviation, random error")
 STEP = Field(0.0, description="quantisation step; 0 = none")
-OFFSET = Field(Parameter(value=0.0), description="constant offset")
+OFFSET = Field(ZERO, description="constant offset")
 """Fields of the errors that all kinds of sensors have, each in its own unit."""
 
 ERRORS = ("noise", "linearity", "resolution", "bias")

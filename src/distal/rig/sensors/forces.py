@@ -10,7 +10,15 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from distal.rig.drives import effort_unit
-from distal.rig.quantities import AnyTorque, Factor, In, NewtonMetres, Parameter, TorqueConstant
+from distal.rig.quantities import (
+    ONE,
+    AnyTorque,
+    Factor,
+    In,
+    NewtonMetres,
+    Parameter,
+    TorqueConstant,
+)
 from distal.rig.sensors.base import (
     COUNTS,
     NOISE,
@@ -25,6 +33,11 @@ from distal.units import to_si, unit_factor
 
 OVER_RANGE = Field(0.0, description="largest systematic deviation over the range, a smooth curve")
 Newtons = Annotated[float, In("N", "nonnegative")]
+Gain = Annotated[
+    Parameter,
+    In("", "positive", drifts=False),
+    Field(description="what it reads for one unit of what it measures, beside its offset"),
+]
 
 
 class ForceSensor(SensorBase):
@@ -35,9 +48,7 @@ class ForceSensor(SensorBase):
     linearity: Newtons = OVER_RANGE
     resolution: Newtons = STEP
     bias: Annotated[Parameter, In("N")] = OFFSET
-    gain: Annotated[Parameter, In("", "positive", drifts=False)] = Field(
-        Parameter(value=1.0), description="what it reads for one newton, beside its offset"
-    )
+    gain: Gain = ONE
 
 
 class TorqueSensor(SensorBase):
@@ -68,9 +79,7 @@ class TorqueSensor(SensorBase):
     linearity: NewtonMetres = OVER_RANGE
     resolution: NewtonMetres = STEP
     bias: AnyTorque = OFFSET
-    gain: Annotated[Parameter, In("", "positive", drifts=False)] = Field(
-        Parameter(value=1.0), description="what it reads for one newton metre, beside its offset"
-    )
+    gain: Gain = ONE
 
     @classmethod
     def _per_unit(cls, raw: Mapping[str, object]) -> tuple[str, float] | None:

@@ -16,6 +16,7 @@ from pydantic import Field
 
 from distal.expressions import Scalar, rotation
 from distal.rig.quantities import (
+    ZERO,
     FixedAngle,
     In,
     MetresPerSecondSquared,
@@ -37,7 +38,7 @@ RANGES = {"rate": 35.0, "force": 20.0}
 """
 
 DEVIATION = Field(0.0, description="largest systematic deviation")
-WALKING = Field(Parameter(value=0.0), description="offset; with a drift it walks")
+WALKING = Field(ZERO, description="offset; with a drift it walks")
 
 GROUP = ("name", "column", "noise", "bias", "numbers")
 """Keys of a unit's table that are not the same for all of its numbers; `noise` and `bias` are
@@ -53,7 +54,7 @@ class ImuSensor(SensorBase):
         description="which one"
     )
     mounting: FixedAngle = Field(
-        Parameter(value=0.0), description="how it is turned on its link, about the joint's axis"
+        ZERO, description="how it is turned on its link, about the joint's axis"
     )
 
 

@@ -11,7 +11,7 @@ from typing import Annotated
 from pydantic import Field
 
 from distal.errors import UnitError
-from distal.rig.quantities import Parameter
+from distal.rig.quantities import ONE, Parameter
 from distal.rig.sensors.base import Measurand, Part, Parts, Role
 from distal.rig.sensors.forces import FORCE, TENSION, TORQUE, ForceSensor, TorqueSensor
 from distal.rig.sensors.imu import IMU, VALUES, Accelerometer, Gyroscope
@@ -142,7 +142,7 @@ def gain_of(sensor: Sensor) -> Parameter:
     """Return the gain of a sensor, its reading per unit of what it measures; exactly 1 but for
     forces and torques.
     """
-    return sensor.gain if isinstance(sensor, (ForceSensor, TorqueSensor)) else Parameter(value=1.0)
+    return sensor.gain if isinstance(sensor, (ForceSensor, TorqueSensor)) else ONE
 
 
 def step_of(sensor: Sensor) -> float:
