@@ -150,7 +150,7 @@ REFUSED = [
     ("sensors.u1.lag=0.1", r"sensors.*lag: is of a drive that follows a command"),
     ('sensors.1.name="x1"', r"sensors: the name 'x1' stands more than once"),
     ('sensors.1.column="x1"', r"the log column 'x1' stands more than once"),
-    ("joints.0.friction.exponent=0.5", r"exponent must be at least 1"),
+    ("joints.0.friction.exponent=0.5", r"exponent: must be from 1 to inf, 0.5 came"),
     (
         "joints.0.friction.coefficient={ value = 1, std = 0.1, drift = -1 }",
         r"drift must not be negative, -1 came",

@@ -20,7 +20,7 @@ import casadi as ca
 from distal.expressions import Matrix, Scalar, Vector
 from distal.model.mechanism import Mechanism
 from distal.model.stick_slip_motion import Slip, slipping, solver
-from distal.model.stops import Flight, bounce, restitution
+from distal.model.stops import Flight, bounce, met, restitution
 
 SHORTEST = 1e-15
 """Least length of a kick, by which changes of velocities are divided [s]. Source: rounding (a
@@ -259,11 +259,7 @@ def _contacts(
             continue
         stiffness, damping, low, high = mechanism.stop(j)
         end = q[k] if last else q[k] + drift * v[k]
-        at_high = end > high
-        at_low = end < low
-        if not last:
-            at_high = ca.logic_and(at_high, stiffness * (end - high) + damping * v[k] > 0)
-            at_low = ca.logic_and(at_low, stiffness * (end - low) + damping * v[k] < 0)
+        at_high, at_low = (end > high, end < low) if last else met(end, v[k], *mechanism.stop(j))
         touching = ca.logic_or(at_high, at_low)
         share = ca.if_else(stiffness * drift * drift / inertias[k] <= 1, 0.5, 1)
         implicit = touching * length * (share * stiffness * drift + damping)

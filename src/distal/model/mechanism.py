@@ -185,38 +185,27 @@ class Mechanism(Tendons):
         tendons.
         """
         limit = self._dry_friction(body, "friction", tensions)
-        lever = self._drive_radius(body)
         up = limit
         down = limit
-        for i in self._pulled_by(body):
+        for i in self.pulled_by(body):
             part = self.rig.tendons[i].path
             wrapped = self.wrapped(i, q)
             if ca.SX(wrapped).is_zero() or (part is not None and part.nodes > 0):
                 continue
             out = 1 if part is None else self.parameters[f"tendons.{i}.path.let_out"]
-            path_friction = capstan_limit(tensions[i], wrapped, out).times(lever)
+            rubs = capstan_limit(tensions[i], wrapped, out).times(self.lever(body))
             # a capstan's positive angle lets out the tendons of side −1
-            drawn = (
-                self.rig.tendons[i].winding
-                if self.rig.drives[body - self.n_joints].kind == "capstan"
-                else 1
-            )
-            drawn_in = path_friction.up
-            let_out = path_friction.down
-            up, down = (
-                (up + drawn_in, down + let_out) if drawn > 0 else (up + let_out, down + drawn_in)
-            )
+            drawn_in, let_out = (rubs.up, rubs.down) if self.winds(i) > 0 else (rubs.down, rubs.up)
+            up = up + drawn_in
+            down = down + let_out
         return Limit(up, down)
-
-    def _pulled_by(self, body: int) -> list[int]:
-        return [i for i in range(self.n_tendons) if self.drive_of[i] == body]
 
     def _dry_friction(self, body: int, kind: str, tensions: Vector) -> Scalar:
         """Return constant + load · R Σ T of a drive's friction or hysteresis."""
         p = self.parameters
         path = f"{self.bodies[body].path}.{kind}"
-        tension = sum((tensions[i] for i in self._pulled_by(body)), ca.SX(0))
-        return p[f"{path}.constant"] + p[f"{path}.load"] * self._drive_radius(body) * tension
+        tension = sum((tensions[i] for i in self.pulled_by(body)), ca.SX(0))
+        return p[f"{path}.constant"] + p[f"{path}.load"] * self.lever(body) * tension
 
     def stretch(self, drive: int, q: Vector) -> Scalar:
         """Return the stretch of a drive's tendons at q in the drive's own coordinate, Σ h_i ℓ_i/Σ
@@ -228,7 +217,7 @@ class Mechanism(Tendons):
         body = self.n_joints + drive
         elongations = self.elongations(q)
         levers = self.length_jacobian(q)[:, body]
-        tendons = self._pulled_by(body)
+        tendons = self.pulled_by(body)
         total = sum((levers[i] * elongations[i] for i in tendons), ca.SX(0))
         return total / sum((levers[i] ** 2 for i in tendons), ca.SX(0))
 
@@ -241,12 +230,7 @@ class Mechanism(Tendons):
         body = self.n_joints + drive
         limit = self._dry_friction(body, "hysteresis", tensions)
         slope = self.parameters[f"{self.bodies[body].path}.hysteresis.slope"]
-        return ca.fmax(limit * (1 + slope * q[self.joints_of[self._pulled_by(body)[0]][0]]), 0)
-
-    def _drive_radius(self, body: int) -> Scalar:
-        """Return the capstan's radius, or 1 for a slider."""
-        path = f"{self.bodies[body].path}.radius"
-        return self.parameters[path] if path in self.parameters else ca.SX(1)
+        return ca.fmax(limit * (1 + slope * q[self.joints_of[self.pulled_by(body)[0]][0]]), 0)
 
     def inertias(self) -> Vector:
         """Return the mass or moment of inertia of each body, (n_bodies,) [kg m², kg]. Links of a

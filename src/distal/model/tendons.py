@@ -112,10 +112,21 @@ class Tendons:
         or side · R φ of its capstan.
         """
         drive = self.drive_of[tendon]
-        radius = f"{self.bodies[drive].path}.radius"
-        if radius in self.parameters:
-            return self.rig.tendons[tendon].winding * self.parameters[radius] * q[drive]
-        return q[drive]
+        return self.winds(tendon) * self.lever(drive) * q[drive]
+
+    def winds(self, tendon: int) -> int:
+        """Return +1 where a tendon is drawn in as its drive's position grows, else −1."""
+        drive = self.rig.drives[self.drive_of[tendon] - self.n_joints]
+        return self.rig.tendons[tendon].winding if drive.kind == "capstan" else 1
+
+    def lever(self, body: int) -> Scalar:
+        """Return the radius of a drive's capstan, or 1 for a slider."""
+        path = f"{self.bodies[body].path}.radius"
+        return self.parameters[path] if path in self.parameters else ca.SX(1)
+
+    def pulled_by(self, body: int) -> list[int]:
+        """Return which tendons a drive pulls."""
+        return [i for i in range(self.n_tendons) if self.drive_of[i] == body]
 
     def elongations(self, q: Vector) -> Vector:
         """Return the elongations ℓ_i(q) − l_i of all tendons, (n_tendons,) [m], from the

@@ -78,7 +78,9 @@ class In:
             )
         low, high = self.within
         if not low <= number <= high:
-            raise UnitError(f"must be from {low:g} to {high:g} {self.si}, {number:g} came")
+            raise UnitError(
+                f"must be from {low:g} to {high:g} {self.si}".rstrip() + f", {number:g} came"
+            )
         if self.bound == "positive" and number <= 0.0:
             raise UnitError(f"must be positive, {number:g} came")
         if self.bound == "nonnegative" and number < 0.0:
