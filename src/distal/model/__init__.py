@@ -13,8 +13,7 @@ from distal.model.friction import (
     stribeck,
 )
 from distal.model.intervals import interval_step, tangent_step
-from distal.model.mechanism import GRAVITY, Mechanism
-from distal.model.motion import Moment
+from distal.model.mechanism import GRAVITY, Mechanism, Moment
 from distal.model.plays import stretched
 from distal.model.stepping import (
     RESOLUTION,

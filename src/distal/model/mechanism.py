@@ -1,8 +1,11 @@
-"""The forces of a rig, from one length function per tendon."""
+"""The forces of a rig, from one length function per tendon; and its motion at one moment, from
+which the sensors' readings follow.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import casadi as ca
 
@@ -12,7 +15,7 @@ from distal.model.friction import Limit, capstan_limit, load_dependent_limit, st
 from distal.model.parameters import NOTHING_DERIVED, Derived
 from distal.model.plays import extension_torque, polynomial_torque
 from distal.model.tendons import Tendons
-from distal.rig import Joint, Rig
+from distal.rig import Joint, Motion, Rig, Sensor, measurand_of, part_of
 
 FEWEST = 2
 """Number of joints from which on joints with links are a chain, in which they move one another. The
@@ -207,20 +210,6 @@ class Mechanism(Tendons):
         tension = sum((tensions[i] for i in self.pulled_by(body)), ca.SX(0))
         return p[f"{path}.constant"] + p[f"{path}.load"] * self.lever(body) * tension
 
-    def stretch(self, drive: int, q: Vector) -> Scalar:
-        """Return the stretch of a drive's tendons at q in the drive's own coordinate, Σ h_i ℓ_i/Σ
-        h_i² with h_i = ∂ℓ_i/∂s.
-
-        For a capstan with two pulleys it is φ − r θ/R, for a slider with one tendon ℓ. The index
-        `drive` counts the drives alone.
-        """
-        body = self.n_joints + drive
-        elongations = self.elongations(q)
-        levers = self.length_jacobian(q)[:, body]
-        tendons = self.pulled_by(body)
-        total = sum((levers[i] * elongations[i] for i in tendons), ca.SX(0))
-        return total / sum((levers[i] ** 2 for i in tendons), ca.SX(0))
-
     def hysteresis_limit(self, drive: int, q: Vector, tensions: Vector) -> Scalar:
         """Return the limit h = (constant + load · R Σ T)(1 + slope · θ) ≥ 0 of the hysteresis in a
         drive's transmission at q.
@@ -261,3 +250,40 @@ class Mechanism(Tendons):
     def dampings(self) -> Vector:
         """Return the viscous damping of each body, (n_bodies,) [N m s/rad, kg/s]."""
         return ca.vertcat(*(self.parameters[f"{b.path}.damping"] for b in self.bodies))
+
+
+class Moment:
+    """The motion of a mechanism at one moment.
+
+    Args:
+        q: coordinates, (n_bodies,) [rad, m].
+        v: their rates, (n_bodies,).
+        tensions: of the tendons, (n_tendons,) [N].
+        efforts: external torques on the joints, then what the drives exert, (n_bodies,) [N m, N].
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, q: Vector, v: Vector, tensions: Vector, efforts: Vector
+    ) -> None:
+        nj = mechanism.n_joints
+        links = Chain(mechanism.rig, mechanism.parameters)
+        self._rig = mechanism.rig
+        self._motion = Motion(
+            angles=q[:nj],
+            torques=efforts[:nj],
+            positions=q[nj:],
+            rates=v[nj:],
+            efforts=efforts[nj:],
+            tensions=tensions,
+            turning=lambda joint: links.turning(q, v)[joint],
+            falling=lambda joint: links.falling(q)[joint],
+            axes=[joint.axis for joint in mechanism.rig.joints],
+            unknowns={},
+        )
+
+    def read(self, sensor: Sensor, unknowns: Mapping[str, Scalar] | None = None) -> Scalar:
+        """Return what a sensor without errors reads [SI]. Its parameters are those of the rig, but
+        for the `unknowns`, by name.
+        """
+        motion = replace(self._motion, unknowns=unknowns or {})
+        return measurand_of(sensor).read(sensor, motion, part_of(sensor, self._rig))
