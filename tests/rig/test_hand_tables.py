@@ -241,7 +241,7 @@ def test_an_sdk_is_asked_and_not_run_with_its_serial_port(sdk: Path) -> None:
     ("file", "text", "says"),
     [
         ("aero_hand.py", "_JOINT_NAMES = ['a']", "has no '_JOINT_LOWER_LIMITS'"),
-        ("aero_hand.py", "def (", "is another SDK than this reads"),
+        ("aero_hand.py", "def (", "is no Python file"),
         ("joints_to_actuations.py", "x = 1", "is another SDK"),
         ("joints_to_actuations.py", "1 / 0", "cannot be read"),
     ],

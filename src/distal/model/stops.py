@@ -172,8 +172,15 @@ def kick_at_stops(
 def met(
     end: Scalar, velocity: Scalar, stiffness: Scalar, damping: Scalar, low: Scalar, high: Scalar
 ) -> tuple[Scalar, Scalar]:
-    """Return whether the high and the low stop push on a body that drifts to `end` with a
-    `velocity`; the rest is by `Mechanism.stop`.
+    """Return whether the high and the low stop of a body push on it.
+
+    Args:
+        end: where it drifts to [rad, m].
+        velocity: of the drift.
+        stiffness: of the stops, as `Mechanism.stop` gives this and the rest.
+        damping: of the stops.
+        low: lower end of its range.
+        high: upper end.
     """
     return (
         ca.logic_and(end > high, stiffness * (end - high) + damping * velocity > 0),

@@ -111,22 +111,34 @@ def _root(folder: str | Path | None) -> Path:
 
 
 def _constants(path: Path) -> dict[str, list[object]]:
-    """Return the lists of names and ranges that stand in a file. Nothing else of the file is
-    run, since it would open a serial port.
+    """Return the lists of names and ranges that stand in a file. The file is not run, since it
+    would open a serial port.
     """
-    found: dict[str, list[object]] = {}
-    text = read_text(path, RigError)
     try:
-        tree = ast.parse(text)
-        tree.body = [
-            node
-            for node in tree.body
-            if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) in NAMES
-        ]
-        exec(compile(tree, str(path), "exec"), {}, found)
-    except Exception as problem:
-        raise RigError(f"{path}: is another SDK than this reads ({problem})") from None
+        tree = ast.parse(read_text(path, RigError))
+    except SyntaxError as problem:
+        raise RigError(f"{path}: is no Python file ({problem.msg})") from None
+    found = {
+        node.targets[0].id: _listed(node.value)
+        for node in tree.body
+        if isinstance(node, ast.Assign)
+        and isinstance(node.targets[0], ast.Name)
+        and node.targets[0].id in NAMES
+    }
     missing = [name for name in NAMES if not found.get(name)]
     if missing:
         raise RigError(f"{path}: has no '{missing[0]}': is another SDK than this reads")
     return found
+
+
+def _listed(node: ast.expr) -> list[object]:
+    """Return a list that is written out, or made of others by + and *; of all else an empty one."""
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
+        return _listed(node.left) + _listed(node.right)
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult):
+        return _listed(node.left) * int(ast.literal_eval(node.right))
+    try:
+        value = ast.literal_eval(node)
+    except ValueError:
+        return []
+    return list(value) if isinstance(value, (list, tuple)) else []

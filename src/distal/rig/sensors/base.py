@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Annotated, Any, Literal, Protocol, Self, TypeAlias
+from typing import Annotated, Literal, Protocol, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
@@ -229,6 +229,16 @@ class Unknown:
     number: Parameter
 
 
+def certain(sensor: SensorBase) -> tuple[Unknown, ...]:
+    """Return that nothing is unknown of a `sensor` beside bias and gain."""
+    return ()
+
+
+def one_sensor(raw: Mapping[str, object]) -> list[Mapping[str, object]]:
+    """Return the one sensor for which the `raw` table stands."""
+    return [raw]
+
+
 @dataclass(frozen=True)
 class Measurand:
     """A kind of measurement.
@@ -237,10 +247,11 @@ class Measurand:
         name: in a rig file.
         of: kind of the parts that it measures.
         role: what estimators do with its readings.
-        unit: part → SI unit of a sensor's readings and errors there.
+        unit: SI unit of a sensor's readings and errors.
         read: (sensor, motion, index of its part) → what it reads without errors [SI].
         travel: (sensor, rig, index of its part) → the lowest and the highest value that it measures
             [SI], between which its linearity error is defined.
+        unit_of_capstan: the same of a capstan, where it is another one.
         unknowns: sensor → the uncertain numbers, beside bias and gain, on which its reading
             depends.
         values: raw table of a rig file → the sensors of one number each, still unchecked, for which
@@ -250,8 +261,9 @@ class Measurand:
     name: str
     of: Literal["drives", "tendons", "joints"]
     role: Role
-    unit: Callable[[Any], str]
-    read: Callable[[Any, Motion, int], Scalar]
-    travel: Callable[[Any, Parts, int], tuple[float, float]]
-    unknowns: Callable[[Any], tuple[Unknown, ...]] = lambda sensor: ()
-    values: Callable[[Mapping[str, object]], list[Mapping[str, object]]] = lambda raw: [raw]
+    unit: str
+    read: Callable[[SensorBase, Motion, int], Scalar]
+    travel: Callable[[SensorBase, Parts, int], tuple[float, float]]
+    unit_of_capstan: str = ""
+    unknowns: Callable[[SensorBase], tuple[Unknown, ...]] = certain
+    values: Callable[[Mapping[str, object]], list[Mapping[str, object]]] = one_sensor

@@ -9,7 +9,6 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from distal.rig.drives import effort_unit
 from distal.rig.quantities import (
     ONE,
     AnyTorque,
@@ -144,7 +143,7 @@ LEAST = 1.0
 """Smallest force up to which the range of a force sensor reaches [N]. Source: judgement."""
 
 
-def _effort_travel(sensor: object, rig: Parts, part: int) -> tuple[float, float]:
+def _effort_travel(sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
     """Return the range of likely efforts: from 0 to `largest_effort` of a slider, the same to both
     sides of a capstan.
     """
@@ -152,7 +151,7 @@ def _effort_travel(sensor: object, rig: Parts, part: int) -> tuple[float, float]
     return (-largest, largest) if rig.drives[part].kind == "capstan" else (0.0, largest)
 
 
-def _tension_travel(sensor: object, rig: Parts, part: int) -> tuple[float, float]:
+def _tension_travel(sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
     """Return the range from slack, 0, to the largest force with which the drive is likely to pull
     [N].
     """
@@ -169,7 +168,7 @@ LEAST_TORQUE = 0.01
 """Smallest half-width of the range of a torque sensor [N m]. Source: judgement."""
 
 
-def _torque_travel(sensor: object, rig: Parts, part: int) -> tuple[float, float]:
+def _torque_travel(sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
     """Return ± `WIDEST` stds of the external torque by the rig, at least ± `LEAST_TORQUE`."""
     largest = max(WIDEST * rig.joints[part].external_torque.std, LEAST_TORQUE)
     return -largest, largest
@@ -179,9 +178,10 @@ FORCE = Measurand(
     "force",
     "drives",
     Role.EFFORT,
-    effort_unit,
+    "N",
     lambda sensor, motion, part: motion.efforts[part],
     _effort_travel,
+    "N m",
 )
 """The effort of a drive: force U of a slider [N], torque τ of a capstan's motor [N m]."""
 
@@ -189,7 +189,7 @@ TENSION = Measurand(
     "tension",
     "tendons",
     Role.TENSION,
-    lambda part: "N",
+    "N",
     lambda sensor, motion, part: motion.tensions[part],
     _tension_travel,
 )
@@ -199,7 +199,7 @@ TORQUE = Measurand(
     "torque",
     "joints",
     Role.REFERENCE,
-    lambda part: "N m",
+    "N m",
     lambda sensor, motion, part: motion.torques[part],
     _torque_travel,
 )

@@ -112,8 +112,15 @@ def _values(raw: Mapping[str, object]) -> list[Mapping[str, object]]:
     return sensors
 
 
-def _read(sensor: ImuSensor, motion: Motion, part: int) -> Scalar:
+def _unknowns(sensor: SensorBase) -> tuple[Unknown, ...]:
+    """Return the mounting angle, which all numbers of one unit share."""
+    assert isinstance(sensor, ImuSensor)
+    return (Unknown(f"mounting_{sensor.unit_name}", sensor.mounting),)
+
+
+def _read(sensor: SensorBase, motion: Motion, part: int) -> Scalar:
     """Return the sensor's number in the frame of the unit."""
+    assert isinstance(sensor, ImuSensor)
     kind, axis = sensor.number.split("_")
     vector = motion.turning(part) if kind == "rate" else -motion.falling(part)
     mounting = motion.unknowns.get(f"mounting_{sensor.unit_name}", sensor.mounting.value)
@@ -121,8 +128,9 @@ def _read(sensor: ImuSensor, motion: Motion, part: int) -> Scalar:
     return turned["xyz".index(axis)]
 
 
-def _travel(sensor: ImuSensor, rig: Parts, part: int) -> tuple[float, float]:
+def _travel(sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
     """Return the range that common units measure."""
+    assert isinstance(sensor, ImuSensor)
     largest = RANGES[sensor.number.split("_")[0]]
     return -largest, largest
 
@@ -131,12 +139,11 @@ IMU = Measurand(
     "imu",
     "joints",
     Role.COMPARED,
-    lambda part: "rad/s",
+    "rad/s",
     _read,
     _travel,
-    # all numbers of one unit share its mounting angle
-    lambda sensor: (Unknown(f"mounting_{sensor.unit_name}", sensor.mounting),),
-    _values,
+    unknowns=_unknowns,
+    values=_values,
 )
 """Angular velocity Rᵀ ω [rad/s] and specific force −Rᵀ g [m/s²] of a link, with R the turn by the
 mounting angle about the joint's axis.

@@ -11,7 +11,6 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from distal.expressions import Scalar
-from distal.rig.drives import position_unit
 from distal.rig.joints import REACH
 from distal.rig.quantities import AnyAngle, Factor, In, Parameter, Radians
 from distal.rig.sensors.base import (
@@ -128,9 +127,10 @@ POSITION = Measurand(
     "position",
     "drives",
     Role.POSITION,
-    position_unit,
+    "m",
     _position,
     lambda sensor, rig, part: drive_travel(rig, part),
+    "rad",
 )
 """The position of a drive: s of a slider [m], φ of a capstan [rad]. A sensor with a `lag` is a
 command, which is ahead of the drive: it reads s + lag ṡ.
@@ -140,7 +140,7 @@ ANGLE = Measurand(
     "angle",
     "joints",
     Role.REFERENCE,
-    lambda part: "rad",
+    "rad",
     lambda sensor, motion, part: motion.angles[part],
     lambda sensor, rig, part: rig.joints[part].travel,
 )

@@ -11,6 +11,7 @@ from typing import Annotated
 from pydantic import Field
 
 from distal.errors import UnitError
+from distal.rig.drives import Capstan
 from distal.rig.quantities import ONE, Parameter
 from distal.rig.sensors.base import Measurand, Part, Parts, Role
 from distal.rig.sensors.forces import FORCE, TENSION, TORQUE, ForceSensor, TorqueSensor
@@ -82,7 +83,8 @@ def checked_parts(
             f"{index}.of: no {kind.of[:-1]} is called "
             f"'{of}'{_elsewhere(of, kind, parts, names_of_parts)}"
         )
-    raw = {**raw, "si": kind.unit(parts[kind.of][names_of_parts.index(of)])}
+    is_capstan = isinstance(parts[kind.of][names_of_parts.index(of)], Capstan)
+    raw = {**raw, "si": kind.unit_of_capstan if is_capstan else kind.unit}
     try:
         return kind.values(raw)
     except ValueError as problem:
