@@ -37,7 +37,6 @@ from distal.rig.learned import (
     MapArrays,
     arrays_file,
     as_table,
-    features_of,
 )
 from distal.rig.mjcf.excursion import compare_lengths
 from distal.rig.mjcf.importer import from_mujoco
@@ -127,7 +126,6 @@ __all__ = [
     "drive_travel",
     "edited_text",
     "effort_unit",
-    "features_of",
     "felt_in_words",
     "from_aero",
     "from_mujoco",
