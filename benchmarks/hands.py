@@ -28,7 +28,8 @@ from distal import Rig
 from distal.hands import Calibrated, Routine, RoutineOptions, calibrate
 from distal.logs import Log
 from distal.rig import independent_parts
-from distal.rig.hand_tables import Row, hand_of
+from distal.rig.hand_tables.described import hand_of
+from distal.rig.hand_tables.rows import Row
 
 DRAWS, SECONDS = 10, 30.0
 

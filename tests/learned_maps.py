@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.rig import LearnedMap, MapArrays, Rig, features_of
+from distal.rig import LearnedMap, MapArrays, Rig
+from distal.rig.learned import features_of
 
 Floats = NDArray[np.float64]
 

@@ -1,4 +1,5 @@
-"""Names for the types of CasADi's expressions in signatures: a number, a column or a matrix.
+"""Names for the types of CasADi's expressions in signatures: a number, a column or a matrix; and
+the rotation matrix, which sensors and links have in common.
 
 CasADi has two kinds of expressions. In an `SX` every entry is an expression of its own: the model
 is written in them. In an `MX` a whole matrix is one node of the graph: the filters join their
@@ -8,6 +9,7 @@ stand for CasADi's own types, so that a type checker uses CasADi's stubs where i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TypeAlias, TypeVar
 
 import casadi as ca
@@ -32,3 +34,12 @@ MatrixNode: TypeAlias = ca.MX
 
 Expression = TypeVar("Expression", ca.SX, ca.MX)
 """Either kind of expression, the same one throughout a signature; its docstring says the shape."""
+
+
+def rotation(axis: Sequence[float], angle: Scalar) -> Matrix:
+    """Return the rotation matrix R = a aᵀ + cos θ (1 − a aᵀ) + sin θ [a×] about a unit `axis` a by
+    an `angle` θ [rad], (3, 3) (Rodrigues).
+    """
+    a = ca.DM(list(axis))
+    along = ca.mtimes(a, a.T)
+    return along + ca.cos(angle) * (ca.DM.eye(3) - along) + ca.sin(angle) * ca.skew(a)

@@ -18,7 +18,8 @@ from distal.errors import CommandError, EstimationError, OutputError
 from distal.hands import Hand, Motors
 from distal.hands.motors import AeroMotors, OrcaMotors
 from distal.rig import Rig, build_rig, load_rig, log_factor, range_ends
-from distal.rig.hand_tables import Row, hand_of
+from distal.rig.hand_tables.described import hand_of
+from distal.rig.hand_tables.rows import Row
 
 JOINTS = ("index_mcp", "ring_abd")
 

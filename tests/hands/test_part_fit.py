@@ -17,7 +17,8 @@ from distal import Rig, estimate
 from distal.hands import calibrate, part_fit
 from distal.hands.sweeps import Sweep, is_pair
 from distal.rig import Capstan, Number, independent_parts, number
-from distal.rig.hand_tables import Row, hand_of
+from distal.rig.hand_tables.described import hand_of
+from distal.rig.hand_tables.rows import Row
 
 ARMS, SPOOL, LOW, HIGH = (12e-3, 6e-3), 9e-3, 0.0, 1.5
 

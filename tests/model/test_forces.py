@@ -11,13 +11,12 @@ from hypothesis import strategies as st
 from distal import Rig, load_rig
 from distal.model import (
     Mechanism,
-    capstan_limit,
     free_response,
     restitution,
     soft,
     stretched,
-    stribeck,
 )
+from distal.model.friction import capstan_limit, stribeck
 from distal.rig import Linkage, Pinned, Pulley
 from tests.helpers import NaiveRig, finite_difference
 

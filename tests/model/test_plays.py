@@ -108,7 +108,7 @@ def test_a_point_of_a_cable_that_stiffens_holds_up_to_the_capstan_equation(
     cable = Sheath(K, drawn, drawn, 3, a, pretension)
 
     def lacks(m: float, near: float, far: float) -> float:
-        before, after = cable.tension(point, stretch - m)[0], cable.tension(point + 1, m)[0]
+        before, after = cable.tension(point, stretch - m), cable.tension(point + 1, m)
         return near * float(before) - far * float(after)
 
     found = cable.bounds(point, stretch, 0.0)
@@ -479,7 +479,7 @@ def test_a_point_of_a_stiffening_cable_balances(
     near, far = (end * pretension / stiffness for end in ends)
     found, derivatives = (np.array(part).ravel() for part in function(near, far))
     pulls = [
-        [float(ca.DM(cable.tension(0, near - m)[0])), float(ca.DM(cable.tension(1, m - far)[0]))]
+        [float(ca.DM(cable.tension(0, near - m))), float(ca.DM(cable.tension(1, m - far)))]
         for m in found
     ]
     balances = [min(abs(a - np.exp(grip) * b), abs(a - b)) for a, b in pulls]
@@ -514,9 +514,11 @@ def test_a_search_for_equal_tensions_ends_within_its_steps() -> None:
         cable = Sheath(stiffness, grip, 1.0, 1, stiffening, pretension)
         rest = (1.0, grip, 0.5, 0.5, stiffness, stiffening, pretension)
         place = float(search(before, after, *rest)[0])
-        tension, slope = (float(part) for part in cable.tension(0, ca.DM(before - place)))
-        other, other_slope = (float(part) for part in cable.tension(1, ca.DM(place - after)))
-        left = abs(tension - grip * other) / (slope + grip * other_slope)
+        m = ca.SX.sym("m")
+        lacks = cable.tension(0, before - m) - grip * cable.tension(1, m - after)
+        balance = ca.Function("balance", [m], [lacks, ca.jacobian(lacks, m)])
+        lack, slope = (float(part) for part in balance(place))
+        left = abs(lack / slope)
         lacking.append(left * stiffness / pretension)
     assert max(lacking) < 0.02  # with the second derivative of the wrong sign it is 0.5
     assert np.quantile(lacking, 0.95) < 1e-12

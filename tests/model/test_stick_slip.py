@@ -12,7 +12,13 @@ import pytest
 
 from distal.kernels import Kernel
 from distal.model import slipping, soft, solver
-from distal.model.stick_slip_motion import EVENTS, SWEEPS, _swept, velocities
+from distal.model.stick_slip_motion import EVENTS, SWEEPS, _swept
+
+
+def velocities(matrix: ca.SX, load: ca.SX, up: ca.SX, down: ca.SX) -> ca.SX:
+    """Return the velocities of joints with the inertia A under a load r."""
+    slip = slipping(matrix, load, up, down)
+    return solver(matrix, slip.moving)(load - slip.friction(up, down))
 
 
 def random_case(rng: np.random.Generator, n: int) -> tuple[np.ndarray, ...]:

@@ -10,7 +10,6 @@ import yaml
 
 from distal.errors import RigError
 from distal.rig import (
-    AssumedOfHands,
     build_rig,
     from_aero,
     from_orca,
@@ -88,7 +87,7 @@ def test_one_tendon_over_three_joints_has_springs_and_no_second_tendon(tmp_path:
         (("-20,95", "95,-20"), "from a lower to a higher angle"),
         (("-20,95", "-20,9500"), "is the unit right?"),
         ((",1,-20", ",2,-20"), "must be 1 or -1, '2' came"),
-        (("1,7,8", "1,0.007,8"), "0.1 to 500 mm"),
+        (("1,7,8", "1,0.007,8"), "must be from 0.0001 to 0.5 m, 7e-06 came"),
         (("high [deg]", "high"), "line 2: high: '95' has no unit"),
         (("index_mcp,1", "index_mcp,"), "needs a motor"),
         (("index_pip,two", "index_mcp,two"), "several lines with different ranges"),
@@ -98,17 +97,6 @@ def test_one_tendon_over_three_joints_has_springs_and_no_second_tendon(tmp_path:
 def test_a_wrong_table_is_one_line(tmp_path: Path, change: tuple[str, str], says: str) -> None:
     with pytest.raises(RigError, match=says.replace("?", r"\?").replace("(", r"\(")):
         from_table(table(tmp_path, TABLE.replace(*change)))
-
-
-def test_what_is_assumed_of_a_hand_may_be_another_value(tmp_path: Path) -> None:
-    path = table(tmp_path, "joint,motor,low [deg],high [deg]\na,1,0,90\n")
-    assumed = AssumedOfHands(radius=5e-3, unknown_ratio_std=0.5)
-    imported = from_table(path, assumed)
-    motor = imported.rig.drives[0]
-    assert isinstance(motor, Capstan)
-    assert (motor.radius.value, motor.radius.std) == pytest.approx((5e-3, 2.5e-3))
-    assert imported.rig.tendons[0].arms()["a"] == pytest.approx(5e-3)
-    assert "radii of spools" in imported.missing
 
 
 def test_a_zero_in_counts_is_an_angle(tmp_path: Path) -> None:

@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import pytest
 
 from distal import Rig, load_rig
 from distal.rig import position_range
 from distal.rig.joints import REACH
-from distal.rig.sensors.forces import Force, largest_effort
-from distal.rig.sensors.motions import Position, drive_travel
+from distal.rig.sensors.forces import FORCE, largest_effort
+from distal.rig.sensors.motions import POSITION, drive_travel
 
 
 def test_a_command_is_ahead_of_its_drive_by_its_speed_times_the_lag() -> None:
     """A drive at 2 that moves with 3/s, commanded 0.1 s ahead, is told 2.3; its encoder reads 2."""
-    motion: Any = SimpleNamespace(
-        position=lambda part: 2.0 + part, rate=lambda part: 3.0, effort=lambda part: 7.0 + part
-    )
+    motion: Any = SimpleNamespace(positions=[2.0, 3.0], rates=[3.0, 3.0], efforts=[7.0, 8.0])
     for lag, read in ((0.0, 2.0), (0.1, 2.3)):
         sensor: Any = SimpleNamespace(lag=lag)
-        assert Position().read(sensor, motion, 0, {}) == pytest.approx(read)
-        assert Position().read(sensor, motion, 1, {}) == pytest.approx(read + 1.0)
-    assert Force().read(cast(Any, None), motion, 1, {}) == 8.0
+        assert POSITION.read(sensor, motion, 0) == pytest.approx(read)
+        assert POSITION.read(sensor, motion, 1) == pytest.approx(read + 1.0)
+    assert FORCE.read(None, motion, 1) == 8.0
 
 
 def test_a_capstan_turns_as_far_as_its_joint_takes_it() -> None:
@@ -80,9 +78,9 @@ def test_the_largest_effort_is_the_limit_or_twice_that_at_rest() -> None:
     ):
         changed = rig.with_values(changes)
         assert largest_effort(changed, 0) == pytest.approx(largest)
-        assert Force().travel(cast(Any, None), changed, 0) == pytest.approx((-largest, largest))
+        assert FORCE.travel(None, changed, 0) == pytest.approx((-largest, largest))
     slider = load_rig("paper-2008").with_values({"drives.*.nominal_force": 4.0})
-    assert Force().travel(cast(Any, None), slider, 1) == pytest.approx((0.0, 8.0))
+    assert FORCE.travel(None, slider, 1) == pytest.approx((0.0, 8.0))
 
 
 def test_a_place_is_possible_a_little_beyond_the_stops_or_far_beyond_what_the_joint_takes_it() -> (

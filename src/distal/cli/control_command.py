@@ -62,11 +62,7 @@ def control_command(
                 if isinf(score.settling)
                 else f"{score.settling:.2f}"
             )
-            hunts = (
-                f"{degrees(max(hunt.motion for hunt in score.hunting)):.1f}°"
-                if score.hunting
-                else "no"
-            )
+            hunts = f"{degrees(max(score.hunting)):.1f}°" if score.hunting else "no"
             angles = [
                 "–" if isnan(angle) else f"{degrees(angle):.2f}"
                 for angle in (score.rms, score.overshoot)

@@ -157,14 +157,16 @@ def new_command(
 ) -> None:
     """Write a commented template of a rig file."""
     from distal.logs import write_whole
-    from distal.rig import template_text
+    from distal.rig import rig_text
+
+    text, _ = rig_text("template")
 
     if out is None:
-        print(template_text(), end="")
+        print(text, end="")
         return
     check_command_outputs(to_file("OUT", out))
     check_new(out)
-    write_whole(out, template_text())
+    write_whole(out, text)
     say(f"wrote {out}; edit it, then `distal rig check {out}`")
 
 

@@ -15,7 +15,7 @@ from distal.control.closed_loop import (
 from distal.control.control_figures import plot_control
 from distal.control.controlled_plant import ControlledPlant, SteppedPlant
 from distal.control.controllers import PID, Held
-from distal.control.tracking import Hunting, Tracking, trackings_of
+from distal.control.tracking import Tracking, trackings_of
 
 __all__ = [
     "COMMAND",
@@ -26,7 +26,6 @@ __all__ = [
     "ControlledPlant",
     "Controller",
     "Held",
-    "Hunting",
     "SteppedPlant",
     "Tracking",
     "closed_loop",

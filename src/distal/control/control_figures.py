@@ -30,17 +30,15 @@ axis. Source: layout.
 """
 
 
-def plot_control(
-    runs: Sequence[ClosedLoop], path: str | Path | None = None, joint: str | None = None
-) -> Figure:
+def plot_control(runs: Sequence[ClosedLoop], path: str | Path | None = None) -> Figure:
     """Draw the reference and, for each feedback, the true angle, its deviation and a command; also
     the error of the first estimator with its 95 % band.
 
-    The `runs` are of one scenario with different feedbacks; the `joint` is by default the first one
-    that is controlled.
+    The `runs` are of one scenario with different feedbacks; the joint is the first one that is
+    controlled.
     """
     first = runs[0]
-    name = joint or next(iter(first.references))
+    name = next(iter(first.references))
     j = first.rig.joint_names.index(name)
     reference = np.rad2deg(first.references[name])
     time = first.time

@@ -14,6 +14,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.expressions import Vector
 from distal.inverse import Feedback, LiveInverse
+from distal.inverse.distribution import solved
 from distal.inverse.feedback import feedback_torques
 from distal.kernels import Evaluation, Layout
 from distal.model import Mechanism
@@ -24,11 +25,6 @@ from distal.simulation import JointControl
 SMOOTHED = 0.3
 """Share with which a new difference of the angle enters the smoothed speed of k_d: an encoder's
 steps are spread over about three periods. Source: judgement.
-"""
-
-RIDGE = 1e-12
-"""Number that is added to the diagonal of A Aᵀ, as a share of its trace, so that A Aᵀ can be
-inverted. Source: rounding (a singular matrix).
 """
 
 KEPT = 0.75
@@ -65,12 +61,12 @@ def allocated(mechanism: Mechanism, angles: Vector, torques: Vector, tension: fl
     nj = mechanism.n_joints
     slopes = mechanism.length_jacobian(ca.vertcat(angles, ca.SX.zeros(mechanism.n_drives)))
     arms = -ca.mtimes(slopes[:, :nj], mechanism.spread).T
-    square = ca.mtimes(arms, arms.T) + RIDGE * ca.sum1(ca.sum2(arms * arms)) * ca.SX.eye(
-        arms.size1()
+    square = ca.mtimes(arms, arms.T)
+    needed, making = (
+        ca.mtimes(arms.T, solved(square, right))
+        for right in (ca.mtimes(mechanism.spread.T, torques), ca.sum2(arms))
     )
-    inverse = ca.mtimes(arms.T, ca.inv(square))
-    constant = tension * (1 - ca.mtimes(inverse, ca.sum2(arms)))
-    needed = ca.mtimes(inverse, ca.mtimes(mechanism.spread.T, torques))
+    constant = tension * (1 - making)
     share = ca.SX(1)
     sliders = {drive.name for drive in rig.drives if drive.kind == "slider"}
     for i, tendon in enumerate(rig.tendons):

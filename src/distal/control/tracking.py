@@ -33,18 +33,6 @@ search for hunting, the same time at the begin of a constant part is left out. S
 
 
 @dataclass(frozen=True)
-class Hunting:
-    """A limit cycle: a joint whose angle varies by `motion` [rad] between two times [s] although
-    the references are constant.
-    """
-
-    joint: str
-    begin: float
-    end: float
-    motion: float
-
-
-@dataclass(frozen=True)
 class Tracking:
     """How one joint keeps to its reference.
 
@@ -56,7 +44,8 @@ class Tracking:
             where it does not, NaN where no reference is constant.
         effort: RMS of all commands [N or N m].
         estimate_rms: RMS error of the angle that the controller was told [rad].
-        hunting: limit cycles.
+        hunting: motions of limit cycles, by how much the angle varies although the references are
+            constant [rad].
     """
 
     joint: str
@@ -65,7 +54,7 @@ class Tracking:
     settling: float
     effort: float
     estimate_rms: float
-    hunting: tuple[Hunting, ...]
+    hunting: tuple[float, ...]
 
 
 def trackings_of(run: ClosedLoop) -> tuple[Tracking, ...]:
@@ -91,7 +80,7 @@ def trackings_of(run: ClosedLoop) -> tuple[Tracking, ...]:
             settling=max((time for _, time in steps), default=nan),
             effort=effort,
             estimate_rms=float(np.sqrt(np.mean(errors**2))) if len(errors) else nan,
-            hunting=tuple(_hunts(name, run.time, angle, still)),
+            hunting=_hunts(run.time, angle, still),
         )
         trackings.append(tracking)
     return tuple(trackings)
@@ -123,17 +112,13 @@ def _step(
     return over, inf if last == end else float(time[last] - time[begin])
 
 
-def _hunts(name: str, time: Floats, angle: Floats, rests: list[tuple[int, int]]) -> list[Hunting]:
-    cycles = []
+def _hunts(time: Floats, angle: Floats, rests: list[tuple[int, int]]) -> tuple[float, ...]:
+    motions = []
     for begin, end in rests:
-        if time[end - 1] - time[begin] < FOR - 1.5 * (time[begin + 1] - time[begin]):
+        stamps = time[begin:end]
+        if stamps[-1] - stamps[0] < FOR - 1.5 * (stamps[1] - stamps[0]):
             continue
         # the first second belongs to the motion before
-        late = (
-            np.flatnonzero(time[begin:end] >= max(time[end - 1] - FOR, time[begin] + LONG_ENOUGH))
-            + begin
-        )
-        motion = float(np.ptp(angle[late]))
-        if motion > HUNTS:
-            cycles.append(Hunting(name, float(time[late[0]]), float(time[end - 1]), motion))
-    return cycles
+        late = stamps >= max(stamps[-1] - FOR, stamps[0] + LONG_ENOUGH)
+        motions.append(float(np.ptp(angle[begin:end][late])))
+    return tuple(motion for motion in motions if motion > HUNTS)

@@ -79,10 +79,7 @@ class Balance:
         self.nt = mechanism.n_tendons
         self.nf = len(self.free)
         self.n_inside = len(mechanism.plays) + len(mechanism.strains)
-        self.tendons_of = [
-            [i for i in range(self.nt) if mechanism.drive_of[i] == self.nj + d]
-            for d in range(self.nd)
-        ]
+        self.tendons_of = [mechanism.pulled_by(self.nj + d) for d in range(self.nd)]
         of_free = ("free", "desired", "speeds", "accelerations", "turned", "torques")
         of_drives = (
             *("positions", "within", "rates", "drives_turned", "pulls", "before", "rubbed"),
@@ -311,11 +308,3 @@ class Balance:
     def of_drives(self, p: Symbolic, key: str) -> Symbolic:
         """Return one input of every drive, (n_drives,), by its key, such as `radius`."""
         return self.number(p, [f"drives.{d}.{key}" for d in range(self.nd)])
-
-    def winds(self, drive: int) -> int:
-        """Return +1 where a drive draws its first tendon in as its position grows, else −1."""
-        return (
-            self.rig.tendons[self.tendons_of[drive][0]].winding
-            if self.rig.drives[drive].kind == "capstan"
-            else 1
-        )

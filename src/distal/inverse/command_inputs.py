@@ -38,8 +38,8 @@ def _inputs(rig: Rig) -> Iterator[tuple[str, float]]:
         servo = drive.servo
         yield from _ends(path, drive.stops)
         yield f"{path}.limit", limit
-        yield f"{path}.radius", radius_of(drive)
-        yield f"{path}.most_pull", limit / radius_of(drive)
+        yield f"{path}.radius", drive.lever
+        yield f"{path}.most_pull", limit / drive.lever
         yield f"{path}.margin", _margin(rig, drive)
         # a servo of stiffness K and dead band δ, with the force F in the direction d, is at
         # s = u − F/K − δ d
@@ -69,11 +69,6 @@ def _margin(rig: Rig, drive: Drive) -> float:
     return 1.0 + BAND * max(
         tendon.stiffness.total_std / tendon.stiffness.value for tendon in tendons
     )
-
-
-def radius_of(drive: Drive) -> float:
-    """Return how far a drive's motion moves its tendon, per unit of the drive [m/rad, 1]."""
-    return drive.radius.value if drive.kind == "capstan" else 1.0
 
 
 def followable(time: Floats, positions: Floats, drive: Slider | Capstan) -> Floats:

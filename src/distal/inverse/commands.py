@@ -11,7 +11,6 @@ import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.confidence import BAND
-from distal.inverse.command_inputs import radius_of
 from distal.inverse.setpoint_function import TURNS, CommandModel
 from distal.logs import write_columns
 from distal.results import (
@@ -22,7 +21,7 @@ from distal.results import (
     legend_above,
     save_figure,
 )
-from distal.rig import Rig, angle_names, gain_of, log_factor, position_unit, std_name
+from distal.rig import Rig, angle_names, effort_unit, gain_of, log_factor, position_unit, std_name
 from distal.rounded import rounded
 from distal.units import unit_factor
 
@@ -92,10 +91,9 @@ class Commands:
         sensors = {(sensor.of, sensor.measures): sensor for sensor in reversed(rig.sensors)}
         columns = {rig.log.time.column: self.time / unit_factor(rig.log.time.unit, "s")}
         for i, drive in enumerate(rig.drives):
-            unit_of_force = "N" if drive.kind == "slider" else "N m"
             for kind, own, values in (
                 ("position", position_unit(drive), self.sent),
-                ("force", unit_of_force, self.forces),
+                ("force", effort_unit(drive), self.forces),
             ):
                 sensor = sensors.get((drive.name, kind))
                 if sensor is None:
@@ -259,8 +257,8 @@ def beyond(
     """
     notes = []
     for i, drive in enumerate(model.rig.drives):
-        unit = "N" if drive.kind == "slider" else "N m"
-        needed = read["forces"][:, i] + radius_of(drive) * read["short"][:, i]
+        unit = effort_unit(drive)
+        needed = read["forces"][:, i] + drive.lever * read["short"][:, i]
         largest = float(np.abs(needed).max())
         if _is_passed(largest, drive.limit):
             notes.append(

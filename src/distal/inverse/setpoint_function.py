@@ -214,7 +214,7 @@ class CommandModel(Balance):
         )
         shares = ca.MX.sym("shares", self.nt)
         p = ca.MX.sym("p", len(self.mechanism.parameters))
-        rising = ca.DM([self.winds(d) for d in range(self.nd)])
+        rising = ca.DM([self.mechanism.winds(own[0]) for own in self.tendons_of])
         s = before
         wide = FARTHEST / self.of_drives(p, "radius")
         low = before - wide

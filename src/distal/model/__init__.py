@@ -5,16 +5,13 @@ the time step. It is written once, for the simulation and the filters.
 from distal.model.chain_kick import Contacts, damped_inertias, residual
 from distal.model.friction import (
     Limit,
-    capstan_limit,
     clip_moments,
     free_response,
     soft,
     soft_moments,
-    stribeck,
 )
 from distal.model.intervals import interval_step, tangent_step
-from distal.model.mechanism import GRAVITY, Mechanism
-from distal.model.motion import Moment
+from distal.model.mechanism import GRAVITY, Mechanism, Moment
 from distal.model.plays import stretched
 from distal.model.stepping import (
     RESOLUTION,
@@ -40,7 +37,6 @@ __all__ = [
     "Mechanism",
     "Moment",
     "Slip",
-    "capstan_limit",
     "clip_moments",
     "damped_inertias",
     "free_response",
@@ -59,7 +55,6 @@ __all__ = [
     "solver",
     "stiffest_frequency",
     "stretched",
-    "stribeck",
     "substeps",
     "tangent_step",
 ]

@@ -1,10 +1,10 @@
-"""Dynamics of joints that carry one another, on the frames of their links: composite rigid bodies
-and recursive Newton–Euler, as CasADi expressions.
+"""Dynamics of joints that carry one another, on the frames of their links: recursive
+Newton–Euler, as CasADi expressions.
 
 A joint's frame has its origin at `offset` in the frame of its parent and is turned about `axis` by
 θ; at θ = 0 both are parallel. The centre of mass and the inertia of a link are given in the frame
-of its joint. The methods are those of Featherstone, Rigid Body Dynamics Algorithms, 2008, chapters
-5 and 6, written in three dimensions instead of six.
+of its joint. The method is that of Featherstone, Rigid Body Dynamics Algorithms, 2008, chapter 5,
+written in three dimensions instead of six.
 """
 
 from __future__ import annotations
@@ -14,28 +14,14 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from distal.expressions import Matrix, Scalar, Vector
+from distal.expressions import Matrix, Vector, rotation
 from distal.model.parameters import Parameters
 from distal.rig import Rig
 
 
-def rotation(axis: Sequence[float], angle: Scalar) -> Matrix:
-    """Return the rotation matrix R = a aᵀ + cos θ (1 − a aᵀ) + sin θ [a×] about a unit `axis` a by
-    an `angle` θ [rad], (3, 3).
-    """
-    a = np.asarray(axis)
-    along = np.outer(a, a)
-    cross = np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
-    return (
-        ca.SX(ca.DM(along))
-        + ca.cos(angle) * ca.DM(np.eye(3) - along)
-        + ca.sin(angle) * ca.DM(cross)
-    )
-
-
-class Frames:
-    """The frames of a rig's links as a tree. Joint angles q [rad] and their speeds v [rad/s] are
-    (n_joints,).
+class Chain:
+    """The links of a rig as a tree of rigid bodies. Joint angles q [rad] and their speeds v [rad/s]
+    are (n_joints,).
     """
 
     def __init__(self, rig: Rig, parameters: Parameters) -> None:
@@ -101,145 +87,59 @@ class Frames:
     def _axis(self, joint: int) -> Vector:
         return ca.DM(self.rig.joints[joint].axis)
 
-
-def cross(a: Vector, b: Vector) -> Vector:
-    """Return a × b, (3,)."""
-    return ca.vertcat(
-        a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-    )
-
-
-class Chain:
-    """The links of a rig as a tree of rigid bodies. Joint angles q [rad] and their speeds v [rad/s]
-    are (n_joints,).
-    """
-
-    def __init__(self, rig: Rig, parameters: Parameters) -> None:
-        self._rig = rig
-        self._p = parameters
-        self._frames = Frames(rig, parameters)
-
-    def _link(self, joint: int) -> tuple[Scalar, Vector, Vector] | None:
-        """Return mass, centre and moments of inertia about the centre of a joint's link, None where
-        it has none.
-        """
-        if self._rig.joints[joint].link is None:
-            return None
-        path = f"joints.{joint}.link"
-        return (
-            self._p[f"{path}.mass"],
-            self._frames.vector(f"{path}.centre"),
-            self._frames.vector(f"{path}.inertia"),
-        )
-
     def mass_matrix(self, q: Vector) -> Matrix:
-        """Return the links' inertia matrix at q, (n_joints, n_joints) [kg m²], by composite rigid
-        bodies.
-
-        A composite body is a link with all links that it carries: mass m, first moment h = m c, and
-        inertia J about the origin of its joint's frame. A unit angular acceleration about the
-        joint's axis a needs the force a × h and the moment J a. Both are passed on from joint to
-        joint towards the base; the moment's components along the axes on the way are the entries of
-        the matrix.
+        """Return the links' inertia matrix at q, (n_joints, n_joints) [kg m²]: the derivative of
+        `torques` by the acceleration, in which these are linear.
         """
-        n = len(self._rig.joints)
-        turned = self._frames.rotations(q)
-        bodies = list[tuple[Scalar, Vector, Matrix]]()
-        for i in range(n):
-            link = self._link(i)
-            zero = ca.SX(3, 1)
-            if link is None:
-                bodies.append((ca.SX(0), zero, ca.SX(3, 3)))
-            else:
-                mass, centre, moments = link
-                inertia = ca.diag(moments) + _shifted(mass, mass * centre, centre)
-                bodies.append((mass, mass * centre, inertia))
-        matrix = ca.SX(n, n)
-        for i in reversed(range(n)):
-            mass, moment, inertia = bodies[i]
-            axis = ca.DM(self._rig.joints[i].axis)
-            force = cross(axis, moment)
-            torque = ca.mtimes(inertia, axis)
-            at = i
-            matrix[i, i] = ca.dot(axis, torque)
-            while (parent := self._frames.parents[at]) is not None:
-                offset = self._frames.vector(f"joints.{at}.offset")
-                force = ca.mtimes(turned[at], force)
-                torque = ca.mtimes(turned[at], torque) + cross(offset, force)
-                matrix[i, parent] = matrix[parent, i] = ca.dot(
-                    ca.DM(self._rig.joints[parent].axis), torque
-                )
-                at = parent
-            above = self._frames.parents[i]
-            if above is not None:
-                offset = self._frames.vector(f"joints.{i}.offset")
-                r = turned[i]
-                moment = ca.mtimes(r, moment)
-                inertia = ca.mtimes([r, inertia, r.T]) + _shifted(
-                    mass, 2 * moment + mass * offset, offset
-                )
-                before = bodies[above]
-                bodies[above] = (
-                    before[0] + mass,
-                    before[1] + moment + mass * offset,
-                    before[2] + inertia,
-                )
-        return matrix
+        n = len(self.parents)
+        a = ca.SX.sym("a", n)
+        slopes = ca.jacobian(self.torques(q, ca.SX(n, 1), a), a)
+        return ca.tril2symm(ca.tril(slopes))
 
     def torques(self, q: Vector, v: Vector, acceleration: Vector) -> Vector:
         """Return the joint torques M(q) q̈ + c(q, v) + g(q) that a motion of the links needs,
         (n_joints,) [N m], by recursive Newton–Euler. The `acceleration` is q̈, (n_joints,)
         [rad/s²].
         """
-        n = len(self._rig.joints)
-        turned = self._frames.rotations(q)
-        resting = (ca.SX(3, 1), ca.SX(3, 1), -self._frames.gravity())
-        spins = self._frames.carried(turned, v)
+        n = len(self.rig.joints)
+        turned = self.rotations(q)
+        resting = (ca.SX(3, 1), ca.SX(3, 1), -self.gravity())
+        spins = self.carried(turned, v)
         moving = list[tuple[Vector, Vector, Vector]]()
         loads = list[tuple[Vector, Vector]]()
         for i in range(n):
-            parent = self._frames.parents[i]
-            axis = ca.DM(self._rig.joints[i].axis)
+            parent = self.parents[i]
+            axis = self._axis(i)
             spin, twist, linear = resting if parent is None else moving[parent]
-            offset = self._frames.vector(f"joints.{i}.offset")
+            offset = self.vector(f"joints.{i}.offset")
             back = turned[i].T
             linear = ca.mtimes(
-                back, linear + cross(twist, offset) + cross(spin, cross(spin, offset))
+                back, linear + ca.cross(twist, offset) + ca.cross(spin, ca.cross(spin, offset))
             )
             spin = spins[i]
-            twist = ca.mtimes(back, twist) + axis * acceleration[i] + cross(spin, axis * v[i])
+            twist = ca.mtimes(back, twist) + axis * acceleration[i] + ca.cross(spin, axis * v[i])
             spin = spin + axis * v[i]
             moving.append((spin, twist, linear))
-            link = self._link(i)
-            if link is None:
+            if self.rig.joints[i].link is None:
                 loads.append((ca.SX(3, 1), ca.SX(3, 1)))
                 continue
-            mass, centre, inertia = link
-            force = mass * (linear + cross(twist, centre) + cross(spin, cross(spin, centre)))
+            mass = self._p[f"joints.{i}.link.mass"]
+            centre, inertia = (self.vector(f"joints.{i}.link.{x}") for x in ("centre", "inertia"))
+            force = mass * (
+                linear + ca.cross(twist, centre) + ca.cross(spin, ca.cross(spin, centre))
+            )
             loads.append(
-                (force, inertia * twist + cross(spin, inertia * spin) + cross(centre, force))
+                (force, inertia * twist + ca.cross(spin, inertia * spin) + ca.cross(centre, force))
             )
         needed = [ca.SX(0)] * n
         for i in reversed(range(n)):
             force, torque = loads[i]
-            needed[i] = ca.dot(ca.DM(self._rig.joints[i].axis), torque)
-            parent = self._frames.parents[i]
+            needed[i] = ca.dot(self._axis(i), torque)
+            parent = self.parents[i]
             if parent is not None:
                 force = ca.mtimes(turned[i], force)
-                torque = ca.mtimes(turned[i], torque) + cross(
-                    self._frames.vector(f"joints.{i}.offset"), force
+                torque = ca.mtimes(turned[i], torque) + ca.cross(
+                    self.vector(f"joints.{i}.offset"), force
                 )
                 loads[parent] = (loads[parent][0] + force, loads[parent][1] + torque)
         return ca.vertcat(*needed)
-
-
-def _shifted(mass: Scalar, moment: Vector, offset: Vector) -> Matrix:
-    """Return (h·o) 1 − (h oᵀ + o hᵀ)/2, (3, 3): what a shift by `offset` o adds to an inertia.
-
-    With `moment` h = m o it is the parallel-axis theorem m (o·o 1 − o oᵀ). With h = 2 m c + m o it
-    is the same for a body with its centre at c.
-    """
-    if ca.SX(mass).is_zero():
-        return ca.SX(3, 3)
-    outer = ca.mtimes(moment, offset.T)
-    return ca.dot(moment, offset) * ca.SX.eye(3) - (outer + outer.T) / 2

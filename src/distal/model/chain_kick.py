@@ -20,7 +20,7 @@ import casadi as ca
 from distal.expressions import Matrix, Scalar, Vector
 from distal.model.mechanism import Mechanism
 from distal.model.stick_slip_motion import Slip, slipping, solver
-from distal.model.stops import Flight, bounce, restitution
+from distal.model.stops import Flight, bounce, met, restitution
 
 SHORTEST = 1e-15
 """Least length of a kick, by which changes of velocities are divided [s]. Source: rounding (a
@@ -194,11 +194,8 @@ def chain_kick(
     load = ca.mtimes(spread.T, load)
     if assembled is not None:
         bias = ca.mtimes(spread.T, assembled.torques(q, v, ca.SX(nj, 1)))
-        if nj > 1:
-            middle = _middle(matrix, load - length * bias, v[free], up, down)
-            bias = ca.mtimes(
-                spread.T, assembled.torques(q, ca.mtimes(spread, middle), ca.SX(nj, 1))
-            )
+        middle = _middle(matrix, load - length * bias, v[free], up, down)
+        bias = ca.mtimes(spread.T, assembled.torques(q, ca.mtimes(spread, middle), ca.SX(nj, 1)))
         load -= length * bias
     inertias = inertias[free]
 
@@ -262,11 +259,7 @@ def _contacts(
             continue
         stiffness, damping, low, high = mechanism.stop(j)
         end = q[k] if last else q[k] + drift * v[k]
-        at_high = end > high
-        at_low = end < low
-        if not last:
-            at_high = ca.logic_and(at_high, stiffness * (end - high) + damping * v[k] > 0)
-            at_low = ca.logic_and(at_low, stiffness * (end - low) + damping * v[k] < 0)
+        at_high, at_low = (end > high, end < low) if last else met(end, v[k], *mechanism.stop(j))
         touching = ca.logic_or(at_high, at_low)
         share = ca.if_else(stiffness * drift * drift / inertias[k] <= 1, 0.5, 1)
         implicit = touching * length * (share * stiffness * drift + damping)

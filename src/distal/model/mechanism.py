@@ -1,8 +1,11 @@
-"""The forces of a rig, from one length function per tendon."""
+"""The forces of a rig, from one length function per tendon; and its motion at one moment, from
+which the sensors' readings follow.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import casadi as ca
 
@@ -12,7 +15,7 @@ from distal.model.friction import Limit, capstan_limit, load_dependent_limit, st
 from distal.model.parameters import NOTHING_DERIVED, Derived
 from distal.model.plays import extension_torque, polynomial_torque
 from distal.model.tendons import Tendons
-from distal.rig import Joint, Rig
+from distal.rig import Joint, Motion, Rig, Sensor, measurand_of, part_of
 
 FEWEST = 2
 """Number of joints from which on joints with links are a chain, in which they move one another. The
@@ -185,52 +188,27 @@ class Mechanism(Tendons):
         tendons.
         """
         limit = self._dry_friction(body, "friction", tensions)
-        lever = self._drive_radius(body)
         up = limit
         down = limit
-        for i in self._pulled_by(body):
+        for i in self.pulled_by(body):
             part = self.rig.tendons[i].path
             wrapped = self.wrapped(i, q)
             if ca.SX(wrapped).is_zero() or (part is not None and part.nodes > 0):
                 continue
             out = 1 if part is None else self.parameters[f"tendons.{i}.path.let_out"]
-            path_friction = capstan_limit(tensions[i], wrapped, out).times(lever)
+            rubs = capstan_limit(tensions[i], wrapped, out).times(self.lever(body))
             # a capstan's positive angle lets out the tendons of side −1
-            drawn = (
-                self.rig.tendons[i].winding
-                if self.rig.drives[body - self.n_joints].kind == "capstan"
-                else 1
-            )
-            drawn_in = path_friction.up
-            let_out = path_friction.down
-            up, down = (
-                (up + drawn_in, down + let_out) if drawn > 0 else (up + let_out, down + drawn_in)
-            )
+            drawn_in, let_out = (rubs.up, rubs.down) if self.winds(i) > 0 else (rubs.down, rubs.up)
+            up = up + drawn_in
+            down = down + let_out
         return Limit(up, down)
-
-    def _pulled_by(self, body: int) -> list[int]:
-        return [i for i in range(self.n_tendons) if self.drive_of[i] == body]
 
     def _dry_friction(self, body: int, kind: str, tensions: Vector) -> Scalar:
         """Return constant + load · R Σ T of a drive's friction or hysteresis."""
         p = self.parameters
         path = f"{self.bodies[body].path}.{kind}"
-        tension = sum((tensions[i] for i in self._pulled_by(body)), ca.SX(0))
-        return p[f"{path}.constant"] + p[f"{path}.load"] * self._drive_radius(body) * tension
-
-    def stretch(self, drive: int, q: Vector) -> Scalar:
-        """Return the stretch of a drive's tendons at q in the drive's own coordinate, Σ h_i ℓ_i/Σ
-        h_i² with h_i = ∂ℓ_i/∂s.
-
-        For a capstan with two pulleys it is φ − r θ/R, for a slider with one tendon ℓ. The index
-        `drive` counts the drives alone.
-        """
-        body = self.n_joints + drive
-        elongations = self.elongations(q)
-        levers = self.length_jacobian(q)[:, body]
-        tendons = self._pulled_by(body)
-        total = sum((levers[i] * elongations[i] for i in tendons), ca.SX(0))
-        return total / sum((levers[i] ** 2 for i in tendons), ca.SX(0))
+        tension = sum((tensions[i] for i in self.pulled_by(body)), ca.SX(0))
+        return p[f"{path}.constant"] + p[f"{path}.load"] * self.lever(body) * tension
 
     def hysteresis_limit(self, drive: int, q: Vector, tensions: Vector) -> Scalar:
         """Return the limit h = (constant + load · R Σ T)(1 + slope · θ) ≥ 0 of the hysteresis in a
@@ -241,12 +219,7 @@ class Mechanism(Tendons):
         body = self.n_joints + drive
         limit = self._dry_friction(body, "hysteresis", tensions)
         slope = self.parameters[f"{self.bodies[body].path}.hysteresis.slope"]
-        return ca.fmax(limit * (1 + slope * q[self.joints_of[self._pulled_by(body)[0]][0]]), 0)
-
-    def _drive_radius(self, body: int) -> Scalar:
-        """Return the capstan's radius, or 1 for a slider."""
-        path = f"{self.bodies[body].path}.radius"
-        return self.parameters[path] if path in self.parameters else ca.SX(1)
+        return ca.fmax(limit * (1 + slope * q[self.joints_of[self.pulled_by(body)[0]][0]]), 0)
 
     def inertias(self) -> Vector:
         """Return the mass or moment of inertia of each body, (n_bodies,) [kg m², kg]. Links of a
@@ -277,3 +250,40 @@ class Mechanism(Tendons):
     def dampings(self) -> Vector:
         """Return the viscous damping of each body, (n_bodies,) [N m s/rad, kg/s]."""
         return ca.vertcat(*(self.parameters[f"{b.path}.damping"] for b in self.bodies))
+
+
+class Moment:
+    """The motion of a mechanism at one moment.
+
+    Args:
+        q: coordinates, (n_bodies,) [rad, m].
+        v: their rates, (n_bodies,).
+        tensions: of the tendons, (n_tendons,) [N].
+        efforts: external torques on the joints, then what the drives exert, (n_bodies,) [N m, N].
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, q: Vector, v: Vector, tensions: Vector, efforts: Vector
+    ) -> None:
+        nj = mechanism.n_joints
+        links = Chain(mechanism.rig, mechanism.parameters)
+        self._rig = mechanism.rig
+        self._motion = Motion(
+            angles=q[:nj],
+            torques=efforts[:nj],
+            positions=q[nj:],
+            rates=v[nj:],
+            efforts=efforts[nj:],
+            tensions=tensions,
+            turning=lambda joint: links.turning(q, v)[joint],
+            falling=lambda joint: links.falling(q)[joint],
+            axes=[joint.axis for joint in mechanism.rig.joints],
+            unknowns={},
+        )
+
+    def read(self, sensor: Sensor, unknowns: Mapping[str, Scalar] | None = None) -> Scalar:
+        """Return what a sensor without errors reads [SI]. Its parameters are those of the rig, but
+        for the `unknowns`, by name.
+        """
+        motion = replace(self._motion, unknowns=unknowns or {})
+        return measurand_of(sensor).read(sensor, motion, part_of(sensor, self._rig))

@@ -13,7 +13,7 @@ from pydantic import BaseModel
 from distal.arrays import Floats
 from distal.errors import RigError
 from distal.expressions import Scalar, Vector
-from distal.rig import Parameter, Rig
+from distal.rig import Parameter, Rig, part_at
 
 # not part of the equations of motion: the start, and what stands in for a missing force sensor
 _NOT_DYNAMIC = frozenset({"initial", "nominal_force", "settled"})
@@ -74,43 +74,34 @@ class Parameters:
         self.inside = tuple(inside)
         self.folded = derived.folded
         self._constants: dict[str, float] = {}
-        rows: dict[str, tuple[float, float, float]] = {}
-        independent: dict[int, float] = {}
         self.shared: dict[str, tuple[float, list[int]]] = {}
+
+        def certain(value: float) -> tuple[float, float, float, float]:
+            return value, 0.0, np.nan, 0.0
+
+        rows: dict[str, tuple[float, float, float, float]] = {}
         for name, parameter in _walk(rig):
+            known = (parameter.value, parameter.filter_std)
             if name in self.inputs:
-                rows[name] = (parameter.value, 0.0, np.nan)
-            elif parameter.absent or (
-                name.endswith(NEUTRAL) and (parameter.value, parameter.filter_std) == (1.0, 0.0)
-            ):
+                rows[name] = certain(parameter.value)
+            elif parameter.absent or (name.endswith(NEUTRAL) and known == (1.0, 0.0)):
                 self._constants[name] = parameter.value
             else:
-                if (
-                    parameter.shared is not None
-                    and parameter.shared.std > 0.0
-                    and not parameter.hold
-                ):
-                    independent[len(rows)] = parameter.std
-                    self.shared.setdefault(parameter.shared.name, (parameter.shared.std, []))[
-                        1
-                    ].append(len(rows))
+                shared = parameter.shared
+                if shared is not None and shared.std > 0.0 and not parameter.hold:
+                    self.shared.setdefault(shared.name, (shared.std, []))[1].append(len(rows))
                 drift = np.nan if parameter.drift is None else parameter.drift
-                rows[name] = (parameter.value, parameter.filter_std, drift)
-        rows |= {
-            name: (number_at(rig, name), 0.0, np.nan) for name in self.inputs if name not in rows
-        }
+                rows[name] = (*known, drift, 0.0 if parameter.hold else parameter.std)
+        rows |= {name: certain(number_at(rig, name)) for name in self.inputs if name not in rows}
         if derived.folded:
             self._constants |= derived.values
         else:
-            rows |= {name: (value, 0.0, np.nan) for name, value in derived.values.items()}
-        rows |= dict.fromkeys(inside, (0.0, 0.0, np.nan))
+            rows |= {name: certain(value) for name, value in derived.values.items()}
+        rows |= dict.fromkeys(inside, certain(0.0))
         self.names = tuple(rows)
         self.all_names = tuple(name for name, _ in _walk(rig))
         columns: list[Floats] = [np.array(column) for column in zip(*rows.values())]
-        self.values, self.stds, self.drifts = columns
-        self.independent_stds: Floats = np.array(
-            [independent.get(i, std) for i, std in enumerate(self.stds)]
-        )
+        self.values, self.stds, self.drifts, self.independent_stds = columns
         self.symbols: Vector = ca.SX.sym("p", len(rows))
         self._index = {name: i for i, name in enumerate(rows)}
 
@@ -151,20 +142,14 @@ class Parameters:
 
 
 def number_at(rig: Rig, path: str) -> float:
-    """Return the number at a path of the description, whose keys are names of fields and indices.
+    """Return the number at a path of the description.
 
     A parameter counts as its value, a drift that is not given as 0.
 
     Raises:
         RigError: there is no number at the path.
     """
-    part: object = rig
-    for key in path.split("."):
-        if isinstance(part, tuple):
-            is_index = key.isascii() and key.isdigit() and len(key) < 10 and int(key) < len(part)
-            part = part[int(key)] if is_index else None
-        else:
-            part = getattr(part, key, None)
+    part = part_at(rig, path)
     if isinstance(part, Parameter):
         return part.value
     if part is None and path.endswith(".drift"):

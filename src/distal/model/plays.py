@@ -43,13 +43,6 @@ def stretched(elongation: Scalar, stiffening: Scalar) -> Scalar:
     return ca.if_else(small, elongation * (1 + x / 2), curve / safe)
 
 
-def slope_of(stretch: Scalar, stiffening: Scalar) -> Scalar:
-    """Return the slope of `stretched` with respect to the elongation, e^{a δ} and at most e². It is
-    1 + a s, where s [m] is the `stretch`, the value of `stretched`, and a the `stiffening` [1/m].
-    """
-    return ca.fmin(1 + stiffening * stretch, exp(STEEPEST))
-
-
 def polynomial_torque(away: Scalar, stiffness: Scalar, quadratic: Scalar, cubic: Scalar) -> Scalar:
     """Return the torque −(k x + k₂ x² + k₃ x³) [N m] of a spring that is x = θ − rest angle [rad]
     `away` from its rest.
@@ -184,19 +177,16 @@ class Sheath:
         """
         return [1 / (2 * self.count), *([1 / self.count] * (self.count - 1)), 1 / (2 * self.count)]
 
-    def tension(self, stretch: int, extension: Scalar) -> tuple[Scalar, Scalar]:
-        """Return the tension of a stretch of the cable [N], negative where slack, and its slope
-        [N/m].
+    def tension(self, stretch: int, extension: Scalar) -> Scalar:
+        """Return the tension of a stretch of the cable [N], negative where slack.
 
         The `stretch` is its index, counted from the drive; its `extension` [m] is counted from its
         length without tension.
         """
         share = self.shares[stretch]
         if self.stiffening is None:
-            return self.stiffness / share * extension, self.stiffness / share
-        cable = (self.stiffness, self.stiffening, self.pretension)
-        pulled = _Stretch.of(extension, share, *cable)
-        return pulled.tension, pulled.slope
+            return self.stiffness / share * extension
+        return _tension(extension, share, self.stiffness, self.stiffening, self.pretension)
 
     def bounds(self, point: int, before: Scalar, after: Scalar) -> Bounds:
         """Return the bounds of a point m [m] between its two neighbours.
@@ -252,78 +242,25 @@ class Sheath:
         """Return the tensions [N] at the ends `drive` and `joint` of a cable whose points are at
         `points`, zero where slack.
         """
-        near = self.tension(0, drive - points[0])[0]
-        far = self.tension(self.count, points[-1] - joint)[0]
+        near = self.tension(0, drive - points[0])
+        far = self.tension(self.count, points[-1] - joint)
         return ca.fmax(near, 0), ca.fmax(far, 0)
 
 
-@dataclass(frozen=True)
-class _Stretch:
-    """The tension of a share of a cable that stiffens [N], its slope [N/m] and second derivative
-    [N/m²].
-    """
-
-    tension: Scalar
-    slope: Scalar
-    bend: Scalar
-
-    @classmethod
-    def of(
-        cls,
-        extension: Scalar,
-        share: Scalar,
-        stiffness: Scalar,
-        stiffening: Scalar,
-        pretension: Scalar,
-    ) -> _Stretch:
-        """Return what an extension [m] of the share does; the rest are of the whole cable."""
-        stretch = stretched(extension / share - pretension / stiffness, stiffening)
-        steeper = slope_of(stretch, stiffening)
-        slope = stiffness / share * steeper
-        bend = (steeper < exp(STEEPEST)) * slope * stiffening / share
-        return cls(pretension + stiffness * stretch, slope, bend)
-
-
-def _step(
-    position: Scalar,
-    before: Scalar,
-    after: Scalar,
-    near: Scalar,
-    far: Scalar,
-    share: Scalar,
-    next_share: Scalar,
-    stiffness: Scalar,
-    stiffening: Scalar,
-    pretension: Scalar,
-    *,
-    halley: bool = True,
+def _tension(
+    extension: Scalar, share: float, stiffness: Scalar, stiffening: Scalar, pretension: Scalar
 ) -> Scalar:
-    """Return the step from m towards the position at which a T₁(l − m) = b T₂(m − r) [m]: of
-    Newton, or of Halley (Phil. Trans. 18, 1694), which has the second derivative too.
-
-    Args:
-        position: m [m].
-        before, after: l and r [m].
-        near, far: a and b.
-        share, next_share: of the cable's length, from l to m and from m to r.
-        stiffness, stiffening, pretension: of the whole cable.
+    """Return the tension of a share of a cable that stiffens [N] at its `extension` [m]; the rest
+    are of the whole cable.
     """
-    cable = (stiffness, stiffening, pretension)
-    first = _Stretch.of(before - position, share, *cable)
-    last = _Stretch.of(position - after, next_share, *cable)
-    lacking = near * first.tension - far * last.tension
-    slopes = near * first.slope + far * last.slope + SOFTEST
-    if halley:
-        bend = lacking * (near * first.bend - far * last.bend) / (2 * slopes)
-        slopes -= ca.fmax(ca.fmin(bend, slopes / 2), -slopes / 2)
-    farthest = ca.fabs(before - after) + pretension / stiffness
-    return ca.fmax(ca.fmin(lacking / slopes, farthest), -farthest)
+    stretch = stretched(extension / share - pretension / stiffness, stiffening)
+    return pretension + stiffness * stretch
 
 
 def _linear_balance(
     before: Scalar, after: Scalar, near: Scalar, far: Scalar, share: Scalar, next_share: Scalar
 ) -> Scalar:
-    """Return the position that `_step` goes to on a cable that does not stiffen."""
+    """Return the position at which a T₁(l − m) = b T₂(m − r) on a cable that does not stiffen."""
     first = near / share
     last = far / next_share
     return (first * before + last * after) / (first + last)
@@ -331,18 +268,29 @@ def _linear_balance(
 
 @lru_cache(maxsize=1)
 def _equal_tensions() -> tuple[ca.Function, ca.Function]:
-    """Return two functions: a search for the position that `_step` goes to, from the other inputs
-    of `_step`, and a last Newton step from there.
+    """Return two functions: a search for the position m at which a T₁(l − m) = b T₂(m − r) on a
+    cable that stiffens, by Halley's steps (Phil. Trans. 18, 1694), which have the second derivative
+    too; and a last step of Newton from there.
 
     Both stay calls: copies of them for each point, sweep and derivative are millions of characters
     of C. The search has no derivative; the last step has the position's derivative by all inputs.
     """
     names = ("m", "l", "r", "a", "b", "share_1", "share_2", "stiffness", "stiffening", "pretension")
     position, *inputs = symbols = [ca.SX.sym(name) for name in names]
-    last = position + _step(position, *inputs, halley=False)
+    before, after, near, far, share, next_share, *cable = inputs
+    lacking = near * _tension(before - position, share, *cable)
+    lacking -= far * _tension(position - after, next_share, *cable)
+    slope = SOFTEST - ca.jacobian(lacking, position)
+    bend = lacking * ca.hessian(lacking, position)[0] / (2 * slope)
+    farthest = ca.fabs(before - after) + cable[2] / cable[0]
+    newton, halley = (
+        position + ca.fmax(ca.fmin(lacking / divisor, farthest), -farthest)
+        for divisor in (slope, slope - ca.fmax(ca.fmin(bend, slope / 2), -slope / 2))
+    )
+    nearer = ca.Function("nearer", symbols, [ca.cse(halley)])
     found = begin = _linear_balance(*inputs[:6])
     for _ in range(STIFFENING_STEPS):
-        found = found + _step(found, *inputs)
+        found = nearer(found, *inputs)
     # with a second output the function differs from its derivative in their number
     options = {
         "never_inline": True,
@@ -351,7 +299,7 @@ def _equal_tensions() -> tuple[ca.Function, ca.Function]:
     }
     return (
         ca.Function("near_equal_tensions", inputs, [found, found - begin], options),
-        ca.Function("equal_tensions", symbols, [last], {"never_inline": True}),
+        ca.Function("equal_tensions", symbols, [ca.cse(newton)], {"never_inline": True}),
     )
 
 

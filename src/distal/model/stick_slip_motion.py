@@ -62,31 +62,11 @@ def solver(matrix: Matrix, weight: Vector) -> Callable[[Vector], Vector]:
     A weight w between 0 and 1 blends both: x = w (w A w with the diagonal of A)⁻¹ w b. The `matrix`
     A, (n, n), is symmetric positive definite; the weights are (n,).
     """
-    n = matrix.size1()
-    pivots = list[list[Scalar]]()
-    scaled = list[list[Scalar]]()  # columns of L D, and of L
-    for j in range(n):
-        column = [
-            matrix[j, j] if i == j else weight[i] * matrix[i, j] * weight[j] for i in range(n)
-        ]
-        for k in range(j):
-            for i in range(j, n):
-                column[i] -= pivots[k][i] * scaled[k][j]
-        pivots.append(column)
-        scaled.append([column[i] / column[j] if i > j else ca.SX(0) for i in range(n)])
-
-    def solve(b: Vector) -> Vector:
-        x = [weight[i] * b[i] for i in range(n)]
-        for k in range(n):
-            for i in range(k + 1, n):
-                x[i] -= scaled[k][i] * x[k]
-        x = [x[i] / pivots[i][i] for i in range(n)]
-        for k in reversed(range(n)):
-            for i in range(k + 1, n):
-                x[k] -= scaled[k][i] * x[i]
-        return ca.vertcat(*(weight[i] * x[i] for i in range(n)))
-
-    return solve
+    scaled = ca.mtimes([ca.diag(weight), matrix, ca.diag(weight)])
+    for i in range(matrix.size1()):
+        scaled[i, i] = matrix[i, i]
+    factors = ca.ldl(scaled, False)
+    return lambda b: weight * ca.ldl_solve(weight * b, *factors)
 
 
 def slipping(
@@ -189,11 +169,3 @@ def _event(n: int) -> ca.Function:
     return ca.Function(
         "event", inputs, [ca.densify(part) for part in state], {"cse": True, "never_inline": True}
     )
-
-
-def velocities(matrix: Matrix, load: Vector, up: Vector, down: Vector) -> Vector:
-    """Return the velocities v⁺, (n,), of joints with the inertia `matrix` A, (n, n), under a `load`
-    r with the friction limits `up` and `down`, (n,) each; see `slipping`.
-    """
-    slip = slipping(matrix, load, up, down)
-    return solver(matrix, slip.moving)(load - slip.friction(up, down))

@@ -155,12 +155,7 @@ def kick_at_stops(
     """
     free = push.free
     end = position + drift * free
-    at_high = ca.logic_and(
-        end > stop.high, stop.stiffness * (end - stop.high) + stop.damping * free > 0
-    )
-    at_low = ca.logic_and(
-        end < stop.low, stop.stiffness * (end - stop.low) + stop.damping * free < 0
-    )
+    at_high, at_low = met(end, free, stop.stiffness, stop.damping, stop.low, stop.high)
     contact = ca.logic_or(at_high, at_low)
     stop_position = ca.if_else(at_high, stop.high, stop.low)
     velocity = stop.pressed(push, position, stop_position, drift, contact)
@@ -172,6 +167,25 @@ def kick_at_stops(
     )
     bounces = ca.logic_and(bounces, contact)
     return ca.if_else(bounces, after, velocity), ca.if_else(bounces, bounced, final)
+
+
+def met(
+    end: Scalar, velocity: Scalar, stiffness: Scalar, damping: Scalar, low: Scalar, high: Scalar
+) -> tuple[Scalar, Scalar]:
+    """Return whether the high and the low stop of a body push on it.
+
+    Args:
+        end: where it drifts to [rad, m].
+        velocity: of the drift.
+        stiffness: of the stops, as `Mechanism.stop` gives this and the rest.
+        damping: of the stops.
+        low: lower end of its range.
+        high: upper end.
+    """
+    return (
+        ca.logic_and(end > high, stiffness * (end - high) + damping * velocity > 0),
+        ca.logic_and(end < low, stiffness * (end - low) + damping * velocity < 0),
+    )
 
 
 def bounce(

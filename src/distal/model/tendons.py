@@ -1,5 +1,5 @@
-"""The tendons of a rig: the length function of each, the internal state along it (backlash, points
-in a sheath, creep), tensions and forces.
+"""The tendons of a rig beyond their lengths: the internal state along each (backlash, points in a
+sheath, creep), tensions and forces.
 """
 
 from __future__ import annotations
@@ -9,22 +9,11 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from distal.expressions import Matrix, Scalar, Vector
+from distal.expressions import Scalar, Vector
+from distal.model.lengths import Lengths
 from distal.model.parameters import NOTHING_DERIVED, Derived, Parameters
 from distal.model.plays import Bounds, Pull, Sheath, balanced, gap, plays_of, stretched
-from distal.rig import Meeting, Polynomial, Rig, Size
-
-
-@dataclass(frozen=True)
-class Body:
-    """A joint or a drive as the time step sees it: a coordinate with inertia, damping, friction and
-    stops.
-    """
-
-    path: str
-    name: str
-    is_joint: bool
-    has_stops: bool
+from distal.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -58,12 +47,9 @@ class Pulls:
     forces: Vector
 
 
-class Tendons:
-    """The tendons of a rig: their lengths, internal state, tensions and forces.
-
-    Coordinates q, (n_bodies,) [rad, m], are those of the joints, then of the drives; v,
-    (n_bodies,), are their velocities. Tensions [N] and elongations ℓ − l [m] are (n_tendons,).
-    `Mechanism` adds the other forces.
+class Tendons(Lengths):
+    """The tendons of a rig: lengths, internal state, tensions [N] and forces; `Mechanism` adds the
+    other forces. Velocities v, (n_bodies,), are those of the coordinates q.
 
     Args:
         inputs: numbers of the description that stay inputs whatever their values; see `Parameters`.
@@ -80,83 +66,17 @@ class Tendons:
         remembers: bool = False,
         derived: Derived = NOTHING_DERIVED,
     ) -> None:
-        self.rig = rig
         self.remembers = remembers
         self.plays = plays_of(rig)
         self.strains = tuple(
-            f"{path}.strain" for i in range(len(rig.tendons)) for path in self.creeps(i)
+            f"tendons.{i}.{name}.strain"
+            for i, tendon in enumerate(rig.tendons)
+            for name in tendon.creeps
         )
-        self._first_point = sum(
-            drive.backlash is not None for drive in rig.drives
-        )  # points in sheaths come last
+        # points in sheaths come last
+        self._first_point = sum(drive.backlash is not None for drive in rig.drives)
         inside = (*self.plays, *self.strains) if remembers else ()
-        self.parameters = Parameters(rig, inputs, inside, derived)
-        self.bodies = tuple(
-            Body(f"{kind}.{i}", part.name, kind == "joints", part.stops is not None)
-            for kind, parts in (("joints", rig.joints), ("drives", rig.drives))
-            for i, part in enumerate(parts)
-        )
-        self.n_joints = len(rig.joints)
-        self.n_drives = len(rig.drives)
-        self.n_tendons = len(rig.tendons)
-        self.n_bodies = len(self.bodies)
-        self._joint = {joint.name: i for i, joint in enumerate(rig.joints)}
-        drives = {drive.name: self.n_joints + i for i, drive in enumerate(rig.drives)}
-        self.joints_of = tuple(
-            tuple(self._joint[name] for name in tendon.joints) for tendon in rig.tendons
-        )
-        self.drive_of = tuple(drives[tendon.drive] for tendon in rig.tendons)
-
-    def displacement(self, tendon: int, q: Vector) -> Scalar:
-        """Return the displacement [m] of a tendon's proximal end at q: the position of its slider,
-        or side · R φ of its capstan.
-        """
-        drive = self.drive_of[tendon]
-        radius = f"{self.bodies[drive].path}.radius"
-        if radius in self.parameters:
-            return self.rig.tendons[tendon].winding * self.parameters[radius] * q[drive]
-        return q[drive]
-
-    def elongations(self, q: Vector) -> Vector:
-        """Return the elongations ℓ_i(q) − l_i of all tendons, (n_tendons,) [m], from the
-        coordinates alone: slack, backlash and creep are not in them.
-        """
-        return ca.vertcat(*(self._elongation(i, q) for i in range(self.n_tendons)))
-
-    def _elongation(self, tendon: int, q: Vector) -> Scalar:
-        """Return ℓ − l of a tendon, joint by joint: each one on its way changes what the one before
-        it has left of the displacement.
-        """
-        left = self.displacement(tendon, q)
-        for meeting in self.rig.tendons[tendon].meetings:
-            angles = [q[self._joint[name]] for name in meeting.joints]
-            left = meeting.shape.elongation(self._size(tendon, meeting), meeting.side, angles, left)
-        return left
-
-    def angle_at(self, tendon: int, elongated: Scalar, q: Vector) -> Scalar:
-        """Return the angle [rad] at which a tendon of one joint has the elongation ℓ − l =
-        `elongated` [m], with the drives at their positions in q.
-        """
-        (meeting,) = self.rig.tendons[tendon].meetings
-        shape = meeting.shape
-        size = self._size(tendon, meeting)
-        assert not isinstance(shape, Polynomial)  # it has several joints
-        return shape.angle_at(size, meeting.side, elongated, self.displacement(tendon, q))
-
-    def _size(self, tendon: int, meeting: Meeting) -> Size:
-        """Return the function name → parameter of how a tendon meets a joint."""
-        return lambda name: self.parameters[f"tendons.{tendon}.{meeting.path}.{name}"]
-
-    def length_jacobian(self, q: Vector) -> Matrix:
-        """Return ∂ℓ/∂q at q, (n_tendons, n_bodies): the moment arms, with the opposite sign of the
-        torque.
-        """
-        symbols = ca.SX.sym("q", self.n_bodies)
-        p = self.parameters.symbols
-        jacobian = ca.Function(
-            "jacobian", [symbols, p], [ca.jacobian(self.elongations(symbols), symbols)]
-        )
-        return jacobian(q, p)
+        super().__init__(rig, Parameters(rig, inputs, inside, derived))
 
     def internal_state(self, q: Vector, settled: bool = False) -> InternalState:
         """Return the internal state after the bodies have moved to q from where it is remembered.
@@ -298,26 +218,6 @@ class Tendons:
         path = self.rig.tendons[tendon].path
         k = self.parameters[f"tendons.{tendon}.stiffness"]
         return k if path is None or path.nodes == 0 else 2 * path.nodes * k
-
-    def wrapped(self, tendon: int, q: Vector) -> Scalar:
-        """Return Σ μ β of a tendon at q, for the capstan equation: the sum over its path and its
-        guides at joints, whose wrap angles β change with the angle of a joint.
-        """
-        p = self.parameters
-        part = self.rig.tendons[tendon]
-        total = ca.SX(0)
-        positions = [] if part.path is None else [("path", self.joints_of[tendon][-1])]
-        positions += [
-            (f"{m.path}.guide", self._joint[m.joints[0]])
-            for m in part.meetings
-            if m.guide is not None
-        ]
-        for position, joint in positions:
-            name = f"tendons.{tendon}.{position}"
-            total += p[f"{name}.friction"] * ca.fmax(
-                p[f"{name}.wrap"] + p[f"{name}.wrap_slope"] * q[joint], 0
-            )
-        return total
 
     def _ends(self, tendon: int, q: Vector, elongated: Vector) -> tuple[Scalar, Scalar]:
         """Return the displacements of a cable's ends at the drive and at the joint [m], whose

@@ -24,9 +24,10 @@ from distal.rig.files import (
     rig_text,
     shipped_in,
     shipped_rigs,
-    template_text,
 )
-from distal.rig.hand_tables import AssumedOfHands, from_aero, from_orca, from_table, orca_order
+from distal.rig.hand_tables.aero import from_aero
+from distal.rig.hand_tables.described import from_table
+from distal.rig.hand_tables.orca import from_orca, orca_order
 from distal.rig.insertions import Linkage, Pinned, Polynomial, Pulley, Size
 from distal.rig.joints import Joint
 from distal.rig.learned import (
@@ -40,9 +41,9 @@ from distal.rig.learned import (
     MapArrays,
     arrays_file,
     as_table,
-    features_of,
 )
-from distal.rig.mjcf import AssumedOfModels, compare_lengths, from_mujoco
+from distal.rig.mjcf.excursion import compare_lengths
+from distal.rig.mjcf.importer import from_mujoco
 from distal.rig.overrides import ALL, parse_assignment, set_value
 from distal.rig.plausibility import (
     Number,
@@ -54,12 +55,11 @@ from distal.rig.plausibility import (
 )
 from distal.rig.quantities import Description, In, Parameter
 from distal.rig.rig import Rig, parameters_below
-from distal.rig.sensors import (
-    COUNTS,
+from distal.rig.sensors.base import COUNTS, Motion, Role
+from distal.rig.sensors.motions import drive_travel
+from distal.rig.sensors.registry import (
     REFERENCES,
-    Role,
     Sensor,
-    drive_travel,
     gain_of,
     log_factor,
     log_unit,
@@ -92,8 +92,6 @@ __all__ = [
     "NOTHING_NORMAL",
     "REFERENCES",
     "TIME_CONSTANTS",
-    "AssumedOfHands",
-    "AssumedOfModels",
     "Capstan",
     "Description",
     "FreeMotion",
@@ -107,6 +105,7 @@ __all__ = [
     "Linkage",
     "MapArrays",
     "Meeting",
+    "Motion",
     "Number",
     "Parameter",
     "Pinned",
@@ -135,7 +134,6 @@ __all__ = [
     "drive_travel",
     "edited_text",
     "effort_unit",
-    "features_of",
     "felt_in_words",
     "from_aero",
     "from_mujoco",
@@ -171,7 +169,6 @@ __all__ = [
     "speed_names",
     "std_name",
     "step_of",
-    "template_text",
     "tendon_angle_name",
     "torque_names",
     "travel_of",

@@ -8,7 +8,8 @@ from math import inf, radians, sqrt
 
 from distal.rig.drives import Capstan
 from distal.rig.rig import Rig
-from distal.rig.sensors import Sensor, drive_travel
+from distal.rig.sensors.motions import drive_travel
+from distal.rig.sensors.registry import Sensor
 
 BEYOND = 0.05
 """Share of its travel by which a drive may read beyond its stops [1]; in `motor_range` the angle by

@@ -211,6 +211,11 @@ class Slider(Description):
     )
     servo: SliderServo | None = Field(None, description="how it follows places that are sent to it")
 
+    @property
+    def lever(self) -> float:
+        """How far its tendons move per unit of its own motion [1]."""
+        return 1.0
+
 
 class Capstan(Description):
     """A motor that winds tendons on a capstan: angle φ [rad] and torque [N m].
@@ -251,6 +256,11 @@ class Capstan(Description):
         0.0, description="time constant with which its torque follows a controller's command"
     )
     servo: Servo | None = Field(None, description="how it follows angles that are sent to it")
+
+    @property
+    def lever(self) -> float:
+        """How far its tendons move per unit of its own motion [m/rad]."""
+        return self.radius.value
 
 
 Drive = Annotated[Slider | Capstan, Field(discriminator="kind")]

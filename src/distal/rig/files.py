@@ -98,12 +98,7 @@ def load_rig(name: str | Path, assignments: Sequence[str] = ()) -> Rig:
     Raises:
         RigError: the rig is unknown, cannot be read, or its description is wrong.
     """
-    text, source = rig_text(name)
-    raw = parse_toml(text, source, RigError)
-    changed = [parse_assignment(assignment, RigError) for assignment in assignments]
-    for path, value in changed:
-        set_value(raw, path, value, RigError)
-    rig = build_rig(with_arrays(raw, source, description_path(name, RIGS).parent), source)
+    _, source, changed, rig = _changed(name, assignments)
     if rig.provisional:
         warnings.warn(f"{source}: {rig.provisional}", DistalWarning, stacklevel=2)
     moved = [path for path, _ in changed if path.split(".")[0] in ("joints", "drives", "tendons")]
@@ -124,27 +119,33 @@ def edited_text(name: str | Path, assignments: Sequence[str] = ()) -> str:
     """Return the text of a rig file with some values replaced, as by `load_rig`; its comments
     stay.
     """
-    text, source = rig_text(name)
-    raw = parse_toml(text, source, RigError)
-    for assignment in assignments:
-        set_value(raw, *parse_assignment(assignment, RigError), RigError)
-    build_rig(with_arrays(raw, source, description_path(name, RIGS).parent), source)
-    if not assignments:
+    text, _, changed, _ = _changed(name, assignments)
+    if not changed:
         return text
     import tomlkit
 
     document = tomlkit.parse(text)
-    for assignment in assignments:
-        set_value(document, *parse_assignment(assignment, RigError), RigError)
+    for path, value in changed:
+        set_value(document, path, value, RigError)
     return tomlkit.dumps(document)
 
 
-def template_text() -> str:
-    """Return a commented template of a rig file."""
+def _changed(
+    name: str | Path, assignments: Sequence[str]
+) -> tuple[str, str, list[tuple[str, object]], Rig]:
+    """Return the text of a rig file, its name for messages, the paths and values of some
+    assignments, and the rig that has these values.
+    """
+    text, source = rig_text(name)
+    raw = parse_toml(text, source, RigError)
+    changed = [parse_assignment(assignment, RigError) for assignment in assignments]
+    for path, value in changed:
+        set_value(raw, path, value, RigError)
     return (
-        resources.files("distal.rig")
-        .joinpath("library", "template.toml")
-        .read_text(encoding="utf-8")
+        text,
+        source,
+        changed,
+        build_rig(with_arrays(raw, source, description_path(name, RIGS).parent), source),
     )
 
 

@@ -12,6 +12,7 @@ import casadi as ca
 from pydantic import Field, model_validator
 
 from distal.rig.quantities import (
+    ONE,
     ZERO,
     Coefficient,
     Description,
@@ -37,8 +38,8 @@ away from the joint. It returns what angles and displacement add to the tendon's
 class Guide(Description):
     """Friction of a tendon where it crosses a joint, by the capstan equation; see `Path`."""
 
-    friction: Coefficient = Field(description="friction coefficient against its guide, μ")
-    wrap: Turn = Field(description="angle that it wraps at θ = 0, β")
+    friction: Coefficient = Field(description="friction coefficient against its guides, μ")
+    wrap: Turn = Field(description="angle that it wraps at θ = 0, the sum of its bends, β")
     wrap_slope: Annotated[Parameter, In("")] = Field(
         ZERO, description="change of β per radian of the joint"
     )
@@ -241,7 +242,7 @@ class Polynomial(Description):
         min_length=1, description="[low, high] of each joint for which it was made"
     )
     scale: Annotated[Parameter, In("", "positive")] = Field(
-        Parameter(value=1.0),
+        ONE,
         description="all moment arms are multiplied by this; its std is how well they are known",
     )
 

@@ -4,13 +4,14 @@ springs, gravity and stops.
 
 from __future__ import annotations
 
-from math import sqrt
-from typing import Annotated, Literal, Self
+from math import hypot, inf
+from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from distal.errors import UnitError
 from distal.rig.quantities import (
+    ONE,
     ZERO,
     AngularDamping,
     AnyAngle,
@@ -36,39 +37,35 @@ from distal.rig.quantities import (
 BASE = "base"
 """Name of what the first joint sits on."""
 
-AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-"""Unit vectors of the axes by name; a name with a minus, "-y", stands for the opposite one."""
-
 Vector = tuple[float, float, float]
 
-
-def unit_vector(raw: object) -> object:
-    """Return an axis as a unit vector; `raw` is "x", "y" or "z", "-x" and so on, or three numbers.
-
-    Raises:
-        UnitError: it is none of these, or has no length.
-    """
-    if isinstance(raw, str):
-        if raw.removeprefix("-") not in AXES:
-            raise UnitError(
-                f'must be "x", "y", "z", "-x", "-y", "-z" or three numbers, {raw!r} came'
-            )
-        sign = -1.0 if raw.startswith("-") else 1.0
-        return tuple(sign * part + 0.0 for part in AXES[raw.removeprefix("-")])
-    if not isinstance(raw, (list, tuple)) or len(raw) != 3:
-        raise UnitError(f'must be "x", "y", "z" or three numbers, {raw!r} came')
-    if not all(
-        isinstance(part, (int, float)) and not isinstance(part, bool) and abs(part) < 1e9
-        for part in raw
-    ):
-        raise UnitError(f"must be three numbers, {raw!r} came")
-    length = sqrt(sum(part * part for part in raw))
-    if length < 1e-9:
-        raise UnitError(f"must point somewhere, {raw!r} came")
-    return tuple(float(part) / length for part in raw)
+AXES: dict[str, Vector] = {
+    "x": (1.0, 0.0, 0.0),
+    "y": (0.0, 1.0, 0.0),
+    "z": (0.0, 0.0, 1.0),
+    "-x": (-1.0, 0.0, 0.0),
+    "-y": (0.0, -1.0, 0.0),
+    "-z": (0.0, 0.0, -1.0),
+}
+"""Unit vectors of the axes by name."""
 
 
-Axis = Annotated[Vector, BeforeValidator(unit_vector)]
+def _named(raw: object) -> object:
+    """Return the axis of a name; what is no name stays."""
+    if isinstance(raw, str) and raw not in AXES:
+        raise UnitError(f'must be "x", "y", "z", "-x", "-y", "-z" or three numbers, {raw!r} came')
+    return AXES[raw] if isinstance(raw, str) else raw
+
+
+def _unit(vector: Vector) -> Vector:
+    length = hypot(*vector)
+    if not 1e-9 < length < 1e9:
+        raise UnitError(f"must point somewhere, {list(vector)} came")
+    x, y, z = (part / length for part in vector)
+    return x, y, z
+
+
+Axis = Annotated[Vector, In(""), BeforeValidator(_named), AfterValidator(_unit)]
 """Direction of a joint's axis; θ turns counter-clockwise about it."""
 
 
@@ -137,8 +134,10 @@ class JointFriction(Description):
     coefficient: Coefficient = Field(description="friction coefficient μ")
     radius: Length = Field(description="radius of the axle r_a")
     preload: Load = Field(ZERO, description="load on the axle before any tension, T0")
-    exponent: Annotated[Parameter, In("", "positive")] = Field(
-        Parameter(value=1.0), description="growth of friction with load, e (1 = proportional)"
+    exponent: Annotated[Parameter, In("", "positive", within=(1.0, inf))] = Field(
+        ONE,
+        description="growth of friction with load, e (1 = proportional; below, it has no finite "
+        "slope at zero load)",
     )
     reference: PositiveNewtons | None = Field(
         None,
@@ -146,15 +145,6 @@ class JointFriction(Description):
         "forces",
     )
     stribeck: Stribeck | None = Field(None, description="stiction that fades with speed")
-
-    @model_validator(mode="after")
-    def _smooth(self) -> Self:
-        if self.exponent.value < 1.0:
-            raise ValueError(
-                f"exponent must be at least 1, {self.exponent.value:g} came "
-                "(below 1 friction has no finite slope at zero load)"
-            )
-        return self
 
 
 class Spring(Description):

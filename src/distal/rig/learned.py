@@ -166,9 +166,9 @@ class LearnedMap(Description):
         for name in ("scale", "lengths"):
             if not np.all(self.arrays[name] > 0.0):
                 raise ValueError(f"arrays: every {name} must be positive")
-        for name, size in (("low", self.count), ("high", self.count)):
-            if len(getattr(self, name)) != size:
-                raise ValueError(f"{name} must have {size} entries")
+        for name in ("low", "high"):
+            if len(getattr(self, name)) != self.count:
+                raise ValueError(f"{name} must have {self.count} entries")
         for name in ("rms", "inside", "density"):
             if len(getattr(self, name)) not in (0, len(self.joints)):
                 raise ValueError(f"{name} must have {len(self.joints)} entries or none")

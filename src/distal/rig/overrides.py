@@ -9,7 +9,7 @@ from copy import deepcopy
 
 from distal.errors import DistalError
 from distal.rig.quantities import KEYS
-from distal.rig.sensors import one_number_each
+from distal.rig.sensors.registry import one_number_each
 from distal.rig.validation import index_of, names_in
 from distal.suggestions import did_you_mean
 

@@ -4,15 +4,13 @@ taken and not measured, or allowed but improbable.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import chain
+from math import inf
 from typing import Literal
 
 from pydantic import BaseModel
 
 from distal.errors import CommandError, RigError
-from distal.rig.insertions import Pinned
 from distal.rig.quantities import In, Parameter
 from distal.rig.rig import Rig, parameters_below
 from distal.rig.validation import in_words, index_of, names_in
@@ -177,7 +175,8 @@ USUAL: dict[str, tuple[float, float, str]] = {
     "mass": (1e-5, 50.0, "kg"),
     "inertia": (1e-9, 10.0, "kg m^2"),
 }
-"""Kind of number → its usual range in hands, instruments and benches, and its SI unit."""
+"""Last key of a path → the usual range of such numbers in hands, instruments and benches, in this
+SI unit."""
 
 
 SMALLEST_STD = 1e-4
@@ -194,22 +193,22 @@ judgement.
 def doubts(rig: Rig) -> list[str]:
     """Return a sentence for each value of a rig that is allowed but is probably a mistake."""
     sentences = []
-    for path, name, size in _values(rig):
-        low, high, unit = USUAL[name]
-        if not low <= size <= high:
+    parameters = [
+        each
+        for kind, components in rig.components.items()
+        for component in components
+        for each in parameters_below(component, f"{kind}.{component.name}")
+    ]
+    for path, parameter in parameters:
+        std = parameter.std
+        size = abs(parameter.value)
+        low, high, unit = USUAL.get(path.rpartition(".")[2], (0.0, inf, ""))
+        is_usual = size == 0.0 or low <= size <= high
+        if not is_usual and number(rig, path).quantity.si == unit:
             sentences.append(
                 f"{in_words(rig, path)} is {size:g} {unit}; between {low:g} and {high:g} is "
                 "usual: is its unit there?"
             )
-    for path, parameter in chain(
-        *(
-            parameters_below(component, f"{kind}.{component.name}")
-            for kind, components in rig.components.items()
-            for component in components
-        )
-    ):
-        std = parameter.std
-        size = abs(parameter.value)
         if 0.0 < std < SMALLEST_STD * size:
             sentences.append(
                 f"{in_words(rig, path)}: a std of {std:g} is {std / size:.1g} of its value: is "
@@ -272,24 +271,3 @@ def doubts(rig: Rig) -> list[str]:
                 "back: is one side wrong?"
             )
     return sentences
-
-
-def _values(rig: Rig) -> Iterator[tuple[str, str, float]]:
-    """Yield path, kind and value [SI] of the numbers that have a usual size."""
-    for joint in rig.joints:
-        yield f"joints.{joint.name}.inertia", "inertia", joint.inertia.value
-    for drive in rig.drives:
-        name = "inertia" if drive.kind == "capstan" else "mass"
-        yield f"drives.{drive.name}.{name}", name, getattr(drive, name).value
-        if drive.kind == "capstan":
-            yield f"drives.{drive.name}.radius", "radius", drive.radius.value
-    for tendon in rig.tendons:
-        yield f"tendons.{tendon.name}.stiffness", "stiffness", tendon.stiffness.value
-        for at, shape in tendon.shapes():
-            yield f"tendons.{tendon.name}.{at}.radius", "radius", shape.radius.value
-            if isinstance(shape, Pinned):
-                yield (
-                    f"tendons.{tendon.name}.{at}.free_length",
-                    "free_length",
-                    shape.free_length.value,
-                )

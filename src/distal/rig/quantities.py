@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import hypot
+from math import hypot, inf
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, StrictBool
@@ -49,12 +49,13 @@ class In:
     std = … } }``. There std and drift may be percentages of the value, and the shared std is a
     share of it; ``factor = 3`` in place of a std says that the value may be three times as large or
     small. On a pair of floats it reads an interval [low, high], on three a vector [x, y, z]. Where
-    `drifts` is False the parameter cannot walk and shares nothing.
+    `drifts` is False the parameter cannot walk and shares nothing. A number is `within` two others.
     """
 
     si: str
     bound: Bound = "any"
     drifts: bool = True
+    within: tuple[float, float] = (-inf, inf)
 
     def __get_pydantic_core_schema__(
         self, source: object, handler: GetCoreSchemaHandler
@@ -74,6 +75,11 @@ class In:
         if number != 0.0 and not SMALLEST <= abs(number) <= LARGEST:
             raise UnitError(
                 f"must be between {SMALLEST:g} and {LARGEST:g} in size, {number:g} came"
+            )
+        low, high = self.within
+        if not low <= number <= high:
+            raise UnitError(
+                f"must be from {low:g} to {high:g} {self.si}".rstrip() + f", {number:g} came"
             )
         if self.bound == "positive" and number <= 0.0:
             raise UnitError(f"must be positive, {number:g} came")
@@ -215,6 +221,9 @@ ZERO = Parameter(value=0.0)
 """Default of a parameter that a rig need not have: zero for certain. Source: definition
 (absent).
 """
+
+ONE = Parameter(value=1.0)
+"""Default of a factor that changes nothing: one for certain. Source: definition (unity)."""
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$", max_length=64)]
 """A name that can stand in a column header and in a path of ``--set``."""

@@ -13,7 +13,7 @@ from distal.rig.joints import BASE, Base, Joint
 from distal.rig.learned import KINDS, FreeMotion, LearnedMap, LearnedMaps
 from distal.rig.overrides import set_value
 from distal.rig.quantities import Description, Duration, Parameter
-from distal.rig.sensors import MEASURED, Sensor, checked_parts, log_factor
+from distal.rig.sensors.registry import MEASURED, Sensor, checked_parts, log_factor
 from distal.rig.tendons import Tendon
 from distal.rig.validation import named, validated
 from distal.suggestions import did_you_mean
@@ -65,7 +65,7 @@ class Rig(Description):
         Base(), description="what the first joint sits on, and which way gravity points"
     )
     joints: tuple[Joint, ...] = Field(
-        min_length=1, description="the joints, from the base outwards"
+        min_length=1, max_length=MOST_JOINTS, description="the joints, from the base outwards"
     )
     drives: tuple[Drive, ...] = Field(min_length=1, description="sliders and capstans")
     tendons: tuple[Tendon, ...] = Field(min_length=1, description="the tendons")
@@ -95,10 +95,6 @@ class Rig(Description):
     @field_validator("joints", mode="after")
     @classmethod
     def _chained(cls, joints: tuple[Joint, ...]) -> tuple[Joint, ...]:
-        if len(joints) > MOST_JOINTS:
-            raise ValueError(
-                f"{len(joints)} joints came; chains of up to {MOST_JOINTS} are supported"
-            )
         for i, joint in enumerate(joints):
             _check_position(i, joint, [before.name for before in joints[:i]])
             _check_coupling(i, joint, joints[:i])

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from distal.rig.joints import BASE
 from distal.rig.rig import Rig
-from distal.rig.sensors import measurand_of
+from distal.rig.sensors.registry import measurand_of
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from distal.rig.insertions import (
     Shape,
 )
 from distal.rig.quantities import (
+    ONE,
     ZERO,
     Coefficient,
     Description,
@@ -28,7 +29,6 @@ from distal.rig.quantities import (
     Name,
     Parameter,
     Stiffness,
-    Turn,
 )
 
 
@@ -64,7 +64,7 @@ see a difference (docs/results/fits.md). Source: benchmark (benchmarks/sheaths).
 """
 
 
-class Path(Description):
+class Path(Guide):
     """Friction along the tendon's way, by the capstan equation T_drive = T e^{±μβ}.
 
     Without `nodes` all of the friction acts at the drive, as of a few pulleys there. With `nodes`
@@ -72,13 +72,8 @@ class Path(Description):
     it is drawn in and let out.
     """
 
-    friction: Coefficient = Field(description="friction coefficient against its guides, μ")
-    wrap: Turn = Field(description="sum of the bends of its path, β")
-    wrap_slope: Annotated[Parameter, In("")] = Field(
-        ZERO, description="change of β per radian of the joint"
-    )
     let_out: Coefficient = Field(
-        Parameter(value=1.0),
+        ONE,
         description="friction coefficient while the tendon is let out, as a share of μ",
     )
     nodes: int = Field(

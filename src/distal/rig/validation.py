@@ -15,7 +15,7 @@ from pydantic_core import ErrorDetails
 
 from distal.errors import DistalError
 from distal.rig.insertions import KINDS as INSERTIONS
-from distal.rig.sensors import UNITS, one_number_each
+from distal.rig.sensors.registry import UNITS, one_number_each
 from distal.suggestions import did_you_mean
 
 

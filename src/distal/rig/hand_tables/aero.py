@@ -15,7 +15,7 @@ import numpy as np
 
 from distal.errors import RigError
 from distal.rig.files import Imported, read_text
-from distal.rig.hand_tables.described import ASSUMED, AssumedOfHands, hand_of
+from distal.rig.hand_tables.described import hand_of
 from distal.rig.hand_tables.rows import Row
 from distal.rig.validation import validated
 
@@ -33,12 +33,11 @@ SMALLEST = 1e-6
 """
 
 
-def from_aero(folder: str | Path | None = None, assumed: AssumedOfHands = ASSUMED) -> Imported:
+def from_aero(folder: str | Path | None = None) -> Imported:
     """Return the rig of an Aero Hand: its SDK computes how far each motor turns for each joint.
 
     Args:
         folder: of the package `aero_open_sdk`, or where it was cloned; None for the installed one.
-        assumed: values for what the SDK does not say.
 
     Raises:
         RigError: the SDK is not found, or is another one than this reads.
@@ -92,7 +91,6 @@ def from_aero(folder: str | Path | None = None, assumed: AssumedOfHands = ASSUME
         "aero-hand",
         "SDK",
         ("readings are the actuations of the SDK, in degrees",),
-        assumed,
     )
 
 

@@ -111,13 +111,13 @@ def _initial_angle(low: float, high: float) -> Guess:
     return Guess({"value": f"{middle:.4g} deg", "std": f"{spread:.4g} deg"}, "angles at the start")
 
 
-def from_table(path: str | Path, assumed: AssumedOfHands = ASSUMED) -> Imported:
+def from_table(path: str | Path) -> Imported:
     """Return the rig of a hand whose joints and motors stand in a table.
 
     A line is a joint that a motor moves: `joint`, `motor`, `spool_radius`, `joint_radius`,
     `direction` (+1 where the joint's angle grows as the motor's reading grows), `low` and `high`.
     Units stand behind the names, ``low [deg]``, or in the cells. A motor whose tendon crosses
-    several joints has a line for each. What is left out is `assumed`: see `Row`.
+    several joints has a line for each. What is left out is taken from `ASSUMED`: see `Row`.
 
     Raises:
         RigError: the file is no such table; says which line and what is allowed.
@@ -131,7 +131,7 @@ def from_table(path: str | Path, assumed: AssumedOfHands = ASSUMED) -> Imported:
         f"no direction of {', '.join(unidentified)}: each angle is taken to grow with its motor's "
         "reading; look once"
     )
-    return hand_of(rows, path.stem, "table", [note] if unidentified else [], assumed)
+    return hand_of(rows, path.stem, "table", [note] if unidentified else [])
 
 
 def hand_of(
@@ -139,10 +139,9 @@ def hand_of(
     title: str,
     source: str,
     notes: Sequence[str] = (),
-    assumed: AssumedOfHands = ASSUMED,
 ) -> Imported:
-    """Return the rig of a hand; what its rows do not say is `assumed`, a guess with a std, and is
-    listed.
+    """Return the rig of a hand; what its rows do not say is taken from `ASSUMED`, with a std,
+    and is listed.
 
     Each joint sits on the base, without a link, so that no weight of one acts on another. A motor
     of one joint whose row has `back` = "tendon" has two tendons on its spool, which may be slack.
@@ -191,14 +190,12 @@ def hand_of(
     raw: Raw = {
         "name": title,
         "log": {"time": _time(next(iter(times), "time"))},
-        "joints": [_joint(name, same, assumed) for name, same in joints.items()],
-        "drives": [_drive(name, same, assumed) for name, same in motors.items()],
-        "tendons": [
-            tendon for name, same in motors.items() for tendon in _tendons(name, same, assumed)
-        ],
+        "joints": [_joint(name, same) for name, same in joints.items()],
+        "drives": [_drive(name, same) for name, same in motors.items()],
+        "tendons": [tendon for name, same in motors.items() for tendon in _tendons(name, same)],
         "sensors": [
-            *(sensor for name, same in motors.items() for sensor in _sensors(name, same, assumed)),
-            *(_encoder(name, assumed) for name in joints),
+            *(sensor for name, same in motors.items() for sensor in _sensors(name, same)),
+            *(_encoder(name) for name in joints),
         ],
     }
     return Imported.of(raw, title, source, tuple(notes))
@@ -219,100 +216,91 @@ def _name(name: str, kind: str) -> str:
     return name_of(f"{kind}_{name}" if name[:1].isdigit() else name, kind)
 
 
-def _joint(name: str, rows: Sequence[Row], guess: AssumedOfHands) -> Raw:
+def _joint(name: str, rows: Sequence[Row]) -> Raw:
     row = rows[0]
-    raw: Raw = {"name": name, "parent": "base", "inertia": guess.inertia, "damping": guess.damping}
+    raw: Raw = {
+        "name": name,
+        "parent": "base",
+        "inertia": ASSUMED.inertia,
+        "damping": ASSUMED.damping,
+    }
     if row.follows is not None:
         return raw | {"coupled": {"joint": _name(row.follows, "joint"), "ratio": row.ratio}}
     raw |= {
         "initial": _initial_angle(row.low, row.high),
-        "friction": guess.joint_friction,
+        "friction": ASSUMED.joint_friction,
         "stops": [in_degrees(row.low), in_degrees(row.high)],
-        "stops_std": guess.range_std if row.range_std is None else in_degrees(row.range_std),
+        "stops_std": ASSUMED.range_std if row.range_std is None else in_degrees(row.range_std),
     }
     if all(other.back == "spring" for other in rows):
         raw["spring"] = {
-            "stiffness": guess.spring(max(row.joint_radius or guess.radius for row in rows)),
+            "stiffness": ASSUMED.spring(max(row.joint_radius or ASSUMED.radius for row in rows)),
             "rest_angle": _rest_angle(row.low),
         }
     return raw
 
 
-def _drive(name: str, rows: Sequence[Row], guess: AssumedOfHands) -> Raw:
+def _drive(name: str, rows: Sequence[Row]) -> Raw:
     row = rows[0]
-    arm = row.joint_radius
-    spool = row.spool_radius
-    is_identified = arm is not None and spool is not None
-    radius = guess.radius if spool is None else spool
-    share = (
-        row.ratio_std
-        if row.ratio_std is not None
-        else guess.ratio_std
-        if is_identified
-        else guess.unknown_ratio_std
-    )
-    value: Raw = {"value": radius, "std": f"{100 * share:g} %"}
+    is_identified = row.joint_radius is not None and row.spool_radius is not None
+    share = ASSUMED.ratio_std if is_identified else ASSUMED.unknown_ratio_std
+    share = share if row.ratio_std is None else row.ratio_std
+    value: Raw = {"value": row.spool_radius or ASSUMED.radius, "std": f"{100 * share:g} %"}
     return {
         "name": name,
         "kind": "capstan",
-        "inertia": guess.motor_inertia,
+        "inertia": ASSUMED.motor_inertia,
         "radius": value if is_identified else Guess(value, "radii of spools"),
-        "damping": guess.motor_damping,
-        "friction": guess.motor_friction,
-        "servo": guess.servo,
+        "damping": ASSUMED.motor_damping,
+        "friction": ASSUMED.motor_friction,
+        "servo": ASSUMED.servo,
     }
 
 
-def _tendons(motor: str, rows: Sequence[Row], guess: AssumedOfHands) -> list[Raw]:
+def _tendons(motor: str, rows: Sequence[Row]) -> list[Raw]:
     """Return the tendons of a motor: two where a tendon brings its only joint back, else one over
     all of its joints.
     """
-    pair = len(rows) == 1 and rows[0].back == "tendon"
-    if not pair:
-        crossings = [
-            {
-                "joint": _name(row.joint, "joint"),
-                "side": row.direction * _winds(rows),
-                "kind": "pulley",
-                "radius": _arm(row, guess),
-            }
-            for row in rows
-        ]
-        common: Raw = {"damping": guess.tendon_damping, "slack": guess.loose, "path": guess.path}
-        stiffness = {"value": guess.stiffness, "std": f"{100 * guess.stiffness_std:g} %"}
-        return [
-            {
-                "name": motor,
-                "drive": motor,
-                "side": 1,
-                "crossings": crossings,
-                "stiffness": Guess(stiffness, "stiffness of tendons"),
-            }
-            | common
-        ]
-    shared: Raw = {"name": f"stiffness_{motor}", "std": guess.stiffness_std}
+    shapes = [
+        {"joint": _name(row.joint, "joint"), "side": row.direction * _winds(rows)}
+        | {"kind": "pulley", "radius": _arm(row)}
+        for row in rows
+    ]
+    if len(rows) > 1 or rows[0].back != "tendon":
+        spread: Raw = {"std": f"{100 * ASSUMED.stiffness_std:g} %"}
+        return [_tendon(motor, motor, {"side": 1, "crossings": shapes}, spread, ASSUMED.loose)]
+    joint = shapes[0]["joint"]
+    insertion = {"kind": "pulley", "radius": _arm(rows[0])}
+    spread = {"shared": {"name": f"stiffness_{motor}", "std": ASSUMED.stiffness_std}}
     return [
-        {
-            "name": f"{motor}_{word}",
-            "joint": _name(rows[0].joint, "joint"),
-            "drive": motor,
-            "side": side,
-            "insertion": {"kind": "pulley", "radius": _arm(rows[0], guess)},
-            "stiffness": Guess(
-                {"value": guess.stiffness, "shared": shared}, "stiffness of tendons"
-            ),
-            "damping": guess.tendon_damping,
-            "slack": guess.slack,
-            "path": guess.path,
-        }
+        _tendon(
+            f"{motor}_{word}",
+            motor,
+            {"joint": joint, "side": side, "insertion": insertion},
+            spread,
+            ASSUMED.slack,
+        )
         for word, side in (("plus", 1), ("minus", -1))
     ]
 
 
-def _arm(row: Row, guess: AssumedOfHands) -> object:
-    if row.joint_radius is not None:
-        return row.joint_radius
-    return Guess(guess.radius, "radii of joints (only their ratio to the spools counts)")
+def _tendon(name: str, motor: str, meets: Raw, spread: Raw, slack: Guess) -> Raw:
+    """Return a tendon that `meets` its joints, with the `spread` of its stiffness."""
+    return {
+        "name": name,
+        "drive": motor,
+        **meets,
+        "stiffness": Guess({"value": ASSUMED.stiffness, **spread}, "stiffness of tendons"),
+        "damping": ASSUMED.tendon_damping,
+        "slack": slack,
+        "path": ASSUMED.path,
+    }
+
+
+def _arm(row: Row) -> object:
+    return row.joint_radius or Guess(
+        ASSUMED.radius, "radii of joints (only their ratio to the spools counts)"
+    )
 
 
 def _winds(rows: Sequence[Row]) -> int:
@@ -322,29 +310,28 @@ def _winds(rows: Sequence[Row]) -> int:
     return max(row.direction for row in rows)
 
 
-def _sensors(motor: str, rows: Sequence[Row], guess: AssumedOfHands) -> list[Raw]:
+def _sensors(motor: str, rows: Sequence[Row]) -> list[Raw]:
     row = rows[0]
-    unsaid = guess.unknown_zero_std if row.zero is None else guess.zero_std
+    unsaid = ASSUMED.unknown_zero_std if row.zero is None else ASSUMED.zero_std
     zero_std = (
         Guess(in_degrees(unsaid), "where encoders have their zero (a power-on routine finds it)")
         if row.zero_std is None
         else in_degrees(row.zero_std)
     )
-    counts = guess.counts if row.counts is None else row.counts
     logged: Raw = (
         {"unit": row.unit}
         if row.counts is None
         else {"unit": "count", "counts_per_turn": row.counts}
     )
-    step: object = f"{360 / counts:.6g} deg"
+    step: object = f"{360 / (row.counts or ASSUMED.counts):.6g} deg"
     position: Raw = {
         "name": f"{motor}_position",
         "measures": "position",
         "of": motor,
         **logged,
         "sign": _winds(rows),
-        "rate": guess.rate,
-        "noise": guess.position_noise,
+        "rate": ASSUMED.rate,
+        "noise": ASSUMED.position_noise,
         "resolution": Guess(step, "counts of encoders") if row.counts is None else step,
         "bias": {"value": in_degrees(_winds(rows) * (row.zero or 0.0)), "std": zero_std},
     }
@@ -353,12 +340,10 @@ def _sensors(motor: str, rows: Sequence[Row], guess: AssumedOfHands) -> list[Raw
         "measures": "force",
         "of": motor,
         "unit": "mA",
-        "torque_constant": guess.torque_constant
-        if row.torque_constant is None
-        else row.torque_constant,
+        "torque_constant": row.torque_constant or ASSUMED.torque_constant,
         "sign": _winds(rows),
-        "rate": guess.rate,
-        "noise": guess.current_noise,
+        "rate": ASSUMED.rate,
+        "noise": ASSUMED.current_noise,
     }
     for raw, column in ((position, row.position_column), (current, row.current_column)):
         if column is not None:
@@ -366,12 +351,12 @@ def _sensors(motor: str, rows: Sequence[Row], guess: AssumedOfHands) -> list[Raw
     return [position, current]
 
 
-def _encoder(joint: str, guess: AssumedOfHands) -> Raw:
+def _encoder(joint: str) -> Raw:
     return {
         "name": f"encoder_{joint}",
         "measures": "angle",
         "of": joint,
         "unit": "deg",
-        "rate": guess.rate,
-        "resolution": guess.encoder_step,
+        "rate": ASSUMED.rate,
+        "resolution": ASSUMED.encoder_step,
     }

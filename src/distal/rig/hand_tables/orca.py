@@ -13,18 +13,13 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from distal.errors import RigError
 from distal.rig.files import Imported, read_text
-from distal.rig.hand_tables.described import ASSUMED, AssumedOfHands, hand_of
+from distal.rig.hand_tables.described import ASSUMED, hand_of
 from distal.rig.hand_tables.rows import Row
 from distal.rig.validation import validated
 
 REVISED = 21
 """Number that `hardware_version` has for the revision to which the keys that end in _v21 belong
 [1]. Source: definition (files of orca_core).
-"""
-
-NARROWEST = 7.0
-"""Some joint of a hand has a wider range than this [°]; if none has, the ranges are in radians,
-since a whole turn of 2π would read as 6.3°. Source: definition (a whole turn in radians).
 """
 
 
@@ -68,11 +63,7 @@ class _Sequence(_OfOrca):
 Read = TypeVar("Read", bound=_OfOrca)
 
 
-def from_orca(
-    config: str | Path,
-    calibration: str | Path | None = None,
-    assumed: AssumedOfHands = ASSUMED,
-) -> Imported:
+def from_orca(config: str | Path, calibration: str | Path | None = None) -> Imported:
     """Return the rig of an ORCA hand from the files that its own software reads.
 
     The radii in it are guesses: only their ratio follows from the motors' travel.
@@ -80,7 +71,6 @@ def from_orca(
     Args:
         config: file with the joints' ranges and the signed map of joints to motors.
         calibration: file that says where the motors met the stops.
-        assumed: values for what the files do not say.
 
     Raises:
         RigError: a file cannot be read or has no such entries; says which and what is needed.
@@ -94,11 +84,6 @@ def from_orca(
     for joint in motors:
         if joint not in hand.joint_roms:
             raise RigError(f"{path}: joint_roms: '{joint}' needs two ends, none came")
-    if max(high - low for low, high in map(hand.joint_roms.__getitem__, motors)) < NARROWEST:
-        raise RigError(
-            f"{path}: joint_roms: no joint turns by more than {NARROWEST:g}°; they are degrees, "
-            "and these look as if they were in radians"
-        )
     rows = list[Row]()
     notes = list[str]()
     for joint, signed in motors.items():
@@ -113,20 +98,20 @@ def from_orca(
             ends = limits[motor]
             travel = ends[1] - ends[0]
         if travel is not None:
-            ratio = assumed.travel_share * travel / (high - low)
+            ratio = ASSUMED.travel_share * travel / (high - low)
             if not 0.02 < ratio < 50.0:
                 raise RigError(
                     f"'{joint}': motor {motor} turns {ratio:.3g} times as far as it; from 0.02 to "
                     "50 is possible"
                 )
             of_config = {
-                "ratio_std": assumed.travel_share_std,
-                "spool_radius": assumed.radius / ratio,
-                "joint_radius": assumed.radius,
+                "ratio_std": ASSUMED.travel_share_std,
+                "spool_radius": ASSUMED.radius / ratio,
+                "joint_radius": ASSUMED.radius,
             }
             if motor in limits:
                 of_config["zero"] = sum(ends) / 2 - direction * ratio * (low + high) / 2
-                of_config["zero_std"] = assumed.calibrated_zero_std
+                of_config["zero_std"] = ASSUMED.calibrated_zero_std
         raw = {"joint": joint, "motor": str(motor), "direction": direction, "low": low}
         rows.append(
             validated(Row, {**raw, "high": high, **of_config}, f"{path}: {joint}", RigError)
@@ -143,7 +128,7 @@ def from_orca(
         notes.append(
             f"where {guessed} motors have their zero is not known: run the power-on routine"
         )
-    return hand_of(rows, path.resolve().parent.name or path.stem, "config", notes, assumed)
+    return hand_of(rows, path.resolve().parent.name or path.stem, "config", notes)
 
 
 def orca_order(config: str | Path) -> list[list[str]]:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import csv
 import re
-from math import pi
+from math import inf, pi
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import BeforeValidator, field_validator, model_validator
+from pydantic import BeforeValidator, model_validator
 
 from distal.errors import RigError, UnitError
 from distal.rig.files import read_text
@@ -29,6 +29,9 @@ _HEADER = re.compile(r"^\s*([A-Za-z_ ]+?)\s*(?:[\[(]\s*(.*?)\s*[\])])?\s*$")
 def _sign(raw: object) -> object:
     """Return ±1 for a text of it."""
     return {"1": 1, "+1": 1, "-1": -1}.get(raw, raw) if isinstance(raw, str) else raw
+
+
+Radius = Annotated[float, In("m", within=(1e-4, 0.5))]
 
 
 class Row(Description):
@@ -62,15 +65,15 @@ class Row(Description):
     low: AnyRadians
     high: AnyRadians
     motor: str | None = None
-    spool_radius: Annotated[float, In("m")] | None = None
-    joint_radius: Annotated[float, In("m")] | None = None
+    spool_radius: Radius | None = None
+    joint_radius: Radius | None = None
     direction: Annotated[Literal[1, -1], BeforeValidator(_sign)] = 1
     back: Annotated[Literal["tendon", "spring"], BeforeValidator(str.lower)] = "tendon"
     zero: AnyRadians | None = None
     zero_std: Radians | None = None
     ratio_std: Annotated[float, In("", "nonnegative")] | None = None
     unit: Annotated[Literal["rad", "deg"], BeforeValidator(str.lower)] = "rad"
-    counts: Annotated[float, In("")] | None = None
+    counts: Annotated[float, In("", within=(2.0, inf))] | None = None
     torque_constant: TorqueConstant | None = None
     follows: str | None = None
     ratio: Annotated[float, In("")] = 1.0
@@ -78,20 +81,6 @@ class Row(Description):
     position_column: str | None = None
     current_column: str | None = None
     time_column: str | None = None
-
-    @field_validator("spool_radius", "joint_radius")
-    @classmethod
-    def _is_of_a_hand(cls, radius: float | None) -> float | None:
-        if radius is not None and not 1e-4 < radius < 0.5:
-            raise ValueError(f"must be 0.1 to 500 mm, {1e3 * radius:.4g} mm came")
-        return radius
-
-    @field_validator("counts")
-    @classmethod
-    def _of_a_turn(cls, counts: float | None) -> float | None:
-        if counts is not None and counts < 2:
-            raise ValueError(f"are those of the encoder in one turn, 2 or more; {counts:g} came")
-        return counts
 
     @model_validator(mode="after")
     def _whole(self) -> Self:

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from distal.arrays import Floats
 from distal.rig.files import Guess, name_of
-from distal.rig.mjcf.loading import AssumedOfModels, mujoco_module, range_of
+from distal.rig.mjcf.loading import ASSUMED, mujoco_module, range_of
 
 if TYPE_CHECKING:
     import mujoco
@@ -79,10 +79,18 @@ def parent_of(
 
 
 def described_joints(
-    model: mujoco.MjModel, joints: Sequence[int], units: Units, assumed: AssumedOfModels
+    model: mujoco.MjModel,
+    joints: Sequence[int],
+    units: Units,
+    springs: Mapping[int, Mapping[str, float]],
+    coupled: Sequence[Coupled],
 ) -> tuple[dict[str, object], list[dict[str, object]]]:
     """Return the raw base and the raw joints, in the model's order, with axes, positions, links,
-    armature, damping, friction and stops.
+    armature, damping, friction, springs, couplings and stops; a joint leads those that follow it
+    within the stops of all.
+
+    Args:
+        springs: index of a joint → its raw return spring.
     """
     mujoco = mujoco_module()
     data = mujoco.MjData(model)
@@ -109,18 +117,24 @@ def described_joints(
         dof = model.jnt_dofadr[j]
         raw["inertia"] = max(float(model.dof_armature[dof]) * units.torque, SMALLEST_INERTIA)
         raw["damping"] = float(np.ravel(model.dof_damping[dof])[0]) * units.torque
-        initial = float(model.qpos0[model.jnt_qposadr[j]])
-        raw["initial"] = Guess({"value": initial, "std": "5 deg"}, "angle at the start")
         loss = float(model.dof_frictionloss[dof]) * units.torque
         if loss > 0.0:
-            coefficient = {"value": assumed.joint_friction, "std": "30 %"}
+            coefficient = {"value": ASSUMED.joint_friction, "std": "30 %"}
             raw["friction"] = {
                 "coefficient": Guess(coefficient, "how well friction is known"),
-                "radius": assumed.friction_radius,
-                "preload": loss / (assumed.joint_friction * assumed.friction_radius),
+                "radius": ASSUMED.friction_radius,
+                "preload": loss / (ASSUMED.joint_friction * ASSUMED.friction_radius),
             }
-        if model.jnt_limited[j]:
-            raw["stops"] = [float(end) for end in model.jnt_range[j]]
+        if j in springs:
+            raw["spring"] = dict(springs[j])
+        leads = [pair for pair in coupled if pair.follower == j]
+        if leads:
+            name = joint_name(model, leads[0].leader)
+            raw["coupled"] = {"joint": name, "ratio": leads[0].ratio, "offset": leads[0].offset}
+        else:
+            initial = float(model.qpos0[model.jnt_qposadr[j]])
+            raw["initial"] = Guess({"value": initial, "std": "5 deg"}, "angle at the start")
+            raw |= described_stop(model, j, units, coupled)
         described.append(raw)
     gravity = [float(part) * units.length for part in model.opt.gravity]
     return {"gravity": gravity, "orientation": _rounded(_roll_pitch_yaw(frame), 12)}, described
@@ -187,17 +201,23 @@ def stiffness_at_rest(
 
 
 def described_stop(
-    model: mujoco.MjModel, joint: int, units: Units, assumed: AssumedOfModels
-) -> dict[str, float]:
-    """Return stiffness and damping of a joint's stops, raw, by the joint's limits in MuJoCo."""
+    model: mujoco.MjModel, joint: int, units: Units, coupled: Sequence[Coupled]
+) -> dict[str, object]:
+    """Return the stops of a joint, raw, with stiffness and damping by the joint's limits in MuJoCo;
+    empty where neither it nor a joint that follows it has limits.
+    """
+    ends = kept_range(model, joint, coupled)
+    if ends is None:
+        return {}
     inverse = float(model.dof_invweight0[model.jnt_dofadr[joint]])
     stiffness = (
         stiffness_at_rest(model, model.jnt_solref[joint], model.jnt_solimp[joint], inverse)
         * units.torque
     )
     return {
+        "stops": list(ends),
         "stop_stiffness": float(f"{stiffness:.6g}"),
-        "stop_damping": float(f"{assumed.return_time * stiffness:.6g}"),
+        "stop_damping": float(f"{ASSUMED.return_time * stiffness:.6g}"),
     }
 
 

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 from distal.arrays import Floats
 from distal.errors import RigError
 from distal.rig.rig import Rig
-from distal.rig.tendons import Tendon
 
 ENOUGH = 0.01
 """A polynomial is accepted where its RMS error of each moment arm, over poses to which it was not
@@ -176,14 +175,12 @@ class Disagreement:
     """How the moment arm of a tendon at a joint differs between a rig and a table.
 
     Args:
-        rms: std of the difference of the tendon's length between both [m].
         arm: moment arm of the rig, mean over the table's angles, positive where it pulls to +θ [m].
         other: moment arm of the table by least squares, with the same sign [m].
     """
 
     tendon: str
     joint: str
-    rms: float
     arm: float
     other: float
 
@@ -226,24 +223,8 @@ def compare_lengths(rig: Rig, table: Mapping[str, ArrayLike]) -> tuple[Disagreem
             [[tendon.arms(pose).get(name, 0.0) for name in joints] for pose in poses]
         ).mean(axis=0)
         sloped = np.column_stack([np.ones(len(angles)), angles])
-        length = columns[tendon.name]
-        slopes = np.linalg.lstsq(sloped, length, rcond=None)[0][1:]
-        rms = float(np.std(length + np.array([_drawn(tendon, pose) for pose in poses])))
+        slopes = np.linalg.lstsq(sloped, columns[tendon.name], rcond=None)[0][1:]
         for name, arm, slope in zip(joints, arms, slopes):
             if name in tendon.joints or abs(slope) > 1e-6:
-                disagreements.append(
-                    Disagreement(tendon.name, name, rms, float(arm), float(-slope))
-                )
+                disagreements.append(Disagreement(tendon.name, name, float(arm), float(-slope)))
     return tuple(disagreements)
-
-
-def _drawn(tendon: Tendon, angles: dict[str, float]) -> float:
-    """Return how far a tendon is drawn in from zero to given angles [m]: ∫ Σ arm_j(s θ) θ_j ds over
-    s from 0 to 1, exact for polynomials up to degree 11.
-    """
-    positions, weights = np.polynomial.legendre.leggauss(6)
-    total = 0.0
-    for position, weight in zip((positions + 1) / 2, weights / 2):
-        arms = tendon.arms({name: position * angle for name, angle in angles.items()})
-        total += float(weight) * sum(arms.get(name, 0.0) * angle for name, angle in angles.items())
-    return total

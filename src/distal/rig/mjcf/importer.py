@@ -9,13 +9,10 @@ from typing import TYPE_CHECKING
 from distal.errors import RigError
 from distal.rig.files import Imported
 from distal.rig.mjcf.bodies import (
-    Coupled,
     Units,
     couplings,
     described_joints,
-    described_stop,
     joint_name,
-    kept_range,
     softened,
 )
 from distal.rig.mjcf.choice import (
@@ -27,7 +24,6 @@ from distal.rig.mjcf.choice import (
 )
 from distal.rig.mjcf.loading import (
     ASSUMED,
-    AssumedOfModels,
     load_model,
     mujoco_module,
     over_ranges,
@@ -51,7 +47,6 @@ def from_mujoco(
     chain: str | None = None,
     joints: Sequence[str] | None = None,
     length_unit: float = 1.0,
-    assumed: AssumedOfModels = ASSUMED,
 ) -> Imported:
     """Return a rig with the joints, links, springs and tendons of a MuJoCo model.
 
@@ -64,7 +59,6 @@ def from_mujoco(
         chain: name of a body: only joints of it and of what it carries are kept; None keeps all.
         joints: names of the joints to keep; None keeps all.
         length_unit: metres in one unit of length of the model.
-        assumed: values for what the model does not have.
 
     Raises:
         RigError: no rig can be made of this model; the message names the element.
@@ -102,18 +96,17 @@ def from_mujoco(
     if held:
         notes.append(f"no driven tendon turns {', '.join(held)}: held where the model has them")
     pulling = {t: name for t, name in driven.items() if turned[t]}
-    base, described = described_joints(model, kept, units, assumed)
     springs, left = joint_springs(model, kept, units)
     notes += left
     inside = [pair for pair in coupled if {pair.leader, pair.follower} <= set(kept)]
     soft = softened(inside, springs, units)
-    _complete(model, kept, described, springs, units, soft, assumed)
+    base, described = described_joints(model, kept, units, springs, soft)
     raw: dict[str, object] = {
         "name": title,
         "log": {"time": {"column": "time", "unit": "s"}},
         "base": base,
         "joints": described,
-        "drives": [described_drive(model, t, name, units, assumed) for t, name in pulling.items()],
+        "drives": [described_drive(model, t, name, units) for t, name in pulling.items()],
     }
     tendons = list[dict[str, object]]()
     off = dict[str, float]()
@@ -124,15 +117,15 @@ def from_mujoco(
             {
                 "name": name,
                 "drive": name,
-                "stiffness": assumed.stiffness(len(pulling), free),
-                "pretension": assumed.pretension,
+                "stiffness": ASSUMED.stiffness(len(pulling), free),
+                "pretension": ASSUMED.pretension,
                 "crossings": crossings,
             }
         )
         notes += left
     raw |= {
         "tendons": tendons,
-        "sensors": described_sensors(off, [joint_name(model, j) for j in kept], assumed),
+        "sensors": described_sensors(off, [joint_name(model, j) for j in kept]),
     }
     imported = Imported.of(raw, title, "model", tuple(notes))
     _check_size(imported.rig)
@@ -142,38 +135,6 @@ def from_mujoco(
 def _title(model: mujoco.MjModel, otherwise: str) -> str:
     name = bytes(model.names).split(b"\0", 1)[0].decode(errors="replace")
     return name if name and name != "MuJoCo Model" else otherwise
-
-
-def _complete(
-    model: mujoco.MjModel,
-    kept: Sequence[int],
-    described: Sequence[dict[str, object]],
-    springs: dict[int, dict[str, float]],
-    units: Units,
-    coupled: Sequence[Coupled],
-    assumed: AssumedOfModels,
-) -> None:
-    """Add springs, stops and couplings to the described joints, in place; the stops of a joint that
-    follows become those of its leader.
-    """
-    for j, raw in zip(kept, described):
-        if j in springs:
-            raw["spring"] = dict(springs[j])
-        ends = kept_range(model, j, coupled)
-        if ends is not None:
-            raw |= {
-                "stops": [float(end) for end in ends],
-                **described_stop(model, j, units, assumed),
-            }
-        for pair in coupled:
-            if pair.follower == j:
-                raw["coupled"] = {
-                    "joint": joint_name(model, pair.leader),
-                    "ratio": pair.ratio,
-                    "offset": pair.offset,
-                }
-                for key in ("stops", "stop_stiffness", "stop_damping", "initial"):
-                    raw.pop(key, None)
 
 
 def _check_size(rig: Rig) -> None:

@@ -13,8 +13,8 @@ from distal.arrays import Floats
 from distal.rig.mjcf.bodies import Units, joint_name, tendon_name
 from distal.rig.mjcf.excursion import ENOUGH, fit_excursion
 from distal.rig.mjcf.loading import (
+    ASSUMED,
     POSES,
-    AssumedOfModels,
     Poses,
     at_poses,
     over_ranges,
@@ -124,21 +124,21 @@ def _left(spring: dict[str, float], angles: Floats, torque: Floats) -> float:
 
 
 def described_drive(
-    model: mujoco.MjModel, tendon: int, name: str, units: Units, assumed: AssumedOfModels
+    model: mujoco.MjModel, tendon: int, name: str, units: Units
 ) -> dict[str, object]:
     """Return the raw drive of a tendon; the tendon's `frictionloss` becomes friction of
     the drive.
     """
     constant = float(np.ravel(model.tendon_frictionloss[tendon])[0]) * units.force
-    friction: dict[str, object] = {"load": assumed.path_friction}
+    friction: dict[str, object] = {"load": ASSUMED.path_friction}
     if constant > 0.0:
         friction = {"constant": constant} | friction
     return {
         "name": name,
         "kind": "slider",
-        "mass": assumed.drive_mass,
+        "mass": ASSUMED.drive_mass,
         "friction": friction,
-        "nominal_force": assumed.nominal_force,
+        "nominal_force": ASSUMED.nominal_force,
     }
 
 
@@ -198,7 +198,7 @@ def described_crossings(
 
 
 def described_sensors(
-    tendons: Mapping[str, float], joints: Sequence[str], assumed: AssumedOfModels
+    tendons: Mapping[str, float], joints: Sequence[str]
 ) -> list[dict[str, object]]:
     """Return the raw sensors: displacement and force of each drive, and an encoder at each joint
     for learning.
@@ -209,8 +209,8 @@ def described_sensors(
     sensors: list[dict[str, object]] = []
     for name, left in tendons.items():
         for kind, column, unit, noise in (
-            ("position", "x", "m", assumed.noise(left)),
-            ("force", "u", "N", assumed.force_noise),
+            ("position", "x", "m", ASSUMED.noise(left)),
+            ("force", "u", "N", ASSUMED.force_noise),
         ):
             sensors.append(
                 {
@@ -219,7 +219,7 @@ def described_sensors(
                     "of": name,
                     "column": f"{column}_{name}",
                     "unit": unit,
-                    "rate": assumed.rate,
+                    "rate": ASSUMED.rate,
                     "noise": noise,
                 }
             )
@@ -231,8 +231,8 @@ def described_sensors(
                 "of": name,
                 "column": f"encoder_{name}",
                 "unit": "rad",
-                "rate": assumed.rate,
-                "resolution": assumed.encoder_step,
+                "rate": ASSUMED.rate,
+                "resolution": ASSUMED.encoder_step,
             }
         )
     return sensors

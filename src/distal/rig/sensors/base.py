@@ -4,11 +4,10 @@ it reads of a motion, and which estimators use it.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Annotated, ClassVar, Literal, Protocol, Self, TypeAlias
+from typing import Annotated, Literal, Protocol, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
@@ -16,7 +15,7 @@ from distal.errors import UnitError
 from distal.expressions import Scalar, Vector
 from distal.rig.drives import Capstan, Slider
 from distal.rig.joints import Joint
-from distal.rig.quantities import Description, In, Name, Parameter, Seconds
+from distal.rig.quantities import ZERO, Description, In, Name, Parameter, Seconds
 from distal.rig.tendons import Tendon
 from distal.units import to_si
 
@@ -26,7 +25,7 @@ COUNTS = frozenset({"count", "counts", "tick", "ticks"})
 
 NOISE = Field(0.0, description="standard deviation, random error")
 STEP = Field(0.0, description="quantisation step; 0 = none")
-OFFSET = Field(Parameter(value=0.0), description="constant offset")
+OFFSET = Field(ZERO, description="constant offset")
 """Fields of the errors that all kinds of sensors have, each in its own unit."""
 
 ERRORS = ("noise", "linearity", "resolution", "bias")
@@ -101,7 +100,9 @@ class SensorBase(Description):
     )
     unit: str | None = Field(None, min_length=1, description="unit in the log; default: SI")
     sign: Literal[1, -1] = Field(1, description="-1 where the log counts the other way")
-    rate: Annotated[float, In("Hz", "positive")] = Field(100.0, description="samples per second")
+    rate: Annotated[float, In("Hz", within=(1e-3, 1e6))] = Field(
+        100.0, description="samples per second"
+    )
     delay: Seconds = Field(0.0, description="age of a value when it is stamped")
 
     lag: Seconds = Field(
@@ -141,12 +142,6 @@ class SensorBase(Description):
             )
         return self
 
-    @model_validator(mode="after")
-    def _rate(self) -> Self:
-        if not 1e-3 <= self.rate <= 1e6:
-            raise ValueError(f"rate: must be between 0.001 and 1e+06 Hz, {self.rate:g} came")
-        return self
-
     @property
     def log_column(self) -> str:
         """The column of the log that holds the sensor's readings."""
@@ -172,35 +167,34 @@ class Parts(Protocol):
         """The tendons of the rig."""
 
 
-class Motion(Protocol):
-    """What a mechanism does at a moment, in SI; parts are given by their indices."""
+@dataclass(frozen=True)
+class Motion:
+    """What a mechanism does at a moment, in SI.
 
-    def angle(self, joint: int) -> Scalar:
-        """Return a joint's angle [rad]."""
+    Args:
+        angles: of the joints, (n_joints,) [rad].
+        torques: from outside on the joints, (n_joints,) [N m].
+        positions: of the drives, (n_drives,) [m, rad].
+        rates: their speeds, (n_drives,).
+        efforts: forces or torques that the drives exert, (n_drives,) [N, N m].
+        tensions: of the tendons, (n_tendons,) [N].
+        turning: index of a joint → angular velocity of its link, in its own frame, (3,) [rad/s].
+        falling: index of a joint → acceleration of free fall in the frame of its link, (3,) [m/s²].
+        axes: of the joints, in their own frames.
+        unknowns: name → value of the `unknowns` of sensors; for a name that is missing the value of
+            the rig is taken.
+    """
 
-    def torque(self, joint: int) -> Scalar:
-        """Return the external torque on a joint [N m]."""
-
-    def position(self, drive: int) -> Scalar:
-        """Return a drive's position [m, rad]."""
-
-    def rate(self, drive: int) -> Scalar:
-        """Return a drive's speed [m/s, rad/s]."""
-
-    def effort(self, drive: int) -> Scalar:
-        """Return the force or torque that a drive exerts [N, N m]."""
-
-    def tension(self, tendon: int) -> Scalar:
-        """Return a tendon's tension [N]."""
-
-    def turning(self, joint: int) -> Vector:
-        """Return the angular velocity of a joint's link, in its own frame, (3,) [rad/s]."""
-
-    def falling(self, joint: int) -> Vector:
-        """Return the acceleration of free fall in the frame of a joint's link, (3,) [m/s²]."""
-
-    def axis(self, joint: int) -> Sequence[float]:
-        """Return a joint's axis in its own frame, a unit vector."""
+    angles: Vector
+    torques: Vector
+    positions: Vector
+    rates: Vector
+    efforts: Vector
+    tensions: Vector
+    turning: Callable[[int], Vector]
+    falling: Callable[[int], Vector]
+    axes: Sequence[Sequence[float]]
+    unknowns: Mapping[str, Scalar]
 
 
 class Role(Enum):
@@ -235,51 +229,41 @@ class Unknown:
     number: Parameter
 
 
-class Measurand(ABC):
-    """A kind of measurement."""
+def certain(sensor: SensorBase) -> tuple[Unknown, ...]:
+    """Return that nothing is unknown of a `sensor` beside bias and gain."""
+    return ()
 
-    name: ClassVar[str]
-    """Name of the kind in a rig file."""
 
-    of: ClassVar[Literal["drives", "tendons", "joints"]]
-    """Kind of the parts that it measures."""
+def one_sensor(raw: Mapping[str, object]) -> list[Mapping[str, object]]:
+    """Return the one sensor for which the `raw` table stands."""
+    return [raw]
 
-    role: ClassVar[Role]
-    """What estimators do with its readings."""
 
-    si: ClassVar[str]
-    """SI unit, where it does not depend on the part."""
+@dataclass(frozen=True)
+class Measurand:
+    """A kind of measurement.
 
-    def unit(self, part: Part) -> str:
-        """Return the SI unit of a sensor's readings and errors at a part."""
-        return self.si
+    Args:
+        name: in a rig file.
+        of: kind of the parts that it measures.
+        role: what estimators do with its readings.
+        unit: SI unit of a sensor's readings and errors.
+        read: (sensor, motion, index of its part) → what it reads without errors [SI].
+        travel: (sensor, rig, index of its part) → the lowest and the highest value that it measures
+            [SI], between which its linearity error is defined.
+        unit_of_capstan: the same of a capstan, where it is another one.
+        unknowns: sensor → the uncertain numbers, beside bias and gain, on which its reading
+            depends.
+        values: raw table of a rig file → the sensors of one number each, still unchecked, for which
+            it stands.
+    """
 
-    @abstractmethod
-    def read(
-        self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
-    ) -> Scalar:
-        """Return what a sensor without errors reads [SI].
-
-        Args:
-            part: index of the part that the sensor is of.
-            unknowns: name → value of the sensor's `unknowns`; for a name that is missing the value
-                of the rig is taken.
-        """
-
-    @abstractmethod
-    def travel(self, sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
-        """Return the lowest and the highest value that a sensor measures [SI], between which its
-        linearity error is defined.
-        """
-
-    def unknowns(self, sensor: SensorBase) -> tuple[Unknown, ...]:
-        """Return the uncertain numbers, beside bias and gain, on which a sensor's reading
-        depends.
-        """
-        return ()
-
-    def values(self, raw: Mapping[str, object]) -> list[Mapping[str, object]]:
-        """Return the sensors of one number each, still unchecked, for which a table of a rig file
-        stands.
-        """
-        return [raw]
+    name: str
+    of: Literal["drives", "tendons", "joints"]
+    role: Role
+    unit: str
+    read: Callable[[SensorBase, Motion, int], Scalar]
+    travel: Callable[[SensorBase, Parts, int], tuple[float, float]]
+    unit_of_capstan: str = ""
+    unknowns: Callable[[SensorBase], tuple[Unknown, ...]] = certain
+    values: Callable[[Mapping[str, object]], list[Mapping[str, object]]] = one_sensor

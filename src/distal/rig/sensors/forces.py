@@ -9,17 +9,21 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from distal.expressions import Scalar
-from distal.rig.drives import effort_unit
-from distal.rig.quantities import AnyTorque, Factor, In, NewtonMetres, Parameter, TorqueConstant
+from distal.rig.quantities import (
+    ONE,
+    AnyTorque,
+    Factor,
+    In,
+    NewtonMetres,
+    Parameter,
+    TorqueConstant,
+)
 from distal.rig.sensors.base import (
     COUNTS,
     NOISE,
     OFFSET,
     STEP,
     Measurand,
-    Motion,
-    Part,
     Parts,
     Role,
     SensorBase,
@@ -28,6 +32,11 @@ from distal.units import to_si, unit_factor
 
 OVER_RANGE = Field(0.0, description="largest systematic deviation over the range, a smooth curve")
 Newtons = Annotated[float, In("N", "nonnegative")]
+Gain = Annotated[
+    Parameter,
+    In("", "positive", drifts=False),
+    Field(description="what it reads for one unit of what it measures, beside its offset"),
+]
 
 
 class ForceSensor(SensorBase):
@@ -38,9 +47,7 @@ class ForceSensor(SensorBase):
     linearity: Newtons = OVER_RANGE
     resolution: Newtons = STEP
     bias: Annotated[Parameter, In("N")] = OFFSET
-    gain: Annotated[Parameter, In("", "positive", drifts=False)] = Field(
-        Parameter(value=1.0), description="what it reads for one newton, beside its offset"
-    )
+    gain: Gain = ONE
 
 
 class TorqueSensor(SensorBase):
@@ -71,9 +78,7 @@ class TorqueSensor(SensorBase):
     linearity: NewtonMetres = OVER_RANGE
     resolution: NewtonMetres = STEP
     bias: AnyTorque = OFFSET
-    gain: Annotated[Parameter, In("", "positive", drifts=False)] = Field(
-        Parameter(value=1.0), description="what it reads for one newton metre, beside its offset"
-    )
+    gain: Gain = ONE
 
     @classmethod
     def _per_unit(cls, raw: Mapping[str, object]) -> tuple[str, float] | None:
@@ -120,31 +125,6 @@ class TorqueSensor(SensorBase):
         return self._per_unit(vars(self)) or (self.si, 1.0)
 
 
-class Force(Measurand):
-    """The effort of a drive: force U of a slider [N], torque τ of a capstan's motor [N m]."""
-
-    name = "force"
-    of = "drives"
-    role = Role.EFFORT
-
-    def unit(self, part: Part) -> str:
-        """Return N or N m."""
-        return effort_unit(part)  # type: ignore[arg-type]
-
-    def read(
-        self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
-    ) -> Scalar:
-        """Return the effort of the drive."""
-        return motion.effort(part)
-
-    def travel(self, sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
-        """Return the range of likely efforts: from 0 to `largest_effort` of a slider, the same to
-        both sides of a capstan.
-        """
-        largest = largest_effort(rig, part)
-        return (-largest, largest) if rig.drives[part].kind == "capstan" else (0.0, largest)
-
-
 def largest_effort(rig: Parts, drive: int) -> float:
     """Return the largest effort that a drive is likely to exert [N, N m]: its limit; without one
     twice its nominal force or twice the pretensions of its tendons, whichever is larger.
@@ -154,40 +134,29 @@ def largest_effort(rig: Parts, drive: int) -> float:
     part = rig.drives[drive]
     if part.limit is not None:
         return part.limit
-    lever = part.radius.value if part.kind == "capstan" else 1.0
     pretension = sum(tendon.pretension.value for tendon in rig.tendons if tendon.drive == part.name)
-    return max(2.0 * abs(part.nominal_force.value), 2.0 * pretension * lever, LEAST * lever)
+    pulled = part.lever * max(2.0 * pretension, LEAST)
+    return max(2.0 * abs(part.nominal_force.value), pulled)
 
 
 LEAST = 1.0
 """Smallest force up to which the range of a force sensor reaches [N]. Source: judgement."""
 
 
-class Tension(Measurand):
-    """The tension T of a tendon at the joint's end of its path [N]."""
+def _effort_travel(sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
+    """Return the range of likely efforts: from 0 to `largest_effort` of a slider, the same to both
+    sides of a capstan.
+    """
+    largest = largest_effort(rig, part)
+    return (-largest, largest) if rig.drives[part].kind == "capstan" else (0.0, largest)
 
-    name = "tension"
-    of = "tendons"
-    role = Role.TENSION
-    si = "N"
 
-    def read(
-        self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
-    ) -> Scalar:
-        """Return the tension of the tendon."""
-        return motion.tension(part)
-
-    def travel(self, sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
-        """Return the range from slack, 0, to the largest force with which the drive is likely to
-        pull [N].
-        """
-        drive = next(
-            i for i, drive in enumerate(rig.drives) if drive.name == rig.tendons[part].drive
-        )
-        moved = rig.drives[drive]
-        return 0.0, largest_effort(rig, drive) / (
-            moved.radius.value if moved.kind == "capstan" else 1.0
-        )
+def _tension_travel(sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
+    """Return the range from slack, 0, to the largest force with which the drive is likely to pull
+    [N].
+    """
+    drive = [drive.name for drive in rig.drives].index(rig.tendons[part].drive)
+    return 0.0, largest_effort(rig, drive) / rig.drives[drive].lever
 
 
 WIDEST = 3.0
@@ -199,21 +168,39 @@ LEAST_TORQUE = 0.01
 """Smallest half-width of the range of a torque sensor [N m]. Source: judgement."""
 
 
-class Torque(Measurand):
-    """The external torque τ_ext on a joint [N m]."""
+def _torque_travel(sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
+    """Return ± `WIDEST` stds of the external torque by the rig, at least ± `LEAST_TORQUE`."""
+    largest = max(WIDEST * rig.joints[part].external_torque.std, LEAST_TORQUE)
+    return -largest, largest
 
-    name = "torque"
-    of = "joints"
-    role = Role.REFERENCE
-    si = "N m"
 
-    def read(
-        self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
-    ) -> Scalar:
-        """Return the external torque."""
-        return motion.torque(part)
+FORCE = Measurand(
+    "force",
+    "drives",
+    Role.EFFORT,
+    "N",
+    lambda sensor, motion, part: motion.efforts[part],
+    _effort_travel,
+    "N m",
+)
+"""The effort of a drive: force U of a slider [N], torque τ of a capstan's motor [N m]."""
 
-    def travel(self, sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
-        """Return ± `WIDEST` stds of the external torque by the rig, at least ± `LEAST_TORQUE`."""
-        largest = max(WIDEST * rig.joints[part].external_torque.std, LEAST_TORQUE)
-        return -largest, largest
+TENSION = Measurand(
+    "tension",
+    "tendons",
+    Role.TENSION,
+    "N",
+    lambda sensor, motion, part: motion.tensions[part],
+    _tension_travel,
+)
+"""The tension T of a tendon at the joint's end of its path [N]."""
+
+TORQUE = Measurand(
+    "torque",
+    "joints",
+    Role.REFERENCE,
+    "N m",
+    lambda sensor, motion, part: motion.torques[part],
+    _torque_travel,
+)
+"""The external torque τ_ext on a joint [N m]."""

@@ -8,14 +8,15 @@ acceleration adds is part of its noise.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Annotated, Literal
 
 import casadi as ca
 from pydantic import Field
 
-from distal.expressions import Scalar, Vector
+from distal.expressions import Scalar, rotation
 from distal.rig.quantities import (
+    ZERO,
     FixedAngle,
     In,
     MetresPerSecondSquared,
@@ -37,7 +38,7 @@ RANGES = {"rate": 35.0, "force": 20.0}
 """
 
 DEVIATION = Field(0.0, description="largest systematic deviation")
-WALKING = Field(Parameter(value=0.0), description="offset; with a drift it walks")
+WALKING = Field(ZERO, description="offset; with a drift it walks")
 
 GROUP = ("name", "column", "noise", "bias", "numbers")
 """Keys of a unit's table that are not the same for all of its numbers; `noise` and `bias` are
@@ -53,7 +54,7 @@ class ImuSensor(SensorBase):
         description="which one"
     )
     mounting: FixedAngle = Field(
-        Parameter(value=0.0), description="how it is turned on its link, about the joint's axis"
+        ZERO, description="how it is turned on its link, about the joint's axis"
     )
 
 
@@ -77,86 +78,73 @@ class Accelerometer(ImuSensor):
     bias: Annotated[Parameter, In("m/s^2")] = WALKING
 
 
-class Imu(Measurand):
-    """Angular velocity Rᵀ ω [rad/s] and specific force −Rᵀ g [m/s²] of a link, with R the turn by
-    the mounting angle about the joint's axis.
+def _values(raw: Mapping[str, object]) -> list[Mapping[str, object]]:
+    """Return a sensor for each number of the unit, all six or those that the table names.
+
+    Raises:
+        ValueError: the table names a number that no unit has.
     """
-
-    name = "imu"
-    of = "joints"
-    role = Role.COMPARED
-    si = "rad/s"
-
-    def values(self, raw: Mapping[str, object]) -> list[Mapping[str, object]]:
-        """Return a sensor for each number of the unit, all six or those that the table names.
-
-        Raises:
-            ValueError: the table names a number that no unit has.
-        """
-        if "number" in raw:
-            return [{**raw, "si": VALUES.get(str(raw["number"]), "rad/s")}]
-        desired = raw.get("numbers", list(VALUES))
-        if (
-            not isinstance(desired, list)
-            or not desired
-            or not set(map(str, desired)) <= set(VALUES)
-        ):
-            raise ValueError(f"numbers: must be some of {', '.join(VALUES)}, {desired!r} came")
-        common = {key: part for key, part in raw.items() if key not in GROUP}
-        sensors: list[Mapping[str, object]] = []
-        for number in desired:
-            sensor = {
-                **common,
-                "name": f"{raw.get('name')}_{number}",
-                "unit_name": raw.get("name"),
-                "number": number,
-            }
-            sensor |= {
-                "column": f"{raw.get('column', raw.get('name'))}_{number}",
-                "si": VALUES[number],
-            }
-            for key in ("noise", "bias"):
-                by_kind = raw.get(key, {})
-                if not isinstance(by_kind, Mapping):
-                    raise ValueError(
-                        f"{key}: must be a table with rate and force, {by_kind!r} came"
-                    )
-                if number.split("_")[0] in by_kind:
-                    sensor[key] = by_kind[number.split("_")[0]]
-            sensors.append(sensor)
-        return sensors
-
-    def unknowns(self, sensor: SensorBase) -> tuple[Unknown, ...]:
-        """Return the mounting angle, which all numbers of one unit share."""
-        assert isinstance(sensor, ImuSensor)
-        return (Unknown(f"mounting_{sensor.unit_name}", sensor.mounting),)
-
-    def read(
-        self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
-    ) -> Scalar:
-        """Return the sensor's number in the frame of the unit."""
-        assert isinstance(sensor, ImuSensor)
-        kind, axis = sensor.number.split("_")
-        vector = motion.turning(part) if kind == "rate" else -motion.falling(part)
-        mounting = unknowns.get(f"mounting_{sensor.unit_name}", sensor.mounting.value)
-        return turned(vector, motion.axis(part), -mounting)["xyz".index(axis)]
-
-    def travel(self, sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
-        """Return the range that common units measure."""
-        assert isinstance(sensor, ImuSensor)
-        largest = RANGES[sensor.number.split("_")[0]]
-        return -largest, largest
+    if "number" in raw:
+        return [{**raw, "si": VALUES.get(str(raw["number"]), "rad/s")}]
+    desired = raw.get("numbers", list(VALUES))
+    if not isinstance(desired, list) or not desired or not set(map(str, desired)) <= set(VALUES):
+        raise ValueError(f"numbers: must be some of {', '.join(VALUES)}, {desired!r} came")
+    common = {key: part for key, part in raw.items() if key not in GROUP}
+    sensors: list[Mapping[str, object]] = []
+    for number in desired:
+        sensor = {
+            **common,
+            "name": f"{raw.get('name')}_{number}",
+            "unit_name": raw.get("name"),
+            "number": number,
+        }
+        sensor |= {
+            "column": f"{raw.get('column', raw.get('name'))}_{number}",
+            "si": VALUES[number],
+        }
+        for key in ("noise", "bias"):
+            by_kind = raw.get(key, {})
+            if not isinstance(by_kind, Mapping):
+                raise ValueError(f"{key}: must be a table with rate and force, {by_kind!r} came")
+            if number.split("_")[0] in by_kind:
+                sensor[key] = by_kind[number.split("_")[0]]
+        sensors.append(sensor)
+    return sensors
 
 
-def turned(vector: Vector, axis: Sequence[float], angle: Scalar) -> Vector:
-    """Return a `vector` v turned about a unit `axis` a by an `angle` α [rad], (3,) (Rodrigues).
+def _unknowns(sensor: SensorBase) -> tuple[Unknown, ...]:
+    """Return the mounting angle, which all numbers of one unit share."""
+    assert isinstance(sensor, ImuSensor)
+    return (Unknown(f"mounting_{sensor.unit_name}", sensor.mounting),)
 
-    v cos α + (a × v) sin α + a (a·v)(1 − cos α)
-    """
-    a = ca.DM(list(axis))
-    across = ca.cross(ca.SX(a), vector)
-    return (
-        vector * ca.cos(angle)
-        + across * ca.sin(angle)
-        + a * ca.dot(ca.SX(a), vector) * (1 - ca.cos(angle))
-    )
+
+def _read(sensor: SensorBase, motion: Motion, part: int) -> Scalar:
+    """Return the sensor's number in the frame of the unit."""
+    assert isinstance(sensor, ImuSensor)
+    kind, axis = sensor.number.split("_")
+    vector = motion.turning(part) if kind == "rate" else -motion.falling(part)
+    mounting = motion.unknowns.get(f"mounting_{sensor.unit_name}", sensor.mounting.value)
+    turned = ca.mtimes(rotation(motion.axes[part], -mounting), vector)
+    return turned["xyz".index(axis)]
+
+
+def _travel(sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
+    """Return the range that common units measure."""
+    assert isinstance(sensor, ImuSensor)
+    largest = RANGES[sensor.number.split("_")[0]]
+    return -largest, largest
+
+
+IMU = Measurand(
+    "imu",
+    "joints",
+    Role.COMPARED,
+    "rad/s",
+    _read,
+    _travel,
+    unknowns=_unknowns,
+    values=_values,
+)
+"""Angular velocity Rᵀ ω [rad/s] and specific force −Rᵀ g [m/s²] of a link, with R the turn by the
+mounting angle about the joint's axis.
+"""

@@ -11,7 +11,6 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from distal.expressions import Scalar
-from distal.rig.drives import position_unit
 from distal.rig.joints import REACH
 from distal.rig.quantities import AnyAngle, Factor, In, Parameter, Radians
 from distal.rig.sensors.base import (
@@ -21,7 +20,6 @@ from distal.rig.sensors.base import (
     STEP,
     Measurand,
     Motion,
-    Part,
     Parts,
     Role,
     SensorBase,
@@ -91,31 +89,6 @@ class AngleSensor(SensorBase):
         return self
 
 
-class Position(Measurand):
-    """The position of a drive: s of a slider [m], φ of a capstan [rad]. A sensor with a `lag` is a
-    command, which is ahead of the drive: it reads s + lag ṡ.
-    """
-
-    name = "position"
-    of = "drives"
-    role = Role.POSITION
-
-    def unit(self, part: Part) -> str:
-        """Return m for a slider, rad for a capstan."""
-        return position_unit(part)  # type: ignore[arg-type]
-
-    def read(
-        self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
-    ) -> Scalar:
-        """Return the position of the drive, or the command that it follows."""
-        position = motion.position(part)
-        return position + sensor.lag * motion.rate(part) if sensor.lag > 0.0 else position
-
-    def travel(self, sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
-        """Return the range of the drive, see `drive_travel`."""
-        return drive_travel(rig, part)
-
-
 def drive_travel(rig: Parts, drive: int) -> tuple[float, float]:
     """Return the lowest and the highest position of a drive [m, rad]: its stops, or what its tendon
     lets it use.
@@ -128,7 +101,7 @@ def drive_travel(rig: Parts, drive: int) -> tuple[float, float]:
     if part.stops is not None:
         return part.stops
     tendon = next(t for t in rig.tendons if t.drive == part.name)
-    lever = part.radius.value if part.kind == "capstan" else 1.0
+    lever = part.lever
     centre = 0.0 if part.kind == "capstan" else part.nominal_force.value / tendon.stiffness.value
     if len(tendon.joints) == 1:
         reach = REACH * tendon.total_arm / lever
@@ -144,20 +117,31 @@ def drive_travel(rig: Parts, drive: int) -> tuple[float, float]:
     return low, high
 
 
-class Angle(Measurand):
-    """The angle θ of a joint [rad]."""
+def _position(sensor: SensorBase, motion: Motion, part: int) -> Scalar:
+    """Return the position of the drive, or the command that it follows."""
+    ahead = sensor.lag * motion.rates[part] if sensor.lag > 0.0 else 0.0
+    return motion.positions[part] + ahead
 
-    name = "angle"
-    of = "joints"
-    role = Role.REFERENCE
-    si = "rad"
 
-    def read(
-        self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
-    ) -> Scalar:
-        """Return the angle of the joint."""
-        return motion.angle(part)
+POSITION = Measurand(
+    "position",
+    "drives",
+    Role.POSITION,
+    "m",
+    _position,
+    lambda sensor, rig, part: drive_travel(rig, part),
+    "rad",
+)
+"""The position of a drive: s of a slider [m], φ of a capstan [rad]. A sensor with a `lag` is a
+command, which is ahead of the drive: it reads s + lag ṡ.
+"""
 
-    def travel(self, sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
-        """Return the range that the joint turns in."""
-        return rig.joints[part].travel
+ANGLE = Measurand(
+    "angle",
+    "joints",
+    Role.REFERENCE,
+    "rad",
+    lambda sensor, motion, part: motion.angles[part],
+    lambda sensor, rig, part: rig.joints[part].travel,
+)
+"""The angle θ of a joint [rad], within the range that it turns in."""

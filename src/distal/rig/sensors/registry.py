@@ -11,16 +11,17 @@ from typing import Annotated
 from pydantic import Field
 
 from distal.errors import UnitError
-from distal.rig.quantities import Parameter
+from distal.rig.drives import Capstan
+from distal.rig.quantities import ONE, Parameter
 from distal.rig.sensors.base import Measurand, Part, Parts, Role
-from distal.rig.sensors.forces import Force, ForceSensor, Tension, Torque, TorqueSensor
-from distal.rig.sensors.imu import VALUES, Accelerometer, Gyroscope, Imu
-from distal.rig.sensors.motions import Angle, AngleSensor, LengthSensor, Position
+from distal.rig.sensors.forces import FORCE, TENSION, TORQUE, ForceSensor, TorqueSensor
+from distal.rig.sensors.imu import IMU, VALUES, Accelerometer, Gyroscope
+from distal.rig.sensors.motions import ANGLE, POSITION, AngleSensor, LengthSensor
 from distal.suggestions import did_you_mean
 from distal.units import unit_factor
 
 MEASURANDS: dict[str, Measurand] = {
-    kind.name: kind for kind in (Position(), Force(), Tension(), Angle(), Torque(), Imu())
+    kind.name: kind for kind in (POSITION, FORCE, TENSION, ANGLE, TORQUE, IMU)
 }
 """Name in a rig file → what can be measured."""
 
@@ -82,7 +83,8 @@ def checked_parts(
             f"{index}.of: no {kind.of[:-1]} is called "
             f"'{of}'{_elsewhere(of, kind, parts, names_of_parts)}"
         )
-    raw = {**raw, "si": kind.unit(parts[kind.of][names_of_parts.index(of)])}
+    is_capstan = isinstance(parts[kind.of][names_of_parts.index(of)], Capstan)
+    raw = {**raw, "si": kind.unit_of_capstan if is_capstan else kind.unit}
     try:
         return kind.values(raw)
     except ValueError as problem:
@@ -142,7 +144,7 @@ def gain_of(sensor: Sensor) -> Parameter:
     """Return the gain of a sensor, its reading per unit of what it measures; exactly 1 but for
     forces and torques.
     """
-    return sensor.gain if isinstance(sensor, (ForceSensor, TorqueSensor)) else Parameter(value=1.0)
+    return sensor.gain if isinstance(sensor, (ForceSensor, TorqueSensor)) else ONE
 
 
 def step_of(sensor: Sensor) -> float:
