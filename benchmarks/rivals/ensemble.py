@@ -16,7 +16,6 @@ from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered
 from distal.estimators.adaptive.filter_context import LONGEST_SUBSTEP
 from distal.estimators.adaptive.filter_inputs import states_of_rig
 from distal.estimators.adaptive.measurement import MeasurementRow, measurement_rows_of
-from distal.estimators.adaptive.states.joint import ExternalTorqueState
 from distal.estimators.belief import innovation
 from distal.estimators.read_channels import UNKNOWN_POSITION
 from distal.estimators.state_kinds import StateKind
@@ -191,12 +190,11 @@ def torque_fadings(states: StateVector, dt: Any) -> list[tuple[int, Any, Any]]:
         dt: length of the interval [s].
     """
     parameters, fadings, length = states.context.mechanism.parameters, [], ca.SX.sym("dt")
-    for block in states.blocks:
-        if isinstance(block, ExternalTorqueState):
-            fading = block.fading(length)
-            arguments, outputs = [length, parameters.symbols], [fading.factor, fading.std]
+    for at, time, lasting_std in states.fadings():
+        if at in states.torque_states:
+            arguments, outputs = [length, parameters.symbols], [ca.exp(-length / time), lasting_std]
             factor, std = ca.Function("fading", arguments, outputs)(dt, parameters.values)
-            fadings.append((states.indices(block)[0], factor, std))
+            fadings.append((at, factor, std))
     return fadings
 
 

@@ -244,24 +244,16 @@ def _readings(states: StateVector) -> ca.Function:
             reading, context.mask(x, sensor), context.noise(sensor), dead, wandering
         )
         if force is not None and _judged(context, i):
-            friction = limits[nj + i] + states.friction(i, mean)
-            pull = (
-                pulls[nj + i]
-                + states.force(i, mean)
-                + states.sensor_error(force, context.value(x, force), mean)
-            )
+            friction = limits[nj + i] + states.added(("friction", i), mean)
+            effort = context.value(x, force)
+            error = states.added(("reading", force.name), mean, effort)
+            pull = pulls[nj + i] - states.added(("lacking force", i), mean) + error
             spread = context.noise(force) + friction**2 + (PULL_STD * pull) ** 2
-            transmitted = states.transmitted(i)
-            if transmitted is not None:  # the play takes up as much as its limit
-                spread += context.number(transmitted[1].limit_name) ** 2
-            missing = context.value(x, force) - pull
-            table[5:, i] = ca.vertcat(
-                missing,
-                context.mask(x, force),
-                slopes[nj + i, nj + i],
-                spread,
-                context.value(x, force),
-            )
+            if states.transmitted(i) is not None:  # the play takes up as much as its limit
+                spread += context.number(f"drives.{i}.play_limit") ** 2
+            stiffness = slopes[nj + i, nj + i]
+            mask = context.mask(x, force)
+            table[5:, i] = ca.vertcat(effort - pull, mask, stiffness, spread, effort)
     return ca.Function("readings", [mean, memory, x, p], [ca.cse(ca.densify(table))])
 
 

@@ -75,7 +75,7 @@ class AdaptiveFilter(KernelEstimator):
         resolution: largest product of sub-step and a joint's own frequency; default `RESOLUTION`,
             on a chain `CHAIN_RESOLUTION`.
         trace: let the kernel put out what a smoother needs.
-        kinds: functions that give the blocks of states of a rig, one for each kind of state.
+        kinds: functions that give the states of a rig, one for each kind of state.
         folded: write all numbers but the equations' parameters into the kernel, for C elsewhere.
         home_std: where it is given, the references do not move the filter but condition its maps,
             see `homing_filter` [rad].
@@ -258,9 +258,7 @@ class AdaptiveFilter(KernelEstimator):
         folded into it or a kind of state comes from outside the package.
         """
         context = self._states.context
-        if context.mechanism.parameters.folded:
-            return None
-        if not all(type(block).__module__.startswith("distal.") for block in self._states.blocks):
+        if context.mechanism.parameters.folded or self._states.kinds != KINDS:
             return None
         lagging = [sensor.name for sensor in context.channels.positions if sensor.lag > 0.0]
         return structure_of(
@@ -350,7 +348,7 @@ class AdaptiveFilter(KernelEstimator):
 
     @property
     def states(self) -> StateVector:
-        """The state vector: its blocks, with their priors and effects."""
+        """The state vector: its states, with their priors and effects."""
         return self._states
 
     @property

@@ -79,17 +79,14 @@ def prior_function(
     memory = _memory(context, read, is_there)
     for i in range(context.n_drives):
         effort = context.force_sensor(i)
-        transmitted = states.transmitted(i)
-        if transmitted is not None and effort is not None:
-            at, _ = transmitted
+        at = states.transmitted(i)
+        if at is not None and effort is not None:
             mean[at] = read(effort, mean[at])
     begin = _begin(context, read)
-    for block in states.blocks:
-        first = block.first(begin)
-        if first is not None:
-            (at,) = states.indices(block)
-            mean[at] = first[0]
-            variances[at] = first[1] ** 2
+    for at, state in enumerate(states.states):
+        if state.first is not None:
+            mean[at], std = state.first(begin)
+            variances[at] = std**2
     symbols = context.mechanism.parameters.symbols
     p = ca.SX.sym("p", inputs)
     first = ca.substitute([mean, variances, memory], [symbols], [p[: symbols.numel()]])

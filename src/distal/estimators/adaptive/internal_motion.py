@@ -11,13 +11,11 @@ from collections.abc import Sequence
 import casadi as ca
 
 from distal.estimators.adaptive.drive_tracking import Tracks
-from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.prediction import set_row
-from distal.estimators.adaptive.states import StateVector, Transmitted
-from distal.estimators.adaptive.states.internal import BacklashOrSheathState, Strained
+from distal.estimators.adaptive.states import StateVector
 from distal.estimators.state_kinds import StateKind
-from distal.expressions import Matrix, Scalar, ScalarNode, Vector, VectorNode
+from distal.expressions import Matrix, Scalar, ScalarNode, VectorNode
 from distal.kernels.mask import is_read
 from distal.model import clip_moments
 
@@ -57,10 +55,9 @@ def play(
     state = prediction.state
     covariance = prediction.covariance
     transition = prediction.transition
-    transmitted = states.transmitted(drive)
-    assert transmitted is not None  # `play` is called for drives with hysteresis
-    at, _ = transmitted
-    mean, row, added, read, effort = play_function(states, drive)(
+    at = states.transmitted(drive)
+    assert at is not None  # `play` is called for drives with hysteresis
+    mean, row, added, read, effort = play_function(states, drive, at)(
         state, covariance[at, at], interval.tracks, rates, remembered, interval.x, interval.p
     )
     across = ca.mtimes(covariance, row)
@@ -72,22 +69,7 @@ def play(
     return effort
 
 
-def smoothed_effort(
-    context: FilterContext, block: Transmitted, remembered: Scalar, x: Vector
-) -> Scalar:
-    """Return a drive's effort in a sample x, smoothed with the `remembered` one, which is 0 before
-    the first.
-    """
-    effort = context.value(x, block.sensor)
-    following = remembered + context.number(block.weight_name) * (effort - remembered)
-    return ca.if_else(
-        is_read(context.mask(x, block.sensor)),
-        ca.if_else(remembered == 0, effort, following),
-        remembered,
-    )
-
-
-def play_function(states: StateVector, drive: int) -> ca.Function:
+def play_function(states: StateVector, drive: int, at: int) -> ca.Function:
     """Return the function (state, variance of z, tracks, rates, effort, x, p) → (z⁺, slopes, added
     variance, whether the effort is read, effort⁺).
     """
@@ -97,9 +79,8 @@ def play_function(states: StateVector, drive: int) -> ca.Function:
     mechanism = context.mechanism
     p = context.mechanism.parameters.symbols
     nj = context.n_joints
-    transmitted = states.transmitted(drive)
-    assert transmitted is not None  # as above
-    at, block = transmitted
+    sensor = context.force_sensor(drive)
+    assert sensor is not None  # as above
     state = ca.SX.sym("state", n)
     variance_of_z = ca.SX.sym("P_z")
     vector = ca.SX.sym("tracks", Tracks.size(nd))
@@ -114,12 +95,16 @@ def play_function(states: StateVector, drive: int) -> ca.Function:
     limits = ca.Function("limit", [q, p], [limit, mechanism.dampings()])
     held, dampings = limits(ca.vertcat(state[:nj], *positions), states.parameters(state))
     slope = ca.densify(ca.jacobian(held, state))
-    smoothed = smoothed_effort(context, block, remembered, x)
+    came = context.value(x, sensor)
+    read = is_read(context.mask(x, sensor))
+    share = context.number(f"drives.{drive}.reading_weight")
+    following = ca.if_else(remembered == 0, came, remembered + share * (came - remembered))
+    smoothed = ca.if_else(read, following, remembered)
     # what the effort has beyond the transmission's own: the sensor's error, and the drive's damping
-    error = states.sensor_error(block.sensor, smoothed, state) + dampings[nj + drive] * rates[drive]
+    error = states.added(("reading", sensor.name), state, smoothed)
+    error += dampings[nj + drive] * rates[drive]
     effort = smoothed - error
-    share = context.number(block.weight_name)
-    left = share / (2 - share) * context.noise(block.sensor)
+    left = share / (2 - share) * context.noise(sensor)
     held += CREST * ca.sqrt(left)
     moments = clip_moments(
         effort - held, effort + held, state[at], ca.sqrt(ca.fmax(variance_of_z, 0)) + TINY_EFFORT
@@ -128,7 +113,6 @@ def play_function(states: StateVector, drive: int) -> ca.Function:
     row[0, at] += moments.by_mean
     ends = moments.by_low + moments.by_high
     row -= ends * ca.jacobian(error, state)
-    read = is_read(context.mask(x, block.sensor))
     outputs = [
         ca.if_else(read, moments.mean, state[at]),
         row.T,
@@ -154,11 +138,8 @@ def follow(states: StateVector, prediction: Prediction, interval: Interval) -> N
     tracks = interval.tracks
     x = interval.x
     p = interval.p
-    for block in _ordered(states):
-        at = states.indices(block)[0]
-        mean, row, added = following_function(states, block)(
-            state, covariance[at, at], tracks, x, p
-        )
+    for at in _ordered(states):
+        mean, row, added = following_function(states, at)(state, covariance[at, at], tracks, x, p)
         across = ca.mtimes(covariance, row)
         variance = ca.mtimes(row.T, across) + added
         state[at] = mean
@@ -166,30 +147,23 @@ def follow(states: StateVector, prediction: Prediction, interval: Interval) -> N
         transition[at, :] = ca.mtimes(row.T, transition)
 
 
-def _ordered(states: StateVector) -> list[BacklashOrSheathState | Strained]:
-    """Return the internal states in the order in which they move: points of a sheath from end to
-    end and back.
+def _ordered(states: StateVector) -> list[int]:
+    """Return the indices of the internal states in the order in which they move: points of a sheath
+    from end to end and back.
     """
     mechanism = states.context.mechanism
-    order = list[BacklashOrSheathState | Strained]()
-    blocks = [
-        block for block in states.blocks if isinstance(block, (BacklashOrSheathState, Strained))
-    ]
-    points = {
-        (block.index, block.point): block for block in blocks if block.kind is StateKind.SHEATH
-    }
+    points = states.of_kind(StateKind.SHEATH)
     still = ca.SX.zeros(mechanism.n_bodies)
-    for block in blocks:
-        if block.kind is not StateKind.SHEATH:
-            order.append(block)
-        elif block.point == 0:
-            sheath = mechanism.sheath(block.index, still)
-            assert sheath is not None  # it has points
-            order += [points[block.index, k] for k in sheath.order()]
-    return order
+    order = list(states.of_kind(StateKind.BACKLASH))
+    for tendon, name in enumerate(mechanism.rig.tendon_names):
+        sheath = mechanism.sheath(tendon, still)
+        if sheath is not None:
+            own = [at for at in points if states.state_parts[at] == name]
+            order += [own[k] for k in sheath.order()]
+    return [*order, *states.of_kind(StateKind.CREEP)]
 
 
-def following_function(states: StateVector, block: BacklashOrSheathState | Strained) -> ca.Function:
+def following_function(states: StateVector, at: int) -> ca.Function:
     """Return the function (state, variance, tracks, x, p) → (mean, slopes, added variance) of one
     internal state after an interval.
 
@@ -211,12 +185,13 @@ def following_function(states: StateVector, block: BacklashOrSheathState | Strai
     dt = ca.SX.sym("dt")
     positions = [states.position(i, tracks[i].position, state) for i in range(nd)]
     arguments = [ca.vertcat(state[:nj], *positions), states.parameters(state), x[0]]
-    at = states.indices(block)[0]
-    if isinstance(block, Strained):
-        crept = ca.Function("crept", [q, p, dt], [mechanism.crept(q, dt)[block.which]])(*arguments)
+    name = mechanism.parameters.names[states.states[at].indices[0]]
+    if name in mechanism.strains:
+        strain = mechanism.crept(q, dt)[mechanism.strains.index(name)]
+        crept = ca.Function("crept", [q, p, dt], [strain])(*arguments)
         outputs = [crept, ca.jacobian(crept, state).T, ca.SX(0)]
     else:
-        bounds = mechanism.bounds(block.which, q)
+        bounds = mechanism.bounds(mechanism.plays.index(name), q)
         reached = [bounds.low, bounds.high]
         by_drives = [ca.jacobian(bound, q)[0, nj:] for bound in reached]
         low, high, *slopes = ca.Function("bounds", [q, p, dt], [*reached, *by_drives])(*arguments)

@@ -16,9 +16,11 @@ from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.guards import extra_variance
 from distal.estimators.adaptive.interval import mechanics_function
 from distal.estimators.adaptive.states import StateVector
+from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector, VectorNode
 from distal.kernels.layout import Layout
 from distal.model import Moment
+from distal.rig import Sensor
 
 TIE = 0.3
 """Standard deviation of the transmitted effort around the tendons' pull, in those of the effort's
@@ -93,6 +95,11 @@ def measurement_rows_of(
     v = ca.vertcat(state[nj : 2 * nj], rates)
     mechanics = mechanics_function(context)(q, v, states.parameters(state))
     tensions, pulls, dampings, limits, asymmetries, tension_slopes, pull_slopes = mechanics
+
+    def read(sensor: Sensor) -> Scalar:
+        value = context.value(x, sensor)
+        return value - states.added(("reading", sensor.name), state, value)
+
     rows = []
     for i, drive in enumerate(mechanism.rig.drives):
         sensor = context.force_sensor(i)
@@ -101,8 +108,8 @@ def measurement_rows_of(
         unsure = track.variance + extra_variance(context.robustness, track.lost, track.unknown)
         spread = unsure * pull_slopes[body, body] ** 2
         free = away_from_stops(context, i, track.position)
-        expected = pulls[body] + states.force(i, state)
-        friction = (limits[body] + states.friction(i, state), asymmetries[body], i)
+        expected = pulls[body] - states.added(("lacking force", i), state)
+        friction = (limits[body] + states.added(("friction", i), state), asymmetries[body], i)
         if sensor is None:
             path = f"drives.{i}.nominal_force"
             nominal_std = context.number(f"{path}.std")
@@ -128,29 +135,26 @@ def measurement_rows_of(
             rows.append(
                 MeasurementRow(
                     sensor.name,
-                    state[transmitted[0]] - (expected - damped),
+                    state[transmitted] - (expected - damped),
                     TIE**2 * noise + spread,
                     mask,
                 )
             )
             continue
-        read = context.value(x, sensor)
-        residual = read - expected - states.sensor_error(sensor, read, state)
+        residual = read(sensor) - expected
         rows.append(MeasurementRow(sensor.name, residual, noise + spread, mask, *friction))
     tendons = mechanism.rig.tendon_names
     for sensor in context.channels.tensions:
         t = tendons.index(sensor.of)
         body = mechanism.drive_of[t]
         spread = context.noise(sensor) + tension_slopes[t, body] ** 2 * tracks[body - nj].variance
-        read = context.value(x, sensor)
-        residual = read - tensions[t] - states.sensor_error(sensor, read, state)
+        residual = read(sensor) - tensions[t]
         rows.append(MeasurementRow(sensor.name, residual, spread, context.mask(x, sensor)))
     moment = Moment(mechanism, q, v, tensions, pulls)
-    unknowns = states.unknowns(state)
+    unknowns = {states.names[i]: state[i] for i in states.of_kind(StateKind.OTHER)}
     for sensor in (*context.channels.angles, *context.channels.others):
-        read = context.value(x, sensor)
         trusted = sensor in context.channels.angles
-        residual = read - moment.read(sensor, unknowns) - states.sensor_error(sensor, read, state)
+        residual = read(sensor) - moment.read(sensor, unknowns)
         noise = context.noise(sensor)
         mask = context.mask(x, sensor)
         # a speed errs alike for as long as the friction that made it

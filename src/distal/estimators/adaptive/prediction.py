@@ -161,19 +161,20 @@ def revert(
 
     For the external torque on a joint, the variance that is `opened` is added to σ² (13b).
     """
-    sample = ca.SX.sym("x", states.context.width)
-    fadings = states.fadings(sample[0])
+    dt = ca.SX.sym("dt")
+    fadings = states.fadings()
     if not fadings:
         return
-    values = [part for _, f in fadings for part in (f.factor, f.std**2 * (1 - f.factor**2))]
-    symbols = [sample, states.context.mechanism.parameters.symbols]
-    fades = ca.Function("fading", symbols, [ca.vertcat(*values)])(interval.x, interval.p)
+    factors = [ca.exp(-dt / time) for _, time, _ in fadings]
+    values = ca.vertcat(*factors, *(std**2 * (1 - f**2) for (*_, std), f in zip(fadings, factors)))
+    symbols = [dt, states.context.mechanism.parameters.symbols]
+    fades = ca.Function("fading", symbols, [values])(interval.x[0], interval.p)
     state = prediction.state
     covariance = prediction.covariance
     transition = prediction.transition
-    for k, (at, _) in enumerate(fadings):
-        fade = fades[2 * k]
-        added = fades[2 * k + 1]
+    for k, (at, *_) in enumerate(fadings):
+        fade = fades[k]
+        added = fades[len(fadings) + k]
         joint = states.torque_states.get(at)
         if joint is not None and joint in opened:
             added += (1 - fade**2) * opened[joint]

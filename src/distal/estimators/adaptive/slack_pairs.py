@@ -101,8 +101,8 @@ def slack_pair_function(states: StateVector, drive: int, pair: list[int]) -> ca.
     )
     limits = mechanics_function(context)(q, ca.SX.zeros(mechanism.n_bodies), parameters)[3]
     read = context.value(x, sensor)
-    error = states.sensor_error(sensor, read, state)
-    most = ca.fabs(read - error) + limits[body] + states.friction(drive, state)
+    error = states.added(("reading", sensor.name), state, read)
+    most = ca.fabs(read - error) + limits[body] + states.added(("friction", drive), state)
     beyond = stretch - (most + SURE * ca.sqrt(context.noise(sensor))) / yields
     residual = (beyond[0] - beyond[1]) / 2
     known = is_there(context.mask(x, sensor)) * (tracks[drive].lost <= 0)
