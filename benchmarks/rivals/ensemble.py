@@ -210,7 +210,7 @@ def move_function(states: StateVector, count: int) -> ca.Function:
     nd, nj, nb = context.n_drives, context.n_joints, mechanism.n_bodies
     state, shift, before = ca.SX.sym("state", n), ca.SX.sym("shift", nd), ca.SX.sym("before", nd)
     vector, dt, h = ca.SX.sym("tracks", Tracks.size(nd)), ca.SX.sym("dt"), ca.SX.sym("h")
-    p, tracks, starts, speeds = mechanism.parameters.symbols, Tracks(vector, nd), [], []
+    p, tracks, starts, speeds = mechanism.parameters.symbols, Tracks(vector), [], []
     for i in range(nd):
         measured = context.position_sensor(i) is not None
         error = shift[i] if measured else 0
@@ -260,7 +260,7 @@ def compare_function(states: StateVector) -> ca.Function:
     context, n, nd = states.context, len(states), states.context.n_drives
     state, kept, before = ca.SX.sym("state", n), ca.SX.sym("kept", nd), ca.SX.sym("before", nd)
     vector, x = ca.SX.sym("tracks", Tracks.size(nd)), ca.SX.sym("x", context.width)
-    tracks, dt = Tracks(vector, nd), x[0]
+    tracks, dt = Tracks(vector), x[0]
     rates = [
         ca.if_else(dt > 0, (tracks[i].position - before[i]) / ca.if_else(dt > 0, dt, 1), 0)
         for i in range(nd)

@@ -113,7 +113,7 @@ def iterated_update(
         updates: how often each row is linearised.
     """
     prior, covariance = prediction.state, Downdate(prediction.covariance)
-    tracks, x, p, nd = interval.tracks, interval.x, interval.p, states.context.n_drives
+    tracks, x, p = interval.tracks, interval.x, interval.p
     table, nominal = Rows.of(states), states.context.parameters(p, ["interval"])
     mean, kept, innovations, spreads = ca.MX(prior), list(memory), list[Any](), list[Any]()
     for k, row in enumerate(table.rows):
@@ -121,9 +121,7 @@ def iterated_update(
             comparison_function(states, row),
             weights(states.context.robustness, row.trusted),
         )
-        followed = (
-            ca.MX.zeros(len(TRACKED)) if row.drive is None else Tracks(tracks, nd).of(row.drive)
-        )
+        followed = ca.MX.zeros(len(TRACKED)) if row.drive is None else Tracks(tracks).of(row.drive)
         point = ca.MX(prior)
         for _ in range(updates):
             at = table.at(point, tracks, rates, x, p)[k]

@@ -87,13 +87,13 @@ def play_function(states: StateVector, drive: int, at: int) -> ca.Function:
     rates = ca.SX.sym("rates", nd)
     remembered = ca.SX.sym("effort")
     x = ca.SX.sym("x", context.width)
-    tracks = Tracks(vector, nd)
-    positions = [states.position(i, tracks[i].position, state) for i in range(nd)]
+    tracks = Tracks(vector)
     q = ca.SX.sym("q", mechanism.n_bodies)
     still = ca.SX.zeros(mechanism.n_bodies)
     limit = mechanism.hysteresis_limit(drive, q, mechanism.tensions(q, still))
     limits = ca.Function("limit", [q, p], [limit, mechanism.dampings()])
-    held, dampings = limits(ca.vertcat(state[:nj], *positions), states.parameters(state))
+    at_end = states.coordinates(state, tracks.positions)
+    held, dampings = limits(at_end, states.parameters(state))
     slope = ca.densify(ca.jacobian(held, state))
     came = context.value(x, sensor)
     read = is_read(context.mask(x, sensor))
@@ -180,11 +180,11 @@ def following_function(states: StateVector, at: int) -> ca.Function:
     variance = ca.SX.sym("P_z")
     x = ca.SX.sym("x", context.width)
     vector = ca.SX.sym("tracks", Tracks.size(nd))
-    tracks = Tracks(vector, nd)
+    tracks = Tracks(vector)
     q = ca.SX.sym("q", mechanism.n_bodies)
     dt = ca.SX.sym("dt")
-    positions = [states.position(i, tracks[i].position, state) for i in range(nd)]
-    arguments = [ca.vertcat(state[:nj], *positions), states.parameters(state), x[0]]
+    at_end = states.coordinates(state, tracks.positions)
+    arguments = [at_end, states.parameters(state), x[0]]
     name = mechanism.parameters.names[states.states[at].indices[0]]
     if name in mechanism.strains:
         strain = mechanism.crept(q, dt)[mechanism.strains.index(name)]

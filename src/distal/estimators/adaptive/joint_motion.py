@@ -156,7 +156,7 @@ def _interval(states: StateVector, count: int) -> ca.Function:
     memory = ca.SX.sym("memory", MEMORY * nd)
     vector = ca.SX.sym("tracks", Tracks.size(nd))
     x = ca.SX.sym("x", context.width)
-    tracks = Tracks(vector, nd)
+    tracks = Tracks(vector)
     dt = x[0]
     starts = list[Scalar]()
     rates = list[Scalar]()

@@ -90,8 +90,7 @@ def measurement_rows_of(
     context = states.context
     mechanism = states.context.mechanism
     nj = states.context.n_joints
-    positions = [states.position(i, tracks[i].position, state) for i in range(context.n_drives)]
-    q = ca.vertcat(state[:nj], *positions)
+    q = states.coordinates(state, tracks.positions)
     v = ca.vertcat(state[nj : 2 * nj], rates)
     mechanics = mechanics_function(context)(q, v, states.parameters(state))
     tensions, pulls, dampings, limits, asymmetries, tension_slopes, pull_slopes = mechanics
@@ -226,7 +225,7 @@ class Rows:
         vector = ca.SX.sym("tracks", Tracks.size(context.n_drives))
         rates = ca.SX.sym("rates", context.n_drives)
         x = ca.SX.sym("x", context.width)
-        rows = measurement_rows_of(states, state, Tracks(vector, context.n_drives), rates, x)
+        rows = measurement_rows_of(states, state, Tracks(vector), rates, x)
         outputs = dict[str, ca.SX]()
         for k, row in enumerate(rows):
             outputs[f"values_{k}"] = ROW.joined(

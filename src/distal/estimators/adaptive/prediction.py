@@ -75,7 +75,7 @@ def _corner(context: FilterContext) -> ca.Function:
     vector = ca.SX.sym("tracks", Tracks.size(nd))
     memory = ca.SX.sym("memory", MEMORY * nd)
     x = ca.SX.sym("x", context.width)
-    variances = Tracks(vector, nd).variances
+    variances = Tracks(vector).variances
     corner = ca.SX(2 * nj, 2 * nj)
     read = [k for k in range(nd) if context.position_sensor(k) is not None]
     # to the angles and to the speeds of the joints that are free; coupled ones err as these
@@ -129,7 +129,7 @@ def followed_variance(context: FilterContext, joint: int, tracks: Vector, memory
         memory: what was remembered of the drives before it.
     """
     total = ca.SX(0)
-    drives = Tracks(tracks, context.n_drives)
+    drives = Tracks(tracks)
     for i, names in context.moved_by(joint).items():
         grown = ca.fmax(drives[i].unknown - memory[remembered_position(i, "unknown")], 0)
         ratio, share = map(context.number, names)
@@ -144,7 +144,7 @@ def shifted_variance(
     their sensors jumped: (31).
     """
     total = ca.MX(0)
-    drives = Tracks(tracks, context.n_drives)
+    drives = Tracks(tracks)
     for i, (ratio, _) in context.moved_by(joint).items():
         total += (context.parameters(p, [ratio]) * drives[i].shift_std) ** 2
     return total

@@ -80,7 +80,6 @@ def slack_pair_function(states: StateVector, drive: int, pair: list[int]) -> ca.
     """
     context = states.context
     mechanism = states.context.mechanism
-    nj = context.n_joints
     body = context.n_joints + drive
     sensor = context.force_sensor(drive)
     assert sensor is not None  # `slack_pairs`
@@ -88,9 +87,8 @@ def slack_pair_function(states: StateVector, drive: int, pair: list[int]) -> ca.
     x = ca.SX.sym("x", context.width)
     vector = ca.SX.sym("tracks", Tracks.size(context.n_drives))
     p = mechanism.parameters
-    tracks = Tracks(vector, context.n_drives)
-    positions = [states.position(i, tracks[i].position, state) for i in range(context.n_drives)]
-    q = ca.vertcat(state[:nj], *positions)
+    tracks = Tracks(vector)
+    q = states.coordinates(state, tracks.positions)
     bodies = ca.SX.sym("q", mechanism.n_bodies)
     parameters = states.parameters(state)
     levers = ca.fabs(mechanism.length_jacobian(bodies)[pair, body])

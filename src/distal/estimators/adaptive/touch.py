@@ -207,7 +207,7 @@ def paced(states: StateVector, kept: Remembered, interval: Interval) -> ScalarNo
     """
     fade = ca.exp(-2 * interval.x[0] / PACE_TIME)
     total = ca.MX(0)
-    tracks = Tracks(interval.tracks, states.context.n_drives)
+    tracks = Tracks(interval.tracks)
     for i, memory in enumerate(kept.drives):
         spread = states.context.parameters(interval.p, [f"drives.{i}.spread"])
         memory["pace"] = ca.fmax(memory["pace"] * fade, (tracks[i].speed / spread) ** 2)

@@ -119,7 +119,6 @@ def updated(
     p = interval.p
     dt = interval.x[0]
     nj = states.context.n_joints
-    nd = states.context.n_drives
     rows = Rows.of(states).at(prior, tracks, rates, x, p)
     mean = prior
     innovations = list[ScalarNode]()
@@ -144,9 +143,7 @@ def updated(
             limit_variance=along(slopes.limit, by_limit),
             memory=ca.MX(0) if row.drive is None else kept.drives[row.drive]["friction"],
         )
-        followed = (
-            ca.MX.zeros(len(TRACKED)) if row.drive is None else Tracks(tracks, nd).of(row.drive)
-        )
+        followed = ca.MX.zeros(len(TRACKED)) if row.drive is None else Tracks(tracks).of(row.drive)
         parts = comparison_function(states, row)(
             values=at.values, since=since, track=followed, dt=dt, p=p
         )
@@ -187,7 +184,7 @@ def updated(
             )
         if row.measured and row.name in kept.forces:
             # a force whose drive's position is lost tells nothing of torques
-            position_is_read = 1 if row.drive is None else Tracks(tracks, nd)[row.drive].lost == 0
+            position_is_read = 1 if row.drive is None else Tracks(tracks)[row.drive].lost == 0
             path = states.context.path_of(row.name)
             outputs = watch(
                 kept=FORCE.joined(**kept.forces[row.name]),

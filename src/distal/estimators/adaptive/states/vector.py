@@ -188,6 +188,13 @@ class StateVector:
             return self.added(("position", drive), state)
         return reading - self.added(("reading", sensor.name), state, reading)
 
+    def coordinates(self, state: Vector, readings: Sequence[Scalar]) -> Vector:
+        """Return the coordinates q of joints and drives, from the `readings` of all drives'
+        positions.
+        """
+        positions = (self.position(i, reading, state) for i, reading in enumerate(readings))
+        return ca.vertcat(state[: self.context.n_joints], *positions)
+
     def transmitted(self, drive: int) -> int | None:
         """Return the index of the effort that a drive's play passes on, None where it has no
         play.
