@@ -52,26 +52,31 @@ def play(
         remembered: the drive's smoothed effort.
         interval: with its sample.
     """
-    state = prediction.state
-    covariance = prediction.covariance
-    transition = prediction.transition
     at = states.transmitted(drive)
     assert at is not None  # `play` is called for drives with hysteresis
-    mean, row, added, read, effort = play_function(states, drive, at)(
-        state, covariance[at, at], interval.tracks, rates, remembered, interval.x, interval.p
+    variance = prediction.covariance[at, at]
+    *after, effort = play_function(states, drive, at)(
+        prediction.state, variance, interval.tracks, rates, remembered, interval.x, interval.p
     )
-    across = ca.mtimes(covariance, row)
-    variance_of_z = ca.mtimes(row.T, across) + added
-    state[at] = mean
-    across = ca.if_else(read, across, covariance[:, at])
-    set_row(covariance, at, across, ca.if_else(read, variance_of_z, covariance[at, at]))
-    transition[at, :] = ca.if_else(read, ca.mtimes(row.T, transition), transition[at, :])
+    _move(prediction, at, *after)
     return effort
+
+
+def _move(
+    prediction: Prediction, at: int, mean: ScalarNode, row: VectorNode, added: ScalarNode
+) -> None:
+    """Give a state, in place, a new mean, its slopes `row` by all states before, and the variance
+    that is `added`.
+    """
+    across = ca.mtimes(prediction.covariance, row)
+    prediction.state[at] = mean
+    set_row(prediction.covariance, at, across, ca.mtimes(row.T, across) + added)
+    prediction.transition[at, :] = ca.mtimes(row.T, prediction.transition)
 
 
 def play_function(states: StateVector, drive: int, at: int) -> ca.Function:
     """Return the function (state, variance of z, tracks, rates, effort, x, p) → (z⁺, slopes, added
-    variance, whether the effort is read, effort⁺).
+    variance, effort⁺); without a reading z stays.
     """
     context = states.context
     n = len(states)
@@ -115,9 +120,8 @@ def play_function(states: StateVector, drive: int, at: int) -> ca.Function:
     row -= ends * ca.jacobian(error, state)
     outputs = [
         ca.if_else(read, moments.mean, state[at]),
-        row.T,
-        moments.rest + ends**2 * left,
-        read,
+        ca.if_else(read, row, ca.SX(ca.DM.eye(n)[at, :])).T,
+        ca.if_else(read, moments.rest + ends**2 * left, 0),
         smoothed,
     ]
     arguments = [state, variance_of_z, vector, rates, remembered, x, p]
@@ -132,19 +136,12 @@ certain [m, rad]. Source: rounding (division by zero).
 
 def follow(states: StateVector, prediction: Prediction, interval: Interval) -> None:
     """Move all internal states to the end of an interval, in place."""
-    state = prediction.state
-    covariance = prediction.covariance
-    transition = prediction.transition
-    tracks = interval.tracks
-    x = interval.x
-    p = interval.p
     for at in _ordered(states):
-        mean, row, added = following_function(states, at)(state, covariance[at, at], tracks, x, p)
-        across = ca.mtimes(covariance, row)
-        variance = ca.mtimes(row.T, across) + added
-        state[at] = mean
-        set_row(covariance, at, across, variance)
-        transition[at, :] = ca.mtimes(row.T, transition)
+        variance = prediction.covariance[at, at]
+        after = following_function(states, at)(
+            prediction.state, variance, interval.tracks, interval.x, interval.p
+        )
+        _move(prediction, at, *after)
 
 
 def _ordered(states: StateVector) -> list[int]:

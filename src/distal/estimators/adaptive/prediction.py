@@ -14,6 +14,7 @@ from distal.estimators.adaptive.guards import followed_share
 from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.joint_motion import Moved
 from distal.estimators.adaptive.states import StateVector
+from distal.estimators.kalman import symmetric
 from distal.expressions import MatrixNode, Scalar, ScalarNode, Vector, VectorNode
 
 
@@ -76,32 +77,19 @@ def _corner(context: FilterContext) -> ca.Function:
     memory = ca.SX.sym("memory", MEMORY * nd)
     x = ca.SX.sym("x", context.width)
     variances = Tracks(vector).variances
-    corner = ca.SX(2 * nj, 2 * nj)
     read = [k for k in range(nd) if context.position_sensor(k) is not None]
+    by_read = of_positions[read, :]
+    corner = products + ca.mtimes([by_read.T, ca.diag(variances[read]), by_read])
     # to the angles and to the speeds of the joints that are free; coupled ones err as these
     free = context.mechanism.free
     spread = context.mechanism.spread
-    added = (
-        [
-            followed_variance(context, j, vector, memory) + context.robustness.angle_walk**2 * x[0]
-            for j in free
-        ],
-        [speed_variances[j] + context.unmodelled(j) ** 2 * x[0] for j in free],
-    )
-    for i in range(2 * nj):
-        for j in range(i, 2 * nj):
-            covariance = products[i, j] + sum(
-                (of_positions[k, i] * of_positions[k, j] * variances[k] for k in read), ca.SX(0)
-            )
-            if (i < nj) == (j < nj):
-                covariance += sum(
-                    (
-                        spread[i % nj, k] * spread[j % nj, k] * added[i // nj][k]
-                        for k in range(len(free))
-                    ),
-                    ca.SX(0),
-                )
-            corner[i, j] = corner[j, i] = covariance
+    angles = [
+        followed_variance(context, j, vector, memory) + context.robustness.angle_walk**2 * x[0]
+        for j in free
+    ]
+    speeds = [speed_variances[j] + context.unmodelled(j) ** 2 * x[0] for j in free]
+    added = (ca.mtimes([spread, ca.diag(ca.vertcat(*each)), spread.T]) for each in (angles, speeds))
+    corner = symmetric(ca.densify(corner + ca.diagcat(*added)))
     arguments = [
         products,
         of_positions,
@@ -111,7 +99,7 @@ def _corner(context: FilterContext) -> ca.Function:
         x,
         context.mechanism.parameters.symbols,
     ]
-    return ca.Function("corner", arguments, ca.cse([ca.densify(corner)]))
+    return ca.Function("corner", arguments, ca.cse([corner]))
 
 
 def followed_variance(context: FilterContext, joint: int, tracks: Vector, memory: Vector) -> Scalar:

@@ -30,8 +30,8 @@ def within_play(
     reduces the variance no further. It changes angles, speeds and external torques only.
     """
     updates = Downdate(covariance)
-    parameters = dict.fromkeys(range(2 * states.context.n_joints, len(states)), 0.0)
-    identified = {at: share for at, share in parameters.items() if at not in states.torque_states}
+    others = range(2 * states.context.n_joints, len(states))
+    kept = [at for at in others if at not in states.torque_states]
     for drive, *pair in slack_pairs(states.context):
         residual, width, is_read, slope = slack_pair_function(states, drive, pair)(
             mean, interval.tracks, interval.x, interval.p
@@ -43,9 +43,9 @@ def within_play(
             ca.logic_and(is_read, width > 0), ca.fmax(spread - most, 0) / spread**2, 0
         )
         change = -(weight * residual) * across
-        change[list(identified)] = 0
+        change[kept] = 0
         mean = mean + change
-        updates.take(ca.sqrt(weight) * across, list(identified), ca.DM(list(identified.values())))
+        updates.take(ca.sqrt(weight) * across, kept, ca.DM.zeros(len(kept)))
     return mean, updates.matrix()
 
 

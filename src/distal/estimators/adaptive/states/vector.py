@@ -171,8 +171,18 @@ class StateVector:
 
     def added(self, to: Target, state: Vector, reading: Scalar = 0) -> Scalar:
         """Return what a `state` adds to something, of which the `reading` is that of a sensor."""
-        of = (i for i, each in enumerate(self.states) if each.to == to)
-        return sum((self.states[i].times(reading) * state[i] for i in of), ca.SX(0))
+        every = enumerate(self.states)
+        return sum((of.times(reading) * state[i] for i, of in every if of.to == to), ca.SX(0))
+
+    def adding(self, to: Target) -> list[int]:
+        """Return the indices of the states that add to something."""
+        return [i for i, state in enumerate(self.states) if state.to == to]
+
+    def placing(self, drive: int) -> list[int]:
+        """Return the indices of the states that change the `position` of a drive."""
+        sensor = self.context.position_sensor(drive)
+        of_sensor = [] if sensor is None else self.adding(("reading", sensor.name))
+        return of_sensor or self.adding(("position", drive))
 
     def torques(self, state: Vector) -> Vector:
         """Return the external torque on each joint, (n_joints,) [N m]."""
