@@ -127,21 +127,21 @@ def iterated_update(
             at = table.at(point, tracks, rates, x, p)[k]
             slopes, moved = at.slopes, mean - point
             by_residual, by_limit, by_asymmetry = (
-                covariance.times(getattr(slopes, part)) for part in SLOPED
+                covariance.times(slopes[part]) for part in SLOPED
             )
             since = SINCE.joined(
-                **{part: along(getattr(slopes, part), moved) for part in SLOPED},
-                residual_variance=along(slopes.residual, by_residual),
-                limit_variance=along(slopes.limit, by_limit),
+                **{part: along(slopes[part], moved) for part in SLOPED},
+                residual_variance=along(slopes["residual"], by_residual),
+                limit_variance=along(slopes["limit"], by_limit),
                 memory=ca.MX(0) if row.drive is None else kept[row.drive],
             )
             found = compare(values=at.values, since=since, track=followed, dt=x[0], p=p)
             across = (
                 found["by_limit"] * by_limit + found["by_asymmetry"] * by_asymmetry - by_residual
             )
-            spread = found["by_limit"] * along(slopes.limit, across)
-            spread += found["by_asymmetry"] * along(slopes.asymmetry, across)
-            spread += found["variance"] - along(slopes.residual, across)
+            spread = found["by_limit"] * along(slopes["limit"], across)
+            spread += found["by_asymmetry"] * along(slopes["asymmetry"], across)
+            spread += found["variance"] - along(slopes["residual"], across)
             weight, root, shown = weigh(
                 spread, found["innovation"], ROW.part(at.values, "mask"), found["counts"]
             )
@@ -152,7 +152,9 @@ def iterated_update(
             change[list(shares)] *= ca.vertcat(*shares.values())
         if row.drive is not None:
             declared = states.context.declares_friction(row.drive)
-            kept[row.drive] = found["memory"] + (along(slopes.residual, change) if declared else 0)
+            kept[row.drive] = found["memory"] + (
+                along(slopes["residual"], change) if declared else 0
+            )
         mean = mean + change
         covariance.take(root * across, list(shares), ca.vertcat(*shares.values()))
         innovations.append(shown)

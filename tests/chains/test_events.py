@@ -29,7 +29,7 @@ from distal.estimators.adaptive.touch import (
     FORCE,
     LASTING_TIME,
     TORQUE,
-    Evidence,
+    WEIGHED,
     Remembered,
     evidence_function,
     open_torques,
@@ -144,7 +144,7 @@ def test_torques_open_by_forces_and_stay_open_by_their_own_size() -> None:
     interval = Interval(ca.MX(), ca.MX(), ca.MX(ca.DM([dt])), ca.MX(ca.DM(estimator.parameters)))
     name = states.context.channels.forces[0].name
     most = 4e-6
-    evidence = {name: Evidence(*map(ca.MX, (0, 0, 0, excess, normal, most, 1)))}
+    evidence = {name: dict(zip(WEIGHED, map(ca.MX, (excess, normal, most, 1))))}
     open_torques(states, evidence, remembered, ca.MX(ca.DM(mean)), interval)
     by_torque = lever / arms * arms**2 / np.sum(arms**2)
     shape = contact_shape(rig)

@@ -5,8 +5,6 @@ Of one joint each tendon gives an angle; of several joints, all tendons together
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import casadi as ca
 import numpy as np
 
@@ -49,12 +47,13 @@ def read_drives(
     for sensor in channels.positions:
         i = names.index(sensor.of)
         j = channels.names.index(sensor.name)
-        held[i] = ca.if_else(mask[j], values[j] - sensor.bias.value, positions[i])
+        held[i] = ca.if_else(is_read(mask[j]), values[j] - sensor.bias.value, positions[i])
     for sensor in channels.forces:
         i = names.index(sensor.of)
         j = channels.names.index(sensor.name)
         read = (values[j] - sensor.bias.value) / gain_of(sensor).value
-        filtered[i] = ca.if_else(mask[j], read + forget * (pulls[i] - read), pulls[i])
+        after = read + forget * (pulls[i] - read)
+        filtered[i] = ca.if_else(is_read(mask[j]), after, pulls[i])
     return ca.vertcat(*held), ca.vertcat(*filtered)
 
 
@@ -66,48 +65,15 @@ def first_drives(
     Where nothing is read, a position is 0 and a pull is the nominal one. The sample's `values` and
     `mask` are (n_channels,).
     """
-    positions = [ca.SX(0) for _ in rig.drives]
-    pulls = [ca.SX(drive.nominal_force.value) for drive in rig.drives]
-    for first, sensors in ((positions, channels.positions), (pulls, channels.forces)):
-        for i, drive in enumerate(rig.drives):
-            sensor = sensor_for(sensors, drive.name)
-            if sensor is not None:
-                k = channels.names.index(sensor.name)
-                first[i] = ca.if_else(
-                    is_read(mask[k]),
-                    (values[k] - sensor.bias.value) / gain_of(sensor).value,
-                    first[i],
-                )
-    return ca.vertcat(*positions), ca.vertcat(*pulls)
+    nominal = ca.SX(ca.DM([drive.nominal_force.value for drive in rig.drives]))
+    still = ca.SX.zeros(len(rig.drives))
+    return read_drives(rig, channels, still, nominal, ca.vertcat(ca.inf, values, mask))
 
 
 def measured_tendons(rig: Rig, channels: Channels) -> tuple[int, ...]:
     """Return the indices of the tendons whose drive has a position sensor."""
     drives = [sensor.of for sensor in channels.positions]
     return tuple(i for i, tendon in enumerate(rig.tendons) if tendon.drive in drives)
-
-
-def levers_of(mechanism: Mechanism) -> list[Scalar]:
-    """Return h for each tendon, its displacement per displacement of its drive: 1 for a slider,
-    side · R for a capstan.
-    """
-    q = ca.SX.sym("q", mechanism.n_bodies)
-    return [
-        ca.jacobian(mechanism.displacement(i, q), q[drive])
-        for i, drive in enumerate(mechanism.drive_of)
-    ]
-
-
-def tension_share(mechanism: Mechanism, levers: Sequence[Scalar], tendon: int) -> Scalar:
-    """Return h_i/Σ h², the tension of a tendon per unit of its drive's pull.
-
-    Of all tensions that balance the pull these are the smallest; `levers` are the h of `levers_of`.
-    """
-    drive = mechanism.drive_of[tendon]
-    squares = (
-        lever**2 for lever, pulled_by in zip(levers, mechanism.drive_of) if pulled_by == drive
-    )
-    return levers[tendon] / sum(squares, ca.SX(0))
 
 
 ITERATIONS = 3
@@ -138,17 +104,21 @@ def stretches(mechanism: Mechanism, pulls: Vector, elastic: bool) -> list[Scalar
     The tensions balance the pull F of their drive with the smallest changes: T = T_pre + h (F − Σ h
     T_pre)/Σ h². The `pulls` are (n_drives,) [N, N m].
     """
+    n = mechanism.n_tendons
+    if not elastic:
+        return [ca.SX(0)] * n
     p = mechanism.parameters
-    levers = levers_of(mechanism)
+    q = ca.SX.sym("q", mechanism.n_bodies)
     drives = mechanism.drive_of
+    # h, a tendon's displacement per one of its drive: 1 for a slider, side · R for a capstan
+    levers = [ca.jacobian(mechanism.displacement(i, q), q[drives[i]]) for i in range(n)]
     lengths = []
     for i, drive in enumerate(drives):
-        tendons = [j for j in range(mechanism.n_tendons) if drives[j] == drive]
+        tendons = [j for j in range(n) if drives[j] == drive]
         standing = sum((levers[j] * p[f"tendons.{j}.pretension"] for j in tendons), ca.SX(0))
-        change = tension_share(mechanism, levers, i) * (
-            pulls[drive - mechanism.n_joints] - standing
-        )
-        lengths.append(change / p[f"tendons.{i}.stiffness"] if elastic else ca.SX(0))
+        square = sum((levers[j] ** 2 for j in tendons), ca.SX(0))
+        change = levers[i] / square * (pulls[drive - mechanism.n_joints] - standing)
+        lengths.append(change / p[f"tendons.{i}.stiffness"])
     return lengths
 
 

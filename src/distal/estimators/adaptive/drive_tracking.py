@@ -329,5 +329,5 @@ def track_function(robustness: Robustness, judged: bool, follows: bool) -> ca.Fu
         bend=bend,
         variance=noise + unknown + (robustness.bend_share * bend) ** 2,
     )
-    parts = ca.vertcat(*(getattr(drive, name) for name in TRACKED))
+    parts = ca.vertcat(*vars(drive).values())
     return ca.Function("drive", [memory, readings, dt], [ca.cse(ca.densify(parts))])

@@ -21,7 +21,7 @@ from distal.estimators.adaptive.states.vector import StateVector
 from distal.estimators.adaptive.touch import DRIVE, FORCE, TORQUE, compared_forces
 from distal.estimators.read_channels import Channels
 from distal.kernels import Indices, Layout, PlacedKernel, side_by_side
-from distal.rig import Subsystem, independent_parts
+from distal.rig import Sensor, Subsystem, independent_parts
 
 
 @dataclass(frozen=True)
@@ -123,28 +123,20 @@ def _keys(states: StateVector) -> list[tuple[object, str, int]]:
     return keys
 
 
-@dataclass(frozen=True)
-class _PartOfChannels(Channels):
-    """The sensors of a part; its nominal interval is that of the whole rig."""
-
-    nominal_interval: float = 0.0
-
-    @property
-    def interval(self) -> float:
-        """Interval of the fastest sensor of the whole rig [s]."""
-        return self.nominal_interval
-
-
 def _channels(part: Subsystem, channels: Channels) -> Channels:
-    names = {sensor.name for sensor in part.rig.sensors}
-    joints = {joint.name for joint in part.rig.joints}
+    """Return the sensors of a part; its nominal interval is that of the whole rig."""
 
-    positions, forces, tensions, others = (
-        tuple(sensor for sensor in sensors if sensor.name in names)
-        for sensors in (channels.positions, channels.forces, channels.tensions, channels.others)
+    def own(sensors: Sequence[Sensor]) -> tuple[Sensor, ...]:
+        return tuple(sensor for sensor in sensors if sensor.name in part.rig.sensor_names)
+
+    return Channels(
+        own(channels.positions),
+        own(channels.forces),
+        own(channels.tensions),
+        tuple(sensor for sensor in channels.angles if sensor.of in part.rig.joint_names),
+        own(channels.others),
+        channels.interval,
     )
-    angles = tuple(sensor for sensor in channels.angles if sensor.of in joints)
-    return _PartOfChannels(positions, forces, tensions, angles, others, channels.interval)
 
 
 def _stretches(which: Indices, size: int) -> Indices:

@@ -184,26 +184,17 @@ def away_from_stops(context: FilterContext, drive: int, position: Scalar) -> Sca
 
 
 @dataclass(frozen=True)
-class MeasurementSlopes:
-    """Slopes of a row's residual, limit and asymmetry by the state, (n, 1) each."""
-
-    residual: VectorNode
-    limit: VectorNode
-    asymmetry: VectorNode
-
-
-@dataclass(frozen=True)
 class RowAt:
     """A row at a state.
 
     Args:
         values: its values, in the layout `ROW`.
-        slopes: their slopes by the state.
+        slopes: those of its `SLOPED` values by the state, (n, 1) each, by name.
     """
 
     row: MeasurementRow
     values: VectorNode
-    slopes: MeasurementSlopes
+    slopes: dict[str, VectorNode]
 
 
 @dataclass(frozen=True)
@@ -228,14 +219,10 @@ class Rows:
         rows = measurement_rows_of(states, state, Tracks(vector), rates, x)
         outputs = dict[str, ca.SX]()
         for k, row in enumerate(rows):
-            outputs[f"values_{k}"] = ROW.joined(
-                **{part: ca.SX(getattr(row, part)) for part in ROW.names}
-            )
-            slopes = {
-                part: ca.sparsify(ca.jacobian(ca.SX(getattr(row, part)), state)).T
-                for part in SLOPED
-            }
-            outputs |= {f"{part}_{k}": slope for part, slope in slopes.items()}
+            values = {part: ca.SX(vars(row)[part]) for part in ROW.names}
+            outputs[f"values_{k}"] = ROW.joined(**values)
+            for part in SLOPED:
+                outputs[f"{part}_{k}"] = ca.sparsify(ca.jacobian(values[part], state)).T
         arguments = [state, vector, rates, x, context.mechanism.parameters.symbols]
         inputs = ["state", "tracks", "rates", "x", "p"]
         return cls(
@@ -251,10 +238,6 @@ class Rows:
         """
         outputs = self.function(state=state, tracks=tracks, rates=rates, x=x, p=p)
         return [
-            RowAt(
-                row,
-                outputs[f"values_{k}"],
-                MeasurementSlopes(*(outputs[f"{part}_{k}"] for part in SLOPED)),
-            )
+            RowAt(row, outputs[f"values_{k}"], {part: outputs[f"{part}_{k}"] for part in SLOPED})
             for k, row in enumerate(self.rows)
         ]
