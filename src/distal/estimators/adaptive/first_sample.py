@@ -16,7 +16,7 @@ from distal.kernels.mask import is_read
 from distal.regression import (
     ReportedMap,
     Shape,
-    first_memory,
+    begun_by,
     homed_memory,
     map_function,
     map_parameters,
@@ -118,7 +118,7 @@ def _with_maps(
         columns = [list(names).index(name) for name in learned.channels]
         shape = Shape.of(learned)
         of, is_present_there = values[columns], is_present[columns]
-        begun = _memory_of(learned)(of, is_present_there)
+        begun = begun_by(learned, of, is_present_there)
         parameters = ca.DM(map_parameters(learned))
         angles, _, spreads, _ = map_function(shape, len(learned.joints))(
             begun, 0, of, is_present_there, parameters
@@ -134,23 +134,13 @@ def _with_maps(
         of = (tracked if placed.learned.beside_filter else values)[columns]
         if placed.learned.beside_filter:
             of = ca.vertcat(of, mean[list(placed.states)])
-        begun = _memory_of(placed.learned)(of, is_present[columns])
+        begun = begun_by(placed.learned, of, is_present[columns])
         if placed.homes:
             parameters = p[number : number + placed.parameters]
             begun = homed_memory(placed.shape, placed.joints)(begun, parameters, home_std)
         memory = ca.vertcat(memory, begun, ca.MX.zeros(placed.carried))
         number += placed.parameters
     return ca.Function("prior", [values, is_present, p], [mean, variances, memory])
-
-
-def _memory_of(learned: LearnedMap) -> ca.Function:
-    """Return the function (readings, mask) → memory of a map before the first sample."""
-    shape = Shape.of(learned)
-    readings = ca.SX.sym("readings", shape.count)
-    mask = ca.SX.sym("mask", shape.channels)
-    centre, scale = (ca.DM(learned.arrays[name]) for name in ("centre", "scale"))
-    memory = first_memory(shape, centre, scale, readings, mask)
-    return ca.Function("begun", [readings, mask], [memory])
 
 
 def _memory(context: FilterContext, read: Read, is_there: Callable[[Sensor], Scalar]) -> Vector:
