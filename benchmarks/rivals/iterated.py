@@ -42,7 +42,7 @@ class IteratedFilter(AdaptiveFilter):
         self, rig: Rig, compiled: bool = True, updates: int = UPDATES, name: str = "iterated"
     ) -> None:
         super().__init__(rig.bare(), compiled=False, name=name)
-        self._kernel = Kernel(iterated_function(self._states, self.substeps, updates), compiled)
+        self._kernel = Kernel(iterated_function(self.states, self.substeps, updates), compiled)
 
 
 def iterated_function(states: StateVector, count: int, updates: int) -> ca.Function:

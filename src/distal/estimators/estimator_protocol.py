@@ -393,9 +393,8 @@ class KernelEstimator:
     def _accepted(self, belief: Belief, time: float, sample: Floats) -> tuple[Floats, float]:
         """Return the checked sample and stamp, or raise an error."""
         sample = self._checked(sample)
-        expected = self.initial_size
         if not isinstance(belief, Belief) or (
-            expected is not None and belief.kernel_state.shape != (expected,)
+            self.has_kernel and belief.kernel_state.shape != (self.kernel.n_kernel_state,)
         ):
             raise EstimationError(
                 f"{self.name}: the belief is not one of this estimator's; begin with "
@@ -404,11 +403,6 @@ class KernelEstimator:
         time = _number(self.name, time)
         check_time(self.name, belief.time, time, belief.samples == 0)
         return sample, time
-
-    @property
-    def initial_size(self) -> int | None:
-        """Length of the kernel state of a belief, or None where there is no kernel yet."""
-        return self.kernel.n_kernel_state if self.has_kernel else None
 
     def _checked(self, sample: Floats) -> Floats:
         with suppress(TypeError, ValueError):

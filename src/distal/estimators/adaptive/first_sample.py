@@ -168,15 +168,12 @@ def _begin(context: FilterContext, read: Read) -> Begin:
     """Return the readings of the first sample; `read` gives a sensor's value, or its second
     argument where that is missing.
     """
-    drives = range(context.n_drives)
     cells = {sensor.of: sensor for sensor in context.channels.tensions}
-    positions = [context.position_sensor(i) for i in drives]
-    forces = [context.force_sensor(i) for i in drives]
-    tensions = [cells.get(tendon.name) for tendon in context.mechanism.rig.tendons]
-    efforts, pulls = (
+    positions = [context.position_sensor(i) for i in range(context.n_drives)]
+    forces = [context.force_sensor(i) for i in range(context.n_drives)]
+    tensions = [cells.get(name) for name in context.mechanism.rig.tendon_names]
+    starts, efforts, pulls = (
         [None if sensor is None else read(sensor, 0.0) for sensor in sensors]
-        for sensors in (forces, tensions)
+        for sensors in (positions, forces, tensions)
     )
-    return Begin(
-        [0.0 if sensor is None else read(sensor, 0.0) for sensor in positions], efforts, pulls
-    )
+    return Begin([0.0 if start is None else start for start in starts], efforts, pulls)
