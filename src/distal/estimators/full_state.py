@@ -14,13 +14,13 @@ from distal.arrays import Floats
 from distal.errors import EstimationError
 from distal.estimators.estimator_protocol import KernelEstimator
 from distal.estimators.kalman import predict_covariance, update
-from distal.estimators.kinematic import first_drives
+from distal.estimators.kinematic import error_of, first_drives
 from distal.estimators.read_channels import UNKNOWN_POSITION, Channels, channels_of, sensor_for
 from distal.expressions import Vector
 from distal.kernels import Kernel, kernel_state_layout
 from distal.model import Mechanism, substeps, tangent_step
 from distal.rig import Rig, Sensor, angle_names, gain_of, speed_names
-from distal.sensor_errors import systematic_variance, variance
+from distal.sensor_errors import variance
 
 
 @dataclass(frozen=True)
@@ -208,7 +208,7 @@ def rig_noise(rig: Rig) -> Noise:
         for drive, sensor in forces
     ]
     measured = (*channels.positions, *channels.tensions)
-    measurements = np.array([variance(sensor) + systematic_variance(sensor) for sensor in measured])
+    measurements = np.array([error_of(sensor) for sensor in measured])
     initial = _initial_variances(rig, channels, mechanism)
     return Noise(np.array(inputs), np.zeros(2 * mechanism.n_bodies), measurements, initial)
 
@@ -222,7 +222,7 @@ def _initial_variances(rig: Rig, channels: Channels, mechanism: Mechanism) -> Fl
     for drive in rig.drives:
         sensor = sensor_for(channels.positions, drive.name)
         if sensor is not None:
-            positions.append(np.sqrt(variance(sensor) + systematic_variance(sensor)))
+            positions.append(np.sqrt(error_of(sensor)))
         elif drive.stops is not None:
             positions.append((drive.stops[1] - drive.stops[0]) / np.sqrt(12.0))
         else:
