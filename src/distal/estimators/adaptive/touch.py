@@ -174,10 +174,7 @@ def compared_forces(context: FilterContext) -> tuple[Sensor, ...]:
     """Return the sensors of forces and tensions that are asked for a touch; none where no joint may
     be touched.
     """
-    if not context.touchable:
-        return ()
-    forces = (*context.channels.forces, *context.channels.tensions)
-    return tuple(sensor for sensor in context.channels.compared if sensor in forces)
+    return context.forces if context.touchable else ()
 
 
 def paced(states: StateVector, kept: Remembered, interval: Interval) -> ScalarNode:
