@@ -168,11 +168,11 @@ class KernelEstimator:
         Raises:
             EstimationError: the stamp is not finite, or the sample has the wrong shape or is wild.
         """
-        if not np.isfinite(_number(self.name, time)):
-            raise EstimationError(f"{self.name}: the stamp {time} is not a finite time")
+        time = _number(self.name, time)
+        check_time(self.name, time, time, True)
         mean, covariance, memory = self.prior(self._checked(sample), self._p)
         kernel_state = np.concatenate([mean, covariance.ravel(), memory])
-        return Belief(float(time), frozen(kernel_state), len(mean))
+        return Belief(time, frozen(kernel_state), len(mean))
 
     def prior(self, sample: Floats, p: Floats) -> tuple[Floats, Floats, Floats]:
         """Return mean, (n,), covariance, (n, n), and remembered inputs before the first sample.

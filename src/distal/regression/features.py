@@ -5,6 +5,7 @@ It is the same function live, in C, in vector lanes, and over logs when weights 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -73,6 +74,10 @@ class Shape:
             points=(self.radial, inputs),
             root=(self.radial, self.radial),
         )
+
+    def flat(self, arrays: Mapping[str, Floats]) -> Floats:
+        """Return the numbers of the features, by name, as one vector; see `frame`."""
+        return np.concatenate([arrays[name].ravel(order="F") for name in self.frame.names])
 
     @cached_property
     def features(self) -> Layout:

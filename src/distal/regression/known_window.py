@@ -224,8 +224,7 @@ def _as_weights(learned: LearnedMap, log: Samples) -> list[tuple[Weights, Eviden
     """
     arrays = learned.arrays
     shape = Shape.of(learned)
-    flat = np.concatenate([arrays[name].ravel(order="F") for name in shape.frame.names])
-    along = features_along(shape, flat, log.time, log.every)
+    along = features_along(shape, shape.flat(arrays.by_name), log.time, log.every)
     pairs = []
     for j in range(len(learned.joints)):
         prior = Prior(

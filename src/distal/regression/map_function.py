@@ -36,9 +36,8 @@ def map_parameters(learned: LearnedMap) -> Floats:
     """Return the parameters of the function of a map, (n_p,), see `map_function`."""
     arrays = learned.arrays
     shape = Shape.of(learned)
-    frame = [arrays[name].ravel(order="F") for name in shape.frame.names]
     names = ("rate", "mean", "radial", "noise", "filter", "error_time", "correlation", "covariance")
-    return np.concatenate([*frame, *(arrays[name].ravel() for name in names)])
+    return np.concatenate([shape.flat(arrays.by_name), *(arrays[name].ravel() for name in names)])
 
 
 def begun_by(learned: LearnedMap, readings: Expression, mask: Expression) -> Expression:
