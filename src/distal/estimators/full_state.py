@@ -83,13 +83,7 @@ def full_state_function(mechanism: Mechanism, channels: Channels, count: int) ->
     mean, covariance, innovations, variances = _update_function(mechanism, measured)(*arguments)
     following = layout.joined(mean=mean, covariance=covariance, pulls=pull)
     y = ca.vertcat(innovations, variances)
-    return ca.Function(
-        "full_state",
-        [kernel_state, x, p],
-        [following, y],
-        ["kernel_state", "x", "p"],
-        ["next", "y"],
-    )
+    return ca.Function("full_state", [kernel_state, x, p], [following, y])
 
 
 def _update_function(mechanism: Mechanism, measured: Sequence[Sensor]) -> ca.Function:

@@ -179,8 +179,6 @@ def kinematic_function(
         "kinematic",
         [kernel_state, x, mechanism.parameters.symbols],
         [ca.cse(following), ca.SX.zeros(1)],
-        ["kernel_state", "x", "p"],
-        ["next", "y"],
     )
 
 

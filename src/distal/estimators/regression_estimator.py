@@ -268,10 +268,4 @@ def regression_function(
         spread[rows, rows] = of_map.part(parameters, "correlation") * ca.mtimes(stds, stds.T)
         after.append(following)
     following = layout.joined(mean=mean, covariance=spread, map=ca.vertcat(*after))
-    return ca.Function(
-        "regression",
-        [kernel_state, x, p],
-        [following, ca.MX.zeros(1)],
-        ["kernel_state", "x", "p"],
-        ["next", "y"],
-    )
+    return ca.Function("regression", [kernel_state, x, p], [following, ca.MX.zeros(1)])

@@ -86,9 +86,7 @@ def adaptive_function(
         **kept.joined(),
     )
     y = ca.vertcat(y, *before) if trace else y
-    return ca.Function(
-        "adaptive", [kernel_state, x, p], [following, y], ["kernel_state", "x", "p"], ["next", "y"]
-    )
+    return ca.Function("adaptive", [kernel_state, x, p], [following, y])
 
 
 def _bounded(
