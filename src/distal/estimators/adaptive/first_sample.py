@@ -9,7 +9,7 @@ import casadi as ca
 from distal.estimators.adaptive.drive_tracking import MEMORY, remembered_position
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.states import Begin, StateVector
-from distal.estimators.adaptive.touch import DRIVE, FORCE, touch_layout
+from distal.estimators.adaptive.touch import FORCE, touch_layout
 from distal.estimators.read_channels import UNKNOWN_POSITION
 from distal.expressions import Scalar, Vector
 from distal.kernels.mask import is_read
@@ -87,25 +87,21 @@ def prior_function(
         if state.first is not None:
             mean[at], std = state.first(begin)
             variances[at] = std**2
+    # maps beside the filter read the positions of drives as it has them, without a known offset
+    placed = (
+        values[k] if at is None else context.corrected(sensors[names[k]], values[k])
+        for k, at in enumerate(positions)
+    )
     symbols = context.mechanism.parameters.symbols
     p = ca.SX.sym("p", inputs)
-    first = ca.substitute([mean, variances, memory], [symbols], [p[: symbols.numel()]])
-    plain = ca.Function("plain", [values, is_present, p], first)
-    placed = ca.vertcat(
-        *(
-            values[k] if at is None else context.corrected(sensors[names[k]], values[k])
-            for k, at in enumerate(positions)
-        )
-    )
-    placed = ca.substitute([placed], [symbols], [p[: symbols.numel()]])[0]
-    # maps beside the filter read the positions of drives as it has them, without a known offset
-    of_filter = ca.Function("placed", [values, p], [ca.vertcat(placed, values[len(positions) :])])
-    return _with_maps(plain, of_filter, maps, readings, names, home_std)
+    outputs = [mean, variances, memory, ca.vertcat(*placed, values[len(positions) :])]
+    outputs = ca.substitute(outputs, [symbols], [p[: symbols.numel()]])
+    plain = ca.Function("plain", [values, is_present, p], outputs)
+    return _with_maps(plain, maps, readings, names, home_std)
 
 
 def _with_maps(
     plain: ca.Function,
-    of_filter: ca.Function,
     maps: Sequence[ReportedMap],
     readings: Sequence[tuple[LearnedMap, Sequence[int]]],
     names: Sequence[str],
@@ -113,21 +109,17 @@ def _with_maps(
 ) -> ca.Function:
     """Return the function `plain` with the start by maps, and with the memories of maps."""
     values, is_present, p = (ca.MX.sym(n, plain.numel_in(i)) for i, n in enumerate("vmp"))
-    mean, variances, memory = plain(values, is_present, p)
+    mean, variances, memory, tracked = plain(values, is_present, p)
     for learned, joints in readings:
         columns = [list(names).index(name) for name in learned.channels]
-        shape = Shape.of(learned)
-        of, is_present_there = values[columns], is_present[columns]
-        begun = begun_by(learned, of, is_present_there)
-        parameters = ca.DM(map_parameters(learned))
-        angles, _, spreads, _ = map_function(shape, len(learned.joints))(
-            begun, 0, of, is_present_there, parameters
-        )
+        read = values[columns], is_present[columns]
+        function = map_function(Shape.of(learned), len(learned.joints))
+        begun = begun_by(learned, *read)
+        angles, _, spreads, _ = function(begun, 0, *read, map_parameters(learned))
         for k, joint in enumerate(joints):
             better = spreads[k] < variances[joint]
             mean[joint] = ca.if_else(better, angles[k], mean[joint])
             variances[joint] = ca.if_else(better, spreads[k], variances[joint])
-    tracked = of_filter(values, p)
     number = p.numel() - sum(placed.parameters for placed in maps)
     for placed in maps:
         columns = list(placed.channels)
@@ -148,10 +140,7 @@ def _memory(context: FilterContext, read: Read, is_there: Callable[[Sensor], Sca
     a drive is unknown where `is_there` is 0.
     """
     lengths = touch_layout(context)
-    memory = ca.SX.zeros(MEMORY * context.n_drives + sum(lengths.values()))
-    usual = (MEMORY + DRIVE.size) * context.n_drives + FORCE["usual"].start
-    for k in range(lengths["evidence"] // FORCE.size):
-        memory[usual + FORCE.size * k] = UNEXPLAINED_AT_FIRST
+    memory = ca.SX.zeros(MEMORY * context.n_drives)
     for i, drive in enumerate(context.mechanism.rig.drives):
         position = context.position_sensor(i)
         effort = context.force_sensor(i)
@@ -161,7 +150,10 @@ def _memory(context: FilterContext, read: Read, is_there: Callable[[Sensor], Sca
             memory[remembered_position(i, "unknown")] = ca.if_else(is_there(position), 0.0, unknown)
         if effort is not None:
             memory[remembered_position(i, "effort")] = read(effort, 0.0)
-    return memory
+    force = FORCE.joined(mean=ca.SX(0), force=ca.SX(0), usual=ca.SX(UNEXPLAINED_AT_FIRST))
+    evidence = ca.repmat(force, lengths["evidence"] // FORCE.size, 1)
+    forces, torques = (ca.SX.zeros(lengths[name]) for name in ("forces", "torques"))
+    return ca.vertcat(memory, forces, evidence, torques)
 
 
 def _begin(context: FilterContext, read: Read) -> Begin:
