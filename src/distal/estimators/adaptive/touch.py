@@ -199,10 +199,10 @@ def evidence_function(context: FilterContext) -> ca.Function:
     `normal` = (z_a, z_b, n_m), learned from logs in free motion. Each ν/√S is limited, so that at
     intervals below 35 ms one sample alone never exceeds z_w.
     """
-    kept = ca.SX.sym("kept", FORCE.size)
-    normal = ca.SX.sym("normal", len(NORMAL))
-    scalars = [ca.SX.sym(name) for name in ("nu", "S", "used", "pace", "U", "sigma", "dt")]
-    innovation, variance, used, speed, reading, noise, dt = scalars
+    names = ("innovation", "variance", "is_used", "pace", "reading", "noise", "dt")
+    sizes = {"kept": FORCE.size, "normal_by": len(NORMAL), **dict.fromkeys(names, 1)}
+    given = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
+    kept, normal, innovation, variance, used, speed, reading, noise, dt = given.values()
     memory = FORCE.parts(kept)
     beyond = ca.fmax(1, speed / normal[2])
     threshold = ca.sqrt((normal[0] ** 2 + normal[1] ** 2 * speed) * beyond)
@@ -220,19 +220,8 @@ def evidence_function(context: FilterContext) -> ca.Function:
     share = ca.fmax(1 - threshold**2 / ca.fmax(mean**2, SMALLEST_TORQUE), 0)
     largest = (ca.fabs(reading) + SURE * noise) ** 2
     outputs = [mean, force, usual, used * share * force**2, threshold**2 * variance, largest, used]
-    inputs = [
-        "kept",
-        "innovation",
-        "variance",
-        "is_used",
-        "pace",
-        "reading",
-        "noise",
-        "normal_by",
-        "dt",
-    ]
-    arguments = [kept, innovation, variance, used, speed, reading, noise, normal, dt]
-    return ca.Function("evidence", arguments, outputs, inputs, [*FORCE.names, *WEIGHED])
+    inputs = list(given.values())
+    return ca.Function("evidence", inputs, outputs, list(given), [*FORCE.names, *WEIGHED])
 
 
 def open_torques(

@@ -135,9 +135,11 @@ class StateVector:
         for of_all, kinds in times:
             if of_all > 0.0:
                 slow |= dict.fromkeys(self.of_kind(*kinds), ca.fmin(1.0, interval / of_all))
-        untold = [i for i, state in enumerate(self.states) if state.unidentified and not reference]
         # of an error for which the model has no state only the uncertainty counts (Schmidt, 1966)
-        return slow | dict.fromkeys([*untold, *self.of_kind(StateKind.TRANSMISSION_ERROR)], 0.0)
+        kept = list(self.of_kind(StateKind.TRANSMISSION_ERROR))
+        if not reference:
+            kept += [i for i, state in enumerate(self.states) if state.unidentified]
+        return slow | dict.fromkeys(kept, 0.0)
 
     @property
     def slow(self) -> tuple[int, ...]:
@@ -199,8 +201,8 @@ class StateVector:
         return reading - self.added(("reading", sensor.name), state, reading)
 
     def coordinates(self, state: Vector, readings: Sequence[Scalar]) -> Vector:
-        """Return the coordinates q of joints and drives, from the `readings` of all drives'
-        positions.
+        """Return the coordinates q of joints and drives at a `state`, from the `readings` of all
+        drives' positions.
         """
         positions = (self.position(i, reading, state) for i, reading in enumerate(readings))
         return ca.vertcat(state[: self.context.n_joints], *positions)
