@@ -50,14 +50,10 @@ def state_vector(
     Raises:
         EstimationError: the sensors do not suffice.
     """
-    guards = usual_guards(rig) if guards is None else guards
+    if guards is None:
+        guards = Robustness.usual(len(rig.joints), rig.free_motion is not None)
     channels = channels_of(rig, "adaptive", references, others=True)
     return states_of_rig(rig, inputs, channels, guards, kinds, folded)
-
-
-def usual_guards(rig: Rig) -> Robustness:
-    """Return the guards that a rig's filter has where none are given."""
-    return Robustness.usual(len(rig.joints), rig.free_motion is not None)
 
 
 class AdaptiveFilter(KernelEstimator):
@@ -99,9 +95,8 @@ class AdaptiveFilter(KernelEstimator):
         home_std: float | None = None,
     ) -> None:
         channels = channels_of(rig, name, references, others=True)
-        guards = usual_guards(rig) if robustness is None else robustness
         self.states = state_vector(
-            rig, tuple(references), tuple(inputs), guards, tuple(kinds), folded
+            rig, tuple(references), tuple(inputs), robustness, tuple(kinds), folded
         )
         self.state_kinds = self.states.state_kinds
         self.state_parts = self.states.state_parts
@@ -296,22 +291,21 @@ class AdaptiveFilter(KernelEstimator):
         """Indices in the kernel state of the share, 0 (free) to 1, that a touch has of each joint
         that may be touched.
         """
-        at = adaptive_layout(self.states)["torques"].start + TORQUE["share"].start
-        joints = range(len(self.states.context.touchable))
-        return tuple(at + TORQUE.size * k for k in joints)
+        return tuple(self._of_torques("share"))
+
+    def _of_torques(self, part: str) -> list[int]:
+        """Return the indices in the kernel state of a part of what is remembered of each torque."""
+        at = adaptive_layout(self.states)["torques"].start + TORQUE[part].start
+        return [at + TORQUE.size * k for k in range(len(self.states.context.touchable))]
 
     @property
     def contacts(self) -> dict[str, list[int]]:
         """Joint → indices in the kernel state of the probability of a touch, and of the time for
         which it has lasted [s].
         """
-        at = adaptive_layout(self.states)["torques"].start
-        parts = ("probability", "since")
         joints = (self.rig.joints[joint].name for joint in self.states.context.touchable)
-        return {
-            name: [at + TORQUE.size * k + TORQUE[part].start for part in parts]
-            for k, name in enumerate(joints)
-        }
+        found = zip(self._of_torques("probability"), self._of_torques("since"))
+        return {joint: list(indices) for joint, indices in zip(joints, found)}
 
     @property
     def substeps(self) -> int:
