@@ -168,17 +168,17 @@ class RegressionEstimator(KernelEstimator):
             )
         offsets = offsets_of(log, self.rig)
 
-        def own(joints: Sequence[str], channels: Sequence[str]) -> Samples:
+        def samples_of(joints: Sequence[str], channels: Sequence[str]) -> Samples:
             return of_part(samples, self.rig, self.channels, joints, channels)
 
         if self._kernel is not None:
             after = [
-                given(learned, own(learned.joints, learned.channels), early, offsets)
+                given(learned, samples_of(learned.joints, learned.channels), early, offsets)
                 for learned in self.maps
             ]
         else:
             after = [
-                from_window(own(part["joints"], part["channels"]), part, early, offsets)
+                from_window(samples_of(part["joints"], part["channels"]), part, early, offsets)
                 for part in parts_of(self.rig, self._sensors)
             ]
         taught = copy(self)
@@ -227,12 +227,12 @@ def placed(maps: Sequence[LearnedMap], joints: int) -> tuple[PlacedMap, ...]:
     """
     memory = kernel_state_layout(joints).size
     parameters = 0
-    every = []
+    found = []
     for learned in maps:
-        every.append(PlacedMap(learned, memory, parameters))
+        found.append(PlacedMap(learned, memory, parameters))
         memory += Shape.of(learned).memory.size
         parameters += len(map_parameters(learned))
-    return tuple(every)
+    return tuple(found)
 
 
 def regression_function(

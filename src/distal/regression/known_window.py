@@ -182,8 +182,8 @@ def _with_weights(learned: LearnedMap, weights: Sequence[Weights]) -> LearnedMap
     """Return a map with other weights of each joint."""
     arrays = {
         **learned.arrays.by_name,
-        "mean": np.stack([own.mean for own in weights]),
-        "covariance": np.stack([own.covariance for own in weights]),
+        "mean": np.stack([of_joint.mean for of_joint in weights]),
+        "covariance": np.stack([of_joint.covariance for of_joint in weights]),
     }
     return learned.model_copy(update={"arrays": MapArrays(**arrays)})
 

@@ -87,9 +87,9 @@ def _apart(states: StateVector, part: Subsystem) -> Apart:
     )
 
 
-def _among(every: Sequence[object], some: Sequence[object]) -> Indices:
+def _among(whole: Sequence[object], part: Sequence[object]) -> Indices:
     """Return the indices of some things among all, −1 for one that is not among them."""
-    return np.array([every.index(one) if one in every else -1 for one in some], dtype=np.intp)
+    return np.array([whole.index(item) if item in whole else -1 for item in part], dtype=np.intp)
 
 
 def _whole_name(part: Subsystem, at: Indices, name: str) -> str:
@@ -121,15 +121,15 @@ def _keys(states: StateVector) -> list[tuple[object, str, int]]:
 def _channels(part: Subsystem, channels: Channels) -> Channels:
     """Return the sensors of a part; its nominal interval is that of the whole rig."""
 
-    def own(sensors: Sequence[Sensor]) -> tuple[Sensor, ...]:
+    def of_part(sensors: Sequence[Sensor]) -> tuple[Sensor, ...]:
         return tuple(sensor for sensor in sensors if sensor.name in part.rig.sensor_names)
 
     return Channels(
-        own(channels.positions),
-        own(channels.forces),
-        own(channels.tensions),
+        of_part(channels.positions),
+        of_part(channels.forces),
+        of_part(channels.tensions),
         tuple(sensor for sensor in channels.angles if sensor.of in part.rig.joint_names),
-        own(channels.others),
+        of_part(channels.others),
         channels.interval,
     )
 

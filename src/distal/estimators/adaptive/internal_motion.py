@@ -155,8 +155,8 @@ def _ordered(states: StateVector) -> list[int]:
     for tendon, name in enumerate(mechanism.rig.tendon_names):
         sheath = mechanism.sheath(tendon, still)
         if sheath is not None:
-            own = [at for at in points if states.state_parts[at] == name]
-            order += [own[k] for k in sheath.order()]
+            along = [at for at in points if states.state_parts[at] == name]
+            order += [along[k] for k in sheath.order()]
     return [*order, *states.of_kind(StateKind.CREEP)]
 
 

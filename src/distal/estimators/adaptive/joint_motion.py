@@ -112,10 +112,10 @@ def moved(
 
 def _acting(states: StateVector) -> list[int]:
     """Return the indices of the states that enter the model: as parameters or torques."""
-    every = enumerate(states.states)
+    states_by_index = enumerate(states.states)
     return [
         i
-        for i, state in every
+        for i, state in states_by_index
         if state.indices or (state.to is not None and state.to[0] == "torque")
     ]
 
