@@ -16,7 +16,6 @@ from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered
 from distal.estimators.adaptive.filter_context import LONGEST_SUBSTEP
 from distal.estimators.adaptive.filter_inputs import states_of_rig
 from distal.estimators.adaptive.measurement import MeasurementRow, measurement_rows_of
-from distal.estimators.adaptive.states.joint import ExternalTorqueState
 from distal.estimators.belief import innovation
 from distal.estimators.read_channels import UNKNOWN_POSITION
 from distal.estimators.state_kinds import StateKind
@@ -191,12 +190,11 @@ def torque_fadings(states: StateVector, dt: Any) -> list[tuple[int, Any, Any]]:
         dt: length of the interval [s].
     """
     parameters, fadings, length = states.context.mechanism.parameters, [], ca.SX.sym("dt")
-    for block in states.blocks:
-        if isinstance(block, ExternalTorqueState):
-            fading = block.fading(length)
-            arguments, outputs = [length, parameters.symbols], [fading.factor, fading.std]
+    for at, time, lasting_std in states.fadings():
+        if at in states.torque_states:
+            arguments, outputs = [length, parameters.symbols], [ca.exp(-length / time), lasting_std]
             factor, std = ca.Function("fading", arguments, outputs)(dt, parameters.values)
-            fadings.append((states.indices(block)[0], factor, std))
+            fadings.append((at, factor, std))
     return fadings
 
 
@@ -212,7 +210,7 @@ def move_function(states: StateVector, count: int) -> ca.Function:
     nd, nj, nb = context.n_drives, context.n_joints, mechanism.n_bodies
     state, shift, before = ca.SX.sym("state", n), ca.SX.sym("shift", nd), ca.SX.sym("before", nd)
     vector, dt, h = ca.SX.sym("tracks", Tracks.size(nd)), ca.SX.sym("dt"), ca.SX.sym("h")
-    p, tracks, starts, speeds = mechanism.parameters.symbols, Tracks(vector, nd), [], []
+    p, tracks, starts, speeds = mechanism.parameters.symbols, Tracks(vector), [], []
     for i in range(nd):
         measured = context.position_sensor(i) is not None
         error = shift[i] if measured else 0
@@ -262,7 +260,7 @@ def compare_function(states: StateVector) -> ca.Function:
     context, n, nd = states.context, len(states), states.context.n_drives
     state, kept, before = ca.SX.sym("state", n), ca.SX.sym("kept", nd), ca.SX.sym("before", nd)
     vector, x = ca.SX.sym("tracks", Tracks.size(nd)), ca.SX.sym("x", context.width)
-    tracks, dt = Tracks(vector, nd), x[0]
+    tracks, dt = Tracks(vector), x[0]
     rates = [
         ca.if_else(dt > 0, (tracks[i].position - before[i]) / ca.if_else(dt > 0, dt, 1), 0)
         for i in range(nd)

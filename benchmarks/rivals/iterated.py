@@ -42,7 +42,7 @@ class IteratedFilter(AdaptiveFilter):
         self, rig: Rig, compiled: bool = True, updates: int = UPDATES, name: str = "iterated"
     ) -> None:
         super().__init__(rig.bare(), compiled=False, name=name)
-        self._kernel = Kernel(iterated_function(self._states, self.substeps, updates), compiled)
+        self._kernel = Kernel(iterated_function(self.states, self.substeps, updates), compiled)
 
 
 def iterated_function(states: StateVector, count: int, updates: int) -> ca.Function:
@@ -113,7 +113,7 @@ def iterated_update(
         updates: how often each row is linearised.
     """
     prior, covariance = prediction.state, Downdate(prediction.covariance)
-    tracks, x, p, nd = interval.tracks, interval.x, interval.p, states.context.n_drives
+    tracks, x, p = interval.tracks, interval.x, interval.p
     table, nominal = Rows.of(states), states.context.parameters(p, ["interval"])
     mean, kept, innovations, spreads = ca.MX(prior), list(memory), list[Any](), list[Any]()
     for k, row in enumerate(table.rows):
@@ -121,29 +121,27 @@ def iterated_update(
             comparison_function(states, row),
             weights(states.context.robustness, row.trusted),
         )
-        followed = (
-            ca.MX.zeros(len(TRACKED)) if row.drive is None else Tracks(tracks, nd).of(row.drive)
-        )
+        followed = ca.MX.zeros(len(TRACKED)) if row.drive is None else Tracks(tracks).of(row.drive)
         point = ca.MX(prior)
         for _ in range(updates):
             at = table.at(point, tracks, rates, x, p)[k]
             slopes, moved = at.slopes, mean - point
             by_residual, by_limit, by_asymmetry = (
-                covariance.times(getattr(slopes, part)) for part in SLOPED
+                covariance.times(slopes[part]) for part in SLOPED
             )
             since = SINCE.joined(
-                **{part: along(getattr(slopes, part), moved) for part in SLOPED},
-                residual_variance=along(slopes.residual, by_residual),
-                limit_variance=along(slopes.limit, by_limit),
+                **{part: along(slopes[part], moved) for part in SLOPED},
+                residual_variance=along(slopes["residual"], by_residual),
+                limit_variance=along(slopes["limit"], by_limit),
                 memory=ca.MX(0) if row.drive is None else kept[row.drive],
             )
             found = compare(values=at.values, since=since, track=followed, dt=x[0], p=p)
             across = (
                 found["by_limit"] * by_limit + found["by_asymmetry"] * by_asymmetry - by_residual
             )
-            spread = found["by_limit"] * along(slopes.limit, across)
-            spread += found["by_asymmetry"] * along(slopes.asymmetry, across)
-            spread += found["variance"] - along(slopes.residual, across)
+            spread = found["by_limit"] * along(slopes["limit"], across)
+            spread += found["by_asymmetry"] * along(slopes["asymmetry"], across)
+            spread += found["variance"] - along(slopes["residual"], across)
             weight, root, shown = weigh(
                 spread, found["innovation"], ROW.part(at.values, "mask"), found["counts"]
             )
@@ -154,7 +152,9 @@ def iterated_update(
             change[list(shares)] *= ca.vertcat(*shares.values())
         if row.drive is not None:
             declared = states.context.declares_friction(row.drive)
-            kept[row.drive] = found["memory"] + (along(slopes.residual, change) if declared else 0)
+            kept[row.drive] = found["memory"] + (
+                along(slopes["residual"], change) if declared else 0
+            )
         mean = mean + change
         covariance.take(root * across, list(shares), ca.vertcat(*shares.values()))
         innovations.append(shown)

@@ -18,9 +18,8 @@ from distal.estimators.adaptive import Robustness
 from distal.estimators.adaptive.drive_tracking import (
     MEMORY,
     REMEMBERED,
-    ForceEvidence,
     Tracks,
-    track,
+    track_function,
 )
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.interval import Interval, Prediction
@@ -30,7 +29,7 @@ from distal.estimators.adaptive.touch import (
     FORCE,
     LASTING_TIME,
     TORQUE,
-    Evidence,
+    WEIGHED,
     Remembered,
     evidence_function,
     open_torques,
@@ -145,7 +144,7 @@ def test_torques_open_by_forces_and_stay_open_by_their_own_size() -> None:
     interval = Interval(ca.MX(), ca.MX(), ca.MX(ca.DM([dt])), ca.MX(ca.DM(estimator.parameters)))
     name = states.context.channels.forces[0].name
     most = 4e-6
-    evidence = {name: Evidence(*map(ca.MX, (0, 0, 0, excess, normal, most, 1)))}
+    evidence = {name: dict(zip(WEIGHED, map(ca.MX, (excess, normal, most, 1))))}
     open_torques(states, evidence, remembered, ca.MX(ca.DM(mean)), interval)
     by_torque = lever / arms * arms**2 / np.sum(arms**2)
     shape = contact_shape(rig)
@@ -185,33 +184,19 @@ def test_nothing_opens_in_a_fit_nor_where_nothing_can_touch() -> None:
 
 
 def tracked(
-    readings: list[float], dt: float, least: float = 0.5, pulls: float = 0.0, off: float = 0.0
+    readings: list[float], dt: float, follows: bool = False, pulls: float = 0.0, off: float = 0.0
 ) -> list[dict[str, float]]:
     """Return what is remembered of a drive after each reading; its force rises by `pulls` per m,
     and the model is `off`. One that is NaN is missing.
     """
-    memory, reading, effort = ca.SX.sym("memory", MEMORY), ca.SX.sym("z"), ca.SX.sym("U")
-    mask = ca.SX.sym("mask")
-    force = ForceEvidence(effort + off, ca.SX(READ), ca.SX(2500.0), ca.SX(0.1), effort, least)
-    drive = track(
-        memory,
-        reading,
-        mask,
-        ca.SX(2.5e-11),
-        ca.SX(dt),
-        robustness=CHAIN,
-        silence=None,
-        force_evidence=force,
-    )
-    step = ca.Function(
-        "step",
-        [memory, reading, effort, mask],
-        [ca.vertcat(*(getattr(drive, name) for name in REMEMBERED))],
-    )
+    step = track_function(CHAIN, judged=True, follows=follows)
     now, found = np.zeros(MEMORY), []
     for value in readings:
         position, seen = (0.0, MISSING) if np.isnan(value) else (value, READ)
-        now = np.array(step(now, position, pulls * position, seen)).ravel()
+        effort = pulls * position
+        of_force = [effort + off, READ, 2500.0, 0.1, effort]
+        now = np.array(step(now, [position, seen, 2.5e-11, 0.0, 0.0, *of_force], dt)).ravel()
+        now = now[:MEMORY]
         found.append(dict(zip(REMEMBERED, now)))
     return found
 
@@ -235,13 +220,13 @@ def test_what_nothing_can_judge_stays_in_doubt_for_a_while() -> None:
     """Where a joint follows at once, only an interval too short for a drive to start and stop tells
     of the zero.
     """
-    found = tracked([0.0, 3e-3, 3e-3, 3e-3], 0.005, least=0.0)
+    found = tracked([0.0, 3e-3, 3e-3, 3e-3], 0.005, follows=True)
     assert found[1]["shift"] == pytest.approx(3e-3)
     np.testing.assert_allclose(
         [one["shift_std"] for one in found[1:]], 1.5e-3 * np.exp(-np.arange(3) * 0.005 / 1.2)
     )
     assert found[3]["position"] == pytest.approx(0.0, abs=1e-9)
-    assert tracked([0.0] + [3e-3] * 8, 0.05, least=0.0)[-1]["position"] == pytest.approx(
+    assert tracked([0.0] + [3e-3] * 8, 0.05, follows=True)[-1]["position"] == pytest.approx(
         3e-3, rel=1e-3
     )
 
@@ -251,8 +236,8 @@ def test_a_drive_that_moved_while_it_was_not_read_has_not_lost_its_zero() -> Non
     does.
     """
     lost = [np.nan, np.nan]
-    assert tracked([0.0, 6e-3], 0.005, least=0.0)[-1]["shift"] == pytest.approx(6e-3)
-    found = tracked([0.0, *lost, *[6e-3] * 8], 0.005, least=0.0)
+    assert tracked([0.0, 6e-3], 0.005, follows=True)[-1]["shift"] == pytest.approx(6e-3)
+    found = tracked([0.0, *lost, *[6e-3] * 8], 0.005, follows=True)
     assert all(one["shift"] == 0.0 for one in found)
 
 
@@ -271,7 +256,7 @@ def test_a_drive_that_its_force_shows_has_jumped_itself() -> None:
 
 def test_a_drive_that_moves_on_has_not_lost_its_zero() -> None:
     ramp = [0.0, 1e-3, 2e-3, 3e-3, 4e-3, 5e-3, 6e-3]
-    found = tracked(ramp + [6e-3] * 40, 0.005, least=0.0)
+    found = tracked(ramp + [6e-3] * 40, 0.005, follows=True)
     assert found[1]["shift"] == pytest.approx(1e-3)
     assert found[-1]["shift"] == 0.0
     assert found[-1]["position"] == pytest.approx(6e-3, rel=1e-3)

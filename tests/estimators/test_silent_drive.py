@@ -4,12 +4,11 @@ then said to be known.
 
 from __future__ import annotations
 
-import casadi as ca
 import numpy as np
 import pytest
 
 from distal import Log, estimate, load_scenario, scenario_rig, simulate
-from distal.estimators.adaptive.drive_tracking import MEMORY, Silence, track
+from distal.estimators.adaptive.drive_tracking import MEMORY, track_function
 from distal.estimators.adaptive.tuning import Robustness
 from distal.kernels.mask import MISSING
 
@@ -18,22 +17,12 @@ def test_the_place_becomes_unknown_at_a_constant_rate() -> None:
     """A drive that stood still: nothing but noise for half a second, then w (t − dead) as its
     std.
     """
-    memory, dt, dead, wandering, noise = ca.SX.sym("memory", MEMORY), 0.01, 0.5, 0.02, 1e-10
-    drive = track(
-        memory,
-        ca.SX(0),
-        ca.SX(MISSING),
-        ca.SX(noise),
-        ca.SX(dt),
-        robustness=Robustness.usual(1),
-        silence=Silence(ca.SX(dead), ca.SX(wandering)),
-    )
-    kept = ca.vertcat(
-        drive.position, drive.doubt, drive.speed, drive.square, drive.unknown, drive.lost, 0, 0, 0
-    )
-    step, now, found = ca.Function("step", [memory], [kept]), np.zeros(MEMORY), []
+    dt, dead, wandering, noise = 0.01, 0.5, 0.02, 1e-10
+    step = track_function(Robustness.usual(1), judged=False, follows=False)
+    now, found = np.zeros(MEMORY), []
     for _ in range(200):
-        now = np.array(step(now)).ravel()
+        silent = [0.0, MISSING, noise, dead, wandering, *np.zeros(5)]
+        now = np.array(step(now, silent, dt)).ravel()[:MEMORY]
         found.append(now[4])
     time = dt * np.arange(1, 201)
     expected = np.maximum(noise, (wandering * np.maximum(time - dead, 0.0)) ** 2)

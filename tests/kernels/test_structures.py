@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-import casadi as ca
 import numpy as np
 import pytest
 from benchmarks.structures import functions_of, rigs_like
 
 from distal import load_rig
-from distal.arrays import Floats
-from distal.estimators import AdaptiveFilter
-from distal.estimators.adaptive import KINDS, State
+from distal.estimators import AdaptiveFilter, StateKind
+from distal.estimators.adaptive import KINDS, Kind, State
 from distal.kernels import c_source, structure_of
 from distal.model import Mechanism
 from distal.rig import shipped_rigs
@@ -68,26 +64,12 @@ def test_the_same_structure_is_the_same_c(name: str) -> None:
         assert c_source(make()) == c_source(other[kind][1]()), kind
 
 
-@dataclass(frozen=True)
-class Harness(State):
-    """A torque that is written into the kernel."""
-
-    size: float
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return ("harness",)
-
-    @property
-    def means(self) -> Floats:
-        return np.ones(1)
-
-    @property
-    def stds(self) -> Floats:
-        return np.zeros(1)
-
-    def torque(self, joint: int, parameters: ca.SX) -> ca.SX:
-        return self.size * parameters[0]
+def harness(size: float) -> Kind:
+    """Return a kind of state: a torque whose factor is written into the kernel."""
+    torque = State(
+        "harness", StateKind.OTHER, "", 1.0, 0.0, to=("torque", 0), times=lambda reading: size
+    )
+    return lambda context: [torque]
 
 
 def test_states_of_others_have_kernels_of_their_own() -> None:
@@ -95,7 +77,7 @@ def test_states_of_others_have_kernels_of_their_own() -> None:
     rig = load_rig("capstan-joint")
     angles = []
     for size in (0.0, 0.05):
-        estimator = AdaptiveFilter(rig, False, kinds=(*KINDS, lambda _, size=size: [Harness(size)]))
+        estimator = AdaptiveFilter(rig, False, kinds=(*KINDS, harness(size)))
         assert estimator.structure is None
         sample = np.zeros(len(estimator.channels))
         belief = estimator.initial(0.0, sample)

@@ -168,11 +168,11 @@ class KernelEstimator:
         Raises:
             EstimationError: the stamp is not finite, or the sample has the wrong shape or is wild.
         """
-        if not np.isfinite(_number(self.name, time)):
-            raise EstimationError(f"{self.name}: the stamp {time} is not a finite time")
+        time = _number(self.name, time)
+        check_time(self.name, time, time, True)
         mean, covariance, memory = self.prior(self._checked(sample), self._p)
         kernel_state = np.concatenate([mean, covariance.ravel(), memory])
-        return Belief(float(time), frozen(kernel_state), len(mean))
+        return Belief(time, frozen(kernel_state), len(mean))
 
     def prior(self, sample: Floats, p: Floats) -> tuple[Floats, Floats, Floats]:
         """Return mean, (n,), covariance, (n, n), and remembered inputs before the first sample.
@@ -393,9 +393,8 @@ class KernelEstimator:
     def _accepted(self, belief: Belief, time: float, sample: Floats) -> tuple[Floats, float]:
         """Return the checked sample and stamp, or raise an error."""
         sample = self._checked(sample)
-        expected = self.initial_size
         if not isinstance(belief, Belief) or (
-            expected is not None and belief.kernel_state.shape != (expected,)
+            self.has_kernel and belief.kernel_state.shape != (self.kernel.sizes.kernel_state,)
         ):
             raise EstimationError(
                 f"{self.name}: the belief is not one of this estimator's; begin with "
@@ -404,11 +403,6 @@ class KernelEstimator:
         time = _number(self.name, time)
         check_time(self.name, belief.time, time, belief.samples == 0)
         return sample, time
-
-    @property
-    def initial_size(self) -> int | None:
-        """Length of the kernel state of a belief, or None where there is no kernel yet."""
-        return self.kernel.sizes.kernel_state if self.has_kernel else None
 
     def _checked(self, sample: Floats) -> Floats:
         with suppress(TypeError, ValueError):

@@ -14,13 +14,13 @@ from distal.arrays import Floats
 from distal.errors import EstimationError
 from distal.estimators.estimator_protocol import KernelEstimator
 from distal.estimators.kalman import predict_covariance, update
-from distal.estimators.kinematic import first_drives
+from distal.estimators.kinematic import error_of, first_drives
 from distal.estimators.read_channels import UNKNOWN_POSITION, Channels, channels_of, sensor_for
 from distal.expressions import Vector
-from distal.kernels import Kernel, kernel_state_layout
+from distal.kernels import Kernel, Layout, kernel_state_layout
 from distal.model import Mechanism, substeps, tangent_step
 from distal.rig import Rig, Sensor, angle_names, gain_of, speed_names
-from distal.sensor_errors import systematic_variance, variance
+from distal.sensor_errors import variance
 
 
 @dataclass(frozen=True)
@@ -44,26 +44,24 @@ def full_state_function(mechanism: Mechanism, channels: Channels, count: int) ->
     """Return the function (kernel_state, x, p) → (kernel_state⁺, y) of an extended Kalman filter
     with state (q, v).
 
-    The kernel state is (mean, covariance, last pulls); p = (parameters, nominal pulls, input,
-    process and measurement variances). Over an interval, of `count` sub-steps, a pull goes in a
+    The kernel state is (mean, covariance, last pulls); p = (parameters, input, process and
+    measurement variances). Over an interval, of `count` sub-steps, a pull goes in a
     straight line from its last value to the new one; a missing one keeps its last value.
     """
     nb = mechanism.n_bodies
     nd = mechanism.n_drives
     nj = mechanism.n_joints
     n = 2 * nb
-    n_p = len(mechanism.parameters)
     measured = [*channels.positions, *channels.tensions]
     m = len(measured)
     width = len(channels.names)
     layout = kernel_state_layout(n, pulls=nd)
     kernel_state = ca.MX.sym("kernel_state", layout.size)
     x = ca.MX.sym("x", 1 + 2 * width)
-    p = ca.MX.sym("p", n_p + nd + nd + n + m)
-    model, _, q_u, q_x, r = ca.vertsplit(p, [int(i) for i in np.cumsum([0, n_p, nd, nd, n, m])])
-    mean, covariance, held = (
-        layout.part(kernel_state, name) for name in ("mean", "covariance", "pulls")
-    )
+    of = Layout(model=len(mechanism.parameters), inputs=nd, process=n, measurements=m)
+    p = ca.MX.sym("p", of.size)
+    model, *variances = of.parts(p).values()
+    mean, covariance, held = layout.parts(kernel_state).values()
     dt = x[0]
     values = x[1 : 1 + width]
     mask = x[1 + width :]
@@ -79,17 +77,10 @@ def full_state_function(mechanism: Mechanism, channels: Channels, count: int) ->
     q_next, v_next, slopes = tangent_step(mechanism, count)(
         mean[:nb], mean[nb:], before, after, dt, model
     )
-    arguments = q_next, v_next, slopes, covariance, dt, values[:m], mask[:m], model, q_u, q_x, r
-    mean, covariance, innovations, variances = _update_function(mechanism, measured)(*arguments)
+    arguments = q_next, v_next, slopes, covariance, dt, values[:m], mask[:m], model, *variances
+    mean, covariance, *y = _update_function(mechanism, measured)(*arguments)
     following = layout.joined(mean=mean, covariance=covariance, pulls=pull)
-    y = ca.vertcat(innovations, variances)
-    return ca.Function(
-        "full_state",
-        [kernel_state, x, p],
-        [following, y],
-        ["kernel_state", "x", "p"],
-        ["next", "y"],
-    )
+    return ca.Function("full_state", [kernel_state, x, p], [following, ca.vertcat(*y)])
 
 
 def _update_function(mechanism: Mechanism, measured: Sequence[Sensor]) -> ca.Function:
@@ -159,9 +150,8 @@ class FullStateFilter(KernelEstimator):
         self._count = substeps(self._mechanism, self._channels.interval)
         channels = self._channels
         kernel = Kernel(full_state_function(self._mechanism, channels, self._count), compiled)
-        nominal = [drive.nominal_force.value for drive in rig.drives]
         parameters = self._mechanism.parameters.values
-        p = np.concatenate([parameters, nominal, noise.inputs, noise.process, noise.measurements])
+        p = np.concatenate([parameters, noise.inputs, noise.process, noise.measurements])
         measured = tuple(sensor.name for sensor in (*channels.positions, *channels.tensions))
         super().__init__(
             name, rig, kernel, p, channels=channels, state_names=state_names(rig), measured=measured
@@ -208,7 +198,7 @@ def rig_noise(rig: Rig) -> Noise:
         for drive, sensor in forces
     ]
     measured = (*channels.positions, *channels.tensions)
-    measurements = np.array([variance(sensor) + systematic_variance(sensor) for sensor in measured])
+    measurements = np.array([error_of(sensor) for sensor in measured])
     initial = _initial_variances(rig, channels, mechanism)
     return Noise(np.array(inputs), np.zeros(2 * mechanism.n_bodies), measurements, initial)
 
@@ -222,7 +212,7 @@ def _initial_variances(rig: Rig, channels: Channels, mechanism: Mechanism) -> Fl
     for drive in rig.drives:
         sensor = sensor_for(channels.positions, drive.name)
         if sensor is not None:
-            positions.append(np.sqrt(variance(sensor) + systematic_variance(sensor)))
+            positions.append(np.sqrt(error_of(sensor)))
         elif drive.stops is not None:
             positions.append((drive.stops[1] - drive.stops[0]) / np.sqrt(12.0))
         else:

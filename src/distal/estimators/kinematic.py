@@ -5,8 +5,6 @@ Of one joint each tendon gives an angle; of several joints, all tendons together
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import casadi as ca
 import numpy as np
 
@@ -18,7 +16,7 @@ from distal.expressions import Matrix, Scalar, Vector
 from distal.kernels import Kernel, kernel_state_layout
 from distal.kernels.mask import is_read
 from distal.model import Mechanism, solver
-from distal.rig import Rig, angle_names, gain_of, tendon_angle_name
+from distal.rig import Rig, Sensor, angle_names, gain_of, tendon_angle_name
 from distal.sensor_errors import systematic_variance, variance
 
 CUT_OFF = 5.0
@@ -49,12 +47,13 @@ def read_drives(
     for sensor in channels.positions:
         i = names.index(sensor.of)
         j = channels.names.index(sensor.name)
-        held[i] = ca.if_else(mask[j], values[j] - sensor.bias.value, positions[i])
+        held[i] = ca.if_else(is_read(mask[j]), values[j] - sensor.bias.value, positions[i])
     for sensor in channels.forces:
         i = names.index(sensor.of)
         j = channels.names.index(sensor.name)
         read = (values[j] - sensor.bias.value) / gain_of(sensor).value
-        filtered[i] = ca.if_else(mask[j], read + forget * (pulls[i] - read), pulls[i])
+        after = read + forget * (pulls[i] - read)
+        filtered[i] = ca.if_else(is_read(mask[j]), after, pulls[i])
     return ca.vertcat(*held), ca.vertcat(*filtered)
 
 
@@ -66,48 +65,15 @@ def first_drives(
     Where nothing is read, a position is 0 and a pull is the nominal one. The sample's `values` and
     `mask` are (n_channels,).
     """
-    positions = [ca.SX(0) for _ in rig.drives]
-    pulls = [ca.SX(drive.nominal_force.value) for drive in rig.drives]
-    for first, sensors in ((positions, channels.positions), (pulls, channels.forces)):
-        for i, drive in enumerate(rig.drives):
-            sensor = sensor_for(sensors, drive.name)
-            if sensor is not None:
-                k = channels.names.index(sensor.name)
-                first[i] = ca.if_else(
-                    is_read(mask[k]),
-                    (values[k] - sensor.bias.value) / gain_of(sensor).value,
-                    first[i],
-                )
-    return ca.vertcat(*positions), ca.vertcat(*pulls)
+    nominal = ca.SX(ca.DM([drive.nominal_force.value for drive in rig.drives]))
+    still = ca.SX.zeros(len(rig.drives))
+    return read_drives(rig, channels, still, nominal, ca.vertcat(ca.inf, values, mask))
 
 
 def measured_tendons(rig: Rig, channels: Channels) -> tuple[int, ...]:
     """Return the indices of the tendons whose drive has a position sensor."""
     drives = [sensor.of for sensor in channels.positions]
     return tuple(i for i, tendon in enumerate(rig.tendons) if tendon.drive in drives)
-
-
-def levers_of(mechanism: Mechanism) -> list[Scalar]:
-    """Return h for each tendon, its displacement per displacement of its drive: 1 for a slider,
-    side · R for a capstan.
-    """
-    q = ca.SX.sym("q", mechanism.n_bodies)
-    return [
-        ca.jacobian(mechanism.displacement(i, q), q[drive])
-        for i, drive in enumerate(mechanism.drive_of)
-    ]
-
-
-def tension_share(mechanism: Mechanism, levers: Sequence[Scalar], tendon: int) -> Scalar:
-    """Return h_i/Σ h², the tension of a tendon per unit of its drive's pull.
-
-    Of all tensions that balance the pull these are the smallest; `levers` are the h of `levers_of`.
-    """
-    drive = mechanism.drive_of[tendon]
-    squares = (
-        lever**2 for lever, pulled_by in zip(levers, mechanism.drive_of) if pulled_by == drive
-    )
-    return levers[tendon] / sum(squares, ca.SX(0))
 
 
 ITERATIONS = 3
@@ -138,17 +104,21 @@ def stretches(mechanism: Mechanism, pulls: Vector, elastic: bool) -> list[Scalar
     The tensions balance the pull F of their drive with the smallest changes: T = T_pre + h (F − Σ h
     T_pre)/Σ h². The `pulls` are (n_drives,) [N, N m].
     """
+    n = mechanism.n_tendons
+    if not elastic:
+        return [ca.SX(0)] * n
     p = mechanism.parameters
-    levers = levers_of(mechanism)
+    q = ca.SX.sym("q", mechanism.n_bodies)
     drives = mechanism.drive_of
+    # h, a tendon's displacement per one of its drive: 1 for a slider, side · R for a capstan
+    levers = [ca.jacobian(mechanism.displacement(i, q), q[drives[i]]) for i in range(n)]
     lengths = []
     for i, drive in enumerate(drives):
-        tendons = [j for j in range(mechanism.n_tendons) if drives[j] == drive]
+        tendons = [j for j in range(n) if drives[j] == drive]
         standing = sum((levers[j] * p[f"tendons.{j}.pretension"] for j in tendons), ca.SX(0))
-        change = tension_share(mechanism, levers, i) * (
-            pulls[drive - mechanism.n_joints] - standing
-        )
-        lengths.append(change / p[f"tendons.{i}.stiffness"] if elastic else ca.SX(0))
+        square = sum((levers[j] ** 2 for j in tendons), ca.SX(0))
+        change = levers[i] / square * (pulls[drive - mechanism.n_joints] - standing)
+        lengths.append(change / p[f"tendons.{i}.stiffness"])
     return lengths
 
 
@@ -166,16 +136,15 @@ def unseen_covariance(rig: Rig) -> Floats:
     return covariance
 
 
-def chain_function(
+def kinematic_function(
     mechanism: Mechanism, channels: Channels, tendons: tuple[int, ...], elastic: bool
 ) -> ca.Function:
-    """Return the function (kernel_state, x, p) → (kernel_state⁺, y) whose angles fit the lengths of
-    all tendons best, by least squares.
+    """Return the function (kernel_state, x, p) → (kernel_state⁺, y) of a kinematic estimator.
 
-    It minimises Σ k_i (ℓ_i(θ, s) − l_i − (T_i − T_pre,i)/k_i)² over θ. With fewer tendons than
-    joints many postures fit; the energy of the springs is then added, with the tendons' weight
-    times `CONSTRAINT`, and selects one of them. The zero is the rig's own: θ = 0 and s = 0 at
-    pre-tension.
+    Of one joint a tendon whose drive has a position sensor gives the angle at which its length fits
+    the drive's displacement: ℓ − l = e_0 + s, with its stretch s of `stretches`. The joint's angle
+    is the mean over these tendons. e_0 is ℓ − l − s at the first sample, with the joint at its
+    `initial` angle. Of several joints, see `_fitted`.
 
     Args:
         mechanism: the rig's equations.
@@ -185,125 +154,102 @@ def chain_function(
     """
     nd = mechanism.n_drives
     nj = mechanism.n_joints
-    free = mechanism.free
-    n = nj
-    width = len(channels.names)
-    p = mechanism.parameters
-    layout = kernel_state_layout(n, read_positions=nd, pulls=nd)
+    k = len(tendons) if nj == 1 else 0
+    layout = kernel_state_layout(nj + k, lengths=k, positions=nd, pulls=nd)
     kernel_state = ca.SX.sym("kernel_state", layout.size)
-    x = ca.SX.sym("x", 1 + 2 * width)
-    read_positions = layout.part(kernel_state, "read_positions")
-    pulls = layout.part(kernel_state, "pulls")
-    positions, filtered = read_drives(mechanism.rig, channels, read_positions, pulls, x)
-    errors = [ca.SX(0)] * nd
-    for sensor in channels.positions:
-        drive = mechanism.rig.drive_names.index(sensor.of)
-        errors[drive] = ca.SX(variance(sensor) + systematic_variance(sensor))
-    desired = stretches(mechanism, filtered, elastic)
-    q = ca.SX.sym("q", mechanism.n_bodies)
-    lengths = mechanism.elongations(q)
-    jacobian = mechanism.length_jacobian(q)
-    few = len(tendons) < len(free)
-    rows = list(tendons)
-    look = ca.Function(
-        "lengths", [q, p.symbols], [lengths[rows], jacobian[rows, :], mechanism.passive_springs(q)]
-    )
-    weights = ca.diag(
-        ca.vertcat(*(p[f"tendons.{i}.stiffness"] * (CONSTRAINT if few else 1) for i in rows))
-    )
-    angles = kernel_state[:nj]
-    for _ in range(ITERATIONS):
-        length, slopes, springs = look(ca.vertcat(angles, positions), p.symbols)
-        arms = ca.mtimes(slopes[:, :nj], mechanism.spread)
-        along = ca.mtimes(arms.T, weights)
-        matrix = ca.mtimes(along, arms)
-        push = ca.mtimes(along, ca.vertcat(*(desired[i] for i in rows)) - length)
-        if few:
-            torque = springs[:, 0]
-            stiffness = ca.diag(springs[:, 1])
-            push += ca.mtimes(mechanism.spread.T, torque)
-            matrix += ca.mtimes([mechanism.spread.T, stiffness, mechanism.spread])
-        matrix += RIDGE * ca.trace(matrix) * ca.SX.eye(len(free))
-        solve = solver(matrix, ca.SX.ones(len(free)))
-        moved = angles[free] + solve(push)
-        angles = ca.mtimes(mechanism.spread, moved) + mechanism.offsets
-    gain = ca.horzcat(*(solve(along[:, k]) for k in range(len(rows))))
-    bodies = [mechanism.drive_of[i] for i in rows]
-    variances = ca.vertcat(
-        *(slopes[k, body] ** 2 * errors[body - nj] for k, body in enumerate(bodies))
-    )
-    by_length = ca.mtimes(mechanism.spread, gain)
-    covariance = ca.mtimes([by_length, ca.diag(variances), by_length.T]) + ca.DM(
-        unseen_covariance(mechanism.rig)
-    )
+    x = ca.SX.sym("x", 1 + 2 * len(channels.names))
+    was = layout.parts(kernel_state)
+    positions, pulls = read_drives(mechanism.rig, channels, was["positions"], was["pulls"], x)
+    stretched = stretches(mechanism, pulls, elastic)
+    if nj == 1:
+        q = ca.vertcat(was["mean"][0], positions)
+        angles = [
+            mechanism.angle_at(tendon, was["lengths"][row] + stretched[tendon], q)
+            for row, tendon in enumerate(tendons)
+        ]
+        mean = ca.vertcat(sum(angles) / len(angles), *angles)
+        covariance = was["covariance"]
+    else:
+        lengths = ca.vertcat(*(stretched[i] for i in tendons))
+        mean, covariance = _fitted(mechanism, channels, tendons, was["mean"], positions, lengths)
     following = layout.joined(
-        mean=angles, covariance=covariance, read_positions=positions, pulls=filtered
+        mean=mean, covariance=covariance, lengths=was["lengths"], positions=positions, pulls=pulls
     )
-    outputs = [ca.cse(following), ca.SX.zeros(1)]
     return ca.Function(
         "kinematic",
-        [kernel_state, x, p.symbols],
-        outputs,
-        ["kernel_state", "x", "p"],
-        ["next", "y"],
+        [kernel_state, x, mechanism.parameters.symbols],
+        [ca.cse(following), ca.SX.zeros(1)],
     )
 
 
-def kinematic_function(
-    mechanism: Mechanism, channels: Channels, tendons: tuple[int, ...], elastic: bool
-) -> ca.Function:
-    """Return the function (kernel_state, x, p) → (kernel_state⁺, y) of a kinematic estimator of one
-    joint (of several: `chain_function`).
+def _fitted(
+    mechanism: Mechanism,
+    channels: Channels,
+    tendons: tuple[int, ...],
+    angles: Vector,
+    positions: Vector,
+    desired: Vector,
+) -> tuple[Vector, Matrix]:
+    """Return the angles of several joints that fit the lengths of all tendons best, by least
+    squares, and their covariance.
 
-    A tendon whose drive has a position sensor gives the angle at which its length fits the drive's
-    displacement: ℓ − l = e_0 + s, with its stretch s of `stretches`. The joint's angle is the mean
-    over these tendons. e_0 is ℓ − l − s at the first sample, with the joint at its `initial` angle.
+    They minimise Σ k_i (ℓ_i(θ, s) − l_i − (T_i − T_pre,i)/k_i)² over θ. With fewer tendons than
+    joints many postures fit; the energy of the springs is then added, with the tendons' weight
+    times `CONSTRAINT`, and selects one of them. The zero is the rig's own: θ = 0 and s = 0 at
+    pre-tension.
 
     Args:
         mechanism: the rig's equations.
         channels: the sensors that are read.
         tendons: indices of the tendons.
-        elastic: whether tendons stretch.
+        angles: at which the search begins, (n_joints,).
+        positions: of the drives, (n_drives,).
+        desired: stretch of each tendon, (n_tendons,).
     """
-    k = len(tendons)
-    nd = mechanism.n_drives
     nj = mechanism.n_joints
-    n = nj + k
-    width = len(channels.names)
-    layout = kernel_state_layout(n, lengths=k, positions=nd, pulls=nd)
-    kernel_state = ca.SX.sym("kernel_state", layout.size)
-    x = ca.SX.sym("x", 1 + 2 * width)
-    mean, covariance, lengths = (
-        layout.part(kernel_state, name) for name in ("mean", "covariance", "lengths")
+    free = mechanism.free
+    spread = mechanism.spread
+    p = mechanism.parameters
+    q = ca.SX.sym("q", mechanism.n_bodies)
+    rows = list(tendons)
+    few = len(rows) < len(free)
+    lengths = mechanism.elongations(q)[rows]
+    look = ca.Function(
+        "lengths",
+        [q, p.symbols],
+        [lengths, mechanism.length_jacobian(q)[rows, :], mechanism.passive_springs(q)],
     )
-    drives, pulls = (layout.part(kernel_state, name) for name in ("positions", "pulls"))
-    positions, filtered = read_drives(mechanism.rig, channels, drives, pulls, x)
-    q = ca.vertcat(mean[:nj], positions)
-    angles = []
-    stretched = stretches(mechanism, filtered, elastic)
-    for row, tendon in enumerate(tendons):
-        angles.append(mechanism.angle_at(tendon, lengths[row] + stretched[tendon], q))
-    mean = ca.vertcat(sum(angles) / len(angles), *angles)
-    p = mechanism.parameters.symbols
-    following = layout.joined(
-        mean=mean,
-        covariance=covariance,
-        lengths=lengths,
-        positions=positions,
-        pulls=filtered,
+    weights = ca.diag(
+        ca.vertcat(*(p[f"tendons.{i}.stiffness"] * (CONSTRAINT if few else 1) for i in rows))
     )
-    return ca.Function(
-        "kinematic",
-        [kernel_state, x, p],
-        [following, ca.SX.zeros(1)],
-        ["kernel_state", "x", "p"],
-        ["next", "y"],
-    )
+    for _ in range(ITERATIONS):
+        length, slopes, springs = look(ca.vertcat(angles, positions), p.symbols)
+        arms = ca.mtimes(slopes[:, :nj], spread)
+        along = ca.mtimes(arms.T, weights)
+        matrix = ca.mtimes(along, arms)
+        push = ca.mtimes(along, desired - length)
+        if few:
+            push += ca.mtimes(spread.T, springs[:, 0])
+            matrix += ca.mtimes([spread.T, ca.diag(springs[:, 1]), spread])
+        matrix += RIDGE * ca.trace(matrix) * ca.SX.eye(len(free))
+        solve = solver(matrix, ca.SX.ones(len(free)))
+        angles = ca.mtimes(spread, angles[free] + solve(push)) + mechanism.offsets
+    by_length = ca.mtimes(spread, ca.horzcat(*(solve(column) for column in ca.horzsplit(along))))
+    errors = {mechanism.rig.drive_names.index(s.of): error_of(s) for s in channels.positions}
+    bodies = [mechanism.drive_of[i] for i in rows]
+    variances = [slopes[k, body] ** 2 * errors[body - nj] for k, body in enumerate(bodies)]
+    covariance = ca.mtimes([by_length, ca.diag(ca.vertcat(*variances)), by_length.T])
+    return angles, covariance + ca.DM(unseen_covariance(mechanism.rig))
+
+
+def error_of(sensor: Sensor) -> float:
+    """Return the variance of a sensor's errors, as if all were random from sample to sample."""
+    return variance(sensor) + systematic_variance(sensor)
 
 
 class KinematicEstimator(KernelEstimator):
     """The angles of the joints from the drives' displacements and the tendons' lengths; see
-    `kinematic_function` and `chain_function`.
+    `kinematic_function`.
 
     Its standard deviation takes the errors of the position sensors and, of one joint, of the
     initial angle into account, but not the stretch of the tendons (or, if `elastic`, not their
@@ -319,8 +265,8 @@ class KinematicEstimator(KernelEstimator):
         self._tendons = measured_tendons(rig, self._channels)
         self._elastic = elastic
         self._alone = len(rig.joints) == 1
-        function = kinematic_function if self._alone else chain_function
-        kernel = Kernel(function(self._mechanism, self._channels, self._tendons, elastic), compiled)
+        function = kinematic_function(self._mechanism, self._channels, self._tendons, elastic)
+        kernel = Kernel(function, compiled)
         names = angle_names(rig.joint_names)
         if self._alone:
             names = (*names, *(tendon_angle_name(rig.tendons[i].name) for i in self._tendons))
@@ -363,9 +309,9 @@ class KinematicEstimator(KernelEstimator):
         for i in self._tendons:
             sensor = sensor_for(self._channels.positions, rig.tendons[i].drive)
             assert sensor is not None  # `measured_tendons`
-            error = 2.0 * (variance(sensor) + systematic_variance(sensor))
             body = self._mechanism.drive_of[i]
-            variances.append((jacobian[i, body] / jacobian[i, 0]) ** 2 * error)
+            slope = jacobian[i, body] / jacobian[i, 0]
+            variances.append(slope**2 * 2.0 * error_of(sensor))
         k = len(variances)
         mixing = ca.vertcat(ca.DM.ones(1, k) / k, ca.DM.eye(k))
         return ca.mtimes([mixing, ca.diag(ca.vertcat(*variances)), mixing.T])

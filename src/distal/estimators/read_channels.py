@@ -23,13 +23,15 @@ class Channels:
         tensions: sensors of tendons' tensions.
         angles: sensors of joints' angles, only while a reference is known (homing, fitting).
         others: any other, such as the numbers of an IMU; only `adaptive` compares them.
+        interval: nominal, that of the fastest sensor [s], angles left out.
     """
 
     positions: tuple[Sensor, ...]
     forces: tuple[Sensor, ...]
     tensions: tuple[Sensor, ...]
-    angles: tuple[Sensor, ...] = ()
-    others: tuple[Sensor, ...] = ()
+    angles: tuple[Sensor, ...]
+    others: tuple[Sensor, ...]
+    interval: float
 
     @property
     def proximal(self) -> tuple[Sensor, ...]:
@@ -50,11 +52,6 @@ class Channels:
         """
         return (*self.forces, *self.tensions, *self.angles, *self.others)
 
-    @property
-    def interval(self) -> float:
-        """Interval of the fastest sensor [s], angles left out."""
-        return 1.0 / max(sensor.rate for sensor in (*self.proximal, *self.others))
-
 
 def channels_of(
     rig: Rig, name: str, references: Sequence[Sensor] = (), others: bool = False
@@ -74,12 +71,15 @@ def channels_of(
         tuple(sensor for sensor in rig.sensors if measurand_of(sensor).role is role)
         for role in (Role.POSITION, Role.EFFORT, Role.TENSION, Role.COMPARED)
     )
-    channels = Channels(positions, forces, tensions, tuple(references), added if others else ())
-    if not channels.positions:
+    if not positions:
         raise EstimationError(
             f"{name}: the rig '{rig.name}' has no sensor that measures the position of a drive; "
             "add one to [[sensors]]"
         )
+    compared = added if others else ()
+    rates = [sensor.rate for sensor in (*positions, *forces, *tensions, *compared)]
+    interval = 1.0 / max(rates)
+    channels = Channels(positions, forces, tensions, tuple(references), compared, interval)
     for sensors in (channels.positions, channels.forces, channels.tensions, channels.angles):
         seen: dict[str, str] = {}
         for sensor in sensors:

@@ -19,13 +19,12 @@ from distal.regression import (
     PlacedMap,
     Samples,
     Shape,
-    first_memory,
+    begun_by,
     from_window,
     given,
     map_function,
     map_layout,
     map_parameters,
-    memory_size,
 )
 from distal.rig import LearnedMap, Rig, angle_names, independent_parts
 from distal.threads import one_blas_thread
@@ -168,24 +167,18 @@ class RegressionEstimator(KernelEstimator):
                 "adaptive"
             )
         offsets = offsets_of(log, self.rig)
+
+        def samples_of(joints: Sequence[str], channels: Sequence[str]) -> Samples:
+            return of_part(samples, self.rig, self.channels, joints, channels)
+
         if self._kernel is not None:
             after = [
-                given(
-                    learned,
-                    of_part(samples, self.rig, self.channels, learned.joints, learned.channels),
-                    early,
-                    offsets,
-                )
+                given(learned, samples_of(learned.joints, learned.channels), early, offsets)
                 for learned in self.maps
             ]
         else:
             after = [
-                from_window(
-                    of_part(samples, self.rig, self.channels, part["joints"], part["channels"]),
-                    part,
-                    early,
-                    offsets,
-                )
+                from_window(samples_of(part["joints"], part["channels"]), part, early, offsets)
                 for part in parts_of(self.rig, self._sensors)
             ]
         taught = copy(self)
@@ -195,14 +188,7 @@ class RegressionEstimator(KernelEstimator):
     @property
     def placed_maps(self) -> tuple[PlacedMap, ...]:
         """The maps, and where they are in the kernel."""
-        memory = kernel_state_layout(len(self.rig.joints)).size
-        parameters = 0
-        placed = []
-        for learned in self.maps:
-            placed.append(PlacedMap(learned, memory, parameters))
-            memory += memory_size(learned)
-            parameters += len(map_parameters(learned))
-        return tuple(placed)
+        return placed(self.maps, len(self.rig.joints))
 
     @property
     def bridged(self) -> int:
@@ -228,23 +214,25 @@ class RegressionEstimator(KernelEstimator):
         joints = self.rig.joints
         mean = ca.SX(ca.DM([joint.initial.value for joint in joints]))
         spread = ca.SX(ca.DM([joint.initial.std**2 for joint in joints]))
-        memory = ca.vertcat(
-            *(first_of(learned, self.channels, values, mask) for learned in self.maps)
-        )
-        return ca.Function("prior", [values, mask, p], [mean, spread, memory])
+        memories = []
+        for learned in self.maps:
+            columns = [self.channels.index(channel) for channel in learned.channels]
+            memories.append(begun_by(learned, values[columns], mask[columns]))
+        return ca.Function("prior", [values, mask, p], [mean, spread, ca.vertcat(*memories)])
 
 
-def first_of(learned: LearnedMap, names: Sequence[str], values: ca.SX, mask: ca.SX) -> ca.SX:
-    """Return a map's memory before the first sample, from the `values` and the `mask` of the
-    sensors `names`; the filter's angles begin at their centre.
+def placed(maps: Sequence[LearnedMap], joints: int) -> tuple[PlacedMap, ...]:
+    """Return maps with where they are in the kernel of an estimator of so many `joints`: one behind
+    the other.
     """
-    columns = [names.index(channel) for channel in learned.channels]
-    shape = Shape.of(learned)
-    centre, scale = (ca.DM(learned.arrays[name]) for name in ("centre", "scale"))
-    # NumPy slices: CasADi takes nothing of a single number as one row
-    angles = ca.SX(ca.DM(learned.arrays["centre"][shape.channels :]))
-    readings = ca.vertcat(values[columns], angles)
-    return first_memory(shape, centre, scale, readings, mask[columns])
+    memory = kernel_state_layout(joints).size
+    parameters = 0
+    found = []
+    for learned in maps:
+        found.append(PlacedMap(learned, memory, parameters))
+        memory += Shape.of(learned).memory.size
+        parameters += len(map_parameters(learned))
+    return tuple(found)
 
 
 def regression_function(
@@ -255,41 +243,29 @@ def regression_function(
     """
     n = len(joints)
     width = len(channels)
-    layout = kernel_state_layout(n, map=sum(map(memory_size, maps)))
+    shapes = [Shape.of(learned) for learned in maps]
+    layout = kernel_state_layout(n, map=sum(shape.memory.size for shape in shapes))
     kernel_state = ca.MX.sym("kernel_state", layout.size)
     x = ca.MX.sym("x", 1 + 2 * width)
-    sizes = [len(map_parameters(learned)) for learned in maps]
-    p = ca.MX.sym("p", sum(sizes))
-    memory = layout.part(kernel_state, "map")
+    p = ca.MX.sym("p", sum(len(map_parameters(learned)) for learned in maps))
     mean = ca.MX.zeros(n)
     spread = ca.MX.zeros(n, n)
     after = []
-    at = number = 0
-    for learned, size in zip(maps, sizes):
-        columns = [list(channels).index(name) for name in learned.channels]
-        length = memory_size(learned)
-        shape = Shape.of(learned)
-        parameters = p[number : number + size]
-        values, _, variances, following = map_function(shape, len(learned.joints))(
-            memory[at : at + length],
+    for shape, at in zip(shapes, placed(maps, n)):
+        columns = [list(channels).index(name) for name in at.learned.channels]
+        rows = [list(joints).index(joint) for joint in at.learned.joints]
+        of_map = map_layout(shape, len(rows))
+        parameters = p[at.parameters : at.parameters + of_map.size]
+        values, _, variances, following = map_function(shape, len(rows))(
+            kernel_state[at.memory : at.memory + shape.memory.size],
             x[0],
             x[[1 + i for i in columns]],
             x[[1 + width + i for i in columns]],
             parameters,
         )
-        rows = [list(joints).index(joint) for joint in learned.joints]
         stds = ca.sqrt(variances)
-        correlation = map_layout(shape, len(rows)).part(parameters, "correlation")
         mean[rows] = values
-        spread[rows, rows] = correlation * ca.mtimes(stds, stds.T)
+        spread[rows, rows] = of_map.part(parameters, "correlation") * ca.mtimes(stds, stds.T)
         after.append(following)
-        at += length
-        number += size
     following = layout.joined(mean=mean, covariance=spread, map=ca.vertcat(*after))
-    return ca.Function(
-        "regression",
-        [kernel_state, x, p],
-        [following, ca.MX.zeros(1)],
-        ["kernel_state", "x", "p"],
-        ["next", "y"],
-    )
+    return ca.Function("regression", [kernel_state, x, p], [following, ca.MX.zeros(1)])

@@ -137,7 +137,7 @@ class Seen:
         """Return what a map sees along logs; see `learned_map`."""
         shape = shape_for(logs[0], described, RADIAL)
         frame = framed(shape, logs, Prior())
-        flat = np.concatenate([frame[name].ravel(order="F") for name in shape.frame.names])
+        flat = shape.flat(frame)
         along = (features_along(shape, flat, log.time, log.every) for log in logs)
         return cls(shape, frame, tuple(along))
 

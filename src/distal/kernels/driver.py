@@ -71,9 +71,7 @@ def side_by_side(
         following[states] = after
         outputs.append(y)
     y = placed(outputs, [part.y for part in parts], sizes[3])
-    return ca.Function(
-        name, [kernel_state, x, p], [following, y], ["kernel_state", "x", "p"], ["next", "y"]
-    )
+    return ca.Function(name, [kernel_state, x, p], [following, y])
 
 
 Item = TypeVar("Item")

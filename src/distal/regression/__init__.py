@@ -2,7 +2,7 @@
 kernel; and other regressions of several logs.
 """
 
-from distal.regression.features import Shape, features_along, first_memory
+from distal.regression.features import Shape, features_along
 from distal.regression.homed_map import homed_memory
 from distal.regression.known_window import (
     PlacedMap,
@@ -12,10 +12,10 @@ from distal.regression.known_window import (
     given,
 )
 from distal.regression.map_function import (
+    begun_by,
     map_function,
     map_layout,
     map_parameters,
-    memory_size,
 )
 from distal.regression.posterior import (
     Evidence,
@@ -41,10 +41,10 @@ __all__ = [
     "Samples",
     "Shape",
     "Weights",
+    "begun_by",
     "conformal_factor",
     "evidence_of",
     "features_along",
-    "first_memory",
     "folds_of",
     "framed",
     "from_prior",
@@ -55,7 +55,6 @@ __all__ = [
     "map_function",
     "map_layout",
     "map_parameters",
-    "memory_size",
     "played",
     "rates_of",
     "reporting_function",

@@ -5,6 +5,7 @@ It is the same function live, in C, in vector lanes, and over logs when weights 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -73,6 +74,10 @@ class Shape:
             points=(self.radial, inputs),
             root=(self.radial, self.radial),
         )
+
+    def flat(self, arrays: Mapping[str, Floats]) -> Floats:
+        """Return the numbers of the features, by name, as one vector; see `frame`."""
+        return np.concatenate([arrays[name].ravel(order="F") for name in self.frame.names])
 
     @cached_property
     def features(self) -> Layout:
@@ -202,26 +207,30 @@ def _remembered(shape: Shape) -> ca.Function:
     return ca.Function("remembered", [memory, dt, readings, mask, centre, scale], outputs)
 
 
-def first_memory(
-    shape: Shape, centre: Floats | Vector, scale: Floats | Vector, readings: Vector, mask: Vector
-) -> Vector:
-    """Return a map's memory before the first sample: the readings of that sample, their centre for
-    those that are missing. A play may be anywhere around its reading; lags are at rest.
+@lru_cache(maxsize=32)
+def first_function(shape: Shape) -> ca.Function:
+    """Return the function (readings, mask, centre, scale) → a map's memory before the first sample:
+    the readings of that sample, their centre for those that are missing. A play may be anywhere
+    around its reading; lags are at rest.
 
-    The `readings` are (count,), as are their `centre` and `scale`; the `mask` is of the sensors,
+    The readings are (count,), as are their centre and scale; the mask is of the sensors,
     (channels,).
     """
-    n = shape.channels
+    readings, centre, scale = (
+        ca.SX.sym(name, shape.count) for name in ("readings", "centre", "scale")
+    )
+    mask = ca.SX.sym("mask", shape.channels)
     is_there_or_angle = ca.vertcat(is_read(mask), ca.SX.ones(shape.angles))
     begun = ca.if_else(is_there_or_angle, readings, centre)
     z = (begun - centre) / scale
-    return shape.memory.joined(
+    memory = shape.memory.joined(
         last=begun,
-        age=ca.if_else(is_there_or_angle[:n], 0, NEVER),
+        age=ca.if_else(is_read(mask), 0, NEVER),
         low=ca.vertcat(*(z - half for half in HALF_WIDTHS)),
         high=ca.vertcat(*(z + half for half in HALF_WIDTHS)),
         lags=ca.repmat(z, len(TIME_CONSTANTS), 1),
     )
+    return ca.Function("first", [readings, mask, centre, scale], [memory])
 
 
 @lru_cache(maxsize=32)
@@ -250,19 +259,9 @@ def features_along(
     is_present = np.isfinite(readings[:, : shape.channels])
     centre = frame[shape.frame["centre"]]
     scale = frame[shape.frame["scale"]]
-    first = np.array(
-        ca.DM(
-            first_memory(
-                shape,
-                ca.DM(centre),
-                ca.DM(scale),
-                ca.SX(ca.DM(np.nan_to_num(readings[0]))),
-                ca.SX(ca.DM(is_present[0].astype(float))),
-            )
-        )
-    ).ravel()
+    first = first_function(shape)(np.nan_to_num(readings[0]), is_present[0], centre, scale)
     rows = np.column_stack([np.diff(time, prepend=time[:1]), np.nan_to_num(readings), is_present])
-    ys = advance(features_kernel(shape), Feed(first, rows, frame), keep=[0]).ys
+    ys = advance(features_kernel(shape), Feed(np.array(first).ravel(), rows, frame), keep=[0]).ys
     return {name: shape.outputs.view(ys, name) for name in shape.outputs.names}
 
 

@@ -80,9 +80,7 @@ def homed_function(shape: Shape, joints: int) -> ca.Function:
     since = was["since"] + dt
     tells = is_given * (since > 0)
     first = tells * (1 - was["told"])
-    is_constant = ca.DM.zeros(n + 1, 1)
-    is_constant[0] = 1
-    is_constant = ca.MX(ca.densify(is_constant))
+    is_constant = ca.MX(ca.DM.eye(n + 1)[:, 0].full())
     means, covariances = [], {}
     for j in range(joints):
         mean, covariance = was["mean"][:, j], was[f"covariance_{j}"]

@@ -161,26 +161,30 @@ def from_window(
     """
     samples = replace(log, targets=np.where(known[:, None], log.targets, np.nan))
     before = from_prior(log.part(known), described, offsets)
-    if before.beside_filter:
-        shares = [
-            weights.likeliest_share(evidence, offsets.get(joint, 0.0) ** 2)
-            for joint, (weights, evidence) in zip(before.joints, _as_weights(before, samples))
-        ]
-        before = _times(before, shares, ("covariance",))
-    after = given(before, log, known, offsets)
+    after = []
     factors = []
-    for weights, evidence in _as_weights(before, samples):
+    for joint, (weights, evidence) in zip(before.joints, _as_weights(before, samples)):
+        offset = offsets.get(joint, 0.0) ** 2
+        if before.beside_filter:
+            share = weights.likeliest_share(evidence, offset)
+            weights = replace(weights, covariance=share * weights.covariance)
         early = np.arange(len(evidence.target)) < len(evidence.target) // 2
         halves = [weights.errors(replace(evidence, given=half)) for half in (early, ~early)]
         factors.append(conformal_factor(halves) ** 2)
-    return _times(after, factors, ("covariance", "radial", "noise"))
-
-
-def _times(learned: LearnedMap, factors: Sequence[float], names: Sequence[str]) -> LearnedMap:
-    """Return a map with some arrays of each joint times a factor."""
-    arrays = dict(learned.arrays.by_name)
-    for name in names:
+        after.append(weights.given(evidence, offset))
+    arrays = dict(_with_weights(before, after).arrays.by_name)
+    for name in ("covariance", "radial", "noise"):
         arrays[name] = np.stack([f * array for f, array in zip(factors, arrays[name])])
+    return before.model_copy(update={"arrays": MapArrays(**arrays)})
+
+
+def _with_weights(learned: LearnedMap, weights: Sequence[Weights]) -> LearnedMap:
+    """Return a map with other weights of each joint."""
+    arrays = {
+        **learned.arrays.by_name,
+        "mean": np.stack([of_joint.mean for of_joint in weights]),
+        "covariance": np.stack([of_joint.covariance for of_joint in weights]),
+    }
     return learned.model_copy(update={"arrays": MapArrays(**arrays)})
 
 
@@ -210,12 +214,7 @@ def given(
         weights.given(evidence, offsets.get(joint, 0.0) ** 2)
         for joint, (weights, evidence) in zip(learned.joints, _as_weights(learned, samples))
     ]
-    changed = {
-        **learned.arrays.by_name,
-        "mean": np.stack([weights.mean for weights in after]),
-        "covariance": np.stack([weights.covariance for weights in after]),
-    }
-    return learned.model_copy(update={"arrays": MapArrays(**changed)})
+    return _with_weights(learned, after)
 
 
 def _as_weights(learned: LearnedMap, log: Samples) -> list[tuple[Weights, Evidence]]:
@@ -224,8 +223,7 @@ def _as_weights(learned: LearnedMap, log: Samples) -> list[tuple[Weights, Eviden
     """
     arrays = learned.arrays
     shape = Shape.of(learned)
-    flat = np.concatenate([arrays[name].ravel(order="F") for name in shape.frame.names])
-    along = features_along(shape, flat, log.time, log.every)
+    along = features_along(shape, shape.flat(arrays.by_name), log.time, log.every)
     pairs = []
     for j in range(len(learned.joints)):
         prior = Prior(

@@ -8,15 +8,10 @@ import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
-from distal.expressions import VectorNode
+from distal.expressions import Expression, VectorNode
 from distal.kernels import Layout
-from distal.regression.features import Shape, features_function
+from distal.regression.features import Shape, features_function, first_function
 from distal.rig import HALF_WIDTHS, IN_RADIAL, TIME_CONSTANTS, LearnedMap
-
-
-def memory_size(learned: LearnedMap) -> int:
-    """Return the length of a map's memory, see `Shape.memory`."""
-    return Shape.of(learned).memory.size
 
 
 @lru_cache(maxsize=32)
@@ -41,9 +36,15 @@ def map_parameters(learned: LearnedMap) -> Floats:
     """Return the parameters of the function of a map, (n_p,), see `map_function`."""
     arrays = learned.arrays
     shape = Shape.of(learned)
-    frame = [arrays[name].ravel(order="F") for name in shape.frame.names]
     names = ("rate", "mean", "radial", "noise", "filter", "error_time", "correlation", "covariance")
-    return np.concatenate([*frame, *(arrays[name].ravel() for name in names)])
+    return np.concatenate([shape.flat(arrays.by_name), *(arrays[name].ravel() for name in names)])
+
+
+def begun_by(learned: LearnedMap, readings: Expression, mask: Expression) -> Expression:
+    """Return the memory of a map before the first sample, by its `readings` and their `mask`."""
+    centre, scale = (learned.arrays[name] for name in ("centre", "scale"))
+    memory: Expression = first_function(Shape.of(learned))(readings, mask, centre, scale)
+    return memory
 
 
 @lru_cache(maxsize=32)

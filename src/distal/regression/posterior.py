@@ -264,7 +264,7 @@ def framed(shape: Shape, logs: Sequence[Samples], usual: Prior) -> dict[str, Flo
     frame["lengths"] = np.repeat(lengths, [shape.count, len(shape.moving)])
     if not shape.radial:
         return frame
-    flat = np.concatenate([frame[name].ravel(order="F") for name in shape.frame.names])
+    flat = shape.flat(frame)
     inputs = np.vstack([features_along(shape, flat, log.time, log.every)["inputs"] for log in logs])
     step = -(-len(inputs) // FOR_POINTS)
     points = kmeans2(inputs[::step], shape.radial, minit="++", seed=1, missing="warn")[0]

@@ -156,10 +156,8 @@ def reporting_function(
         memories.append(after)
         at += placed.size
         number += placed.parameters
-    names = ["kernel_state", "x", "p"], ["next", "y"]
     return ca.Function(
         "reporting",
         [kernel_state, x, p],
         [ca.vertcat(following, *memories), ca.vertcat(y, *reports)],
-        *names,
     )

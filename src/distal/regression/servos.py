@@ -13,6 +13,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.logs import Log
+from distal.regression.samples import played
 from distal.rig import Capstan, Rig, Slider
 
 TURNS = 3.0
@@ -70,24 +71,14 @@ def _rows(log: Log, rig: Rig, drive: Capstan | Slider) -> tuple[Floats, Floats, 
     if position is None or force is None:
         return None
     goal = log.goals[drive.name]
-    way = _way(position, TURNS * sensors["position"].noise)
+    half = max(TURNS * sensors["position"].noise, 1e-9)
+    is_read = np.isfinite(position)
+    way = np.full(len(log), np.nan)  # the last direction of motion, −1 to 1
+    way[is_read] = (position[is_read] - played(position[is_read], half)) / half
     matrix = np.column_stack([force, way, np.gradient(position, log.time)])
     left = goal - position
     known = np.isfinite(matrix).all(axis=1) & np.isfinite(left)
     return matrix[known], left[known], float(np.ptp(log.time)) * float(known.mean())
-
-
-def _way(positions: Floats, half: float) -> Floats:
-    """Return a drive's last direction of motion, −1 to 1, (k,), by a play operator of the
-    half-width `half`.
-    """
-    ways = np.zeros(len(positions))
-    held = np.nan
-    half = max(half, 1e-9)
-    for k, position in enumerate(positions.tolist()):
-        held = position if np.isnan(held) else min(max(held, position - half), position + half)
-        ways[k] = (position - held) / half
-    return ways
 
 
 def _trimmed(matrix: Floats, left: Floats, count: float) -> tuple[Floats, Floats]:

@@ -6,7 +6,6 @@ from distal.estimators.adaptive.estimator import AdaptiveFilter, state_vector
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.states import (
     KINDS,
-    Fading,
     Kind,
     State,
     StateVector,
@@ -17,7 +16,6 @@ from distal.estimators.adaptive.tuning import Robustness
 __all__ = [
     "KINDS",
     "AdaptiveFilter",
-    "Fading",
     "FilterContext",
     "Kind",
     "Robustness",

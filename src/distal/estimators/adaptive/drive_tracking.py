@@ -6,7 +6,7 @@ Equations (1) to (6).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Generic
 
 import casadi as ca
@@ -14,7 +14,7 @@ import casadi as ca
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.guards import (
     SETTLED_TIME,
-    ForceEvidence,
+    SOONEST_STOP,
     chance_of_jump,
     is_far,
     jump_evidence,
@@ -25,26 +25,14 @@ from distal.estimators.adaptive.interval import mechanics_function
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.tuning import Robustness
 from distal.estimators.read_channels import DEAD_INTERVALS, UNKNOWN_POSITION
-from distal.expressions import Expression, Scalar, Vector
+from distal.expressions import Expression, Scalar
+from distal.kernels.layout import Layout
 from distal.kernels.mask import is_bridge, is_read, is_there, rows_left
 
 MOTION_TIME = 0.025
 """Time constant of the mean motion of a drive [s]: two to five samples at 100 to 200 Hz. Source:
 judgement.
 """
-
-REMEMBERED = (
-    "position",
-    "doubt",
-    "speed",
-    "square",
-    "unknown",
-    "lost",
-    "shift",
-    "shift_std",
-    "effort",
-)
-"""Names of the values that are remembered of each drive, see `Drive`."""
 
 PULL_STD = 0.1
 """Share of a drive's pull that is not known when a jump is judged by it, because of stiffness and
@@ -60,12 +48,6 @@ LEAST_DOUBT = 0.25
 """After a jump that no force judges, smallest share of (1 − Π) times the squared jump that is added
 to the variance of the position [1]. Source: judgement.
 """
-
-MEMORY = len(REMEMBERED)
-"""Number of values that are remembered of each drive."""
-
-TRACKED = (*REMEMBERED, "bend", "variance")
-"""Names of the values that are known of each drive after a reading."""
 
 
 @dataclass(frozen=True)
@@ -102,14 +84,24 @@ class Drive:
     variance: Scalar
 
 
+TRACKED = tuple(part.name for part in fields(Drive))
+"""Names of the values that are known of each drive after a reading."""
+
+REMEMBERED = TRACKED[: TRACKED.index("bend")]
+"""Names of those that are remembered."""
+
+MEMORY = len(REMEMBERED)
+"""Number of values that are remembered of each drive."""
+
+
 class Tracks(Generic[Expression]):
     """All drives' `TRACKED` values as one vector: those that are remembered, drive by drive, then
     all bends, then all variances.
     """
 
-    def __init__(self, vector: Expression, n_drives: int) -> None:
+    def __init__(self, vector: Expression) -> None:
         self.vector = vector
-        self._n = n_drives
+        self._n = vector.numel() // len(TRACKED)
 
     @staticmethod
     def size(n_drives: int) -> int:
@@ -118,17 +110,20 @@ class Tracks(Generic[Expression]):
 
     def __getitem__(self, drive: int) -> Drive:
         """Return what is known of one drive."""
-        parameters = [self.vector[MEMORY * drive + i] for i in range(MEMORY)]
-        parameters += [self.vector[(MEMORY + i) * self._n + drive] for i in range(2)]
-        return Drive(**dict(zip(TRACKED, parameters)))
+        return Drive(*(self.vector[i] for i in self._indices(drive)))
 
     def of(self, drive: int) -> Expression:
         """Return what is known of one drive as a vector, in the order of `TRACKED`."""
-        first = MEMORY * drive
-        n = self._n
-        parts = self.vector[first : first + MEMORY], self.vector[MEMORY * n + drive]
-        parameters: Expression = ca.vertcat(*parts, self.vector[(MEMORY + 1) * n + drive])
-        return parameters
+        return self.vector[self._indices(drive)]
+
+    def _indices(self, drive: int) -> list[int]:
+        behind = MEMORY * self._n + drive
+        return [*range(MEMORY * drive, MEMORY * (drive + 1)), behind, behind + self._n]
+
+    @property
+    def positions(self) -> list[Expression]:
+        """The position of each drive."""
+        return [self.vector[MEMORY * i] for i in range(self._n)]
 
     @property
     def memory(self) -> Expression:
@@ -148,19 +143,6 @@ def remembered_position(drive: int, name: str) -> int:
     return MEMORY * drive + REMEMBERED.index(name)
 
 
-@dataclass(frozen=True)
-class Silence:
-    """What the filter assumes of a drive whose reading is missing for long, all scalars.
-
-    Args:
-        dead: time without a reading after which the sensor may not come back [s].
-        wandering: growth of the std of the position after that time [m/s, rad/s].
-    """
-
-    dead: Scalar
-    wandering: Scalar
-
-
 def tracking(states: StateVector) -> ca.Function:
     """Return the function (mean, memory, x, p) → tracks of all drives; see `Tracks`. A drive that
     nothing measures has zeros.
@@ -175,27 +157,32 @@ def tracking(states: StateVector) -> ca.Function:
     drives = [ca.MX.zeros(len(TRACKED))] * n
     for i in range(n):
         if context.position_sensor(i) is not None:
-            track_drive = _track(context.robustness, _judged(context, i), context.joints_follow)
-            drives[i] = track_drive(memory[MEMORY * i : MEMORY * (i + 1)], readings[i], x[0])
+            judged = _judged(context, i)
+            track = track_function(context.robustness, judged, context.joints_follow)
+            drives[i] = track(memory[MEMORY * i : MEMORY * (i + 1)], readings[i], x[0])
     bends, variances = ([drive[k] for drive in drives] for k in (MEMORY, MEMORY + 1))
     vector = ca.vertcat(*(drive[:MEMORY] for drive in drives), *bends, *variances)
     return ca.Function("track", [mean, memory, x, p], [vector])
 
 
-READING = (
-    "reading",
-    "mask",
-    "noise",
-    "dead",
-    "wandering",
-    "missing",
-    "force_mask",
-    "stiffness",
-    "variance",
-    "effort",
+READING = Layout(
+    reading=1,
+    mask=1,
+    noise=1,
+    dead=1,
+    wandering=1,
+    missing=1,
+    force_mask=1,
+    stiffness=1,
+    variance=1,
+    effort=1,
 )
-"""Names of the values that are read of each drive and of its force; see `track` and
-`ForceEvidence`.
+"""Layout of what is read of each drive: its position [m, rad], the mask of that, the variance of
+the sensor's random error; the time without a reading after which the sensor may not come back [s],
+and the growth of the std of the position after that time [m/s, rad/s]. Of its force: measured minus
+expected at the position that the mean speed leads to, U − F, its mask, the stiffness ∂F/∂s, the
+variance of U − F where there was no jump (noise, friction, uncertainty of the pull), and U. Source:
+definition (layout of a vector).
 """
 
 
@@ -219,12 +206,10 @@ def _readings(states: StateVector) -> ca.Function:
         memory[remembered_position(i, "position")] + memory[remembered_position(i, "speed")] * x[0]
         for i in range(n)
     ]
-    q = ca.vertcat(
-        mean[:nj], *(states.position(i, position, mean) for i, position in enumerate(led))
-    )
+    q = states.coordinates(mean, led)
     v = ca.SX.zeros(context.mechanism.n_bodies)
     _, pulls, _, limits, _, _, slopes = mechanics_function(context)(q, v, states.parameters(mean))
-    table = ca.SX(len(READING), n)
+    table = ca.SX(READING.size, n)
     for i in range(n):
         sensor = context.position_sensor(i)
         force = context.force_sensor(i)
@@ -244,72 +229,22 @@ def _readings(states: StateVector) -> ca.Function:
             reading, context.mask(x, sensor), context.noise(sensor), dead, wandering
         )
         if force is not None and _judged(context, i):
-            friction = limits[nj + i] + states.friction(i, mean)
-            pull = (
-                pulls[nj + i]
-                + states.force(i, mean)
-                + states.sensor_error(force, context.value(x, force), mean)
-            )
+            friction = limits[nj + i] + states.added(("friction", i), mean)
+            effort = context.value(x, force)
+            error = states.added(("reading", force.name), mean, effort)
+            pull = pulls[nj + i] - states.added(("lacking force", i), mean) + error
             spread = context.noise(force) + friction**2 + (PULL_STD * pull) ** 2
-            transmitted = states.transmitted(i)
-            if transmitted is not None:  # the play takes up as much as its limit
-                spread += context.number(transmitted[1].limit_name) ** 2
-            missing = context.value(x, force) - pull
-            table[5:, i] = ca.vertcat(
-                missing,
-                context.mask(x, force),
-                slopes[nj + i, nj + i],
-                spread,
-                context.value(x, force),
-            )
+            if states.transmitted(i) is not None:  # the play takes up as much as its limit
+                spread += context.number(f"drives.{i}.play_limit") ** 2
+            stiffness = slopes[nj + i, nj + i]
+            mask = context.mask(x, force)
+            table[5:, i] = ca.vertcat(effort - pull, mask, stiffness, spread, effort)
     return ca.Function("readings", [mean, memory, x, p], [ca.cse(ca.densify(table))])
 
 
-def _track(robustness: Robustness, judged: bool, follows: bool) -> ca.Function:
-    """Return the function (memory, `READING`, dt) → what is known of one drive after a reading,
-    `TRACKED`.
-
-    Drives for which `judged` is alike share it: whether the drive's force can tell a real jump from
-    a wild reading. With `follows` the joints follow a jump within one interval.
-    """
-    memory = ca.SX.sym("memory", MEMORY)
-    readings = ca.SX.sym("readings", len(READING))
-    dt = ca.SX.sym("dt")
-    reading, mask, noise, dead, wandering, missing, force_mask, stiffness, variance, effort = (
-        ca.vertsplit(readings)
-    )
-    least = 0.0 if follows else 0.5
-    evidence = (
-        ForceEvidence(missing, force_mask, stiffness, variance, effort, least) if judged else None
-    )
-    silence = Silence(dead, wandering)
-    drive = track(
-        memory,
-        reading,
-        mask,
-        noise,
-        dt,
-        robustness=robustness,
-        silence=silence,
-        force_evidence=evidence,
-    )
-    parts = ca.vertcat(*(getattr(drive, name) for name in TRACKED))
-    return ca.Function("drive", [memory, readings, dt], [ca.cse(ca.densify(parts))])
-
-
-def track(
-    memory: Vector,
-    reading: Scalar,
-    mask: Scalar,
-    noise: Scalar,
-    dt: Scalar,
-    *,
-    robustness: Robustness,
-    silence: Silence | None = None,
-    force_evidence: ForceEvidence | None = None,
-) -> Drive:
-    """Return what is known of a drive after a reading; a missing reading is bridged by the mean
-    speed, which fades.
+def track_function(robustness: Robustness, judged: bool, follows: bool) -> ca.Function:
+    """Return the function (memory, `READING`, dt) → what is known of a drive after a reading,
+    `TRACKED`; a missing reading is bridged by the mean speed, which fades.
 
     A reading that is far from the position expected by the mean speed is a real jump with a chance
     Π, else wild. The drive's force gives the chance where it is read, and the longer readings stay
@@ -317,17 +252,16 @@ def track(
     their variance.
 
     Args:
-        memory: from the last interval, (MEMORY,).
-        reading: displacement [m, rad].
-        mask: of the reading, see `distal.kernels.mask`.
-        noise: variance of the sensor's random error.
-        dt: length of the interval [s].
-        silence: what a long silence of the sensor means; None where none is long.
-        force_evidence: the drive's force, or None.
+        robustness: the guards.
+        judged: whether the drive's force can tell a real jump from a wild reading.
+        follows: whether the joints follow a jump within one interval, which then leaves no force.
     """
-    position, doubt, speed, square, unknown, lost, shift, shift_std, effort = (
-        memory[i] for i in range(MEMORY)
-    )
+    memory = ca.SX.sym("memory", MEMORY)
+    readings = ca.SX.sym("readings", READING.size)
+    dt = ca.SX.sym("dt")
+    position, doubt, speed, square, unknown, lost, shift, shift_std, effort = ca.vertsplit(memory)
+    reading, mask, noise, dead, wandering, *force = ca.vertsplit(readings)
+    missing, force_mask, stiffness, variance, force_now = force
     expected = position + speed * dt
     time = lost + dt
     bridged = is_bridge(mask)
@@ -339,22 +273,24 @@ def track(
     # (1) far: more than the recent motion can have led to
     lost_before = ca.if_else(doubt > 0, 0, unknown)
     far = ca.logic_and(is_far(robustness, jump, square * time * time + lost_before, noise), read)
-    judged: Scalar = ca.SX(0)
+    judges: Scalar = ca.SX(0)
     evidence: Scalar = ca.SX(0)
-    if force_evidence is not None:
-        force = force_evidence
-        judged = is_read(force.mask)
-        evidence = jump_evidence(force.missing, force.stiffness * jump, force.variance, force.least)
+    pull = stiffness * jump
+    if judged:
+        judges = is_read(force_mask)
+        evidence = jump_evidence(missing, pull, variance, 0.0 if follows else 0.5)
     # (2) the chance that a jump is real: between slow samples it may have been there since the mean
     # speed faded
     stayed = doubt + ca.fmax(dt - MOTION_TIME, 0)
-    real = ca.if_else(far, chance_of_jump(robustness, stayed, evidence, judged), 1)
+    real = ca.if_else(far, chance_of_jump(robustness, stayed, evidence, judges), 1)
     # (2b) or the zero of its sensor has jumped, and the drive goes on as it did
-    if robustness.zeros_jump and force_evidence is not None:
-        first = ca.logic_and(ca.logic_and(far, judged), ca.logic_and(doubt <= 0, real < 0.5))
-        jumped = ca.logic_and(first, zero_jumped(force_evidence, jump, effort, time))
+    if robustness.zeros_jump and judged:
+        first = ca.logic_and(ca.logic_and(far, judges), ca.logic_and(doubt <= 0, real < 0.5))
+        jumped = ca.logic_and(first, zero_jumped(force_now - effort, pull, variance))
+        if follows:  # at once: in a short interval no drive starts, moves far and stops
+            jumped = ca.logic_and(jumped, time <= SOONEST_STOP)
         shift += ca.if_else(jumped, jump, 0)
-        if force_evidence.least == 0.0:  # the joint may have followed the drive at once
+        if follows:
             shift_std = ca.if_else(jumped, ca.fabs(jump) / 2, shift_std)
         real = ca.if_else(jumped, 0, real)
     # a gap is crossed in a straight line to the reading that ends it
@@ -371,17 +307,16 @@ def track(
     # (4) a drive that is lost goes on as it did: its error grows with time, not with the root of
     # time
     astray = ca.fmax(unknown, square * time * time + noise)
-    if silence is not None:  # whatever it did before, it may have begun to move
-        wandered = silence.wandering * ca.fmax(time - silence.dead, 0)
-        astray = ca.fmax(astray, wandered * wandered)
-    doubted = (1 - real) * ca.if_else(judged, real, ca.fmax(real, LEAST_DOUBT)) * jump**2
+    # whatever it did before, it may have begun to move
+    astray = ca.fmax(astray, (wandering * ca.fmax(time - dead, 0)) ** 2)
+    doubted = (1 - real) * ca.if_else(judges, real, ca.fmax(real, LEAST_DOUBT)) * jump**2
     unknown = ca.if_else(
         bridged, moved * moved, ca.if_else(read, ca.if_else(far, doubted, 0), astray)
     )
     # (5), (6) what a straight line between samples misses
     sure = believed > 0.5
     bend = ca.if_else(sure, moved - speed * dt, 0)
-    return Drive(
+    drive = Drive(
         position=reached,
         doubt=ca.if_else(far, doubt + dt, 0),
         speed=speed * (fade + (1 - fade) * believed) + share * (seen - speed),
@@ -390,9 +325,9 @@ def track(
         lost=ca.if_else(sure, 0, time),
         shift=shift,
         shift_std=shift_std,
-        effort=effort
-        if force_evidence is None
-        else ca.if_else(judged, force_evidence.effort, effort),
+        effort=ca.if_else(judges, force_now, effort),
         bend=bend,
         variance=noise + unknown + (robustness.bend_share * bend) ** 2,
     )
+    parts = ca.vertcat(*vars(drive).values())
+    return ca.Function("drive", [memory, readings, dt], [ca.cse(ca.densify(parts))])

@@ -15,7 +15,6 @@ from distal.estimators.adaptive.drive_tracking import remembered_position
 from distal.estimators.adaptive.filter_function import adaptive_function, adaptive_layout
 from distal.estimators.adaptive.filter_inputs import states_of_rig
 from distal.estimators.adaptive.first_sample import prior_function
-from distal.estimators.adaptive.independent_subsystems import Apart, subsystems_of
 from distal.estimators.adaptive.states import KINDS, Kind, StateVector
 from distal.estimators.adaptive.touch import TORQUE
 from distal.estimators.adaptive.tuning import Robustness
@@ -51,14 +50,10 @@ def state_vector(
     Raises:
         EstimationError: the sensors do not suffice.
     """
-    guards = usual_guards(rig) if guards is None else guards
+    if guards is None:
+        guards = Robustness.usual(len(rig.joints), rig.free_motion is not None)
     channels = channels_of(rig, "adaptive", references, others=True)
     return states_of_rig(rig, inputs, channels, guards, kinds, folded)
-
-
-def usual_guards(rig: Rig) -> Robustness:
-    """Return the guards that a rig's filter has where none are given."""
-    return Robustness.usual(len(rig.joints), rig.free_motion is not None)
 
 
 class AdaptiveFilter(KernelEstimator):
@@ -75,7 +70,7 @@ class AdaptiveFilter(KernelEstimator):
         resolution: largest product of sub-step and a joint's own frequency; default `RESOLUTION`,
             on a chain `CHAIN_RESOLUTION`.
         trace: let the kernel put out what a smoother needs.
-        kinds: functions that give the blocks of states of a rig, one for each kind of state.
+        kinds: functions that give the states of a rig, one for each kind of state.
         folded: write all numbers but the equations' parameters into the kernel, for C elsewhere.
         home_std: where it is given, the references do not move the filter but condition its maps,
             see `homing_filter` [rad].
@@ -100,32 +95,37 @@ class AdaptiveFilter(KernelEstimator):
         home_std: float | None = None,
     ) -> None:
         channels = channels_of(rig, name, references, others=True)
-        guards = usual_guards(rig) if robustness is None else robustness
-        self._states = state_vector(
-            rig, tuple(references), tuple(inputs), guards, tuple(kinds), folded
+        self.states = state_vector(
+            rig, tuple(references), tuple(inputs), robustness, tuple(kinds), folded
         )
+        self.state_kinds = self.states.state_kinds
+        self.state_parts = self.states.state_parts
         self._resolution = resolution
         self._home_std = home_std
         # a smoother goes back over the filter's own states
         self.maps = LearnedMaps() if trace or rig.map is None else rig.map
-        self._check_maps()
+        for learned in self.maps.torque:
+            if len(self._torques(learned)) < len(learned.joints):
+                raise EstimationError(
+                    "adaptive: [map] has a torque from outside, and the rig says that none can "
+                    "occur; give the joint's external_torque a std, or fit again"
+                )
         self.structure = self._structure(trace)
         kernel = kernel_of(
             self.structure,
-            lambda: self._reporting(adaptive_function(self._states, resolution, trace)),
+            lambda: self._reporting(adaptive_function(self.states, resolution, trace)),
             compiled,
         )
-        parameters = self._states.context.mechanism.parameters.values
+        parameters = self.states.context.mechanism.parameters.values
         parameters = np.concatenate([parameters, *map(map_parameters, self._reporting_maps)])
         measured = tuple(sensor.name for sensor in channels.compared)
-        state_names = self._states.names
         super().__init__(
             name,
             rig,
             kernel,
             parameters,
             channels=channels,
-            state_names=state_names,
+            state_names=self.states.names,
             measured=measured,
         )
         self.report = Report.behind(
@@ -134,14 +134,6 @@ class AdaptiveFilter(KernelEstimator):
             [placed.learned.arrays["correlation"] for placed in self._reported],
         )
 
-    def _check_maps(self) -> None:
-        for learned in self.maps.torque:
-            if len(self._torques(learned)) < len(learned.joints):
-                raise EstimationError(
-                    "adaptive: [map] has a torque from outside, and the rig says that none can "
-                    "occur; give the joint's external_torque a std, or fit again"
-                )
-
     @property
     def _reporting_maps(self) -> tuple[LearnedMap, ...]:
         return (*self.maps.filter, *self.maps.torque)
@@ -149,7 +141,7 @@ class AdaptiveFilter(KernelEstimator):
     @property
     def _reported(self) -> list[ReportedMap]:
         """Each map that is reported."""
-        context = self._states.context
+        context = self.states.context
         names = context.channels.names
         joints = context.mechanism.rig.joint_names
         homes = {sensor.of: names.index(sensor.name) for sensor in context.channels.angles}
@@ -159,13 +151,10 @@ class AdaptiveFilter(KernelEstimator):
             is_filter = learned.beside_filter
             angles = tuple(joints.index(joint) for joint in learned.joints)
             states = angles if is_filter else self._torques(learned)
-            given = tuple(homes[joint] for joint in learned.joints) if self._homes(learned) else ()
+            is_homed = self._home_std is not None and is_filter
+            given = tuple(homes[joint] for joint in learned.joints) if is_homed else ()
             reported.append(ReportedMap(learned, channels, states, given, bool(self.touched)))
         return reported
-
-    def _homes(self, learned: LearnedMap) -> bool:
-        """Return whether known angles condition a map."""
-        return self._home_std is not None and learned.beside_filter
 
     def _torques(self, learned: LearnedMap) -> tuple[int, ...]:
         """Return the states that are the external torques on a map's joints."""
@@ -176,8 +165,8 @@ class AdaptiveFilter(KernelEstimator):
         """Return the filter with the values of its maps among its outputs."""
         if not self._reporting_maps:
             return function
-        n = len(self._states.names)
-        variances = [n + i * (n + 1) for i in range(self._states.context.n_joints)]
+        n = len(self.states.names)
+        variances = [n + i * (n + 1) for i in range(self.states.context.n_joints)]
         return reporting_function(function, self._reported, self.positions, variances, self.touched)
 
     def prior_function(self) -> ca.Function:
@@ -190,7 +179,7 @@ class AdaptiveFilter(KernelEstimator):
             for learned in self.maps.readings
         ]
         return prior_function(
-            self._states, self._reported, readings, self.positions, len(self._p), self._home_std
+            self.states, self._reported, readings, self.positions, len(self._p), self._home_std
         )
 
     def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
@@ -212,15 +201,12 @@ class AdaptiveFilter(KernelEstimator):
         """Number of displacements, which are the first channels and are interpolated along a
         straight line over a gap.
         """
-        return len(self._states.context.channels.positions)
+        return len(self.states.context.channels.positions)
 
     def with_maps(self, maps: LearnedMaps) -> AdaptiveFilter:
         """Return the same filter, kernel included, with other numbers in its maps."""
         changed = copy(self)
         changed.maps = maps
-        assert [learned_map.structure for learned_map in changed._reporting_maps] == [
-            learned_map.structure for learned_map in self._reporting_maps
-        ]
         parameters = self.parameters[: len(self.parameter_names)]
         changed._p = frozen(
             np.concatenate([parameters, *map(map_parameters, changed._reporting_maps)])
@@ -232,7 +218,7 @@ class AdaptiveFilter(KernelEstimator):
         """Return the same filter with all numbers but the parameters of the equations written into
         its function, for C elsewhere.
         """
-        context = self._states.context
+        context = self.states.context
         return AdaptiveFilter(
             self.rig,
             False,
@@ -241,33 +227,24 @@ class AdaptiveFilter(KernelEstimator):
             references=context.channels.angles,
             inputs=context.mechanism.parameters.inputs,
             resolution=self._resolution,
-            kinds=self._states.kinds,
+            kinds=self.states.kinds,
             folded=True,
             home_std=self._home_std,
         )
-
-    def states_of(self, rig: Rig) -> StateVector:
-        """Return the states of this filter for a rig with other values."""
-        context = self._states.context
-        inputs = context.mechanism.parameters.inputs
-        references = context.channels.angles
-        return state_vector(rig, references, inputs, context.robustness, self._states.kinds)
 
     def _structure(self, trace: bool) -> Structure | None:
         """Return what the kernel depends on; None, so that it is not shared, where numbers are
         folded into it or a kind of state comes from outside the package.
         """
-        context = self._states.context
-        if context.mechanism.parameters.folded:
-            return None
-        if not all(type(block).__module__.startswith("distal.") for block in self._states.blocks):
+        context = self.states.context
+        if context.mechanism.parameters.folded or self.states.kinds != KINDS:
             return None
         lagging = [sensor.name for sensor in context.channels.positions if sensor.lag > 0.0]
         return structure_of(
             "filter",
             context.mechanism,
             channels=(context.channels.names, lagging),
-            states=self._states.structure,
+            states=self.states.structure,
             friction_declared=tuple(map(context.declares_friction, range(context.n_drives))),
             joints_follow_a_jump=context.joints_follow,
             joints_settle=context.joints_settle,
@@ -284,7 +261,7 @@ class AdaptiveFilter(KernelEstimator):
     @property
     def placed_maps(self) -> tuple[PlacedMap, ...]:
         """The learned maps of the joints' angles, and where they are in the kernel."""
-        memory = adaptive_layout(self._states).size
+        memory = adaptive_layout(self.states).size
         parameters = len(self.parameter_names)
         placed = []
         for reported in self._reported[: len(self.maps.filter)]:
@@ -299,10 +276,10 @@ class AdaptiveFilter(KernelEstimator):
         """Index in the kernel state of the drive's position, for each position channel; None for
         the channels of tensions and forces, whose readings are used as they are.
         """
-        context = self._states.context
+        context = self.states.context
         channels = context.channels
         drives = context.mechanism.rig.drive_names
-        begin = adaptive_layout(self._states)["drives"].start
+        begin = adaptive_layout(self.states)["drives"].start
         placed = [
             begin + remembered_position(drives.index(sensor.of), "position")
             for sensor in channels.positions
@@ -314,62 +291,37 @@ class AdaptiveFilter(KernelEstimator):
         """Indices in the kernel state of the share, 0 (free) to 1, that a touch has of each joint
         that may be touched.
         """
-        at = adaptive_layout(self._states)["torques"].start + TORQUE["share"].start
-        joints = range(len(self._states.context.touchable))
-        return tuple(at + TORQUE.size * k for k in joints)
+        return tuple(self._of_torques("share"))
+
+    def _of_torques(self, part: str) -> list[int]:
+        """Return the indices in the kernel state of a part of what is remembered of each torque."""
+        at = adaptive_layout(self.states)["torques"].start + TORQUE[part].start
+        return [at + TORQUE.size * k for k in range(len(self.states.context.touchable))]
 
     @property
     def contacts(self) -> dict[str, list[int]]:
         """Joint → indices in the kernel state of the probability of a touch, and of the time for
         which it has lasted [s].
         """
-        at = adaptive_layout(self._states)["torques"].start
-        parts = ("probability", "since")
-        joints = (self.rig.joints[joint].name for joint in self._states.context.touchable)
-        return {
-            name: [at + TORQUE.size * k + TORQUE[part].start for part in parts]
-            for k, name in enumerate(joints)
-        }
+        joints = (self.rig.joints[joint].name for joint in self.states.context.touchable)
+        found = zip(self._of_torques("probability"), self._of_torques("since"))
+        return {joint: list(indices) for joint, indices in zip(joints, found)}
 
     @property
     def substeps(self) -> int:
         """Number of sub-steps of the joints in one interval."""
-        return self._states.context.substeps(self._resolution)
-
-    @property
-    def state_kinds(self) -> tuple[StateKind, ...]:
-        """The kind of each state, (n,)."""
-        return self._states.state_kinds
-
-    @property
-    def state_parts(self) -> tuple[str, ...]:
-        """The component of each state, (n,): the name of a joint, drive, tendon or sensor, or the
-        path of a parameter.
-        """
-        return self._states.state_parts
-
-    @property
-    def states(self) -> StateVector:
-        """The state vector: its blocks, with their priors and effects."""
-        return self._states
-
-    @property
-    def parts(self) -> tuple[Apart, ...]:
-        """The independent subsystems of the filter; empty where there is only one."""
-        return subsystems_of(self._states)
+        return self.states.context.substeps(self._resolution)
 
     @cached_property
     def priors(self) -> tuple[Floats, Floats]:
         """Prior means and stds of the states that are constants of the rig or of its sensors, NaN
         for the others, (n,) each.
         """
-        states = self._states
-        means, stds = (
-            np.where(states.lasting, moments, np.nan) for moments in (states.means, states.stds)
-        )
+        states = self.states
+        means, stds = np.where(states.lasting, (states.means, states.stds), np.nan)
         return frozen(means), frozen(stds)
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """Names of the kernel's parameters, (n_p,)."""
-        return self._states.context.mechanism.parameters.names
+        return self.states.context.mechanism.parameters.names

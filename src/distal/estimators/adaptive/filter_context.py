@@ -84,6 +84,18 @@ class FilterContext:
         """Length of a sample x = (dt, values, mask)."""
         return 1 + 2 * len(self.channels.names)
 
+    @property
+    def forces(self) -> tuple[Sensor, ...]:
+        """The sensors of drives' forces, then those of tendons' tensions."""
+        return (*self.channels.forces, *self.channels.tensions)
+
+    def lever(self, drive: int) -> float:
+        """Return the tendons' displacement per displacement of a drive: the radius of a capstan
+        [m], 1 for a slider.
+        """
+        part = self.mechanism.rig.drives[drive]
+        return part.radius.value if part.kind == "capstan" else 1.0
+
     @cached_property
     def touchable(self) -> tuple[int, ...]:
         """Indices of the joints on which a torque may act that the rig does not declare."""
@@ -120,11 +132,8 @@ class FilterContext:
             )
             arms = {} if tendon is None else tendon.arms()
             if arms.get(name, 0.0) != 0.0:
-                lever = drive.radius.value if drive.kind == "capstan" else 1.0
-                share = (
-                    arms[name] ** 2 / sum(arm**2 for arm in arms.values()) if len(arms) > 1 else 1.0
-                )
-                found[i] = lever / arms[name], share
+                share = arms[name] ** 2 / sum(arm**2 for arm in arms.values())
+                found[i] = self.lever(i) / arms[name], share
         return found
 
     def by_torque(self, joint: int, sensor: Sensor) -> float:
@@ -135,30 +144,25 @@ class FilterContext:
         share.
         """
         rig = self.mechanism.rig
-        ratios = self.ratios(joint)
         of = sensor.of
+        lever = 1.0
         if sensor.measures == "tension":
-            tendon = next(tendon for tendon in rig.tendons if tendon.name == sensor.of)
+            tendon = rig.tendons[rig.tendon_names.index(sensor.of)]
             of = tendon.drive
+            lever = self.lever(rig.drive_names.index(of))
             if rig.joints[joint].name not in tendon.joints:
                 return 0.0
-        at = rig.drive_names.index(of)
-        if at not in ratios:
-            return 0.0
-        ratio, share = ratios[at]
-        drive = rig.drives[at]
-        lever = drive.radius.value if drive.kind == "capstan" else 1.0
-        return ratio * share / (lever if sensor.measures == "tension" else 1.0)
+        ratio, share = self.ratios(joint).get(rig.drive_names.index(of), (0.0, 0.0))
+        return ratio * share / lever
 
     def forces_by_torque(self, joint: int) -> dict[str, str]:
         """Return force or tension → name of its `by_torque`, for those that a torque on the joint
         changes.
         """
-        forces = (*self.channels.forces, *self.channels.tensions)
         name = self.mechanism.rig.joints[joint].name
         return {
             sensor.name: f"{self.path(sensor)}.by_torque.{name}"
-            for sensor in forces
+            for sensor in self.forces
             if self.by_torque(joint, sensor) != 0.0
         }
 
@@ -172,7 +176,7 @@ class FilterContext:
         """
         shape = self.contact_shape
         changes = dict[str, float]()
-        for sensor in (*self.channels.forces, *self.channels.tensions):
+        for sensor in self.forces:
             alone = np.array([self.by_torque(i, sensor) for i in range(self.n_joints)])
             if shape[joint] @ alone != 0.0:
                 square = alone @ shape @ alone / shape[joint, joint]
@@ -347,7 +351,7 @@ class FilterContext:
         `Robustness.declared_friction` at its load.
         """
         part = self.mechanism.rig.drives[drive]
-        lever = part.radius.value if part.kind == "capstan" else 1.0
+        lever = self.lever(drive)
         tendons = [t for t in self.mechanism.rig.tendons if t.drive == part.name]
         load = max(
             abs(part.nominal_force.value) / lever, sum(t.pretension.value for t in tendons), 1.0

@@ -78,7 +78,7 @@ def adaptive_function(
     mean, covariance, y = updated(states, prediction, motion.rates, kept, interval)  # (16) to (32)
     mean, covariance = within_play(states, mean, covariance, interval)  # (26b)
     _bounded(states, mean, covariance, tracks, p)
-    remembered = Tracks(tracks, nd).memory
+    remembered = Tracks(tracks).memory
     following = layout.joined(
         mean=mean,
         covariance=covariance,
@@ -86,9 +86,7 @@ def adaptive_function(
         **kept.joined(),
     )
     y = ca.vertcat(y, *before) if trace else y
-    return ca.Function(
-        "adaptive", [kernel_state, x, p], [following, y], ["kernel_state", "x", "p"], ["next", "y"]
-    )
+    return ca.Function("adaptive", [kernel_state, x, p], [following, y])
 
 
 def _bounded(

@@ -53,7 +53,7 @@ def parameters_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
     channels = context.channels
     free = rig.free_motion
     yield "interval", channels.interval
-    for sensor in (*channels.forces, *channels.tensions):
+    for sensor in context.forces:
         normal = NOTHING_NORMAL if free is None else free.of_channel(sensor.name)
         for name, limit in normal.items():
             yield f"{context.path(sensor)}.normal.{name}", limit
@@ -73,7 +73,7 @@ def parameters_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
         for other in context.touchable:
             yield context.loaded_with(i, other), float(context.contact_shape[i, other])
         by_contact = context.by_contact(i) if i in context.touchable else {}
-        for sensor in (*channels.forces, *channels.tensions):
+        for sensor in context.forces:
             name = f"{context.path(sensor)}.by_torque.{joint.name}"
             yield name, context.by_torque(i, sensor)
             if sensor.name in by_contact:

@@ -9,14 +9,14 @@ import casadi as ca
 from distal.estimators.adaptive.drive_tracking import MEMORY, remembered_position
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.states import Begin, StateVector
-from distal.estimators.adaptive.touch import DRIVE, FORCE, touch_layout
+from distal.estimators.adaptive.touch import FORCE, touch_layout
 from distal.estimators.read_channels import UNKNOWN_POSITION
 from distal.expressions import Scalar, Vector
 from distal.kernels.mask import is_read
 from distal.regression import (
     ReportedMap,
     Shape,
-    first_memory,
+    begun_by,
     homed_memory,
     map_function,
     map_parameters,
@@ -79,36 +79,29 @@ def prior_function(
     memory = _memory(context, read, is_there)
     for i in range(context.n_drives):
         effort = context.force_sensor(i)
-        transmitted = states.transmitted(i)
-        if transmitted is not None and effort is not None:
-            at, _ = transmitted
+        at = states.transmitted(i)
+        if at is not None and effort is not None:
             mean[at] = read(effort, mean[at])
     begin = _begin(context, read)
-    for block in states.blocks:
-        first = block.first(begin)
-        if first is not None:
-            (at,) = states.indices(block)
-            mean[at] = first[0]
-            variances[at] = first[1] ** 2
+    for at, state in enumerate(states.states):
+        if state.first is not None:
+            mean[at], std = state.first(begin)
+            variances[at] = std**2
+    # maps beside the filter read the positions of drives as it has them, without a known offset
+    placed = (
+        values[k] if at is None else context.corrected(sensors[names[k]], values[k])
+        for k, at in enumerate(positions)
+    )
     symbols = context.mechanism.parameters.symbols
     p = ca.SX.sym("p", inputs)
-    first = ca.substitute([mean, variances, memory], [symbols], [p[: symbols.numel()]])
-    plain = ca.Function("plain", [values, is_present, p], first)
-    placed = ca.vertcat(
-        *(
-            values[k] if at is None else context.corrected(sensors[names[k]], values[k])
-            for k, at in enumerate(positions)
-        )
-    )
-    placed = ca.substitute([placed], [symbols], [p[: symbols.numel()]])[0]
-    # maps beside the filter read the positions of drives as it has them, without a known offset
-    of_filter = ca.Function("placed", [values, p], [ca.vertcat(placed, values[len(positions) :])])
-    return _with_maps(plain, of_filter, maps, readings, names, home_std)
+    outputs = [mean, variances, memory, ca.vertcat(*placed, values[len(positions) :])]
+    outputs = ca.substitute(outputs, [symbols], [p[: symbols.numel()]])
+    plain = ca.Function("plain", [values, is_present, p], outputs)
+    return _with_maps(plain, maps, readings, names, home_std)
 
 
 def _with_maps(
     plain: ca.Function,
-    of_filter: ca.Function,
     maps: Sequence[ReportedMap],
     readings: Sequence[tuple[LearnedMap, Sequence[int]]],
     names: Sequence[str],
@@ -116,28 +109,24 @@ def _with_maps(
 ) -> ca.Function:
     """Return the function `plain` with the start by maps, and with the memories of maps."""
     values, is_present, p = (ca.MX.sym(n, plain.numel_in(i)) for i, n in enumerate("vmp"))
-    mean, variances, memory = plain(values, is_present, p)
+    mean, variances, memory, tracked = plain(values, is_present, p)
     for learned, joints in readings:
         columns = [list(names).index(name) for name in learned.channels]
-        shape = Shape.of(learned)
-        of, is_present_there = values[columns], is_present[columns]
-        begun = _memory_of(learned)(of, is_present_there)
-        parameters = ca.DM(map_parameters(learned))
-        angles, _, spreads, _ = map_function(shape, len(learned.joints))(
-            begun, 0, of, is_present_there, parameters
-        )
+        read = values[columns], is_present[columns]
+        function = map_function(Shape.of(learned), len(learned.joints))
+        begun = begun_by(learned, *read)
+        angles, _, spreads, _ = function(begun, 0, *read, map_parameters(learned))
         for k, joint in enumerate(joints):
             better = spreads[k] < variances[joint]
             mean[joint] = ca.if_else(better, angles[k], mean[joint])
             variances[joint] = ca.if_else(better, spreads[k], variances[joint])
-    tracked = of_filter(values, p)
     number = p.numel() - sum(placed.parameters for placed in maps)
     for placed in maps:
         columns = list(placed.channels)
         of = (tracked if placed.learned.beside_filter else values)[columns]
         if placed.learned.beside_filter:
             of = ca.vertcat(of, mean[list(placed.states)])
-        begun = _memory_of(placed.learned)(of, is_present[columns])
+        begun = begun_by(placed.learned, of, is_present[columns])
         if placed.homes:
             parameters = p[number : number + placed.parameters]
             begun = homed_memory(placed.shape, placed.joints)(begun, parameters, home_std)
@@ -146,25 +135,12 @@ def _with_maps(
     return ca.Function("prior", [values, is_present, p], [mean, variances, memory])
 
 
-def _memory_of(learned: LearnedMap) -> ca.Function:
-    """Return the function (readings, mask) → memory of a map before the first sample."""
-    shape = Shape.of(learned)
-    readings = ca.SX.sym("readings", shape.count)
-    mask = ca.SX.sym("mask", shape.channels)
-    centre, scale = (ca.DM(learned.arrays[name]) for name in ("centre", "scale"))
-    memory = first_memory(shape, centre, scale, readings, mask)
-    return ca.Function("begun", [readings, mask], [memory])
-
-
 def _memory(context: FilterContext, read: Read, is_there: Callable[[Sensor], Scalar]) -> Vector:
     """Return what is remembered of the drives and their forces at the first sample; the position of
     a drive is unknown where `is_there` is 0.
     """
     lengths = touch_layout(context)
-    memory = ca.SX.zeros(MEMORY * context.n_drives + sum(lengths.values()))
-    usual = (MEMORY + DRIVE.size) * context.n_drives + FORCE["usual"].start
-    for k in range(lengths["evidence"] // FORCE.size):
-        memory[usual + FORCE.size * k] = UNEXPLAINED_AT_FIRST
+    memory = ca.SX.zeros(MEMORY * context.n_drives)
     for i, drive in enumerate(context.mechanism.rig.drives):
         position = context.position_sensor(i)
         effort = context.force_sensor(i)
@@ -174,22 +150,22 @@ def _memory(context: FilterContext, read: Read, is_there: Callable[[Sensor], Sca
             memory[remembered_position(i, "unknown")] = ca.if_else(is_there(position), 0.0, unknown)
         if effort is not None:
             memory[remembered_position(i, "effort")] = read(effort, 0.0)
-    return memory
+    force = FORCE.joined(mean=ca.SX(0), force=ca.SX(0), usual=ca.SX(UNEXPLAINED_AT_FIRST))
+    evidence = ca.repmat(force, lengths["evidence"] // FORCE.size, 1)
+    forces, torques = (ca.SX.zeros(lengths[name]) for name in ("forces", "torques"))
+    return ca.vertcat(memory, forces, evidence, torques)
 
 
 def _begin(context: FilterContext, read: Read) -> Begin:
     """Return the readings of the first sample; `read` gives a sensor's value, or its second
     argument where that is missing.
     """
-    drives = range(context.n_drives)
     cells = {sensor.of: sensor for sensor in context.channels.tensions}
-    positions = [context.position_sensor(i) for i in drives]
-    forces = [context.force_sensor(i) for i in drives]
-    tensions = [cells.get(tendon.name) for tendon in context.mechanism.rig.tendons]
-    efforts, pulls = (
+    positions = [context.position_sensor(i) for i in range(context.n_drives)]
+    forces = [context.force_sensor(i) for i in range(context.n_drives)]
+    tensions = [cells.get(name) for name in context.mechanism.rig.tendon_names]
+    starts, efforts, pulls = (
         [None if sensor is None else read(sensor, 0.0) for sensor in sensors]
-        for sensors in (forces, tensions)
+        for sensors in (positions, forces, tensions)
     )
-    return Begin(
-        [0.0 if sensor is None else read(sensor, 0.0) for sensor in positions], efforts, pulls
-    )
+    return Begin([0.0 if start is None else start for start in starts], efforts, pulls)

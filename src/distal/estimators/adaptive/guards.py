@@ -5,7 +5,6 @@ because a tendon slips on its spool or an encoder loses counts. Equations (1), (
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import isfinite, log
 
 import casadi as ca
@@ -129,47 +128,16 @@ jump [1]. Source: judgement.
 """
 
 
-@dataclass(frozen=True)
-class ForceEvidence:
-    """What the force of a drive says of a jump of its position, all scalars.
+def zero_jumped(change: Scalar, pull: Scalar, variance: Scalar) -> Scalar:
+    """Return 1 where a jump of a reading is one of its sensor's zero, since the drive's force does
+    not show it, else 0: (2b).
 
     Args:
-        missing: measured minus expected at the position that the mean speed leads to, U − F [N, N
-            m].
-        mask: of the force, see `distal.kernels.mask`.
-        stiffness: change of the drive's pull with its position, ∂F/∂s.
-        variance: of U − F where there was no jump: noise, friction, and the uncertainty of the
-            pull.
-        effort: what is read, U.
-        least: smallest share of the change of the pull that a real jump may show.
+        change: of the force since its last reading [N, N m].
+        pull: by which a jump of the drive would change it.
+        variance: of the force where there was no jump.
     """
-
-    missing: Scalar
-    mask: Scalar
-    stiffness: Scalar
-    variance: Scalar
-    effort: Scalar
-    least: float = 0.5
-
-
-def zero_jumped(force: ForceEvidence, jump: Scalar, effort: Scalar, time: Scalar) -> Scalar:
-    """Return 1 where a `jump` of a reading is one of its sensor's zero, since the drive's force
-    does not show it, else 0: (2b).
-
-    A joint that follows within an interval leaves no change of force (`force.least` is 0). Then the
-    time must also be at most `SOONEST_STOP`, in which no drive moves far and stops.
-
-    Args:
-        force: evidence of the drive's force.
-        jump: of the reading [m, rad].
-        effort: last reading of the force before [N, N m].
-        time: since the last good reading of the position [s].
-    """
-    pull = force.stiffness * jump
-    silent = ca.logic_and(
-        (force.effort - effort) * pull < SHOWS * pull**2, pull**2 > LONGEST_SLIP**2 * force.variance
-    )
-    return silent if force.least > 0.0 else ca.logic_and(silent, time <= SOONEST_STOP)
+    return ca.logic_and(change * pull < SHOWS * pull**2, pull**2 > LONGEST_SLIP**2 * variance)
 
 
 def kept_shift(

@@ -21,7 +21,7 @@ from distal.estimators.adaptive.states.vector import StateVector
 from distal.estimators.adaptive.touch import DRIVE, FORCE, TORQUE, compared_forces
 from distal.estimators.read_channels import Channels
 from distal.kernels import Indices, Layout, PlacedKernel, side_by_side
-from distal.rig import Subsystem, independent_parts
+from distal.rig import Sensor, Subsystem, independent_parts
 
 
 @dataclass(frozen=True)
@@ -71,33 +71,28 @@ def _apart(states: StateVector, part: Subsystem) -> Apart:
     part_states = states_of_rig(
         part.rig, inputs, channels, context.robustness, states.kinds, parameters.folded
     )
-    keys = _keys(states)
-    every = context.channels.names
-    at = [keys.index(key) if key in keys else -1 for key in _keys(part_states)]
-    values = np.array([every.index(name) for name in channels.names], dtype=np.intp)
-    compared = [sensor.name for sensor in context.channels.compared]
-    forces = [sensor.name for sensor in compared_forces(context)]
-    touchable = [j for j in part.indices["joints"] if j in context.touchable]
-    of_part = [sensor.name for sensor in compared_forces(part_states.context)]
+    at = _among(_keys(states), _keys(part_states))
+    values = _among(context.channels.names, channels.names)
+    forces = compared_forces(part_states.context)
+    names = part_states.context.mechanism.parameters.names
     return Apart(
         part_states,
-        np.array(at, dtype=np.intp),
+        at,
         np.array(part.indices["drives"], dtype=np.intp),
-        np.concatenate([[0], 1 + values, 1 + len(every) + values]).astype(np.intp),
-        np.array(
-            [
-                parameters.index(_whole_name(part, at, name))
-                for name in part_states.context.mechanism.parameters.names
-            ],
-            dtype=np.intp,
-        ),
-        np.array([compared.index(sensor.name) for sensor in channels.compared], dtype=np.intp),
-        np.array([forces.index(name) for name in of_part], dtype=np.intp),
-        np.array([context.touchable.index(j) for j in touchable], dtype=np.intp),
+        np.concatenate([[0], 1 + values, 1 + len(context.channels.names) + values]),
+        np.array([parameters.index(_whole_name(part, at, name)) for name in names], dtype=np.intp),
+        _among(context.channels.compared, channels.compared),
+        _among(compared_forces(context), forces),
+        _among(context.touchable, [j for j in part.indices["joints"] if j in context.touchable]),
     )
 
 
-def _whole_name(part: Subsystem, at: Sequence[int], name: str) -> str:
+def _among(whole: Sequence[object], part: Sequence[object]) -> Indices:
+    """Return the indices of some things among all, −1 for one that is not among them."""
+    return np.array([whole.index(item) if item in whole else -1 for item in part], dtype=np.intp)
+
+
+def _whole_name(part: Subsystem, at: Indices, name: str) -> str:
     """Return the name among the whole filter's inputs for an input of a subsystem, whose states
     have the indices `at` in the whole.
     """
@@ -123,28 +118,20 @@ def _keys(states: StateVector) -> list[tuple[object, str, int]]:
     return keys
 
 
-@dataclass(frozen=True)
-class _PartOfChannels(Channels):
-    """The sensors of a part; its nominal interval is that of the whole rig."""
-
-    nominal_interval: float = 0.0
-
-    @property
-    def interval(self) -> float:
-        """Interval of the fastest sensor of the whole rig [s]."""
-        return self.nominal_interval
-
-
 def _channels(part: Subsystem, channels: Channels) -> Channels:
-    names = {sensor.name for sensor in part.rig.sensors}
-    joints = {joint.name for joint in part.rig.joints}
+    """Return the sensors of a part; its nominal interval is that of the whole rig."""
 
-    positions, forces, tensions, others = (
-        tuple(sensor for sensor in sensors if sensor.name in names)
-        for sensors in (channels.positions, channels.forces, channels.tensions, channels.others)
+    def of_part(sensors: Sequence[Sensor]) -> tuple[Sensor, ...]:
+        return tuple(sensor for sensor in sensors if sensor.name in part.rig.sensor_names)
+
+    return Channels(
+        of_part(channels.positions),
+        of_part(channels.forces),
+        of_part(channels.tensions),
+        tuple(sensor for sensor in channels.angles if sensor.of in part.rig.joint_names),
+        of_part(channels.others),
+        channels.interval,
     )
-    angles = tuple(sensor for sensor in channels.angles if sensor.of in joints)
-    return _PartOfChannels(positions, forces, tensions, angles, others, channels.interval)
 
 
 def _stretches(which: Indices, size: int) -> Indices:

@@ -11,13 +11,11 @@ from collections.abc import Sequence
 import casadi as ca
 
 from distal.estimators.adaptive.drive_tracking import Tracks
-from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.prediction import set_row
-from distal.estimators.adaptive.states import StateVector, Transmitted
-from distal.estimators.adaptive.states.internal import BacklashOrSheathState, Strained
+from distal.estimators.adaptive.states import StateVector
 from distal.estimators.state_kinds import StateKind
-from distal.expressions import Matrix, Scalar, ScalarNode, Vector, VectorNode
+from distal.expressions import Matrix, Scalar, ScalarNode, VectorNode
 from distal.kernels.mask import is_read
 from distal.model import clip_moments
 
@@ -54,42 +52,31 @@ def play(
         remembered: the drive's smoothed effort.
         interval: with its sample.
     """
-    state = prediction.state
-    covariance = prediction.covariance
-    transition = prediction.transition
-    transmitted = states.transmitted(drive)
-    assert transmitted is not None  # `play` is called for drives with hysteresis
-    at, _ = transmitted
-    mean, row, added, read, effort = play_function(states, drive)(
-        state, covariance[at, at], interval.tracks, rates, remembered, interval.x, interval.p
+    at = states.transmitted(drive)
+    assert at is not None  # `play` is called for drives with hysteresis
+    variance = prediction.covariance[at, at]
+    *after, effort = play_function(states, drive, at)(
+        prediction.state, variance, interval.tracks, rates, remembered, interval.x, interval.p
     )
-    across = ca.mtimes(covariance, row)
-    variance_of_z = ca.mtimes(row.T, across) + added
-    state[at] = mean
-    across = ca.if_else(read, across, covariance[:, at])
-    set_row(covariance, at, across, ca.if_else(read, variance_of_z, covariance[at, at]))
-    transition[at, :] = ca.if_else(read, ca.mtimes(row.T, transition), transition[at, :])
+    _move(prediction, at, *after)
     return effort
 
 
-def smoothed_effort(
-    context: FilterContext, block: Transmitted, remembered: Scalar, x: Vector
-) -> Scalar:
-    """Return a drive's effort in a sample x, smoothed with the `remembered` one, which is 0 before
-    the first.
+def _move(
+    prediction: Prediction, at: int, mean: ScalarNode, row: VectorNode, added: ScalarNode
+) -> None:
+    """Give a state, in place, a new mean, its slopes `row` by all states before, and the variance
+    that is `added`.
     """
-    effort = context.value(x, block.sensor)
-    following = remembered + context.number(block.weight_name) * (effort - remembered)
-    return ca.if_else(
-        is_read(context.mask(x, block.sensor)),
-        ca.if_else(remembered == 0, effort, following),
-        remembered,
-    )
+    across = ca.mtimes(prediction.covariance, row)
+    prediction.state[at] = mean
+    set_row(prediction.covariance, at, across, ca.mtimes(row.T, across) + added)
+    prediction.transition[at, :] = ca.mtimes(row.T, prediction.transition)
 
 
-def play_function(states: StateVector, drive: int) -> ca.Function:
+def play_function(states: StateVector, drive: int, at: int) -> ca.Function:
     """Return the function (state, variance of z, tracks, rates, effort, x, p) → (z⁺, slopes, added
-    variance, whether the effort is read, effort⁺).
+    variance, effort⁺); without a reading z stays.
     """
     context = states.context
     n = len(states)
@@ -97,29 +84,32 @@ def play_function(states: StateVector, drive: int) -> ca.Function:
     mechanism = context.mechanism
     p = context.mechanism.parameters.symbols
     nj = context.n_joints
-    transmitted = states.transmitted(drive)
-    assert transmitted is not None  # as above
-    at, block = transmitted
+    sensor = context.force_sensor(drive)
+    assert sensor is not None  # as above
     state = ca.SX.sym("state", n)
     variance_of_z = ca.SX.sym("P_z")
     vector = ca.SX.sym("tracks", Tracks.size(nd))
     rates = ca.SX.sym("rates", nd)
     remembered = ca.SX.sym("effort")
     x = ca.SX.sym("x", context.width)
-    tracks = Tracks(vector, nd)
-    positions = [states.position(i, tracks[i].position, state) for i in range(nd)]
+    tracks = Tracks(vector)
     q = ca.SX.sym("q", mechanism.n_bodies)
     still = ca.SX.zeros(mechanism.n_bodies)
     limit = mechanism.hysteresis_limit(drive, q, mechanism.tensions(q, still))
     limits = ca.Function("limit", [q, p], [limit, mechanism.dampings()])
-    held, dampings = limits(ca.vertcat(state[:nj], *positions), states.parameters(state))
+    at_end = states.coordinates(state, tracks.positions)
+    held, dampings = limits(at_end, states.parameters(state))
     slope = ca.densify(ca.jacobian(held, state))
-    smoothed = smoothed_effort(context, block, remembered, x)
+    came = context.value(x, sensor)
+    read = is_read(context.mask(x, sensor))
+    share = context.number(f"drives.{drive}.reading_weight")
+    following = ca.if_else(remembered == 0, came, remembered + share * (came - remembered))
+    smoothed = ca.if_else(read, following, remembered)
     # what the effort has beyond the transmission's own: the sensor's error, and the drive's damping
-    error = states.sensor_error(block.sensor, smoothed, state) + dampings[nj + drive] * rates[drive]
+    error = states.added(("reading", sensor.name), state, smoothed)
+    error += dampings[nj + drive] * rates[drive]
     effort = smoothed - error
-    share = context.number(block.weight_name)
-    left = share / (2 - share) * context.noise(block.sensor)
+    left = share / (2 - share) * context.noise(sensor)
     held += CREST * ca.sqrt(left)
     moments = clip_moments(
         effort - held, effort + held, state[at], ca.sqrt(ca.fmax(variance_of_z, 0)) + TINY_EFFORT
@@ -128,12 +118,10 @@ def play_function(states: StateVector, drive: int) -> ca.Function:
     row[0, at] += moments.by_mean
     ends = moments.by_low + moments.by_high
     row -= ends * ca.jacobian(error, state)
-    read = is_read(context.mask(x, block.sensor))
     outputs = [
         ca.if_else(read, moments.mean, state[at]),
-        row.T,
-        moments.rest + ends**2 * left,
-        read,
+        ca.if_else(read, row, ca.SX(ca.DM.eye(n)[at, :])).T,
+        ca.if_else(read, moments.rest + ends**2 * left, 0),
         smoothed,
     ]
     arguments = [state, variance_of_z, vector, rates, remembered, x, p]
@@ -148,48 +136,31 @@ certain [m, rad]. Source: rounding (division by zero).
 
 def follow(states: StateVector, prediction: Prediction, interval: Interval) -> None:
     """Move all internal states to the end of an interval, in place."""
-    state = prediction.state
-    covariance = prediction.covariance
-    transition = prediction.transition
-    tracks = interval.tracks
-    x = interval.x
-    p = interval.p
-    for block in _ordered(states):
-        at = states.indices(block)[0]
-        mean, row, added = following_function(states, block)(
-            state, covariance[at, at], tracks, x, p
+    for at in _ordered(states):
+        variance = prediction.covariance[at, at]
+        after = following_function(states, at)(
+            prediction.state, variance, interval.tracks, interval.x, interval.p
         )
-        across = ca.mtimes(covariance, row)
-        variance = ca.mtimes(row.T, across) + added
-        state[at] = mean
-        set_row(covariance, at, across, variance)
-        transition[at, :] = ca.mtimes(row.T, transition)
+        _move(prediction, at, *after)
 
 
-def _ordered(states: StateVector) -> list[BacklashOrSheathState | Strained]:
-    """Return the internal states in the order in which they move: points of a sheath from end to
-    end and back.
+def _ordered(states: StateVector) -> list[int]:
+    """Return the indices of the internal states in the order in which they move: points of a sheath
+    from end to end and back.
     """
     mechanism = states.context.mechanism
-    order = list[BacklashOrSheathState | Strained]()
-    blocks = [
-        block for block in states.blocks if isinstance(block, (BacklashOrSheathState, Strained))
-    ]
-    points = {
-        (block.index, block.point): block for block in blocks if block.kind is StateKind.SHEATH
-    }
+    points = states.of_kind(StateKind.SHEATH)
     still = ca.SX.zeros(mechanism.n_bodies)
-    for block in blocks:
-        if block.kind is not StateKind.SHEATH:
-            order.append(block)
-        elif block.point == 0:
-            sheath = mechanism.sheath(block.index, still)
-            assert sheath is not None  # it has points
-            order += [points[block.index, k] for k in sheath.order()]
-    return order
+    order = list(states.of_kind(StateKind.BACKLASH))
+    for tendon, name in enumerate(mechanism.rig.tendon_names):
+        sheath = mechanism.sheath(tendon, still)
+        if sheath is not None:
+            along = [at for at in points if states.state_parts[at] == name]
+            order += [along[k] for k in sheath.order()]
+    return [*order, *states.of_kind(StateKind.CREEP)]
 
 
-def following_function(states: StateVector, block: BacklashOrSheathState | Strained) -> ca.Function:
+def following_function(states: StateVector, at: int) -> ca.Function:
     """Return the function (state, variance, tracks, x, p) → (mean, slopes, added variance) of one
     internal state after an interval.
 
@@ -206,17 +177,18 @@ def following_function(states: StateVector, block: BacklashOrSheathState | Strai
     variance = ca.SX.sym("P_z")
     x = ca.SX.sym("x", context.width)
     vector = ca.SX.sym("tracks", Tracks.size(nd))
-    tracks = Tracks(vector, nd)
+    tracks = Tracks(vector)
     q = ca.SX.sym("q", mechanism.n_bodies)
     dt = ca.SX.sym("dt")
-    positions = [states.position(i, tracks[i].position, state) for i in range(nd)]
-    arguments = [ca.vertcat(state[:nj], *positions), states.parameters(state), x[0]]
-    at = states.indices(block)[0]
-    if isinstance(block, Strained):
-        crept = ca.Function("crept", [q, p, dt], [mechanism.crept(q, dt)[block.which]])(*arguments)
+    at_end = states.coordinates(state, tracks.positions)
+    arguments = [at_end, states.parameters(state), x[0]]
+    name = mechanism.parameters.names[states.states[at].indices[0]]
+    if name in mechanism.strains:
+        strain = mechanism.crept(q, dt)[mechanism.strains.index(name)]
+        crept = ca.Function("crept", [q, p, dt], [strain])(*arguments)
         outputs = [crept, ca.jacobian(crept, state).T, ca.SX(0)]
     else:
-        bounds = mechanism.bounds(block.which, q)
+        bounds = mechanism.bounds(mechanism.plays.index(name), q)
         reached = [bounds.low, bounds.high]
         by_drives = [ca.jacobian(bound, q)[0, nj:] for bound in reached]
         low, high, *slopes = ca.Function("bounds", [q, p, dt], [*reached, *by_drives])(*arguments)

@@ -99,11 +99,10 @@ def moved(
         if len(mechanism.free) < nj:
             of_angles = ca.mtimes(of_angles[:, mechanism.free], mechanism.spread.T)
         speed_variances = speed_variances + added
-    patterns = _position_slopes(states)
     positions = list[tuple[list[int], VectorNode]]()
     first = 0
     for i in range(context.n_drives):
-        at = [int(k) for k in patterns[i, :].sparsity().get_triplet()[1]]
+        at = states.placing(i)
         positions.append((at, values[first : first + len(at)]))
         first += len(at)
     slopes = ca.horzcat(of_angles, of_speeds)
@@ -112,37 +111,20 @@ def moved(
 
 
 def _acting(states: StateVector) -> list[int]:
-    """Return the indices of the states beside the joints' motion that enter the model: as
-    parameters, torques or responses.
-    """
-    state = ca.SX.sym("state", len(states))
-    nj = states.context.n_joints
-    changing = _changing(ca.vertcat(states.parameters(state), states.torques(state)), state)
-    return [i for i in changing if i >= 2 * nj]
-
-
-def _changing(expression: Vector, state: Vector) -> list[int]:
-    """Return the indices of the states that change an expression."""
-    return sorted({int(i) for i in ca.jacobian(expression, state).sparsity().get_triplet()[1]})
-
-
-def _position_slopes(states: StateVector) -> Matrix:
-    """Return the pattern of ∂(positions of the drives)/∂state, (n_drives, n)."""
-    mean = ca.SX.sym("mean", len(states))
-    reading = ca.SX.sym("reading", states.context.n_drives)
-    return ca.vertcat(
-        *(
-            ca.jacobian(states.position(i, reading[i], mean), mean)
-            for i in range(states.context.n_drives)
-        )
-    )
+    """Return the indices of the states that enter the model: as parameters or torques."""
+    states_by_index = enumerate(states.states)
+    return [
+        i
+        for i, state in states_by_index
+        if state.indices or (state.to is not None and state.to[0] == "torque")
+    ]
 
 
 def _interval(states: StateVector, count: int) -> ca.Function:
     """Return the values that are the same for all sub-steps of an interval.
 
     The function is (mean, P, memory, tracks, x, p) → positions of the drives at its start, their
-    speeds, external torques, slopes of the positions by states (`_position_slopes`); stds of
+    speeds, external torques, slopes of the positions by states (`StateVector.placing`); stds of
     torques and friction limits, the model's parameters, and the joints' `damped_inertias`, which in
     a chain are those of the joints' own inertias alone and stay unused.
     """
@@ -156,11 +138,11 @@ def _interval(states: StateVector, count: int) -> ca.Function:
     memory = ca.SX.sym("memory", MEMORY * nd)
     vector = ca.SX.sym("tracks", Tracks.size(nd))
     x = ca.SX.sym("x", context.width)
-    tracks = Tracks(vector, nd)
+    tracks = Tracks(vector)
     dt = x[0]
     starts = list[Scalar]()
     rates = list[Scalar]()
-    slopes = list[Vector]()
+    slopes = list[Scalar]()
     for i in range(nd):
         first = states.position(i, memory[remembered_position(i, "position")], mean)
         last = states.position(i, tracks[i].position, mean)
@@ -171,19 +153,16 @@ def _interval(states: StateVector, count: int) -> ca.Function:
             if measured
             else ca.SX(0)
         )
-        slopes.append(ca.jacobian(last, mean))
-    values = ca.vertcat(*(slope.nz[k] for slope in slopes for k in range(slope.nnz())), ca.SX(0, 1))
+        slope = ca.jacobian(last, mean)
+        slopes += [slope[at] for at in states.placing(i)]
     parameters = states.parameters(mean)
     damped = damped_inertias(mechanism, mechanism.inertias()[: context.n_joints], dt / count)
-    torques = states.torques(mean)
-    spreads = []
-    for slope in ca.vertsplit(ca.jacobian(torques, mean)):
-        # torques are sums of states of their own: their variances add up
-        _, at = slope.sparsity().get_triplet()
-        spreads.append(
-            ca.sqrt(ca.fmax(sum((covariance[i, i] for i in at), ca.SX(0)), 0)) if at else ca.SX(0)
-        )
     nj = context.n_joints
+    # torques are sums of states of their own: their variances add up
+    of_joints = [states.adding(("torque", j)) for j in range(nj)]
+    spreads = [
+        ca.sqrt(ca.fmax(sum((covariance[i, i] for i in at), ca.SX(0)), 0)) for at in of_joints
+    ]
     q = ca.vertcat(mean[:nj], *starts)
     v = ca.vertcat(mean[nj : 2 * nj], *rates)
     for j, std in friction_stds(states, q, v, mean, covariance).items():
@@ -191,8 +170,8 @@ def _interval(states: StateVector, count: int) -> ca.Function:
     outputs = [
         ca.vertcat(*starts),
         ca.vertcat(*rates),
-        torques,
-        values,
+        states.torques(mean),
+        ca.vertcat(*slopes, ca.SX(0, 1)),
         ca.vertcat(*spreads),
         parameters,
         ca.substitute(damped, p, parameters),

@@ -15,7 +15,6 @@ import casadi as ca
 
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.states import StateVector
-from distal.estimators.adaptive.states.parameter import UncertainParameter
 from distal.expressions import Matrix, Scalar, Vector
 from distal.model import (
     Contacts,
@@ -37,13 +36,10 @@ def doubted_frictions(states: StateVector) -> dict[int, list[int]]:
     """
     p = states.context.mechanism.parameters
     doubted = dict[int, list[int]]()
-    for block in states.blocks:
-        if not isinstance(block, UncertainParameter) or block.acts != "value":
-            continue
-        at = block.indices[0]
-        head, index, part = p.names[at].split(".")[:3]
-        if (head, part) == ("joints", "friction") and block.doubted:
-            doubted.setdefault(int(index), []).extend(states.indices(block))
+    for i, state in enumerate(states.states):
+        if state.doubted:
+            _, joint, *_ = p.names[state.indices[0]].split(".")
+            doubted.setdefault(int(joint), []).append(i)
     return doubted
 
 

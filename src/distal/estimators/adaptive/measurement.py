@@ -16,9 +16,11 @@ from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.guards import extra_variance
 from distal.estimators.adaptive.interval import mechanics_function
 from distal.estimators.adaptive.states import StateVector
+from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector, VectorNode
 from distal.kernels.layout import Layout
 from distal.model import Moment
+from distal.rig import Sensor
 
 TIE = 0.3
 """Standard deviation of the transmitted effort around the tendons' pull, in those of the effort's
@@ -88,11 +90,15 @@ def measurement_rows_of(
     context = states.context
     mechanism = states.context.mechanism
     nj = states.context.n_joints
-    positions = [states.position(i, tracks[i].position, state) for i in range(context.n_drives)]
-    q = ca.vertcat(state[:nj], *positions)
+    q = states.coordinates(state, tracks.positions)
     v = ca.vertcat(state[nj : 2 * nj], rates)
     mechanics = mechanics_function(context)(q, v, states.parameters(state))
     tensions, pulls, dampings, limits, asymmetries, tension_slopes, pull_slopes = mechanics
+
+    def read(sensor: Sensor) -> Scalar:
+        value = context.value(x, sensor)
+        return value - states.added(("reading", sensor.name), state, value)
+
     rows = []
     for i, drive in enumerate(mechanism.rig.drives):
         sensor = context.force_sensor(i)
@@ -101,8 +107,8 @@ def measurement_rows_of(
         unsure = track.variance + extra_variance(context.robustness, track.lost, track.unknown)
         spread = unsure * pull_slopes[body, body] ** 2
         free = away_from_stops(context, i, track.position)
-        expected = pulls[body] + states.force(i, state)
-        friction = (limits[body] + states.friction(i, state), asymmetries[body], i)
+        expected = pulls[body] - states.added(("lacking force", i), state)
+        friction = (limits[body] + states.added(("friction", i), state), asymmetries[body], i)
         if sensor is None:
             path = f"drives.{i}.nominal_force"
             nominal_std = context.number(f"{path}.std")
@@ -128,29 +134,26 @@ def measurement_rows_of(
             rows.append(
                 MeasurementRow(
                     sensor.name,
-                    state[transmitted[0]] - (expected - damped),
+                    state[transmitted] - (expected - damped),
                     TIE**2 * noise + spread,
                     mask,
                 )
             )
             continue
-        read = context.value(x, sensor)
-        residual = read - expected - states.sensor_error(sensor, read, state)
+        residual = read(sensor) - expected
         rows.append(MeasurementRow(sensor.name, residual, noise + spread, mask, *friction))
     tendons = mechanism.rig.tendon_names
     for sensor in context.channels.tensions:
         t = tendons.index(sensor.of)
         body = mechanism.drive_of[t]
         spread = context.noise(sensor) + tension_slopes[t, body] ** 2 * tracks[body - nj].variance
-        read = context.value(x, sensor)
-        residual = read - tensions[t] - states.sensor_error(sensor, read, state)
+        residual = read(sensor) - tensions[t]
         rows.append(MeasurementRow(sensor.name, residual, spread, context.mask(x, sensor)))
     moment = Moment(mechanism, q, v, tensions, pulls)
-    unknowns = states.unknowns(state)
+    unknowns = {states.names[i]: state[i] for i in states.of_kind(StateKind.OTHER)}
     for sensor in (*context.channels.angles, *context.channels.others):
-        read = context.value(x, sensor)
         trusted = sensor in context.channels.angles
-        residual = read - moment.read(sensor, unknowns) - states.sensor_error(sensor, read, state)
+        residual = read(sensor) - moment.read(sensor, unknowns)
         noise = context.noise(sensor)
         mask = context.mask(x, sensor)
         # a speed errs alike for as long as the friction that made it
@@ -181,26 +184,17 @@ def away_from_stops(context: FilterContext, drive: int, position: Scalar) -> Sca
 
 
 @dataclass(frozen=True)
-class MeasurementSlopes:
-    """Slopes of a row's residual, limit and asymmetry by the state, (n, 1) each."""
-
-    residual: VectorNode
-    limit: VectorNode
-    asymmetry: VectorNode
-
-
-@dataclass(frozen=True)
 class RowAt:
     """A row at a state.
 
     Args:
         values: its values, in the layout `ROW`.
-        slopes: their slopes by the state.
+        slopes: those of its `SLOPED` values by the state, (n, 1) each, by name.
     """
 
     row: MeasurementRow
     values: VectorNode
-    slopes: MeasurementSlopes
+    slopes: dict[str, VectorNode]
 
 
 @dataclass(frozen=True)
@@ -222,17 +216,13 @@ class Rows:
         vector = ca.SX.sym("tracks", Tracks.size(context.n_drives))
         rates = ca.SX.sym("rates", context.n_drives)
         x = ca.SX.sym("x", context.width)
-        rows = measurement_rows_of(states, state, Tracks(vector, context.n_drives), rates, x)
+        rows = measurement_rows_of(states, state, Tracks(vector), rates, x)
         outputs = dict[str, ca.SX]()
         for k, row in enumerate(rows):
-            outputs[f"values_{k}"] = ROW.joined(
-                **{part: ca.SX(getattr(row, part)) for part in ROW.names}
-            )
-            slopes = {
-                part: ca.sparsify(ca.jacobian(ca.SX(getattr(row, part)), state)).T
-                for part in SLOPED
-            }
-            outputs |= {f"{part}_{k}": slope for part, slope in slopes.items()}
+            values = {part: ca.SX(vars(row)[part]) for part in ROW.names}
+            outputs[f"values_{k}"] = ROW.joined(**values)
+            for part in SLOPED:
+                outputs[f"{part}_{k}"] = ca.sparsify(ca.jacobian(values[part], state)).T
         arguments = [state, vector, rates, x, context.mechanism.parameters.symbols]
         inputs = ["state", "tracks", "rates", "x", "p"]
         return cls(
@@ -248,10 +238,6 @@ class Rows:
         """
         outputs = self.function(state=state, tracks=tracks, rates=rates, x=x, p=p)
         return [
-            RowAt(
-                row,
-                outputs[f"values_{k}"],
-                MeasurementSlopes(*(outputs[f"{part}_{k}"] for part in SLOPED)),
-            )
+            RowAt(row, outputs[f"values_{k}"], {part: outputs[f"{part}_{k}"] for part in SLOPED})
             for k, row in enumerate(self.rows)
         ]

@@ -14,6 +14,7 @@ from distal.estimators.adaptive.guards import followed_share
 from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.joint_motion import Moved
 from distal.estimators.adaptive.states import StateVector
+from distal.estimators.kalman import symmetric
 from distal.expressions import MatrixNode, Scalar, ScalarNode, Vector, VectorNode
 
 
@@ -75,33 +76,20 @@ def _corner(context: FilterContext) -> ca.Function:
     vector = ca.SX.sym("tracks", Tracks.size(nd))
     memory = ca.SX.sym("memory", MEMORY * nd)
     x = ca.SX.sym("x", context.width)
-    variances = Tracks(vector, nd).variances
-    corner = ca.SX(2 * nj, 2 * nj)
+    variances = Tracks(vector).variances
     read = [k for k in range(nd) if context.position_sensor(k) is not None]
+    by_read = of_positions[read, :]
+    corner = products + ca.mtimes([by_read.T, ca.diag(variances[read]), by_read])
     # to the angles and to the speeds of the joints that are free; coupled ones err as these
     free = context.mechanism.free
     spread = context.mechanism.spread
-    added = (
-        [
-            followed_variance(context, j, vector, memory) + context.robustness.angle_walk**2 * x[0]
-            for j in free
-        ],
-        [speed_variances[j] + context.unmodelled(j) ** 2 * x[0] for j in free],
-    )
-    for i in range(2 * nj):
-        for j in range(i, 2 * nj):
-            covariance = products[i, j] + sum(
-                (of_positions[k, i] * of_positions[k, j] * variances[k] for k in read), ca.SX(0)
-            )
-            if (i < nj) == (j < nj):
-                covariance += sum(
-                    (
-                        spread[i % nj, k] * spread[j % nj, k] * added[i // nj][k]
-                        for k in range(len(free))
-                    ),
-                    ca.SX(0),
-                )
-            corner[i, j] = corner[j, i] = covariance
+    angles = [
+        followed_variance(context, j, vector, memory) + context.robustness.angle_walk**2 * x[0]
+        for j in free
+    ]
+    speeds = [speed_variances[j] + context.unmodelled(j) ** 2 * x[0] for j in free]
+    added = (ca.mtimes([spread, ca.diag(ca.vertcat(*each)), spread.T]) for each in (angles, speeds))
+    corner = symmetric(ca.densify(corner + ca.diagcat(*added)))
     arguments = [
         products,
         of_positions,
@@ -111,7 +99,7 @@ def _corner(context: FilterContext) -> ca.Function:
         x,
         context.mechanism.parameters.symbols,
     ]
-    return ca.Function("corner", arguments, ca.cse([ca.densify(corner)]))
+    return ca.Function("corner", arguments, ca.cse([corner]))
 
 
 def followed_variance(context: FilterContext, joint: int, tracks: Vector, memory: Vector) -> Scalar:
@@ -129,7 +117,7 @@ def followed_variance(context: FilterContext, joint: int, tracks: Vector, memory
         memory: what was remembered of the drives before it.
     """
     total = ca.SX(0)
-    drives = Tracks(tracks, context.n_drives)
+    drives = Tracks(tracks)
     for i, names in context.moved_by(joint).items():
         grown = ca.fmax(drives[i].unknown - memory[remembered_position(i, "unknown")], 0)
         ratio, share = map(context.number, names)
@@ -144,7 +132,7 @@ def shifted_variance(
     their sensors jumped: (31).
     """
     total = ca.MX(0)
-    drives = Tracks(tracks, context.n_drives)
+    drives = Tracks(tracks)
     for i, (ratio, _) in context.moved_by(joint).items():
         total += (context.parameters(p, [ratio]) * drives[i].shift_std) ** 2
     return total
@@ -161,19 +149,20 @@ def revert(
 
     For the external torque on a joint, the variance that is `opened` is added to σ² (13b).
     """
-    sample = ca.SX.sym("x", states.context.width)
-    fadings = states.fadings(sample[0])
+    dt = ca.SX.sym("dt")
+    fadings = states.fadings()
     if not fadings:
         return
-    values = [part for _, f in fadings for part in (f.factor, f.std**2 * (1 - f.factor**2))]
-    symbols = [sample, states.context.mechanism.parameters.symbols]
-    fades = ca.Function("fading", symbols, [ca.vertcat(*values)])(interval.x, interval.p)
+    factors = [ca.exp(-dt / time) for _, time, _ in fadings]
+    values = ca.vertcat(*factors, *(std**2 * (1 - f**2) for (*_, std), f in zip(fadings, factors)))
+    symbols = [dt, states.context.mechanism.parameters.symbols]
+    fades = ca.Function("fading", symbols, [values])(interval.x[0], interval.p)
     state = prediction.state
     covariance = prediction.covariance
     transition = prediction.transition
-    for k, (at, _) in enumerate(fadings):
-        fade = fades[2 * k]
-        added = fades[2 * k + 1]
+    for k, (at, *_) in enumerate(fadings):
+        fade = fades[k]
+        added = fades[len(fadings) + k]
         joint = states.torque_states.get(at)
         if joint is not None and joint in opened:
             added += (1 - fade**2) * opened[joint]

@@ -30,8 +30,8 @@ def within_play(
     reduces the variance no further. It changes angles, speeds and external torques only.
     """
     updates = Downdate(covariance)
-    parameters = dict.fromkeys(range(2 * states.context.n_joints, len(states)), 0.0)
-    identified = {at: share for at, share in parameters.items() if at not in states.torque_states}
+    others = range(2 * states.context.n_joints, len(states))
+    kept = [at for at in others if at not in states.torque_states]
     for drive, *pair in slack_pairs(states.context):
         residual, width, is_read, slope = slack_pair_function(states, drive, pair)(
             mean, interval.tracks, interval.x, interval.p
@@ -43,9 +43,9 @@ def within_play(
             ca.logic_and(is_read, width > 0), ca.fmax(spread - most, 0) / spread**2, 0
         )
         change = -(weight * residual) * across
-        change[list(identified)] = 0
+        change[kept] = 0
         mean = mean + change
-        updates.take(ca.sqrt(weight) * across, list(identified), ca.DM(list(identified.values())))
+        updates.take(ca.sqrt(weight) * across, kept, ca.DM.zeros(len(kept)))
     return mean, updates.matrix()
 
 
@@ -80,7 +80,6 @@ def slack_pair_function(states: StateVector, drive: int, pair: list[int]) -> ca.
     """
     context = states.context
     mechanism = states.context.mechanism
-    nj = context.n_joints
     body = context.n_joints + drive
     sensor = context.force_sensor(drive)
     assert sensor is not None  # `slack_pairs`
@@ -88,9 +87,8 @@ def slack_pair_function(states: StateVector, drive: int, pair: list[int]) -> ca.
     x = ca.SX.sym("x", context.width)
     vector = ca.SX.sym("tracks", Tracks.size(context.n_drives))
     p = mechanism.parameters
-    tracks = Tracks(vector, context.n_drives)
-    positions = [states.position(i, tracks[i].position, state) for i in range(context.n_drives)]
-    q = ca.vertcat(state[:nj], *positions)
+    tracks = Tracks(vector)
+    q = states.coordinates(state, tracks.positions)
     bodies = ca.SX.sym("q", mechanism.n_bodies)
     parameters = states.parameters(state)
     levers = ca.fabs(mechanism.length_jacobian(bodies)[pair, body])
@@ -101,8 +99,8 @@ def slack_pair_function(states: StateVector, drive: int, pair: list[int]) -> ca.
     )
     limits = mechanics_function(context)(q, ca.SX.zeros(mechanism.n_bodies), parameters)[3]
     read = context.value(x, sensor)
-    error = states.sensor_error(sensor, read, state)
-    most = ca.fabs(read - error) + limits[body] + states.friction(drive, state)
+    error = states.added(("reading", sensor.name), state, read)
+    most = ca.fabs(read - error) + limits[body] + states.added(("friction", drive), state)
     beyond = stretch - (most + SURE * ca.sqrt(context.noise(sensor))) / yields
     residual = (beyond[0] - beyond[1]) / 2
     known = is_there(context.mask(x, sensor)) * (tracks[drive].lost <= 0)

@@ -11,7 +11,7 @@ torque itself keeps the variance open, so that a light touch and a wall are both
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import reduce
 
 import casadi as ca
@@ -111,31 +111,10 @@ touch [(N m)²], the share of a touch, 0 (free) to 1, its probability, and for h
 
 WEIGHED = ("excess", "normal", "most", "used")
 """Names of the parts of the evidence of a force that `opening_function` weighs, after what the
-torques explain of it.
+torques explain of it: the square of the part of its mean innovation that is not normal, that of the
+largest that is normal, that of the largest force that may act, by what is read [N², (N m)²], and 1
+where the force is read, else 0.
 """
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """The evidence of a touch in one force.
-
-    Args:
-        mean: its mean innovation, in stds.
-        force: its mean innovation as a force [N, N m].
-        usual: mean square of `mean`.
-        excess: square of the part of `force` that is not normal [N², (N m)²].
-        normal: square of the largest mean innovation that is normal [N², (N m)²].
-        most: square of the largest force that may act, by what is read [N², (N m)²].
-        used: 1 where the force is read, else 0.
-    """
-
-    mean: ScalarNode
-    force: ScalarNode
-    usual: ScalarNode
-    excess: ScalarNode
-    normal: ScalarNode
-    most: ScalarNode
-    used: ScalarNode
 
 
 @dataclass(frozen=True)
@@ -195,10 +174,7 @@ def compared_forces(context: FilterContext) -> tuple[Sensor, ...]:
     """Return the sensors of forces and tensions that are asked for a touch; none where no joint may
     be touched.
     """
-    if not context.touchable:
-        return ()
-    forces = (*context.channels.forces, *context.channels.tensions)
-    return tuple(sensor for sensor in context.channels.compared if sensor in forces)
+    return context.forces if context.touchable else ()
 
 
 def paced(states: StateVector, kept: Remembered, interval: Interval) -> ScalarNode:
@@ -207,7 +183,7 @@ def paced(states: StateVector, kept: Remembered, interval: Interval) -> ScalarNo
     """
     fade = ca.exp(-2 * interval.x[0] / PACE_TIME)
     total = ca.MX(0)
-    tracks = Tracks(interval.tracks, states.context.n_drives)
+    tracks = Tracks(interval.tracks)
     for i, memory in enumerate(kept.drives):
         spread = states.context.parameters(interval.p, [f"drives.{i}.spread"])
         memory["pace"] = ca.fmax(memory["pace"] * fade, (tracks[i].speed / spread) ** 2)
@@ -216,17 +192,17 @@ def paced(states: StateVector, kept: Remembered, interval: Interval) -> ScalarNo
 
 
 def evidence_function(context: FilterContext) -> ca.Function:
-    """Return the function (kept, ν, S, used, pace, U, σ, normal, dt) → the parts of `Evidence` of a
-    force: (30).
+    """Return the function (kept, ν, S, used, pace, U, σ, normal, dt) → what is remembered of a
+    force, `FORCE`, and the evidence of a touch in it, `WEIGHED`: (30).
 
     The mean z̄ of ν/√S over `EVIDENCE_TIME` is compared with z_w of (29), which follows from
     `normal` = (z_a, z_b, n_m), learned from logs in free motion. Each ν/√S is limited, so that at
     intervals below 35 ms one sample alone never exceeds z_w.
     """
-    kept = ca.SX.sym("kept", FORCE.size)
-    normal = ca.SX.sym("normal", len(NORMAL))
-    scalars = [ca.SX.sym(name) for name in ("nu", "S", "used", "pace", "U", "sigma", "dt")]
-    innovation, variance, used, speed, reading, noise, dt = scalars
+    names = ("innovation", "variance", "is_used", "pace", "reading", "noise", "dt")
+    sizes = {"kept": FORCE.size, "normal_by": len(NORMAL), **dict.fromkeys(names, 1)}
+    given = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
+    kept, normal, innovation, variance, used, speed, reading, noise, dt = given.values()
     memory = FORCE.parts(kept)
     beyond = ca.fmax(1, speed / normal[2])
     threshold = ca.sqrt((normal[0] ** 2 + normal[1] ** 2 * speed) * beyond)
@@ -244,25 +220,13 @@ def evidence_function(context: FilterContext) -> ca.Function:
     share = ca.fmax(1 - threshold**2 / ca.fmax(mean**2, SMALLEST_TORQUE), 0)
     largest = (ca.fabs(reading) + SURE * noise) ** 2
     outputs = [mean, force, usual, used * share * force**2, threshold**2 * variance, largest, used]
-    names = [part.name for part in fields(Evidence)]
-    inputs = [
-        "kept",
-        "innovation",
-        "variance",
-        "is_used",
-        "pace",
-        "reading",
-        "noise",
-        "normal_by",
-        "dt",
-    ]
-    arguments = [kept, innovation, variance, used, speed, reading, noise, normal, dt]
-    return ca.Function("evidence", arguments, outputs, inputs, names)
+    inputs = list(given.values())
+    return ca.Function("evidence", inputs, outputs, list(given), [*FORCE.names, *WEIGHED])
 
 
 def open_torques(
     states: StateVector,
-    evidence: Mapping[str, Evidence],
+    evidence: Mapping[str, Mapping[str, ScalarNode]],
     kept: Remembered,
     mean: VectorNode,
     interval: Interval,
@@ -286,7 +250,7 @@ def open_torques(
         by_contact = context.parameters(interval.p, changes)
         weighed = ca.horzcat(
             *(
-                ca.vertcat(explained[name], *(getattr(evidence[name], part) for part in WEIGHED))
+                ca.vertcat(explained[name], *(evidence[name][part] for part in WEIGHED))
                 for name in names
             )
         )

@@ -4,8 +4,6 @@ Equations (22) to (26).
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 import casadi as ca
 import numpy as np
 
@@ -18,7 +16,6 @@ from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.touch import (
     FORCE,
     NORMAL,
-    Evidence,
     Remembered,
     evidence_function,
     open_torques,
@@ -119,14 +116,13 @@ def updated(
     p = interval.p
     dt = interval.x[0]
     nj = states.context.n_joints
-    nd = states.context.n_drives
     rows = Rows.of(states).at(prior, tracks, rates, x, p)
     mean = prior
     innovations = list[ScalarNode]()
     spreads = list[ScalarNode]()
     nominal = states.context.parameters(p, ["interval"])
     pace = paced(states, kept, interval)
-    evidence = dict[str, Evidence]()
+    evidence = dict[str, dict[str, ScalarNode]]()
     watch = evidence_function(states.context)
     touched = kept.touched
     fixed = np.flatnonzero(states.lasting).tolist()
@@ -135,35 +131,28 @@ def updated(
         row = at.row
         slopes = at.slopes
         moved = mean - prior
-        by_residual, by_limit, by_asymmetry = (
-            covariance.times(getattr(slopes, part)) for part in SLOPED
-        )
+        by = {part: covariance.times(slope) for part, slope in slopes.items()}
         since = SINCE.joined(
-            **{part: along(getattr(slopes, part), moved) for part in SLOPED},
-            residual_variance=along(slopes.residual, by_residual),
-            limit_variance=along(slopes.limit, by_limit),
+            **{part: along(slope, moved) for part, slope in slopes.items()},
+            residual_variance=along(slopes["residual"], by["residual"]),
+            limit_variance=along(slopes["limit"], by["limit"]),
             memory=ca.MX(0) if row.drive is None else kept.drives[row.drive]["friction"],
         )
-        followed = (
-            ca.MX.zeros(len(TRACKED)) if row.drive is None else Tracks(tracks, nd).of(row.drive)
+        followed = ca.MX.zeros(len(TRACKED)) if row.drive is None else Tracks(tracks).of(row.drive)
+        compare = comparison_function(states, row)
+        comparison = Comparison(
+            **compare(values=at.values, since=since, track=followed, dt=dt, p=p)
         )
-        parts = comparison_function(states, row)(
-            values=at.values, since=since, track=followed, dt=dt, p=p
-        )
-        comparison = Comparison(**{part.name: parts[part.name] for part in fields(Comparison)})
-        across = -by_residual
-        across = across + comparison.by_limit * by_limit if slopes.limit.nnz() else across
-        across = (
-            across + comparison.by_asymmetry * by_asymmetry if slopes.asymmetry.nnz() else across
-        )
-        spread = -along(slopes.residual, across)
-        spread += comparison.by_limit * along(slopes.limit, across)
-        spread += comparison.by_asymmetry * along(slopes.asymmetry, across)
+        factors = (-1, comparison.by_limit, comparison.by_asymmetry)
+        across = ca.MX(len(states), 1)
+        for part, factor in zip(SLOPED, factors):
+            if slopes[part].nnz():
+                across += factor * by[part]
+        spread = sum(along(slopes[part], across) * by for part, by in zip(SLOPED, factors))
         variance = comparison.variance
         if row.compares_motion:
-            by_speeds = ca.vertcat(
-                ca.MX(nj, 1), slopes.residual[nj : 2 * nj], ca.MX(len(states) - 2 * nj, 1)
-            )
+            by_speeds = ca.MX(len(states), 1)
+            by_speeds[nj : 2 * nj] = slopes["residual"][nj : 2 * nj]
             lasting = ROW.part(at.values, "lasting") - 1.0
             variance += lasting * along(by_speeds, covariance.times(by_speeds))  # (16b)
         weight, root, shown = weights(states.context.robustness, row.trusted)(
@@ -183,11 +172,11 @@ def updated(
             # a mean residual (friction declared) changes with the state; a remembered time does not
             declared = states.context.declares_friction(row.drive)
             kept.drives[row.drive]["friction"] = comparison.memory + (
-                along(slopes.residual, change) if declared else 0
+                along(slopes["residual"], change) if declared else 0
             )
         if row.measured and row.name in kept.forces:
             # a force whose drive's position is lost tells nothing of torques
-            position_is_read = 1 if row.drive is None else Tracks(tracks, nd)[row.drive].lost == 0
+            position_is_read = 1 if row.drive is None else Tracks(tracks)[row.drive].lost == 0
             path = states.context.path_of(row.name)
             outputs = watch(
                 kept=FORCE.joined(**kept.forces[row.name]),
@@ -202,7 +191,7 @@ def updated(
                 ),
                 dt=dt,
             )
-            evidence[row.name] = Evidence(**outputs)
+            evidence[row.name] = outputs
             kept.forces[row.name] = {part: outputs[part] for part in FORCE.names}
         mean = mean + change
         covariance.take(root * across, list(shares), taken)
@@ -246,9 +235,7 @@ def comparison_function(states: StateVector, row: MeasurementRow) -> ca.Function
             mask=prior["mask"],
         )
         comparison = compared(context, row.drive, Drive(*ca.vertsplit(track)), frictionless, dt)
-    parts = {
-        part.name: ca.densify(ca.SX(getattr(comparison, part.name))) for part in fields(Comparison)
-    }
+    parts = {name: ca.densify(ca.SX(part)) for name, part in vars(comparison).items()}
     arguments = [values, since, track, dt, context.mechanism.parameters.symbols]
     names = ["values", "since", "track", "dt", "p"]
     return ca.Function("compare", arguments, ca.cse(list(parts.values())), names, list(parts))

@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import erf, exp, pi, sqrt
-from typing import ClassVar, Literal
 
-import casadi as ca
 import numpy as np
 
-from distal.arrays import Floats
 from distal.estimators.adaptive.filter_context import FilterContext
-from distal.estimators.adaptive.states.state import Learning, State
+from distal.estimators.adaptive.states.state import State
 from distal.estimators.state_kinds import StateKind
-from distal.expressions import Vector
 from distal.rig import in_words, known_to_a_factor, named, number
 from distal.sensor_errors import variance
 
@@ -32,87 +27,8 @@ has no visible effect [1]. Source: judgement.
 """
 
 
-Acts = Literal["value", "factor", "deviation"]
-"""How a state enters the parameters: it is the value of one, it multiplies the values of all, or it
-is added to the value of one.
-"""
-
-
-@dataclass(frozen=True)
-class UncertainParameter(State):
-    """One uncertain parameter, or what several parameters err by together: value times factor, plus
-    deviation.
-
-    A stiffness or damping of a tendon is estimated as a factor even where it is alone.
-
-    Args:
-        name: of the state, in words; a factor is "… factor", a deviation beside a factor "…
-            deviation".
-        path: of the parameter, by names of components, with ".factor" or ".deviation" after it
-            where the state is that.
-        indices: of the parameters in the model's vector.
-        acts: how the state enters them.
-        mean: prior mean.
-        std: prior standard deviation.
-        walk: random walk per √s.
-        lowest: the state is kept at or above this.
-        unidentified: whether only a reference angle teaches it.
-        doubted: whether it is friction of a joint that is known to a factor only.
-    """
-
-    kind: ClassVar[StateKind] = StateKind.PARAMETER
-    lasting: ClassVar[bool] = True
-    learning: ClassVar[Learning] = Learning.SLOWLY
-
-    name: str
-    path: str
-    indices: tuple[int, ...]
-    acts: Acts
-    mean: float
-    std: float
-    walk: float = 0.0
-    lowest: float = -np.inf
-    unidentified: bool = False
-    doubted: bool = False
-
-    @property
-    def part(self) -> str:
-        """Path of the parameter, factor or deviation."""
-        return self.path
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Name of the state, in words."""
-        return (self.name,)
-
-    @property
-    def structure(self) -> tuple[object, ...]:
-        """What the structure of a kernel depends on: which parameters the state enters, how, and
-        whether it is doubted.
-        """
-        return self.indices, self.acts, self.doubted
-
-    @property
-    def means(self) -> Floats:
-        """Prior mean, (1,)."""
-        return np.array([self.mean])
-
-    @property
-    def stds(self) -> Floats:
-        """Prior standard deviation, (1,)."""
-        return np.array([self.std])
-
-    def parameters(self, values: Vector, p: Vector) -> Vector:
-        """Return the model's parameters with this state's value, factor or deviation."""
-        changed = ca.SX(p)
-        z = values[0]
-        for i in self.indices:
-            changed[i] = {"value": z, "factor": p[i] * z, "deviation": p[i] + z}[self.acts]
-        return changed
-
-
-def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
-    """Return the uncertain parameters as blocks, without those that have no effect on a
+def uncertain_parameters(context: FilterContext) -> list[State]:
+    """Return the uncertain parameters, without those that have no effect on a
     displacement-driven joint.
 
     First come values, then factors that several parameters share, then deviations of single ones,
@@ -123,7 +39,7 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
     """
     p = context.mechanism.parameters
     rig = context.mechanism.rig
-    values, factors, deviations = (list[UncertainParameter]() for _ in range(3))
+    values, factors, deviations = (list[State]() for _ in range(3))
     seen = [
         i
         for i, name in enumerate(p.names)
@@ -138,9 +54,7 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
             else float(p.drifts[i]) / scale
         )
 
-    def factor(
-        name: str, indices: Sequence[int], relative: float, walked: float
-    ) -> UncertainParameter:
+    def factor(name: str, indices: Sequence[int], relative: float, walked: float) -> State:
         first = p.names[indices[0]]
         path = f"{name}.factor"
         words = f"common factor of {name}" if name in p.shared else in_words(rig, path)
@@ -151,16 +65,17 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
         )
         # physics that the rig lacks would teach it wrongly (docs/results/other-rigs.md, "Rigs that
         # are hardly known")
-        return UncertainParameter(
+        return State(
             words,
+            StateKind.PARAMETER,
             named(rig, path),
-            tuple(indices),
-            "factor",
             mean,
             spread,
-            walked,
-            SMALLEST_FACTOR,
-            rough,
+            indices=tuple(indices),
+            acts="factor",
+            walk=walked,
+            lowest=SMALLEST_FACTOR,
+            unidentified=rough,
         )
 
     for i in seen:
@@ -171,11 +86,19 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
         if i in sharing:
             if std > 0.0:
                 lowest = -(1.0 - SMALLEST_FACTOR) * value if _bounded(context, name) else -np.inf
-                walked = walk(i, std)
-                words = in_words(rig, f"{name}.deviation")
-                path = named(rig, f"{name}.deviation")
+                path = f"{name}.deviation"
                 deviations.append(
-                    UncertainParameter(words, path, (i,), "deviation", 0.0, std, walked, lowest)
+                    State(
+                        in_words(rig, path),
+                        StateKind.PARAMETER,
+                        named(rig, path),
+                        0.0,
+                        std,
+                        indices=(i,),
+                        acts="deviation",
+                        walk=walk(i, std),
+                        lowest=lowest,
+                    )
                 )
             continue
         of_tendon = name.startswith("tendons.") and kind in ("stiffness", "damping") and value > 0.0
@@ -195,14 +118,18 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
         # where no drive pulls against another, forces are those of friction and say little of all
         # else
         alone = context.n_drives <= context.n_joints
-        unidentified = alone and lowest > 0.0 and rough
-        doubted = rough and name.startswith("joints.") and kind.startswith("friction.")
-        words = in_words(rig, name)
-        path = named(rig, name)
-        walked = walk(i, spread)
         values.append(
-            UncertainParameter(
-                words, path, (i,), "value", mean, spread, walked, lowest, unidentified, doubted
+            State(
+                in_words(rig, name),
+                StateKind.PARAMETER,
+                named(rig, name),
+                mean,
+                spread,
+                indices=(i,),
+                walk=walk(i, spread),
+                lowest=lowest,
+                unidentified=alone and lowest > 0.0 and rough,
+                doubted=rough and name.startswith("joints.") and kind.startswith("friction."),
             )
         )
     for name, (std, indices) in p.shared.items():

@@ -5,145 +5,71 @@ systematic errors of sensors: offset, gain, and the curve of a position sensor.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import cached_property
-from typing import ClassVar
+from functools import partial
 
 import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
 from distal.estimators.adaptive.filter_context import FilterContext
-from distal.estimators.adaptive.states.state import Fading, Learning, OfSensor, State
+from distal.estimators.adaptive.states.state import State
 from distal.estimators.state_kinds import StateKind
-from distal.expressions import Scalar, Vector
-from distal.rig import Parameter, Sensor, measurand_of
+from distal.expressions import Scalar
+from distal.rig import Sensor, measurand_of
 from distal.sensor_errors import LINEARITY_STD, systematic_variance
 
 
-@dataclass(frozen=True)
-class UnknownOfReading(State):
-    """An uncertain quantity that one or several readings depend on, by its name; it stays."""
-
-    lasting: ClassVar[bool] = True
-
-    name: str
-    number: Parameter
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Name of the state, (1,)."""
-        return (self.name,)
-
-    @property
-    def means(self) -> Floats:
-        """Prior mean: the rig's value, (1,)."""
-        return np.array([self.number.value])
-
-    @property
-    def stds(self) -> Floats:
-        """Prior standard deviation: the rig's, (1,)."""
-        return np.array([self.number.filter_std])
-
-    def unknowns(self, values: Vector) -> dict[str, Scalar]:
-        """Return name → the quantity."""
-        return {self.name: values[0]}
-
-
-def unknowns_of_readings(context: FilterContext) -> list[State]:
-    """Return a block for each quantity of readings whose std is not zero; sensors share those of
-    the same name.
+def unknowns_of_readings(context: FilterContext) -> Iterator[State]:
+    """Yield each uncertain quantity that one or several readings depend on; it stays. Sensors share
+    those of the same name.
     """
     unknowns = [unknown for s in context.channels.others for unknown in measurand_of(s).unknowns(s)]
-    values = {
-        unknown.name: unknown.number for unknown in unknowns if unknown.number.filter_std > 0.0
-    }
-    return [UnknownOfReading(name, number) for name, number in values.items()]
+    uncertain = {each.name: each.number for each in unknowns if each.number.filter_std > 0.0}
+    for name, number in uncertain.items():
+        yield State(name, StateKind.OTHER, "", number.value, number.filter_std)
 
 
-@dataclass(frozen=True)
-class SensorBias(OfSensor):
-    """The offset b of a sensor, which stays, or walks by the bias's `drift`.
+def sensor_biases(context: FilterContext) -> Iterator[State]:
+    """Yield the offset b of each compared sensor in which it is uncertain, then the gain error γ of
+    each, as a share of its reading; forces tell little of that.
+    """
+    sensors = context.channels.compared
+    yield from (bias for bias in (_bias(context, sensor) for sensor in sensors) if bias.std > 0.0)
+    for sensor in sensors:
+        std = context.gain_std(sensor)
+        if std > 0.0:
+            to = ("reading", sensor.name)
+            name = f"gain_{sensor.name}"
+            kind = StateKind.SENSOR_GAIN
+            yield State(name, kind, sensor.name, 0.0, std, to=to, times=_proportional)
+
+
+def _proportional(reading: Scalar) -> Scalar:
+    return reading
+
+
+def _bias(context: FilterContext, sensor: Sensor) -> State:
+    """Return the offset of a sensor, which stays, or walks by the bias's `drift`.
 
     The offset of a reference of a joint's angle stays within its std instead: with a `drift` it is
     a first-order Gauss–Markov process, of which e^{−dt/T} is left after dt, T = 2 σ²/drift². It is
     the difference between the model's angle and the joint's, so that a short reference tells less
     than a long one.
     """
-
-    quantity: ClassVar[str] = "bias"
-    kind: ClassVar[StateKind] = StateKind.SENSOR_BIAS
-
-    @property
-    def stds(self) -> Floats:
-        """Prior standard deviation of b, from bias and linearity together."""
-        linearity = np.sqrt(systematic_variance(self.sensor))
-        return np.array([float(np.hypot(self.context.bias_std(self.sensor), linearity))])
-
-    @property
-    def _wanders(self) -> bool:
-        return bool(self.sensor.measures == "angle" and self.sensor.bias.drift)
-
-    @property
-    def walk(self) -> float:
-        """The bias's `drift` per √s; 0 for a reference, which fades instead."""
-        return (
-            0.0
-            if self._wanders or self.sensor.bias.drift is None
-            else float(self.sensor.bias.drift)
-        )
-
-    def inputs(self) -> Iterator[tuple[str, float]]:
-        """Yield std and drift of a reference with a drift."""
-        if self._wanders:
-            path = f"{self.context.path(self.sensor)}.bias"
-            yield f"{path}.std", float(self.stds[0])
-            yield f"{path}.drift", float(self.sensor.bias.drift or 0.0)
-
-    def fading(self, dt: Scalar) -> Fading | None:
-        """Return e^{−dt drift²/(2 σ²)} and σ for a reference with a drift, None for others."""
-        if not self._wanders:
-            return None
-        path = f"{self.context.path(self.sensor)}.bias"
-        std = self.context.number(f"{path}.std")
-        drift = self.context.number(f"{path}.drift")
-        return Fading(ca.exp(-dt * drift**2 / (2 * std**2)), std)
-
-    def sensor_error(self, sensor: Sensor, reading: Scalar, values: Vector) -> Scalar:
-        """Return b if it is the offset of this sensor, else 0."""
-        return values[0] if sensor.name == self.sensor.name else 0
+    std = float(np.hypot(context.bias_std(sensor), np.sqrt(systematic_variance(sensor))))
+    of = f"bias_{sensor.name}", StateKind.SENSOR_BIAS, sensor.name, 0.0, std
+    to = ("reading", sensor.name)
+    drift = float(sensor.bias.drift or 0.0)
+    if sensor.measures != "angle" or drift == 0.0:
+        return State(*of, to=to, walk=drift)
+    path = f"{context.path(sensor)}.bias"
+    std_by = partial(context.number, f"{path}.std")
+    inputs = {f"{path}.std": std, f"{path}.drift": drift}
+    return State(*of, to=to, std_by=std_by, fades_in=partial(_lasts, context, path), inputs=inputs)
 
 
-@dataclass(frozen=True)
-class SensorGain(OfSensor):
-    """The gain error γ of a sensor of force or tension, as a share of its reading; it stays. Forces
-    tell little of it.
-    """
-
-    quantity: ClassVar[str] = "gain"
-    kind: ClassVar[StateKind] = StateKind.SENSOR_GAIN
-    learning: ClassVar[Learning] = Learning.SLOWLY
-
-    @property
-    def stds(self) -> Floats:
-        """Prior standard deviation of γ: that of the sensor's `gain`, as a share of it [1]."""
-        return np.array([self.context.gain_std(self.sensor)])
-
-    def sensor_error(self, sensor: Sensor, reading: Scalar, values: Vector) -> Scalar:
-        """Return γ times the reading if it is the gain error of this sensor, else 0."""
-        return values[0] * reading if sensor.name == self.sensor.name else 0
-
-
-def sensor_biases(context: FilterContext) -> list[State]:
-    """Return a block for the offset and one for the gain of each compared sensor in which these are
-    uncertain.
-    """
-    blocks = [
-        error(context, sensor)
-        for error in (SensorBias, SensorGain)
-        for sensor in context.channels.compared
-    ]
-    return [block for block in blocks if block.stds[0] > 0.0]
+def _lasts(context: FilterContext, path: str) -> Scalar:
+    return 2 * context.number(f"{path}.std") ** 2 / context.number(f"{path}.drift") ** 2
 
 
 BASIS = 6
@@ -157,77 +83,55 @@ SMOOTHNESS = 3.0
 """
 
 
-@dataclass(frozen=True)
-class Linearity(State):
-    """The weights w_j of a position sensor's error Σ w_j cos(π j ξ), ξ = 0 … 1 over the travel.
+def linearities(context: FilterContext) -> Iterator[State]:
+    """Yield the weights w_j of each position sensor's error Σ w_j cos(π j ξ), ξ = 0 … 1 over the
+    travel; none where the sensor has no systematic error. Their prior means are those of the
+    sensor's known `curve`, else zeros [m, rad].
+
+    A posture that lasts shows only one point of the curve, so that references teach it slowly.
+    """
+    for i in range(context.n_drives):
+        sensor = context.position_sensor(i)
+        if sensor is None:
+            continue
+        curve = getattr(sensor, "curve", ())
+        for j, std in enumerate(_weight_stds(context, sensor)):
+            yield State(
+                f"linearity_{sensor.name}_{j}",
+                StateKind.LINEARITY,
+                sensor.name,
+                curve[j] if j < len(curve) else 0.0,
+                float(std),
+                to=("reading", sensor.name),
+                times=partial(_cosine, context, i, j),
+            )
+
+
+def _weight_stds(context: FilterContext, sensor: Sensor) -> Floats:
+    """Return the prior standard deviations of the weights [m, rad].
 
     The error is a Gaussian process over the travel with a squared-exponential spectrum: the stds of
     w_j decrease as exp(−(j/j₀)²/2), scaled so that the mean variance over the travel is that of the
-    linearity. The variance of a bias adds to that of the constant weight. A posture that lasts
-    shows only one point of the curve, so that references teach it slowly.
+    linearity. The variance of a bias adds to that of the constant weight.
     """
-
-    kind: ClassVar[StateKind] = StateKind.LINEARITY
-    lasting: ClassVar[bool] = True
-    learning: ClassVar[Learning] = Learning.FROM_REFERENCES_SLOWLY
-
-    context: FilterContext
-    drive: int
-    sensor: Sensor
-
-    @property
-    def part(self) -> str:
-        """Name of the sensor."""
-        return self.sensor.name
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the weights: ``linearity_SENSOR_j``."""
-        return tuple(f"linearity_{self.sensor.name}_{j}" for j in range(len(self.stds)))
-
-    @property
-    def means(self) -> Floats:
-        """Prior means of the weights: the sensor's known `curve`, else zeros [m, rad]."""
-        weights = np.zeros(len(self.stds))
-        curve = getattr(self.sensor, "curve", ())
-        weights[: len(curve)] = curve[: len(weights)]
-        return weights
-
-    @cached_property
-    def stds(self) -> Floats:
-        """Prior standard deviations of the weights [m, rad]; empty where the sensor has no
-        systematic error.
-        """
-        sensor = self.sensor
-        bias = self.context.bias_std(self.sensor)
-        if sensor.linearity == 0.0:
-            return np.array([bias]) if bias > 0.0 else np.zeros(0)
-        shape = np.exp(-0.5 * (np.arange(BASIS) / SMOOTHNESS) ** 2)
-        shape /= np.sqrt(shape[0] ** 2 + 0.5 * np.sum(shape[1:] ** 2))
-        stds: Floats = LINEARITY_STD * sensor.linearity * shape
-        stds[0] = np.hypot(stds[0], bias)
-        return stds
-
-    def position_error(self, drive: int, reading: Scalar, values: Vector) -> Scalar:
-        """Return the error Σ w_j cos(π j ξ) of this drive's sensor [m, rad], 0 for another drive.
-
-        By cos(π (j + 1) ξ) = 2 cos(π ξ) cos(π j ξ) − cos(π (j − 1) ξ) one cosine suffices
-        (Chebyshev).
-        """
-        count = len(self.stds)
-        if drive != self.drive or count == 0:
-            return 0
-        path = f"drives.{self.drive}.travel"
-        low = self.context.number(f"{path}.low")
-        high = self.context.number(f"{path}.high")
-        terms = [ca.SX(1), ca.cos(ca.pi * ((reading - low) / (high - low)))]
-        while len(terms) < count:
-            terms.append(2 * terms[1] * terms[-1] - terms[-2])
-        return ca.dot(ca.vertcat(*terms[:count]), values)
+    bias = context.bias_std(sensor)
+    if sensor.linearity == 0.0:
+        return np.array([bias] if bias > 0.0 else [])
+    shape = np.exp(-0.5 * (np.arange(BASIS) / SMOOTHNESS) ** 2)
+    shape /= np.sqrt(shape[0] ** 2 + 0.5 * np.sum(shape[1:] ** 2))
+    stds: Floats = LINEARITY_STD * sensor.linearity * shape
+    stds[0] = np.hypot(stds[0], bias)
+    return stds
 
 
-def linearities(context: FilterContext) -> list[State]:
-    """Return a block for each position sensor with a systematic error."""
-    sensors = ((i, context.position_sensor(i)) for i in range(context.n_drives))
-    blocks = [Linearity(context, i, sensor) for i, sensor in sensors if sensor is not None]
-    return [block for block in blocks if len(block.stds)]
+def _cosine(context: FilterContext, drive: int, order: int, reading: Scalar) -> Scalar:
+    """Return cos(π j ξ) of the `order` j at a `reading`.
+
+    By cos(π (j + 1) ξ) = 2 cos(π ξ) cos(π j ξ) − cos(π (j − 1) ξ) one cosine suffices for all
+    (Chebyshev).
+    """
+    low, high = (context.number(f"drives.{drive}.travel.{end}") for end in ("low", "high"))
+    terms = [ca.SX(1), ca.cos(ca.pi * ((reading - low) / (high - low)))]
+    for _ in range(order - 1):
+        terms.append(2 * terms[1] * terms[-1] - terms[-2])
+    return terms[order]

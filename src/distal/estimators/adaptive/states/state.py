@@ -1,62 +1,28 @@
-"""The base of all kinds of states: a block of unknown values and their effects.
-
-A block has names and a prior, says how its values fade and walk, and what they add: to the model's
-parameters, to the torque on a joint, to the position of a drive, to friction, to the reading of a
-sensor. The default of each is "nothing". `StateVector` joins blocks and sums up their effects.
+"""One unknown value of the adaptive filter: its prior, how it changes, and what it adds to the
+model or to a reading. `StateVector` joins these values and sums up what they add.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from enum import Enum
-from typing import ClassVar, TypeAlias
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
 
 import numpy as np
 
-from distal.arrays import Floats
-from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.state_kinds import StateKind
-from distal.expressions import Scalar, Vector
-from distal.rig import Sensor
+from distal.expressions import Scalar
 
-Prior: TypeAlias = Vector | float
-"""Prior means or standard deviations of a block, (k,), as expressions of what a fit varies; one
-number stands for all.
+Acts = Literal["value", "factor", "deviation"]
+"""How a state enters the model's parameters: it is the value of one, it multiplies the values of
+all, or it is added to the value of one.
 """
 
-
-class Learning(Enum):
-    """The share of the gain that a state takes, see `StateVector.gain_shares`."""
-
-    AT_ONCE = "at once"
-    """All of it."""
-
-    SLOWLY = "slowly"
-    """A share from forces and tensions, by `Robustness.learning_time`, and from references, by
-    `reference_time`.
-    """
-
-    FROM_REFERENCES_SLOWLY = "from references slowly"
-    """A share from references only: a joint that rests shows one posture for a long time."""
-
-    AS_CREEP = "as creep"
-    """A share by `Robustness.creep_learning_time`."""
-
-
-@dataclass(frozen=True)
-class Fading:
-    """How a state fades towards zero over an interval: x_i⁺ = f_i x_i + noise of variance σ_i² (1 −
-    f_i²).
-
-    Args:
-        factor: share of the state that is left, f_i.
-        std: standard deviation of the state after a long time, σ_i.
-    """
-
-    factor: Scalar
-    std: Scalar
+Target: TypeAlias = tuple[str, int | str]
+"""What a state adds to: ``("torque", joint)`` [N m]; of a drive its ``"position"`` where nothing
+measures it, its ``"friction"`` limit, and the ``"lacking force"`` by which its pull is less than
+expected, by index; ``("reading", sensor)``, by name.
+"""
 
 
 @dataclass(frozen=True)
@@ -74,187 +40,62 @@ class Begin:
     tensions: Sequence[Scalar | None]
 
 
-class State(ABC):
-    """A block of the state vector; in its methods `values` are the block's own values, symbolic,
-    (k,).
+def unchanged(reading: Scalar) -> Scalar:
+    """Return 1: what a state adds does not depend on a reading."""
+    return 1
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """One unknown value, in SI. What the filter does with it follows from its `kind`.
+
+    Args:
+        name: of the state; that of a parameter is in words.
+        kind: of the state.
+        part: the component that it belongs to: the name of a joint, drive, tendon or sensor, or the
+            path of a parameter, with ".factor" or ".deviation" after it where the state is that.
+        mean: prior mean.
+        std: prior standard deviation.
+        to: what it adds to, if anything.
+        times: function of the reading, by whose result the state is multiplied before it is added.
+        indices: of the model's parameters that it enters.
+        acts: how it enters them.
+        walk: standard deviation that it gains as a random walk, per √s.
+        lowest: lower limit at which it is kept.
+        unidentified: whether forces and displacements do not tell it; then only a reference angle
+            teaches it.
+        doubted: whether it is friction of a joint that is known to a factor only.
+        mean_by: the prior mean as an expression of inputs of the filter, which a fit may vary.
+        std_by: the same for the standard deviation.
+        fades_in: time constant with which it fades towards zero, as such an expression [s]: x⁺ = f
+            x + noise of variance σ² (1 − f²), f = e^{−dt/T}, with the prior's std σ.
+        first: mean and standard deviation at the first sample, where its readings give them.
+        inputs: name → value of the inputs of the filter's kernel that follow from it, see
+            `FilterContext.number`.
     """
 
-    considered: ClassVar[bool] = False
-    """Whether its uncertainty counts but its value is never estimated (Schmidt, 1966)."""
-    lasting: ClassVar[bool] = False
-    """Whether it is a constant of the rig or of a sensor; other states are meant to move."""
-    learning: ClassVar[Learning] = Learning.AT_ONCE
-    """The share of the gain that it takes."""
-    smoothed: ClassVar[bool] = True
-    """Whether a smoother may change it by later samples; the state of a guard stays as the filter
-    had it.
-    """
-
-    @property
-    @abstractmethod
-    def names(self) -> tuple[str, ...]:
-        """Names of the block's values, (k,)."""
-
-    @property
-    def kind(self) -> StateKind:
-        """Kind of the block's values, where all are of one kind."""
-        return StateKind.OTHER
-
-    @property
-    def part(self) -> str:
-        """The component that the block belongs to: the name of a joint, drive, tendon or sensor, or
-        the path of a parameter.
-        """
-        return ""
-
-    @property
-    def kinds(self) -> tuple[StateKind, ...]:
-        """Kind of each value, (k,)."""
-        return (self.kind,) * len(self.names)
-
-    @property
-    def parts(self) -> tuple[str, ...]:
-        """Component of each value, (k,)."""
-        return (self.part,) * len(self.names)
-
-    @property
-    @abstractmethod
-    def means(self) -> Floats:
-        """Prior means, (k,), SI."""
-
-    @property
-    @abstractmethod
-    def stds(self) -> Floats:
-        """Prior standard deviations, (k,), SI."""
-
-    def prior(self) -> tuple[Prior | None, Prior | None]:
-        """Return prior means and standard deviations, (k,) each, where they depend on inputs of the
-        filter (a fit); None where they are `means` and `stds`.
-        """
-        return None, None
+    name: str
+    kind: StateKind
+    part: str
+    mean: float
+    std: float
+    to: Target | None = None
+    times: Callable[[Scalar], Scalar] = unchanged
+    indices: tuple[int, ...] = ()
+    acts: Acts = "value"
+    walk: float = 0.0
+    lowest: float = -np.inf
+    unidentified: bool = False
+    doubted: bool = False
+    mean_by: Callable[[], Scalar] | None = None
+    std_by: Callable[[], Scalar] | None = None
+    fades_in: Callable[[], Scalar] | None = None
+    first: Callable[[Begin], tuple[Scalar, Scalar]] | None = None
+    inputs: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def structure(self) -> tuple[object, ...]:
-        """What the structure of a kernel depends on in this block, beside its names and
-        its kind.
-        """
-        return ()
-
-    def inputs(self) -> Iterator[tuple[str, float]]:
-        """Yield name and value of the inputs of the filter's kernel that follow from this block,
-        see `FilterContext.number`.
-        """
-        return iter(())
-
-    @property
-    def walk(self) -> float:
-        """Standard deviation that each value gains as a random walk, per √s."""
-        return 0.0
-
-    @property
-    def lowest(self) -> float:
-        """Lower limit at which each value is kept."""
-        return -np.inf
-
-    @property
-    def unidentified(self) -> bool:
-        """Whether forces and displacements do not tell the values; then only a reference angle
-        teaches them.
-        """
-        return False
-
-    def first(self, begin: Begin) -> tuple[Scalar, Scalar] | None:
-        """Return mean and standard deviation at the first sample, where its readings give them,
-        else None.
-        """
-        return None
-
-    def fading(self, dt: Scalar) -> Fading | None:
-        """Return how the values fade over an interval of length `dt` [s]; None where they stay."""
-        return None
-
-    def parameters(self, values: Vector, p: Vector) -> Vector:
-        """Return the model's parameters `p`, (n_p,), after this block's `values` have entered them,
-        linearly.
-        """
-        return p
-
-    def torque(self, joint: int, values: Vector) -> Scalar:
-        """Return what `values` add to the torque on a joint [N m]."""
-        return 0
-
-    def position(self, drive: int, values: Vector) -> Scalar | None:
-        """Return the position of a drive that nothing measures [m, rad] by `values`, None where
-        this block does not hold it.
-        """
-        return None
-
-    def position_error(self, drive: int, reading: Scalar, values: Vector) -> Scalar:
-        """Return what `values` add to the `reading` of a drive's position sensor [m, rad]."""
-        return 0
-
-    def friction(self, drive: int, values: Vector) -> Scalar:
-        """Return what `values` add to the friction limit of a drive [N, N m]."""
-        return 0
-
-    def force(self, drive: int, values: Vector) -> Scalar:
-        """Return what `values` add to the expected force of a drive [N, N m]."""
-        return 0
-
-    def unknowns(self, values: Vector) -> dict[str, Scalar]:
-        """Return name → value of the quantities that readings depend on, see
-        `Measurand.unknowns`.
-        """
-        return {}
-
-    def sensor_error(self, sensor: Sensor, reading: Scalar, values: Vector) -> Scalar:
-        """Return what `values` add to the `reading` of a sensor of force, tension or angle."""
-        return 0
-
-
-class ZeroMean(State):
-    """A block whose prior means are zero."""
-
-    @property
-    def means(self) -> Floats:
-        """Prior means: zeros, (k,)."""
-        return np.zeros(len(self.names))
-
-
-class OfPart(State):
-    """A single value of a component of the rig; its name is ``QUANTITY_PART``."""
-
-    quantity: ClassVar[str]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Name of the state, (1,)."""
-        return (f"{self.quantity}_{self.part}",)
-
-
-@dataclass(frozen=True)
-class OfDrive(OfPart):
-    """A single value of a drive."""
-
-    context: FilterContext
-    drive: int
-
-    @property
-    def part(self) -> str:
-        """Name of the drive."""
-        return self.context.mechanism.rig.drives[self.drive].name
-
-
-@dataclass(frozen=True)
-class OfSensor(OfPart, ZeroMean):
-    """A systematic error of a sensor of force, tension or angle."""
-
-    lasting: ClassVar[bool] = True
-
-    context: FilterContext
-    sensor: Sensor
-
-    @property
-    def part(self) -> str:
-        """Name of the sensor."""
-        return self.sensor.name
+        """What the structure of a kernel depends on in this state: all but its values."""
+        bounded = bool(np.isfinite(self.lowest))
+        acts = self.indices, self.acts, self.unidentified, self.doubted
+        return self.name, self.kind.name, self.walk > 0.0, bounded, *acts

@@ -1,41 +1,35 @@
-"""The kinds of states beside the joints' motion, and the state vector: blocks one after the other,
-and the sums of their effects.
-"""
+"""The kinds of states, and the state vector: all states of a rig, and the sums of what they add."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import casadi as ca
 import numpy as np
 
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.states.drive import (
-    Transmitted,
     transmissions,
     unknown_frictions,
     unmeasured_positions,
 )
 from distal.estimators.adaptive.states.internal import inside
-from distal.estimators.adaptive.states.joint import (
-    ExternalTorqueState,
-    JointMotion,
-    external_torques,
-)
+from distal.estimators.adaptive.states.joint import external_torques, motions
 from distal.estimators.adaptive.states.parameter import uncertain_parameters
 from distal.estimators.adaptive.states.reading import (
     linearities,
     sensor_biases,
     unknowns_of_readings,
 )
-from distal.estimators.adaptive.states.state import Fading, Learning, State
+from distal.estimators.adaptive.states.state import State, Target
+from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
-from distal.rig import Sensor
 
-Kind = Callable[[FilterContext], Sequence[State]]
-"""Function that returns the blocks of one kind that a rig has."""
+Kind = Callable[[FilterContext], Iterable[State]]
+"""Function that returns the states of one kind that a rig has."""
 
 KINDS: tuple[Kind, ...] = (
+    motions,
     external_torques,
     uncertain_parameters,
     linearities,
@@ -46,87 +40,77 @@ KINDS: tuple[Kind, ...] = (
     sensor_biases,
     unknowns_of_readings,
 )
-"""All kinds; their order is that of the state vector, after the joints' motion."""
+"""All kinds; their order is that of the state vector."""
+
+LEARNED_SLOWLY: tuple[StateKind, ...] = (StateKind.PARAMETER, StateKind.SENSOR_GAIN)
+"""Kinds of states that learn slowly from forces, tensions and references. Source: definition."""
+
+LASTING = (*LEARNED_SLOWLY, StateKind.LINEARITY, StateKind.SENSOR_BIAS, StateKind.OTHER)
+"""Kinds of states that are constants of the rig or of a sensor; others are meant to move. Source:
+definition.
+"""
 
 
 class StateVector:
-    """All blocks of a rig; their order gives the layout of the state, (n,).
+    """All states of a rig in their order, (n,).
 
     Args:
         context: the rig as the filter reads it.
-        kinds: kinds of states beside the joints' motion; default all.
+        kinds: kinds of states; default all.
     """
 
     def __init__(self, context: FilterContext, kinds: Sequence[Kind] = KINDS) -> None:
         self.context = context
         self.kinds = tuple(kinds)
-        blocks: list[State] = [JointMotion(context)]
-        for kind in kinds:
-            blocks += kind(context)
-        self.blocks = tuple(blocks)
-        ends = np.cumsum([len(block.names) for block in blocks])
-        self._slices = {
-            id(block): slice(int(e) - len(block.names), int(e)) for block, e in zip(blocks, ends)
-        }
-        self.names = tuple(name for block in blocks for name in block.names)
-        self.state_kinds = tuple(kind for block in blocks for kind in block.kinds)
-        self.state_parts = tuple(part for block in blocks for part in block.parts)
-        self.means = np.concatenate([block.means for block in blocks])
-        self.stds = np.concatenate([block.stds for block in blocks])
-        block_of = [block for block in blocks for _ in block.names]  # of each number
-        self.walks = np.array([block.walk for block in block_of], dtype=np.float64)
-        self.lowest = np.array([block.lowest for block in block_of], dtype=np.float64)
-        self.unsmoothed = tuple(i for i, block in enumerate(block_of) if not block.smoothed)
-        self.lasting = np.array([block.lasting for block in block_of], dtype=np.bool_)
-        torques = (
-            (i, block) for i, block in enumerate(block_of) if isinstance(block, ExternalTorqueState)
+        self.states = tuple(state for kind in kinds for state in kind(context))
+        self.names = tuple(state.name for state in self.states)
+        self.state_kinds = tuple(state.kind for state in self.states)
+        self.state_parts = tuple(state.part for state in self.states)
+        self.means, self.stds, self.walks, self.lowest = (
+            np.array(values, dtype=np.float64)
+            for values in zip(*((s.mean, s.std, s.walk, s.lowest) for s in self.states))
         )
-        self.torque_states = {i: block.joint for i, block in torques}
-        self._considered = {i: 0.0 for i, block in enumerate(block_of) if block.considered}
-        self._unidentified = {i: 0.0 for i, block in enumerate(block_of) if block.unidentified}
-        self._parameters, self._curves, self._strains = (
-            [i for i, block in enumerate(block_of) if block.learning is learning]
-            for learning in (Learning.SLOWLY, Learning.FROM_REFERENCES_SLOWLY, Learning.AS_CREEP)
-        )
+        # friction at one time tells little of another time
+        self.unsmoothed = self.of_kind(StateKind.FRICTION)
+        self.lasting = np.array([kind in LASTING for kind in self.state_kinds])
+        joints = context.mechanism.rig.joint_names
+        torques = self.of_kind(StateKind.EXTERNAL_TORQUE)
+        self.torque_states = {i: joints.index(self.state_parts[i]) for i in torques}
 
     @property
     def structure(self) -> tuple[object, ...]:
         """What the structure of a kernel depends on in the states: all but their values."""
-        walks = self.walks > 0.0
-        bounded = np.isfinite(self.lowest)
-        flags = tuple(zip(walks.tolist(), bounded.tolist()))
-        blocks = tuple((type(block).__name__, block.structure) for block in self.blocks)
-        shares = tuple(self._considered), tuple(self._unidentified)
-        return self.names, blocks, flags, *shares, self.context.contact_structure
+        return *(state.structure for state in self.states), self.context.contact_structure
 
     def __len__(self) -> int:
-        return len(self.names)
+        return len(self.states)
+
+    def of_kind(self, *kinds: StateKind) -> tuple[int, ...]:
+        """Return the indices of the states of some kinds."""
+        return tuple(i for i, state in enumerate(self.states) if state.kind in kinds)
 
     def inputs(self) -> Iterator[tuple[str, float]]:
         """Yield name and value of the inputs of the filter's kernel that follow from the states."""
-        for i in range(len(self)):
-            yield f"state.{i}.mean", self.means[i]
-            yield f"state.{i}.std", self.stds[i]
-            yield f"state.{i}.walk", self.walks[i]
-            yield f"state.{i}.lowest", self.lowest[i]
-        for block in self.blocks:
-            yield from block.inputs()
+        for i, state in enumerate(self.states):
+            yield f"state.{i}.mean", state.mean
+            yield f"state.{i}.std", state.std
+            yield f"state.{i}.walk", state.walk
+            yield f"state.{i}.lowest", state.lowest
+            yield from state.inputs.items()
 
     def prior(self) -> tuple[Vector, Vector]:
         """Return prior means and standard deviations, (n,) each, as expressions of the filter's
         inputs.
         """
-        values = range(len(self))
-        means, stds = (
-            ca.vertcat(*(self.context.number(f"state.{i}.{moment}") for i in values))
-            for moment in ("mean", "std")
-        )
-        for block in self.blocks:
-            mean, std = block.prior()
-            if mean is not None:
-                means[self._slices[id(block)]] = mean
-            if std is not None:
-                stds[self._slices[id(block)]] = std
+        number = self.context.number
+        moments = [
+            (
+                number(f"state.{i}.mean") if state.mean_by is None else state.mean_by(),
+                number(f"state.{i}.std") if state.std_by is None else state.std_by(),
+            )
+            for i, state in enumerate(self.states)
+        ]
+        means, stds = (ca.vertcat(*moment) for moment in zip(*moments))
         return means, stds
 
     def gain_shares(
@@ -143,108 +127,90 @@ class StateVector:
         guards = self.context.robustness
         declared = drive is None or self.context.declares_friction(drive)
         time = guards.learning_time if declared else guards.learning_time_guarded
-        slow = dict[int, Scalar]()
-        if time > 0.0 and not reference:
-            slow = dict.fromkeys(self._parameters, ca.fmin(1.0, interval / time))
-        if reference and guards.reference_time > 0.0:
+        times = [(time, LEARNED_SLOWLY), (guards.creep_learning_time, (StateKind.CREEP,))]
+        if reference:
             # the many samples of a joint at rest show only one posture
-            share = ca.fmin(1.0, interval / guards.reference_time)
-            slow = dict.fromkeys([*self._parameters, *self._curves], share)
-        if guards.creep_learning_time > 0.0 and not reference:
-            share = ca.fmin(1.0, interval / guards.creep_learning_time)
-            slow |= dict.fromkeys(self._strains, share)
-        return {**slow, **({} if reference else self._unidentified), **self._considered}
+            times = [(guards.reference_time, (*LEARNED_SLOWLY, StateKind.LINEARITY))]
+        slow = dict[int, Scalar]()
+        for of_all, kinds in times:
+            if of_all > 0.0:
+                slow |= dict.fromkeys(self.of_kind(*kinds), ca.fmin(1.0, interval / of_all))
+        # of an error for which the model has no state only the uncertainty counts (Schmidt, 1966)
+        kept = list(self.of_kind(StateKind.TRANSMISSION_ERROR))
+        if not reference:
+            kept += [i for i, state in enumerate(self.states) if state.unidentified]
+        return slow | dict.fromkeys(kept, 0.0)
 
     @property
     def slow(self) -> tuple[int, ...]:
         """Indices of the states that take a share of the gain of some forces."""
         guards = self.context.robustness
-        longest = max(guards.learning_time, guards.learning_time_guarded)
-        parameters = self._parameters if longest > self.context.channels.interval else []
-        return (
-            *parameters,
-            *(self._strains if guards.creep_learning_time > self.context.channels.interval else []),
-        )
+        interval = self.context.channels.interval
+        kinds = list[StateKind]()
+        if max(guards.learning_time, guards.learning_time_guarded) > interval:
+            kinds += LEARNED_SLOWLY
+        if guards.creep_learning_time > interval:
+            kinds.append(StateKind.CREEP)
+        return self.of_kind(*kinds)
 
-    def indices(self, block: State) -> range:
-        """Return the indices of a block's values in the state."""
-        stretch = self._slices[id(block)]
-        return range(stretch.start, stretch.stop)
-
-    def _values(self, state: Vector) -> Iterator[tuple[State, Vector]]:
-        """Yield each block with its values in a state."""
-        return ((block, state[self._slices[id(block)]]) for block in self.blocks)
-
-    def fadings(self, dt: Scalar) -> list[tuple[int, Fading]]:
-        """Return index and fading of every value that fades over an interval of length `dt` [s]."""
-        every = ((block, block.fading(dt)) for block in self.blocks)
+    def fadings(self) -> list[tuple[int, Scalar, Scalar]]:
+        """Return index, time constant [s] and lasting std of each state that fades."""
+        _, stds = self.prior()
         return [
-            (i, fading)
-            for block, fading in every
-            if fading is not None
-            for i in self.indices(block)
+            (i, state.fades_in(), stds[i])
+            for i, state in enumerate(self.states)
+            if state.fades_in is not None
         ]
 
     def parameters(self, state: Vector) -> Vector:
         """Return the model's parameters at a state, (n_p,)."""
-        p = self.context.mechanism.parameters.symbols
-        for block, values in self._values(state):
-            p = block.parameters(values, p)
+        p = ca.SX(self.context.mechanism.parameters.symbols)
+        for i, each in enumerate(self.states):
+            z = state[i]
+            for at in each.indices:
+                p[at] = {"value": z, "factor": p[at] * z, "deviation": p[at] + z}[each.acts]
         return p
+
+    def added(self, to: Target, state: Vector, reading: Scalar = 0) -> Scalar:
+        """Return what a `state` adds to something, of which the `reading` is that of a sensor."""
+        every = enumerate(self.states)
+        return sum((of.times(reading) * state[i] for i, of in every if of.to == to), ca.SX(0))
+
+    def adding(self, to: Target) -> list[int]:
+        """Return the indices of the states that add to something."""
+        return [i for i, state in enumerate(self.states) if state.to == to]
+
+    def placing(self, drive: int) -> list[int]:
+        """Return the indices of the states that change the `position` of a drive."""
+        sensor = self.context.position_sensor(drive)
+        of_sensor = [] if sensor is None else self.adding(("reading", sensor.name))
+        return of_sensor or self.adding(("position", drive))
 
     def torques(self, state: Vector) -> Vector:
         """Return the external torque on each joint, (n_joints,) [N m]."""
         joints = range(self.context.n_joints)
-        return ca.vertcat(
-            *(
-                sum((block.torque(j, values) for block, values in self._values(state)), ca.SX(0))
-                for j in joints
-            )
-        )
+        return ca.vertcat(*(self.added(("torque", j), state) for j in joints))
 
     def position(self, drive: int, reading: Scalar, state: Vector) -> Scalar:
         """Return the position of a drive [m, rad]: its `reading` less the error of its sensor, or
         the state that holds the position.
         """
-        for block, values in self._values(state):
-            position = block.position(drive, values)
-            if position is not None:
-                return position
-        errors = (
-            block.position_error(drive, reading, values) for block, values in self._values(state)
-        )
-        return reading - sum(errors, ca.SX(0))
+        sensor = self.context.position_sensor(drive)
+        if sensor is None:
+            return self.added(("position", drive), state)
+        return reading - self.added(("reading", sensor.name), state, reading)
 
-    def friction(self, drive: int, state: Vector) -> Scalar:
-        """Return what a `state` adds to the friction limit of a drive [N, N m]."""
-        return sum(
-            (block.friction(drive, values) for block, values in self._values(state)), ca.SX(0)
-        )
+    def coordinates(self, state: Vector, readings: Sequence[Scalar]) -> Vector:
+        """Return the coordinates q of joints and drives at a `state`, from the `readings` of all
+        drives' positions.
+        """
+        positions = (self.position(i, reading, state) for i, reading in enumerate(readings))
+        return ca.vertcat(state[: self.context.n_joints], *positions)
 
-    def force(self, drive: int, state: Vector) -> Scalar:
-        """Return what a `state` adds to the expected force of a drive [N, N m]."""
-        return sum((block.force(drive, values) for block, values in self._values(state)), ca.SX(0))
-
-    def sensor_error(self, sensor: Sensor, reading: Scalar, state: Vector) -> Scalar:
-        """Return what a `state` adds to the `reading` of a sensor of force, tension or angle."""
-        errors = (
-            block.sensor_error(sensor, reading, values) for block, values in self._values(state)
-        )
-        return sum(errors, ca.SX(0))
-
-    def unknowns(self, state: Vector) -> dict[str, Scalar]:
-        """Return name → value of the quantities that readings depend on."""
-        return {
-            name: number
-            for block, values in self._values(state)
-            for name, number in block.unknowns(values).items()
-        }
-
-    def transmitted(self, drive: int) -> tuple[int, Transmitted] | None:
-        """Return index and block of the effort that a drive's play passes on, None where it has no
+    def transmitted(self, drive: int) -> int | None:
+        """Return the index of the effort that a drive's play passes on, None where it has no
         play.
         """
-        for block in self.blocks:
-            if isinstance(block, Transmitted) and block.drive == drive:
-                return self.indices(block)[0], block
-        return None
+        name = self.context.mechanism.rig.drive_names[drive]
+        of = (i for i in self.of_kind(StateKind.TRANSMITTED) if self.state_parts[i] == name)
+        return next(of, None)
