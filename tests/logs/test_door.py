@@ -114,10 +114,14 @@ def test_registers_and_turns_are_undone(
     )
 
 
-def spoiled(logged: Floats, rows: slice | Floats, columns: slice, value: object) -> Floats:
-    result = logged.copy()
-    result[rows, columns] = value
-    return result
+@pytest.mark.parametrize("entry", ENTRIES)
+def test_readings_a_turn_off_make_no_counter_of_an_encoder(
+    entry: Callable[..., Floats], rig: Rig, good: Floats, tmp_path: Path
+) -> None:
+    """A servo's driver reads −1 as −4096; two in a row are no motion either."""
+    off = good.copy()
+    off[[200, 201, 640], 0] -= 4096
+    np.testing.assert_allclose(entry(rig, off, tmp_path), entry(rig, good, tmp_path), atol=1e-12)
 
 
 @pytest.mark.parametrize("entry", ENTRIES)

@@ -47,9 +47,6 @@ IMPROBABLE = 1e-6
 read as another, before a log is seen. Source: definition (level of the test).
 """
 
-LEARNED = 20
-"""Number of changes of a reading before its repetitions tell something [1]. Source: judgement."""
-
 FINE = 0.02
 """Probability of a repetition at rest below which a reading alone counts as old: its noise is 14
 steps wide [1]. Source: judgement.
@@ -351,7 +348,7 @@ class _Noise:
         seen.
         """
         second, third = self._sums
-        if self._changed < LEARNED or not third > WHITE * second:
+        if self._changed < 4 or not third > WHITE * second:
             return 0.0
         # E|N(0, σ²)| = σ √(2/π), and second differences have the variance 6 σ²; rounding in motion
         # looks like noise of up to half a step
@@ -415,13 +412,13 @@ class _Encoder:
             gap = inf
         elif not gap > 0.0:
             gap = self._limits.interval  # the clock was set back, or the stamp is none
-        self._read = min(self._read[0], reading), max(self._read[1], reading)
         limits = self._limits
+        # of what was read bit by bit: a wrong reading does not make a counter of it
         within = self._read[1] - self._read[0] < limits.turn
         if limits.wraps and within:
             position, kind = self._within_turn(reading, gap)
         else:
-            position, kind = self._counted(reading, gap, within=within)
+            position, kind = self._counted(reading, gap)
         self._learn(position)
         if limits.wraps and within and 4.0 * self._usual > limits.turn:
             return nan, "turn", gap  # it goes on too fast to be followed
@@ -437,6 +434,10 @@ class _Encoder:
             kind = kind or "jumped"
             self._speed = 0.0
         self._waiting = None
+        least, most = self._read
+        room = limits.turn / 4.0
+        if not isfinite(least) or least - room <= reading <= most + room:
+            self._read = min(least, reading), max(most, reading)
         if position != self._last:
             self._changed = time
         self._last = position
@@ -507,9 +508,9 @@ class _Encoder:
             ceil((limits.low - least) / limits.turn), floor((limits.high - most) / limits.turn) + 1
         )
 
-    def _counted(self, reading: float, gap: float, *, within: bool) -> tuple[float, Kind | None]:
+    def _counted(self, reading: float, gap: float) -> tuple[float, Kind | None]:
         """Return the position of an encoder that counts its turns, or a wrapped one if all that it
-        has read is `within` one turn.
+        has read is within one turn.
 
         Out of range without a jump, a tendon broke or a spool slipped.
         """
@@ -519,6 +520,7 @@ class _Encoder:
             return position, None
         is_inside = limits.low <= position <= limits.high
         if isfinite(self._last):
+            within = max(self._read[1], reading) - min(self._read[0], reading) < limits.turn
             near = reading + limits.turn * round((self._last - reading) / limits.turn)
             soon = limits.fastest * gap < limits.turn / 2
             if within and (soon or not is_inside) and limits.low <= near <= limits.high:
