@@ -213,3 +213,14 @@ def test_what_was_done_is_said(rig: Rig, good: Floats, tmp_path: Path) -> None:
         DistalWarning, match=r"'angle' is where its drive cannot be so soon.*1 readings.*at 1\.5 s"
     ):
         read_log(path, rig)
+
+
+def test_a_number_beyond_all_sensors_is_passed_on(rig: Rig, good: Floats) -> None:
+    """The estimator takes it as missing, and says so; what comes after it is as before."""
+    reader = MessageReader(rig, CHANNELS)
+    reader.header("t,angle,current")
+    for k, (t, (a, c)) in enumerate(zip(TIME, good)):
+        text = {300: "inf", 301: "-1e300"}.get(k, f"{a:.0f}")
+        _, sample = reader.csv(f"{t:.3f},{text},{c:.0f}")
+        expected = float(text) * 2 * pi / 4096
+        assert sample[0] == pytest.approx(expected)

@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 
 from distal.arrays import Floats
+from distal.logs.log import LARGEST_READING
 from distal.rig import REFERENCES, Rig, Sensor, drive_travel, motor_range
 from distal.rig.sensors.motions import AngleSensor
 
@@ -63,7 +64,7 @@ judgement.
 """
 
 RARE = 0.05
-"""Weight of a sample in the share of those that were left out [1]. Source: judgement."""
+"""Weight of a sample in the means that the door follows [1]. Source: judgement."""
 
 OFTEN = 0.2
 """Share of readings that were left out, above which the others are not believed either [1]. Source:
@@ -152,15 +153,21 @@ class Door:
         self._sensors = tuple(sensors)
         self._factors = [float(factor) for factor in factors]
         sizes = turns or {}
-        self._registers = [_Register(abs(factor)) for factor in self._factors]
+        self._registers = [_Register() for _ in sensors]
         self._noises = [_Noise() for _ in sensors]
         self._doubting = doubting
+        self._moving = [i for i, sensor in enumerate(sensors) if sensor.measures not in REFERENCES]
         self._encoders = {
             i: _encoder(rig, sensor, self._factors[i], sizes.get(i), ranged, doubting)
             for i, sensor in enumerate(sensors)
             if sensor.measures in ("position", "angle")
         }
-        self.remarks: tuple[Remark, ...] = ()
+        self._remarks: tuple[Remark, ...] = ()
+
+    @property
+    def remarks(self) -> tuple[Remark, ...]:
+        """What was done with the readings of the last sample."""
+        return self._remarks
 
     @property
     def sensors(self) -> tuple[str, ...]:
@@ -194,6 +201,9 @@ class Door:
         for i, number in enumerate(logged):
             if number != number or old[i]:
                 continue
+            if not abs(number * self._factors[i]) <= LARGEST_READING:
+                sample[i] = number * self._factors[i]  # the estimator takes it as missing
+                continue
             register = self._registers[i]
             value = register.decoded(number) * self._factors[i]
             if register.bit:
@@ -207,27 +217,28 @@ class Door:
                 # in logged numbers, without the rounding of whole turns
                 self._noises[i].learn(round(value / self._factors[i], 9))
             sample[i] = value
-        self.remarks = tuple(remarks)
+        self._remarks = tuple(remarks)
         return sample
 
     def _old(self, logged: Sequence[float], remarks: list[Remark]) -> list[bool]:
         """Return which readings are old ones: alone, or all together, they repeat more often than
         chance lets them.
         """
-        came = [i for i, number in enumerate(logged) if number == number]
-        came = [i for i in came if self._sensors[i].measures not in REFERENCES]
-        runs = {i: self._noises[i].repeats(logged[i]) for i in came}
-        chances = {i: self._noises[i].chance for i in came}
-        fewest = min(runs.values(), default=0)
+        runs = {
+            i: self._noises[i].repeats(logged[i]) for i in self._moving if logged[i] == logged[i]
+        }
         old = [False] * len(self._sensors)
-        if fewest * sum(chances.values()) < log(IMPROBABLE):
+        if not any(runs.values()):
+            return old
+        chances = {i: self._noises[i].chance for i in runs}
+        if min(runs.values()) * sum(chances.values()) < log(IMPROBABLE):
             remarks.append(Remark("repeated", ""))
-            for i in came:
+            for i in runs:
                 old[i] = True
             return old
-        for i in came:
+        for i, run in runs.items():
             # alone, a reading with few steps may as well be at rest
-            if self._noises[i].is_fine and runs[i] * chances[i] < log(IMPROBABLE):
+            if self._noises[i].is_fine and run * chances[i] < log(IMPROBABLE):
                 remarks.append(Remark("repeated", self._sensors[i].name))
                 old[i] = True
         return old
@@ -238,7 +249,7 @@ class _Register:
     steps are most probable (Cauchy distribution, as wide as they usually are).
     """
 
-    def __init__(self, size: float) -> None:
+    def __init__(self) -> None:
         self.bit = 0
         self._whole = True
         self._before: list[float] | None = None
@@ -269,7 +280,7 @@ class _Register:
             before = was[best]
             self.bit = REGISTERS[best][0]
         if self._before is not None:
-            self._step += 0.05 * (max(abs(value - before), 1.0) - self._step)
+            self._step += RARE * (max(abs(value - before), 1.0) - self._step)
         self._before = [number if m is None else m for m in meanings] + [number]
         return value
 
@@ -307,7 +318,7 @@ class _Noise:
         if number == self._last:
             self._run += 1
             return self._run
-        if self._run * self.chance >= log(IMPROBABLE):
+        if self._run and self._run * self.chance >= log(IMPROBABLE):
             self._repeated += self._run
         self._run = 0
         self._last = number
