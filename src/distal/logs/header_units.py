@@ -66,13 +66,11 @@ def factor_of(sensor: Sensor, unit: str | None, source: str) -> float:
     """Return the factor that turns a column's numbers into SI, without the sensor's sign.
 
     Args:
-        unit: unit in the column's header, or None. It counts where the rig gives the sensor no
-            unit.
+        unit: unit in the column's header, or None. It counts before the rig's.
         source: what the log is called in messages.
 
     Raises:
-        LogError: the header's unit is no unit of what the sensor measures, or differs from the
-            rig's.
+        LogError: the header's unit is no unit of what the sensor measures.
     """
     if unit is None:
         return log_factor(sensor)
@@ -80,38 +78,24 @@ def factor_of(sensor: Sensor, unit: str | None, source: str) -> float:
     try:
         if (unit in COUNTS) != (sensor.unit in COUNTS):
             raise UnitError('counts need unit = "count" and counts_per_turn in the rig file')
-        factor = log_factor(sensor.model_copy(update={"unit": unit}))
+        return log_factor(sensor.model_copy(update={"unit": unit}))
     except UnitError as problem:
         raise LogError(f"{position}: {problem}") from None
-    if sensor.unit is not None and abs(factor - log_factor(sensor)) > 1e-9 * factor:
-        raise LogError(
-            f"{position}: the rig file says unit = \"{sensor.unit}\" for '{sensor.name}'; correct "
-            "one of them"
-        )
-    return factor
 
 
 def time_factor(rig: Rig, unit: str | None, source: str) -> float:
     """Return the factor that turns a log's stamps into seconds.
 
     Args:
-        unit: unit in the header of the time column, or None. It counts where the rig gives seconds,
-            the default.
+        unit: unit in the header of the time column, or None. It counts before the rig's.
         source: what the log is called in messages.
 
     Raises:
-        LogError: the header's unit is no unit of time, or differs from the rig's.
+        LogError: the header's unit is no unit of time.
     """
-    factor = unit_factor(rig.log.time.unit, "s")
     if unit is None:
-        return factor
-    header_factor = scale(unit, "s", f"{source}: column '{header(rig.log.time.column, unit)}'")
-    if factor not in (1.0, header_factor):
-        raise LogError(
-            f"{source}: time is in '{unit}' by its header, in '{rig.log.time.unit}' by the rig "
-            "file (log.time)"
-        )
-    return header_factor
+        return unit_factor(rig.log.time.unit, "s")
+    return scale(unit, "s", f"{source}: column '{header(rig.log.time.column, unit)}'")
 
 
 def scale(unit: str | None, si: str, position: str) -> float:

@@ -32,7 +32,7 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
     Sensors that measure a joint's angle are reference sensors. They may be absent; where the log
     has them, they are the truth if there is no other: a given `truth` comes first, then a simulated
     log's own ``true_theta``. All other sensors must be there. A header may give its unit, ``x1
-    [mm]``: it counts where the rig gives none, and must agree with the rig's where there is one.
+    [mm]``: it counts before the rig's.
 
     Args:
         path: CSV, Parquet or HDF5; an MCAP file or a ROS bag, with columns ``/topic.field`` (see
