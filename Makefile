@@ -143,6 +143,7 @@ results: $(STAMP)
 	$(BIN)/python -m benchmarks.models
 	$(BIN)/python -m benchmarks.sensitivity
 	$(BIN)/python -m benchmarks.silent
+	$(BIN)/python -m benchmarks.wrong_inputs
 	$(BIN)/python -m benchmarks.smoothing
 	$(BIN)/python -m benchmarks.soak
 	$(BIN)/python -m benchmarks.study

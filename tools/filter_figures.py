@@ -82,7 +82,7 @@ def steps(log: Log, rig: Rig, robustness: Robustness | None = None) -> list[Step
         mean, memory = (
             np.array(layout.part(ca.DM(before), name)).ravel() for name in ("mean", "drives")
         )
-        vector = Tracks(track(mean, memory, x, estimator.parameters), n_drives)
+        vector = Tracks(track(mean, memory, x, estimator.parameters))
         drives = [
             Drive(**dict(zip(TRACKED, np.array(vector.of(i)).ravel()))) for i in range(n_drives)
         ]

@@ -579,14 +579,15 @@ def test_an_estimator_that_fails_is_a_row(run, log: Path, tmp_path: Path) -> Non
     """
     out = tmp_path / "out.csv"
     lines = log.read_text().splitlines()
-    lines[300] = lines[300].replace(lines[300].split(",")[1], "1000", 1)  # ekf trusts every sample
+    for k in (300, 301, 302):  # ekf trusts every sample
+        lines[k] = lines[k].replace(lines[k].split(",")[1], "1000", 1)
     log.write_text("\n".join(lines))
     words = ("estimate", log, "--rig", "paper-2008-printed", "--out", out, *SET)
     ran = run(*words)
     assert ran.code == 0, ran.err
     assert re.search(r"ekf +– +– +– +–", ran.out)
     assert "ekf: " in ran.out
-    assert "left all bounds at 2.9" in ran.out
+    assert "left all bounds at 3" in ran.out
     assert out.is_file()
     out.unlink()
     ran = run(*words, "-e", "ekf", "-e", "adaptive")

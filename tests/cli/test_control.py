@@ -47,6 +47,7 @@ def run(*arguments: str) -> str:
     return made.output
 
 
+@pytest.mark.filterwarnings("ignore:.*where its drive cannot be so soon")
 def test_three_feedbacks_side_by_side(tmp_path: Path) -> None:
     (tmp_path / "short.toml").write_text(SHORT)
     said = run("control", str(tmp_path / "short.toml"), "--out", str(tmp_path / "out"))

@@ -210,7 +210,8 @@ def test_what_was_done_is_said(rig: Rig, good: Floats, tmp_path: Path) -> None:
     rows = [f"{t:.3f},{a:.0f},{c:.0f}" for t, (a, c) in zip(TIME, wild)]
     path.write_text("\n".join(["t,angle,current", *rows]))
     with pytest.warns(
-        DistalWarning, match=r"'angle' is where its drive cannot be so soon.*1 readings.*at 1\.5 s"
+        DistalWarning,
+        match=r"'angle' is where its drive cannot be so soon.*1 readings.*at 1\.505 s",
     ):
         read_log(path, rig)
 

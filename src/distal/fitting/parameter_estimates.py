@@ -13,7 +13,7 @@ import numpy as np
 from distal.arrays import Bools, Floats
 from distal.errors import FitError, RigError
 from distal.fitting.choice_of_parameters import choose
-from distal.fitting.doubts import NOT_CONVERGED, doubts_of, nis_of
+from distal.fitting.doubts import NOT_CONVERGED, doubts_of, nis_of, parameter_contradictions
 from distal.fitting.fit_filter import FitFilter, steps_of
 from distal.fitting.fit_options import Options, Progress, searching
 from distal.fitting.free_parameter import FittedParameter, Free
@@ -245,6 +245,10 @@ def _searched(
     if not optimum.interrupted:
         doubts += doubts_of(problem, optimum.z, after)
         doubts += [] if optimum.converged else [NOT_CONVERGED]
+        try:
+            doubts += parameter_contradictions(problem, optimum) if len(problem.data) > 1 else []
+        except KeyboardInterrupt:
+            optimum = replace(optimum, interrupted=True)
     fitted = tuple(fitted_parameters(problem, optimum, uncertainty, left, held))
     begun = float(problem.costs([zero])[0])
     return ParameterEstimates(

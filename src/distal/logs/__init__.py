@@ -3,7 +3,8 @@
 from distal.logs.atomic_writes import keep_elsewhere, write_together, write_whole
 from distal.logs.cells import Column
 from distal.logs.datasets import da_vinci_grasper
-from distal.logs.door import FASTEST, Door, Remark
+from distal.logs.door import Door, Remark
+from distal.logs.encoders import FASTEST
 from distal.logs.episodes import Episode, episodes_of, is_dataset, sources_of
 from distal.logs.formats import TABLES, check_format, file_of
 from distal.logs.header_units import header, name_and_unit

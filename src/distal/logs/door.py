@@ -9,39 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import ceil, exp, floor, inf, isfinite, log, log1p, nan, pi, sqrt
-from typing import Literal
+from math import floor, inf, log, log1p, nan, pi, sqrt
 
 import numpy as np
 
 from distal.arrays import Floats
+from distal.logs.encoders import RARE, Kind, encoder_of
 from distal.logs.log import LARGEST_READING
-from distal.rig import REFERENCES, Rig, Sensor, drive_travel, motor_range
-from distal.rig.sensors.motions import AngleSensor
-
-Kind = Literal["turn", "unknown turn", "restarted", "decoded", "left out", "jumped", "repeated"]
-"""What the door did with a reading: its turn may be another one, or is a guess; it counts from
-another turn than before; its register was decoded; it is missing since it may be a wrong one; it
-jumped and stays there; it is missing since it repeats the last one.
-"""
-
-TURN = 2 * pi
-"""One turn of a motor that is read in radians or degrees [rad]. Source: definition (full angle)."""
-
-FASTEST = 10.0
-"""Largest speed of a motor whose rig does not give one (`servo.fastest`) [rad/s, m/s]. Source:
-judgement.
-"""
-
-CROSSING = 0.1
-"""Shortest time in which a drive crosses its range, where its rig gives no speed [s]. Source:
-judgement (a finger's joint at 1000 °/s).
-"""
-
-BOOTS = 0.05
-"""Shortest time in which a motor restarts and answers again [s]; a position that jumps sooner is a
-wrong reading. Source: judgement.
-"""
+from distal.rig import REFERENCES, Rig, Sensor
 
 IMPROBABLE = 1e-6
 """Probability of a repetition by chance, below which readings are old ones; of a register that is
@@ -57,22 +32,6 @@ WHITE = 1.5
 """Ratio of mean third to mean second differences above which a reading has noise of its own: it is
 √(20/6) for white noise, far less for smooth motion [1]. Source: judgement (between the two).
 """
-
-UNUSUAL = 5.0
-"""Motion in two samples, by its median, above which a reading is not believed at once [1]. Source:
-judgement.
-"""
-
-RARE = 0.05
-"""Weight of a sample in the means that the door follows [1]. Source: judgement."""
-
-OFTEN = 0.2
-"""Share of readings that were left out, above which the others are not believed either [1]. Source:
-judgement.
-"""
-
-RATE = 0.3
-"""Relative change of that median with a sample [1]. Source: judgement."""
 
 REGISTERS = ((15, True), (31, True), (10, False), (15, False), (31, False))
 """Bit of the sign, and whether below zero counts in two's complement (else the sign is a flag), of
@@ -158,7 +117,7 @@ class Door:
         self._doubting = doubting
         self._moving = [i for i, sensor in enumerate(sensors) if sensor.measures not in REFERENCES]
         self._encoders = {
-            i: _encoder(rig, sensor, self._factors[i], sizes.get(i), ranged, doubting)
+            i: encoder_of(rig, sensor, self._factors[i], sizes.get(i), ranged, doubting)
             for i, sensor in enumerate(sensors)
             if sensor.measures in ("position", "angle")
         }
@@ -177,7 +136,9 @@ class Door:
     @property
     def in_doubt(self) -> tuple[str, ...]:
         """Drives that may be in several turns."""
-        return tuple(self._sensors[i].of for i, each in self._encoders.items() if each.in_doubt)
+        return tuple(
+            self._sensors[i].of for i, encoder in self._encoders.items() if encoder.in_doubt
+        )
 
     def ahead(self, i: int) -> float:
         """Return how much a channel's position is ahead of its reading, whole turns [SI]."""
@@ -343,18 +304,18 @@ class _Noise:
     @property
     def is_fine(self) -> bool:
         """Whether its noise is many steps wide, so that it cannot repeat at rest either."""
-        return 0.0 < self._at_rest() < FINE
+        return 0.0 < self._coincidence() < FINE
 
     @property
     def chance(self) -> float:
         """Logarithm of the probability that it repeats once more, the value being at rest."""
-        at_rest = self._at_rest()
-        if at_rest == 0.0:
+        coincidence = self._coincidence()
+        if coincidence == 0.0:
             return 0.0
         often = (self._repeated + 1) / (self._repeated + self._changed + 2)
-        return min(log(max(at_rest, often)), 0.0)
+        return min(log(max(coincidence, often)), 0.0)
 
-    def _at_rest(self) -> float:
+    def _coincidence(self) -> float:
         """Return the probability of a repetition by noise and smallest step; 0 where no noise is
         seen.
         """
@@ -368,183 +329,6 @@ class _Noise:
         return self._smallest / (2.0 * sqrt(pi) * noise) if noise > 0.0 else 0.0
 
 
-@dataclass(frozen=True)
-class _Limits:
-    """What is known of an encoder: one turn [SI], infinite where there is none; whether it counts
-    within a turn only; the range of its position; the largest speed of its motor, and that of a
-    reading that is believed at once; its usual interval [s]; and room for its noise.
-    """
-
-    turn: float
-    wraps: bool
-    low: float
-    high: float
-    fastest: float
-    believed: float
-    interval: float
-    noise: float
-
-
-class _Encoder:
-    """A position that may wrap, restart or jump."""
-
-    def __init__(self, limits: _Limits) -> None:
-        self._limits = limits
-        self.ahead = 0.0
-        self._last = self._seen = nan
-        self._speed = self._left_out = 0.0
-        self._changed = -inf
-        # least and largest reading so far, and those of a position whose turn is a guess
-        self._read = (inf, -inf)
-        self._guessed: tuple[float, float] | None = None
-        # what the last sample was, where a drive cannot have reached it
-        self._waiting: float | None = None
-        # by the median of the motion in two samples more is believed, never less
-        self._least = max(limits.noise, 1e-3 * limits.believed * limits.interval) / UNUSUAL
-        self._before = (nan, nan)
-        self._usual = self._least
-
-    @property
-    def in_doubt(self) -> bool:
-        """Whether the encoder may be in several turns."""
-        return self._guessed is not None
-
-    def follow(self, other: _Encoder) -> None:
-        """Go on in the turn in which another encoder is."""
-        self._last = other._last
-        self._seen = other._seen
-        if self._limits.wraps:
-            self.ahead = other.ahead
-
-    def take(self, time: float, reading: float) -> tuple[float, Kind | None, float]:
-        """Return the position of a reading [SI], and what was done, with its size."""
-        gap = time - self._seen
-        if not isfinite(self._last):
-            gap = inf
-        elif not gap > 0.0:
-            gap = self._limits.interval  # the clock was set back, or the stamp is none
-        limits = self._limits
-        # of what was read bit by bit: a wrong reading does not make a counter of it
-        within = self._read[1] - self._read[0] < limits.turn
-        if limits.wraps and within:
-            position, kind = self._within_turn(reading, gap)
-        else:
-            position, kind = self._counted(reading, gap)
-        self._learn(position)
-        if limits.wraps and within and 4.0 * self._usual > limits.turn:
-            return nan, "turn", gap  # it goes on too fast to be followed
-        size = gap if kind == "turn" else 0.0
-        if self._reached(position, time, gap):
-            self._speed = (position - self._last) / gap if isfinite(gap) else 0.0
-        else:
-            waiting = self._waiting
-            self._waiting = position
-            if waiting is None or not self._near(position - waiting, self._limits.interval):
-                self._left_out += RARE * (1.0 - self._left_out)
-                return nan, "left out", 0.0
-            kind = kind or "jumped"
-            self._speed = 0.0
-        self._waiting = None
-        least, most = self._read
-        room = limits.turn / 4.0
-        if not isfinite(least) or least - room <= reading <= most + room:
-            self._read = min(least, reading), max(most, reading)
-        if position != self._last:
-            self._changed = time
-        self._last = position
-        self._seen = time
-        self.ahead = position - reading
-        self._left_out *= 1.0 - RARE
-        if self._left_out > OFTEN:
-            kind = kind or "left out"  # two sources in turn: nobody knows which is the drive
-        return (nan if self._left_out > OFTEN else position), kind, size
-
-    def _learn(self, position: float) -> None:
-        """Follow the median of the motion in two samples, which two sources in turn do not show."""
-        first, second = self._before
-        self._before = second, position
-        if isfinite(first):
-            rate = RATE if abs(position - first) > self._usual else -RATE
-            self._usual = max(self._usual * exp(rate), self._least)
-
-    def _reached(self, position: float, time: float, gap: float) -> bool:
-        """Return whether the drive can have gone there, since the reading last changed."""
-        if not isfinite(self._last):
-            return True
-        step = position - self._last
-        since = max(time - self._changed, gap)
-        return self._near(step, since) or self._near(step - self._speed * gap, gap)
-
-    def _near(self, step: float, gap: float) -> bool:
-        limits = self._limits
-        room = max(limits.noise, UNUSUAL * self._usual)
-        return abs(step) <= limits.believed * (gap + limits.interval) + room
-
-    def _within_turn(self, reading: float, gap: float) -> tuple[float, Kind | None]:
-        """Return the position of an encoder that counts within one turn only."""
-        turn = self._limits.turn
-        is_known = isfinite(self._last)
-        near = reading + turn * round((self._last - reading) / turn) if is_known else reading
-        kind: Kind | None = None
-        if not is_known or self._limits.fastest * gap >= turn / 2:
-            turns = self._possible(reading, reading)
-            if len(turns) == 1:
-                near = reading + turn * turns[0]
-                self._guessed = None
-            else:
-                if not is_known and turns and 0 not in turns:
-                    near = reading + turn * turns[len(turns) // 2]
-                if is_known or turns:
-                    kind = "turn" if is_known else "unknown turn"
-                    self._guessed = near, near
-        if self._guessed is not None:
-            least = min(self._guessed[0], near)
-            most = max(self._guessed[1], near)
-            self._guessed = least, most
-            turns = self._possible(least, most)
-            if len(turns) == 1:
-                self._guessed = None
-                near += turn * turns[0]
-                self._last += turn * turns[0]
-        return near, kind
-
-    def _possible(self, least: float, most: float) -> range:
-        """Return the numbers of turns by which positions from `least` to `most` may be off, so that
-        all are within the range.
-        """
-        limits = self._limits
-        if not isfinite(limits.low):
-            return range(0)
-        return range(
-            ceil((limits.low - least) / limits.turn), floor((limits.high - most) / limits.turn) + 1
-        )
-
-    def _counted(self, reading: float, gap: float) -> tuple[float, Kind | None]:
-        """Return the position of an encoder that counts its turns, or a wrapped one if all that it
-        has read is within one turn.
-
-        Out of range without a jump, a tendon broke or a spool slipped.
-        """
-        limits = self._limits
-        position = reading + self.ahead
-        if not isfinite(limits.turn) or abs(position - self._last) < limits.turn / 2:
-            return position, None
-        is_inside = limits.low <= position <= limits.high
-        if isfinite(self._last):
-            within = max(self._read[1], reading) - min(self._read[0], reading) < limits.turn
-            near = reading + limits.turn * round((self._last - reading) / limits.turn)
-            soon = limits.fastest * gap < limits.turn / 2
-            if within and (soon or not is_inside) and limits.low <= near <= limits.high:
-                return near, None
-        if is_inside or gap < BOOTS or not limits.high - limits.low < limits.turn:
-            return position, None
-        middle = (limits.low + limits.high) / 2
-        anew = reading + limits.turn * round((middle - reading) / limits.turn)
-        if not limits.low <= anew <= limits.high:
-            return position, None
-        return anew, "restarted" if isfinite(self._last) and anew != position else None
-
-
 def through(
     door: Door, time: Floats, logged: Floats, columns: Sequence[str]
 ) -> tuple[Floats, list[str]]:
@@ -556,52 +340,17 @@ def through(
         columns: names of the columns by the sensors' order, as the log has them.
     """
     samples = np.empty_like(logged)
-    found = dict[Remark, list[float]]()
-    for k, (stamp, numbers) in enumerate(zip(time.tolist(), logged.tolist())):
-        samples[k] = door.take(stamp, numbers)
+    stamps_of = dict[Remark, list[float]]()
+    for k, (stamp, row) in enumerate(zip(time.tolist(), logged.tolist())):
+        samples[k] = door.take(stamp, row)
         for remark in door.remarks:
             # where a log begins it is taken as it is
             if remark.kind != "unknown turn":
-                found.setdefault(replace(remark, size=0.0), []).append(stamp)
+                stamps_of.setdefault(replace(remark, size=0.0), []).append(stamp)
     column_of = dict(zip(door.sensors, columns))
     lines = [
         f"{replace(remark, sensor=column_of.get(remark.sensor, '')).text} ({len(times)} readings, "
         f"the first at {times[0]:g} s)"
-        for remark, times in found.items()
+        for remark, times in stamps_of.items()
     ]
     return samples, lines
-
-
-def _encoder(
-    rig: Rig, sensor: Sensor, factor: float, asked: float | None, ranged: bool, doubting: bool
-) -> _Encoder:
-    """Return what follows a sensor of a position or of a joint's angle."""
-    counts = sensor.counts_per_turn if isinstance(sensor, AngleSensor) else None
-    turn = TURN if isinstance(sensor, AngleSensor) else inf
-    if counts is not None:
-        turn = abs(factor) * counts
-    wraps = counts is not None and sensor.measures == "position"
-    if asked is not None:
-        wraps = asked > 0.0
-        turn = abs(factor) * asked if wraps else inf
-    low, high = motor_range(rig, sensor) if ranged else (-inf, inf)
-    drive = next((drive for drive in rig.drives if drive.name == sensor.of), None)
-    servo = None if drive is None or drive.servo is None else drive.servo.fastest
-    believed = inf
-    if doubting and drive is not None and sensor.measures == "position":
-        travel = motor_range(rig, sensor)
-        if not isfinite(travel[0]):
-            travel = drive_travel(rig, rig.drives.index(drive))
-        believed = servo or (travel[1] - travel[0]) / CROSSING
-    return _Encoder(
-        _Limits(
-            turn=turn,
-            wraps=wraps,
-            low=low,
-            high=high,
-            fastest=servo or FASTEST,
-            believed=believed,
-            interval=1.0 / sensor.rate,
-            noise=10.0 * sensor.noise + sensor.resolution,
-        )
-    )

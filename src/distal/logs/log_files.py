@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from distal.arrays import Floats
 from distal.errors import DistalWarning, LogError
 from distal.logs.atomic_writes import write_whole
-from distal.logs.door import TURN, Door, through
+from distal.logs.door import Door, through
+from distal.logs.encoders import TURN
 from distal.logs.formats import TABLES, file_of
 from distal.logs.header_units import factor_of, scale, time_factor
 from distal.logs.log import NO_SOURCE, Log, TruthKind, TruthSource, check_stamps

@@ -216,9 +216,9 @@ def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, Stampe
         if REWOUND * _shortest_interval([stamps]) > min(steps, default=0.0)
     }
     went_on = all((np.diff(at) >= 0).all() for at in recorded.values())
-    counts = {len(each) for column, each in ends.items() if not went_on or column not in rare}
+    counts = {len(cuts) for column, cuts in ends.items() if not went_on or column not in rare}
     if len(counts) > 1:
-        resets = ", ".join(f"{column} {len(each)} times" for column, each in ends.items())
+        resets = ", ".join(f"{column} {len(cuts)} times" for column, cuts in ends.items())
         raise LogError(
             f"{path}: clocks of the topics were set back ({resets}), so that their parts do not "
             "match; record again"

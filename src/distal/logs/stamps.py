@@ -213,6 +213,8 @@ def set_backs(stamps: Floats | Stamps) -> NDArray[np.int64]:
             i
             for i in back
             if i + REWOUND <= len(stamps)
+            # after a stamp that is wild by itself the clock goes on where it was
+            and not (i > 1 and stamps[i] > stamps[i - 2])
             and (np.diff(stamps[i : i + REWOUND]) > 0).all()
             and stamps[i + REWOUND - 1] < stamps[i - 1]
         ],

@@ -118,8 +118,8 @@ def reproduce(
         drawings[name] = svg_of(drawing, CAPTIONS[name])
         advance()
     errors = errors_of(runs)
-    found = json.dumps(results(claims, errors), indent=2, ensure_ascii=False)
-    files[folder / "results.json"] = found + "\n"
+    text = json.dumps(results(claims, errors), indent=2, ensure_ascii=False)
+    files[folder / "results.json"] = text + "\n"
     files[folder / "index.html"] = _page(
         claims, runs, errors, drawings, positioned_text(loops), moving is not None
     )

@@ -132,9 +132,9 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
     first, second, *_ = (name for name in dict.fromkeys([*ranked, *points]) if name != "rms_deg")
     charts = {"columns": points, "shown": {"x": first, "y": "rms_deg", "z": second}}
     parts.append(script_with("study-data", charts, get_plotlyjs(), resource("study_page.js")))
-    said = json.dumps(asdict(answer), indent=2, ensure_ascii=False, default=lambda v: v.value)
+    text = json.dumps(asdict(answer), indent=2, ensure_ascii=False, default=lambda v: v.value)
     write_together(
-        {folder / "index.html": page(title, lead, parts), folder / "answer.json": said + "\n"}
+        {folder / "index.html": page(title, lead, parts), folder / "answer.json": text + "\n"}
     )
     return folder / "index.html"
 

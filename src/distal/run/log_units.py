@@ -101,7 +101,7 @@ class LogUnits:
     @property
     def doubts(self) -> tuple[str, ...]:
         """Sentences on the encoders that may have turned without a value before the last sample."""
-        return tuple(each.text for each in self.remarks if each.kind.endswith("turn"))
+        return tuple(remark.text for remark in self.remarks if remark.kind.endswith("turn"))
 
     @property
     def restarts(self) -> tuple[str, ...]:
@@ -109,9 +109,9 @@ class LogUnits:
         corrected for that.
         """
         return tuple(
-            self._sensors[self._index(each.sensor)].of
-            for each in self.remarks
-            if each.kind == "restarted"
+            self._sensors[self._index(remark.sensor)].of
+            for remark in self.remarks
+            if remark.kind == "restarted"
         )
 
     @property

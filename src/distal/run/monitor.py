@@ -180,7 +180,9 @@ class Monitor:
         if problem is not None:
             return self._skipped(time, "bad", problem)
         problems = [
-            (OF_REMARKS[each.kind], each.text) for each in remarks if each.kind in OF_REMARKS
+            (OF_REMARKS[remark.kind], remark.text)
+            for remark in remarks
+            if remark.kind in OF_REMARKS
         ]
         wild = np.abs(sample) > LARGEST_READING
         if wild.any():

@@ -115,14 +115,14 @@ def open_folder(plan: Plan, path: str | Path) -> Folder:
         return Folder(folder)
     elsewhere = "give another folder with --out"
     try:
-        found = names | json.loads(label.read_text(encoding="utf-8"))
+        begun = names | json.loads(label.read_text(encoding="utf-8"))
     except (OSError, ValueError, TypeError):
         raise StudyError(f"{label}: cannot be read; {elsewhere}, or remove this one") from None
-    if found["digest"] != plan.digest:
+    if begun["digest"] != plan.digest:
         raise StudyError(f"{folder}: holds another study's rows; {elsewhere}, or remove it")
-    if found["version"] != __version__:
+    if begun["version"] != __version__:
         raise StudyError(
-            f"{folder}: was begun with distal {found['version']}, this is {__version__}; "
+            f"{folder}: was begun with distal {begun['version']}, this is {__version__}; "
             f"{elsewhere}"
         )
     return Folder(folder)
@@ -166,10 +166,10 @@ def run_study(
     if scheduler:
         tasks = {number: (plan, designs) for number, designs in chunks}
         kept = "the rows so far are kept: the same command goes on"
-        found = on_cluster(run_chunk, tasks, scheduler, StudyError, kept)
+        runs = on_cluster(run_chunk, tasks, scheduler, StudyError, kept)
     else:
-        found = _by_processes(plan, chunks, count)
-    for number, rows in found:
+        runs = _by_processes(plan, chunks, count)
+    for number, rows in runs:
         problem, *others = set(map(str, rows["problem"]))
         if is_first and problem and not others:
             raise StudyError(

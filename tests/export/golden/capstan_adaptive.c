@@ -12,7 +12,7 @@ static const float numbers[18] = {
 static inline float larger(float a, float b) { return a > b || b != b ? a : b; }
 static inline float smaller(float a, float b) { return a < b || b != b ? a : b; }
 
-static void plain(const float* restrict a0, const float* restrict a1, const float* restrict a2, float* restrict r0, float* restrict r1, float* restrict r2) {
+static void plain(const float* restrict a0, const float* restrict a1, const float* restrict a2, float* restrict r0, float* restrict r1, float* restrict r2, float* restrict r3) {
   (void)a2;
   r0[0] = 0.0f;
   r0[1] = 0.0f;
@@ -51,10 +51,13 @@ static void plain(const float* restrict a0, const float* restrict a1, const floa
   r2[8] = v51;
   r2[9] = 0.0f;
   r2[10] = 0.0f;
+  r3[0] = a0[0];
+  r3[1] = a0[1];
 }
 
 static void prior(const float* restrict a0, const float* restrict a1, const float* restrict a2, float* restrict r0, float* restrict r1, float* restrict r2) {
-  plain(a0, a1, a2, r0, r1, r2);
+  float w[2];
+  plain(a0, a1, a2, r0, r1, r2, w);
 }
 
 static void readings(const float* restrict a0, const float* restrict a1, const float* restrict a2, const float* restrict a3, float* restrict r0) {
@@ -680,8 +683,8 @@ static void rows(const float* restrict a0, const float* restrict a1, const float
 
 static void corner(const float* restrict a0, const float* restrict a1, const float* restrict a2, const float* restrict a3, const float* restrict a4, const float* restrict a5, const float* restrict a6, float* restrict r0) {
   (void)a6;
-  const float v2 = a1[0] * a1[0];
-  const float v4 = v2 * a3[10];
+  const float v3 = a1[0] * a3[10];
+  const float v4 = v3 * a1[0];
   const float v5 = a0[0] + v4;
   const float v9 = a3[5] + 0.05f;
   const float v10 = a3[5] / v9;
@@ -693,18 +696,17 @@ static void corner(const float* restrict a0, const float* restrict a1, const flo
   const float v19 = 0.390625f * v18;
   const float v20 = v5 + v19;
   r0[0] = v20;
-  const float v24 = a1[0] * a1[1];
-  const float v25 = v24 * a3[10];
-  const float v26 = a0[2] + v25;
+  const float v24 = a1[1] * a3[10];
+  const float v25 = v24 * a1[0];
+  const float v26 = a0[1] + v25;
   r0[1] = v26;
   r0[2] = v26;
-  const float v30 = a1[1] * a1[1];
-  const float v31 = v30 * a3[10];
-  const float v32 = a0[3] + v31;
-  const float v36 = 0.25f * a5[0];
-  const float v37 = a2[0] + v36;
-  const float v38 = v32 + v37;
-  r0[3] = v38;
+  const float v30 = v24 * a1[1];
+  const float v31 = a0[3] + v30;
+  const float v35 = 0.25f * a5[0];
+  const float v36 = a2[0] + v35;
+  const float v37 = v31 + v36;
+  r0[3] = v37;
 }
 
 static void compare(const float* restrict a0, const float* restrict a1, const float* restrict a2, const float* restrict a3, const float* restrict a4, float* restrict r0, float* restrict r1, float* restrict r2, float* restrict r3, float* restrict r4, float* restrict r5) {
@@ -901,33 +903,30 @@ static void adaptive(float* restrict state, const float* restrict a1, const floa
   for (i = 0; i < 6; ++i) w[6 + i] = a1[0] * w[6 + i];
   for (i = 0; i < 6; ++i) w[i] = w[i] + w[6 + i];
   for (i = 0; i < 6; ++i) state[8 + 18 + 9 * i] = w[i];
-  for (i = 0; i < 8; ++i) w[11 + i] = state[8 + i] * w[148] + state[8 + i + 8] * w[149] + state[8 + i + 40] * w[150] + state[8 + i + 48] * w[151] + state[8 + i + 56] * w[152];
-  w[0] = 0.0f;
-  for (k = 0; k < 5; ++k) w[0] += w[148 + k] * w[11 + t4[k]];
+  for (i = 0; i < 8; ++i) w[i] = state[8 + i] * w[148] + state[8 + i + 8] * w[149] + state[8 + i + 40] * w[150] + state[8 + i + 48] * w[151] + state[8 + i + 56] * w[152];
+  w[14] = 0.0f;
+  for (k = 0; k < 5; ++k) w[14] += w[148 + k] * w[t4[k]];
   for (i = 0; i < 8; ++i) w[72 + i] = state[8 + i] * w[135] + state[8 + i + 8] * w[136] + state[8 + i + 24] * w[137] + state[8 + i + 32] * w[138] + state[8 + i + 40] * w[139] + state[8 + i + 48] * w[140] + state[8 + i + 56] * w[141];
-  w[1] = 0.0f;
-  for (k = 0; k < 7; ++k) w[1] += w[135 + k] * w[72 + t5[k]];
-  w[19] = 0.0f;
-  w[20] = 0.0f;
-  w[21] = 0.0f;
-  w[22] = w[0];
-  w[23] = w[1];
-  w[24] = state[81];
-  for (i = 0; i < 9; ++i) w[i] = w[106 + i];
-  w[9] = w[115];
-  w[10] = w[116];
-  compare(w + 142, w + 19, w, a1, a2, w + 25, w + 88, w + 89, w + 90, w + 26, w + 27);
-  for (i = 0; i < 8; ++i) w[72 + i] = w[90] * w[72 + i];
-  for (i = 0; i < 8; ++i) w[72 + i] = w[72 + i] - w[11 + i];
-  w[0] = 0.0f;
-  for (k = 0; k < 7; ++k) w[0] += w[135 + k] * w[72 + t5[k]];
-  w[90] = w[90] * w[0];
+  w[15] = 0.0f;
+  for (k = 0; k < 7; ++k) w[15] += w[135 + k] * w[72 + t5[k]];
+  w[8] = 0.0f;
+  w[9] = 0.0f;
+  w[10] = 0.0f;
+  w[11] = w[14];
+  w[12] = w[15];
+  w[13] = state[81];
+  compare(w + 142, w + 8, w + 106, a1, a2, w + 14, w + 88, w + 89, w + 15, w + 16, w + 17);
+  for (i = 0; i < 8; ++i) w[72 + i] = w[15] * w[72 + i];
+  for (i = 0; i < 8; ++i) w[72 + i] = w[72 + i] - w[i];
+  w[90] = 0.0f;
+  for (k = 0; k < 7; ++k) w[90] += w[135 + k] * w[72 + t5[k]];
+  w[90] = w[90] * w[15];
   w[0] = 0.0f;
   for (k = 0; k < 5; ++k) w[0] += w[148 + k] * w[72 + t4[k]];
   w[90] = w[90] - w[0];
   w[0] = w[90] + w[88];
-  weights(w, w + 25, w + 146, w + 27, w + 1, w + 6, w + 91);
-  w[1] = w[1] * w[25];
+  weights(w, w + 14, w + 146, w + 17, w + 1, w + 6, w + 91);
+  w[1] = w[1] * w[14];
   for (i = 0; i < 8; ++i) w[80 + i] = w[1] * w[72 + i];
   for (i = 0; i < 6; ++i) w[i] = 0.0166666667f * w[82 + i];
   for (i = 0; i < 6; ++i) w[80 + 2 + 1 * i] = w[i];

@@ -5,8 +5,8 @@
 #include <string.h>
 
 /* the rig's parameters and the noise, as the filter takes them */
-static const float numbers[25] = {
-  2e-05f, 0.001f, 0.15f, 0.0015f, 0.00038f, 0.005f, 0.002f, 0.02f, 0.05f, 0.008f, 23000.0f, 2.0f, 20.0f, 0.008f, 23000.0f, 2.0f, 20.0f, 40.0f, 0.0f, 0.0f, 0.2f, 0.2f, 0.2f, 0.2f, 1e-09f
+static const float numbers[24] = {
+  2e-05f, 0.001f, 0.15f, 0.0015f, 0.00038f, 0.005f, 0.002f, 0.02f, 0.05f, 0.008f, 23000.0f, 2.0f, 20.0f, 0.008f, 23000.0f, 2.0f, 20.0f, 40.0f, 0.0f, 0.2f, 0.2f, 0.2f, 0.2f, 1e-09f
 };
 
 static inline float larger(float a, float b) { return a > b || b != b ? a : b; }
@@ -998,7 +998,7 @@ static void full_state(float* restrict state, const float* restrict a1, const fl
   w[22] = 0.0f;
   w[23] = w[44];
   tangent_interval(state, state + 2, w + 20, w + 22, a1, a2, w + 40, w + 42, w);
-  update(w + 40, w + 42, w, state + 4, a1, a1 + 1, a1 + 3, a2, a2 + 19, a2 + 20, a2 + 24, w + 36, w + 20, w + 45, w + 46);
+  update(w + 40, w + 42, w, state + 4, a1, a1 + 1, a1 + 3, a2, a2 + 18, a2 + 19, a2 + 23, w + 36, w + 20, w + 45, w + 46);
   r1[0] = w[45];
   r1[1] = w[46];
   for (i = 0; i < 4; ++i) state[i] = w[36 + i];

@@ -88,7 +88,9 @@ def _corner(context: FilterContext) -> ca.Function:
         for j in free
     ]
     speeds = [speed_variances[j] + context.unmodelled(j) ** 2 * x[0] for j in free]
-    added = (ca.mtimes([spread, ca.diag(ca.vertcat(*each)), spread.T]) for each in (angles, speeds))
+    added = (
+        ca.mtimes([spread, ca.diag(ca.vertcat(*noise)), spread.T]) for noise in (angles, speeds)
+    )
     corner = symmetric(ca.densify(corner + ca.diagcat(*added)))
     arguments = [
         products,

@@ -24,7 +24,9 @@ def unknowns_of_readings(context: FilterContext) -> Iterator[State]:
     those of the same name.
     """
     unknowns = [unknown for s in context.channels.others for unknown in measurand_of(s).unknowns(s)]
-    uncertain = {each.name: each.number for each in unknowns if each.number.filter_std > 0.0}
+    uncertain = {
+        unknown.name: unknown.number for unknown in unknowns if unknown.number.filter_std > 0.0
+    }
     for name, number in uncertain.items():
         yield State(name, StateKind.OTHER, "", number.value, number.filter_std)
 

@@ -165,10 +165,10 @@ class StateVector:
     def parameters(self, state: Vector) -> Vector:
         """Return the model's parameters at a state, (n_p,)."""
         p = ca.SX(self.context.mechanism.parameters.symbols)
-        for i, each in enumerate(self.states):
+        for i, unknown in enumerate(self.states):
             z = state[i]
-            for at in each.indices:
-                p[at] = {"value": z, "factor": p[at] * z, "deviation": p[at] + z}[each.acts]
+            for at in unknown.indices:
+                p[at] = {"value": z, "factor": p[at] * z, "deviation": p[at] + z}[unknown.acts]
         return p
 
     def added(self, to: Target, state: Vector, reading: Scalar = 0) -> Scalar:

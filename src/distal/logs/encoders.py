@@ -1,0 +1,277 @@
+"""Positions as an encoder reads them: it may wrap, count from another turn after a restart, or be
+wrong for a sample.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil, exp, floor, inf, isfinite, nan, pi
+from typing import Literal
+
+from distal.rig import Rig, Sensor, drive_travel, motor_range
+from distal.rig.sensors.motions import AngleSensor
+
+Kind = Literal["turn", "unknown turn", "restarted", "decoded", "left out", "jumped", "repeated"]
+"""What the door did with a reading: its turn may be another one, or is a guess; it counts from
+another turn than before; its register was decoded; it is missing since it may be a wrong one; it
+jumped and stays there; it is missing since it repeats the last one.
+"""
+
+TURN = 2 * pi
+"""One turn of a motor that is read in radians or degrees [rad]. Source: definition (full angle)."""
+
+FASTEST = 10.0
+"""Largest speed of a motor whose rig does not give one (`servo.fastest`) [rad/s, m/s]. Source:
+judgement.
+"""
+
+CROSSING = 0.1
+"""Shortest time in which a drive crosses its range, where its rig gives no speed [s]. Source:
+judgement (a finger's joint at 1000 °/s).
+"""
+
+BOOTS = 0.05
+"""Shortest time in which a motor restarts and answers again [s]; a position that jumps sooner is a
+wrong reading. Source: judgement.
+"""
+
+UNUSUAL = 5.0
+"""Motion in two samples, by its median, above which a reading is not believed at once [1]. Source:
+judgement.
+"""
+
+RARE = 0.05
+"""Weight of a sample in the means that the door follows [1]. Source: judgement."""
+
+OFTEN = 0.2
+"""Share of readings that were left out, above which the others are not believed either [1]. Source:
+judgement.
+"""
+
+RATE = 0.3
+"""Relative change of that median with a sample [1]. Source: judgement."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What is known of an encoder: one turn [SI], infinite where there is none; whether it counts
+    within a turn only; the range of its position; the largest speed of its motor, and that of a
+    reading that is believed at once; its usual interval [s]; and room for its noise.
+    """
+
+    turn: float
+    wraps: bool
+    low: float
+    high: float
+    fastest: float
+    believed: float
+    interval: float
+    noise: float
+
+
+class Encoder:
+    """A position that may wrap, restart or jump."""
+
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
+        self.ahead = 0.0
+        self._last = self._seen = nan
+        self._speed = self._wrong = 0.0
+        self._changed = -inf
+        # least and largest reading so far, and those of a position whose turn is a guess
+        self._read = (inf, -inf)
+        self._guessed: tuple[float, float] | None = None
+        # what the last sample was, where a drive cannot have reached it
+        self._waiting: float | None = None
+        # by the median of the motion in two samples more is believed, never less
+        self._least = max(limits.noise, 1e-3 * limits.believed * limits.interval) / UNUSUAL
+        self._before = (nan, nan)
+        self._usual = self._least
+
+    @property
+    def in_doubt(self) -> bool:
+        """Whether the encoder may be in several turns."""
+        return self._guessed is not None
+
+    def follow(self, other: Encoder) -> None:
+        """Go on in the turn in which another encoder is."""
+        self._last = other._last
+        self._seen = other._seen
+        if self._limits.wraps:
+            self.ahead = other.ahead
+
+    def take(self, time: float, reading: float) -> tuple[float, Kind | None, float]:
+        """Return the position of a reading [SI], and what was done, with its size (see `Remark`).
+
+        Args:
+            time: stamp [s].
+            reading: what the encoder reads [SI].
+        """
+        gap = time - self._seen
+        if not isfinite(self._last):
+            gap = inf
+        elif not gap > 0.0:
+            gap = self._limits.interval  # the clock was set back, or the stamp is none
+        limits = self._limits
+        # of what was read bit by bit: a wrong reading does not make a counter of it
+        within = self._read[1] - self._read[0] < limits.turn
+        if limits.wraps and within:
+            position, kind = self._within_turn(reading, gap)
+        else:
+            position, kind = self._counted(reading, gap)
+        self._learn(position)
+        if limits.wraps and within and 4.0 * self._usual > limits.turn:
+            return nan, "turn", gap  # it goes on too fast to be followed
+        size = gap if kind == "turn" else 0.0
+        has_reached = self._reached(position, time, gap)
+        waiting = self._waiting
+        self._waiting = None if has_reached else position
+        if not has_reached:
+            if waiting is None or abs(position - waiting) >= abs(position - self._last):
+                return nan, None, 0.0  # the next sample decides
+            if self._near(position - waiting, limits.interval):
+                kind = kind or "jumped"
+        if has_reached and waiting is not None:
+            self._wrong += RARE * (1.0 - self._wrong)
+            kind = kind or "left out"
+        else:
+            self._wrong *= 1.0 - RARE
+        self._speed = 0.0 if kind == "jumped" or gap == inf else (position - self._last) / gap
+        least, most = self._read
+        room = limits.turn / 4.0
+        if not isfinite(least) or least - room <= reading <= most + room:
+            self._read = min(least, reading), max(most, reading)
+        if position != self._last:
+            self._changed = time
+        self._last = position
+        self._seen = time
+        self.ahead = position - reading
+        # of two sources in turn nobody knows which is the drive
+        return (nan if self._wrong > OFTEN else position), kind, size
+
+    def _learn(self, position: float) -> None:
+        """Follow the median of the motion in two samples, which two sources in turn do not show."""
+        first, second = self._before
+        self._before = second, position
+        if isfinite(first):
+            rate = RATE if abs(position - first) > self._usual else -RATE
+            self._usual = max(self._usual * exp(rate), self._least)
+
+    def _reached(self, position: float, time: float, gap: float) -> bool:
+        """Return whether the drive can have gone there, since the reading last changed."""
+        if not isfinite(self._last):
+            return True
+        step = position - self._last
+        since = max(time - self._changed, gap)
+        return self._near(step, since) or self._near(step - self._speed * gap, gap)
+
+    def _near(self, step: float, gap: float) -> bool:
+        limits = self._limits
+        room = max(limits.noise, UNUSUAL * self._usual)
+        return abs(step) <= limits.believed * (gap + limits.interval) + room
+
+    def _within_turn(self, reading: float, gap: float) -> tuple[float, Kind | None]:
+        """Return the position of an encoder that counts within one turn only."""
+        turn = self._limits.turn
+        has_last = isfinite(self._last)
+        near = reading + turn * round((self._last - reading) / turn) if has_last else reading
+        kind: Kind | None = None
+        if not has_last or self._limits.fastest * gap >= turn / 2:
+            turns = self._possible(reading, reading)
+            if len(turns) == 1:
+                near = reading + turn * turns[0]
+                self._guessed = None
+            else:
+                if not has_last and turns and 0 not in turns:
+                    near = reading + turn * turns[len(turns) // 2]
+                if has_last or turns:
+                    kind = "turn" if has_last else "unknown turn"
+                    self._guessed = near, near
+        if self._guessed is not None:
+            least = min(self._guessed[0], near)
+            most = max(self._guessed[1], near)
+            self._guessed = least, most
+            turns = self._possible(least, most)
+            if len(turns) == 1:
+                self._guessed = None
+                near += turn * turns[0]
+                self._last += turn * turns[0]
+        return near, kind
+
+    def _possible(self, least: float, most: float) -> range:
+        """Return the numbers of turns by which positions from `least` to `most` may be off, so that
+        all are within the range.
+        """
+        limits = self._limits
+        if not isfinite(limits.low):
+            return range(0)
+        return range(
+            ceil((limits.low - least) / limits.turn), floor((limits.high - most) / limits.turn) + 1
+        )
+
+    def _counted(self, reading: float, gap: float) -> tuple[float, Kind | None]:
+        """Return the position of an encoder that counts its turns, or a wrapped one if all that it
+        has read is within one turn.
+
+        Out of range without a jump, a tendon broke or a spool slipped.
+        """
+        limits = self._limits
+        position = reading + self.ahead
+        if not isfinite(limits.turn) or abs(position - self._last) < limits.turn / 2:
+            return position, None
+        is_inside = limits.low <= position <= limits.high
+        if isfinite(self._last):
+            within = max(self._read[1], reading) - min(self._read[0], reading) < limits.turn
+            near = reading + limits.turn * round((self._last - reading) / limits.turn)
+            soon = limits.fastest * gap < limits.turn / 2
+            if within and (soon or not is_inside) and limits.low <= near <= limits.high:
+                return near, None
+        if is_inside or gap < BOOTS or not limits.high - limits.low < limits.turn:
+            return position, None
+        middle = (limits.low + limits.high) / 2
+        anew = reading + limits.turn * round((middle - reading) / limits.turn)
+        if not limits.low <= anew <= limits.high:
+            return position, None
+        return anew, "restarted" if isfinite(self._last) and anew != position else None
+
+
+def encoder_of(
+    rig: Rig, sensor: Sensor, factor: float, asked: float | None, ranged: bool, doubting: bool
+) -> Encoder:
+    """Return what follows a sensor of a position or of a joint's angle.
+
+    Args:
+        factor: from a logged number to SI.
+        asked: logged number of one turn that a user gave, 0 for one that does not wrap, or None.
+        ranged: whether the joint's range says in which turn it is.
+        doubting: whether a position that its drive cannot have reached waits for the next sample.
+    """
+    counts = sensor.counts_per_turn if isinstance(sensor, AngleSensor) else None
+    turn = TURN if isinstance(sensor, AngleSensor) else inf
+    if counts is not None:
+        turn = abs(factor) * counts
+    wraps = counts is not None and sensor.measures == "position"
+    if asked is not None:
+        wraps = asked > 0.0
+        turn = abs(factor) * asked if wraps else inf
+    low, high = motor_range(rig, sensor) if ranged else (-inf, inf)
+    drive = next((drive for drive in rig.drives if drive.name == sensor.of), None)
+    servo = None if drive is None or drive.servo is None else drive.servo.fastest
+    believed = inf
+    if doubting and drive is not None and sensor.measures == "position":
+        travel = motor_range(rig, sensor)
+        if not isfinite(travel[0]):
+            travel = drive_travel(rig, rig.drives.index(drive))
+        believed = servo or (travel[1] - travel[0]) / CROSSING
+    return Encoder(
+        Limits(
+            turn=turn,
+            wraps=wraps,
+            low=low,
+            high=high,
+            fastest=servo or FASTEST,
+            believed=believed,
+            interval=1.0 / sensor.rate,
+            noise=10.0 * sensor.noise + sensor.resolution,
+        )
+    )
