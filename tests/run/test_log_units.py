@@ -48,11 +48,12 @@ def test_a_goal_goes_back_to_what_the_log_holds() -> None:
     assert units.logged("motor_angle", position) == pytest.approx(4000)
 
 
+@pytest.mark.parametrize("doubting", [True, False])
 @pytest.mark.parametrize("bits", [12, 16])
 @pytest.mark.parametrize("way", [1, -1])
-def test_an_encoder_is_followed_over_its_turn(bits: int, way: int) -> None:
+def test_an_encoder_is_followed_over_its_turn(bits: int, way: int, doubting: bool) -> None:
     counts = 2**bits
-    units = LogUnits(rig_of(counts))
+    units = LogUnits(rig_of(counts), doubting=doubting)
     true = way * np.linspace(0.0, 1.9 * counts, 400)
     read = np.array(
         [units.sample(0.01 * k, [float(np.floor(v) % counts), 0.0])[0] for k, v in enumerate(true)]

@@ -84,7 +84,8 @@ class Encoder:
         # what the last sample was, where a drive cannot have reached it
         self._waiting: float | None = None
         # by the median of the motion in two samples more is believed, never less
-        self._least = max(limits.noise, 1e-3 * limits.believed * limits.interval) / UNUSUAL
+        soon = limits.believed * limits.interval if isfinite(limits.believed) else 0.0
+        self._least = max(limits.noise, 1e-3 * soon) / UNUSUAL
         self._before = (nan, nan)
         self._usual = self._least
 
