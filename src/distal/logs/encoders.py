@@ -48,6 +48,9 @@ OFTEN = 0.2
 judgement.
 """
 
+SMALLEST = 1e-9
+"""Least room for a noise [m, rad]. Source: rounding (a product with zero stays zero)."""
+
 RATE = 0.3
 """Relative change of that median with a sample [1]. Source: judgement."""
 
@@ -84,8 +87,7 @@ class Encoder:
         # what the last sample was, where a drive cannot have reached it
         self._waiting: float | None = None
         # by the median of the motion in two samples more is believed, never less
-        soon = limits.believed * limits.interval if isfinite(limits.believed) else 0.0
-        self._least = max(limits.noise, 1e-3 * soon) / UNUSUAL
+        self._least = max(limits.noise, SMALLEST) / UNUSUAL
         self._before = (nan, nan)
         self._usual = self._least
 
