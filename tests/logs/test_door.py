@@ -173,6 +173,16 @@ def test_readings_that_repeat_exactly_are_missing(
 
 
 @pytest.mark.parametrize("entry", ENTRIES)
+def test_coarse_readings_may_rest(
+    entry: Callable[..., Floats], rig: Rig, good: Floats, tmp_path: Path
+) -> None:
+    """Rounding in motion looks like noise of up to half a step; at rest it repeats."""
+    slow = np.where(TIME < 3.0, 150.0 * np.sin(2.0 * TIME), 150.0 * np.sin(6.0))
+    coarse = np.round(np.column_stack([slow, 0.5 * slow]))
+    assert not np.isnan(entry(rig, coarse, tmp_path)).any()
+
+
+@pytest.mark.parametrize("entry", ENTRIES)
 def test_of_two_sources_in_turn_neither_is_believed(
     entry: Callable[..., Floats], rig: Rig, good: Floats, tmp_path: Path
 ) -> None:

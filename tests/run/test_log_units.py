@@ -215,6 +215,15 @@ def test_a_first_turn_that_is_a_guess_is_in_doubt_until_motion_tells_it() -> Non
     np.testing.assert_allclose(read[settled:], true[settled:], atol=1e-9)
 
 
+def test_what_was_read_beyond_a_turn_counts_its_turns() -> None:
+    """After a silence it is where it says, not in the nearest turn."""
+    wide = rig_of().with_values({"joints.jaw.stops": (-6.0, 6.0)})
+    units = LogUnits(wide, doubting=False)
+    for k in range(200):
+        units.sample(0.01 * k, [25.0 * k, 0.0])
+    assert units.sample(4.0, [1000.0, 0.0])[0] == pytest.approx(1000 * 2 * pi / 4096)
+
+
 def test_before_a_power_on_routine_the_range_changes_no_reading() -> None:
     """A motor with a broken tendon goes on beyond its range: its readings are what limits it."""
     rig = build_rig({**rig_of().model_dump()}, "counting joint")
