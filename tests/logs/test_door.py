@@ -235,3 +235,16 @@ def test_a_number_beyond_all_sensors_is_passed_on(rig: Rig, good: Floats) -> Non
         _, sample = reader.csv(f"{t:.3f},{text},{c:.0f}")
         expected = float(text) * 2 * pi / 4096
         assert sample[0] == pytest.approx(expected)
+
+
+def test_a_log_in_radians_begins_where_it_says(rig: Rig, good: Floats, tmp_path: Path) -> None:
+    """A zero that is wrong is not taken for another turn: only a hand sets its motors so."""
+    raw = rig.model_dump()
+    encoder, *others = raw["sensors"]
+    encoder = encoder | {"unit": "rad", "counts_per_turn": None, "bias": {"value": 0.0}}
+    radians_rig = build_rig({**raw, "sensors": [encoder, *others]}, "in radians")
+    path = tmp_path / "log.csv"
+    position = 8.0 + good[:, 0] * 2 * pi / 4096
+    rows = [f"{t:.3f},{a:.6f},{c:.0f}" for t, a, c in zip(TIME, position, good[:, 1])]
+    path.write_text("\n".join(["t,angle,current", *rows]))
+    np.testing.assert_allclose(read_log(path, radians_rig).channels["angle"], position, atol=1e-5)

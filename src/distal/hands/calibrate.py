@@ -92,7 +92,7 @@ def calibrate(
             "that wind tendons"
         )
     check_scales(rig, "a calibration by the motors' torques", "torque")
-    log = _bridged(log if isinstance(log, Log) else read_log(log, rig))
+    log = _bridged(log if isinstance(log, Log) else read_log(log, rig, ranged=False))
     sweeps, stopped = _sweeps(log, rig, {} if stopped is None else stopped)
     check_units(rig, sweeps, log.source)
     faults = (

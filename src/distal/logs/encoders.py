@@ -222,6 +222,8 @@ class Encoder:
         position = reading + self.ahead
         if not isfinite(limits.turn) or abs(position - self._last) < limits.turn / 2:
             return position, None
+        if not isfinite(self._last) and isfinite(limits.believed):
+            return position, None  # what a log begins with is taken as it is
         is_inside = limits.low <= position <= limits.high
         if isfinite(self._last):
             within = max(self._read[1], reading) - min(self._read[0], reading) < limits.turn

@@ -27,7 +27,9 @@ from distal.rig import REFERENCES, Rig, Sensor, angle_names, log_factor, torque_
 from distal.units import unit_factor
 
 
-def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
+def read_log(
+    path: Source, rig: Rig, truth: str | Path | None = None, *, ranged: bool = True
+) -> Log:
     """Read a log by the columns and units that a rig's sensors name.
 
     Sensors that measure a joint's angle are reference sensors. They may be absent; where the log
@@ -41,6 +43,8 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
             episode of a dataset.
         truth: the true joint angle: a column of the log, or a second file with ``t`` and ``theta``
             (rad, or the unit in its header).
+        ranged: whether the ranges of the joints say in which turn a motor is; before a power-on
+            routine they do not.
 
     Raises:
         LogError: see `read_table`; stamps repeat or go back; there are fewer than two rows; or the
@@ -84,7 +88,7 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
     check_stamps(time, table.source, table.first_row)
     if len(time) < 2:
         raise LogError(f"{table.source}: has one row; an estimate over time needs at least two")
-    readings = _readings(rig, table, time)
+    readings = _readings(rig, table, time, ranged)
     channels = {sensor.name: readings[sensor.name] for sensor in needed}
     angles, origin = _known_angles(rig, table, readings, column, truth, Clock(time, stamps))
     if angles and not any(np.isfinite(theta).any() for theta in angles.values()):
@@ -170,7 +174,7 @@ def _of_references(
     return {name_of[sensor.of]: readings[sensor.name] for sensor in sensors}
 
 
-def _readings(rig: Rig, table: Table, time: Floats) -> dict[str, Floats]:
+def _readings(rig: Rig, table: Table, time: Floats, ranged: bool) -> dict[str, Floats]:
     """Return sensor → its readings in SI, of those in a table, as they pass through the door.
 
     The angle of a reference that wraps is in the turn in which its joint can be.
@@ -182,7 +186,9 @@ def _readings(rig: Rig, table: Table, time: Floats) -> dict[str, Floats]:
         sensor.sign * factor_of(sensor, unit, table.source) for sensor, unit in zip(sensors, units)
     ]
     logged = np.column_stack([table.columns[column] for column in columns])
-    samples, lines = through(Door(rig, sensors, np.array(factors)), time, logged, columns)
+    samples, lines = through(
+        Door(rig, sensors, np.array(factors), ranged=ranged), time, logged, columns
+    )
     for line in lines:
         warnings.warn(f"{table.source}: {line}", DistalWarning, stacklevel=3)
     readings = {sensor.name: samples[:, i] for i, sensor in enumerate(sensors)}
