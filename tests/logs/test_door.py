@@ -248,3 +248,15 @@ def test_a_log_in_radians_begins_where_it_says(rig: Rig, good: Floats, tmp_path:
     rows = [f"{t:.3f},{a:.6f},{c:.0f}" for t, a, c in zip(TIME, position, good[:, 1])]
     path.write_text("\n".join(["t,angle,current", *rows]))
     np.testing.assert_allclose(read_log(path, radians_rig).channels["angle"], position, atol=1e-5)
+
+
+def test_before_a_power_on_routine_no_range_says_where_an_encoder_is(
+    rig: Rig, good: Floats, tmp_path: Path
+) -> None:
+    path = tmp_path / "log.csv"
+    rows = [f"{t:.3f},{4000 + a / 10:.0f},{c:.0f}" for t, (a, c) in zip(TIME, good)]
+    path.write_text("\n".join(["t,angle,current", *rows]))
+    ranged = read_log(path, rig).channels["angle"]
+    as_read = read_log(path, rig, ranged=False).channels["angle"]
+    np.testing.assert_allclose(as_read - ranged, 2 * pi, atol=1e-9)
+    assert as_read[0] > pi > ranged[0]
