@@ -329,8 +329,8 @@ def left_by(parameters: ParameterEstimates) -> float:
 
 
 def models_widen_errors(alone: ParameterEstimates, better: ParameterEstimates) -> None:
-    """V = V_own + the variance of both models' values, a quarter of their difference squared;
-    values stay.
+    """V = V_own + the mean square distance of both models' values from what is reported, half of
+    their difference squared; values stay.
     """
     wider = among_models(better, [alone, better])
     others = {one.name: one for one in alone.fitted}
@@ -350,7 +350,7 @@ def models_widen_errors(alone: ParameterEstimates, better: ParameterEstimates) -
     for own, wide, other in linear:
         assert wide.value == own.value
         assert wide.error == pytest.approx(
-            np.hypot(own.error, (own.value - other.value) / 2), rel=0.1
+            np.hypot(own.error, (own.value - other.value) / np.sqrt(2)), rel=0.1
         ), own.name
         moved += wide.error > 1.2 * own.error
     assert moved > 0

@@ -9,6 +9,7 @@ import pytest
 from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 
 from distal import Log, Rig
+from distal.fitting.map_search import clearly_gains
 from distal.fitting.reference_lag import ReferenceLag, reference_lag
 
 
@@ -55,3 +56,14 @@ def test_it_is_taken_off(rig: Rig) -> None:
         moved.truth["theta"][known], LOGS[0].truth["theta"][known], atol=np.deg2rad(0.5)
     )
     assert ReferenceLag().taken_off(LOGS, rig) == LOGS
+
+
+def test_a_small_gain_that_differs_from_log_to_log_is_no_lag() -> None:
+    """The mean of these gains is above its standard error, but chance gives that in one case of
+    five.
+    """
+    assert not clearly_gains([0.082, 0.071, 0.0])
+    assert not clearly_gains([0.322, 0.01, 0.009])
+    assert clearly_gains([1.8, 1.7, 1.5])
+    assert not clearly_gains([-1.8, -1.7, -1.5])
+    assert not clearly_gains([1.8])

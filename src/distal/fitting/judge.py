@@ -184,7 +184,8 @@ class Judged:
         line: the map on readings alone; None where some joint's angle is known in no log.
         solutions: the parameter estimates by the rig's equations and by its filter, where each was
             asked.
-        models: the parameter estimates of all models whose equations were tried.
+        models: the `solutions`, and the parameter estimates of all models whose equations were
+            tried.
         chosen: the candidate that errs least on held-out logs.
         candidates: all candidates that were judged.
         interrupted: whether the user interrupted it; what was judged until then stands.
@@ -226,7 +227,7 @@ def judge(
         early(line)
     solutions = parameters_of(problem, options, progress)
     stopped = solutions[-1].optimum.interrupted
-    models = [solutions[0]]
+    models = list(solutions)
     candidates = list[Candidate]()
     if line is None:
         chosen = _alone(solutions[-1], rig)

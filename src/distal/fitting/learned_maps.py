@@ -10,12 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from distal.confidence import BAND
 from distal.errors import FitError
 from distal.estimators import channels_of, of_part, parts_of, samples_of_angles
 from distal.fitting.fitted_file import MARK, write_fitted
 from distal.fitting.map_samples import filtered, reference_variances, torques_of
-from distal.fitting.map_search import HeldOut, learned_map, student
+from distal.fitting.map_search import HeldOut, clearly_gains, learned_map
 from distal.homing import check_homing
 from distal.logs import Log, Source, read_log, true_angles, true_torques
 from distal.regression import Samples, folds_of, splits, yardstick_error
@@ -234,8 +233,7 @@ def parts_read(
 
 def _tells_more(wide: Sequence[Samples], narrow: Sequence[Samples], folds: Sequence[int]) -> bool:
     """Return whether the readings of all parts tell a part's joints better than its own do: least
-    squares err less on logs left out, in the mean by more than the 95 % band of Student's
-    distribution, since a description may lack what joins two parts.
+    squares err less on logs left out, since a description may lack what joins two parts.
     """
     gains = []
     for out, remaining in splits(folds):
@@ -245,12 +243,7 @@ def _tells_more(wide: Sequence[Samples], narrow: Sequence[Samples], folds: Seque
                 for logs in (narrow, wide)
             ]
             gains.append(np.log(errors[0] / max(errors[1], 1e-300)))
-    finite = np.array(gains)[np.isfinite(gains)]
-    if len(finite) < 2:
-        return False
-    freedom = len(finite) - 1
-    error = np.std(finite) / np.sqrt(freedom)
-    return bool(np.mean(finite) > BAND * student(freedom) * error)
+    return clearly_gains(gains)
 
 
 def with_its_reference_error(of_kind: MapFit, logs: Sequence[Log]) -> MapFit:

@@ -293,3 +293,15 @@ def student(freedom: float) -> float:
     from scipy.special import stdtrit  # loaded late, as above
 
     return float(stdtrit(max(freedom, 1.0), (1 + COVERED) / 2)) / BAND
+
+
+def clearly_gains(gains: Sequence[float] | Floats) -> bool:
+    """Return whether the mean gain on logs held out, one of each, is above zero by more than the
+    95 % band of Student's distribution.
+    """
+    known = np.asarray(gains)[np.isfinite(gains)]
+    freedom = len(known) - 1
+    if freedom < 1:
+        return False
+    error = np.std(known) / np.sqrt(freedom)
+    return bool(np.mean(known) > BAND * student(freedom) * error)

@@ -168,9 +168,10 @@ def among_models(
     """Return estimates by equations with larger errors, which include how much the estimates of
     other `models` of the same logs differ.
 
-    The covariance grows by that of the ends of all models' searches (Draper, J. Royal Statistical
-    Society B 57, 1995). The stated errors of one model hold only if it is right; parameters that
-    change with a term more or less are known less well. The stds of the file stay as they were.
+    The covariance grows by the mean square distance of the ends of all models' searches from these
+    estimates (all models being equally likely; Draper, J. Royal Statistical Society B 57, 1995).
+    The stated errors of one model hold only if it is right; parameters that change with a term more
+    or less, or by the filter, are known less well. The stds of the file stay as they were.
     """
     if not parameters.by_equations or len(models) < 2:
         return parameters
@@ -180,7 +181,8 @@ def among_models(
     ends = np.array(
         [_translated(model.problem, model.optimum.z, problem, optimum.z) for model in models]
     )
-    spread = np.atleast_2d(np.cov(ends, rowvar=False, bias=True))
+    away = ends - optimum.z
+    spread = away.T @ away / len(models)
     wider = replace(uncertainty, covariance=uncertainty.covariance + spread)
     reported = fitted_parameters(problem, optimum, wider, parameters.left, parameters.held)
     # the file keeps the stds with which the candidates were judged (docs/results/fits.md)

@@ -11,7 +11,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.estimators import channels_of, samples_of_angles
-from distal.fitting.map_search import Seen, Task
+from distal.fitting.map_search import Seen, Task, clearly_gains
 from distal.logs import Log
 from distal.regression import FEWEST_LOGS, Prior, Samples
 from distal.rig import Rig, angle_names
@@ -29,7 +29,7 @@ BRIDGED = 2.5
 @dataclass(frozen=True)
 class ReferenceLag:
     """The lag of a reference behind the drives [s], and the drift of its clock [s/s]; both are zero
-    where they do not make it more probable by more than the standard error over the logs.
+    where they do not make it clearly more probable on logs held out.
     """
 
     lag: float = 0.0
@@ -105,11 +105,11 @@ def reference_lag(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> Refere
     )
     usual, late = densities(0.0), densities(float(search.x))
     lag = float(search.x)
-    if abs(lag) < STEP or not _clear(late - usual):
+    if abs(lag) < STEP or not clearly_gains(late - usual):
         return ReferenceLag()
     longest = max(float(np.ptp(log.time)) for log in samples)
     for drift in (0.05 / longest, -0.05 / longest):
-        if _clear(densities(lag, drift) - late):
+        if clearly_gains(densities(lag, drift) - late):
             return ReferenceLag(lag, drift)
     return ReferenceLag(lag)
 
@@ -118,11 +118,6 @@ def _best(task: Task) -> Floats:
     """Return the densities of the logs at the best of a few sizes of the noise."""
     search = [task.densities(replace(Prior(), noise=Prior().noise + more)) for more in (-1, 1, 3)]
     return max(search, key=lambda densities_there: float(np.mean(densities_there)))
-
-
-def _clear(gain: Floats) -> bool:
-    """Return whether a mean gain of density is above its standard error over the logs."""
-    return bool(np.mean(gain) > np.std(gain, ddof=1) / np.sqrt(len(gain)))
 
 
 def _late(samples: Samples, lag: float, drift: float) -> Samples:
