@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 
 from distal import Log, Rig, load_scenario, log_health, scenario_rig, simulate
 from distal.export import c_filter
+from distal.fitting.learn_free_motion import efforts_of
 from distal.run import samples_of
 from distal.run.health import HEALTH
 from tests.export.helpers import spoiled
@@ -116,6 +118,19 @@ def test_the_words_are_those_of_a_stream(
     known, found = log_health(spoilt, rig), words_in_c(rig, spoilt, tmp_path)
     assert said in found
     assert tuple(found) == known
+
+
+@needs_compiler
+def test_forces_that_positions_predict(tmp_path: Path) -> None:
+    bare = finger_rig().bare()
+    logs = [finger_log(seed, 20.0) for seed in range(3)]
+    rig = bare.with_map(efforts=efforts_of(logs, bare, range(3)))
+    log = finger_log(11, 10.0)
+    position = rig.sensors_of("position")[0].name
+    spoilt = changed(log, position, 1.6 - log.channels[position])
+    found = words_in_c(rig, spoilt, tmp_path)
+    assert tuple(found) == log_health(spoilt, rig)
+    assert "touched" in found
 
 
 @needs_compiler

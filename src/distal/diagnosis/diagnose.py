@@ -298,12 +298,9 @@ def _spread(values: Floats) -> float:
 
 
 def _learned_range(rig: Rig) -> dict[str, tuple[float, float]]:
-    """Return channel → range of the logs from which the rig's map was learned, wider by a tenth at
-    each end.
-    """
+    """Return channel → range of the logs from which the rig's map was learned, a little wider."""
     maps = () if rig.map is None else rig.map.readings
-    ends = (end for of in maps for end in zip(of.channels, of.low, of.high))
-    return {name: (low - 0.1 * (high - low), high + 0.1 * (high - low)) for name, low, high in ends}
+    return {name: ends for learned in maps for name, ends in learned.reach.items()}
 
 
 def out_of_range(log: Log, ranges: Mapping[str, tuple[float, float]]) -> list[Finding]:

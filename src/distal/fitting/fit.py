@@ -18,7 +18,7 @@ from distal.fitting.candidates import Candidate, groups_among
 from distal.fitting.doubts import far_from_priors
 from distal.fitting.fit_options import Options, Progress
 from distal.fitting.judge import Judged, Learned, judge, learned_by
-from distal.fitting.learn_free_motion import free_motion_of, untouched, widest
+from distal.fitting.learn_free_motion import efforts_of, free_motion_of, untouched, widest
 from distal.fitting.learned_maps import MapFit, logs_read
 from distal.fitting.log_checks import check_logs, touched_logs
 from distal.fitting.map_samples import counted_from, reference_offset
@@ -216,9 +216,13 @@ def _touched(aside: Sequence[Log]) -> list[str]:
 
 
 def _with_free_motion(learned: Learned, candidate: Candidate, judged: Judged) -> Learned:
-    """Return what was learned, with the normal forces of free motion (`FreeMotion`) from the
-    held-out logs; unchanged where these are few, or the band holds too few of their samples.
+    """Return what was learned, with the normal forces of free motion: by positions alone
+    (`efforts_of`), and beside the filter (`FreeMotion`) where the held-out logs are not few and the
+    band holds enough of their samples.
     """
+    training = judged.training
+    efforts = efforts_of(training.logs, learned.rig, training.folds)
+    learned = replace(learned, rig=learned.rig.with_map(efforts=efforts))
     scores = [log.scores[WRITTEN] for log in learned.compared]
     ran = [score for score in scores if score is not None]
     inside = float(np.mean([score.inside for score in ran])) if ran else 0.0

@@ -1,5 +1,5 @@
-"""The forces that are normal for a rig in free motion, learned from logs that its fit had not
-seen.
+"""The forces that are normal for a rig in free motion, learned from logs that its fit had not seen:
+beside its filter, and by the positions of the drives alone.
 """
 
 from __future__ import annotations
@@ -12,15 +12,19 @@ from scipy.optimize import nnls
 from scipy.signal import lfilter
 
 from distal.arrays import Floats
-from distal.estimators import AdaptiveFilter
+from distal.confidence import BAND
+from distal.estimators import AdaptiveFilter, channels_of, parts_of
 from distal.estimators.adaptive.drive_tracking import MOTION_TIME
 from distal.estimators.adaptive.touch import EVIDENCE_TIME, PACE_TIME
 from distal.fitting.map_samples import SETTLING
+from distal.fitting.map_search import HeldOut, learned_map, student
 from distal.logs import Log
+from distal.regression import Samples
 from distal.results import Estimate
-from distal.rig import FreeMotion, Rig
+from distal.rig import FreeMotion, LearnedMap, MapArrays, Rig
 from distal.run import estimate
 from distal.run.health import MEMORY
+from distal.run.redundancy import AVERAGED, MOST
 
 NORMAL = 0.997
 """Share of the time in which a mean innovation in free motion is normal. Source: benchmark
@@ -104,6 +108,61 @@ def free_motion_of(
         spread=tuple(spread.tolist()),
         logs=len(logs),
     )
+
+
+def efforts_of(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> tuple[LearnedMap, ...]:
+    """Return what each force and tension is in free motion, by the positions of the drives of its
+    part and what these remember; see `distal.run.redundancy`.
+
+    No log needs the known angle. The errors are those on logs left out.
+    """
+    efforts = {sensor.name for sensor in rig.sensors if sensor.measures in ("force", "tension")}
+    maps = []
+    for part in parts_of(rig, channels_of(rig, "regression")):
+        forces = tuple(name for name in part["channels"] if name in efforts)
+        if not forces or not part["positions"]:
+            continue
+        data = [_of_efforts(log, forces, part["positions"]) for log in logs]
+        described = {**part, "joints": forces, "channels": part["positions"]}
+        learned, held_out = learned_map(data, described, folds)
+        arrays = dict(learned.arrays.by_name)
+        # no variance is asked: the errors on logs left out are what is known of it
+        arrays["covariance"] = np.zeros_like(arrays["covariance"])
+        update = {"arrays": MapArrays(**arrays), "normal": _largest_means(held_out, learned.rms)}
+        maps.append(learned.model_copy(update=update))
+    return tuple(maps)
+
+
+def _of_efforts(log: Log, forces: Sequence[str], positions: Sequence[str]) -> Samples:
+    readings, targets = (
+        np.column_stack([log.channels[name] for name in names]) for names in (positions, forces)
+    )
+    none = np.zeros((len(log), 0))
+    time = log.time - log.time[0]
+    return Samples(log.source, time, readings, none, targets, np.zeros(targets.shape))
+
+
+def _largest_means(
+    held_out: Sequence[Sequence[HeldOut]], rms: Sequence[float]
+) -> tuple[float, ...]:
+    """Return the largest mean of e²/rms² of each force that is normal on a further log: the bound
+    of 95 % by Student's distribution of the logarithms of what each log left out needs, their
+    spread being that of all forces together.
+    """
+    squares = (
+        [(log.time, np.minimum((log.errors / size) ** 2, MOST)) for log in of_logs]
+        for of_logs, size in zip(held_out, rms, strict=True)
+    )
+    needed = np.log(
+        [
+            [np.quantile(recent_mean(values, time, AVERAGED), NORMAL) for time, values in of_logs]
+            for of_logs in squares
+        ]
+    )
+    forces, logs = needed.shape
+    freedom = forces * (logs - 1)
+    spread = np.sqrt(np.sum(needed.var(axis=1)) * logs / freedom * (1 + 1 / logs))
+    return tuple(np.exp(needed.mean(axis=1) + BAND * student(freedom) * spread).tolist())
 
 
 def _strayed(estimator: AdaptiveFilter, result: Estimate) -> float:

@@ -2,7 +2,7 @@
 kernel; and other regressions of several logs.
 """
 
-from distal.regression.features import Shape, features_along
+from distal.regression.features import Shape, features_along, features_function
 from distal.regression.homed_map import homed_memory
 from distal.regression.known_window import (
     PlacedMap,
@@ -45,6 +45,7 @@ __all__ = [
     "conformal_factor",
     "evidence_of",
     "features_along",
+    "features_function",
     "folds_of",
     "framed",
     "from_prior",

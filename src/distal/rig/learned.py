@@ -40,8 +40,14 @@ TIME_CONSTANTS = (0.05, 0.2, 0.8)
 benchmarks.one_map).
 """
 
-KINDS = ("readings", "filter", "torque")
+KINDS = ("readings", "filter", "torque", "efforts")
 """The kinds of maps in the table `[map]`."""
+
+
+WIDER = 0.1
+"""Share of the range of a reading in the logs by which it may go beyond each end [1]. Source:
+judgement.
+"""
 
 
 class MapArrays:
@@ -98,7 +104,9 @@ class LearnedMap(Description):
     those of the `channels`, then, beside a filter, its angles of the `joints`.
     """
 
-    joints: tuple[str, ...] = Field(min_length=1, description="joints that it speaks of")
+    joints: tuple[str, ...] = Field(
+        min_length=1, description="joints that it speaks of; of `efforts` the sensors"
+    )
     channels: tuple[str, ...] = Field(min_length=1, description="sensors that it reads")
     positions: tuple[str, ...] = Field(
         (), description="those of them that are positions; their slips enter the radial functions"
@@ -112,12 +120,24 @@ class LearnedMap(Description):
     rms: Row = Field((), description="RMS error of each joint on logs left out [SI]")
     inside: Row = Field((), description="share of these errors inside the 95 % band")
     density: Row = Field((), description="mean ln of the probability density of these errors")
+    normal: Row = Field(
+        (),
+        description="largest normal mean over seconds of each squared error, over its mean [1]",
+    )
     arrays: MapArrays = Field(description="the arrays, from the file beside the rig file")
 
     @property
     def count(self) -> int:
         """Number of its readings, the filter's angles included."""
         return len(self.channels) + (len(self.joints) if self.beside_filter else 0)
+
+    @property
+    def reach(self) -> dict[str, tuple[float, float]]:
+        """Channel → its range in the logs, wider at each end by the share `WIDER`."""
+        return {
+            name: (low - WIDER * (high - low), high + WIDER * (high - low))
+            for name, low, high in zip(self.channels, self.low, self.high)
+        }
 
     @property
     def moving(self) -> tuple[int, ...]:
@@ -169,7 +189,7 @@ class LearnedMap(Description):
         for name in ("low", "high"):
             if len(getattr(self, name)) != self.count:
                 raise ValueError(f"{name} must have {self.count} entries")
-        for name in ("rms", "inside", "density"):
+        for name in ("rms", "inside", "density", "normal"):
             if len(getattr(self, name)) not in (0, len(self.joints)):
                 raise ValueError(f"{name} must have {len(self.joints)} entries or none")
         return self
@@ -190,6 +210,9 @@ class LearnedMaps(Description):
         (), description="of what the filter's angles lack, beside which it reports"
     )
     torque: tuple[LearnedMap, ...] = Field((), description="of the torque from outside")
+    efforts: tuple[LearnedMap, ...] = Field(
+        (), description="of forces and tensions in free motion, by positions: they judge the health"
+    )
 
     def named(self) -> dict[str, LearnedMap]:
         """Return kind and index → map, as ``filter.0``."""

@@ -160,7 +160,10 @@ class Rig(Description):
                     )
         for kind in KINDS:
             named = [joint for each in getattr(learned, kind) for joint in each.joints]
-            if named and sorted(named) != sorted(joints):
+            if kind == "efforts":
+                if not set(named) <= set(sensors):
+                    raise ValueError(f"efforts: each is one of the sensors ({', '.join(sensors)})")
+            elif named and sorted(named) != sorted(joints):
                 raise ValueError(f"{kind}: each joint is needed once ({', '.join(joints)})")
         return learned
 

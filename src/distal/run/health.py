@@ -24,9 +24,21 @@ from distal.kernels import Layout
 from distal.results import LARGE_PRIOR, SMALL
 from distal.rig import FAR, RangeEnd, Role, measurand_of, position_range, range_ends, step_of
 from distal.run.offline import priors_of
+from distal.run.redundancy import Redundancy
 
 Health = Literal[
-    "ok", "untested", "missing", "gap", "disagrees", "dead", "restarted", "late", "duplicate", "bad"
+    "ok",
+    "untested",
+    "missing",
+    "gap",
+    "outside",
+    "touched",
+    "disagrees",
+    "dead",
+    "restarted",
+    "late",
+    "duplicate",
+    "bad",
 ]
 
 HEALTH: dict[Health, str] = {
@@ -35,6 +47,9 @@ HEALTH: dict[Health, str] = {
     "innovations are far too small",
     "missing": "a sensor has no value for longer than its own interval; it is bridged",
     "gap": "samples are missing before this one; they are bridged",
+    "outside": "a position is where none of the logs has been from which the rig was learned",
+    "touched": "forces are not those of free motion: something touches a joint, or a sensor is "
+    "wrong",
     "disagrees": "a sensor is not where it can be, its innovations are too large, the members of "
     "a blend differ too much, or a number of the rig left its prior: do not trust the band",
     "dead": f"a sensor has had no value, or always the same one, for {DEAD:g} s or more",
@@ -112,21 +127,24 @@ class Watch:
     Args:
         memory: layout of what is remembered. For each channel: its last value, its age, and for how
             long it has been the same. For each drive's position: the share of time beyond its
-            range. For each compared sensor: the mean ν²/S. The pace of the stamps. For each of the
+            range. For each compared sensor: the mean ν²/S. For each force that positions predict:
+            the mean of its squared errors. The pace of the stamps. For each of the
             `ends`, in the current visit: its furthest reading, and how far the joint was beyond it
-            [deg].
+            [deg]. Then what the maps of the `redundancy` remember.
         sample: layout of the input: whether it is the first sample, dt, values and mask of the
             channels, stds of the angles, innovations, their mask and their variances, the watched
             states and their variances, and the largest share that a touch has of a
             joint.
         findings: layout of the output: the code of the reported word, then 1 where a finding holds:
-            gap, hurried, nothing read, untested, unknown; for each
+            gap, hurried, nothing read, untested, unknown, touched by the filter; for each position
+            that predicts forces outside, for each of these forces unlike; for each
             channel dead, stuck, missing; for each position wrong; for each compared sensor large;
             for each watched state left. For each of the `ends` it is by how much the joint is
             beyond it [deg].
         placed: indices of the channels that are positions of drives.
         ends: ends of the ranges of motors whose joints have stops.
         watched: indices of the states that are parameters of the rig.
+        redundancy: what positions say of forces.
         function: (memory, sample) → (memory⁺, findings).
     """
 
@@ -136,15 +154,17 @@ class Watch:
     placed: tuple[int, ...]
     ends: tuple[RangeEnd, ...]
     watched: tuple[int, ...]
+    redundancy: Redundancy
     function: ca.Function
 
 
 def begun(watch: Watch) -> Floats:
-    """Return the memory before the first sample: mean ν²/S and pace are 1, no end was visited, all
+    """Return the memory before the first sample: means and pace are 1, no end was visited, all
     else is 0.
     """
     memory = np.zeros(watch.memory.size)
-    memory[watch.memory["ratio"]] = memory[watch.memory["pace"]] = 1.0
+    for name in ("ratio", "unlike", "pace"):
+        memory[watch.memory[name]] = 1.0
     memory[watch.memory["furthest"]] = -NEVER
     return memory
 
@@ -165,21 +185,24 @@ def watch_of(estimator: KernelEstimator) -> Watch:
     roles = [measurand_of(sensor).role for sensor in chosen]
     placed = tuple(i for i, role in enumerate(roles) if role is Role.POSITION)
     ends = range_ends(estimator.rig, estimator.channels)
+    redundancy = Redundancy.of(estimator.rig, estimator.channels)
     n = len(chosen)
     m = len(estimator.measured)
     j = len(estimator.rig.joints)
     k = len(watched)
     p = len(placed)
-    memory = Layout(
-        last=n,
-        age=n,
-        same=n,
-        outside=p,
-        ratio=m,
-        pace=1,
-        furthest=len(ends),
-        found=len(ends),
-    )
+    parts = {
+        "last": n,
+        "age": n,
+        "same": n,
+        "outside": p,
+        "ratio": m,
+        "unlike": len(redundancy.efforts),
+        "pace": 1,
+        "furthest": len(ends),
+        "found": len(ends),
+    }
+    memory = Layout(**parts)
     sample = Layout(
         first=1,
         dt=1,
@@ -200,6 +223,9 @@ def watch_of(estimator: KernelEstimator) -> Watch:
         nothing=1,
         untested=1,
         unknown=1,
+        touched=1,
+        outside=len(redundancy.positions),
+        unlike=len(redundancy.efforts),
         dead=n,
         stuck=n,
         missing=n,
@@ -210,6 +236,7 @@ def watch_of(estimator: KernelEstimator) -> Watch:
     )
     before = ca.SX.sym("memory", memory.size)
     current = ca.SX.sym("sample", sample.size)
+    squares = ca.SX.sym("squares", len(redundancy.efforts))
     was = memory.parts(before)
     came = sample.parts(current)
     first = came["first"]
@@ -253,6 +280,9 @@ def watch_of(estimator: KernelEstimator) -> Watch:
     is_touched = came["touched"] > TOUCHED
     square = ca.if_else(is_touched, ca.fmin(square, 1), square)
     ratio = was["ratio"] + ca.if_else(came["compared"], share * (square - was["ratio"]), 0)
+    beyond_logs = redundancy.outside(came["values"], mask)
+    predicted = redundancy.compared(mask, beyond_logs)
+    unlike = redundancy.means(was["unlike"], squares, since, predicted)
     prior = _column(means[list(watched)])
     departure = LARGE_PRIOR if free is None else free.departure(LARGE_PRIOR)
     allowed = departure * _column(stds[list(watched)])
@@ -269,6 +299,9 @@ def watch_of(estimator: KernelEstimator) -> Watch:
         "unknown": ca.logic_and(ca.logic_not(first), _any(came["stds"] > UNKNOWN)),
     }
     flags |= {
+        "touched": is_touched,
+        "outside": beyond_logs,
+        "unlike": unlike > _column(redundancy.limits),
         "dead": dead,
         "stuck": stuck,
         "missing": missing,
@@ -293,15 +326,16 @@ def watch_of(estimator: KernelEstimator) -> Watch:
         same=same,
         outside=outside,
         ratio=ratio,
+        unlike=unlike,
         pace=pace,
         furthest=furthest,
         found=sizes,
     )
     outputs = [remembered, findings.joined(code=code, **flags | {"beyond": sizes})]
-    function = ca.Function(
-        "judged", [before, current], ca.cse(outputs), ["memory", "sample"], ["next", "findings"]
-    )
-    return Watch(memory, sample, findings, placed, ends, watched, function)
+    inputs = [before, current, *([squares] if redundancy.maps else [])]
+    function = redundancy.around(ca.Function("judged", inputs, ca.cse(outputs)), sample)
+    memory = Layout(**parts, learned=redundancy.memory)
+    return Watch(memory, sample, findings, placed, ends, watched, redundancy, function)
 
 
 def _at_end(
@@ -330,6 +364,9 @@ WORDS: dict[str, Health] = {
     "missing": "missing",
     "nothing": "missing",
     "gap": "gap",
+    "outside": "outside",
+    "touched": "touched",
+    "unlike": "touched",
     "beyond": "disagrees",
     "hurried": "disagrees",
     "wrong": "disagrees",

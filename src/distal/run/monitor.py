@@ -280,11 +280,19 @@ class Monitor:
         large = (
             f"{live.measured[i]} {sqrt(ratio[i]):.1f}x" for i in np.flatnonzero(flags["large"])
         )
+
+        def named(finding: str, names: Sequence[str]) -> str:
+            return ", ".join(name for name, holds in zip(names, flags[finding]) if holds)
+
         left = (live.state_names[i] for i, is_left in zip(watch.watched, flags["left"]) if is_left)
         return {
             "untested": ", ".join(live.measured) or "no sensor is compared",
             "missing": self._names(flags["missing"]),
             "nothing": "all sensors",
+            "outside": f"{named('outside', watch.redundancy.positions)} is where no log has been",
+            "touched": "something touches a joint",
+            "unlike": f"{named('unlike', watch.redundancy.efforts)} is not as in free motion: "
+            "something touches, or a sensor is wrong",
             "gap": f"{dt:.3g} s; the rig says every {interval:.3g} s",
             "hurried": f"samples {dt:.3g} s apart, the rig says {interval:.3g} s: unit of time?",
             "wrong": f"{', '.join(positions)} is where its drive cannot be: wrong unit, "

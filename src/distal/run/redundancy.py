@@ -1,0 +1,134 @@
+"""What readings predict of each other: each force and tension by the positions of the drives and
+what these remember, as it is in free motion.
+
+The squared prediction error of a force tells that something touches a joint, or that a sensor is
+wrong (Q statistic of process monitoring; Jackson and Mudholkar, Technometrics 21, 1979). It is the
+only test that no state of a filter can explain away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
+
+import casadi as ca
+import numpy as np
+
+from distal.expressions import Scalar, Vector, VectorNode
+from distal.kernels import Layout
+from distal.regression import Shape, begun_by, features_function
+from distal.rig import LearnedMap, Rig
+
+AVERAGED = 3.0
+"""Time constant of the mean of e²/σ² [s]. Source: benchmark (docs/results/reliability.md)."""
+
+MOST = 25.0
+"""Upper limit of one e²/σ² [1], so that no single value decides. Source: benchmark
+(docs/results/reliability.md).
+"""
+
+
+@dataclass(frozen=True)
+class Redundancy:
+    """The forces of a sample as its positions predict them.
+
+    Args:
+        maps: `LearnedMaps.efforts` of those parts whose sensors are all among the channels.
+        channels: names of the sensors in a sample.
+    """
+
+    maps: tuple[LearnedMap, ...]
+    channels: tuple[str, ...]
+
+    @classmethod
+    def of(cls, rig: Rig, channels: Sequence[str]) -> Redundancy:
+        """Return what a rig's logs taught of some channels."""
+        maps = () if rig.map is None else rig.map.efforts
+        among = [m for m in maps if {*m.joints, *m.channels} <= set(channels)]
+        return cls(tuple(among), tuple(channels))
+
+    @property
+    def efforts(self) -> list[str]:
+        """Names of the sensors that are predicted."""
+        return [name for learned in self.maps for name in learned.joints]
+
+    @property
+    def positions(self) -> list[str]:
+        """Names of the sensors that predict them."""
+        return [name for learned in self.maps for name in learned.channels]
+
+    @property
+    def limits(self) -> list[float]:
+        """Largest normal mean of e²/σ² of each force, e its prediction error of variance σ²."""
+        return [limit for learned in self.maps for limit in learned.normal]
+
+    @property
+    def memory(self) -> int:
+        """Length of what the maps remember."""
+        return sum(Shape.of(learned).memory.size for learned in self.maps)
+
+    def outside(self, values: Vector, mask: Vector) -> Vector:
+        """Return 1 for each of `positions` that is read where no log has been, else 0."""
+        ends = [end for learned in self.maps for end in learned.reach.values()]
+        at = [self.channels.index(name) for name in self.positions]
+        low, high = (ca.DM([end[side] for end in ends]) for side in (0, 1))
+        return mask[at] * ca.logic_or(values[at] < low, values[at] > high)
+
+    def compared(self, mask: Vector, outside: Vector) -> Vector:
+        """Return 1 for each of `efforts` that can be compared: it is read, and all positions are,
+        where the logs have been.
+        """
+        known = []
+        at = 0
+        for learned in self.maps:
+            read = [mask[self.channels.index(name)] for name in learned.channels]
+            inside = [1 - outside[at + i] for i in range(len(read))]
+            for name in learned.joints:
+                known.append(reduce(ca.fmin, (mask[self.channels.index(name)], *read, *inside)))
+            at += len(read)
+        return ca.vertcat(ca.SX(0, 1), *known)
+
+    def means(self, before: Vector, squares: Vector, dt: Scalar, compared: Vector) -> Vector:
+        """Return the means of e²/σ² after a sample that comes `dt` [s] after the one before."""
+        return before + compared * ca.fmin(dt / AVERAGED, 1) * (ca.fmin(squares, MOST) - before)
+
+    def around(self, judged: ca.Function, sample: Layout) -> ca.Function:
+        """Return the function (memory, sample) → (memory⁺, findings) around one that also takes
+        e²/σ² of each force; what the maps remember is behind its own memory.
+        """
+        if not self.maps:
+            return judged
+        own = judged.size1_in(0)
+        memory = ca.MX.sym("memory", own + self.memory)
+        x = ca.MX.sym("sample", sample.size)
+        after, squares = self._predicted(memory[own:], sample.parts(x))
+        left, findings = judged(memory[:own], x, squares)
+        return ca.Function("judged_with_maps", [memory, x], [ca.vertcat(left, after), findings])
+
+    def _predicted(
+        self, memory: VectorNode, came: Mapping[str, VectorNode]
+    ) -> tuple[VectorNode, VectorNode]:
+        """Return what the maps remember, and e²/σ² of each force, at a sample."""
+        squares: list[VectorNode] = []
+        after: list[VectorNode] = []
+        at = 0
+        for learned in self.maps:
+            shape = Shape.of(learned)
+            arrays = learned.arrays
+            efforts, read = (
+                [self.channels.index(name) for name in names]
+                for names in (learned.joints, learned.channels)
+            )
+            positions, mask = came["values"][read], came["mask"][read]
+            begun = begun_by(learned, positions, mask)
+            was = memory[at : at + shape.memory.size]
+            was = was + came["first"] * (begun - was)
+            frame = ca.DM(shape.flat(arrays.by_name))
+            outputs, left = features_function(shape)(was, came["dt"], positions, mask, frame)
+            phi = shape.outputs.part(outputs, "features")
+            errors = came["values"][efforts] - ca.mtimes(ca.DM(arrays["mean"]), phi)
+            squares.append(errors**2 / ca.DM(np.square(learned.rms)))
+            after.append(left)
+            at += shape.memory.size
+        return ca.vertcat(*after), ca.vertcat(*squares)

@@ -1,0 +1,147 @@
+"""What positions say of forces: good logs are ok, wrong readings and touches are not, and where no
+log has been it is said."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from benchmarks.strangers.foreign_plants import finger_log, finger_rig
+
+from distal import LiveEstimator, Log, Monitor, Rig, load_rig, log_health
+from distal.errors import RigError
+from distal.fitting.fitted_file import write_fitted
+from distal.fitting.learn_free_motion import efforts_of
+from distal.regression import features_along
+from distal.regression.features import Shape
+from distal.run.health import watch_of
+from distal.run.redundancy import AVERAGED, MOST
+
+LOGS = [finger_log(seed, 20.0) for seed in range(4)]
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    bare = finger_rig().bare()
+    return bare.with_map(efforts=efforts_of(LOGS, bare, range(4)))
+
+
+def changed(log: Log, **columns: np.ndarray) -> Log:
+    return replace(log, channels={**log.channels, **columns})
+
+
+def positions_of(rig: Rig) -> list[str]:
+    return [sensor.name for sensor in rig.sensors_of("position")]
+
+
+def forces_of(rig: Rig) -> list[str]:
+    return [sensor.name for sensor in rig.sensors_of("force")]
+
+
+def share(words: tuple[str, ...], *named: str) -> float:
+    return float(np.mean([word in named for word in words]))
+
+
+@pytest.mark.parametrize("seed", [11, 12, 13])
+def test_in_a_good_log_nothing_is_touched(rig: Rig, seed: int) -> None:
+    """The rest is as without maps: the filter of this rig, which lacks the sheath, disagrees."""
+    log = finger_log(seed, 20.0)
+    words = log_health(log, rig)
+    assert share(words, "touched") < 0.003
+    before = log_health(log, rig.bare())
+    assert all(
+        word in (old, "outside") for word, old in zip(words, before, strict=True) if old == "ok"
+    )
+
+
+def test_wrong_readings_are_not(rig: Rig) -> None:
+    """The filter explains much of these away by friction or by a touch; positions do not."""
+    log = finger_log(11, 20.0)
+    name = positions_of(rig)[0]
+    values = log.channels[name]
+    half = len(values) // 2
+    stuck = np.where(np.arange(len(values)) < half, values, values[half])
+    wrong = {
+        "stuck": changed(log, **{name: stuck}),
+        "sign": changed(log, **{name: 2 * values[0] - values}),
+        "unit": changed(log, **{force: log.channels[force] / 1000 for force in forces_of(rig)}),
+    }
+    for kind, spoilt in wrong.items():
+        words = log_health(spoilt, rig)
+        late = words[-len(words) // 4 :]
+        assert share(late, "touched", "outside", "disagrees", "dead") > 0.8, kind
+
+
+def test_where_no_log_has_been_it_is_said(rig: Rig) -> None:
+    log = finger_log(11, 20.0)
+    [learned] = rig.map.efforts  # type: ignore[union-attr]
+    name = learned.channels[0]
+    low, high = learned.reach[name]
+    span = learned.high[0] - learned.low[0]
+    assert (low, high) == pytest.approx((learned.low[0] - 0.1 * span, learned.high[0] + 0.1 * span))
+    live = Monitor(LiveEstimator(rig))
+    sample = np.array([log.channels[channel][0] for channel in live.channels])
+    at = live.channels.index(name)
+    inside = sample.copy()
+    inside[at] = high - 1e-3 * span
+    beyond = sample.copy()
+    beyond[at] = high + 1e-3 * span
+    assert "outside" not in live.take(0.0, inside).health
+    reading = live.take(0.01, beyond)
+    assert (reading.health, reading.detail) == ("outside", f"{name} is where no log has been")
+
+
+def test_the_mean_is_that_of_the_errors_on_the_log(rig: Rig) -> None:
+    """m⁺ = m + dt/T (min(e²/σ², c) − m), with e by the features over the whole log."""
+    log = LOGS[0]
+    [learned] = rig.map.efforts  # type: ignore[union-attr]
+    live = LiveEstimator(rig)
+    monitor = Monitor(live)
+    watch = watch_of(live.estimator)
+    samples = np.column_stack([log.channels[name] for name in monitor.channels])
+    count = 1000
+    for time, sample in zip(log.time[:count], samples):
+        monitor.take(float(time), sample)
+    found = monitor._memory[watch.memory["unlike"]]
+    shape = Shape.of(learned)
+    read = np.column_stack([log.channels[name] for name in learned.channels])[:count]
+    along = features_along(shape, shape.flat(learned.arrays.by_name), log.time[:count], read)
+    predicted = along["features"] @ learned.arrays["mean"].T
+    forces = np.column_stack([log.channels[name] for name in learned.joints])[:count]
+    squares = np.minimum(((forces - predicted) / learned.rms) ** 2, MOST)
+    low, high = np.array(list(learned.reach.values())).T
+    inside = np.all((read >= low) & (read <= high), axis=1)
+    mean = np.ones(len(learned.joints))
+    steps = np.diff(log.time[:count], prepend=log.time[0] - live.interval)
+    for step, square, is_inside in zip(steps, squares, inside):
+        mean = mean + is_inside * step / AVERAGED * (square - mean)
+    np.testing.assert_allclose(found, mean, rtol=1e-6)
+    assert not np.allclose(mean, 1.0, atol=0.05)
+
+
+def test_it_is_kept_by_the_file_and_by_copies(rig: Rig, tmp_path: Path) -> None:
+    log = finger_log(11, 4.0)
+    write_fitted(tmp_path / "finger.toml", rig, rig.bare(), {}, "", None)
+    again = load_rig(tmp_path / "finger.toml")
+    assert again.map == rig.map
+    name = positions_of(rig)[0]
+    spoilt = changed(log, **{name: -log.channels[name]})
+    assert log_health(spoilt, again) == log_health(spoilt, rig)
+    monitor = Monitor(LiveEstimator(rig))
+    samples = np.column_stack([spoilt.channels[channel] for channel in monitor.channels])
+    half = len(samples) // 2
+    for time, sample in zip(log.time[:half], samples):
+        monitor.take(float(time), sample)
+    copy = pickle.loads(pickle.dumps(monitor))
+    for time, sample in zip(log.time[half:], samples[half:]):
+        assert copy.take(float(time), sample).health == monitor.take(float(time), sample).health
+
+
+def test_a_sensor_that_the_rig_lacks_is_refused(rig: Rig) -> None:
+    [learned] = rig.map.efforts  # type: ignore[union-attr]
+    other = learned.model_copy(update={"joints": ("nobody", *learned.joints[1:])})
+    with pytest.raises((RigError, ValueError), match="one of the sensors"):
+        Rig.model_validate({**rig.model_dump(), "map": {"efforts": [other]}})
