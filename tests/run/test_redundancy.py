@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 
-from distal import LiveEstimator, Log, Monitor, Rig, load_rig, log_health
+from distal import LiveEstimator, Log, Monitor, Rig, diagnose, estimate, load_rig, log_health
 from distal.errors import RigError
 from distal.fitting.fitted_file import write_fitted
 from distal.fitting.learn_free_motion import efforts_of
 from distal.regression import features_along
 from distal.regression.features import Shape
 from distal.run.health import watch_of
-from distal.run.redundancy import AVERAGED, MOST
+from distal.run.redundancy import AVERAGED, MOST, unlike_free_motion
 
 LOGS = [finger_log(seed, 20.0) for seed in range(4)]
 
@@ -145,3 +145,17 @@ def test_a_sensor_that_the_rig_lacks_is_refused(rig: Rig) -> None:
     other = learned.model_copy(update={"joints": ("nobody", *learned.joints[1:])})
     with pytest.raises((RigError, ValueError), match="one of the sensors"):
         Rig.model_validate({**rig.model_dump(), "map": {"efforts": [other]}})
+
+
+def test_a_diagnosis_names_forces_that_are_not_free(rig: Rig) -> None:
+    log = finger_log(11, 20.0)
+    assert unlike_free_motion(log, rig) == {}
+    name = positions_of(rig)[0]
+    turned = changed(log, **{name: 2 * log.channels[name][0] - log.channels[name]})
+    [force] = forces_of(rig)
+    shares = unlike_free_motion(turned, rig)
+    assert list(shares) == [force]
+    assert shares[force] > 0.3
+    said = diagnose(estimate(turned, rig), turned, rig, what_if=False)
+    assert not said.consistent
+    assert any(finding.kind == "not free" and force in finding.text for finding in said.findings)

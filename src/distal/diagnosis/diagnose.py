@@ -33,6 +33,7 @@ from distal.results import LARGE_PRIOR, Estimate
 from distal.rig import Rig, position_range
 from distal.rounded import rounded
 from distal.run.offline import estimator_for
+from distal.run.redundancy import unlike_free_motion
 
 OUTSIDE_SHARE = 0.05
 """Share of a log's samples outside a drive's range, or outside the range of a fit, from which on a
@@ -85,6 +86,7 @@ def diagnose(
         *elsewhere(log, rig),
         *stuck_positions(log, rig),
         *out_of_range(log, _learned_range(rig)),
+        *not_free(log, rig),
     ]
     first = diagnose_estimate(result, further, farthest=farthest)
     if result.estimator != "adaptive" or not what_if:
@@ -317,6 +319,19 @@ def out_of_range(log: Log, ranges: Mapping[str, tuple[float, float]]) -> list[Fi
             text = f"{name} is outside the range of the fit for {100 * share:.0f} % of the log"
             findings.append(Finding("out of range", name, f"{text} ({low:.3g} to {high:.3g})"))
     return findings
+
+
+def not_free(log: Log, rig: Rig) -> list[Finding]:
+    """Return the forces that are not those of free motion at their positions."""
+    return [
+        Finding(
+            "not free",
+            name,
+            f"{name} is not as in free motion for {100 * share:.0f} % of the log: something "
+            "touches a joint, or a sensor is wrong",
+        )
+        for name, share in unlike_free_motion(log, rig).items()
+    ]
 
 
 def _share_outside(readings: Floats, low: float, high: float) -> float:

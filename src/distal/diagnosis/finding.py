@@ -22,6 +22,7 @@ Kind = Literal[
     "stuck",
     "looks like",
     "out of range",
+    "not free",
     "hardly compared",
     "not tested",
     "cannot test",

@@ -24,12 +24,7 @@ from distal.results import Estimate
 from distal.rig import FreeMotion, LearnedMap, MapArrays, Rig
 from distal.run import estimate
 from distal.run.health import MEMORY
-from distal.run.redundancy import AVERAGED, MOST
-
-NORMAL = 0.997
-"""Share of the time in which a mean innovation in free motion is normal. Source: benchmark
-(docs/results/touch.md).
-"""
+from distal.run.redundancy import AVERAGED, MOST, NORMAL, recent_mean
 
 LEAST_AT_REST = 0.3
 """Least mean square innovation at rest, as a share of that over all speeds, since a log that rests
@@ -228,19 +223,6 @@ def untouched(rig: Rig) -> Rig:
         logs=1,
     )
     return rig.model_copy(update={"free_motion": never})
-
-
-def recent_mean(values: Floats, stamps: Floats, time: float) -> Floats:
-    """Return exponentially fading means as the filter computes them.
-
-    Args:
-        values: what is averaged, (k,) or (k, m).
-        stamps: times of the samples [s], (k,).
-        time: time constant of the mean [s].
-    """
-    fade = exp(-float(np.median(np.diff(stamps))) / time)
-    means: Floats = lfilter([1 - fade], [1, -fade], values, axis=0)
-    return means
 
 
 def _pace(positions: Floats, log: Log) -> Floats:

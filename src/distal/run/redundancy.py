@@ -11,13 +11,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
+from math import exp
 
 import casadi as ca
 import numpy as np
 
+from distal.arrays import Floats
 from distal.expressions import Scalar, Vector, VectorNode
 from distal.kernels import Layout
-from distal.regression import Shape, begun_by, features_function
+from distal.logs import Log
+from distal.regression import Shape, begun_by, features_along, features_function
 from distal.rig import LearnedMap, Rig
 
 AVERAGED = 3.0
@@ -26,6 +29,11 @@ AVERAGED = 3.0
 MOST = 25.0
 """Upper limit of one e²/σ² [1], so that no single value decides. Source: benchmark
 (docs/results/reliability.md).
+"""
+
+NORMAL = 0.997
+"""Share of the time in which a force in free motion is normal [1]. Source: benchmark
+(docs/results/touch.md).
 """
 
 
@@ -132,3 +140,45 @@ class Redundancy:
             after.append(left)
             at += shape.memory.size
         return ca.vertcat(*after), ca.vertcat(*squares)
+
+
+def unlike_free_motion(log: Log, rig: Rig) -> dict[str, float]:
+    """Return sensor → share of a log in which its force is not that of free motion at these
+    positions; those that are normal are left out.
+    """
+    found = dict[str, float]()
+    for learned in Redundancy.of(rig, list(log.channels)).maps:
+        shape = Shape.of(learned)
+        read, forces = (
+            np.column_stack([log.channels[name] for name in names])
+            for names in (learned.channels, learned.joints)
+        )
+        along = features_along(shape, shape.flat(learned.arrays.by_name), log.time, read)
+        errors = forces - along["features"] @ learned.arrays["mean"].T
+        low, high = np.array(list(learned.reach.values())).T
+        inside = np.all((read >= low) & (read <= high), axis=1)
+        for name, column, rms, limit in zip(
+            learned.joints, errors.T, learned.rms, learned.normal, strict=True
+        ):
+            compared = inside & np.isfinite(column)
+            squares = np.minimum((column[compared] / rms) ** 2, MOST)
+            means = recent_mean(squares, log.time, AVERAGED)
+            share = float(np.sum(means > limit)) / len(log)
+            if share > 1 - NORMAL:
+                found[name] = share
+    return found
+
+
+def recent_mean(values: Floats, stamps: Floats, time: float) -> Floats:
+    """Return exponentially fading means as a stream computes them.
+
+    Args:
+        values: what is averaged, (k,) or (k, m).
+        stamps: times of the samples [s], (n,), as far apart as the values.
+        time: time constant of the mean [s].
+    """
+    from scipy.signal import lfilter  # takes as long to load as distal
+
+    fade = exp(-float(np.median(np.diff(stamps))) / time)
+    means: Floats = lfilter([1 - fade], [1, -fade], values, axis=0)
+    return means
