@@ -144,6 +144,7 @@ results: $(STAMP)
 	$(BIN)/python -m benchmarks.sensitivity
 	$(BIN)/python -m benchmarks.silent
 	$(BIN)/python -m benchmarks.wrong_inputs
+	$(BIN)/python -m benchmarks.redundancy
 	$(BIN)/python -m benchmarks.smoothing
 	$(BIN)/python -m benchmarks.soak
 	$(BIN)/python -m benchmarks.study

@@ -77,7 +77,12 @@ class Redundancy:
         return sum(Shape.of(learned).memory.size for learned in self.maps)
 
     def outside(self, values: Vector, mask: Vector) -> Vector:
-        """Return 1 for each of `positions` that is read where no log has been, else 0."""
+        """Return 1 for each of `positions` that is read where no log has been, else 0.
+
+        Args:
+            values: of the channels.
+            mask: whether each of them is read.
+        """
         ends = [end for learned in self.maps for end in learned.reach.values()]
         at = [self.channels.index(name) for name in self.positions]
         low, high = (ca.DM([end[side] for end in ends]) for side in (0, 1))
@@ -86,19 +91,32 @@ class Redundancy:
     def compared(self, mask: Vector, outside: Vector) -> Vector:
         """Return 1 for each of `efforts` that can be compared: it is read, and all positions are,
         where the logs have been.
+
+        Args:
+            mask: whether each channel is read.
+            outside: see `outside`.
         """
-        known = []
+        comparable = []
         at = 0
         for learned in self.maps:
             read = [mask[self.channels.index(name)] for name in learned.channels]
             inside = [1 - outside[at + i] for i in range(len(read))]
             for name in learned.joints:
-                known.append(reduce(ca.fmin, (mask[self.channels.index(name)], *read, *inside)))
+                comparable.append(
+                    reduce(ca.fmin, (mask[self.channels.index(name)], *read, *inside))
+                )
             at += len(read)
-        return ca.vertcat(ca.SX(0, 1), *known)
+        return ca.vertcat(ca.SX(0, 1), *comparable)
 
     def means(self, before: Vector, squares: Vector, dt: Scalar, compared: Vector) -> Vector:
-        """Return the means of e²/σ² after a sample that comes `dt` [s] after the one before."""
+        """Return the means of e²/σ² after a sample that comes `dt` [s] after the one before.
+
+        Args:
+            before: the means at that one.
+            squares: e²/σ² of each force.
+            dt: time since then [s].
+            compared: see `compared`.
+        """
         return before + compared * ca.fmin(dt / AVERAGED, 1) * (ca.fmin(squares, MOST) - before)
 
     def around(self, judged: ca.Function, sample: Layout) -> ca.Function:
@@ -146,7 +164,7 @@ def unlike_free_motion(log: Log, rig: Rig) -> dict[str, float]:
     """Return sensor → share of a log in which its force is not that of free motion at these
     positions; those that are normal are left out.
     """
-    found = dict[str, float]()
+    unlike = dict[str, float]()
     for learned in Redundancy.of(rig, list(log.channels)).maps:
         shape = Shape.of(learned)
         read, forces = (
@@ -165,8 +183,8 @@ def unlike_free_motion(log: Log, rig: Rig) -> dict[str, float]:
             means = recent_mean(squares, log.time, AVERAGED)
             share = float(np.sum(means > limit)) / len(log)
             if share > 1 - NORMAL:
-                found[name] = share
-    return found
+                unlike[name] = share
+    return unlike
 
 
 def recent_mean(values: Floats, stamps: Floats, time: float) -> Floats:

@@ -24,6 +24,8 @@ LEVELS = {
     "untested": DiagnosticStatus.OK,
     "missing": DiagnosticStatus.WARN,
     "gap": DiagnosticStatus.WARN,
+    "outside": DiagnosticStatus.WARN,
+    "touched": DiagnosticStatus.OK,
 }
 
 TOGETHER = 0.5
