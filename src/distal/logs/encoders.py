@@ -90,6 +90,8 @@ class Encoder:
         self._least = max(limits.noise, SMALLEST) / UNUSUAL
         self._before = (nan, nan)
         self._usual = self._least
+        # the smallest motion in two samples: a count, or less
+        self._smallest = inf
 
     @property
     def in_doubt(self) -> bool:
@@ -122,6 +124,7 @@ class Encoder:
             position, kind = self._within_turn(reading, gap)
         else:
             position, kind = self._counted(reading, gap)
+        alternates = self._alternates(position)
         self._learn(position)
         if limits.wraps and within and 4.0 * self._usual > limits.turn:
             return nan, "turn", gap  # it goes on too fast to be followed
@@ -134,11 +137,12 @@ class Encoder:
                 return nan, None, 0.0  # the next sample decides
             if self._near(position - waiting, limits.interval):
                 kind = kind or "jumped"
-        if has_reached and waiting is not None:
-            self._wrong += RARE * (1.0 - self._wrong)
+        was_wrong = has_reached and waiting is not None
+        self._wrong += RARE * ((was_wrong or alternates) - self._wrong)
+        # of two sources in turn nobody knows which is the drive
+        is_believed = self._wrong <= OFTEN
+        if was_wrong or not is_believed:
             kind = kind or "left out"
-        else:
-            self._wrong *= 1.0 - RARE
         self._speed = 0.0 if kind == "jumped" or gap == inf else (position - self._last) / gap
         least, most = self._read
         room = limits.turn / 4.0
@@ -149,16 +153,25 @@ class Encoder:
         self._last = position
         self._seen = time
         self.ahead = position - reading
-        # of two sources in turn nobody knows which is the drive
-        return (nan if self._wrong > OFTEN else position), kind, size
+        return (position if is_believed else nan), kind, size
 
     def _learn(self, position: float) -> None:
         """Follow the median of the motion in two samples, which two sources in turn do not show."""
         first, second = self._before
         self._before = second, position
         if isfinite(first):
+            self._smallest = min(abs(position - first) or inf, self._smallest)
             rate = RATE if abs(position - first) > self._usual else -RATE
             self._usual = max(self._usual * exp(rate), self._least)
+
+    def _alternates(self, position: float) -> bool:
+        """Return whether the position goes back by much of what it went before, as no drive does
+        that moves far less in two samples.
+        """
+        first, second = self._before
+        there, back = second - first, position - second
+        room = max(self._limits.noise, UNUSUAL * max(self._usual, self._smallest))
+        return there * back < 0.0 and min(abs(there), abs(back)) > room
 
     def _reached(self, position: float, time: float, gap: float) -> bool:
         """Return whether the drive can have gone there, since the reading last changed."""
