@@ -125,6 +125,31 @@ def test_readings_a_turn_off_make_no_counter_of_an_encoder(
 
 
 @pytest.mark.parametrize("entry", ENTRIES)
+def test_an_encoder_before_the_gear_counts_its_turns(
+    entry: Callable[..., Floats], rig: Rig, tmp_path: Path
+) -> None:
+    """It moves by more than half a turn between samples, after a rest beyond a turn or at once."""
+    raw = rig.model_dump()
+    encoder, *others = raw["sensors"]
+    encoder = {**encoder, "gear": 29, "counts_per_turn": 1024, "resolution": 2 * pi / 1024 / 29}
+    geared = build_rig({**raw, "sensors": [encoder, *others]}, "geared joint")
+    steps = np.zeros(N)
+    steps[40:53] = 400
+    steps[200:210] = -700
+    steps[300:310] = 650
+    counts = np.cumsum(steps)
+    current = np.round(100.0 * np.cos(0.1 * np.arange(N)))
+    factor = 2 * pi / 1024 / 29
+    came = entry(geared, np.column_stack([counts, current]), tmp_path)[:, 0]
+    np.testing.assert_allclose(came, factor * counts, atol=1e-9)
+    at_once = counts[200:] - counts[200]
+    at_once = np.concatenate([at_once, np.full(200, at_once[-1])])
+    came = entry(geared, np.column_stack([at_once, current]), tmp_path)[:, 0]
+    np.testing.assert_allclose(came[60:100], factor * at_once[60:100], atol=1e-9)
+    np.testing.assert_allclose(came[110:], factor * at_once[110:], atol=1e-9)
+
+
+@pytest.mark.parametrize("entry", ENTRIES)
 def test_a_good_log_passes_whole(
     entry: Callable[..., Floats], rig: Rig, good: Floats, tmp_path: Path
 ) -> None:

@@ -78,11 +78,14 @@ class Encoder:
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
         self.ahead = 0.0
+        self._first = nan
         self._last = self._seen = nan
         self._speed = self._wrong = 0.0
         self._changed = -inf
-        # least and largest reading so far, and those of a position whose turn is a guess
+        # least and largest reading so far, the share of readings that are beyond them lately, and
+        # the ends of a position whose turn is a guess
         self._read = (inf, -inf)
+        self._beyond = 0.0
         self._guessed: tuple[float, float] | None = None
         # what the last sample was, where a drive cannot have reached it
         self._waiting: float | None = None
@@ -144,16 +147,29 @@ class Encoder:
         if was_wrong or not is_believed:
             kind = kind or "left out"
         self._speed = 0.0 if kind == "jumped" or gap == inf else (position - self._last) / gap
-        least, most = self._read
-        room = limits.turn / 4.0
-        if not isfinite(least) or least - room <= reading <= most + room:
-            self._read = min(least, reading), max(most, reading)
+        if within and self._counts(reading) and limits.wraps:
+            position = reading + self._first  # no turn was gone that it did not count
         if position != self._last:
             self._changed = time
         self._last = position
         self._seen = time
         self.ahead = position - reading
+        if not isfinite(self._first):
+            self._first = self.ahead
         return (position if is_believed else nan), kind, size
+
+    def _counts(self, reading: float) -> bool:
+        """Return whether a reading shows that the encoder counts its turns: it is beyond one turn,
+        near what was read, or the last of many.
+        """
+        least, most = self._read
+        turn = self._limits.turn
+        is_beyond = isfinite(least) and not least - turn / 4.0 <= reading <= most + turn / 4.0
+        self._beyond += RARE * (is_beyond - self._beyond)
+        if is_beyond and self._beyond <= OFTEN:
+            return False
+        self._read = min(least, reading), max(most, reading)
+        return self._read[1] - self._read[0] >= turn
 
     def _learn(self, position: float) -> None:
         """Follow the median of the motion in two samples, which two sources in turn do not show."""
