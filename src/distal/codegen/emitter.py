@@ -7,10 +7,8 @@ from itertools import chain, count
 
 import casadi as ca
 
-from distal.codegen.matrices import write_matrices
-from distal.codegen.number_types import Dialect
-from distal.codegen.operations import CodeError
-from distal.codegen.scalars import write_scalars
+from distal.codegen.functions import write_matrices, write_scalars
+from distal.codegen.number_types import CodeError, Dialect
 from distal.codegen.workspace import Written
 
 LARGEST_COPIED = 60

@@ -7,7 +7,7 @@ from functools import lru_cache
 import casadi as ca
 
 from distal.codegen.memory import Value, shifted
-from distal.codegen.operations import CodeError
+from distal.codegen.number_types import CodeError
 from distal.codegen.workspace import Step, Workspace
 
 COLUMNS_TOGETHER = 4

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from distal.codegen.memory import Value, for_each
-from distal.codegen.operations import CodeError
+from distal.codegen.number_types import CodeError
 from distal.codegen.workspace import Step, Workspace
 
 

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.expressions import MatrixNode, VectorNode
-from distal.kernels.feed import Advanced, Feed
 from distal.kernels.kernel import Kernel
+from distal.kernels.layout import Advanced, Feed
 
 Indices = NDArray[np.intp]
 
