@@ -1,5 +1,5 @@
 """The band of an estimate: the share of errors that it is to hold, and its half-width in standard
-deviations.
+deviations; and thresholds by which finished and live estimates are judged alike.
 """
 
 from __future__ import annotations
@@ -41,3 +41,14 @@ def half_width(level: float) -> float:
 def in_percent(level: float) -> str:
     """Return a level as it stands beside a band: 0.95 is `95 %`."""
     return f"{100 * level:.4g} %"
+
+
+SMALL = 0.05
+"""Mean of ν²/S below which a channel tests nothing: the filter's own uncertainty, not the channel's
+noise, then makes up most of S. Source: judgement.
+"""
+
+LARGE_PRIOR = 3.0
+"""A state has left its prior where it differs from the prior mean by more than this many prior
+standard deviations and its own standard deviation. Source: judgement.
+"""

@@ -12,7 +12,7 @@ import pytest
 from distal import Fit, Log, Rig, estimate, fit, load_scenario, scenario_rig, simulate
 from distal.paper.paper_figures import FIGURES
 from distal.reports import fit_report
-from distal.reports.fitting_figures import draw_residuals, draw_traces
+from distal.reports.fitting import draw_residuals, draw_traces
 from distal.reports.page import page, paragraph, picture
 from distal.results import Html, html_table
 from tests.results.test_plots import legends_lie_beside

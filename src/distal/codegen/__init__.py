@@ -7,10 +7,10 @@ has the figures.
 
 From text to function, each module knows only those above it: ``number_types``, ``memory``,
 ``workspace``, then the writers, each a function from an instruction to lines of C (``slices``,
-``products``), ``functions``, and ``emitter`` for all functions.
+``products``), and ``emitter`` for all functions.
 
 An operation of matrices that has no C yet is one more writer, and one more line in the table of
-``functions``.
+``emitter``.
 """
 
 from distal.codegen.emitter import Emitter, unused

@@ -11,8 +11,7 @@ from pathlib import Path
 
 from distal.confidence import BAND
 from distal.errors import OutputError
-from distal.export.c_text import comment, filled, sensors_of
-from distal.export.health_source import spoken
+from distal.export.c_text import comment, filled, sensors_of, spoken
 from distal.export.project import readme, write_files
 from distal.export.source import Exported, c_filter
 from distal.rig import Rig, log_factor, log_unit

@@ -26,12 +26,13 @@ from distal.export.c_text import (
     comment,
     fields_of,
     filled,
+    health_codes,
+    health_source,
     numbered,
     sensor_texts,
     sensors_of,
     shared_blanks,
 )
-from distal.export.health_source import health_codes, health_source
 from distal.export.replay import replay_program
 from distal.homing import homing_filter
 from distal.kernels.layout import MISSING, READ

@@ -15,8 +15,7 @@ import numpy as np
 
 from distal.expressions import Matrix, Vector
 from distal.inverse.balance import Balance, traced
-from distal.inverse.distribution import FARTHEST, least_pulls, solved
-from distal.inverse.feedback import limited
+from distal.inverse.torques import FARTHEST, least_pulls, limited, solved
 from distal.kernels import Layout
 from distal.rig import Rig
 

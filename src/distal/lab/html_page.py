@@ -27,7 +27,7 @@ from distal.reports.page import page, resource, script_with
 from distal.results import COLOURS
 from distal.rig import Rig, angle_names, log_factor, number
 from distal.run.health import HEALTH
-from distal.simulation.plant import equilibrium
+from distal.simulation.plant_motion import equilibrium
 from distal.units import unit_factor
 
 WINDOW = 12.0

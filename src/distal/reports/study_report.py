@@ -37,12 +37,12 @@ from distal.results import (
     html_table,
     legend_above,
 )
-from distal.rounded import rounded
 from distal.study import Axis, Plan, Space
 from distal.study.answer import Answer, Case, Influence
 from distal.study.execution import Columns
 from distal.study.runs import BUILT, MEASURES
 from distal.study.shares import words_of
+from distal.units import rounded
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

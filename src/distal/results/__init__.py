@@ -21,19 +21,20 @@ from distal.results.style import (
     SOFT,
     TRUTH,
     WHITE,
+    Html,
     colour,
     curve_style,
     figure,
     figure_bytes,
     from_start,
+    html_table,
     legend_above,
     make_folder,
     plot_kind,
     save_figure,
     time_label,
+    verdict,
 )
-from distal.results.tables import Html, html_table, verdict
-from distal.results.thresholds import LARGE_PRIOR, SMALL
 
 __all__ = [
     "BAD",
@@ -45,10 +46,8 @@ __all__ = [
     "GOOD",
     "HEALTH_COLOURS",
     "INK",
-    "LARGE_PRIOR",
     "PALE",
     "PANELS",
-    "SMALL",
     "SOFT",
     "TRUTH",
     "WHITE",

@@ -10,7 +10,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.confidence import half_width, in_percent
-from distal.errors import OutputError
+from distal.errors import OutputError, did_you_mean
 from distal.logs import Log
 from distal.results.innovation_plots import draw_forces, draw_health, draw_innovations
 from distal.results.style import (
@@ -28,8 +28,7 @@ from distal.results.style import (
     time_label,
 )
 from distal.rig import Rig
-from distal.rounded import rounded
-from distal.suggestions import did_you_mean
+from distal.units import rounded
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.confidence import COVERED, half_width, in_percent
-from distal.errors import EstimationError
+from distal.errors import EstimationError, did_you_mean
 from distal.estimators import UNITS_OF_JOINTS, StateKind, kinds_by_joint, states_of
 from distal.logs import header, pandas_frame, polars_frame
 from distal.results.angle_plots import PlotOptions, plot_estimates
-from distal.results.tables import SummaryRow, html_table
+from distal.results.style import SummaryRow, html_table
 from distal.rig import std_name
-from distal.suggestions import did_you_mean
 
 if TYPE_CHECKING:
     import pandas

@@ -25,9 +25,8 @@ from distal.rig.files import (
     shipped_in,
     shipped_rigs,
 )
-from distal.rig.hand_tables.aero import from_aero
 from distal.rig.hand_tables.described import from_table
-from distal.rig.hand_tables.orca import from_orca, orca_order
+from distal.rig.hand_tables.makers import from_aero, from_orca, orca_order
 from distal.rig.insertions import Linkage, Pinned, Polynomial, Pulley, Size
 from distal.rig.joints import Joint
 from distal.rig.learned import (

@@ -7,11 +7,10 @@ import tomllib
 from collections.abc import MutableMapping, Sequence
 from copy import deepcopy
 
-from distal.errors import DistalError
+from distal.errors import DistalError, did_you_mean
 from distal.rig.quantities import KEYS
 from distal.rig.sensors.registry import one_number_each
 from distal.rig.validation import index_of, names_in
-from distal.suggestions import did_you_mean
 
 DEEPEST = 12
 """Largest number of keys in a path [1]. Source: judgement."""

@@ -10,11 +10,10 @@ from typing import Literal
 
 from pydantic import BaseModel
 
-from distal.errors import CommandError, RigError
+from distal.errors import CommandError, RigError, did_you_mean
 from distal.rig.quantities import In, Parameter
 from distal.rig.rig import Rig, parameters_below
 from distal.rig.validation import in_words, index_of, names_in
-from distal.suggestions import did_you_mean
 
 ROUGH = 0.5
 """Share of its value above which the std of a positive number means that the number is known to a

@@ -12,8 +12,7 @@ from pydantic import GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
 from distal.arrays import Floats
-from distal.errors import UnitError
-from distal.suggestions import did_you_mean
+from distal.errors import UnitError, did_you_mean
 from distal.units import to_si
 
 Interpolation = Literal["hold", "linear"]

@@ -21,18 +21,34 @@ from distal.estimators import DEFAULT, AdaptiveFilter, Estimator, KernelEstimato
 from distal.kernels import Kernel, lanes_here
 from distal.logs import Log
 from distal.model import Mechanism
+from distal.parallel import one_blas_thread
 from distal.results import Estimate
 from distal.rig import Rig, named
 from distal.run.estimate_batch import run_all
 from distal.run.offline import Run, estimator_for, prepared
 from distal.simulation import Scenario
-from distal.simulation.plant import PlantMotion, equilibrium, plant_kernel
-from distal.simulation.signal_inputs import BodyInputs, body_inputs, initial_angles
+from distal.simulation.plant import plant_kernel
+from distal.simulation.plant_motion import (
+    BodyInputs,
+    PlantMotion,
+    body_inputs,
+    equilibrium,
+    initial_angles,
+)
 from distal.simulation.simulate import Prepared, motions_of, sampled, timing
 from distal.study.description import Plan
-from distal.study.design_space import ESTIMATOR, FEEDBACK, Design, Space, rig_of, space_of
-from distal.study.plants import Draw, built_values, draws_of, scores
-from distal.threads import one_blas_thread
+from distal.study.design_space import (
+    ESTIMATOR,
+    FEEDBACK,
+    Design,
+    Draw,
+    Space,
+    built_values,
+    draws_of,
+    rig_of,
+    scores,
+    space_of,
+)
 
 Lane = TypeVar("Lane")
 Cell = float | str | bool
