@@ -60,9 +60,6 @@ def one_blas_thread() -> Iterator[None]:
                 _limits = None
 
 
-RETRIES = 5
-"""Number of times that a task is tried again after its worker was lost. Source: judgement."""
-
 PATIENCE = 10.0
 """Longest wait for an answer of the scheduler [s]. Source: judgement."""
 
@@ -101,9 +98,7 @@ def on_cluster(
     with client:
         _check_versions(versions, error)
         keys = {
-            client.submit(
-                _far, function, arguments, error, __version__, pure=False, retries=RETRIES
-            ): key
+            client.submit(_far, function, arguments, error, __version__, pure=False): key
             for key, arguments in tasks.items()
         }
         try:

@@ -72,10 +72,9 @@ def control_command(
                 if isinf(score.settling)
                 else f"{score.settling:.2f}"
             )
-            hunts = f"{degrees(max(score.hunting)):.1f}°" if score.hunting else "no"
             angles = [
                 "–" if isnan(angle) else f"{degrees(angle):.2f}"
-                for angle in (score.rms, score.overshoot)
+                for angle in (score.rms, score.overshoot, score.at_rest)
             ]
             wrong_by = f"{degrees(score.estimate_rms):.2f}"
             rows.append(
@@ -84,7 +83,6 @@ def control_command(
                     score.joint,
                     *angles,
                     settled,
-                    hunts,
                     f"{score.effort:.3g}",
                     wrong_by,
                 )
@@ -97,8 +95,8 @@ def control_command(
         "joint",
         "RMS [°]",
         "overshoot [°]",
+        "at rest [°]",
         "settled [s]",
-        "limit cycle",
         f"effort [{unit}]",
     ]
     columns.append("told wrong by [°]")

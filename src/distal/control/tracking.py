@@ -36,19 +36,9 @@ SETTLED = float(np.deg2rad(2.0))
 Source: judgement.
 """
 
-HUNTS = float(np.deg2rad(0.3))
-"""Motion above which a joint hunts although all references are constant [rad]. Source:
-judgement.
-"""
-
-FOR = 2.0
-"""Time over which this motion is measured, at the end of a part in which references are constant
-[s]. Source: judgement.
-"""
-
 LONG_ENOUGH = 1.0
-"""Shortest time for which a reference must be constant to say how a joint settles [s]. In the
-search for hunting, the same time at the begin of a constant part is left out. Source: judgement.
+"""Shortest time for which a reference must be constant to say how a joint settles [s]. Source:
+judgement.
 """
 
 
@@ -64,8 +54,8 @@ class Tracking:
             where it does not, NaN where no reference is constant.
         effort: RMS of all commands [N or N m].
         estimate_rms: RMS error of the angle that the controller was told [rad].
-        hunting: motions of limit cycles, by how much the angle varies although the references are
-            constant [rad].
+        at_rest: largest motion in the second half of a time in which all references are constant,
+            by which a limit cycle shows [rad]; NaN where they never are.
     """
 
     joint: str
@@ -74,15 +64,14 @@ class Tracking:
     settling: float
     effort: float
     estimate_rms: float
-    hunting: tuple[float, ...]
+    at_rest: float
 
 
 def trackings_of(run: ClosedLoop) -> tuple[Tracking, ...]:
     """Return how each controlled joint that has a reference keeps to it."""
     names = run.rig.joint_names
     effort = float(np.sqrt(np.mean([np.mean(commands**2) for commands in run.commands.values()])))
-    # hunting is looked for where all references are constant: a joint that another one shakes does
-    # not hunt
+    # where a reference changes, it shakes the other joints too: that is no limit cycle
     still = constant_parts(run.time, *run.references.values())
     trackings = []
     for name, reference in run.references.items():
@@ -100,7 +89,7 @@ def trackings_of(run: ClosedLoop) -> tuple[Tracking, ...]:
             settling=max((time for _, time in steps), default=nan),
             effort=effort,
             estimate_rms=float(np.sqrt(np.mean(errors**2))) if len(errors) else nan,
-            hunting=_hunts(run.time, angle, still),
+            at_rest=max((float(np.ptp(angle[(a + b) // 2 : b])) for a, b in still), default=nan),
         )
         trackings.append(tracking)
     return tuple(trackings)
@@ -130,18 +119,6 @@ def _step(
         return over, 0.0
     last = begin + int(away[-1]) + 1
     return over, inf if last == end else float(time[last] - time[begin])
-
-
-def _hunts(time: Floats, angle: Floats, rests: list[tuple[int, int]]) -> tuple[float, ...]:
-    motions = []
-    for begin, end in rests:
-        stamps = time[begin:end]
-        if stamps[-1] - stamps[0] < FOR - 1.5 * (stamps[1] - stamps[0]):
-            continue
-        # the first second belongs to the motion before
-        late = stamps >= max(stamps[-1] - FOR, stamps[0] + LONG_ENOUGH)
-        motions.append(float(np.ptp(angle[begin:end][late])))
-    return tuple(motion for motion in motions if motion > HUNTS)
 
 
 MOST_LIMIT = 3.0

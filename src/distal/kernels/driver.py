@@ -78,7 +78,9 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 AHEAD = 2
-"""Number of groups of items that are in work or ready, for each worker. Source: judgement."""
+"""Number of groups of items for each worker: one in work, one ready. Source: definition (the least
+with which no worker waits).
+"""
 
 
 def in_order(

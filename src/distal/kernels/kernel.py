@@ -9,9 +9,8 @@ import ctypes
 import os
 import threading
 import warnings
-from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
 from threading import RLock
 from typing import Literal, TypeVar, cast
 
@@ -231,12 +230,6 @@ def _warn(reason: str) -> None:
     )
 
 
-MOST_KEPT = 128
-"""Largest number of kernels and functions that a process keeps; those that were not asked for the
-longest go first. Source: judgement.
-"""
-
-_KEPT: OrderedDict[tuple[object, ...], object] = OrderedDict()
 _TURNS = RLock()
 
 Made = TypeVar("Made")
@@ -272,18 +265,23 @@ def function_of(structure: Structure, make: Callable[[], ca.Function]) -> ca.Fun
 def forget() -> None:
     """Drop all kernels and functions that this process keeps, so that they are made anew."""
     with _TURNS:
-        _KEPT.clear()
+        _place.cache_clear()
+
+
+@lru_cache
+def _place(key: tuple[object, ...]) -> list[object]:
+    """Return the place of what is kept by a key, empty at first; the cache drops what was not asked
+    for the longest.
+    """
+    return []
 
 
 def _kept(key: tuple[object, ...], make: Callable[[], Made]) -> Made:
     with _TURNS:
-        made = _KEPT.get(key)
-        if made is None:
-            made = _KEPT[key] = make()
-            if len(_KEPT) > MOST_KEPT:
-                _KEPT.popitem(last=False)
-        _KEPT.move_to_end(key)
-    return cast(Made, made)
+        place = _place(key)
+        if not place:
+            place.append(make())
+        return cast(Made, place[0])
 
 
 def probe() -> tuple[Backend, str, float]:

@@ -41,7 +41,6 @@ from distal.rig.learned import (
     arrays_file,
     as_table,
 )
-from distal.rig.mjcf.excursion import compare_lengths
 from distal.rig.mjcf.importer import from_mujoco
 from distal.rig.overrides import ALL, parse_assignment, set_value
 from distal.rig.plausibility import (
@@ -125,7 +124,6 @@ __all__ = [
     "as_table",
     "build_rig",
     "check_scales",
-    "compare_lengths",
     "contact_shape",
     "description_path",
     "description_text",

@@ -61,11 +61,6 @@ inside the 95 % band, and the mean half-width of that band [°]. In a closed loo
 true angle's distance from its reference; the band is always judged by the estimate.
 """
 
-STEPS = 4
-"""The number of sub-steps of a plant is a multiple of this, so that designs of different stiffness
-share few kernels [1]. Source: judgement.
-"""
-
 BUILT = "built: "
 """Beginning of the names of columns that hold the draws of a rig as built, in standard
 deviations.
@@ -291,7 +286,8 @@ def _setup_of(plan: Plan, scenario_rig: Rig, task: Task) -> _Setup | DistalError
         }
         plant = Mechanism(rig.with_values(fixed) if fixed else rig, remembers=True)
         dt, steps, needed = timing(plant, scenario)
-        count = -(-needed // STEPS) * STEPS
+        # a power of two, so that designs of different stiffness share few kernels
+        count = 1 << (needed - 1).bit_length()
         inputs = body_inputs(scenario, plant, dt * np.arange(steps, dtype=np.float64))
         name = str(task.design.get(ESTIMATOR, plan.study.estimator))
         if name != DEFAULT:
