@@ -128,7 +128,8 @@ def limited(value: Vector, most: Scalar) -> Vector:
 
 VIOLATED = 1e6
 """Cost of a newton below the minimum beside that of a newton above it [1]: where no solution keeps
-all tendons taut, the nearest to that is taken. Source: judgement.
+all tendons taut, the nearest to that is taken. Source: definition (a penalty: any number far above
+ratios of moment arms).
 """
 
 SINGULAR = 1e-12

@@ -33,9 +33,6 @@ from distal.units import unit_factor
 WINDOW = 12.0
 """Length of the time axis of the curves [s]. Source: layout."""
 
-LONGEST = 600.0
-"""Length after which a log that is saved ends [s]. Source: judgement."""
-
 FACTORS = {
     "friction": (
         "friction",
@@ -164,7 +161,6 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
         "interval": plant.interval,
         "band": BAND,
         "window": WINDOW,
-        "longest": LONGEST,
         "numbers": len(mechanism.parameters.names),
         "told": list(module.outputs),
         "plain": module.inextensible,

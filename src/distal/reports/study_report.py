@@ -163,8 +163,9 @@ def _drawn(case: Case) -> Figure:
     with figure(size=(7.2, 2.4)) as (drawing, (axes,)):
         axes.plot(case.time, case.truth, label="truth", **TRUTH)
         band = {"color": colour(0), "alpha": BAND_ALPHA, "linewidth": 0}
-        low, high = (estimate - case.half, estimate + case.half)
-        axes.fill_between(case.time, low, high, label="95 % band", **band)
+        axes.fill_between(
+            case.time, estimate - case.half, estimate + case.half, label="95 % band", **band
+        )
         axes.plot(case.time, estimate, label="estimate", linewidth=1.2, **curve_style(0))
         axes.set_xlabel("time [s]")
         axes.set_ylabel("angle [°]")

@@ -137,9 +137,9 @@ class CrossedPinned(Crossed, Pinned):
     """A tendon that ends at a pin of a joint's link, one of several that it crosses."""
 
 
-NEWTON_STEPS = 12
+NEWTON_STEPS = 6
 """Number of Newton's iterations that invert the excursion, which is nearly linear [1]. Source:
-judgement.
+rounding (of 200,000 random linkages whose arm varies fourfold, none is off by more than 2e-15 rad).
 """
 
 

@@ -19,6 +19,7 @@ from distal.kernels import (
     structure_of,
 )
 from distal.model import Mechanism, interval_step
+from distal.model.stepping import RESOLUTION
 from distal.rig import Subsystem, independent_parts
 
 
@@ -180,11 +181,6 @@ PRESLIDING = 20.0
 stiffness. It is so large that friction sets in nearly at once. Source: judgement.
 """
 
-RESOLVED = 0.5
-"""Largest product of an interval and the natural frequency of that stiffness [1]. Source:
-judgement.
-"""
-
 
 def presliding_stiffness(mechanism: Mechanism, drive: int) -> Scalar:
     """Return the stiffness of a drive's internal friction before it slips, in the drive's
@@ -210,7 +206,7 @@ def longest_interval(mechanism: Mechanism) -> float:
         square = ca.Function("square", [q, p.symbols], [square])(
             np.zeros(mechanism.n_bodies), p.values
         )
-        longest = min(longest, RESOLVED / float(np.sqrt(float(square))))
+        longest = min(longest, RESOLUTION / float(np.sqrt(float(square))))
     return longest
 
 

@@ -29,11 +29,6 @@ REVISED = 21
 [1]. Source: definition (files of orca_core).
 """
 
-NARROWEST = 7.0
-"""Some joint of a hand has a wider range than this [°]; if none has, the ranges are in radians,
-since a whole turn of 2π would read as 6.3°. Source: definition (a whole turn in radians).
-"""
-
 
 def _rising(ends: tuple[float, float]) -> tuple[float, float]:
     if not ends[0] < ends[1]:
@@ -96,11 +91,6 @@ def from_orca(config: str | Path, calibration: str | Path | None = None) -> Impo
     for joint in motors:
         if joint not in hand.joint_roms:
             raise RigError(f"{path}: joint_roms: '{joint}' needs two ends, none came")
-    if max(high - low for low, high in map(hand.joint_roms.__getitem__, motors)) < NARROWEST:
-        raise RigError(
-            f"{path}: joint_roms: no joint turns by more than {NARROWEST:g}°; they are degrees, "
-            "and these look as if they were in radians"
-        )
     rows = list[Row]()
     notes = list[str]()
     for joint, signed in motors.items():
