@@ -23,14 +23,9 @@ function of its own. Source: judgement.
 PRODUCT = "product"
 """Name of the functions of large products."""
 
-UNROLLED_PRODUCT = 12
-"""Largest number of nonzeros of a sparse right factor for which a product is written number by
-number instead of as a loop. Source: judgement.
-"""
-
-UNROLLED_SUM = 9
-"""Largest number of terms for which a sum is written term by term instead of as a loop. Source:
-judgement.
+UNROLLED_TERMS = 12
+"""Largest number of terms of a sum, and of nonzeros of a sparse right factor, that are written one
+by one instead of as a loop. Source: judgement.
 """
 
 
@@ -56,7 +51,7 @@ def product(work: Workspace, step: Step) -> list[str]:
         at = x.sparsity().get_triplet()
         return _sparse_left(work, step, (rows, inner, columns), *at)
     at = y.sparsity().get_triplet()
-    if len(at[0]) <= UNROLLED_PRODUCT:
+    if len(at[0]) <= UNROLLED_TERMS:
         return _sparse_right_unrolled(work, step, rows, columns, list(zip(*at)))
     return _sparse_right(work, step, rows, columns, *at)
 
@@ -124,7 +119,7 @@ def _dense(work: Workspace, step: Step, rows: int, inner: int, columns: int) -> 
         positions = [at(to, shifted("i", rows * (first + c)) + f" + {rows} * j") for c in together]
         starts = [memory.dialect.constant(0.0) if zero else position for position in positions]
         sums = ", ".join(f"s{c} = {start}" for c, start in enumerate(starts))
-        short = inner <= UNROLLED_SUM
+        short = inner <= UNROLLED_TERMS
         terms = []
         for k in map(str, range(inner)) if short else ["k"]:
             left = at(x, shifted("i", rows * int(k)) if short else f"i + {rows} * k")

@@ -201,12 +201,6 @@ class Scenario(Description):
         None, description="a controller that commands the drives beside that"
     )
 
-    @model_validator(mode="after")
-    def _not_endless(self) -> Self:
-        if self.duration > 36_000.0:
-            raise ValueError(f"duration: at most 10 hours are simulated, {self.duration:g} s came")
-        return self
-
     def plant_rig(self, rig: Rig) -> Rig:
         """Return the rig as the plant really is.
 
