@@ -265,12 +265,12 @@ def function_of(structure: Structure, make: Callable[[], ca.Function]) -> ca.Fun
 def forget() -> None:
     """Drop all kernels and functions that this process keeps, so that they are made anew."""
     with _TURNS:
-        _place.cache_clear()
+        _slot.cache_clear()
 
 
 @lru_cache
-def _place(key: tuple[object, ...]) -> list[object]:
-    """Return the place of what is kept by a key, empty at first; the cache drops what was not asked
+def _slot(key: tuple[object, ...]) -> list[object]:
+    """Return the slot of what is kept by a key, empty at first; the cache drops what was not asked
     for the longest.
     """
     return []
@@ -278,10 +278,10 @@ def _place(key: tuple[object, ...]) -> list[object]:
 
 def _kept(key: tuple[object, ...], make: Callable[[], Made]) -> Made:
     with _TURNS:
-        place = _place(key)
-        if not place:
-            place.append(make())
-        return cast(Made, place[0])
+        slot = _slot(key)
+        if not slot:
+            slot.append(make())
+        return cast(Made, slot[0])
 
 
 def probe() -> tuple[Backend, str, float]:

@@ -109,7 +109,7 @@ def from_orca(config: str | Path, calibration: str | Path | None = None) -> Impo
             if not 0.02 < ratio < 50.0:
                 raise RigError(
                     f"'{joint}': motor {motor} turns {ratio:.3g} times as far as it; from 0.02 to "
-                    "50 is possible"
+                    "50 is possible: are joint_roms, which are degrees, in radians?"
                 )
             of_config = {
                 "ratio_std": ASSUMED.travel_share_std,
