@@ -6,8 +6,8 @@ microcontroller that is most of the memory, and it has no vector lanes. docs/res
 has the figures.
 
 From text to function, each module knows only those above it: ``number_types``, ``memory``,
-``workspace``, then the writers, each a function from an instruction to lines of C (``slices``,
-``products``), and ``emitter`` for all functions.
+``workspace``, then ``writers``, each a function from an instruction to lines of C, and ``emitter``
+for all functions.
 
 An operation of matrices that has no C yet is one more writer, and one more line in the table of
 ``emitter``.

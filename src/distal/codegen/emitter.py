@@ -15,8 +15,6 @@ import casadi as ca
 
 from distal.codegen.memory import Memory, Value, for_each
 from distal.codegen.number_types import BINARY, CALLED, INLINE, CodeError, Dialect
-from distal.codegen.products import dot, product, rank_one
-from distal.codegen.slices import argument, constant, get, join, put, shape, split, transpose
 from distal.codegen.workspace import (
     Cost,
     Dataflow,
@@ -27,6 +25,19 @@ from distal.codegen.workspace import (
     Writer,
     Written,
     framed,
+)
+from distal.codegen.writers import (
+    argument,
+    constant,
+    dot,
+    get,
+    join,
+    product,
+    put,
+    rank_one,
+    shape,
+    split,
+    transpose,
 )
 
 LARGEST_COPIED = 60

@@ -1,5 +1,6 @@
-"""`distal simulate`, `distal scenarios`, `distal scenario show`; and `distal drift`: hours of a
-scenario whose plant changes, with and without an angle that is known from time to time.
+"""Commands that simulate: `distal simulate`, `distal scenarios`, `distal scenario show`; `distal
+drift`, hours of a scenario whose plant changes, with and without an angle that is known from time
+to time; `distal study`, `distal studies`.
 """
 
 from __future__ import annotations
@@ -12,9 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from typer import Option
+from typer import Argument, Option
 
-from distal.cli.console import progress_bar, say, table, warn, working
+from distal.cli.console import progress_bar, say, stoppable, table, warn, working
 from distal.cli.shared_options import (
     ScenarioArgument,
     SeedOption,
@@ -23,6 +24,7 @@ from distal.cli.shared_options import (
     check_ending,
     check_folder,
     rigs,
+    studies,
     to_file,
     to_folder,
 )
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
     from distal.rig import Rig
     from distal.run import PieceEstimate
     from distal.simulation import Rezero, Scenario
+    from distal.study import Folder, Plan, Space
 
 
 app = typer.Typer(help="Look at scenarios.", no_args_is_help=True)
@@ -251,3 +254,87 @@ def _with_progress(
     for piece in pieces:
         show(f"{name}: {100 * piece.log.time[-1] / duration:.0f} % simulated and estimated")
         yield piece
+
+
+STUDY = "A shipped study's name (see `distal studies`) or a TOML file."
+"""Help of the argument that names a study."""
+
+
+def study_command(
+    study: Annotated[str, Argument(help=STUDY, autocompletion=studies)],
+    out: Annotated[
+        Path | None, Option(help="Folder for rows and answer; one that is there goes on.")
+    ] = None,
+    workers: Annotated[
+        int | None, Option(min=1, max=1024, help="Processes here; default one per core.")
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        Option(metavar="tcp://HOST:PORT", help="A Dask scheduler, whose workers run it instead."),
+    ] = None,
+    suggest: Annotated[
+        bool,
+        Option(
+            "--suggest",
+            help="Say which sensor, number or calibration narrows the band most, instead.",
+        ),
+    ] = False,
+) -> None:
+    """Ask of many designs, each built many times, whether a requirement is met, and write the
+    answer as a page.
+    """
+    from distal.errors import StudyError
+    from distal.study import load_study, open_folder, run_study, space_of
+
+    plan = load_study(study)
+    space = space_of(plan)
+    if suggest:
+        _suggest(plan)
+        return
+    if out is None:
+        raise StudyError(
+            "--out is missing: give the folder for rows and answer; one that is there goes on"
+        )
+    folder = open_folder(plan, out)
+    with stoppable():
+        try:
+            with progress_bar("runs") as show:
+                run_study(plan, space, folder, workers, scheduler, show)
+        except KeyboardInterrupt:
+            say(f"what is done is kept in {folder.path}; the same command goes on")
+            raise
+        _answer(plan, space, folder)
+
+
+def _answer(plan: Plan, space: Space, folder: Folder) -> None:
+    from distal.reports import study_report
+    from distal.study.answer import answer_of
+
+    columns = folder.gather()
+    answer = answer_of(plan, space, columns)
+    page = study_report(plan, space, columns, answer, folder.path)
+    say(answer.sentence)
+    say(f"wrote {page}, {folder.path / 'answer.json'} and {folder.path / 'rows.parquet'}")
+
+
+def _suggest(plan: Plan) -> None:
+    from distal.study.suggest import PLANTS, suggestions
+
+    with progress_bar("options") as show:
+        base, options = suggestions(plan, show)
+    rows = [
+        (option.words, f"{degrees(option.band):.3g}", f"{degrees(option.error):.3g}")
+        for option in (base, *options)
+    ]
+    columns = ["option", "band ± [°]", f"RMS over {PLANTS} plants [°]"]
+    table(plan.study.name or plan.rig.name, columns, rows)
+    say(f"narrowest band: {options[0].words}")
+
+
+def list_studies_command() -> None:
+    """List the shipped studies."""
+    from distal.study import load_study, shipped_studies
+
+    studies = [(name, load_study(name).study) for name in shipped_studies()]
+    rows = [(name, study.name, study.rig, ", ".join(study.scenarios)) for name, study in studies]
+    table("studies", ["study", "title", "rig", "scenarios"], rows, text=4)
