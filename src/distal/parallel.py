@@ -90,13 +90,11 @@ def on_cluster(
         raise error("--scheduler needs Dask; pip install '.[dask]'") from None
     try:
         client = Client(address, timeout=PATIENCE, set_as_default=False)
-        versions = client.get_versions()
     except (OSError, ValueError, ImportError, TypeError) as problem:
         raise error(
             f"no scheduler answers at {address} ({str(problem)[:80]}); start one: dask scheduler"
         ) from None
     with client:
-        _check_versions(versions, error)
         keys = {
             client.submit(_far, function, arguments, error, __version__, pure=False): key
             for key, arguments in tasks.items()
@@ -130,18 +128,3 @@ def _far(
             f"a worker has distal {__version__}, this is {version}; install the same on all"
         )
     return function(*arguments)
-
-
-def _check_versions(
-    versions: Mapping[str, Mapping[str, Mapping[str, str]]], error: type[DistalError]
-) -> None:
-    """Refuse a scheduler with another version of Dask or Python than is here."""
-    for package, length in (("python", 2), ("distributed", 3), ("dask", 3)):
-        local, remote = (
-            ".".join(versions[side]["packages"][package].split(".")[:length])
-            for side in ("client", "scheduler")
-        )
-        if local != remote:
-            raise error(
-                f"the scheduler has {package} {remote}, this is {local}; install the same on all"
-            )

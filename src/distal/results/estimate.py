@@ -334,30 +334,6 @@ class Estimate:
                 )
         return list(columns.values())
 
-    def contacts(self, sigmas: float = 5.0, joint: int = 0) -> list[float]:
-        """Return the times at which contacts with a joint begin [s].
-
-        A contact begins where the external torque exceeds `sigmas` of its standard deviations,
-        after it was below half of that. With 5 there was no false contact in ten minutes
-        (`python -m benchmarks.strangers contact`).
-
-        Args:
-            joint: index of the joint.
-
-        Raises:
-            EstimationError: the rig excludes such a torque for a joint.
-        """
-        ratio = np.abs(self.external_torques[:, joint]) / np.maximum(
-            self.external_torque_stds[:, joint], 1e-300
-        )
-        onsets = list[float]()
-        touched = False
-        for time, level in zip(self.time.tolist(), ratio.tolist()):
-            if not touched and level > sigmas:
-                onsets.append(time)
-            touched = level > (sigmas / 2 if touched else sigmas)
-        return onsets
-
     def torque_errors(self) -> Floats:
         """Return estimated minus true external torque [N m], NaN where the truth is not known.
 
