@@ -1,6 +1,6 @@
 """One sample of the inverse: from desired angles to the setpoints of the drives.
 
-The torques τ that the joints need (`Balance`) give the pulls f with A f = τ (`distribution`). Each
+The torques τ that the joints need (`Balance`) give the pulls f with A f = τ (`torques`). Each
 drive goes to the position s at which its tendons pull so by the model, T(θ, s) = f. Since T grows
 with s, Newton's steps within a bracket find it. The internal state (backlash, points of sheaths,
 creep) is kept from sample to sample and follows the commands.
