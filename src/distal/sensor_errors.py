@@ -152,15 +152,6 @@ class SensorErrors:
         return read
 
 
-def measure(
-    sensor: Sensor, true: Floats, travel: tuple[float, float], rng: np.random.Generator
-) -> Floats:
-    """Return what a sensor reads over a whole run, (n,), of `true` values [SI] over a `travel`
-    [SI]; see `SensorErrors`.
-    """
-    return SensorErrors([sensor], [travel], [rng]).read(true[:, None])[:, 0]
-
-
 def quantisation_variance(step: float) -> float:
     """Return the variance of the error of rounding to a `step` Δ: Δ²/12 (Widrow and Kollár,
     Quantization Noise, 2008).

@@ -19,9 +19,9 @@ from distal.errors import RigError
 from distal.estimators import AdaptiveFilter, first_values
 from distal.fitting.fitted_file import fitted_text
 from distal.rig import build_rig, independent_parts, rig_text
-from distal.rig.sensors.motions import VALUES as IMU_VALUES
+from distal.rig.sensors.imu import VALUES as IMU_VALUES
 from distal.run import samples_of
-from distal.study.design_space import built_values, draws_of, scores
+from distal.study.plants import built_values, draws_of, scores
 
 TABLE = """
 [[sensors]]
@@ -258,12 +258,8 @@ def test_a_sensor_of_a_new_kind_is_one_file_and_a_line_in_a_list() -> None:
         if re.search(r"\bimu\b|\bImu|Gyroscope|Accelerometer", path.read_text(encoding="utf-8"))
     ]
     # `base` only says in the description of a key which kinds there are
-    assert sorted(named) == [
-        "rig/sensors/base.py",
-        "rig/sensors/motions.py",
-        "rig/sensors/registry.py",
-    ]
-    assert sizes()["src/distal/rig/sensors/motions.py"] <= 1200
+    assert sorted(named) == ["rig/sensors/base.py", "rig/sensors/imu.py", "rig/sensors/registry.py"]
+    assert sizes()["src/distal/rig/sensors/imu.py"] <= 1200
 
 
 def test_the_first_sample_may_miss_it(rig: Rig, logs: list[Log]) -> None:

@@ -15,16 +15,8 @@ from distal.rig.drives import Capstan
 from distal.rig.quantities import ONE, Parameter
 from distal.rig.sensors.base import Measurand, Part, Parts, Role
 from distal.rig.sensors.forces import FORCE, TENSION, TORQUE, ForceSensor, TorqueSensor
-from distal.rig.sensors.motions import (
-    ANGLE,
-    IMU,
-    POSITION,
-    VALUES,
-    Accelerometer,
-    AngleSensor,
-    Gyroscope,
-    LengthSensor,
-)
+from distal.rig.sensors.imu import IMU, VALUES, Accelerometer, Gyroscope
+from distal.rig.sensors.motions import ANGLE, POSITION, AngleSensor, LengthSensor
 from distal.units import unit_factor
 
 MEASURANDS: dict[str, Measurand] = {
