@@ -1,13 +1,15 @@
 """Results of an estimator on a log: angles, bands and innovations, and their plots."""
 
-from distal.results.angle_plots import (
+from distal.results.estimate import Estimate
+from distal.results.plots import (
+    HEALTH_COLOURS,
     PANELS,
     check_panels,
     draw_estimate,
+    in_order,
     plot_estimates,
+    pulls_of,
 )
-from distal.results.estimate import Estimate
-from distal.results.innovation_plots import HEALTH_COLOURS, in_order, pulls_of
 from distal.results.style import (
     BAD,
     BAND_ALPHA,

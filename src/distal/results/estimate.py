@@ -15,7 +15,7 @@ from distal.confidence import COVERED, half_width, in_percent
 from distal.errors import EstimationError, did_you_mean
 from distal.estimators import UNITS_OF_JOINTS, StateKind, kinds_by_joint, states_of
 from distal.logs import header, pandas_frame, polars_frame
-from distal.results.angle_plots import PlotOptions, plot_estimates
+from distal.results.plots import PlotOptions, plot_estimates
 from distal.results.style import SummaryRow, html_table
 from distal.rig import std_name
 
