@@ -36,7 +36,8 @@ a sample, the drives' positions and the internal state at the start. Source: jud
 
 STEPS = 14
 """Number of Newton's steps to the drives' positions (or halvings of the bracket, where a tendon is
-slack or in its backlash) and to the angles at which joints rest. Source: judgement.
+slack or in its backlash) and to the angles at which joints rest. Source: rounding (half as many
+change the commands of the shipped rigs by less than 1e-12 m or rad).
 """
 
 FLATTEST = 1e-6
