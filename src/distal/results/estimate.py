@@ -273,17 +273,6 @@ class Estimate:
         return nis
 
     @property
-    def log_likelihood(self) -> float:
-        """Log-likelihood of the log: the sum of ln p(ν) over all innovations, with ν normal of
-        variance S.
-        """
-        finite = np.isfinite(self.innovations)
-        variances = self.innovation_variances[finite]
-        return float(
-            -0.5 * np.sum(self.innovations[finite] ** 2 / variances + np.log(2 * np.pi * variances))
-        )
-
-    @property
     def external_torques(self) -> Floats:
         """Estimated external torques on the joints [N m], (k, n_joints).
 
