@@ -169,6 +169,14 @@ class Rig(Description):
         for kind, components in self.components.items():
             names = [component.name for component in components]
             _distinct(names, f"{kind}: the name")
+            for name in names:
+                # states are written as theta_NAME, position_NAME and, with _std behind it, their
+                # standard deviations
+                if name in ("std", "dot") or name.endswith("_std"):
+                    raise ValueError(
+                        f"{kind}: the name '{name}' would be mistaken for a column of an "
+                        "estimate; choose another"
+                    )
         for drive in self.drives:
             if not any(tendon.drive == drive.name for tendon in self.tendons):
                 raise ValueError(
