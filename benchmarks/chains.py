@@ -29,7 +29,7 @@ from distal.confidence import BAND
 from distal.errors import DistalWarning
 from distal.estimators import AdaptiveFilter
 from distal.model import Mechanism, chain_kick, interval_step, slipping, solver, stiffest_frequency
-from distal.model import stick_slip_motion as coupled
+from distal.model import chain as coupled
 from distal.results import Estimate
 from distal.rig import build_rig, step_of
 from distal.simulation import build_scenario

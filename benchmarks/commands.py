@@ -28,7 +28,7 @@ from benchmarks.shell import written
 from benchmarks.strangers.servo_plants import PERIOD, PLANTS, Servos
 from distal import Inverse, LiveEstimator, LiveInverse, Log, Monitor, Rig, load_rig
 from distal.confidence import BAND
-from distal.control.tracking import FOR, HUNTS, constant_parts
+from distal.control.tracking import constant_parts
 from distal.errors import DistalWarning
 from distal.inverse import Command, Commands, Feedback
 from distal.inverse.command_inputs import sent
@@ -53,6 +53,9 @@ RANGES = {
 """Of wanted angles [°]."""
 
 ENCODER = np.deg2rad(1.0)
+
+FOR, HUNTS = 2.0, float(np.deg2rad(0.3))
+"""How long wanted angles rest [s] and by how much a joint then turns back [rad] where it hunts."""
 
 METHODS = (
     "ratio",

@@ -26,6 +26,7 @@ from benchmarks.strangers.chain_plants import PLANTS, STEP, build_model, draw_tr
 from benchmarks.strangers.random_rigs import drawn_plant
 from distal import Log, Rig, load_scenario, scenario_rig
 from distal.control import PID, ClosedLoop, closed_loop, run_controller, trackings_of
+from distal.control.tracking import constant_parts
 from distal.run import by_hour, estimate_pieces
 from distal.simulation import Scenario, simulate_pieces
 
@@ -58,7 +59,22 @@ def figures(run: ClosedLoop) -> tuple[float, float, int]:
         float(np.rad2deg(np.sqrt(np.mean(np.square(values)))))
         for values in ([one.rms for one in each], [one.estimate_rms for one in each])
     )
-    return rms, wrong, sum(len(one.hunting) for one in each)
+    return rms, wrong, limit_cycles(run)
+
+
+def limit_cycles(run: ClosedLoop) -> int:
+    """Return how often a joint moves by more than 0.3° in the last 2 s of a time in which all
+    references are constant, its first second left out.
+    """
+    count = 0
+    for begin, end in constant_parts(run.time, *run.references.values()):
+        stamps = run.time[begin:end]
+        late = stamps >= max(stamps[-1] - 2.0, stamps[0] + 1.0)
+        if stamps[-1] - stamps[0] >= 2.0 - 1.5 * (stamps[1] - stamps[0]):
+            joints = [run.rig.joint_names.index(name) for name in run.references]
+            motions = np.ptp(run.angles[begin:end, joints][late], axis=0)
+            count += int(np.sum(motions > np.deg2rad(0.3)))
+    return count
 
 
 def with_plant(

@@ -14,7 +14,7 @@ from functools import partial
 from benchmarks.report import table
 from distal import Rig, diagnose, estimate, load_scenario, scenario_rig, simulate
 from distal.diagnosis import Diagnosis
-from distal.study.plants import built_values, draws_of, scores
+from distal.study.design_space import built_values, draws_of, scores
 
 SCENARIOS = ("lab-bench", "series-2", "finger", "wrist")
 FIRST, LONGEST = 900, 12.0

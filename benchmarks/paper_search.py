@@ -15,7 +15,7 @@ import json
 import sys
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, compress
 from multiprocessing import get_context
 from pathlib import Path
@@ -30,6 +30,7 @@ from distal.logs import check_outputs, outputs_in, write_together
 from distal.paper.claims import measured, statements
 from distal.paper.series import Plant, run_series
 from distal.results import BLACK, COLOURS, PALE, figure, figure_bytes, make_folder
+from distal.simulation import Scenario
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -82,6 +83,27 @@ NEEDED = ("series-1-soft", "series-1", "series-2", "series-2-high")
 """Scenarios of the tests on which the statements are measured."""
 
 
+@dataclass(frozen=True)
+class DrawnPlant(Plant):
+    """A plant of the search, on which a hand turns the link to an angle [rad] on each side in
+    Series 1.
+    """
+
+    turned: float = 0.0
+
+    def scenario(self, series: str) -> Scenario:
+        """Return a shipped scenario on this plant."""
+        scenario = super().scenario(series)
+        hand = scenario.joints["link"].hand if "link" in scenario.joints else None
+        if hand is None:
+            return scenario
+        share = self.turned / max(abs(angle) for angle in hand.angle.values)
+        signal = replace(hand.angle, values=tuple(share * angle for angle in hand.angle.values))
+        turning = hand.model_copy(update={"angle": signal})
+        link = scenario.joints["link"].model_copy(update={"hand": turning})
+        return scenario.model_copy(update={"joints": {"link": link}})
+
+
 def plant_of(values: Floats, reading: str) -> Plant:
     """Return the plant with given unknowns.
 
@@ -96,7 +118,7 @@ def plant_of(values: Floats, reading: str) -> Plant:
     changed |= zip(
         (f"joints.0.friction.{part}" for part in ("exponent", "reference", "preload")), joint
     )
-    return Plant("drawn", changed, float(np.deg2rad(turned)), reading == "x/r")
+    return DrawnPlant("drawn", changed, reading == "x/r", float(np.deg2rad(turned)))
 
 
 def margins_of(plant: Plant) -> Floats:

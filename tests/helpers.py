@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.estimators.adaptive import FilterContext
-from distal.rig import Rig
+from distal.rig import Rig, Sensor
+from distal.sensor_errors import SensorErrors
 
 Floats = NDArray[np.float64]
 
@@ -132,3 +133,12 @@ def without_stops(rig: Rig) -> Rig:
 def rms_degrees(values: Floats) -> float:
     """Return the root mean square of angles [rad] in degrees."""
     return float(np.rad2deg(np.sqrt(np.mean(np.square(values)))))
+
+
+def measure(
+    sensor: Sensor, true: Floats, travel: tuple[float, float], rng: np.random.Generator
+) -> Floats:
+    """Return what a sensor reads over a whole run, (n,), of `true` values [SI] over a `travel`
+    [SI]; see `SensorErrors`.
+    """
+    return SensorErrors([sensor], [travel], [rng]).read(true[:, None])[:, 0]

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from distal import Log, load_rig
-from distal.sensor_errors import measure
+from tests.helpers import measure
 
 R, K, C, LINK_FRICTION = 9.53e-3, 806.0, 0.2, 0.5 * 3.18e-3
 

@@ -16,12 +16,12 @@ from distal.sensor_errors import (
     SensorErrors,
     drawn_curve,
     linearity_curve,
-    measure,
     quantised,
     quantised_values,
     systematic_variance,
     variance,
 )
+from tests.helpers import measure
 
 TRAVEL = (-5e-3, 15e-3)
 

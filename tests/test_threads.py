@@ -11,7 +11,7 @@ from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from distal import fit
 from distal.fitting import Doing
-from distal.threads import one_blas_thread
+from distal.parallel import one_blas_thread
 
 assert np.eye(2).sum() == 2.0  # its BLAS is loaded
 

@@ -17,7 +17,7 @@ import pytest
 from tools.untyped import found, problems, reasons, untyped
 
 import distal
-from distal.results.angle_plots import PlotOptions
+from distal.results.plots import PlotOptions
 
 PACKAGE = Path(distal.__file__).parent
 README = Path(__file__).parents[1] / "README.md"

@@ -13,7 +13,7 @@ from pydantic.fields import FieldInfo
 from distal.rig import Description, In, Parameter, Rig
 from distal.rig.quantities import KEYS
 from distal.simulation import Scenario
-from distal.simulation.signals import Signal, SignalIn
+from distal.simulation.scenario import Signal, SignalIn
 from distal.study import Study
 
 DOCS = Path(__file__).parents[1] / "docs" / "reference"

@@ -1,5 +1,5 @@
 """The band of an estimate: the share of errors that it is to hold, and its half-width in standard
-deviations.
+deviations; and thresholds by which finished and live estimates are judged alike.
 """
 
 from __future__ import annotations
@@ -16,24 +16,18 @@ BAND = NormalDist().inv_cdf((1 + COVERED) / 2)
 Source: definition (quantile).
 """
 
-LOWEST_LEVEL = 0.5
-"""Least level of a band that can be asked for [1]. Source: judgement."""
-
-HIGHEST_LEVEL = 0.999
-"""Largest such level [1]: beyond it, tails of errors are not normal. Source: judgement."""
-
 
 def half_width(level: float) -> float:
     """Return the half-width of a band that is to hold a share of the errors [standard deviations of
     a normal distribution].
 
     Raises:
-        EstimationError: `level` is not from 0.5 to 0.999.
+        EstimationError: `level` is not between 0 and 1.
     """
-    if not LOWEST_LEVEL <= level <= HIGHEST_LEVEL:
+    if not 0.0 < level < 1.0:
         raise EstimationError(
-            f"a level is the share of errors that a band is to hold, {LOWEST_LEVEL:g} to "
-            f"{HIGHEST_LEVEL:g}; {level:g} came"
+            "a level is the share of errors that a band is to hold, between 0 and 1; "
+            f"{level:g} came"
         )
     return NormalDist().inv_cdf((1 + level) / 2)
 
@@ -41,3 +35,14 @@ def half_width(level: float) -> float:
 def in_percent(level: float) -> str:
     """Return a level as it stands beside a band: 0.95 is `95 %`."""
     return f"{100 * level:.4g} %"
+
+
+SMALL = 0.05
+"""Mean of ν²/S below which a channel tests nothing: the filter's own uncertainty, not the channel's
+noise, then makes up most of S. Source: judgement.
+"""
+
+LARGE_PRIOR = 3.0
+"""A state has left its prior where it differs from the prior mean by more than this many prior
+standard deviations and its own standard deviation. Source: judgement.
+"""

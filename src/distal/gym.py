@@ -24,7 +24,7 @@ from distal.estimators import DEFAULT
 from distal.rig import Rig, angle_names, as_rig, std_name
 from distal.run import LiveEstimator, Monitor, Reading
 from distal.simulation import Scenario, load_scenario, scenario_rig
-from distal.study.plants import built_values, draws_of, scores
+from distal.study.design_space import built_values, draws_of, scores
 
 Observation = NDArray[np.float32]
 

@@ -99,10 +99,6 @@ def drawn_curve(
     return (largest / peak if ends[1] > ends[0] else 0.0) * weights, phases
 
 
-AHEAD = 256
-"""Number of samples whose noise is drawn at once [1]. Source: judgement."""
-
-
 class SensorErrors:
     """The errors of n sensors in one run, whose samples may come in groups of any size.
 
@@ -132,8 +128,8 @@ class SensorErrors:
 
     def draws(self, count: int) -> Floats:
         """Return the random numbers that the next samples will have, (count, n)."""
-        if len(self._drawn) < count:
-            more = max(AHEAD, count)
+        more = count - len(self._drawn)
+        if more > 0:
             self._drawn = np.vstack(
                 [self._drawn, np.column_stack([rng.normal(size=more) for rng in self._rngs])]
             )
@@ -154,15 +150,6 @@ class SensorErrors:
         ]
         read: Floats = np.array(ca.vertcat(*each)).T
         return read
-
-
-def measure(
-    sensor: Sensor, true: Floats, travel: tuple[float, float], rng: np.random.Generator
-) -> Floats:
-    """Return what a sensor reads over a whole run, (n,), of `true` values [SI] over a `travel`
-    [SI]; see `SensorErrors`.
-    """
-    return SensorErrors([sensor], [travel], [rng]).read(true[:, None])[:, 0]
 
 
 def quantisation_variance(step: float) -> float:

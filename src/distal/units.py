@@ -1,5 +1,6 @@
-"""Conversion of text with a unit, such as ``"4.239e-4 kg m^2"``, to a float in SI; it happens where
-data enter, and everything else is in SI.
+"""Numbers and text: text with a unit, such as ``"4.239e-4 kg m^2"``, becomes a float in SI where
+data enter, and everything else is in SI; numbers become text for people, with a given number of
+significant digits and units of convenient size.
 """
 
 from __future__ import annotations
@@ -7,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 from functools import lru_cache
+from math import degrees
 from numbers import Real
 from typing import TYPE_CHECKING
 
@@ -14,6 +16,7 @@ from distal.errors import UnitError
 
 if TYPE_CHECKING:
     import pint
+
 
 _NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _QUANTITY = re.compile(rf"^\s*({_NUMBER})\s*(.*?)\s*$")
@@ -183,3 +186,38 @@ def _shown(value: object) -> str:
     except ValueError:  # Python refuses to write out thousands of digits
         text = f"a number of type {type(value).__name__}"
     return text if len(text) <= 60 else text[:57] + "…"
+
+
+SMALLER = {"m": (1e3, " mm"), "kg": (1e3, " g"), "rad": (degrees(1.0), "°"), "": (1.0, "")}
+"""SI unit → factor and name of the unit in which its values are written; others have a prefix by
+their size.
+"""
+
+
+def rounded(value: float, digits: int = 2) -> str:
+    """Return a `value` of any unit as text with so many significant `digits`; a number with more
+    digits before the point keeps all of these.
+    """
+    if abs(value) >= 10.0**digits - 0.5:
+        return f"{value:.0f}"
+    return f"{value:.{digits}g}"
+
+
+def plain_number(value: float) -> str:
+    """Return a `value` of any unit to three digits, with a minus that is as long as a plus."""
+    return rounded(value, 3).replace("-", "−")
+
+
+def quantity(value: float, si: str) -> str:
+    """Return a value with a unit of convenient size to three digits, such as "8 mm" or "−20°".
+
+    Args:
+        value: value in the SI unit `si`.
+    """
+    from matplotlib.ticker import EngFormatter
+
+    if si in SMALLER:
+        factor, unit = SMALLER[si]
+        return f"{plain_number(factor * value)}{unit}"
+    text: str = EngFormatter(si.replace("N m", "N·m"))(float(f"{value:.3g}"))
+    return text

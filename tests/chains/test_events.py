@@ -35,7 +35,7 @@ from distal.estimators.adaptive.touch import (
     open_torques,
 )
 from distal.estimators.state_kinds import StateKind
-from distal.kernels.mask import MISSING, READ
+from distal.kernels.layout import MISSING, READ
 from distal.rig import NOTHING_NORMAL, FreeMotion, contact_shape
 from distal.simulation import build_scenario
 

@@ -102,7 +102,7 @@ def test_hours_are_told_one_by_one(tmp_path: Path) -> None:
 def test_the_share_of_the_hours_that_are_done_is_shown() -> None:
     from types import SimpleNamespace
 
-    from distal.cli.drift_command import _with_progress
+    from distal.cli.simulation_commands import _with_progress
 
     pieces = [SimpleNamespace(log=SimpleNamespace(time=[0.0, end])) for end in (900.0, 3600.0)]
     shown: list[str] = []

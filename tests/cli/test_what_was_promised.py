@@ -17,7 +17,7 @@ from distal.logs import Episode, episodes_of
 from distal.logs.atomic_writes import write_together
 from distal.rig import shipped_rigs
 from distal.rig.files import rig_text
-from distal.rounded import rounded
+from distal.units import rounded
 from tests.cli.test_cli import refused, run  # noqa: F401
 
 ORCA = """

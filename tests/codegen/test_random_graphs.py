@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from distal.codegen import Emitter, Lanes, Plain
-from distal.codegen.matrices import WRITERS
+from distal.codegen.emitter import WRITERS
 from distal.kernels import find_compiler
 from tests.codegen.graphs import given, matrix_graph, scalar_graph
 

@@ -195,7 +195,7 @@ def test_figures_of_a_step_response() -> None:
     assert one.effort == pytest.approx(np.sqrt(12.5))
     assert one.estimate_rms == pytest.approx(0.01)
     assert one.rms == pytest.approx(3 * DEGREE * np.sqrt(70 / 600))
-    assert one.hunting == ()
+    assert one.at_rest == 0.0
 
 
 def test_a_joint_that_never_arrives_and_one_that_hunts() -> None:
@@ -210,24 +210,21 @@ def test_a_joint_that_never_arrives_and_one_that_hunts() -> None:
     )  # it never becomes constant
     assert np.isnan(one.settling)
     assert np.isnan(one.overshoot)
-    for size, count in ((0.14, 0), (0.16, 1)):
-        swings = reference + np.where(time > 2, size * DEGREE * np.sin(2 * np.pi * time), 0.0)
-        (one,) = trackings_of(made(reference, swings, time))
-        assert len(one.hunting) == count
-    assert one.hunting[0] == pytest.approx(0.32 * DEGREE, rel=1e-3)
+    assert np.isnan(one.at_rest)
+    swings = reference + np.where(time > 2, 0.16 * DEGREE * np.sin(2 * np.pi * time), 0.0)
+    (one,) = trackings_of(made(reference, swings, time))
+    assert one.at_rest == pytest.approx(0.32 * DEGREE, rel=1e-3)
 
 
-def test_a_joint_that_swings_from_the_start_hunts() -> None:
-    """Two seconds of a constant reference: the first is that of the motion before, the second
-    tells.
-    """
+def test_a_motion_that_ends_is_none_at_rest() -> None:
+    """Only the second half of a constant reference tells of a limit cycle."""
     time = np.arange(0, 2, 0.005)
-    (one,) = trackings_of(made(0 * time + 10 * DEGREE, 30 * DEGREE * np.sin(40 * time), time))
-    assert one.hunting == (pytest.approx(60 * DEGREE, rel=1e-2),)
-    (one,) = trackings_of(
-        made(0 * time[:380] + 10 * DEGREE, 30 * DEGREE * np.sin(40 * time[:380]), time[:380])
-    )
-    assert one.hunting == ()
+    reference = 0 * time + 10 * DEGREE
+    (one,) = trackings_of(made(reference, 30 * DEGREE * np.sin(40 * time), time))
+    assert one.at_rest == pytest.approx(60 * DEGREE, rel=1e-2)
+    ended = np.where(time < 1, 30 * DEGREE * np.sin(40 * time), 10 * DEGREE)
+    (one,) = trackings_of(made(reference, ended, time))
+    assert one.at_rest == 0.0
 
 
 def test_where_a_reference_is_constant() -> None:

@@ -10,13 +10,13 @@ import pytest
 from benchmarks.cases import paper_log, paper_rig
 
 from distal import Estimate, Log, Rig, diagnose, estimate
+from distal.confidence import LARGE_PRIOR, SMALL
 from distal.diagnosis import Finding
 from distal.diagnosis import diagnose_estimate as of_estimate
 from distal.diagnosis.of_estimate import LARGE_RATIO, LONGEST, _neighbours, _since, statistics_of
 from distal.diagnosis.score_test import SPAN
 from distal.errors import EstimationError
 from distal.estimators import StateKind
-from distal.results import LARGE_PRIOR, SMALL
 
 
 def changed(log: Log, **channels: np.ndarray) -> Log:

@@ -8,7 +8,7 @@ import pytest
 from distal import Rig
 from distal.estimators import AdaptiveFilter
 from distal.estimators.gaps import rows_with_gaps
-from distal.kernels.mask import (
+from distal.kernels.layout import (
     COMPARED_ONLY,
     MISSING,
     READ,

@@ -10,7 +10,7 @@ import pytest
 from distal import Log, estimate, load_scenario, scenario_rig, simulate
 from distal.estimators.adaptive.drive_tracking import MEMORY, track_function
 from distal.estimators.adaptive.tuning import Robustness
-from distal.kernels.mask import MISSING
+from distal.kernels.layout import MISSING
 
 
 def test_the_place_becomes_unknown_at_a_constant_rate() -> None:

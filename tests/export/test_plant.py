@@ -19,8 +19,8 @@ from distal.export.plant_source import ExportedPlant, c_plant, resting_pull
 from distal.kernels import Kernel
 from distal.model import Mechanism
 from distal.rig import Sensor, gain_of, step_of, travel_of
-from distal.simulation.plant import at_rest, plant_function
-from distal.simulation.signal_inputs import BodyInputs
+from distal.simulation.plant import plant_function
+from distal.simulation.plant_motion import BodyInputs, at_rest
 from tests.export.test_export import CC, STRICT, needs_compiler
 
 pytestmark = needs_compiler

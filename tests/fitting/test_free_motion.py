@@ -19,7 +19,7 @@ from distal.estimators.adaptive.touch import DRIVE, FORCE
 from distal.fitting.learn_free_motion import NORMAL, SETTLING, closed_filter, free_motion_of, widest
 from distal.fitting.log_checks import touched_logs
 from distal.kernels import Feed, advance
-from distal.kernels.mask import READ
+from distal.kernels.layout import READ
 from distal.regression import ReportedMap, map_parameters, reporting_function
 from distal.rig import FreeMotion, felt_in_words
 from distal.run import JointContact, Monitor

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from distal import Rig, load_rig
-from distal.inverse.goal_gate import GoalGate, Sending
+from distal.inverse.goal_gate import GoalGate
 from distal.inverse.motor_readings import USUAL, Caution
 from distal.logs import FASTEST
 
@@ -63,20 +63,6 @@ def test_a_goal_stays_within_the_range_and_the_speed() -> None:
     free.read(0.01, np.zeros(4))
     sent = free.passed(0.01, np.full(4, 5.0))
     np.testing.assert_allclose(sent, FASTEST * 0.01 + USUAL.agrees * FINGER)
-
-
-class UpTo:
-    """A limit of one's own: no goal above a position."""
-
-    def ends(self, now: Sending) -> tuple[np.ndarray, np.ndarray]:
-        return np.full(4, -np.inf), np.full(4, 0.5e-3)
-
-
-def test_a_limit_of_ones_own_is_kept_with_the_others() -> None:
-    gate = GoalGate(two_motors())
-    gate.limits = (*gate.limits, UpTo())
-    gate.read(0.0, np.zeros(4))
-    np.testing.assert_array_equal(gate.passed(0.0, np.full(4, 1e-3)), 0.5e-3)
 
 
 def test_how_long_a_reading_is_believed_can_be_said() -> None:

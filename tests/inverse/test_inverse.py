@@ -17,9 +17,9 @@ from scipy.optimize import linprog
 from distal import Rig, load_rig
 from distal.errors import CommandError
 from distal.inverse import Commands, Inverse
-from distal.inverse.distribution import least_pulls
+from distal.inverse.torques import least_pulls
 from distal.rig import number
-from distal.study.plants import draws_of
+from distal.study.design_space import draws_of
 from tests.learned_maps import constant_map
 
 TIME = np.arange(0.0, 8.0, 0.01)

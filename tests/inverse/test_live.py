@@ -17,9 +17,9 @@ from distal import Inverse, LiveInverse, Rig, load_rig
 from distal.errors import CommandError
 from distal.inverse import Feedback
 from distal.inverse.command_inputs import followable, sent
-from distal.inverse.feedback import LEAVES
 from distal.inverse.live_inverse import ACROSS
 from distal.inverse.live_inverse_function import RESPONDS, SMOOTHED, guide_function, readings
+from distal.inverse.torques import LEAVES
 from tests.learned_maps import constant_map
 
 RIG = "paper-2008-observed"

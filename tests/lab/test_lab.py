@@ -24,8 +24,8 @@ from distal.kernels import Kernel
 from distal.lab import lab_page
 from distal.model import Mechanism
 from distal.rig import number
-from distal.simulation.plant import at_rest, plant_function
-from distal.simulation.signal_inputs import BodyInputs
+from distal.simulation.plant import plant_function
+from distal.simulation.plant_motion import BodyInputs, at_rest
 from tests.browser import BROWSER, Page, opened
 
 pytestmark = [

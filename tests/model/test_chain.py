@@ -613,11 +613,10 @@ def test_the_arms_of_a_polynomial_are_the_slopes_of_its_length() -> None:
     for empty in ({"joints": []}, {"terms": []}, {"range": []}):
         with pytest.raises(ValueError, match="at least 1 item"):
             Polynomial.model_validate({**one, **empty})
-    for powers in ([10], [-1]):
-        with pytest.raises(ValueError, match="must be from 0 to 9"):
-            Polynomial.model_validate(
-                {**one, "terms": [{"powers": powers, "coefficient": 1e-3}, *one["terms"]]}
-            )
+    with pytest.raises(ValueError, match="greater than or equal to 0"):
+        Polynomial.model_validate(
+            {**one, "terms": [{"powers": [-1], "coefficient": 1e-3}, *one["terms"]]}
+        )
     highest = {"powers": [9], "coefficient": 1e-3}
     assert Polynomial.model_validate({**one, "terms": [highest]}).arms({"mcp": 1.0})[
         "mcp"

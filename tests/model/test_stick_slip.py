@@ -12,7 +12,7 @@ import pytest
 
 from distal.kernels import Kernel
 from distal.model import slipping, soft, solver
-from distal.model.stick_slip_motion import EVENTS, SWEEPS, _swept
+from distal.model.chain import EVENTS, SWEEPS, _swept
 
 
 def velocities(matrix: ca.SX, load: ca.SX, up: ca.SX, down: ca.SX) -> ca.SX:

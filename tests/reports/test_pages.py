@@ -12,7 +12,7 @@ import pytest
 from distal import Fit, Log, Rig, estimate, fit, load_scenario, scenario_rig, simulate
 from distal.paper.paper_figures import FIGURES
 from distal.reports import fit_report
-from distal.reports.fitting_figures import draw_residuals, draw_traces
+from distal.reports.fitting import draw_traces
 from distal.reports.page import page, paragraph, picture
 from distal.results import Html, html_table
 from tests.results.test_plots import legends_lie_beside
@@ -67,18 +67,11 @@ def test_the_figures_of_a_fit(logs: list[Log], rig: Rig) -> None:
     legend = [text.get_text() for text in traces.axes[0].get_legend().get_texts()]
     assert legend == ["truth", "after, 95 % band", "before, 95 % band"]
     assert legends_lie_beside(traces)
-    left = draw_residuals(logs, results, results, rig)
-    assert [axes.get_xlabel() for axes in left.axes] == ["angle θ [°]", "speed [°/s]", "u1 [N]"]
-    assert legends_lie_beside(left)
     blind = [replace(log, truth={}) for log in logs]
     unknown = [replace(result, truths=None) for result in results]
     assert [a.get_ylabel() for a in draw_traces(blind[0], unknown[0], unknown[0], rig).axes][
         1
     ] == "95 % band ± [°]"
-    assert (
-        draw_residuals(blind, unknown, unknown, rig).axes[0].get_ylabel()
-        == "innovation / its std, u1"
-    )
 
 
 @pytest.mark.slow
@@ -86,7 +79,7 @@ def test_the_page_of_a_fit(fitted: Fit, logs: list[Log], tmp_path: Path) -> None
     path = fit_report(fitted, logs, tmp_path / "report")
     text = path.read_text(encoding="utf-8")
     assert [file.name for file in path.parent.iterdir()] == ["index.html"]
-    assert text.count("<figure>") == len(logs) + 3
+    assert text.count("<figure>") == len(logs) + 2
     for said in (
         "What was found",
         "joints.link.friction.coefficient",

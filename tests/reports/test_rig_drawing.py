@@ -19,10 +19,10 @@ from typer.testing import CliRunner
 from distal import Rig, load_rig
 from distal.cli.app import app
 from distal.reports import draw_rig, rig_svg
-from distal.reports.drawing_panel import LAYOUT
+from distal.reports.rig_drawing import LAYOUT
 from distal.results import COLOURS, save_figure
 from distal.rig import build_rig, shipped_rigs
-from distal.rounded import quantity
+from distal.units import quantity
 
 LONG = "a_name_that_has_thirty_letters"
 

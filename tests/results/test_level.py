@@ -16,8 +16,8 @@ def test_a_level_is_that_of_a_normal_distribution() -> None:
     assert half_width(COVERED) == pytest.approx(1.959964, abs=1e-6)
     assert half_width(0.6827) == pytest.approx(1.0, abs=1e-3)
     assert in_percent(0.995) == "99.5 %"
-    for level in (0.49, 0.9999):
-        with pytest.raises(distal.DistalError, match=r"0.5 to 0.999"):
+    for level in (0.0, 1.0, float("nan")):
+        with pytest.raises(distal.DistalError, match=r"between 0 and 1; .* came"):
             half_width(level)
 
 

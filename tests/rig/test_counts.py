@@ -10,7 +10,8 @@ import pytest
 from distal import Rig, load_rig
 from distal.errors import RigError
 from distal.rig import build_rig, log_factor, step_of
-from distal.sensor_errors import measure, variance
+from distal.sensor_errors import variance
+from tests.helpers import measure
 
 ENCODER = {"unit": "count", "counts_per_turn": 4096, "gear": 50}
 MOTOR = {"unit": "mA", "torque_constant_motor": "24 mN m/A", "gear": 50}

@@ -21,7 +21,7 @@ from distal.fitting.fitted_file import fitted_text
 from distal.rig import build_rig, independent_parts, rig_text
 from distal.rig.sensors.imu import VALUES as IMU_VALUES
 from distal.run import samples_of
-from distal.study.plants import built_values, draws_of, scores
+from distal.study.design_space import built_values, draws_of, scores
 
 TABLE = """
 [[sensors]]

@@ -175,7 +175,7 @@ REFUSED = [
     ("joints.0.initial={ value = 1, std = 1, drift = 1 }", r"has no drift"),
     (
         "tendons.0.stiffness={ value = 800, factor = 0.5 }",
-        r"factor must be above 1 and at most 100, 0.5 came",
+        r"factor must be above 1, 0.5 came",
     ),
     (
         "tendons.0.stiffness={ value = 800, factor = 3, std = 9 }",
@@ -379,5 +379,5 @@ def test_a_torque_declared_after_the_fit_is_said_to_belong_before_it() -> None:
 
 def test_a_path_with_too_many_keys_is_refused() -> None:
     """A path of thousands of keys would end Python's stack."""
-    with pytest.raises(RigError, match="has 2000 parts; no value of a rig has more than 12"):
+    with pytest.raises(RigError, match="has 2000 parts; no value of a rig has so many"):
         load_rig("paper-2008", [f"{'.'.join(['a'] * 2000)}=1"])

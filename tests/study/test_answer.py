@@ -15,12 +15,12 @@ from plotly.offline import get_plotlyjs
 
 from distal.errors import StudyError
 from distal.reports import study_report
-from distal.rounded import quantity
 from distal.study import Plan, Space, space_of
 from distal.study.answer import CASES, Answer, _worst, answer_of, influences_of
 from distal.study.execution import Columns
 from distal.study.runs import MEASURES, Task, run_chunk
 from distal.study.shares import Verdict, proportion
+from distal.units import quantity
 from tests.study.plans import small, still
 
 STIFF, NOISE = "tendons.*.stiffness", "sensors.u1.noise"

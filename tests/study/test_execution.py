@@ -134,29 +134,10 @@ def test_a_scheduler_that_is_not_there_is_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("distal.cluster.PATIENCE", 0.3)
+    monkeypatch.setattr("distal.parallel.PATIENCE", 0.3)
     plan = small()
     with pytest.raises(StudyError, match=r"no scheduler answers at tcp://127\.0\.0\.1:9"):
         run_study(plan, space_of(plan), open_folder(plan, tmp_path), scheduler="tcp://127.0.0.1:9")
-
-
-def test_a_scheduler_of_another_version_is_one_line() -> None:
-    from distal.cluster import _check_versions
-
-    packages = {"python": "3.12.1.final.0", "distributed": "2026.1", "dask": "2026.1"}
-    own = {"packages": packages}
-    _check_versions({"client": own, "scheduler": own}, StudyError)
-    _check_versions(
-        {"client": own, "scheduler": {"packages": packages | {"python": "3.12.9.final.0"}}},
-        StudyError,
-    )
-    for package, version, said in (
-        ("distributed", "2025.1", "distributed 2025.1, this is 2026.1; install the same"),
-        ("python", "3.11.1.final.0", "python 3.11, this is 3.12; install the same"),
-    ):
-        other = {"packages": packages | {package: version}}
-        with pytest.raises(StudyError, match=f"the scheduler has {said}"):
-            _check_versions({"client": own, "scheduler": other}, StudyError)
 
 
 COMMAND = """

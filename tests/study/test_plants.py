@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import kstest, truncnorm
 
 from distal import load_rig
-from distal.study.plants import built_values, draws_of, scores
+from distal.study.design_space import built_values, draws_of, scores
 
 FRICTION = "joints.0.friction.coefficient"
 

@@ -15,8 +15,7 @@ from distal.estimators.adaptive.filter_function import adaptive_function
 from distal.kernels import Kernel
 from distal.results import Estimate
 from distal.run import samples_of
-from distal.study.design_space import rig_of, space_of
-from distal.study.plants import built_values, draws_of, scores
+from distal.study.design_space import built_values, draws_of, rig_of, scores, space_of
 from distal.study.runs import Task, run_chunk, run_tasks
 from tests.study.plans import small, still
 

@@ -13,22 +13,15 @@ import typer
 from typer import Option
 
 from distal.cli import (
-    calibrate_command,
-    command_command,
-    control_command,
-    doctor_command,
-    drift_command,
+    control_commands,
     estimate_command,
     export_command,
     fit_command,
-    lab_command,
     learn_command,
-    reproduce_command,
+    page_commands,
     rig_commands,
-    simulate_command,
+    simulation_commands,
     stream_command,
-    study_command,
-    view_command,
 )
 from distal.cli.console import TRACEBACK, fault, show_warnings
 from distal.errors import LONGEST_LINE, DistalError, OutputError, one_line
@@ -48,31 +41,31 @@ app = typer.Typer(
 )
 COMMANDS: dict[str, Callable[..., None]] = {
     "estimate": estimate_command.estimate_command,
-    "view": view_command.view_command,
-    "lab": lab_command.lab_command,
+    "view": page_commands.view_command,
+    "lab": page_commands.lab_command,
     "learn": learn_command.learn_command,
     "fit": fit_command.fit_command,
-    "calibrate": calibrate_command.calibrate_command,
-    "simulate": simulate_command.simulate_command,
-    "command": command_command.command_command,
-    "control": control_command.control_command,
-    "drift": drift_command.drift_command,
-    "study": study_command.study_command,
-    "studies": study_command.list_studies_command,
+    "calibrate": fit_command.calibrate_command,
+    "simulate": simulation_commands.simulate_command,
+    "command": control_commands.command_command,
+    "control": control_commands.control_command,
+    "drift": simulation_commands.drift_command,
+    "study": simulation_commands.study_command,
+    "studies": simulation_commands.list_studies_command,
     "stream": stream_command.stream_command,
     "export-c": export_command.export_command,
     "export-fmu": export_command.fmu_command,
-    "reproduce": reproduce_command.reproduce_command,
+    "reproduce": page_commands.reproduce_command,
     "rigs": rig_commands.list_rigs_command,
-    "scenarios": simulate_command.list_scenarios_command,
-    "doctor": doctor_command.doctor_command,
+    "scenarios": simulation_commands.list_scenarios_command,
+    "doctor": page_commands.doctor_command,
 }
 """Name → function of the commands that are in no group, in the order of the help."""
 
 for _name, _command in COMMANDS.items():
     app.command(_name)(_command)
 app.add_typer(rig_commands.app, name="rig")
-app.add_typer(simulate_command.app, name="scenario")
+app.add_typer(simulation_commands.app, name="scenario")
 
 
 def _version(desired: bool) -> None:

@@ -16,7 +16,6 @@ from typer import Argument, Option
 
 from distal.cli.comparison import Comparison, compared, say_errors
 from distal.cli.console import continue_on_failure, failure, progress_bar, say, table, warn, working
-from distal.cli.paths import check_command_outputs, check_ending, check_folder, to_file, to_folder
 from distal.cli.shared_options import (
     HomingOption,
     PlotOption,
@@ -24,9 +23,14 @@ from distal.cli.shared_options import (
     SetOption,
     TruthOption,
     UnitOption,
+    check_command_outputs,
+    check_ending,
+    check_folder,
     estimators,
     homing_time,
     joint_angle,
+    to_file,
+    to_folder,
 )
 from distal.errors import DistalError, DistalWarning, EstimationError, OutputError
 

@@ -11,8 +11,13 @@ import typer
 from typer import Option
 
 from distal.cli.console import say, table, warn, working
-from distal.cli.paths import check_command_outputs, to_file, to_folder
-from distal.cli.shared_options import RigArgument, SetOption
+from distal.cli.shared_options import (
+    RigArgument,
+    SetOption,
+    check_command_outputs,
+    to_file,
+    to_folder,
+)
 
 ExportedOption = Annotated[
     str, Option("--estimator", "-e", help="adaptive, ekf, ekf-2008, inextensible or elastic.")

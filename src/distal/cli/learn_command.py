@@ -19,16 +19,17 @@ from distal.cli.fit_command import (
     say_scores,
     written_at_once,
 )
-from distal.cli.paths import (
+from distal.cli.rig_commands import app
+from distal.cli.shared_options import (
+    LagOption,
     check_command_outputs,
     check_ending,
     check_new,
+    lag_time,
     to_file,
     to_folder,
     write_each,
 )
-from distal.cli.rig_commands import app
-from distal.cli.shared_options import LagOption, lag_time
 from distal.errors import EstimationError, RigError
 
 if TYPE_CHECKING:

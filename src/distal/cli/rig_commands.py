@@ -14,9 +14,15 @@ import typer
 from typer import Argument, Option
 
 from distal.cli.console import say, table, warn, working
-from distal.cli.paths import check_command_outputs, check_ending, check_new, to_file
-from distal.cli.shared_options import RigArgument, SetOption
-from distal.rounded import rounded
+from distal.cli.shared_options import (
+    RigArgument,
+    SetOption,
+    check_command_outputs,
+    check_ending,
+    check_new,
+    to_file,
+)
+from distal.units import rounded
 
 if TYPE_CHECKING:
     from distal.rig import Imported

@@ -21,8 +21,15 @@ import typer
 from typer import Option
 
 from distal.cli.console import warn, working
-from distal.cli.paths import check_command_outputs, check_ending, to_file
-from distal.cli.shared_options import EstimatorOption, RigOption, SetOption, UnitOption
+from distal.cli.shared_options import (
+    EstimatorOption,
+    RigOption,
+    SetOption,
+    UnitOption,
+    check_command_outputs,
+    check_ending,
+    to_file,
+)
 from distal.errors import LogError, OutputError, printable
 
 if TYPE_CHECKING:

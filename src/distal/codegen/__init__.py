@@ -5,17 +5,15 @@ CasADi's own generator copies each slice of a vector and keeps a slot per interm
 microcontroller that is most of the memory, and it has no vector lanes. docs/results/performance.md
 has the figures.
 
-From text to function, each module knows only those above it: ``operations``, ``number_types``,
-``memory``, ``placement``, ``workspace``, then the writers, each a function from an instruction to
-lines of C (``slices``, ``products``), ``matrices`` and ``scalars``, and ``emitter`` for all
-functions.
+From text to function, each module knows only those above it: ``number_types``, ``memory``,
+``workspace``, then ``writers``, each a function from an instruction to lines of C, and ``emitter``
+for all functions.
 
 An operation of matrices that has no C yet is one more writer, and one more line in the table of
-``matrices``.
+``emitter``.
 """
 
 from distal.codegen.emitter import Emitter, unused
-from distal.codegen.number_types import Dialect, Lanes, Plain
-from distal.codegen.operations import CodeError
+from distal.codegen.number_types import CodeError, Dialect, Lanes, Plain
 
 __all__ = ["CodeError", "Dialect", "Emitter", "Lanes", "Plain", "unused"]

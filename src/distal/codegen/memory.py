@@ -13,8 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from distal.codegen.number_types import Dialect
-from distal.codegen.operations import CodeError
+from distal.codegen.number_types import CodeError, Dialect
 
 UNROLLED = 3
 """Largest number of elements for which a copy or an element-wise operation is written element by

@@ -12,10 +12,9 @@ from distal.control.closed_loop import (
     run_controller,
     simulate,
 )
-from distal.control.control_figures import plot_control
 from distal.control.controlled_plant import ControlledPlant, SteppedPlant
 from distal.control.controllers import PID, Held
-from distal.control.tracking import Tracking, trackings_of
+from distal.control.tracking import Tracking, plot_control, trackings_of
 
 __all__ = [
     "COMMAND",

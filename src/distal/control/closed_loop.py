@@ -12,14 +12,13 @@ import numpy as np
 from distal.arrays import Floats
 from distal.control.controlled_plant import ControlledPlant, SteppedPlant
 from distal.control.controllers import PID, CommandedForces, Held
-from distal.errors import ControlError
+from distal.errors import ControlError, did_you_mean
 from distal.estimators import DEFAULT, ESTIMATORS
 from distal.logs import Log
 from distal.rig import Rig, as_rig
 from distal.run import LiveEstimator, Monitor, Reading
 from distal.sensor_errors import quantisation_variance, quantised_values
 from distal.simulation import Control, Scenario, load_scenario, simulate_plant
-from distal.suggestions import did_you_mean
 from distal.units import to_si
 
 Controller: TypeAlias = Callable[[float, Mapping[str, float], Reading], Mapping[str, float]]

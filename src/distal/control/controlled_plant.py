@@ -14,26 +14,22 @@ from typing import Protocol
 import numpy as np
 
 from distal.arrays import Floats
-from distal.errors import ControlError, ScenarioError
+from distal.errors import ControlError, ScenarioError, did_you_mean
 from distal.kernels import Feed, advance
 from distal.logs import Log
 from distal.model import Mechanism
 from distal.rig import Rig
 from distal.simulation import Scenario
-from distal.simulation.plant import (
+from distal.simulation.plant import plant_kernel
+from distal.simulation.plant_motion import (
     PlantMotion,
     at_rest,
     equilibrium,
-    plant_kernel,
+    initial_angles,
     rows_of,
 )
 from distal.simulation.readings import Sampler, stamps_of
-from distal.simulation.signal_inputs import initial_angles
 from distal.simulation.simulate import log_of, prepare
-from distal.suggestions import did_you_mean
-
-SHORTEST_PERIOD = 1e-4
-"""Shortest period between two commands of a controller [s]. Source: judgement."""
 
 
 class SteppedPlant(Protocol):
@@ -83,8 +79,8 @@ class ControlledPlant:
     def __init__(
         self, rig: Rig | str | Path, scenario: Scenario | str | Path, period: float
     ) -> None:
-        if not period >= SHORTEST_PERIOD:
-            raise ControlError(f"period: at least {SHORTEST_PERIOD:g} s, {period:g} s came")
+        if not period > 0.0:
+            raise ControlError(f"period: a time above 0 s, {period:g} s came")
         prepared = prepare(rig, scenario, period=period)
         if prepared.scenario.schedule or prepared.scenario.rezero is not None:
             raise ControlError(

@@ -14,8 +14,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.expressions import Vector
 from distal.inverse import Feedback, LiveInverse
-from distal.inverse.distribution import solved
-from distal.inverse.feedback import feedback_torques
+from distal.inverse.torques import feedback_torques, solved
 from distal.kernels import Evaluation, Layout
 from distal.model import Mechanism
 from distal.rig import Rig

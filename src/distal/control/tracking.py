@@ -1,34 +1,44 @@
-"""How well a controlled joint keeps to its reference."""
+"""How well a controlled joint keeps to its reference: in numbers, and as a figure that compares
+several feedbacks.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import inf, nan
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from distal.arrays import Floats
+from distal.confidence import BAND
 from distal.control.closed_loop import ClosedLoop
+from distal.results import (
+    BAND_ALPHA,
+    BLACK,
+    COLOURS,
+    DASHES,
+    SOFT,
+    figure,
+    legend_above,
+    save_figure,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 
 SETTLED = float(np.deg2rad(2.0))
 """Largest deviation of a joint that has settled from its reference [rad]: 5 % of a step of 40°.
 Source: judgement.
 """
 
-HUNTS = float(np.deg2rad(0.3))
-"""Motion above which a joint hunts although all references are constant [rad]. Source:
-judgement.
-"""
-
-FOR = 2.0
-"""Time over which this motion is measured, at the end of a part in which references are constant
-[s]. Source: judgement.
-"""
-
 LONG_ENOUGH = 1.0
-"""Shortest time for which a reference must be constant to say how a joint settles [s]. In the
-search for hunting, the same time at the begin of a constant part is left out. Source: judgement.
+"""Shortest time for which a reference must be constant to say how a joint settles [s]. Source:
+judgement.
 """
 
 
@@ -44,8 +54,8 @@ class Tracking:
             where it does not, NaN where no reference is constant.
         effort: RMS of all commands [N or N m].
         estimate_rms: RMS error of the angle that the controller was told [rad].
-        hunting: motions of limit cycles, by how much the angle varies although the references are
-            constant [rad].
+        at_rest: largest motion in the second half of a time in which all references are constant,
+            by which a limit cycle shows [rad]; NaN where they never are.
     """
 
     joint: str
@@ -54,15 +64,14 @@ class Tracking:
     settling: float
     effort: float
     estimate_rms: float
-    hunting: tuple[float, ...]
+    at_rest: float
 
 
 def trackings_of(run: ClosedLoop) -> tuple[Tracking, ...]:
     """Return how each controlled joint that has a reference keeps to it."""
     names = run.rig.joint_names
     effort = float(np.sqrt(np.mean([np.mean(commands**2) for commands in run.commands.values()])))
-    # hunting is looked for where all references are constant: a joint that another one shakes does
-    # not hunt
+    # where a reference changes, it shakes the other joints too: that is no limit cycle
     still = constant_parts(run.time, *run.references.values())
     trackings = []
     for name, reference in run.references.items():
@@ -80,7 +89,7 @@ def trackings_of(run: ClosedLoop) -> tuple[Tracking, ...]:
             settling=max((time for _, time in steps), default=nan),
             effort=effort,
             estimate_rms=float(np.sqrt(np.mean(errors**2))) if len(errors) else nan,
-            hunting=_hunts(run.time, angle, still),
+            at_rest=max((float(np.ptp(angle[(a + b) // 2 : b])) for a, b in still), default=nan),
         )
         trackings.append(tracking)
     return tuple(trackings)
@@ -112,13 +121,61 @@ def _step(
     return over, inf if last == end else float(time[last] - time[begin])
 
 
-def _hunts(time: Floats, angle: Floats, rests: list[tuple[int, int]]) -> tuple[float, ...]:
-    motions = []
-    for begin, end in rests:
-        stamps = time[begin:end]
-        if stamps[-1] - stamps[0] < FOR - 1.5 * (stamps[1] - stamps[0]):
-            continue
-        # the first second belongs to the motion before
-        late = stamps >= max(stamps[-1] - FOR, stamps[0] + LONG_ENOUGH)
-        motions.append(float(np.ptp(angle[begin:end][late])))
-    return tuple(motion for motion in motions if motion > HUNTS)
+MOST_LIMIT = 3.0
+"""End of the axis of deviations, as a multiple of the best run's; a run that is lost leaves the
+axis. Source: layout.
+"""
+
+
+def plot_control(runs: Sequence[ClosedLoop], path: str | Path | None = None) -> Figure:
+    """Draw the reference and, for each feedback, the true angle, its deviation and a command; also
+    the error of the first estimator with its 95 % band.
+
+    The `runs` are of one scenario with different feedbacks; the joint is the first one that is
+    controlled.
+    """
+    first = runs[0]
+    name = next(iter(first.references))
+    j = first.rig.joint_names.index(name)
+    reference = np.rad2deg(first.references[name])
+    time = first.time
+    with figure(3, 1, (6.5, 6.2), sharex=True, height_ratios=(3, 2, 2)) as (drawing, axes):
+        axes[0].plot(time, reference, color=BLACK, lw=1.0, dashes=(4, 2), label="reference")
+        worst = []
+        for k, run in enumerate(runs):
+            angle = np.rad2deg(run.angles[:, j])
+            look = {"color": COLOURS[k], "lw": 1.2, "linestyle": DASHES[k]}
+            axes[0].plot(time, angle, label=f"fed back by {run.feedback}", **look)
+            axes[1].plot(time, angle - reference, **look)
+            worst.append(float(np.quantile(np.abs(angle - reference), 0.98)))
+            effort = next(iter(run.commands))
+            # a feedback that chatters stands behind the others
+            axes[2].plot(time, run.commands[effort], zorder=3 - 0.1 * k, **look)
+        estimated = next((run for run in runs if run.feedback not in ("encoder", "ratio")), None)
+        if estimated is not None:
+            error = np.rad2deg(estimated.estimates[:, j] - estimated.angles[:, j])
+            half = BAND * np.rad2deg(estimated.stds[:, j])
+            axes[1].plot(
+                time,
+                error,
+                color=SOFT,
+                lw=0.8,
+                label=f"error of {estimated.feedback} and its 95 % band",
+            )
+            axes[1].fill_between(
+                time, error - half, error + half, color=SOFT, alpha=BAND_ALPHA, lw=0
+            )
+            legend_above(axes[1])
+        limit = MOST_LIMIT * min(worst)
+        span = float(np.ptp(reference)) or 1.0
+        axes[0].set_ylim(reference.min() - 0.4 * span, reference.max() + 0.4 * span)
+        axes[1].set_ylim(-limit, limit)
+        axes[0].set_ylabel(f"angle of {name} [°]")
+        axes[1].set_ylabel("from reference [°]")
+        drive = first.rig.drives[0]
+        axes[2].set_ylabel(f"command {drive.name} [{'N' if drive.kind == 'slider' else 'N m'}]")
+        axes[2].set_xlabel("time [s]")
+        legend_above(axes[0])
+    if path is not None:
+        save_figure(drawing, path)
+    return drawing

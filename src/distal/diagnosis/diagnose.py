@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from distal.arrays import Bools, Floats
-from distal.confidence import BAND, COVERED
+from distal.confidence import BAND, COVERED, LARGE_PRIOR
 from distal.diagnosis.causes import Cause, causes_of
 from distal.diagnosis.finding import COMPLIANCE, SCALE, ZERO, Finding, Kind, named_cause
 from distal.diagnosis.known_motion import sizes
@@ -29,11 +29,11 @@ from distal.errors import EstimationError
 from distal.estimators import AdaptiveFilter
 from distal.estimators.read_channels import dead_after
 from distal.logs import Log
-from distal.results import LARGE_PRIOR, Estimate
+from distal.results import Estimate
 from distal.rig import Rig, position_range
-from distal.rounded import rounded
 from distal.run.offline import estimator_for
 from distal.run.redundancy import unlike_free_motion
+from distal.units import rounded
 
 OUTSIDE_SHARE = 0.05
 """Share of a log's samples outside a drive's range, or outside the range of a fit, from which on a

@@ -9,7 +9,7 @@ import numpy as np
 
 from distal.diagnosis.causes import UNITS, Cause
 from distal.rig import Rig
-from distal.rounded import rounded
+from distal.units import rounded
 
 Kind = Literal[
     "against the truth",

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from distal.arrays import Floats
+from distal.confidence import LARGE_PRIOR, SMALL
 from distal.diagnosis.finding import Finding, Kind
 from distal.diagnosis.score_test import SPAN, quantile, span_sums
 from distal.estimators import StateKind
 from distal.results.estimate import Estimate
-from distal.results.thresholds import LARGE_PRIOR, SMALL
 
 LARGE_RATIO = 1.7
 """Largest normal mean of ν²/S of a channel where no fit has learned it [1]; a filter is an

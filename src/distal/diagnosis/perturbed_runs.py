@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from distal.arrays import Floats
+from distal.confidence import LARGE_PRIOR
 from distal.diagnosis.causes import Cause, starts_of
 from distal.diagnosis.score_test import ScoreTest
 from distal.estimators import AdaptiveFilter, Belief, Robustness, first_values
 from distal.kernels import in_order
 from distal.logs import LARGEST_READING, Log, true_angles
-from distal.results import LARGE_PRIOR
 from distal.run.offline import out_of_bounds, prepared
 
 MOST_SAMPLES = 6000

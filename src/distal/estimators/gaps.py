@@ -1,7 +1,7 @@
 """Gaps between samples: several predictions bridge a long interval, so that sub-steps stay short.
 
-A row of a kernel's input is x = (dt, values, mask), see `distal.kernels.mask`. A row that bridges a
-gap has no sample of its own: nothing is read in it, and displacements are interpolated along a
+A row of a kernel's input is x = (dt, values, mask), see `distal.kernels.layout`. A row that bridges
+a gap has no sample of its own: nothing is read in it, and displacements are interpolated along a
 straight line to the reading that ends the gap.
 """
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
 from distal.errors import EstimationError
-from distal.kernels.mask import MISSING, bridge
+from distal.kernels.layout import MISSING, bridge
 
 MOST_BRIDGES = 100_000
 """Largest number of predictions that bridge one gap [1]. Source: judgement."""

@@ -128,7 +128,7 @@ def update(
         residuals: z − h(x⁻), (m,).
         jacobian: H, (m, n).
         variances: R, (m,).
-        mask: READ or MISSING, see `distal.kernels.mask`, (m,); a value that is MISSING changes
+        mask: READ or MISSING, see `distal.kernels.layout`, (m,); a value that is MISSING changes
             nothing.
     """
     prior = mean

@@ -14,7 +14,7 @@ from distal.estimators.estimator_protocol import KernelEstimator
 from distal.estimators.read_channels import Channels, channels_of, sensor_for
 from distal.expressions import Matrix, Scalar, Vector
 from distal.kernels import Kernel, kernel_state_layout
-from distal.kernels.mask import is_read
+from distal.kernels.layout import is_read
 from distal.model import Mechanism, solver
 from distal.rig import Rig, Sensor, angle_names, gain_of, tendon_angle_name
 from distal.sensor_errors import systematic_variance, variance

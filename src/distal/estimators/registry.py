@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from distal.errors import EstimationError
+from distal.errors import EstimationError, did_you_mean
 from distal.estimators.adaptive import AdaptiveFilter
 from distal.estimators.estimator_protocol import KernelEstimator
 from distal.estimators.full_state import FullStateFilter, paper_noise, rig_noise
 from distal.estimators.kinematic import KinematicEstimator
 from distal.estimators.regression_estimator import RegressionEstimator
 from distal.rig import Rig
-from distal.suggestions import did_you_mean
 
 ESTIMATORS: dict[str, Callable[[Rig, bool], KernelEstimator]] = {
     "adaptive": lambda rig, compiled: AdaptiveFilter(rig, compiled),

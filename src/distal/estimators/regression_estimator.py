@@ -15,6 +15,7 @@ from distal.estimators.estimator_protocol import KernelEstimator
 from distal.estimators.read_channels import Channels, channels_of
 from distal.kernels import Kernel, kernel_state_layout
 from distal.logs import Log, TruthKind, frozen, true_angles
+from distal.parallel import one_blas_thread
 from distal.regression import (
     PlacedMap,
     Samples,
@@ -27,7 +28,6 @@ from distal.regression import (
     map_parameters,
 )
 from distal.rig import LearnedMap, Rig, angle_names, independent_parts
-from distal.threads import one_blas_thread
 
 NAME = "regression"
 

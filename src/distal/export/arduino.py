@@ -11,8 +11,7 @@ from pathlib import Path
 
 from distal.confidence import BAND
 from distal.errors import OutputError
-from distal.export.c_text import comment, filled, sensors_of
-from distal.export.health_source import spoken
+from distal.export.c_text import comment, filled, sensors_of, spoken
 from distal.export.project import readme, write_files
 from distal.export.source import Exported, c_filter
 from distal.rig import Rig, log_factor, log_unit
@@ -116,16 +115,22 @@ def _sensors(exported: Exported) -> str:
     counted = 0
     for i, sensor in enumerate(sensors_of(exported.estimator)):
         if sensor.measures in ("position", "angle"):
-            template, unit, pin = _ENCODER, "count", 2 + 2 * counted
+            template = _ENCODER
+            unit = "count"
+            pin = 2 + 2 * counted
             turns = sensor.si == "rad"
             factor, why = (2 * pi / 4096, "2 * pi / 4096 of a turn") if turns else (1e-5, "10 um")
             counted += 1
         else:
-            template, unit, pin = _ANALOG, "mA", i - counted
-            factor, why = 1e-2, f"0.01 {sensor.si}"
+            template = _ANALOG
+            unit = "mA"
+            pin = i - counted
+            factor = 1e-2
+            why = f"0.01 {sensor.si}"
         why += "; SET YOURS"
         if log_unit(sensor) == unit:
-            factor, why = sensor.sign * log_factor(sensor), f"as the rig has it, a {unit}"
+            factor = sensor.sign * log_factor(sensor)
+            why = f"as the rig has it, a {unit}"
         values = {
             "name": exported.name,
             "i": i,

@@ -21,8 +21,7 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from distal.errors import ExportError
-from distal.export.c_text import comment, filled, sensors_of
-from distal.export.health_source import spoken
+from distal.export.c_text import comment, filled, sensors_of, spoken
 from distal.export.source import Exported, c_filter, outputs
 from distal.kernels import find_compiler
 from distal.kernels.compiler import LOG, SWITCHED_OFF, CompileError, run_compiler, zig_compiler

@@ -26,15 +26,16 @@ from distal.export.c_text import (
     comment,
     fields_of,
     filled,
+    health_codes,
+    health_source,
     numbered,
     sensor_texts,
     sensors_of,
     shared_blanks,
 )
-from distal.export.health_source import health_codes, health_source
 from distal.export.replay import replay_program
 from distal.homing import homing_filter
-from distal.kernels.mask import MISSING, READ
+from distal.kernels.layout import MISSING, READ
 from distal.logs import LARGEST_READING
 from distal.rig import Rig
 from distal.run.monitor import ANYWHERE

@@ -28,10 +28,10 @@ from distal.fitting.scores import WRITTEN
 from distal.from_logs import rig_from_logs
 from distal.homing import check_homing
 from distal.logs import Log, Source, read_log, shown, true_angles
+from distal.parallel import one_blas_thread
 from distal.regression import FEWEST_LOGS, folds_of, groups_of, servos_of
 from distal.rig import Rig, as_rig, load_rig
 from distal.run import estimate
-from distal.threads import one_blas_thread
 
 PROMISED = 2.0
 """Ratio of a rig's error on a log that it was learned from to that on logs left out, above which it

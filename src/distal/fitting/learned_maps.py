@@ -17,9 +17,9 @@ from distal.fitting.map_samples import filtered, reference_variances, torques_of
 from distal.fitting.map_search import HeldOut, clearly_gains, learned_map
 from distal.homing import check_homing
 from distal.logs import Log, Source, read_log, true_angles, true_torques
+from distal.parallel import one_blas_thread
 from distal.regression import Samples, folds_of, splits, yardstick_error
 from distal.rig import LearnedMap, MapArrays, Rig, as_rig
-from distal.threads import one_blas_thread
 
 Part = dict[str, tuple[str, ...]]
 """The fields of a `LearnedMap` that say what it speaks of and reads."""

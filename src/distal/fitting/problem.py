@@ -27,7 +27,7 @@ from distal.fitting.likelihood import (
     shares_of,
 )
 from distal.kernels import Feed, Kernel, advance, advance_all, covariance_of, mean_of
-from distal.kernels.mask import COMPARED_ONLY
+from distal.kernels.layout import COMPARED_ONLY
 
 PROBED = 0.3
 """Share of a step after which its bend is found. Source: judgement."""

@@ -26,7 +26,7 @@ from distal.logs import Log, shown
 from distal.regression import YARDSTICKS
 from distal.results import BLACK, COLOURS, figure
 from distal.rig import Rig
-from distal.rounded import rounded
+from distal.units import rounded
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

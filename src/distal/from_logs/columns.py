@@ -8,7 +8,7 @@ from itertools import combinations, permutations
 
 import numpy as np
 
-from distal.errors import LogError
+from distal.errors import LogError, did_you_mean
 from distal.from_logs.column_names import (
     LIKELY,
     ROLES,
@@ -28,7 +28,6 @@ from distal.from_logs.column_values import (
 from distal.from_logs.raw_log import RawLog, time_column
 from distal.logs import name_and_unit
 from distal.rig import name_of
-from distal.suggestions import did_you_mean
 
 CERTAIN = 99.0
 """How much a user's word speaks for a role [1]. Source: definition (more than any name)."""

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from distal.arrays import Floats
-from distal.errors import CommandError, DistalError, EstimationError
+from distal.errors import CommandError, DistalError, EstimationError, did_you_mean
 from distal.hands.calibrate import Calibrated, calibrate
 from distal.hands.motors import TorqueLimited, motors_of
 from distal.hands.routine import Routine, RoutineOptions
@@ -24,7 +24,6 @@ from distal.logs.atomic_writes import check_writable
 from distal.rig import Capstan, Rig, as_rig
 from distal.run import HEALTH, LiveEstimator, LogUnits, Monitor, Reading
 from distal.run.log_units import HOTTEST
-from distal.suggestions import did_you_mean
 
 HOT = 65.0
 """Temperature above which a motor is hot [°C]. Source: judgement."""

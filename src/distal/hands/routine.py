@@ -10,12 +10,11 @@ from math import isfinite, nan
 
 import numpy as np
 
-from distal.errors import CommandError
+from distal.errors import CommandError, did_you_mean
 from distal.hands.sweeps import FEWEST, STRONGEST, is_pair, needed, sweep_channels_of
 from distal.inverse.goal_gate import GoalGate
 from distal.logs import Log
 from distal.rig import Capstan, Rig, check_scales, independent_parts
-from distal.suggestions import did_you_mean
 
 OF_PAIR = 0.15
 """Torque at which a sweep turns back, of a motor with a pair of tendons [N m]. Source: judgement.

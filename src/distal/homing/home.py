@@ -22,9 +22,9 @@ from distal.estimators import (
 from distal.homing.reference import TRUTH_NOISE
 from distal.kernels import covariance_of, mean_of, variances_of
 from distal.logs import Log, frozen, true_torques
+from distal.parallel import one_blas_thread
 from distal.regression import Samples, from_prior, from_window, given
 from distal.rig import LearnedMap, Rig
-from distal.threads import one_blas_thread
 
 
 @dataclass(frozen=True)

@@ -21,10 +21,10 @@ from distal.inverse.commands import (
     not_reached,
     within_stops,
 )
-from distal.inverse.distribution import LEAST_TENSION, least_tension_of
 from distal.inverse.live_inverse_function import readings
 from distal.inverse.rest import RestModel, position_variances
 from distal.inverse.setpoint_function import ROUNDS
+from distal.inverse.torques import LEAST_TENSION, least_tension_of
 from distal.kernels import (
     Advanced,
     Feed,

@@ -22,8 +22,7 @@ from distal.results import (
     save_figure,
 )
 from distal.rig import Rig, angle_names, effort_unit, gain_of, log_factor, position_unit, std_name
-from distal.rounded import rounded
-from distal.units import unit_factor
+from distal.units import rounded, unit_factor
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

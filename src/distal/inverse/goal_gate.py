@@ -1,7 +1,7 @@
 """The gate through which every goal of a motor goes: what does not pass is not sent.
 
 A motor gets no goal before its sensor was read, nor while its reading is in doubt. A goal is a
-finite position within every `Limit`: the motor's range, what it can go by then, and a way that is
+finite position within three limits: the motor's range, what it can go by then, and a way that is
 tried where it stands. A motor without a reading for `Caution.oldest` stops, and with it every motor
 whose tendons cross one of its joints.
 
@@ -16,9 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass
 from math import inf
-from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,70 +27,6 @@ from distal.logs.stamps import REWOUND
 from distal.rig import Rig, motor_range, position_range
 from distal.rig.drives import Drive
 from distal.run.live_estimator import LATEST
-
-
-class Sending(NamedTuple):
-    """What limits of goals depend on.
-
-    Args:
-        before: goals that were sent last, or readings before the first goal, (n_drives,) [m, rad].
-        since: time since then [s].
-        motors: what the motors read.
-    """
-
-    before: Floats
-    since: float
-    motors: MotorReadings
-
-
-class Limit(Protocol):
-    """Between which positions goals may lie."""
-
-    def ends(self, now: Sending) -> tuple[Floats, Floats]:
-        """Return the lowest and the highest goals, (n_drives,) each [m, rad]."""
-
-
-@dataclass(frozen=True)
-class RangeLimit:
-    """A goal is within the motor's range, [low, high], or no further beyond than the one before."""
-
-    low: Floats
-    high: Floats
-
-    def ends(self, now: Sending) -> tuple[Floats, Floats]:
-        """Return the lowest and the highest goals; see `Limit`."""
-        return np.fmin(self.low, now.before), np.fmax(self.high, now.before)
-
-
-@dataclass(frozen=True)
-class RateLimit:
-    """A goal changes no faster than the motor can go; back to where the motor is, it may go at
-    once.
-    """
-
-    def ends(self, now: Sending) -> tuple[Floats, Floats]:
-        """Return the lowest and the highest goals; see `Limit`."""
-        motors = now.motors
-        most = motors.fastest * min(now.since, motors.caution.oldest) + motors.agrees
-        return (
-            np.fmin(now.before - most, motors.position),
-            np.fmax(now.before + most, motors.position),
-        )
-
-
-@dataclass(frozen=True)
-class StandingLimit:
-    """A motor that stands is sent little beyond the goal with which it rests, until it moves."""
-
-    def ends(self, now: Sending) -> tuple[Floats, Floats]:
-        """Return the lowest and the highest goals; see `Limit`."""
-        motors = now.motors
-        rests = motors.position + motors.holds_ahead
-        most = 2 * motors.caution.arrived
-        return (
-            np.where(motors.stands, rests - most, -inf),
-            np.where(motors.stands, rests + most, inf),
-        )
 
 
 def columns_of(rig: Rig, channels: Sequence[str], kind: str) -> NDArray[np.int_]:
@@ -116,10 +50,6 @@ class GoalGate:
             motors that stop hold their force. In a power-on routine they are not, and motors that
             stop let go of their force.
         caution: how much of what motors read is believed.
-
-    Attributes:
-        limits: of the goals, one after the other; goals of motors that are stopped keep to the
-            range alone.
     """
 
     def __init__(self, rig: Rig, *, calibrated: bool = True, caution: Caution = USUAL) -> None:
@@ -129,10 +59,7 @@ class GoalGate:
         self._motors = MotorReadings(rig, caution, calibrated)
         servos = [drive.servo for drive in rig.drives]
         self._lag = np.array([caution.lag if servo is None else servo.lag for servo in servos])
-        self._range = RangeLimit(
-            *np.array([_ends(rig, drive, calibrated) for drive in rig.drives]).T
-        )
-        self.limits: tuple[Limit, ...] = (self._range, RateLimit(), StandingLimit())
+        self._low, self._high = np.array([_ends(rig, drive, calibrated) for drive in rig.drives]).T
         crossed = crossed_joints(rig)
         self._together = (crossed @ crossed.T) | np.eye(len(crossed), dtype=bool)
         self._relaxes = rig.when_lost == "relax"
@@ -312,12 +239,10 @@ class GoalGate:
         desired = np.where(np.isfinite(goals), goals, self._sent)
         before = self.expected
         before = np.where(np.isfinite(before), before, desired)
-        now = Sending(before, since, motors)
-        for limit in self.limits:
-            desired = np.clip(desired, *limit.ends(now))
+        desired = self._limited(desired, before, since)
         stopped = self.stopped
         if stopped.any():
-            eased = np.clip(self._eased(time, stopped), *self._range.ends(now))
+            eased = self._in_range(self._eased(time, stopped), before)
             desired = np.where(stopped, eased, desired)
         else:
             self._share = np.ones(len(stopped))
@@ -325,6 +250,26 @@ class GoalGate:
         self._before = self._sent
         self._sent = np.where(motors.unread, np.nan, desired)
         return np.where(motors.doubted, np.nan, self._sent)
+
+    def _in_range(self, goals: Floats, before: Floats) -> Floats:
+        """Return goals within the motors' ranges, or no further beyond than the ones before."""
+        return np.clip(goals, np.fmin(self._low, before), np.fmax(self._high, before))
+
+    def _limited(self, goals: Floats, before: Floats, since: float) -> Floats:
+        """Return goals within their limits; `since` is the time since those `before` [s].
+
+        They change no faster than the motors can go, but back to where a motor is, it may go at
+        once. A motor that stands is sent little beyond the goal with which it rests, until it
+        moves.
+        """
+        motors = self._motors
+        most = motors.fastest * min(since, self._caution.oldest) + motors.agrees
+        low = np.fmin(before - most, motors.position)
+        high = np.fmax(before + most, motors.position)
+        goals = np.clip(self._in_range(goals, before), low, high)
+        rests = motors.position + motors.holds_ahead
+        little = 2 * self._caution.arrived
+        return np.where(motors.stands, np.clip(goals, rests - little, rests + little), goals)
 
     def confirm(self, arrived: bool) -> None:
         """Take in whether the goals that passed last were sent; where they were not, the goals

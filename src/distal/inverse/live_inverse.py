@@ -15,15 +15,15 @@ from distal.arrays import Bools, Floats
 from distal.confidence import BAND
 from distal.errors import CommandError
 from distal.estimators import SHORTEST, AdaptiveFilter, sample_problem
-from distal.inverse.distribution import LEAST_TENSION, least_tension_of
-from distal.inverse.feedback import Feedback
 from distal.inverse.goal_gate import GoalGate, columns_of, crossed_joints
 from distal.inverse.live_inverse_function import LiveModel
-from distal.inverse.motor_readings import MISSED, USUAL, Caution
+from distal.inverse.motor_readings import USUAL, Caution
 from distal.inverse.setpoint_function import ROUNDS
+from distal.inverse.torques import LEAST_TENSION, Feedback, least_tension_of
 from distal.kernels import Layout, kernel_of
 from distal.rig import Rig, as_rig
 from distal.run import LiveEstimator, Monitor, Reading
+from distal.run.health import OVERDUE
 
 ACROSS = 0.25
 """Time in which a joint goes through its whole range with the default of the largest speed [s].
@@ -260,7 +260,7 @@ class LiveInverse:
             self._rest(stands | self._stood)
             x["desired"][:] = np.where(stands, self._kernel_state["reference"], self._asked)
             # after a pause the reference goes on from where it was, and does not jump
-            x["dt"][0] = min(max(time - self._time, SHORTEST), MISSED * self._live.interval)
+            x["dt"][0] = min(max(time - self._time, SHORTEST), OVERDUE * self._live.interval)
             self._loop.step()
         self._time = time
         self._stood = stands

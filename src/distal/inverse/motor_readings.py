@@ -17,14 +17,7 @@ import numpy as np
 from distal.arrays import Bools, Floats
 from distal.logs import FASTEST
 from distal.rig import Rig
-
-MISSED = 2.5
-"""Time without a sample after which nothing is known of what went on, in intervals of the sensor
-[1]. Source: judgement.
-"""
-
-REMEMBERED = 10
-"""Number of past samples in which a stale reading is looked for. Source: judgement."""
+from distal.run.health import OVERDUE
 
 NOISES = 5.0
 """Change of a torque, in standard deviations of its noise, below which it counts as unchanged [1].
@@ -102,8 +95,11 @@ class MotorReadings:
             [drive.servo.fastest or FASTEST if drive.servo else FASTEST for drive in drives]
         )
         rates = {sensor.of: sensor.rate for sensor in rig.sensors_of("position")}
-        self.oldest = np.maximum([MISSED / rates.get(name, inf) for name in names], caution.oldest)
+        self.oldest = np.maximum([OVERDUE / rates.get(name, inf) for name in names], caution.oldest)
         self.has_sensor = np.array([name in rates for name in names])
+        # a stale reading is looked for among those that are young enough
+        samples = self.oldest * [rates.get(name, 0.0) for name in names]
+        self._remembered = max(1, round(float(samples.max())))
         # how fast a slider goes, and what it has to feel, is not known: only motors can be told to
         # answer with old readings, or to be deaf, and a slider leaps only where it is absurd
         self.is_motor = np.array([drive.kind == "capstan" for drive in drives])
@@ -125,7 +121,7 @@ class MotorReadings:
         self.at, self._raw_at = np.full((2, n), -inf)
         self._followed_at = np.full(n, inf)
         self.doubted, self.stands, self.deaf, self.stale = np.zeros((4, n), dtype=bool)
-        self._before = np.full((REMEMBERED, 2, n), np.nan)
+        self._before = np.full((self._remembered, 2, n), np.nan)
 
     def read(self, time: float, positions: Floats, torques: Floats, sent: Floats) -> Floats:
         """Take in what motors read, NaN where lost, and return the positions that can be believed,

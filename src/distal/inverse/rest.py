@@ -21,9 +21,8 @@ import numpy as np
 from distal.arrays import Floats
 from distal.expressions import Matrix, Vector
 from distal.inverse.balance import traced
-from distal.inverse.distribution import solved
-from distal.inverse.feedback import limited
 from distal.inverse.setpoint_function import KERNEL, STEPS, CommandModel
+from distal.inverse.torques import limited, solved
 from distal.kernels import Layout
 from distal.rig import Rig
 

@@ -1,6 +1,6 @@
 """One sample of the inverse: from desired angles to the setpoints of the drives.
 
-The torques τ that the joints need (`Balance`) give the pulls f with A f = τ (`distribution`). Each
+The torques τ that the joints need (`Balance`) give the pulls f with A f = τ (`torques`). Each
 drive goes to the position s at which its tendons pull so by the model, T(θ, s) = f. Since T grows
 with s, Newton's steps within a bracket find it. The internal state (backlash, points of sheaths,
 creep) is kept from sample to sample and follows the commands.
@@ -15,8 +15,7 @@ import numpy as np
 
 from distal.expressions import Matrix, Vector
 from distal.inverse.balance import Balance, traced
-from distal.inverse.distribution import FARTHEST, least_pulls, solved
-from distal.inverse.feedback import limited
+from distal.inverse.torques import FARTHEST, least_pulls, limited, solved
 from distal.kernels import Layout
 from distal.rig import Rig
 
@@ -37,7 +36,8 @@ a sample, the drives' positions and the internal state at the start. Source: jud
 
 STEPS = 14
 """Number of Newton's steps to the drives' positions (or halvings of the bracket, where a tendon is
-slack or in its backlash) and to the angles at which joints rest. Source: judgement.
+slack or in its backlash) and to the angles at which joints rest. Source: rounding (half as many
+change the commands of the shipped rigs by less than 1e-12 m or rad).
 """
 
 FLATTEST = 1e-6

@@ -13,12 +13,25 @@ from distal.kernels.driver import (
     in_order,
     side_by_side,
 )
-from distal.kernels.feed import Advanced, Feed
-from distal.kernels.kernel import Compiled, Evaluation, Kernel
+from distal.kernels.kernel import (
+    Compiled,
+    Evaluation,
+    Kernel,
+    forget,
+    function_of,
+    kernel_of,
+    probe,
+)
 from distal.kernels.lanes import LaneKernel, lanes_here
-from distal.kernels.layout import Layout, covariance_of, kernel_state_layout, mean_of, variances_of
-from distal.kernels.probe import probe
-from distal.kernels.shared import forget, function_of, kernel_of
+from distal.kernels.layout import (
+    Advanced,
+    Feed,
+    Layout,
+    covariance_of,
+    kernel_state_layout,
+    mean_of,
+    variances_of,
+)
 from distal.kernels.structure import Recipe, Structure, structure_of
 
 __all__ = [

@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from distal.kernels.feed import Sizes
+from distal.kernels.layout import Sizes
 
 
 def cache_folder() -> Path:

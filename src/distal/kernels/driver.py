@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.expressions import MatrixNode, VectorNode
-from distal.kernels.feed import Advanced, Feed
 from distal.kernels.kernel import Kernel
+from distal.kernels.layout import Advanced, Feed
 
 Indices = NDArray[np.intp]
 
@@ -78,7 +78,9 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 AHEAD = 2
-"""Number of groups of items that are in work or ready, for each worker. Source: judgement."""
+"""Number of groups of items for each worker: one in work, one ready. Source: definition (the least
+with which no worker waits).
+"""
 
 
 def in_order(

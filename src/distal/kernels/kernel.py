@@ -1,15 +1,18 @@
 """A kernel: one function of a kernel state and a sample, which is compiled where that is possible
-and interpreted otherwise.
+and interpreted otherwise; and the kernels that a process keeps by their structure, since rigs that
+differ in their numbers alone share one.
 """
 
 from __future__ import annotations
 
 import ctypes
+import os
 import threading
 import warnings
 from collections.abc import Callable, Sequence
-from functools import cached_property
-from typing import Literal
+from functools import cached_property, lru_cache
+from threading import RLock
+from typing import Literal, TypeVar, cast
 
 import casadi as ca
 import numpy as np
@@ -26,9 +29,9 @@ from distal.kernels.compiler import (
     library_of,
     loaded,
 )
-from distal.kernels.feed import Feed, Sizes
 from distal.kernels.lanes import LaneKernel, begin_lanes
-from distal.kernels.structure import Recipe
+from distal.kernels.layout import Feed, Sizes
+from distal.kernels.structure import Recipe, Structure
 
 AT_ONCE = 1 << 20
 """Numbers of whole kernel states that are in memory where few of them are kept [1]: 8 MB. Source:
@@ -225,3 +228,78 @@ def _warn(reason: str) -> None:
     warnings.warn(
         f"kernels are interpreted, about 15 times slower: {reason}", KernelWarning, stacklevel=4
     )
+
+
+_TURNS = RLock()
+
+Made = TypeVar("Made")
+
+
+def kernel_of(
+    structure: Structure | None,
+    make: Callable[[], ca.Function],
+    compiled: Compiled = True,
+) -> Kernel:
+    """Return the kernel of a structure: the one that this process keeps, or a new one.
+
+    Args:
+        structure: all that the kernel depends on; None for a new kernel that is not kept.
+        make: returns its function, which must depend on the structure alone.
+        compiled: as for `Kernel`.
+    """
+    if structure is None:
+        return Kernel(Recipe(make), compiled)
+    wishes = tuple(os.environ.get(name) for name in ("DISTAL_COMPILE", "DISTAL_CACHE", "CC"))
+    key = (structure.key, compiled, *wishes)
+    recipe = _kept((structure.key, "recipe"), lambda: Recipe(make, structure))
+    return _kept(key, lambda: Kernel(recipe, compiled))
+
+
+def function_of(structure: Structure, make: Callable[[], ca.Function]) -> ca.Function:
+    """Return the function of a structure, for a function that is not called often enough for a
+    kernel: the one that this process keeps, or a new one.
+    """
+    return _kept((structure.key,), make)
+
+
+def forget() -> None:
+    """Drop all kernels and functions that this process keeps, so that they are made anew."""
+    with _TURNS:
+        _slot.cache_clear()
+
+
+@lru_cache
+def _slot(key: tuple[object, ...]) -> list[object]:
+    """Return the slot of what is kept by a key, empty at first; the cache drops what was not asked
+    for the longest.
+    """
+    return []
+
+
+def _kept(key: tuple[object, ...], make: Callable[[], Made]) -> Made:
+    with _TURNS:
+        slot = _slot(key)
+        if not slot:
+            slot.append(make())
+        return cast(Made, slot[0])
+
+
+def probe() -> tuple[Backend, str, float]:
+    """Return the backend in use, the reason for it (or the compiler), and the largest difference
+    between it and the interpreter in a small scan.
+    """
+    kernel_state = ca.MX.sym("kernel_state", 2)
+    angle, speed = ca.vertsplit(kernel_state)
+    x = ca.MX.sym("x")
+    p = ca.MX.sym("p")
+    following = ca.vertcat(angle + 0.01 * speed, speed - 0.01 * p * ca.sin(angle) + x)
+    function = ca.Function("probe", [kernel_state, x, p], [following, ca.exp(-angle)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        kernel = Kernel(function)
+    inputs = np.linspace(-1.0, 1.0, 200)
+    run, interpreted = (
+        np.hstack(backend.scan(np.array([0.3, 0.0]), inputs, np.array([9.0])))
+        for backend in (kernel, Kernel(function, compiled=False))
+    )
+    return kernel.backend, kernel.reason, float(np.abs(run - interpreted).max())

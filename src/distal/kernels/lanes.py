@@ -20,7 +20,7 @@ from distal.kernels.compiler import (
     library_of,
     loaded,
 )
-from distal.kernels.feed import Advanced, Feed
+from distal.kernels.layout import Advanced, Feed
 from distal.kernels.structure import Recipe
 
 _BATCH = """

@@ -1,16 +1,23 @@
-"""Vectors with named parts, the same for NumPy and CasADi, such as the kernel state of a filter."""
+"""The vectors of kernels: named parts of a vector, the same for NumPy and CasADi; the mask of a
+sample; the inputs of a run and its results.
+
+A row of a kernel is x = (dt, values, mask). The mask says what is done with each of the values: it
+is one of the constants here, and in rows between samples, that of a displacement may be `bridge(k)`
+instead.
+"""
 
 from __future__ import annotations
 
 from functools import lru_cache
 from math import prod
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.expressions import Expression
+from distal.arrays import Floats
+from distal.expressions import Expression, Scalar
 
 Number = TypeVar("Number", bound=np.generic)
 
@@ -103,3 +110,100 @@ def variances_of(kernel_state: NDArray[Number], states: int) -> NDArray[Number]:
         covariance_of(kernel_state, states), axis1=-2, axis2=-1
     )
     return variances
+
+
+READ = 1.0
+"""Mask of a value that was read. Source: definition (of the mask)."""
+
+MISSING = 0.0
+"""Mask of a value that is missing: zero stands in its place, and nothing is done with it. Source:
+definition (of the mask).
+"""
+
+COMPARED_ONLY = -1.0
+"""Mask of a force, a tension or an angle that is only compared: its innovation is shown, but
+corrects nothing. Source: definition (of the mask).
+"""
+
+
+def bridge(rows: int) -> float:
+    """Return the mask −k of a displacement in a gap, which goes in a straight line to the reading
+    that ends the gap.
+
+    Args:
+        rows: k, the number of rows to that reading, this row's own step included; at least 2.
+    """
+    return -float(rows)
+
+
+def is_read(mask: Scalar) -> Scalar:
+    """Return 1 where a value was read, else 0."""
+    return mask > MISSING
+
+
+def is_there(mask: Scalar) -> Scalar:
+    """Return 1 where there is a value, whatever is done with it, else 0."""
+    return mask != MISSING
+
+
+def is_bridge(mask: Scalar) -> Scalar:
+    """Return 1 where a displacement crosses a gap, else 0."""
+    return mask < MISSING
+
+
+def rows_left(mask: Scalar) -> Scalar:
+    """Return the number of rows to the reading that ends a gap, the k of `bridge`; 1 where there is
+    no gap.
+    """
+    return ca.if_else(is_bridge(mask), -mask, 1)
+
+
+def share_used(mask: Scalar) -> Scalar:
+    """Return 1 where a value corrects the state, else 0."""
+    return ca.fmax(mask, MISSING)
+
+
+class Sizes(NamedTuple):
+    """The lengths of a kernel's arguments and of its output."""
+
+    kernel_state: int
+    x: int
+    p: int
+    y: int
+
+
+class Feed(NamedTuple):
+    """The inputs of a kernel in one run.
+
+    Args:
+        kernel_state: before the first row, (n_kernel_state,).
+        rows: the samples, in order, (k, n_x).
+        p: the parameters, (n_p,).
+    """
+
+    kernel_state: Floats
+    rows: Floats
+    p: Floats
+
+    def dense(self, sizes: Sizes) -> Feed:
+        """Return the same arrays as C reads them, in their shapes."""
+        shapes = (sizes.kernel_state,), (-1, sizes.x), (sizes.p,)
+        return Feed(
+            *(
+                np.ascontiguousarray(part, dtype=np.float64).reshape(shape)
+                for part, shape in zip(self, shapes)
+            )
+        )
+
+
+class Advanced(NamedTuple):
+    """The results of a kernel in one run.
+
+    Args:
+        kernel_states: after each row, (k, n_kernel_state), or only those numbers of each that are
+            kept.
+        ys: the outputs of each row, (k, n_y).
+    """
+
+    kernel_states: Floats
+    ys: Floats

@@ -17,7 +17,7 @@ import casadi as ca
 from pydantic import BaseModel
 
 from distal.kernels.cache import digest
-from distal.kernels.feed import Sizes
+from distal.kernels.layout import Sizes
 from distal.model import Mechanism
 from distal.rig import Parameter, Rig
 from distal.rig.joints import Coupling

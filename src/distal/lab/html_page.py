@@ -27,14 +27,11 @@ from distal.reports.page import page, resource, script_with
 from distal.results import COLOURS
 from distal.rig import Rig, angle_names, log_factor, number
 from distal.run.health import HEALTH
-from distal.simulation.plant import equilibrium
+from distal.simulation.plant_motion import equilibrium
 from distal.units import unit_factor
 
 WINDOW = 12.0
 """Length of the time axis of the curves [s]. Source: layout."""
-
-LONGEST = 600.0
-"""Length after which a log that is saved ends [s]. Source: judgement."""
 
 FACTORS = {
     "friction": (
@@ -164,7 +161,6 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
         "interval": plant.interval,
         "band": BAND,
         "window": WINDOW,
-        "longest": LONGEST,
         "numbers": len(mechanism.parameters.names),
         "told": list(module.outputs),
         "plain": module.inextensible,

@@ -71,7 +71,7 @@
       row[k++] = data.plain ? told[at("health") + 1 + j] : NaN;
     }
     for (const [value, std, j] of torques) { row[k++] = truth[tensionsAt + data.tendons.length + j]; row[k++] = told[value]; row[k++] = told[std]; }
-    if (count * interval < data.longest) readings.push([time, ...values, ...truth.subarray(0, nj)]);
+    readings.push([time, ...values, ...truth.subarray(0, nj)]);
     count += 1;
   }
   function begin() {
@@ -259,7 +259,7 @@
     const link = document.createElement("a");
     link.href = URL.createObjectURL(new Blob([csv()], { type: "text/csv" })); link.download = "lab.csv"; link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 1000);
-    by("saved").textContent = `Saved ${readings.length < count ? `the first ${data.longest} s` : `${readings.length} samples, from the beginning`}; ${data.command}`;
+    by("saved").textContent = `Saved ${readings.length} samples, from the beginning; ${data.command}`;
   });
   window.addEventListener("resize", fitted);
   if (free.length) by("bring").addEventListener("input", () => tell());

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Floats
-from distal.errors import LogError
-from distal.suggestions import did_you_mean
+from distal.errors import LogError, did_you_mean
 
 Column = NDArray[Any] | list[str]
 """The cells of one column: an array of numbers or dates (``datetime64``), or a list of texts."""

@@ -100,7 +100,7 @@ def _fetched(run: str) -> str:
     """Return the text of a raw file."""
     from urllib.request import urlopen
 
-    from distal.cluster import PATIENCE
+    from distal.parallel import PATIENCE
 
     url = SOURCE.format(run=run)
     try:

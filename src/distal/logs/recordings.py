@@ -17,12 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Floats
-from distal.errors import LogError
+from distal.errors import LogError, did_you_mean
 from distal.logs.cells import Cells, in_memory
 from distal.logs.formats import Message, UndecodableError, check_is_content, format_of
 from distal.logs.messages import STAMPS, number_of
 from distal.logs.stamps import LATEST, REWOUND, longest_part, set_backs
-from distal.suggestions import did_you_mean
 
 NEAR = 0.1
 """Share of the busiest topic's interval within which messages belong to one row. Source:

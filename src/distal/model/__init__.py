@@ -2,6 +2,7 @@
 the time step. It is written once, for the simulation and the filters.
 """
 
+from distal.model.chain import Slip, slipping, solver
 from distal.model.chain_kick import Contacts, damped_inertias, residual
 from distal.model.friction import (
     Limit,
@@ -25,7 +26,6 @@ from distal.model.stepping import (
     stiffest_frequency,
     substeps,
 )
-from distal.model.stick_slip_motion import Slip, slipping, solver
 from distal.model.stops import restitution
 
 __all__ = [

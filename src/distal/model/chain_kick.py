@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import casadi as ca
 
 from distal.expressions import Matrix, Scalar, Vector
+from distal.model.chain import Slip, slipping, solver
 from distal.model.mechanism import Mechanism
-from distal.model.stick_slip_motion import Slip, slipping, solver
 from distal.model.stops import Flight, bounce, met, restitution
 
 SHORTEST = 1e-15

@@ -16,7 +16,7 @@ from distal.errors import OutputError
 from distal.logs import check_outputs, outputs_in, write_together
 from distal.paper.claims import GROUPS, Claim, measure_claims, rms
 from distal.paper.paper_figures import CAPTIONS, FIGURES, POSITIONED, SUMMARY, draw_figure
-from distal.paper.series import PLANTS, READINGS, SEEDS, SERIES_2, SeriesRun, all_runs
+from distal.paper.series import PLANTS, SEEDS, SERIES_2, SeriesRun, all_runs
 from distal.reports import rig_svg, svg_of
 from distal.reports.moving_chain import moving_chain
 from distal.reports.page import heading, page, paragraph, picture
@@ -68,14 +68,6 @@ EKF_NOTE = (
     "From 3 N / 9 N on that room is what keeps adaptive right."
 )
 """Text below the table of errors."""
-
-READING_NOTE = (
-    "The paper sets Q = R = 0.001·I without units. In SI, R would be a potentiometer that errs by "
-    "32 mm, three times its travel; in mm² it errs by 32 µm, between its random error and its "
-    "linearity. ekf-2008 reads R in mm² and the rest in SI. What each reading gives at 2 N / 6 N, "
-    "one pass:"
-)
-"""Text of the page on the readings of the paper's Q and R."""
 
 
 def reproduce(
@@ -163,16 +155,10 @@ Errors = dict[str, dict[str, dict[str, float]]]
 
 
 def errors_of(runs: Sequence[SeriesRun]) -> Errors:
-    """Return the errors in Series 2 of all estimators and, at the lowest tension, of the readings
-    of Q and R.
-    """
-    readings = [f"reading {name}" for name in READINGS]
+    """Return the errors in Series 2 of all estimators."""
     return {
         plant.name: {
-            series: {
-                name: rms(runs, series, name, plant.name)
-                for name in (*ESTIMATORS, *(readings if series == SERIES_2[0] else ()))
-            }
+            series: {name: rms(runs, series, name, plant.name) for name in ESTIMATORS}
             for series in SERIES_2
         }
         for plant in PLANTS
@@ -287,9 +273,6 @@ def _page(
         heading("RMS errors in Series 2"),
         _errors_table(runs, errors),
         paragraph(EKF_NOTE),
-        heading("What Q = R = 0.001 can have meant"),
-        paragraph(READING_NOTE),
-        _readings_table(errors),
         paragraph(
             f"All errors are RMS over all samples of {len(SEEDS)} seeds of the sensors' errors."
         ),
@@ -335,15 +318,6 @@ def _errors_table(runs: Sequence[SeriesRun], errors: Errors) -> str:
     ]
     columns = ["plant", "weights", *(f"{name} [°]" for name in names)]
     return html_table(columns, rows, range(2, len(columns)))
-
-
-def _readings_table(errors: Errors) -> str:
-    rows = [
-        [name, *(f"{of[SERIES_2[0]][f'reading {name}']:.2f}" for of in errors.values())]
-        for name in READINGS
-    ]
-    columns = ["reading", *(f"RMS, plant with {plant} [°]" for plant in errors)]
-    return html_table(columns, rows, values=(1, 2))
 
 
 def _claims_table(claims: Sequence[Claim]) -> str:

@@ -28,14 +28,6 @@ SERIES_2 = ("series-2", "series-2-medium", "series-2-high")
 SEEDS = (0, 1, 2, 3, 4)
 """Seeds of the sensors' errors. Source: judgement."""
 
-READINGS = {
-    "Q and R in SI": (1e-3, 1e-3),
-    "R in mm²": (1e-3, 1e-9),
-    "Q and R both a thousandth of that": (1e-6, 1e-6),
-    "Q and R both in mm²": (1e-9, 1e-9),
-}
-"""Reading of the paper's "Q = R = 0.001" → variances q and r in SI."""
-
 X_OVER_R = {f"tendons.{i}.insertion": {"kind": "pulley", "radius": "9.53 mm"} for i in (0, 1)}
 """Insertions of the tendons for an estimate that takes the angle as x/r, instead of from the
 geometry.
@@ -58,15 +50,12 @@ class Plant:
 
     Args:
         values: path → value, of the rig's parameters that differ from Table 1.
-        turned: angle to which the hand turns the link on each side in Series 1 [rad]; None for that
-            of the scenario.
         over_radius: whether the inextensible estimate takes the angle as x/r, instead of from the
             geometry.
     """
 
     name: str
     values: dict[str, object] = field(default_factory=dict)
-    turned: float | None = None
     over_radius: bool = False
 
     def scenario(self, series: str) -> Scenario:
@@ -75,19 +64,7 @@ class Plant:
         Args:
             series: name of the scenario, one of `SERIES_1` or `SERIES_2`.
         """
-        scenario = load_scenario(series)
-        hand = scenario.joints["link"].hand if "link" in scenario.joints else None
-        if hand is not None and self.turned is not None:
-            largest = max(abs(angle) for angle in hand.angle.values)
-            signal = replace(
-                hand.angle,
-                values=tuple(self.turned / largest * angle for angle in hand.angle.values),
-            )
-            link = scenario.joints["link"].model_copy(
-                update={"hand": hand.model_copy(update={"angle": signal})}
-            )
-            scenario = scenario.model_copy(update={"joints": {"link": link}})
-        return scenario.model_copy(update={"plant": dict(self.values)})
+        return load_scenario(series).model_copy(update={"plant": dict(self.values)})
 
 
 def observed_values() -> dict[str, object]:
@@ -154,9 +131,6 @@ def _estimator(series: str, name: str) -> Estimator:
         return FullStateFilter(
             "simulation", rig, Noise(inputs, process, noise.measurements, initial)
         )
-    if name in READINGS:
-        q, r = READINGS[name]
-        return FullStateFilter("ekf-2008", rig, paper_noise(rig, q=q, r=r))
     return make_estimator(name, rig)
 
 
@@ -201,8 +175,6 @@ def run_series(
             paper = _estimator(series, "ekf-2008")
             asked["hung weights"] = (hung_weights(log, scenario), paper)
             asked["better cells"] = (read(seed, BETTER_CELLS), paper)
-            for name in () if statements_only else READINGS:
-                asked[f"reading {name}"] = (log, _estimator(series, name))
         estimates = {
             name: estimate(of, rig, by, passes=2 if name in TWO_PASSES else 1)
             for name, (of, by) in asked.items()

@@ -15,7 +15,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.expressions import ScalarNode, Vector, VectorNode
 from distal.kernels import Feed, Kernel, Layout, advance
-from distal.kernels.mask import is_read, is_there, rows_left
+from distal.kernels.layout import is_read, is_there, rows_left
 from distal.rig import HALF_WIDTHS, IN_RADIAL, TIME_CONSTANTS, LearnedMap
 
 NEVER = 1e6

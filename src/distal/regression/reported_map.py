@@ -9,7 +9,7 @@ from functools import reduce
 import casadi as ca
 
 from distal.expressions import VectorNode
-from distal.kernels.mask import is_read
+from distal.kernels.layout import is_read
 from distal.regression.features import Shape
 from distal.regression.homed_map import homed_function, homed_layout
 from distal.regression.map_function import map_function, map_layout

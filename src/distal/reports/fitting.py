@@ -1,23 +1,37 @@
-"""The page on a fit: the fitted parameters, their standard errors, and the errors before and
-after.
+"""The page on a fit: the fitted parameters, their standard errors, and the errors before and after.
+
+Its figures show each log before and after the fit.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from html import escape
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from distal.fitting import WRITTEN, Fit, Observability, observability
 from distal.logs import Log, check_outputs, outputs_in, shown, write_whole
-from distal.reports.fitting_figures import draw_residuals, draw_traces
 from distal.reports.page import heading, page, paragraph, picture, svg_of
 from distal.reports.rig_drawing import rig_svg
-from distal.results import Estimate, Html, html_table, make_folder, verdict
-from distal.rig import named, scales_in_words
-from distal.run import estimate
+from distal.results import (
+    PANELS,
+    Estimate,
+    Html,
+    html_table,
+    make_folder,
+    plot_estimates,
+    verdict,
+)
+from distal.rig import Rig, named, scales_in_words
+from distal.run import estimate, log_health
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 
 MOST_TRACES = 8
 """Number of logs whose curves are drawn at most; the table holds all logs. Source: layout."""
@@ -60,17 +74,6 @@ def fit_report(fit: Fit, logs: Sequence[Log], out: str | Path) -> Path:
     )
     for log, nominal, fitted in list(zip(logs, before, after))[:MOST_TRACES]:
         parts.append(picture(svg_of(draw_traces(log, nominal, fitted, fit.rig)), caption))
-    parts += [
-        heading("What is left, against angle, speed and load"),
-        paragraph(
-            "Median and the middle 80 % of the errors. A curve that is not flat is physics that "
-            "the rig lacks."
-        ),
-        picture(
-            svg_of(draw_residuals(logs, before, after, fit.rig)),
-            "Errors of all logs, before and after the fit.",
-        ),
-    ]
     longest = max(logs, key=len)
     parts += _seen(longest, observability(longest, fit.rig, homing=fit.homing))
     use = (
@@ -220,3 +223,37 @@ def _seen(log: Log, seen: Observability) -> list[str]:
         picture(svg_of(seen.plot()), caption),
         html_table(("time [s]", "std [°]", "found again to [°]", ""), rows, values=(1, 2)),
     ]
+
+
+POINTS = 1200
+"""Number of points that are drawn along a log, about; up to twice as many may be. Source:
+layout.
+"""
+
+
+def draw_traces(log: Log, before: Estimate, after: Estimate, rig: Rig) -> Figure:
+    """Return a figure over one log: truth, estimates before and after the fit, their errors,
+    innovations, forces and health.
+    """
+    # fewer points keep a page with a dozen logs small; a printed line shows no more
+    rows = slice(None, None, max(1, len(log) // POINTS))
+    words = log_health(log, rig)
+    estimates = [_thinned(after, rows, "after"), _thinned(before, rows, "before")]
+    title = shown(
+        Path(log.source).name
+    )  # any name of a file can be drawn: what is not printable is escaped
+    return plot_estimates(
+        estimates, title=title, panels=PANELS, log=log.select(rows), rig=rig, health=words[rows]
+    )
+
+
+def _thinned(estimate: Estimate, rows: slice, name: str) -> Estimate:
+    """Return an estimate with some of its rows only, under another name."""
+    columns = ("time", "means", "variances", "innovations", "innovation_variances")
+    truths = None if estimate.truths is None else estimate.truths[rows]
+    return replace(
+        estimate,
+        estimator=name,
+        truths=truths,
+        **{key: getattr(estimate, key)[rows] for key in columns},
+    )

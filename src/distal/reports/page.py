@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Mapping, Sequence
 from html import escape
 from importlib import resources
 from typing import TYPE_CHECKING
 
-from distal.results import BAD, COLOURS, FAINT, GOOD, INK, SOFT, WHITE
+from distal.results import BAD, COLOURS, FAINT, GOOD, INK, SOFT, WHITE, figure_bytes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -62,9 +61,7 @@ def paragraph(text: str) -> str:
 
 def svg_of(figure: Figure, description: str = "") -> str:
     """Return a figure as an SVG element, with a description for readers who cannot see it."""
-    buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None})
-    text = buffer.getvalue()
+    text = figure_bytes(figure, "page.svg").decode()
     label = f"role='img' aria-label='{escape(description)}' " if description else ""
     return text[text.index("<svg") :].replace("<svg ", f"<svg {label}", 1)
 

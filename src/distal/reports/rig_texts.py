@@ -16,7 +16,7 @@ from distal.rig import (
     part_of,
     position_unit,
 )
-from distal.rounded import plain_number, quantity
+from distal.units import plain_number, quantity
 
 SIZES = (
     "radius",

@@ -37,12 +37,12 @@ from distal.results import (
     html_table,
     legend_above,
 )
-from distal.rounded import rounded
 from distal.study import Axis, Plan, Space
 from distal.study.answer import Answer, Case, Influence
 from distal.study.execution import Columns
 from distal.study.runs import BUILT, MEASURES
 from distal.study.shares import words_of
+from distal.units import rounded
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -163,8 +163,9 @@ def _drawn(case: Case) -> Figure:
     with figure(size=(7.2, 2.4)) as (drawing, (axes,)):
         axes.plot(case.time, case.truth, label="truth", **TRUTH)
         band = {"color": colour(0), "alpha": BAND_ALPHA, "linewidth": 0}
-        low, high = (estimate - case.half, estimate + case.half)
-        axes.fill_between(case.time, low, high, label="95 % band", **band)
+        axes.fill_between(
+            case.time, estimate - case.half, estimate + case.half, label="95 % band", **band
+        )
         axes.plot(case.time, estimate, label="estimate", linewidth=1.2, **curve_style(0))
         axes.set_xlabel("time [s]")
         axes.set_ylabel("angle [°]")

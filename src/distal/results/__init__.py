@@ -1,13 +1,15 @@
 """Results of an estimator on a log: angles, bands and innovations, and their plots."""
 
-from distal.results.angle_plots import (
+from distal.results.estimate import Estimate
+from distal.results.plots import (
+    HEALTH_COLOURS,
     PANELS,
     check_panels,
     draw_estimate,
+    in_order,
     plot_estimates,
+    pulls_of,
 )
-from distal.results.estimate import Estimate
-from distal.results.innovation_plots import HEALTH_COLOURS, in_order, pulls_of
 from distal.results.style import (
     BAD,
     BAND_ALPHA,
@@ -21,19 +23,20 @@ from distal.results.style import (
     SOFT,
     TRUTH,
     WHITE,
+    Html,
     colour,
     curve_style,
     figure,
     figure_bytes,
     from_start,
+    html_table,
     legend_above,
     make_folder,
     plot_kind,
     save_figure,
     time_label,
+    verdict,
 )
-from distal.results.tables import Html, html_table, verdict
-from distal.results.thresholds import LARGE_PRIOR, SMALL
 
 __all__ = [
     "BAD",
@@ -45,10 +48,8 @@ __all__ = [
     "GOOD",
     "HEALTH_COLOURS",
     "INK",
-    "LARGE_PRIOR",
     "PALE",
     "PANELS",
-    "SMALL",
     "SOFT",
     "TRUTH",
     "WHITE",

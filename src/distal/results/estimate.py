@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.confidence import COVERED, half_width, in_percent
-from distal.errors import EstimationError
+from distal.errors import EstimationError, did_you_mean
 from distal.estimators import UNITS_OF_JOINTS, StateKind, kinds_by_joint, states_of
 from distal.logs import header, pandas_frame, polars_frame
-from distal.results.angle_plots import PlotOptions, plot_estimates
-from distal.results.tables import SummaryRow, html_table
+from distal.results.plots import PlotOptions, plot_estimates
+from distal.results.style import SummaryRow, html_table
 from distal.rig import std_name
-from distal.suggestions import did_you_mean
 
 if TYPE_CHECKING:
     import pandas
@@ -274,17 +273,6 @@ class Estimate:
         return nis
 
     @property
-    def log_likelihood(self) -> float:
-        """Log-likelihood of the log: the sum of ln p(ν) over all innovations, with ν normal of
-        variance S.
-        """
-        finite = np.isfinite(self.innovations)
-        variances = self.innovation_variances[finite]
-        return float(
-            -0.5 * np.sum(self.innovations[finite] ** 2 / variances + np.log(2 * np.pi * variances))
-        )
-
-    @property
     def external_torques(self) -> Floats:
         """Estimated external torques on the joints [N m], (k, n_joints).
 
@@ -334,30 +322,6 @@ class Estimate:
                     f"it may be: --set 'joints.{joint}.external_torque.std=\"0.05 N m\"'"
                 )
         return list(columns.values())
-
-    def contacts(self, sigmas: float = 5.0, joint: int = 0) -> list[float]:
-        """Return the times at which contacts with a joint begin [s].
-
-        A contact begins where the external torque exceeds `sigmas` of its standard deviations,
-        after it was below half of that. With 5 there was no false contact in ten minutes
-        (`python -m benchmarks.strangers contact`).
-
-        Args:
-            joint: index of the joint.
-
-        Raises:
-            EstimationError: the rig excludes such a torque for a joint.
-        """
-        ratio = np.abs(self.external_torques[:, joint]) / np.maximum(
-            self.external_torque_stds[:, joint], 1e-300
-        )
-        onsets = list[float]()
-        touched = False
-        for time, level in zip(self.time.tolist(), ratio.tolist()):
-            if not touched and level > sigmas:
-                onsets.append(time)
-            touched = level > (sigmas / 2 if touched else sigmas)
-        return onsets
 
     def torque_errors(self) -> Floats:
         """Return estimated minus true external torque [N m], NaN where the truth is not known.

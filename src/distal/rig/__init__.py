@@ -25,9 +25,8 @@ from distal.rig.files import (
     shipped_in,
     shipped_rigs,
 )
-from distal.rig.hand_tables.aero import from_aero
 from distal.rig.hand_tables.described import from_table
-from distal.rig.hand_tables.orca import from_orca, orca_order
+from distal.rig.hand_tables.makers import from_aero, from_orca, orca_order
 from distal.rig.insertions import Linkage, Pinned, Polynomial, Pulley, Size
 from distal.rig.joints import Joint
 from distal.rig.learned import (
@@ -42,7 +41,6 @@ from distal.rig.learned import (
     arrays_file,
     as_table,
 )
-from distal.rig.mjcf.excursion import compare_lengths
 from distal.rig.mjcf.importer import from_mujoco
 from distal.rig.overrides import ALL, parse_assignment, set_value
 from distal.rig.plausibility import (
@@ -126,7 +124,6 @@ __all__ = [
     "as_table",
     "build_rig",
     "check_scales",
-    "compare_lengths",
     "contact_shape",
     "description_path",
     "description_text",

@@ -13,12 +13,11 @@ from importlib import resources
 from pathlib import Path
 from typing import cast
 
-from distal.errors import DistalError, DistalWarning, RigError
+from distal.errors import DistalError, DistalWarning, RigError, did_you_mean
 from distal.rig.learned import with_arrays
 from distal.rig.overrides import parse_assignment, set_value
 from distal.rig.rig import Rig
 from distal.rig.validation import validated
-from distal.suggestions import did_you_mean
 
 RIGS = "distal.rig"
 """Package with the library of rigs."""

@@ -21,7 +21,7 @@ from pydantic_core import CoreSchema, core_schema
 from distal.arrays import Floats
 from distal.errors import RigError
 from distal.rig.quantities import Description
-from distal.rounded import rounded
+from distal.units import rounded
 
 Row = tuple[float, ...]
 

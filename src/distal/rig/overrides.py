@@ -7,14 +7,10 @@ import tomllib
 from collections.abc import MutableMapping, Sequence
 from copy import deepcopy
 
-from distal.errors import DistalError
+from distal.errors import DistalError, did_you_mean
 from distal.rig.quantities import KEYS
 from distal.rig.sensors.registry import one_number_each
 from distal.rig.validation import index_of, names_in
-from distal.suggestions import did_you_mean
-
-DEEPEST = 12
-"""Largest number of keys in a path [1]. Source: judgement."""
 
 SPREADS = {"std", "factor", "shared"}
 """Keys of a parameter that say how uncertain its value is; a new table with a std or a factor
@@ -60,12 +56,12 @@ def set_value(raw: object, path: str, value: object, error: type[DistalError]) -
     """
     keys = path.split(".")
     _write_out_sensors(raw, keys)
-    if len(keys) > DEEPEST:
+    try:
+        _replace(raw, keys, 0, path, value, error)
+    except RecursionError:
         raise error(
-            f"--set '{path[:40]}…': has {len(keys)} parts; no value of a rig has more than "
-            f"{DEEPEST}"
-        )
-    _replace(raw, keys, 0, path, value, error)
+            f"--set '{path[:40]}…': has {len(keys)} parts; no value of a rig has so many"
+        ) from None
 
 
 def _replace(

@@ -10,11 +10,10 @@ from typing import Literal
 
 from pydantic import BaseModel
 
-from distal.errors import CommandError, RigError
+from distal.errors import CommandError, RigError, did_you_mean
 from distal.rig.quantities import In, Parameter
 from distal.rig.rig import Rig, parameters_below
 from distal.rig.validation import in_words, index_of, names_in
-from distal.suggestions import did_you_mean
 
 ROUGH = 0.5
 """Share of its value above which the std of a positive number means that the number is known to a
@@ -179,11 +178,6 @@ USUAL: dict[str, tuple[float, float, str]] = {
 SI unit."""
 
 
-SMALLEST_STD = 1e-4
-"""A std below this share of its value was probably written without its unit [1]. Source:
-judgement.
-"""
-
 LARGEST_OFFSET = 2.0
 """Offsets and centres of links beyond this were probably written without their unit [m]. Source:
 judgement.
@@ -200,7 +194,6 @@ def doubts(rig: Rig) -> list[str]:
         for each in parameters_below(component, f"{kind}.{component.name}")
     ]
     for path, parameter in parameters:
-        std = parameter.std
         size = abs(parameter.value)
         low, high, unit = USUAL.get(path.rpartition(".")[2], (0.0, inf, ""))
         is_usual = size == 0.0 or low <= size <= high
@@ -208,11 +201,6 @@ def doubts(rig: Rig) -> list[str]:
             sentences.append(
                 f"{in_words(rig, path)} is {size:g} {unit}; between {low:g} and {high:g} is "
                 "usual: is its unit there?"
-            )
-        if 0.0 < std < SMALLEST_STD * size:
-            sentences.append(
-                f"{in_words(rig, path)}: a std of {std:g} is {std / size:.1g} of its value: is "
-                "its unit there?"
             )
     for joint in rig.joints:
         away = max(

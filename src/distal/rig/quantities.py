@@ -26,11 +26,6 @@ LARGEST = 1e12
 KEYS = ("value", "std", "factor", "drift", "hold", "shared")
 """Keys of a parameter that is written as a table."""
 
-LARGEST_FACTOR = 100.0
-"""Largest ``factor`` to which a number may be known [1]; beyond it nothing is known of it. Source:
-judgement.
-"""
-
 Bound = Literal["any", "nonnegative", "positive"]
 
 
@@ -136,10 +131,8 @@ class In:
                 "may be zero or negative, so it is not known to a factor; give it a std, "
                 f"{value:g} came"
             )
-        if not 1.0 < factor <= LARGEST_FACTOR:
-            raise UnitError(
-                f"factor must be above 1 and at most {LARGEST_FACTOR:g}, {factor:g} came"
-            )
+        if not factor > 1.0:
+            raise UnitError(f"factor must be above 1, {factor:g} came")
         return (factor - 1.0) * value
 
     def _spread(self, key: str, raw: object, value: float) -> float:

@@ -7,7 +7,7 @@ from typing import Literal, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from distal.errors import RigError
+from distal.errors import RigError, did_you_mean
 from distal.rig.drives import Drive
 from distal.rig.joints import BASE, Base, Joint
 from distal.rig.learned import KINDS, FreeMotion, LearnedMap, LearnedMaps
@@ -16,7 +16,6 @@ from distal.rig.quantities import Description, Duration, Parameter
 from distal.rig.sensors.registry import MEASURED, Sensor, checked_parts, log_factor
 from distal.rig.tendons import Tendon
 from distal.rig.validation import named, validated
-from distal.suggestions import did_you_mean
 from distal.units import unit_factor
 
 Component = Joint | Drive | Tendon | Sensor

@@ -11,7 +11,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.rig.joints import Joint
 from distal.rig.rig import Rig
-from distal.rounded import rounded
+from distal.units import rounded
 
 ALONE = 0.1
 """Std of a torque that acts on one joint alone, as a share of the largest torque that forces on

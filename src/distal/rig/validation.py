@@ -13,10 +13,9 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from distal.errors import DistalError
+from distal.errors import DistalError, did_you_mean
 from distal.rig.insertions import KINDS as INSERTIONS
 from distal.rig.sensors.registry import UNITS, one_number_each
-from distal.suggestions import did_you_mean
 
 
 def angle_names(joints: Sequence[str]) -> tuple[str, ...]:

@@ -12,16 +12,15 @@ from typing import TypeVar
 
 import numpy as np
 
-from distal.cluster import on_cluster
 from distal.errors import DistalError, EstimationError
 from distal.estimators import DEFAULT, Estimator, KernelEstimator
 from distal.homing.reference import check_homing
 from distal.kernels import in_order
 from distal.logs import Episode, Log, Source, read_log
+from distal.parallel import on_cluster, one_blas_thread
 from distal.results import Estimate
 from distal.rig import Rig, as_rig
 from distal.run.offline import Run, estimator_for, prepared, without_covariances
-from distal.threads import one_blas_thread
 
 PER_TASK = 32
 """Number of logs in one task of a cluster [1]. Source: judgement."""

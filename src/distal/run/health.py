@@ -17,11 +17,11 @@ import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
+from distal.confidence import LARGE_PRIOR, SMALL
 from distal.estimators import KernelEstimator
 from distal.estimators.read_channels import DEAD, dead_after
 from distal.expressions import Scalar, Vector
 from distal.kernels import Layout
-from distal.results import LARGE_PRIOR, SMALL
 from distal.rig import FAR, RangeEnd, Role, measurand_of, position_range, range_ends, step_of
 from distal.run.offline import priors_of
 from distal.run.redundancy import Redundancy

@@ -29,7 +29,7 @@ from distal.estimators import (
 )
 from distal.estimators.gaps import MOST_BRIDGES, fill, predictions
 from distal.kernels import covariance_of, mean_of
-from distal.kernels.mask import MISSING, READ
+from distal.kernels.layout import MISSING, READ
 from distal.logs import LARGEST_READING, frozen
 from distal.rig import Rig, as_rig
 

@@ -11,13 +11,12 @@ from typing import Literal
 import numpy as np
 
 from distal.arrays import Floats
-from distal.errors import EstimationError
+from distal.errors import EstimationError, did_you_mean
 from distal.estimators import channels_of
 from distal.logs import LARGEST_READING, Door, Remark
 from distal.rig import Rig, as_rig, log_factor
 from distal.run.live_estimator import LiveEstimator
 from distal.run.monitor import Monitor, Reading
-from distal.suggestions import did_you_mean
 
 TEMPERATURE_SLOPE = -0.0011
 """Relative change of a motor's torque constant per kelvin [1/K]. Source: physics (remanence of

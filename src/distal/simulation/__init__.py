@@ -12,8 +12,7 @@ from distal.simulation.scenario import (
     scenario_text,
     shipped_scenarios,
 )
-from distal.simulation.simulate import simulate_plant
-from distal.simulation.simulate_batch import simulate_batch
+from distal.simulation.simulate import simulate_batch, simulate_plant
 
 __all__ = [
     "Control",

@@ -12,17 +12,16 @@ from math import ceil, sqrt
 import numpy as np
 
 from distal.arrays import Floats
-from distal.errors import ScenarioError
+from distal.errors import ScenarioError, did_you_mean
 from distal.kernels import Feed, advance
 from distal.logs import Log
 from distal.model import Mechanism
 from distal.rig import Rig, named
-from distal.simulation.plant import PlantMotion, at_rest, plant_kernel, rows_of
+from distal.simulation.plant import plant_kernel
+from distal.simulation.plant_motion import PlantMotion, at_rest, body_inputs, rows_of
 from distal.simulation.readings import Sampler, stamps_of
 from distal.simulation.scenario import Rezero, Scenario
-from distal.simulation.signal_inputs import body_inputs
 from distal.simulation.simulate import log_of, prepare
-from distal.suggestions import did_you_mean
 
 PIECE = 60.0
 """Length of a piece, within which the plant's parameters are constant [s]. Source: judgement."""

@@ -1,21 +1,70 @@
-"""The simulated plant: the rig's equations as a kernel, and the equilibrium from which it
-starts.
+"""The simulated plant: the rig's equations as a kernel; of a plant whose components move in
+independent groups, the function of each group, side by side in one.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
 
-from distal.arrays import Floats
-from distal.errors import ScenarioError
 from distal.expressions import Scalar
-from distal.kernels import Feed, Kernel, advance, function_of, kernel_of, structure_of
+from distal.kernels import (
+    Kernel,
+    PlacedKernel,
+    function_of,
+    kernel_of,
+    side_by_side,
+    structure_of,
+)
 from distal.model import Mechanism, interval_step
-from distal.simulation.independent_plants import parts_of_plant, plants_apart
-from distal.simulation.signal_inputs import BodyInputs
+from distal.model.stepping import RESOLUTION
+from distal.rig import Subsystem, independent_parts
+
+
+def parts_of_plant(mechanism: Mechanism) -> tuple[Subsystem, ...]:
+    """Return the independent parts of a plant; none if there is only one, or if the plant has an
+    internal state.
+    """
+    parts = independent_parts(mechanism.rig)
+    return () if len(parts) == 1 or mechanism.parameters.inside else parts
+
+
+def plants_apart(
+    mechanism: Mechanism,
+    parts: tuple[Subsystem, ...],
+    plant: Callable[[Mechanism], ca.Function],
+    rubbing: list[int],
+) -> ca.Function:
+    """Return the function of a plant, see `plant_function`, put together from those of its
+    independent parts.
+
+    Args:
+        plant: returns the function of a part by its equations.
+        rubbing: indices of the drives with friction inside their transmission.
+    """
+    n = mechanism.n_bodies
+    nt = mechanism.n_tendons
+    nj = mechanism.n_joints
+    names = mechanism.parameters.names
+    kernels = []
+    for part in parts:
+        equations = Mechanism(part.rig, part.own_paths(mechanism.parameters.inputs), remembers=True)
+        drives, tendons = (
+            np.array(part.indices[kind], dtype=np.intp) for kind in ("drives", "tendons")
+        )
+        bodies = np.concatenate([part.indices["joints"], nj + drives]).astype(np.intp)
+        frictions = np.array([rubbing.index(d) for d in drives if d in rubbing], dtype=np.intp)
+        kernel_state = np.concatenate([bodies, n + bodies, 2 * n + frictions])
+        x = np.concatenate([*(k * n + bodies for k in range(5)), [5 * n]])
+        p = np.array(
+            [names.index(part.whole_path(name)) for name in equations.parameters.names],
+            dtype=np.intp,
+        )
+        y = np.concatenate([bodies, n + bodies, 2 * n + tendons, 2 * n + nt + bodies])
+        kernels.append(PlacedKernel(plant(equations), kernel_state, x, p, y))
+    return side_by_side("plant", kernels, (2 * n + len(rubbing), 5 * n + 1, len(names), 3 * n + nt))
 
 
 def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
@@ -93,11 +142,11 @@ def inside_function(mechanism: Mechanism) -> ca.Function:
     """Return the function (q, p) → the internal state of a plant that has long stood at q: plays
     are in the middle of their bounds, and creep is as settled as the rig says.
     """
-    structure = structure_of("inside", mechanism, settled=_settled(mechanism))
+    structure = structure_of("inside", mechanism, settled=settled_creeps(mechanism))
     return function_of(structure, lambda: _inside_function(mechanism))
 
 
-def _settled(mechanism: Mechanism) -> tuple[tuple[int, str, float], ...]:
+def settled_creeps(mechanism: Mechanism) -> tuple[tuple[int, str, float], ...]:
     """Return the tendon and path of each creep, and how far it has settled at the start. These are
     numbers of a mechanism that remembers no internal state, and so belong to its structure.
     """
@@ -114,7 +163,7 @@ def _inside_function(mechanism: Mechanism) -> ca.Function:
     pulls = still.pulls(at, ca.SX.zeros(mechanism.n_bodies))
     p = still.parameters
     strains = []
-    for i, name, settled in _settled(mechanism):
+    for i, name, settled in settled_creeps(mechanism):
         stretch = (pulls.joint[i] + pulls.drive[i]) / 2 / p[f"tendons.{i}.stiffness"]
         strains.append(settled * p[f"{name}.share"] * stretch)
     return ca.Function(
@@ -130,11 +179,6 @@ def hysteretic(mechanism: Mechanism) -> list[int]:
 PRESLIDING = 20.0
 """Stiffness of the friction inside a transmission before it slips, as a multiple of the tendons'
 stiffness. It is so large that friction sets in nearly at once. Source: judgement.
-"""
-
-RESOLVED = 0.5
-"""Largest product of an interval and the natural frequency of that stiffness [1]. Source:
-judgement.
 """
 
 
@@ -162,7 +206,7 @@ def longest_interval(mechanism: Mechanism) -> float:
         square = ca.Function("square", [q, p.symbols], [square])(
             np.zeros(mechanism.n_bodies), p.values
         )
-        longest = min(longest, RESOLVED / float(np.sqrt(float(square))))
+        longest = min(longest, RESOLUTION / float(np.sqrt(float(square))))
     return longest
 
 
@@ -195,138 +239,3 @@ def internal_friction(mechanism: Mechanism, drives: list[int]) -> tuple[ca.Funct
     force = ca.Function("internal_force", [q, f, p.symbols], [ca.densify(forces)])
     follow = ca.Function("internal_friction", [q, after, v, f, p.symbols], [ca.vertcat(*frictions)])
     return force, follow
-
-
-@dataclass(frozen=True)
-class PlantMotion:
-    """The plant's motion at the start and after every interval: the outputs y of its kernel, (k,
-    n_y), see `plant_function`.
-    """
-
-    plant: Mechanism
-    y: Floats
-
-    @property
-    def q(self) -> Floats:
-        """Coordinates of the bodies, joints first, (k, n_bodies) [rad, m]."""
-        return self.y[:, : self.plant.n_bodies]
-
-    @property
-    def v(self) -> Floats:
-        """Velocities of the bodies, joints first, (k, n_bodies)."""
-        return self.y[:, self.plant.n_bodies : 2 * self.plant.n_bodies]
-
-    @property
-    def tensions(self) -> Floats:
-        """Tensions of the tendons, (k, n_tendons) [N]."""
-        n = 2 * self.plant.n_bodies
-        return self.y[:, n : n + self.plant.n_tendons]
-
-    @property
-    def pulls(self) -> Floats:
-        """What pulls the bodies: torques on the joints, then forces or torques of the drives, (k,
-        n_bodies) [N m, N].
-        """
-        return self.y[:, 2 * self.plant.n_bodies + self.plant.n_tendons :]
-
-    def check(self) -> None:
-        """Check that the motion is finite and within bounds.
-
-        Raises:
-            ScenarioError: it is not.
-        """
-        if not np.all(np.isfinite(self.y)) or np.abs(self.q).max() > 1e3:
-            raise ScenarioError(
-                "the simulated motion left all bounds: a force without a stop or tendon that "
-                "holds it, "
-                "or a step that is too long (see stepping.largest_step)"
-            )
-
-
-def rows_of(inputs: BodyInputs, dt: float) -> Floats:
-    """Return the samples x of the plant's kernel, one row for each interval of length `dt` [s]."""
-    k, n = inputs.effort.shape
-    servo = inputs.servo.transpose(0, 2, 1).reshape(k, 3 * n)
-    return np.hstack([inputs.effort, inputs.added_inertia, servo, np.full((k, 1), dt)])
-
-
-def at_rest(
-    mechanism: Mechanism, inputs: BodyInputs, start: Floats, kernel: Kernel
-) -> tuple[Floats, Floats]:
-    """Return the kernel state of a plant at rest, and the output y of its kernel there, (1, n_y).
-
-    Of the inputs only the first interval counts.
-
-    Args:
-        start: coordinates at rest, (n_bodies,).
-        kernel: of `plant_function`.
-    """
-    n = mechanism.n_bodies
-    p = mechanism.parameters.values
-    inside = np.array(
-        inside_function(mechanism)(start, p[: p.size - len(mechanism.parameters.inside)])
-    ).ravel()
-    kernel_state = np.concatenate([start, np.zeros(n + len(hysteretic(mechanism))), inside])
-    # a tiny interval gives the tensions there
-    y = advance(kernel, Feed(kernel_state, rows_of(inputs, 1e-12)[:1], p)).ys
-    y[:, :n] = start
-    y[:, n : 2 * n] = 0.0
-    servo = inputs.servo[:1]
-    y[:, 2 * n + mechanism.n_tendons :] = inputs.effort[:1] + servo[:, :, 0] * (
-        servo[:, :, 1] - start
-    )
-    return kernel_state, y
-
-
-def resting_force(mechanism: Mechanism) -> ca.Function:
-    """Return the function (q, p) → the elastic forces of the tendons on the bodies at rest."""
-    structure = structure_of("resting force", mechanism, settled=_settled(mechanism))
-    return function_of(structure, lambda: _resting_force(mechanism))
-
-
-def _resting_force(mechanism: Mechanism) -> ca.Function:
-    still = Mechanism(mechanism.rig)
-    q = ca.SX.sym("q", mechanism.n_bodies)
-    tied = still.internal_state(q).q
-    pull = -ca.mtimes(still.length_jacobian(tied).T, still.elastic_forces(tied))
-    return ca.Function("force", [q, still.parameters.symbols], [pull])
-
-
-def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs) -> Floats:
-    """Return the coordinates, (n_bodies,), at which every drive is in equilibrium while the joints
-    are held at `angles` [rad], (n_joints,).
-
-    A slack tendon counts as if it could push, so that a drive without a pull stands where its
-    tendon is just straight. Of the inputs only the first interval counts.
-
-    Raises:
-        ScenarioError: a drive has no equilibrium.
-    """
-    from scipy.optimize import brentq
-
-    force = resting_force(mechanism)
-    p = mechanism.parameters.values[: len(mechanism.parameters) - len(mechanism.parameters.inside)]
-    coordinates = np.concatenate([angles, np.zeros(mechanism.n_drives)])
-    servo = inputs.servo[0]
-
-    for i, drive in enumerate(mechanism.rig.drives, mechanism.n_joints):
-
-        def net(position: float, body: int = i) -> float:
-            coordinates[body] = position
-            spring = servo[body, 0] * (servo[body, 1] - position)
-            return (
-                float(force(coordinates, p)[body]) + float(inputs.effort[0, body]) + float(spring)
-            )
-
-        reach = 1e-3
-        while not (net(-reach) > 0.0 > net(reach)):
-            reach *= 2.0
-            if reach > 1e3:
-                raise ScenarioError(
-                    f"drives.{mechanism.bodies[i].name}: no equilibrium at the start; check its "
-                    "pull"
-                )
-        coordinates[i] = float(brentq(net, -reach, reach, xtol=1e-12))
-        if drive.stops is not None:
-            coordinates[i] = float(np.clip(coordinates[i], *drive.stops))
-    return coordinates

@@ -14,7 +14,6 @@ import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.errors import StudyError
-from distal.rounded import rounded
 from distal.study.description import Plan
 from distal.study.design_space import FEEDBACK, Space
 from distal.study.execution import Columns
@@ -29,6 +28,7 @@ from distal.study.shares import (
     setting_in_words,
     words_of,
 )
+from distal.units import rounded
 
 CASES = 3
 """Number of worst cases that are shown [1]. Source: layout."""

@@ -11,7 +11,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from distal.errors import DistalError, StudyError
+from distal.errors import DistalError, StudyError, did_you_mean
 from distal.estimators import DEFAULT, ESTIMATORS
 from distal.rig import (
     Description,
@@ -26,7 +26,6 @@ from distal.rig import (
 )
 from distal.simulation import Scenario, load_scenario
 from distal.simulation.simulate import prepare
-from distal.suggestions import did_you_mean
 
 MOST_DESIGNS = 1_000_000
 """Largest number of designs in a study [1]. Source: judgement."""

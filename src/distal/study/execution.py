@@ -23,9 +23,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.cluster import on_cluster
 from distal.errors import StudyError
 from distal.logs import write_whole
+from distal.parallel import on_cluster
 from distal.results import make_folder
 from distal.study.description import Plan
 from distal.study.design_space import Space

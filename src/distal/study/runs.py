@@ -21,18 +21,34 @@ from distal.estimators import DEFAULT, AdaptiveFilter, Estimator, KernelEstimato
 from distal.kernels import Kernel, lanes_here
 from distal.logs import Log
 from distal.model import Mechanism
+from distal.parallel import one_blas_thread
 from distal.results import Estimate
 from distal.rig import Rig, named
 from distal.run.estimate_batch import run_all
 from distal.run.offline import Run, estimator_for, prepared
 from distal.simulation import Scenario
-from distal.simulation.plant import PlantMotion, equilibrium, plant_kernel
-from distal.simulation.signal_inputs import BodyInputs, body_inputs, initial_angles
+from distal.simulation.plant import plant_kernel
+from distal.simulation.plant_motion import (
+    BodyInputs,
+    PlantMotion,
+    body_inputs,
+    equilibrium,
+    initial_angles,
+)
 from distal.simulation.simulate import Prepared, motions_of, sampled, timing
 from distal.study.description import Plan
-from distal.study.design_space import ESTIMATOR, FEEDBACK, Design, Space, rig_of, space_of
-from distal.study.plants import Draw, built_values, draws_of, scores
-from distal.threads import one_blas_thread
+from distal.study.design_space import (
+    ESTIMATOR,
+    FEEDBACK,
+    Design,
+    Draw,
+    Space,
+    built_values,
+    draws_of,
+    rig_of,
+    scores,
+    space_of,
+)
 
 Lane = TypeVar("Lane")
 Cell = float | str | bool
@@ -43,11 +59,6 @@ MEASURES = ("rms_deg", "worst_deg", "within", "inside", "half_band_deg")
 """What is measured of a run: RMS and largest error [°], shares of the time within the limit and
 inside the 95 % band, and the mean half-width of that band [°]. In a closed loop the error is the
 true angle's distance from its reference; the band is always judged by the estimate.
-"""
-
-STEPS = 4
-"""The number of sub-steps of a plant is a multiple of this, so that designs of different stiffness
-share few kernels [1]. Source: judgement.
 """
 
 BUILT = "built: "
@@ -275,7 +286,8 @@ def _setup_of(plan: Plan, scenario_rig: Rig, task: Task) -> _Setup | DistalError
         }
         plant = Mechanism(rig.with_values(fixed) if fixed else rig, remembers=True)
         dt, steps, needed = timing(plant, scenario)
-        count = -(-needed // STEPS) * STEPS
+        # a power of two, so that designs of different stiffness share few kernels
+        count = 1 << (needed - 1).bit_length()
         inputs = body_inputs(scenario, plant, dt * np.arange(steps, dtype=np.float64))
         name = str(task.design.get(ESTIMATOR, plan.study.estimator))
         if name != DEFAULT:

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from distal.arrays import Bools
 from distal.rig import in_words
-from distal.rounded import quantity
 from distal.study.description import Plan
 from distal.study.design_space import ESTIMATOR, FEEDBACK, POINTS, Axis, Space, Value, sensor_of
 from distal.study.execution import Columns
 from distal.study.runs import BUILT
+from distal.units import quantity
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from distal.estimators import DEFAULT
 from distal.results import Estimate
 from distal.rig import Rig, in_words, number
 from distal.study.description import Plan
-from distal.study.plants import draws_of
+from distal.study.design_space import draws_of
 from distal.study.runs import Task, run_tasks
 
 KNOWN = 2.0

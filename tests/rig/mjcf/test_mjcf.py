@@ -14,7 +14,6 @@ from distal.rig import (
     Imported,
     Joint,
     build_rig,
-    compare_lengths,
     from_mujoco,
     parse_toml,
 )
@@ -436,26 +435,6 @@ def test_meshes_that_are_not_there_are_left_out(tmp_path: Path) -> None:
         RigError, match=r"takes a mujoco\.MjModel or the path of its file, int came"
     ):
         from_mujoco(3)  # type: ignore[arg-type]
-
-
-def test_a_vendors_lengths(rig: Rig) -> None:
-    """Constant moment arms: the joint at which they differ is named, however lengths are
-    counted.
-    """
-    angles = np.random.default_rng(5).uniform(0, 1, (100, 2))
-    table = {"mcp": angles[:, 0], "pip": angles[:, 1], "flexor": 0.3 - angles @ [8e-3, 9e-3]}
-    mcp, pip = compare_lengths(rig, table)
-    assert (mcp.joint, mcp.differs, mcp.other) == ("mcp", False, pytest.approx(8e-3))
-    assert (pip.joint, pip.differs, pip.arm, pip.other) == (
-        "pip",
-        True,
-        pytest.approx(6e-3),
-        pytest.approx(9e-3),
-    )
-    with pytest.raises(RigError, match="no column of a tendon; the rig has extensor, flexor"):
-        compare_lengths(rig, {"mcp": [0.0]})
-    with pytest.raises(RigError, match="an angle of 90 came; the table's angles are radians"):
-        compare_lengths(rig, {"mcp": [90.0], "flexor": [0.0]})
 
 
 @pytest.mark.parametrize("pitch", [-90.0, -40.0, 0.0, 75.0, 90.0])

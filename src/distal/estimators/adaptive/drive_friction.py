@@ -16,7 +16,7 @@ import casadi as ca
 from distal.estimators.adaptive.drive_tracking import Drive
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.expressions import Scalar
-from distal.kernels.mask import is_read
+from distal.kernels.layout import is_read
 
 SLOW_DECLARED = 60.0
 """Speed, in stds of the position sensor, at which a drive with declared friction counts as half
@@ -97,7 +97,7 @@ class Residual:
         limit_variance: of the limit, from the state's covariance, l_x P l_xᵀ.
         value_variance: of the residual, from the state's covariance, r_x P r_xᵀ.
         memory: what is remembered of the drive's force.
-        mask: of the force, see `distal.kernels.mask`.
+        mask: of the force, see `distal.kernels.layout`.
     """
 
     value: Scalar

@@ -26,8 +26,7 @@ from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.tuning import Robustness
 from distal.estimators.read_channels import DEAD_INTERVALS, UNKNOWN_POSITION
 from distal.expressions import Expression, Scalar
-from distal.kernels.layout import Layout
-from distal.kernels.mask import is_bridge, is_read, is_there, rows_left
+from distal.kernels.layout import Layout, is_bridge, is_read, is_there, rows_left
 
 MOTION_TIME = 0.025
 """Time constant of the mean motion of a drive [s]: two to five samples at 100 to 200 Hz. Source:

@@ -267,7 +267,7 @@ class FilterContext:
         return offset / self.number(f"{path}.gain") if has_gain(sensor) else offset
 
     def mask(self, x: Vector, sensor: Sensor) -> Scalar:
-        """Return the mask of a sensor's value in a sample x, see `distal.kernels.mask`; a value
+        """Return the mask of a sensor's value in a sample x, see `distal.kernels.layout`; a value
         that is not `credible` is missing.
         """
         k = self.channels.names.index(sensor.name)

@@ -12,7 +12,7 @@ from distal.estimators.adaptive.states import Begin, StateVector
 from distal.estimators.adaptive.touch import FORCE, touch_layout
 from distal.estimators.read_channels import UNKNOWN_POSITION
 from distal.expressions import Scalar, Vector
-from distal.kernels.mask import is_read
+from distal.kernels.layout import is_read
 from distal.regression import (
     ReportedMap,
     Shape,

@@ -16,7 +16,7 @@ from distal.estimators.adaptive.prediction import set_row
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Matrix, Scalar, ScalarNode, VectorNode
-from distal.kernels.mask import is_read
+from distal.kernels.layout import is_read
 from distal.model import clip_moments
 
 CREST = 2.0

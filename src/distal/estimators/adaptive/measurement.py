@@ -49,7 +49,7 @@ class MeasurementRow:
         name: of its sensor, or of the drive where the pull is only nominal.
         residual: measured minus expected, without friction.
         variance: of the sensor and of the drive's position.
-        mask: 0 where the row does not count, else see `distal.kernels.mask`.
+        mask: 0 where the row does not count, else see `distal.kernels.layout`.
         limit: friction limit of the drive, the mean of both directions.
         asymmetry: by how much the limit is larger against motion to +, and smaller against motion
             to −.

@@ -15,7 +15,7 @@ from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.touch import SURE
 from distal.estimators.kalman import Downdate, along
 from distal.expressions import MatrixNode, VectorNode
-from distal.kernels.mask import is_there
+from distal.kernels.layout import is_there
 
 
 def within_play(

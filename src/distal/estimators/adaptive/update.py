@@ -24,8 +24,7 @@ from distal.estimators.adaptive.touch import (
 from distal.estimators.adaptive.tuning import Robustness
 from distal.estimators.kalman import Downdate, along
 from distal.expressions import MatrixNode, ScalarNode, VectorNode
-from distal.kernels.layout import Layout
-from distal.kernels.mask import is_there, share_used
+from distal.kernels.layout import Layout, is_there, share_used
 
 UNSURE = 2.0
 """Distance of a joint before a stop, in stds of its angle, below which the stop may hold it, (24b)

@@ -10,11 +10,10 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BeforeValidator, model_validator
 
-from distal.errors import RigError, UnitError
+from distal.errors import RigError, UnitError, did_you_mean
 from distal.rig.files import read_text
 from distal.rig.quantities import AnyRadians, Description, In, Radians, TorqueConstant
 from distal.rig.validation import validated
-from distal.suggestions import did_you_mean
 from distal.units import to_si
 
 COUNTED = ("count", "counts")

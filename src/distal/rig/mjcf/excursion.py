@@ -1,20 +1,17 @@
 """Lengths of tendons: the polynomial of lowest degree in the joints' angles that gives their
-change, and the comparison of a rig's lengths with those of a vendor.
+change.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
 from math import comb
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from distal.arrays import Floats
-from distal.errors import RigError
-from distal.rig.rig import Rig
 
 ENOUGH = 0.01
 """A polynomial is accepted where its RMS error of each moment arm, over poses to which it was not
@@ -162,69 +159,3 @@ def _fitted(powers: NDArray[np.int64], angles: Floats, lengths: Floats, arms: Fl
         np.sqrt(np.mean(left**2, axis=0)),
         float(np.quantile(left, 0.92, axis=0).max()),
     )
-
-
-DIFFERS = 0.05
-"""Moment arms that differ by more than this share of the larger one count as different [1]. Source:
-judgement.
-"""
-
-
-@dataclass(frozen=True)
-class Disagreement:
-    """How the moment arm of a tendon at a joint differs between a rig and a table.
-
-    Args:
-        arm: moment arm of the rig, mean over the table's angles, positive where it pulls to +θ [m].
-        other: moment arm of the table by least squares, with the same sign [m].
-    """
-
-    tendon: str
-    joint: str
-    arm: float
-    other: float
-
-    @property
-    def differs(self) -> bool:
-        """Whether the arms of rig and table differ by more than `DIFFERS` of the larger one."""
-        return abs(self.arm - self.other) > DIFFERS * max(abs(self.arm), abs(self.other))
-
-
-def compare_lengths(rig: Rig, table: Mapping[str, ArrayLike]) -> tuple[Disagreement, ...]:
-    """Return how the lengths in a table differ from the rig's, by tendon and joint; lengths may be
-    counted from any zero.
-
-    Args:
-        table: name of a joint → its angles [rad], (k,), and name of a tendon → its lengths [m],
-            (k,). Joints without a column are at zero; at least one joint and one tendon are needed.
-
-    Raises:
-        RigError: the table lacks these, its columns differ in length, or its angles are no radians.
-    """
-    columns = {name: np.asarray(values, dtype=float) for name, values in table.items()}
-    joints = [joint.name for joint in rig.joints if joint.name in columns]
-    tendons = [tendon for tendon in rig.tendons if tendon.name in columns]
-    for kind, parts, matches in (("joint", rig.joints, joints), ("tendon", rig.tendons, tendons)):
-        if not matches:
-            names = ", ".join(part.name for part in parts)
-            raise RigError(f"the table has no column of a {kind}; the rig has {names}")
-    if len({values.shape for values in columns.values()}) > 1:
-        raise RigError("the table's columns differ in length")
-    angles = np.column_stack([columns[name] for name in joints])
-    if np.abs(angles).max() > 2 * np.pi:
-        raise RigError(
-            f"an angle of {np.abs(angles).max():.4g} came; the table's angles are radians, its "
-            "lengths metres"
-        )
-    poses = [dict(zip(joints, row)) for row in angles]
-    disagreements = list[Disagreement]()
-    for tendon in tendons:
-        arms = np.array(
-            [[tendon.arms(pose).get(name, 0.0) for name in joints] for pose in poses]
-        ).mean(axis=0)
-        sloped = np.column_stack([np.ones(len(angles)), angles])
-        slopes = np.linalg.lstsq(sloped, columns[tendon.name], rcond=None)[0][1:]
-        for name, arm, slope in zip(joints, arms, slopes):
-            if name in tendon.joints or abs(slope) > 1e-6:
-                disagreements.append(Disagreement(tendon.name, name, float(arm), float(-slope)))
-    return tuple(disagreements)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from distal.arrays import Floats
 from distal.errors import RigError
 from distal.rig.files import Guess
+from distal.rig.joints import REACH
 
 if TYPE_CHECKING:
     import mujoco
@@ -137,9 +138,6 @@ ASSUMED = AssumedOfModels()
 POSES = 3000
 """Number of random poses at which the lengths of tendons are computed [1]. Source: judgement."""
 
-UNLIMITED = (-np.pi / 2, np.pi / 2)
-"""Range of a joint to which the model gives none [rad]. Source: judgement."""
-
 CROSSED = 1e-3
 """A tendon crosses a joint where its moment arm is larger than this share of its largest one [1].
 Source: judgement.
@@ -165,9 +163,9 @@ class Poses:
 
 
 def range_of(model: mujoco.MjModel, joint: int) -> tuple[float, float]:
-    """Return the range of a joint [rad], `UNLIMITED` where the model has none."""
+    """Return the range of a joint [rad], ± `REACH` where the model has none."""
     if not model.jnt_limited[joint]:
-        return UNLIMITED
+        return -REACH, REACH
     low, high = model.jnt_range[joint]
     return float(low), float(high)
 

@@ -9,6 +9,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from distal.confidence import BAND
 from distal.rig.quantities import (
     ONE,
     AnyTorque,
@@ -128,19 +129,12 @@ class TorqueSensor(SensorBase):
 def largest_effort(rig: Parts, drive: int) -> float:
     """Return the largest effort that a drive is likely to exert [N, N m]: its limit; without one
     twice its nominal force or twice the pretensions of its tendons, whichever is larger.
-
-    Without a limit it is at least `LEAST`, so that the range of a sensor is never empty.
     """
     part = rig.drives[drive]
     if part.limit is not None:
         return part.limit
     pretension = sum(tendon.pretension.value for tendon in rig.tendons if tendon.drive == part.name)
-    pulled = part.lever * max(2.0 * pretension, LEAST)
-    return max(2.0 * abs(part.nominal_force.value), pulled)
-
-
-LEAST = 1.0
-"""Smallest force up to which the range of a force sensor reaches [N]. Source: judgement."""
+    return 2.0 * max(abs(part.nominal_force.value), part.lever * pretension)
 
 
 def _effort_travel(sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
@@ -159,18 +153,9 @@ def _tension_travel(sensor: SensorBase, rig: Parts, part: int) -> tuple[float, f
     return 0.0, largest_effort(rig, drive) / rig.drives[drive].lever
 
 
-WIDEST = 3.0
-"""Half-width of the range of a torque sensor in stds of the external torque [1]. Source:
-judgement.
-"""
-
-LEAST_TORQUE = 0.01
-"""Smallest half-width of the range of a torque sensor [N m]. Source: judgement."""
-
-
 def _torque_travel(sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
-    """Return ± `WIDEST` stds of the external torque by the rig, at least ± `LEAST_TORQUE`."""
-    largest = max(WIDEST * rig.joints[part].external_torque.std, LEAST_TORQUE)
+    """Return the band of the external torque by the rig."""
+    largest = BAND * rig.joints[part].external_torque.std
     return -largest, largest
 
 

@@ -10,14 +10,13 @@ from typing import Annotated
 
 from pydantic import Field
 
-from distal.errors import UnitError
+from distal.errors import UnitError, did_you_mean
 from distal.rig.drives import Capstan
 from distal.rig.quantities import ONE, Parameter
 from distal.rig.sensors.base import Measurand, Part, Parts, Role
 from distal.rig.sensors.forces import FORCE, TENSION, TORQUE, ForceSensor, TorqueSensor
 from distal.rig.sensors.imu import IMU, VALUES, Accelerometer, Gyroscope
 from distal.rig.sensors.motions import ANGLE, POSITION, AngleSensor, LengthSensor
-from distal.suggestions import did_you_mean
 from distal.units import unit_factor
 
 MEASURANDS: dict[str, Measurand] = {

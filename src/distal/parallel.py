@@ -1,15 +1,64 @@
-"""Run one function on many tasks by the workers of a Dask cluster; results come as tasks end."""
+"""Where work runs: with one BLAS thread where small matrices are multiplied, and by the workers of
+a Dask cluster.
+
+NumPy's BLAS uses all cores for each product. For matrices of some dozen columns that gains nothing,
+and beside other busy processes its threads wait for each other, spinning: a product takes a
+thousand times as long (`python -m benchmarks.newcomers --busy 8`).
+"""
 
 from __future__ import annotations
 
+import sys
+import threading
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import lru_cache
 from typing import TypeVar
+
+from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from distal.errors import DistalError
 from distal.version import __version__
 
-RETRIES = 5
-"""Number of times that a task is tried again after its worker was lost. Source: judgement."""
+_changing = threading.Lock()
+_within = 0
+_limits: threadpool_limits | None = None
+
+
+@lru_cache(maxsize=1)
+def _libraries(modules: int) -> ThreadpoolController:
+    """Return the libraries that threadpoolctl finds, which takes a millisecond. They are cached by
+    the number of loaded `modules`, since another module may load further libraries.
+    """
+    return ThreadpoolController()
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Limit BLAS to one thread, in a ``with`` or as a decorator; the earlier limits are restored
+    when the last user has left.
+
+    Some BLAS libraries take limits from the main thread only, so the limits are also restored when
+    the main thread leaves. A BLAS that threadpoolctl does not know stays as it is.
+    """
+    global _within, _limits
+    with _changing:
+        if _within == 0:
+            _limits = _libraries(len(sys.modules)).limit(limits=1, user_api="blas")
+        _within += 1
+    try:
+        yield
+    finally:
+        with _changing:
+            _within -= 1
+            last = _within == 0
+            if _limits is not None and (
+                last or threading.current_thread() is threading.main_thread()
+            ):
+                _limits.restore_original_limits()
+            if last:
+                _limits = None
+
 
 PATIENCE = 10.0
 """Longest wait for an answer of the scheduler [s]. Source: judgement."""
@@ -41,17 +90,13 @@ def on_cluster(
         raise error("--scheduler needs Dask; pip install '.[dask]'") from None
     try:
         client = Client(address, timeout=PATIENCE, set_as_default=False)
-        versions = client.get_versions()
     except (OSError, ValueError, ImportError, TypeError) as problem:
         raise error(
             f"no scheduler answers at {address} ({str(problem)[:80]}); start one: dask scheduler"
         ) from None
     with client:
-        _check_versions(versions, error)
         keys = {
-            client.submit(
-                _far, function, arguments, error, __version__, pure=False, retries=RETRIES
-            ): key
+            client.submit(_far, function, arguments, error, __version__, pure=False): key
             for key, arguments in tasks.items()
         }
         try:
@@ -83,18 +128,3 @@ def _far(
             f"a worker has distal {__version__}, this is {version}; install the same on all"
         )
     return function(*arguments)
-
-
-def _check_versions(
-    versions: Mapping[str, Mapping[str, Mapping[str, str]]], error: type[DistalError]
-) -> None:
-    """Refuse a scheduler with another version of Dask or Python than is here."""
-    for package, length in (("python", 2), ("distributed", 3), ("dask", 3)):
-        local, remote = (
-            ".".join(versions[side]["packages"][package].split(".")[:length])
-            for side in ("client", "scheduler")
-        )
-        if local != remote:
-            raise error(
-                f"the scheduler has {package} {remote}, this is {local}; install the same on all"
-            )

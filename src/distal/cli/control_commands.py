@@ -1,5 +1,5 @@
-"""`distal control`: a controller in the loop, with an encoder, an estimate and displacements alone
-as feedback.
+"""`distal control`: a controller in the loop, with several feedbacks; and `distal command`: from
+desired joint angles to the setpoints of the drives.
 """
 
 from __future__ import annotations
@@ -8,11 +8,21 @@ from math import degrees, isinf, isnan
 from pathlib import Path
 from typing import Annotated
 
-from typer import Option
+from typer import Argument, Option
 
 from distal.cli.console import say, table, warn, working
-from distal.cli.paths import check_command_outputs, to_folder
-from distal.cli.shared_options import ScenarioArgument, SeedOption, SetOption
+from distal.cli.shared_options import (
+    RigOption,
+    ScenarioArgument,
+    SeedOption,
+    SetOption,
+    check_command_outputs,
+    check_ending,
+    newtons,
+    to_file,
+    to_folder,
+)
+from distal.units import rounded
 
 
 def control_command(
@@ -62,10 +72,9 @@ def control_command(
                 if isinf(score.settling)
                 else f"{score.settling:.2f}"
             )
-            hunts = f"{degrees(max(score.hunting)):.1f}°" if score.hunting else "no"
             angles = [
                 "–" if isnan(angle) else f"{degrees(angle):.2f}"
-                for angle in (score.rms, score.overshoot)
+                for angle in (score.rms, score.overshoot, score.at_rest)
             ]
             wrong_by = f"{degrees(score.estimate_rms):.2f}"
             rows.append(
@@ -74,7 +83,6 @@ def control_command(
                     score.joint,
                     *angles,
                     settled,
-                    hunts,
                     f"{score.effort:.3g}",
                     wrong_by,
                 )
@@ -87,10 +95,77 @@ def control_command(
         "joint",
         "RMS [°]",
         "overshoot [°]",
+        "at rest [°]",
         "settled [s]",
-        "limit cycle",
         f"effort [{unit}]",
     ]
     columns.append("told wrong by [°]")
     table(f"{description.name or scenario}: true angle against reference", columns, rows, text=2)
     say(f"wrote {picture} and {', '.join(path.name for path in logs)}")
+
+
+def command_command(
+    desired: Annotated[
+        Path,
+        Argument(help="Wanted angles: a file with t and theta (theta_JOINT)."),
+    ],
+    rig: RigOption,
+    out: Annotated[
+        Path,
+        Option(
+            help="Where to write the commands (CSV or Parquet), by the rig's own columns and units."
+        ),
+    ],
+    *,
+    least_tension: Annotated[
+        str,
+        Option(
+            "--least-tension",
+            help="Tension that every tendon keeps where the drives can choose it.",
+        ),
+    ] = "1 N",
+    plot: Annotated[
+        Path | None, Option("--plot", help="Draw a picture (PNG, SVG or PDF) of angles and drives.")
+    ] = None,
+    set_: SetOption = None,
+) -> None:
+    """Write what the drives have to do for desired angles, and the angles that they then reach with
+    their band.
+    """
+    import numpy as np
+
+    from distal.confidence import BAND
+    from distal.inverse import Inverse
+    from distal.logs import read_angles, unit_of_angles
+    from distal.results import plot_kind
+    from distal.rig import angle_names, load_rig
+
+    if plot is not None:
+        plot_kind(plot)
+    check_command_outputs(
+        [*to_file("--out", out), *to_file("--plot", plot)], logs=[desired], rig=rig
+    )
+    check_ending(out, "a table")
+    inverse = Inverse(load_rig(rig, set_ or ()), least_tension=newtons(least_tension))
+    joints = inverse.rig.joint_names
+    columns = {
+        joint: name for joint, name in zip(joints, angle_names(joints)) if joint in inverse.joints
+    }
+    time, angles = read_angles(desired, list(columns.values()))
+    with working("finding the commands"):
+        commands = inverse(time, {joint: angles[name] for joint, name in columns.items()})
+    # in the unit of the desired angles
+    commands.write(out, unit_of_angles(desired, list(columns.values())))
+    for j, joint in enumerate(joints):
+        away = degrees(
+            float(np.sqrt(np.mean((commands.angles[:, j] - commands.desired[:, j]) ** 2)))
+        )
+        band = BAND * degrees(float(np.sqrt(np.mean(commands.stds[:, j] ** 2))))
+        # what does not show in the printed band is nothing
+        off = f" but for {rounded(away, 3)}° RMS" if rounded(band + away) != rounded(band) else ""
+        say(f"{joint}: reaches what is wanted{off}, 95 % band ± {rounded(band)}° in an open loop")
+    for note in commands.notes:
+        warn(note)
+    if plot is not None:
+        commands.plot(plot)
+    say(f"wrote {out}" + (f" and {plot}" if plot is not None else ""))

@@ -1,0 +1,340 @@
+"""Commands that simulate: `distal simulate`, `distal scenarios`, `distal scenario show`; `distal
+drift`, hours of a scenario whose plant changes, with and without an angle that is known from time
+to time; `distal study`, `distal studies`.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from math import degrees
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from typer import Argument, Option
+
+from distal.cli.console import progress_bar, say, stoppable, table, warn, working
+from distal.cli.shared_options import (
+    ScenarioArgument,
+    SeedOption,
+    SetOption,
+    check_command_outputs,
+    check_ending,
+    check_folder,
+    rigs,
+    studies,
+    to_file,
+    to_folder,
+)
+
+if TYPE_CHECKING:
+    from distal.logs import Log, Output
+    from distal.rig import Rig
+    from distal.run import PieceEstimate
+    from distal.simulation import Rezero, Scenario
+    from distal.study import Folder, Plan, Space
+
+
+app = typer.Typer(help="Look at scenarios.", no_args_is_help=True)
+
+
+def simulate_command(
+    scenario: ScenarioArgument,
+    out: Annotated[
+        Path, Option(help="Where to write the log (CSV or Parquet); with --runs, a folder.")
+    ],
+    seed: SeedOption = 0,
+    *,
+    runs: Annotated[
+        int | None,
+        Option(
+            min=1, max=100_000, help="Simulate with so many seeds, from --seed on, each to a file."
+        ),
+    ] = None,
+    rig_: Annotated[
+        str | None,
+        Option(
+            "--rig",
+            help="A rig instead of the scenario's; its drives have the same names.",
+            autocompletion=rigs,
+        ),
+    ] = None,
+    truth: Annotated[
+        bool, Option(help="Also write true values that no sensor reads, as true_… in SI.")
+    ] = True,
+    set_: SetOption = None,
+) -> None:
+    """Simulate a scenario and write what the sensors read, with the truth beside it."""
+    from distal.control import simulate
+    from distal.errors import ScenarioError
+    from distal.logs import write_log
+    from distal.rig import named, parse_assignment
+    from distal.simulation import load_scenario, scenario_rig
+
+    description = load_scenario(scenario)
+    if rig_ is not None:
+        description = description.model_copy(update={"rig": rig_})
+    rig = scenario_rig(description, set_ or ())
+    values = {
+        **description.set,
+        **dict(parse_assignment(text, ScenarioError) for text in set_ or ()),
+    }
+    settings = [f"--set {shlex.quote(f'{path}={_toml(value)}')}" for path, value in values.items()]
+    if runs is not None:
+        check_command_outputs(logs_of(seed, runs, out), rig=description.rig, scenario=scenario)
+        _simulate_many(rig, description, seed, runs, out, settings, truth=truth)
+        return
+    check_command_outputs(to_file("--out", out), rig=description.rig, scenario=scenario)
+    check_ending(out, "a table")
+    with working("simulating"):
+        log = simulate(rig, description, seed)
+    write_log(log if truth else replace(log, truth={}), rig, out)
+    say(f"{rig.name}: {len(log)} samples, {description.duration:g} s, {_ranges(log, rig)}")
+    say(f"wrote {out}")
+    ignored = sorted(
+        {named(rig, path) for path in values} & {named(rig, path) for path in description.plant}
+    )
+    if ignored:
+        warn(f"the scenario's [plant] has its own {', '.join(ignored)}")
+    command = ["distal estimate", shlex.quote(str(out)), "--rig", description.rig, *settings]
+    say(f"estimate from it: {' '.join(command)}")
+
+
+def _toml(value: object) -> str:
+    """Return a value as TOML on one line."""
+    import tomlkit
+
+    if not isinstance(value, dict):
+        return tomlkit.item(value).as_string()
+    table = tomlkit.inline_table()
+    table.update(value)
+    return table.as_string()
+
+
+def list_scenarios_command() -> None:
+    """List the shipped scenarios."""
+    from distal.simulation import load_scenario, shipped_scenarios
+
+    shipped = [(name, load_scenario(name)) for name in shipped_scenarios()]
+    rows = [
+        (name, scenario.name, scenario.rig, f"{scenario.duration:g}") for name, scenario in shipped
+    ]
+    table("scenarios", ["scenario", "title", "rig", "duration [s]"], rows, text=3)
+
+
+@app.command("show")
+def show_scenario_command(name: ScenarioArgument) -> None:
+    """Print a scenario's file, to copy and change."""
+    from distal.simulation import scenario_text
+
+    print(scenario_text(name), end="")
+
+
+def _ranges(log: Log, rig: Rig) -> str:
+    """Return a text on the range of each joint's true angle."""
+    from distal.rig import angle_names
+
+    joints = rig.joint_names
+    labels = ["angle"] if len(joints) == 1 else [f"angle of {joint}" for joint in joints]
+    truths = [log.truth[name] for name in angle_names(joints)]
+    return ", ".join(
+        f"{label} from {degrees(theta.min()):.2f}° to {degrees(theta.max()):.2f}°"
+        for label, theta in zip(labels, truths)
+    )
+
+
+def runs_of(seed: int, runs: int) -> dict[int, str]:
+    """Return seed → name of the log's file, for as many seeds as `runs` from `seed` on."""
+    digits = len(str(seed + runs - 1))
+    return {number: f"run_{number:0{digits}d}.csv" for number in range(seed, seed + runs)}
+
+
+def logs_of(seed: int, runs: int, out: Path) -> list[Output]:
+    """Return the files of as many simulated logs as `runs`, with seeds from `seed` on.
+
+    Raises:
+        OutputError: `out` is a file.
+    """
+    check_folder(out, "with --runs")
+    return to_folder("--out", out, runs_of(seed, runs).values())
+
+
+def _simulate_many(
+    rig: Rig,
+    scenario: Scenario,
+    seed: int,
+    runs: int,
+    out: Path,
+    settings: list[str],
+    *,
+    truth: bool = True,
+) -> None:
+    """Simulate a scenario with several seeds, and write each log to a folder.
+
+    Args:
+        seed: the first seed.
+        runs: number of seeds.
+        settings: ``--set`` options, for the command that is printed as a hint.
+        truth: whether the truth is written.
+    """
+    from distal.logs import write_log
+    from distal.results import make_folder
+    from distal.simulation import simulate_batch
+
+    make_folder(out)
+    names = runs_of(seed, runs)
+    with progress_bar("simulating", runs) as advance:
+        logs = simulate_batch(rig, ((scenario, number) for number in names), progress=advance)
+        for name, log in zip(names.values(), logs):
+            write_log(log if truth else replace(log, truth={}), rig, out / name)
+    say(f"{rig.name}: {runs} runs of {scenario.duration:g} s, seeds {seed} to {seed + runs - 1}")
+    say(f"wrote {runs} logs to {out}")
+    command = [
+        "distal estimate",
+        f"{shlex.quote(str(out))}/*.csv",
+        "--rig",
+        scenario.rig,
+        *settings,
+    ]
+    say(f"estimate from them: {' '.join(command)}")
+
+
+def drift_command(
+    scenario: ScenarioArgument,
+    out: Annotated[Path, Option(help="Folder for the figure and the table by hours.")],
+    seed: SeedOption = 0,
+    *,
+    set_: SetOption = None,
+) -> None:
+    """Simulate hours of work, and print error and band of the estimate for each; memory stays that
+    of one minute.
+    """
+    from distal.logs import write_whole
+    from distal.results import save_figure
+    from distal.run import by_hour, estimate_pieces, plot_hours
+    from distal.simulation import load_scenario, scenario_rig, simulate_pieces
+
+    description = load_scenario(scenario)
+    rig = scenario_rig(description, set_ or ())
+    picture = out / "drift.png"
+    rows_file = out / "drift.csv"
+    check_command_outputs(
+        to_folder("--out", out, [picture.name, rows_file.name]),
+        rig=description.rig,
+        scenario=scenario,
+    )
+    ways: dict[str, Rezero | None] = {"nothing known": None}
+    if description.rezero is not None:
+        ways["rezeroed"] = description.rezero
+    hours_of = {}
+    with working("simulating hours") as show:
+        for name, rezero in ways.items():
+            pieces = estimate_pieces(simulate_pieces(rig, description, seed), rig, rezero)
+            hours_of[name] = by_hour(_with_progress(pieces, show, description.duration, name))
+    out.mkdir(parents=True, exist_ok=True)
+    save_figure(plot_hours(hours_of), picture)
+    rows = []
+    for name, hours in hours_of.items():
+        for hour in hours:
+            error = f"{degrees(hour.rms):.2f}"
+            half_band = f"{degrees(hour.half_band):.2f}"
+            rows.append((name, str(hour.index + 1), error, f"{100 * hour.inside:.0f}", half_band))
+    columns = ["way", "hour", "RMS error [°]", "inside 95 % band [%]", "half of the band [°]"]
+    write_whole(rows_file, "\n".join(",".join(row) for row in [columns, *rows]) + "\n")
+    table(f"{description.name or scenario}", columns, rows, text=1)
+    say(f"wrote {picture} and {rows_file.name}")
+
+
+def _with_progress(
+    pieces: Iterable[PieceEstimate], show: Callable[[str], None], duration: float, name: str
+) -> Iterator[PieceEstimate]:
+    """Yield pieces, and show which share of the `duration` [s] they are."""
+    for piece in pieces:
+        show(f"{name}: {100 * piece.log.time[-1] / duration:.0f} % simulated and estimated")
+        yield piece
+
+
+STUDY = "A shipped study's name (see `distal studies`) or a TOML file."
+"""Help of the argument that names a study."""
+
+
+def study_command(
+    study: Annotated[str, Argument(help=STUDY, autocompletion=studies)],
+    out: Annotated[
+        Path | None, Option(help="Folder for rows and answer; one that is there goes on.")
+    ] = None,
+    workers: Annotated[
+        int | None, Option(min=1, max=1024, help="Processes here; default one per core.")
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        Option(metavar="tcp://HOST:PORT", help="A Dask scheduler, whose workers run it instead."),
+    ] = None,
+    suggest: Annotated[
+        bool,
+        Option(
+            "--suggest",
+            help="Say which sensor, number or calibration narrows the band most, instead.",
+        ),
+    ] = False,
+) -> None:
+    """Ask of many designs, each built many times, whether a requirement is met, and write the
+    answer as a page.
+    """
+    from distal.errors import StudyError
+    from distal.study import load_study, open_folder, run_study, space_of
+
+    plan = load_study(study)
+    space = space_of(plan)
+    if suggest:
+        _suggest(plan)
+        return
+    if out is None:
+        raise StudyError(
+            "--out is missing: give the folder for rows and answer; one that is there goes on"
+        )
+    folder = open_folder(plan, out)
+    with stoppable():
+        try:
+            with progress_bar("runs") as show:
+                run_study(plan, space, folder, workers, scheduler, show)
+        except KeyboardInterrupt:
+            say(f"what is done is kept in {folder.path}; the same command goes on")
+            raise
+        _answer(plan, space, folder)
+
+
+def _answer(plan: Plan, space: Space, folder: Folder) -> None:
+    from distal.reports import study_report
+    from distal.study.answer import answer_of
+
+    columns = folder.gather()
+    answer = answer_of(plan, space, columns)
+    page = study_report(plan, space, columns, answer, folder.path)
+    say(answer.sentence)
+    say(f"wrote {page}, {folder.path / 'answer.json'} and {folder.path / 'rows.parquet'}")
+
+
+def _suggest(plan: Plan) -> None:
+    from distal.study.suggest import PLANTS, suggestions
+
+    with progress_bar("options") as show:
+        base, options = suggestions(plan, show)
+    rows = [
+        (option.words, f"{degrees(option.band):.3g}", f"{degrees(option.error):.3g}")
+        for option in (base, *options)
+    ]
+    columns = ["option", "band ± [°]", f"RMS over {PLANTS} plants [°]"]
+    table(plan.study.name or plan.rig.name, columns, rows)
+    say(f"narrowest band: {options[0].words}")
+
+
+def list_studies_command() -> None:
+    """List the shipped studies."""
+    from distal.study import load_study, shipped_studies
+
+    studies = [(name, load_study(name).study) for name in shipped_studies()]
+    rows = [(name, study.name, study.rig, ", ".join(study.scenarios)) for name, study in studies]
+    table("studies", ["study", "title", "rig", "scenarios"], rows, text=4)

@@ -1,0 +1,276 @@
+"""What acts on a plant by a scenario's signals, as arrays on a time grid with one column per body;
+the equilibrium from which the plant starts; and its motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from distal.arrays import Floats
+from distal.errors import ScenarioError, did_you_mean
+from distal.kernels import Feed, Kernel, advance, function_of, structure_of
+from distal.model import GRAVITY, Mechanism
+from distal.simulation.plant import hysteretic, inside_function, settled_creeps
+from distal.simulation.scenario import (
+    CapstanServo,
+    DriveInput,
+    JointInput,
+    Scenario,
+    SliderLoop,
+    TurningHand,
+)
+from distal.units import to_si
+
+PULLS = {"slider": ("weight", "force", "servo.position"), "capstan": ("torque", "servo.angle")}
+"""Kind of a drive → what may pull it."""
+
+
+@dataclass(frozen=True)
+class BodyInputs:
+    """What acts on the bodies in each of n intervals.
+
+    Args:
+        effort: force or torque, hung weights included, (n, n_bodies) [N m, N].
+        added_inertia: mass of hung weights, (n, n_bodies) [kg].
+        servo: stiffness, target and damping of a spring and damper to a target, (n, n_bodies, 3).
+    """
+
+    effort: Floats
+    added_inertia: Floats
+    servo: Floats
+
+
+def body_inputs(scenario: Scenario, mechanism: Mechanism, time: Floats) -> BodyInputs:
+    """Return what a scenario's signals do to the bodies at each `time` [s], (n,), the starts of
+    intervals.
+
+    Raises:
+        ScenarioError: the scenario names a joint or drive that the rig does not have, or pulls a
+            drive in a way that its kind does not allow.
+    """
+    rig = mechanism.rig
+    _check_names(scenario.joints, rig.joint_names, "joints", "joint")
+    _check_names(scenario.drives, rig.drive_names, "drives", "drive")
+    n = len(time)
+    bodies = mechanism.n_bodies
+    inputs = BodyInputs(np.zeros((n, bodies)), np.zeros((n, bodies)), np.zeros((n, bodies, 3)))
+    for i, joint in enumerate(rig.joints):
+        load = scenario.joints.get(joint.name, JointInput())
+        if load.torque is not None:
+            inputs.effort[:, i] += load.torque.at(time)
+        if load.hand is not None:
+            _spring(inputs, i, load.hand, load.hand.angle.at(time))
+    for i, drive in enumerate(rig.drives):
+        pull = scenario.drives.get(drive.name, DriveInput())
+        _check_pull(pull, drive.kind, f"drives.{drive.name}")
+        _drive(inputs, mechanism.n_joints + i, pull, time)
+    return inputs
+
+
+def _drive(inputs: BodyInputs, body: int, pull: DriveInput, time: Floats) -> None:
+    for signal in (pull.force, pull.torque, pull.weight):
+        if signal is not None:
+            inputs.effort[:, body] += signal.at(time)
+    if pull.weight is not None:
+        inputs.added_inertia[:, body] = pull.weight.at(time) / GRAVITY
+    if pull.servo is not None:
+        target = pull.servo.position if isinstance(pull.servo, SliderLoop) else pull.servo.angle
+        _spring(inputs, body, pull.servo, target.at(time))
+
+
+def _spring(
+    inputs: BodyInputs, body: int, spring: TurningHand | SliderLoop | CapstanServo, target: Floats
+) -> None:
+    inputs.servo[:, body, 0] = spring.stiffness
+    inputs.servo[:, body, 2] = spring.damping
+    inputs.servo[:, body, 1] = target
+
+
+def _check_pull(pull: DriveInput, kind: str, where: str) -> None:
+    parts = {
+        "weight": pull.weight,
+        "force": pull.force,
+        "torque": pull.torque,
+        "servo.position": pull.servo if isinstance(pull.servo, SliderLoop) else None,
+        "servo.angle": pull.servo if isinstance(pull.servo, CapstanServo) else None,
+    }
+    for name, part in parts.items():
+        if part is not None and name not in PULLS[kind]:
+            allowed = ", ".join(PULLS[kind])
+            raise ScenarioError(
+                f"{where}.{name}: a {kind} cannot be pulled so; {allowed} are allowed"
+            )
+
+
+def _check_names(keys: Iterable[str], names: list[str], where: str, kind: str) -> None:
+    for name in keys:
+        if name not in names:
+            raise ScenarioError(
+                f"{where}: the rig has no {kind} '{name}'{did_you_mean(name, names)}"
+            )
+
+
+def initial_angles(scenario: Scenario, mechanism: Mechanism) -> Floats:
+    """Return the joints' angles at the start [rad], (n_joints,): the scenario's, else the rig's
+    `initial`.
+
+    Raises:
+        ScenarioError: a joint is unknown or follows another one, or its angle is none.
+    """
+    names = mechanism.rig.joint_names
+    _check_names(scenario.initial, names, "initial", "joint")
+    angles = np.array([joint.initial.value for joint in mechanism.rig.joints])
+    for name, raw in scenario.initial.items():
+        coupled = mechanism.rig.joints[names.index(name)].coupled
+        if coupled is not None:
+            raise ScenarioError(
+                f"initial.{name}: it follows '{coupled.joint}'; give the angle of that joint"
+            )
+        try:
+            angles[names.index(name)] = to_si(raw, "rad")
+        except ValueError as problem:
+            raise ScenarioError(f"initial.{name}: {problem}") from None
+    # a coupled joint follows from the joint that it is coupled to
+    placed: Floats = (
+        mechanism.spread.full() @ angles[mechanism.free]
+    ) + mechanism.offsets.full().ravel()
+    return placed
+
+
+@dataclass(frozen=True)
+class PlantMotion:
+    """The plant's motion at the start and after every interval: the outputs y of its kernel, (k,
+    n_y), see `plant_function`.
+    """
+
+    plant: Mechanism
+    y: Floats
+
+    @property
+    def q(self) -> Floats:
+        """Coordinates of the bodies, joints first, (k, n_bodies) [rad, m]."""
+        return self.y[:, : self.plant.n_bodies]
+
+    @property
+    def v(self) -> Floats:
+        """Velocities of the bodies, joints first, (k, n_bodies)."""
+        return self.y[:, self.plant.n_bodies : 2 * self.plant.n_bodies]
+
+    @property
+    def tensions(self) -> Floats:
+        """Tensions of the tendons, (k, n_tendons) [N]."""
+        n = 2 * self.plant.n_bodies
+        return self.y[:, n : n + self.plant.n_tendons]
+
+    @property
+    def pulls(self) -> Floats:
+        """What pulls the bodies: torques on the joints, then forces or torques of the drives, (k,
+        n_bodies) [N m, N].
+        """
+        return self.y[:, 2 * self.plant.n_bodies + self.plant.n_tendons :]
+
+    def check(self) -> None:
+        """Check that the motion is finite and within bounds.
+
+        Raises:
+            ScenarioError: it is not.
+        """
+        if not np.all(np.isfinite(self.y)) or np.abs(self.q).max() > 1e3:
+            raise ScenarioError(
+                "the simulated motion left all bounds: a force without a stop or tendon that "
+                "holds it, "
+                "or a step that is too long (see stepping.largest_step)"
+            )
+
+
+def rows_of(inputs: BodyInputs, dt: float) -> Floats:
+    """Return the samples x of the plant's kernel, one row for each interval of length `dt` [s]."""
+    k, n = inputs.effort.shape
+    servo = inputs.servo.transpose(0, 2, 1).reshape(k, 3 * n)
+    return np.hstack([inputs.effort, inputs.added_inertia, servo, np.full((k, 1), dt)])
+
+
+def at_rest(
+    mechanism: Mechanism, inputs: BodyInputs, start: Floats, kernel: Kernel
+) -> tuple[Floats, Floats]:
+    """Return the kernel state of a plant at rest, and the output y of its kernel there, (1, n_y).
+
+    Of the inputs only the first interval counts.
+
+    Args:
+        start: coordinates at rest, (n_bodies,).
+        kernel: of `plant_function`.
+    """
+    n = mechanism.n_bodies
+    p = mechanism.parameters.values
+    inside = np.array(
+        inside_function(mechanism)(start, p[: p.size - len(mechanism.parameters.inside)])
+    ).ravel()
+    kernel_state = np.concatenate([start, np.zeros(n + len(hysteretic(mechanism))), inside])
+    # a tiny interval gives the tensions there
+    y = advance(kernel, Feed(kernel_state, rows_of(inputs, 1e-12)[:1], p)).ys
+    y[:, :n] = start
+    y[:, n : 2 * n] = 0.0
+    servo = inputs.servo[:1]
+    y[:, 2 * n + mechanism.n_tendons :] = inputs.effort[:1] + servo[:, :, 0] * (
+        servo[:, :, 1] - start
+    )
+    return kernel_state, y
+
+
+def resting_force(mechanism: Mechanism) -> ca.Function:
+    """Return the function (q, p) → the elastic forces of the tendons on the bodies at rest."""
+    structure = structure_of("resting force", mechanism, settled=settled_creeps(mechanism))
+    return function_of(structure, lambda: _resting_force(mechanism))
+
+
+def _resting_force(mechanism: Mechanism) -> ca.Function:
+    still = Mechanism(mechanism.rig)
+    q = ca.SX.sym("q", mechanism.n_bodies)
+    tied = still.internal_state(q).q
+    pull = -ca.mtimes(still.length_jacobian(tied).T, still.elastic_forces(tied))
+    return ca.Function("force", [q, still.parameters.symbols], [pull])
+
+
+def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs) -> Floats:
+    """Return the coordinates, (n_bodies,), at which every drive is in equilibrium while the joints
+    are held at `angles` [rad], (n_joints,).
+
+    A slack tendon counts as if it could push, so that a drive without a pull stands where its
+    tendon is just straight. Of the inputs only the first interval counts.
+
+    Raises:
+        ScenarioError: a drive has no equilibrium.
+    """
+    from scipy.optimize import brentq
+
+    force = resting_force(mechanism)
+    p = mechanism.parameters.values[: len(mechanism.parameters) - len(mechanism.parameters.inside)]
+    coordinates = np.concatenate([angles, np.zeros(mechanism.n_drives)])
+    servo = inputs.servo[0]
+
+    for i, drive in enumerate(mechanism.rig.drives, mechanism.n_joints):
+
+        def net(position: float, body: int = i) -> float:
+            coordinates[body] = position
+            spring = servo[body, 0] * (servo[body, 1] - position)
+            return (
+                float(force(coordinates, p)[body]) + float(inputs.effort[0, body]) + float(spring)
+            )
+
+        reach = 1e-3
+        while not (net(-reach) > 0.0 > net(reach)):
+            reach *= 2.0
+            if reach > 1e3:
+                raise ScenarioError(
+                    f"drives.{mechanism.bodies[i].name}: no equilibrium at the start; check its "
+                    "pull"
+                )
+        coordinates[i] = float(brentq(net, -reach, reach, xtol=1e-12))
+        if drive.stops is not None:
+            coordinates[i] = float(np.clip(coordinates[i], *drive.stops))
+    return coordinates
