@@ -216,19 +216,21 @@ class Log:
         return polars_frame(self.columns())
 
 
-def check_stamps(time: Floats, source: str, first_row: int | None = None) -> None:
+def check_stamps(
+    time: Floats, source: str, rows: Sequence[int] | NDArray[np.intp] | None = None
+) -> None:
     """Raise a `LogError` where a stamp of `time` [s], (n,), is not finite, repeats or goes back.
 
     Args:
         source: what the log is called in messages.
-        first_row: row number of the first stamp in its file; without it, the message counts samples
-            from 0.
+        rows: number of each stamp's row in its file; without it, the message counts samples from 0.
     """
-    position, offset = ("sample", 0) if first_row is None else ("row", first_row)
+    position = "sample" if rows is None else "row"
+    numbers = range(len(time)) if rows is None else rows
     bad = np.flatnonzero(~np.isfinite(time))
     if len(bad):
         raise LogError(
-            f"{source}: {position} {bad[0] + offset}: time is {time[bad[0]]}; a finite number is "
+            f"{source}: {position} {numbers[bad[0]]}: time is {time[bad[0]]}; a finite number is "
             "needed"
         )
     back = np.flatnonzero(np.diff(time) <= 0)
@@ -240,7 +242,7 @@ def check_stamps(time: Floats, source: str, first_row: int | None = None) -> Non
             fault = "repeats"
             remedy = "--set 'log.time.repeated=\"last\"' keeps the last of them"
         raise LogError(
-            f"{source}: {position} {i + offset}: time {fault} ({time[i]:.15g} s after "
+            f"{source}: {position} {numbers[i]}: time {fault} ({time[i]:.15g} s after "
             f"{time[i - 1]:.15g} s); {remedy}"
         )
 
