@@ -212,7 +212,7 @@ def test_one_wild_stamp_costs_its_row_only(
     """Wherever it stands, in a log with dates or without."""
     stamps = [begins + 5.0 + 0.01 * k for k in range(40)]
     stamps[row] = float(odd)
-    with pytest.warns(DistalWarning, match=rf"log\.csv: 1 stamp is far .*\(row {row + 2}\): left"):
+    with pytest.warns(DistalWarning, match=rf"log\.csv: row {row + 2} left out"):
         log = read(frame, stamps, rig, tmp_path / "log.csv")
     others = [k for k in range(40) if k != row]
     start = 5.0 if begins == 0 else -0.01 * others[0]
@@ -221,8 +221,13 @@ def test_one_wild_stamp_costs_its_row_only(
     np.testing.assert_array_equal(angles, frame["motor_angle"].to_numpy()[others])
 
 
-@pytest.mark.parametrize("begins", [0, 1_700_000_000])
-@pytest.mark.parametrize("odd", [[0.06, 0.05], [-5e9, -5e9], [2e10, 2e10], [1e300, 1e300]])
+@pytest.mark.parametrize(
+    ("begins", "odd"),
+    [
+        *((begins, odd) for begins in (0, 1_700_000_000) for odd in ([0.06, 0.05], [-5e9, -5e9])),
+        (1_700_000_000, [2e10, 2e10]),
+    ],
+)
 def test_of_two_wild_stamps_nobody_knows_what_is_right(
     frame: pl.DataFrame, rig: Rig, tmp_path: Path, begins: int, odd: list[float]
 ) -> None:

@@ -196,10 +196,17 @@ def activity(doing: str) -> Iterator[_Activity]:
 
 
 @contextmanager
-def working(doing: str) -> Iterator[Callable[[str], None]]:
-    """Show an `activity`; the context gives a function that takes a text on what comes next."""
+def working(doing: str) -> Iterator[Callable[..., None]]:
+    """Show an `activity`; the context gives a function that takes a text on what comes next, and
+    how much of it is done, of how much.
+    """
     with activity(doing) as shown:
         yield shown.now
+
+
+def show_share(show: Callable[..., None], doing: str, share: float) -> None:
+    """Show what a command is doing, and the share of it that is done."""
+    show(f"{doing}, {share:.0%}", share, 1.0)
 
 
 @contextmanager

@@ -96,9 +96,10 @@ def diagnose(
     usual = _usual(runs)
     test = derivatives.test(of_truth=False, usual=usual[:, 0])
     channels = channels_of(result)
-    if channels.disagreeing() and result.state_names == runs.estimator.state_names:
+    ends = result.with_all_states
+    if channels.disagreeing() and ends.state_names == runs.estimator.state_names:
         # what the filter learns within the rig's own stds contradicts nothing
-        again = _channels(runs, runs.begun_with(result.means[-1]))
+        again = _channels(runs, runs.begun_with(ends.means[-1]))
         channels = channels if again.disagreeing() else again
     has_truths = result.truths is not None
     wide = has_truths and not truth and free is None
@@ -276,9 +277,10 @@ def stuck_positions(log: Log, rig: Rig) -> list[Finding]:
             force = log.channels[forces[0]]
             for rows in _same(log.channels[sensor.name]):
                 begin, end = log.time[rows.start], log.time[rows.stop - 1]
-                elsewhere = np.delete(force, np.arange(rows.start, rows.stop))
-                is_long = end - begin > max(SPAN, dead_after(sensor))
-                if is_long and _spread(force[rows]) > ACTIVE * _spread(elsewhere):
+                if end - begin <= max(SPAN, dead_after(sensor)):
+                    continue
+                elsewhere = np.delete(force, rows)
+                if _spread(force[rows]) > ACTIVE * _spread(elsewhere):
                     text = f"{sensor.name} has one value from {begin:.1f} to {end:.1f} s"
                     text += " while its force goes on: is it stuck?"
                     findings.append(Finding("stuck", sensor.name, text))

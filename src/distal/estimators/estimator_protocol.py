@@ -5,7 +5,7 @@ state; and the checks of a sample.
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from functools import cached_property
 from typing import Protocol, runtime_checkable
@@ -21,6 +21,7 @@ from distal.estimators.gaps import rows_with_gaps
 from distal.estimators.read_channels import Channels
 from distal.estimators.state_kinds import state_units
 from distal.kernels import (
+    AT_ONCE,
     Advanced,
     Evaluation,
     Feed,
@@ -251,6 +252,31 @@ class KernelEstimator:
         means = self.report.means(mean_of(kernel_states, n).copy(), ys)
         covariances = self.report.covariances(covariance_of(kernel_states, n).copy(), ys)
         return means, covariances, values, variances
+
+    def pieces(
+        self, belief: Belief, times: Floats, samples: Floats
+    ) -> Iterator[tuple[slice, Floats, Floats, Floats, Floats]]:
+        """Yield means (k, n), variances of the states (k, n), innovations (k, m) and their
+        variances (k, m) over a log, piece by piece with its rows, so that only one piece's
+        covariances are in memory.
+
+        The `belief`, `times` and `samples` are as for `checked_rows`.
+
+        Raises:
+            EstimationError: as `checked_rows`.
+        """
+        n = belief.size
+        step = 1 + AT_ONCE // self.kernel.sizes.kernel_state
+        for begin in range(0, len(times), step):
+            part = slice(begin, min(begin + step, len(times)))
+            kernel_states, ys = self.advanced(belief, times[part], samples[part])
+            yield (
+                part,
+                self.report.means(mean_of(kernel_states, n), ys),
+                self.report.variances_of(variances_of(kernel_states, n), ys),
+                *self.innovations_of(ys, samples[part]),
+            )
+            belief = Belief(times[part][-1], kernel_states[-1], n, part.stop)
 
     def scan_all(
         self,

@@ -14,7 +14,7 @@ from distal.kernels.driver import (
     side_by_side,
 )
 from distal.kernels.feed import Advanced, Feed
-from distal.kernels.kernel import Compiled, Evaluation, Kernel
+from distal.kernels.kernel import AT_ONCE, Compiled, Evaluation, Kernel
 from distal.kernels.lanes import LaneKernel, lanes_here
 from distal.kernels.layout import Layout, covariance_of, kernel_state_layout, mean_of, variances_of
 from distal.kernels.probe import probe
@@ -22,6 +22,7 @@ from distal.kernels.shared import forget, function_of, kernel_of
 from distal.kernels.structure import Recipe, Structure, structure_of
 
 __all__ = [
+    "AT_ONCE",
     "Advanced",
     "Compiled",
     "Evaluation",

@@ -271,9 +271,9 @@ def say_wild(source: str, wild: Bools, first: str) -> None:
     """Warn where stamps are wild; `first` says where the first one is."""
     count = int(wild.sum())
     if count:
+        which = first if count == 1 else f"{count} rows, {first} first,"
         warnings.warn(
-            f"{source}: {count} stamp{'s are' if count > 1 else ' is'} far from the stamps before "
-            f"and after ({'the first in ' if count > 1 else ''}{first}): left out",
+            f"{source}: {which} left out, with a stamp that is out of order or far from all others",
             DistalWarning,
             stacklevel=4,
         )

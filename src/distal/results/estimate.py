@@ -69,6 +69,8 @@ class Estimate:
             correlation of its innovations, learned from the logs of a fit; empty where they are not
             known.
         level: share of the errors that the band is to hold.
+        ends: the estimate at the first and the last sample with all states, where only some are
+            here.
     """
 
     estimator: str
@@ -95,6 +97,7 @@ class Estimate:
     state_units: tuple[str, ...] = ()
     usual: tuple[tuple[float, float], ...] = ()
     level: float = COVERED
+    ends: Estimate | None = None
 
     def __post_init__(self) -> None:
         """Fill in kinds, parts and units of the states where the estimator has none."""
@@ -188,6 +191,11 @@ class Estimate:
             }
             rows.append(row)
         return rows
+
+    @property
+    def with_all_states(self) -> Estimate:
+        """The estimate, or its `ends`, which have all states."""
+        return self if self.ends is None else self.ends
 
     @property
     def stds_of_band(self) -> float:
@@ -428,7 +436,6 @@ class Estimate:
         columns: dict[str, NDArray[np.generic]] = {header("t", "s"): self.time}
         if self.stamps is not None:
             columns[header("stamp", "ns")] = self.stamps
-        stds = self.stds
         for i, (name, kind, si) in enumerate(
             zip(self.state_names, self.state_kinds, self.state_units)
         ):
@@ -440,7 +447,7 @@ class Estimate:
             if every or kind in (StateKind.ANGLE, StateKind.EXTERNAL_TORQUE):
                 columns[header(name, written)] = factor * self.means[:, i]
             if every or kind is StateKind.ANGLE:
-                columns[header(std_name(name), written)] = factor * stds[:, i]
+                columns[header(std_name(name), written)] = factor * np.sqrt(self.variances[:, i])
         return columns
 
     def to_polars(self, unit: str = "rad", *, every: bool = False) -> polars.DataFrame:

@@ -208,20 +208,21 @@ def _text(path: Path, block: bytes, row: int) -> str:
         raise LogError(f"{path}: row {row}: is not UTF-8 text") from None
 
 
-def write_csv(columns: Mapping[str, NDArray[np.generic]]) -> bytes:
-    """Return columns as the content of a CSV file.
+def write_csv(columns: Mapping[str, NDArray[np.generic]], file: BinaryIO) -> None:
+    """Write columns as CSV, row by row.
 
     NaN becomes an empty cell; a number has as many digits as are needed to read the same number
     again.
     """
-    text = io.StringIO(newline="")
+    text = io.TextIOWrapper(file, encoding="utf-8", newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    lists = (np.asarray(column).tolist() for column in columns.values())
-    writer.writerows(
-        zip(*([None if cell != cell else cell for cell in column] for column in lists))
+    cells = (
+        (None if cell != cell else cell for cell in np.asarray(column).data)
+        for column in columns.values()
     )
-    return text.getvalue().encode()
+    writer.writerows(zip(*cells))
+    text.detach()
 
 
 CSV = Format(endings=(".csv", ".txt"), read=read_csv, write=write_csv, apart=False)

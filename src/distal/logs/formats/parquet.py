@@ -4,10 +4,9 @@ take.
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,15 +121,13 @@ def _column(path: Path, name: str, column: Any, at: int | None) -> Column:
     return np.asarray(column.to_numpy())
 
 
-def write_parquet(columns: Mapping[str, NDArray[np.generic]]) -> bytes:
-    """Return columns as the content of a Parquet file."""
+def write_parquet(columns: Mapping[str, NDArray[np.generic]], file: BinaryIO) -> None:
+    """Write columns as a Parquet file, one group of rows after the other."""
     import pyarrow
     import pyarrow.parquet
 
-    buffer = io.BytesIO()
     table = pyarrow.table({name: np.asarray(column) for name, column in columns.items()})
-    pyarrow.parquet.write_table(table, buffer)
-    return buffer.getvalue()
+    pyarrow.parquet.write_table(table, file)
 
 
 PARQUET = Format(
