@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -290,8 +289,8 @@ def stuck_positions(log: Log, rig: Rig) -> list[Finding]:
 def _same(readings: Floats) -> Iterator[slice]:
     """Yield the runs of readings that are the same."""
     turns = np.flatnonzero(readings[1:] != readings[:-1]) + 1
-    edges = [0, *turns.tolist(), len(readings)]
-    return (slice(begin, end) for begin, end in pairwise(edges) if end - begin > 1)
+    edges = np.concatenate([[0], turns, [len(readings)]])
+    return (slice(edges[k], edges[k + 1]) for k in np.flatnonzero(np.diff(edges) > 1))
 
 
 def _spread(values: Floats) -> float:

@@ -230,8 +230,10 @@ class _Reader:
 
     def __init__(self, limit: int) -> None:
         self._of = (os.getpid(), limit)
-        # each thread reserves memory, and reading one file needs few threads
+        # each thread reserves memory, and reading one file needs few threads; a pool of Arrow's own
+        # keeps the memory of a file that was read
         few = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "2")
+        few["ARROW_DEFAULT_MEMORY_POOL"] = "system"
         # in a session of its own, so that Ctrl-C reaches only the caller, who ends it
         self._process = subprocess.Popen(
             [sys.executable, "-c", _BEGIN, json.dumps(sys.path)],
