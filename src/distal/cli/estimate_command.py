@@ -214,6 +214,7 @@ def estimate_command(
             )
     with working("writing"):
         write_together(files)
+    files.clear()  # of a log of hours the columns are large
     if comparison.rows:
         read = "not read" if homing_angle else "used"
         used = (

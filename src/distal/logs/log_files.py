@@ -94,7 +94,7 @@ def read_log(
     check_stamps(time, table.source, rows + table.first_row)
     if len(time) < 2:
         raise LogError(f"{table.source}: has one row; an estimate over time needs at least two")
-    readings = _readings(rig, table, time, ranged, progress)
+    readings = _readings(rig, table, time, column, ranged, progress)
     channels = {sensor.name: readings[sensor.name] for sensor in needed}
     angles, origin = _known_angles(rig, table, readings, column, truth, Clock(time, stamps))
     if angles and not any(np.isfinite(theta).any() for theta in angles.values()):
@@ -164,7 +164,7 @@ def _known_angles(
         listed = ", ".join(f"'true_{name}'" for name in angles)
         return angles, TruthSource(TruthKind.COLUMN, f"column {listed}")
     angles = _of_references(rig, "angle", names, readings)
-    read = [s.log_column for s in rig.sensors_of("angle") if s.log_column in table.columns]
+    read = [s.log_column for s in rig.sensors_of("angle") if s.name in readings]
     listed = ", ".join(f"'{name}'" for name in read)
     return angles, TruthSource(TruthKind.SENSOR, f"column {listed}") if read else NO_SOURCE
 
@@ -181,24 +181,36 @@ def _of_references(
 
 
 def _readings(
-    rig: Rig, table: Table, time: Floats, ranged: bool, progress: Callable[[float], object]
+    rig: Rig,
+    table: Table,
+    time: Floats,
+    truth: str | None,
+    ranged: bool,
+    progress: Callable[[float], object],
 ) -> dict[str, Floats]:
-    """Return sensor → its readings in SI, of those in a table, as they pass through the door.
+    """Return sensor → its readings in SI, of those in a table, as they pass through the door. A
+    reference in a unit of something else is left out, unless its column is asked for as the
+    `truth`.
 
     The angle of a reference that wraps is in the turn in which its joint can be.
     """
-    sensors = [sensor for sensor in rig.sensors if sensor.log_column in table.columns]
-    columns = [sensor.log_column for sensor in sensors]
-    units = [table.units.get(column) for column in columns]
-    factors = [
-        sensor.sign * factor_of(sensor, unit, table.source) for sensor, unit in zip(sensors, units)
-    ]
+    factors = dict[Sensor, float]()
+    for sensor in rig.sensors:
+        if sensor.log_column in table.columns:
+            unit = table.units.get(sensor.log_column)
+            try:
+                factors[sensor] = sensor.sign * factor_of(sensor, unit, table.source)
+            except LogError as problem:
+                if sensor.measures not in REFERENCES or sensor.log_column == truth:
+                    raise
+                warnings.warn(f"{problem}: left out", DistalWarning, stacklevel=3)
+    columns = [sensor.log_column for sensor in factors]
     logged = [table.columns[column] for column in columns]
-    door = Door(rig, sensors, np.array(factors), ranged=ranged)
+    door = Door(rig, [*factors], np.array([*factors.values()]), ranged=ranged)
     samples, lines = through(door, time, logged, columns, progress)
     for line in lines:
         warnings.warn(f"{table.source}: {line}", DistalWarning, stacklevel=3)
-    readings = {sensor.name: values for sensor, values in zip(sensors, samples)}
+    readings = {sensor.name: values for sensor, values in zip(factors, samples)}
     stops = {joint.name: joint.stops for joint in rig.joints}
     for sensor in rig.sensors_of("angle"):
         ends = stops[sensor.of]

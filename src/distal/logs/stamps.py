@@ -203,15 +203,20 @@ def wild_stamps(stamps: Floats | Stamps) -> Bools:
     after, which are in order without it. Neighbours of which either may be wrong, such as two in
     the wrong order, are not wild. At an end a stamp is wild that is farther off than all n others
     are apart, where n is so large that waiting times without memory, of which the last one is
-    longer than all before with a chance of 2^(1 − n), do not explain that.
+    longer than all before with a chance of 2^(1 − n), do not explain that; in shorter logs no stamp
+    near an end is wild.
     """
     time = np.concatenate([[np.nan], stamps, [np.nan]])
     before, now, after = time[:-2], time[1:-1], time[2:]
-    wild = ((now > after) | (now < before)) & (after > before) | np.isinf(now)
-    if 2.0 ** (2 - len(now)) < IMPROBABLE:
+    wild = ((now > after) | (now < before)) & (after > before)
+    if 2.0 ** (2 - len(now)) >= IMPROBABLE:
+        wild[:2] = wild[-2:] = False
+    else:
+        # an end may be infinite
         for end, first, second, other in ((0, 1, 2, -1), (-1, -2, -3, 0)):
             off = min(abs(now[first] - now[end]), abs(now[second] - now[end]))
-            wild[end] |= off > abs(now[first] - now[other])
+            wild[end] = off > abs(now[first] - now[other])
+    wild |= np.isinf(now)
     beside = np.concatenate([[False], wild, [False]])
     alone: Bools = wild & ~beside[:-2] & ~beside[2:]
     return alone
