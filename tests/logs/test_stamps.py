@@ -233,5 +233,5 @@ def test_of_two_wild_stamps_nobody_knows_what_is_right(
 ) -> None:
     stamps = [begins + 0.01 * k for k in range(40)]
     stamps[5:7] = [begins + odd[0], begins + odd[1]]
-    with pytest.raises(LogError, match=r"no time|goes back|repeats"):
+    with pytest.raises(LogError, match=r"goes back|repeats|is inf"):
         read(frame, stamps, rig, tmp_path / "log.csv")

@@ -8,7 +8,7 @@ from functools import partial
 from math import degrees
 from typing import TYPE_CHECKING
 
-from distal.cli.console import continue_on_failure, say, show_share, table, working
+from distal.cli.console import continue_on_failure, say, table, working
 from distal.errors import DistalError, DivergedError
 
 if TYPE_CHECKING:
@@ -62,11 +62,9 @@ def compared(
     lost: DistalError | None = None
     with working("estimating") as show:
         for name, run in runs.items():
-            doing = f"estimating with {name}"
-            show(doing)
-            shown = partial(show_share, show, doing)
+            show(f"estimating with {name}")
             try:
-                result = replace(run(progress=shown), level=level)
+                result = replace(run(progress=show.share), level=level)
             except DistalError as problem:
                 # some errors have the name
                 found.failed[name] = f"{name}: {str(problem).removeprefix(f'{name}: ')}"

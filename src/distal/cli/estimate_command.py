@@ -7,7 +7,6 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
-from functools import partial
 from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -21,7 +20,6 @@ from distal.cli.console import (
     failure,
     progress_bar,
     say,
-    show_share,
     table,
     warn,
     working,
@@ -189,9 +187,8 @@ def estimate_command(
     )
     check_ending(out, "a table")
     description = load_rig(rig, set_ or ())
-    doing = f"reading {logs[0]}"
-    with working(doing) as show:
-        log = read_log(logs[0], description, truth, progress=partial(show_share, show, doing))
+    with working(f"reading {logs[0]}") as show:
+        log = read_log(logs[0], description, truth, progress=show.share)
     _describe(log, description)
     is_known = true_angles(log, description.joint_names) is not None
     names = _names(estimator, description, is_known)

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
 from math import floor, inf, log, log1p, nan, pi, sqrt
 
 import numpy as np
@@ -350,19 +349,18 @@ def through(
     samples = np.empty((len(logged), len(time)))
     counts = Counter[Remark]()
     firsts = dict[Remark, float]()
+    step = 1 + len(time) // 100
     # a view gives one number after the other, so that they are never all in memory as objects
-    rows = enumerate(zip(time.data, *(values.data for values in logged)))
-    for percent in range(100):
-        progress(percent / 100)
-        count = len(time) * (percent + 1) // 100 - len(time) * percent // 100
-        for k, (stamp, *row) in islice(rows, count):
-            samples[:, k] = door.take(stamp, row)
-            for remark in door.remarks:
-                # where a log begins it is taken as it is
-                if remark.kind != "unknown turn":
-                    same = replace(remark, size=0.0)
-                    counts[same] += 1
-                    firsts.setdefault(same, stamp)
+    for k, (stamp, *row) in enumerate(zip(time.data, *(values.data for values in logged))):
+        if k % step == 0:
+            progress(k / len(time))
+        samples[:, k] = door.take(stamp, row)
+        for remark in door.remarks:
+            # where a log begins it is taken as it is
+            if remark.kind != "unknown turn":
+                same = replace(remark, size=0.0)
+                counts[same] += 1
+                firsts.setdefault(same, stamp)
     column_of = dict(zip(door.sensors, columns))
     lines = [
         f"{replace(remark, sensor=column_of.get(remark.sensor, '')).text} ({counts[remark]} "

@@ -292,7 +292,7 @@ def read_angles(
 
 def unit_of_angles(path: str | Path, names: Sequence[str]) -> str:
     """Return "deg" where a header of the columns `names` in a file gives degrees, else "rad"."""
-    units = {table_of(open_table(path, ["t", *names]), names).units.get(name) for name in names}
+    units = {open_table(path, ["t", *names]).units.get(name) for name in names}
     return "deg" if units & {"deg", "°", "degrees", "degree"} else "rad"
 
 

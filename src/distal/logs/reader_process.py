@@ -159,11 +159,12 @@ def _answer(request: str) -> tuple[Answer, list[Bytes]]:
                 os.chdir(folder)  # the caller may have gone elsewhere since
             cells = getattr(import_module(module), function)(Path(path), *arguments)
             for name, column in cells.held.items():
-                is_text = isinstance(column, list)
-                types[name] = "" if isinstance(column, list) else column.dtype.str
-                text = json.dumps(column).encode() if is_text else b""
-                array = np.frombuffer(text, np.uint8) if is_text else np.ascontiguousarray(column)
-                parts.append(array.view(np.uint8))
+                if isinstance(column, list):
+                    types[name] = ""
+                    parts.append(np.frombuffer(json.dumps(column).encode(), np.uint8))
+                else:
+                    types[name] = column.dtype.str
+                    parts.append(np.ascontiguousarray(column).view(np.uint8))
         except LogError as problem:
             error = str(problem)
         except MemoryError:

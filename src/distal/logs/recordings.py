@@ -209,8 +209,7 @@ def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, Stampe
         recorded[column] = np.array([at for _, at, _ in samples])[~wild]
     for topic, wild in wild_in.items():
         say_wild(str(path), wild, f"message {int(wild.argmax()) + 1} of {topic}")
-    for column in _on_another_clock(path, stamped, recorded):
-        del stamped[column], recorded[column]
+    _leave_out_another_clock(path, stamped, recorded)
     ends = {column: set_backs(stamps) for column, (stamps, _) in stamped.items()}
     busiest = max(ends, key=lambda column: (len(ends[column]), len(recorded[column])))
     steps = [-float(np.diff(stamped[busiest][0])[end - 1]) for end in ends[busiest]]
@@ -243,27 +242,27 @@ def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, Stampe
     return {c: (stamps[inside[c]], values[inside[c]]) for c, (stamps, values) in stamped.items()}
 
 
-def _on_another_clock(
+def _leave_out_another_clock(
     path: Path, stamped: dict[str, Stamped], recorded: dict[str, NDArray[np.int64]]
-) -> list[str]:
-    """Return the columns whose clock is farther from that of most columns than the recording is
+) -> None:
+    """Remove the columns whose clock is farther from that of most columns than the recording is
     long, and warn of them. Clocks are compared by the recorder's, which is one for all.
     """
-    away = np.array([np.median(stamped[column][0] - at) for column, at in recorded.items()])
+    away = {column: np.median(stamped[column][0] - at) for column, at in recorded.items()}
     longest = max(np.ptp(at) for at in recorded.values())
-    near = np.abs(away[:, None] - away) <= longest
-    usual = near[near.sum(axis=1).argmax()]
-    columns = np.array(list(stamped))
-    others = [str(column) for column in columns[~usual]]
-    starts = {column: f"{stamps[0] * 1e-9:.12g} s" for column, (stamps, _) in stamped.items()}
-    for topic, column in {_named(column)[0]: column for column in others}.items():
+    usual = max(away.values(), key=lambda one: sum(abs(one - a) <= longest for a in away.values()))
+    begins = dict[str, np.int64]()
+    for column in [column for column, own in away.items() if abs(own - usual) > longest]:
+        begins[_named(column)[0]] = stamped.pop(column)[0][0]
+        del recorded[column]
+    first = next(iter(stamped.values()))[0][0]
+    for topic, begin in begins.items():
         warnings.warn(
-            f"{path}: {topic} left out: its clock begins at {starts[column]}, that of the other "
-            f"topics at {starts[columns[usual][0]]}",
+            f"{path}: {topic} left out: its clock begins at {begin * 1e-9:.12g} s, that of the "
+            f"other topics at {first * 1e-9:.12g} s",
             DistalWarning,
             stacklevel=2,
         )
-    return others
 
 
 def _in_cycles(stamped: dict[str, Stamped]) -> dict[str, Stamped]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
 from distal.errors import DistalWarning, LogError
-from distal.logs.cells import MISSING, Cells, Column, is_plain, parsed_cells
+from distal.logs.cells import Cells, Column, is_plain, parsed_cells
 from distal.logs.door import IMPROBABLE
 
 Stamps = NDArray[np.int64]
@@ -90,10 +90,7 @@ def clock_of(cells: Cells, name: str, unit: float) -> Clock:
     is_dated = False
     for (column,) in cells.blocks([name]):
         if not parts:
-            first = next(
-                (str(cell) for cell in column if str(cell).strip().lower() not in MISSING), ""
-            )
-            is_dated = is_date(first.strip())
+            is_dated = is_date(str(column[0]).strip())
         if is_dated:
             parts.append(_dates(column, cells.path, name, row))
         elif isinstance(column, list) and (counts := _whole_values(column)) is not None:
@@ -119,8 +116,8 @@ def _whole_values(cells: list[str]) -> Stamps | None:
 
 
 def _counted(values: NDArray[Any], unit: float, name: str, path: Path) -> Clock:
-    """Return the time of numeric stamps; integers keep every nanosecond. A stamp by itself that is
-    no time is infinite.
+    """Return the time of numeric stamps; integers keep every nanosecond. A stamp that is no time is
+    infinite.
     """
     finite = np.abs(values[np.isfinite(values)])
     usual = float(np.median(finite)) if len(finite) else 0.0
@@ -135,11 +132,6 @@ def _counted(values: NDArray[Any], unit: float, name: str, path: Path) -> Clock:
             )
         unit = fits[0]
     far = ~(np.abs(values.astype(np.float64)) * unit < LATEST) & np.isfinite(values)
-    if (far[1:] & far[:-1]).any():
-        raise LogError(
-            f"{path}: '{name}' is {values[far][0]} in a log that begins with {values[0]}, which "
-            "is no time"
-        )
     values = np.where(far, values[~far][0], values)
     if values.dtype == np.int64:
         clock = _clock(values * np.int64(round(unit * 1e9)))
@@ -198,6 +190,7 @@ def _one_date(cell: str) -> int | None:
     return round(seconds) * 10**9 + int(f"{digits:0<9}"[:9]) if abs(seconds) < LATEST else None
 
 
+@np.errstate(invalid="ignore")
 def wild_stamps(stamps: Floats | Stamps) -> Bools:
     """Return which stamps, (n,), are wild by themselves: not between the one before and the one
     after, which are in order without it. Neighbours of which either may be wrong, such as two in
@@ -212,7 +205,6 @@ def wild_stamps(stamps: Floats | Stamps) -> Bools:
     if 2.0 ** (2 - len(now)) >= IMPROBABLE:
         wild[:2] = wild[-2:] = False
     else:
-        # an end may be infinite
         for end, first, second, other in ((0, 1, 2, -1), (-1, -2, -3, 0)):
             off = min(abs(now[first] - now[end]), abs(now[second] - now[end]))
             wild[end] = off > abs(now[first] - now[other])
@@ -226,15 +218,13 @@ def set_backs(stamps: Floats | Stamps) -> NDArray[np.int64]:
     """Return the indices of stamps, (n,), before which the clock was set back: they and the next
     ones rise, and all are late.
     """
-    back = np.flatnonzero(np.diff(stamps) < 0) + 1
+    back = np.flatnonzero(stamps[1:] < stamps[:-1]) + 1
     return np.array(
         [
             i
             for i in back
             if i + REWOUND <= len(stamps)
-            # after a stamp that is wild by itself the clock goes on where it was
-            and not (i > 1 and stamps[i] > stamps[i - 2])
-            and (np.diff(stamps[i : i + REWOUND]) > 0).all()
+            and (stamps[i + 1 : i + REWOUND] > stamps[i : i + REWOUND - 1]).all()
             and stamps[i + REWOUND - 1] < stamps[i - 1]
         ],
         dtype=np.int64,

@@ -274,25 +274,6 @@ class Estimate:
         return np.sqrt(self.variances)
 
     @property
-    def nis(self) -> Floats:
-        """Normalised innovation squared (NIS) of each sample, Σ ν²/S over the readings that are
-        present, (k,).
-        """
-        nis: Floats = np.nansum(self.innovations**2 / self.innovation_variances, axis=1)
-        return nis
-
-    @property
-    def log_likelihood(self) -> float:
-        """Log-likelihood of the log: the sum of ln p(ν) over all innovations, with ν normal of
-        variance S.
-        """
-        finite = np.isfinite(self.innovations)
-        variances = self.innovation_variances[finite]
-        return float(
-            -0.5 * np.sum(self.innovations[finite] ** 2 / variances + np.log(2 * np.pi * variances))
-        )
-
-    @property
     def external_torques(self) -> Floats:
         """Estimated external torques on the joints [N m], (k, n_joints).
 

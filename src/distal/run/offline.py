@@ -30,7 +30,7 @@ from distal.estimators import (
 )
 from distal.homing.home import home, with_prior_maps
 from distal.homing.reference import check_homing, homed, with_references
-from distal.kernels import covariance_of
+from distal.kernels import AT_ONCE, covariance_of
 from distal.logs import LARGEST_READING, Log, Source, frozen, read_log, true_angles, true_torques
 from distal.logs.log import sealed
 from distal.results import Estimate
@@ -242,7 +242,7 @@ def prepared(log: Log, chosen: Estimator, homing: float | None = None) -> Run:
 
 def without_covariances(
     run: Run,
-    moments: tuple[Floats, Floats, Floats] | None = None,
+    pieces: Iterable[tuple[Floats, ...]] | None = None,
     *,
     every: bool = True,
     progress: Callable[[float], object] = lambda share: None,
@@ -250,7 +250,7 @@ def without_covariances(
     """Return the estimate of a run, of whose covariances only the variances are kept.
 
     Args:
-        moments: what `KernelEstimator.scan_all` returns for the run, where it was called already.
+        pieces: what `KernelEstimator.pieces` yields, where it is there already.
         every: whether all states are kept, or only angles and torques from outside.
         progress: called with the share of the samples that is done.
 
@@ -258,40 +258,35 @@ def without_covariances(
         DivergedError: see `check_bounds`.
     """
     chosen = run.estimator
-    count = len(run.log)
-    pieces: Iterable[tuple[slice, Floats, Floats, Floats, Floats]]
-    if not isinstance(chosen, KernelEstimator):
-        means, covariances, *compared = chosen.scan(run.start, run.log.time, run.samples)
-        spreads = np.diagonal(covariances, axis1=1, axis2=2)
-        pieces = [(slice(count), means, spreads, compared[0], compared[1])]
-    elif moments is None:
-        pieces = chosen.pieces(run.start, run.log.time, run.samples)
-    else:
-        means, spreads, ys = moments
-        means = chosen.report.means(means, ys)
-        spreads = chosen.report.variances_of(spreads, ys)
-        pieces = [(slice(count), means, spreads, *chosen.innovations_of(ys, run.samples))]
+    time = run.log.time
+    if pieces is None and isinstance(chosen, KernelEstimator):
+        step = 1 + AT_ONCE // chosen.kernel.sizes.kernel_state
+        parts = (slice(begin, begin + step) for begin in range(0, len(time), step))
+        pieces = chosen.pieces(run.start, ((time[part], run.samples[part]) for part in parts))
+    elif pieces is None:
+        means, covariances, *compared = chosen.scan(run.start, time, run.samples)
+        pieces = [(means, np.diagonal(covariances, axis1=1, axis2=2), *compared)]
     kinds, _ = kinds_of(chosen)
-    kept = [
-        i
-        for i, kind in enumerate(kinds)
-        if every or kind in (StateKind.ANGLE, StateKind.EXTERNAL_TORQUE)
-    ]
+    reported = (StateKind.ANGLE, StateKind.EXTERNAL_TORQUE)
+    kept = [i for i, kind in enumerate(kinds) if every or kind in reported]
     widths = (len(kept), len(kept), len(chosen.measured), len(chosen.measured))
-    whole = tuple(np.empty((count, width)) for width in widths)
-    ends = list[tuple[Floats, ...]]()
-    for part, means, spreads, *compared in pieces:
-        check_bounds(run, means, spreads, part.start or 0)
+    whole = [np.empty((len(time), width)) for width in widths]
+    ends = list[list[Floats]]()
+    begin = 0
+    for means, spreads, *compared in pieces:
+        check_bounds(run, means, spreads, begin)
+        part = slice(begin, begin + len(means))
         for array, values in zip(whole, (means[:, kept], spreads[:, kept], *compared)):
             array[part] = values
-        ends += [tuple(values[[0, -1]] for values in (means, spreads, *compared))]
-        progress(part.stop / count)
+        ends.append([values[[0, -1]] for values in (means, spreads, *compared)])
+        begin = part.stop
+        progress(begin / len(time))
     # nobody else holds these arrays, so that they need no copies
     means, spreads, innovations, variances = map(sealed, whole)
     made = finished(run, means, spreads, innovations, variances, kept=kept)
     if every:
         return made
-    two = np.array([0, count - 1])
+    two = np.array([0, len(time) - 1])
     short = replace(run, log=run.log.select(two), samples=run.samples[two])
     means, spreads, innovations, variances = (
         np.vstack([first[0], last[1]]) for first, last in zip(ends[0], ends[-1])

@@ -53,12 +53,7 @@ def read_csv(path: Path, columns: Sequence[str] | None = None) -> Cells:
             return path.open("rb") if held is None else io.BytesIO(held)
 
         with opened() as file:
-            if b"\0" in file.read(BLOCK)[:4096]:
-                raise LogError(
-                    f"{path}: is not text; a CSV file is expected (Parquet needs the ending "
-                    ".parquet)"
-                )
-            file.seek(len(MARK) if file.seek(0) == 0 and file.read(len(MARK)) == MARK else 0)
+            file.seek(len(MARK) if file.read(len(MARK)) == MARK else 0)
             first_row = 1
             begin = file.tell()
             while (line := file.readline()) and not line.strip(b"\r\n"):
@@ -201,7 +196,10 @@ def _text(path: Path, block: bytes, row: int) -> str:
     try:
         if b"\0" in block:
             row += block[: block.index(0)].count(b"\n")
-            raise LogError(f"{path}: row {row}: holds a zero byte, which is no text")
+            raise LogError(
+                f"{path}: row {row}: is not text, it holds a zero byte; a CSV file is expected "
+                "(Parquet needs the ending .parquet)"
+            )
         return block.decode()
     except UnicodeDecodeError as problem:
         row += block[: problem.start].count(b"\n")
