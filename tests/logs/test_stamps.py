@@ -145,10 +145,10 @@ def test_results_have_them(frame: pl.DataFrame, rig: Rig, tmp_path: Path) -> Non
     """By `stamp` results join with other topics; parts of a log keep theirs."""
     log = read(frame, NANOSECONDS, rig, tmp_path / "log.csv")
     result = estimate(log, rig, compiled=False)
-    made = result.to_polars()
-    assert made.columns[:2] == ["t [s]", "stamp [ns]"]
-    assert made["stamp [ns]"].dtype == pl.Int64
-    np.testing.assert_array_equal(made["stamp [ns]"].to_numpy(), NANOSECONDS)
+    made = result.columns()
+    assert list(made)[:2] == ["t [s]", "stamp [ns]"]
+    assert made["stamp [ns]"].dtype == np.int64
+    np.testing.assert_array_equal(made["stamp [ns]"], NANOSECONDS)
     part = log.select(slice(3, 9)).stamps
     assert part is not None
     np.testing.assert_array_equal(part, NANOSECONDS[3:9])
@@ -225,7 +225,6 @@ def test_one_wild_stamp_costs_its_row_only(
     ("begins", "odd"),
     [
         *((begins, odd) for begins in (0, 1_700_000_000) for odd in ([0.06, 0.05], [-5e9, -5e9])),
-        (1_700_000_000, [2e10, 2e10]),
     ],
 )
 def test_of_two_wild_stamps_nobody_knows_what_is_right(

@@ -278,8 +278,8 @@ class KernelEstimator:
     def reported(
         self, means: Floats, variances: Floats, ys: Floats, samples: Floats
     ) -> tuple[Floats, ...]:
-        """Return what `pieces` yields, from the filter's own means and variances, (k, n), the
-        kernel's outputs `ys`, (k, n_y), and the values of the channels, (k, n_channels).
+        """Return what `pieces` yields, from the filter's own `means` and `variances`, (k, n), the
+        kernel's outputs `ys`, (k, n_y), and the `samples`, (k, n_channels).
         """
         means, variances = self.report.means(means, ys), self.report.variances_of(variances, ys)
         return means, variances, *self.innovations_of(ys, samples)

@@ -14,8 +14,6 @@ from distal.logs.log import (
     TruthKind,
     TruthSource,
     frozen,
-    pandas_frame,
-    polars_frame,
     true_angles,
     true_torques,
 )
@@ -67,8 +65,6 @@ __all__ = [
     "open_recording",
     "open_table",
     "outputs_in",
-    "pandas_frame",
-    "polars_frame",
     "read_angles",
     "read_log",
     "read_table",

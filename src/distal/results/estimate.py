@@ -14,15 +14,13 @@ from distal.arrays import Floats
 from distal.confidence import COVERED, half_width, in_percent
 from distal.errors import EstimationError
 from distal.estimators import UNITS_OF_JOINTS, StateKind, kinds_by_joint, states_of
-from distal.logs import header, pandas_frame, polars_frame
+from distal.logs import header
 from distal.results.angle_plots import PlotOptions, plot_estimates
 from distal.results.tables import SummaryRow, html_table
 from distal.rig import std_name
 from distal.suggestions import did_you_mean
 
 if TYPE_CHECKING:
-    import pandas
-    import polars
     from matplotlib.figure import Figure
 
 
@@ -430,24 +428,6 @@ class Estimate:
             if every or kind is StateKind.ANGLE:
                 columns[header(std_name(name), written)] = factor * np.sqrt(self.variances[:, i])
         return columns
-
-    def to_polars(self, unit: str = "rad", *, every: bool = False) -> polars.DataFrame:
-        """Return the `columns` as a frame of polars, which must be installed.
-
-        Args:
-            unit: unit of the angles, "rad" or "deg".
-            every: whether all states and their standard deviations are there.
-        """
-        return polars_frame(self.columns(unit, every=every))
-
-    def to_pandas(self, unit: str = "rad", *, every: bool = False) -> pandas.DataFrame:
-        """Return the `columns` as a frame of pandas, which must be installed.
-
-        Args:
-            unit: unit of the angles, "rad" or "deg".
-            every: whether all states and their standard deviations are there.
-        """
-        return pandas_frame(self.columns(unit, every=every))
 
     def plot(self, path: str | Path | None = None, **options: Unpack[PlotOptions]) -> Figure:
         """Draw truth, estimate and 95 % band over time, and save the figure as PNG, SVG or PDF
