@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from distal import Rig, read_log
 from distal.errors import DistalWarning, LogError
 from distal.logs import read_table
 
@@ -105,6 +107,24 @@ def test_what_never_ends_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DISTAL_MAX_MEMORY", "3 MB")
     with pytest.raises(LogError, match="has more than"):
         read_table("/dev/zero")
+
+
+def test_a_long_file_is_never_in_memory_as_text(tmp_path: Path, pulley_rig: Rig) -> None:
+    """Of a row of 60 bytes its five numbers are held, and a copy of them while they are read."""
+    count = 20_000
+    rows = (f"{k / 100:.2f},{1e-3 + 1e-9 * k:.12f},{1e-3:.12f},2.0,2.1" for k in range(count))
+    path = written(tmp_path / "log.csv", ["t,x1,x2,u1,u2", *rows])
+    shares = list[float]()
+    read_log(path, pulley_rig)
+    tracemalloc.start()
+    log = read_log(path, pulley_rig, progress=shares.append)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(log) == count
+    assert peak < count * 8 * 5 * 3 + 2e6
+    assert shares == sorted(shares)
+    assert 0.9 < shares[-1] < 1.0
+    assert len(shares) > 50
 
 
 def test_a_file_without_a_header(tmp_path: Path) -> None:
