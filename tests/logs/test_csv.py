@@ -138,6 +138,8 @@ def test_a_file_without_a_header(tmp_path: Path) -> None:
         assert table.first_row == 2
     written(path, ["1,b,c", *ROWS])
     assert list(read_table(path).columns) == ["1", "b", "c"]
+    written(path, ["1,2,3", *ROWS])
+    assert len(read_table(path, ["2"]).columns["2"]) == 40  # a name that is asked for
 
 
 def test_many_columns_take_no_time(tmp_path: Path) -> None:

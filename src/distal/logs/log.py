@@ -212,8 +212,7 @@ def check_stamps(
     bad = np.flatnonzero(~np.isfinite(time))
     if len(bad):
         raise LogError(
-            f"{source}: {position} {at[bad[0]]}: time is {time[bad[0]]}; a finite number is "
-            "needed"
+            f"{source}: {position} {at[bad[0]]}: time is {time[bad[0]]}; a finite number is needed"
         )
     back = np.flatnonzero(np.diff(time) <= 0)
     if len(back):

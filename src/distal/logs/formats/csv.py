@@ -40,7 +40,7 @@ def read_csv(path: Path, columns: Sequence[str] | None = None) -> Cells:
     first row holds numbers, it has no header, and its columns are called ``column 1`` and so on.
 
     Args:
-        columns: not used; it is there because all formats are read by the same call.
+        columns: names of the columns that are needed, which may be numbers; others are there too.
 
     Raises:
         LogError: the file cannot be read or is no text, the header repeats a name, a row is short,
@@ -68,7 +68,7 @@ def read_csv(path: Path, columns: Sequence[str] | None = None) -> Cells:
                 )
             separator = max(SEPARATORS, key=_text(path, line, first_row).count)
             names = tuple(cell.strip() for cell in _cells(path, line, separator, first_row))
-            if all(map(_is_value, names)) and any(names):
+            if all(map(_is_value, names)) and any(names) and not set(names) & set(columns or ()):
                 names = tuple(f"column {k + 1}" for k in range(len(names)))
                 warnings.warn(
                     f"{path}: has no header, its first row holds numbers; its columns are called "
