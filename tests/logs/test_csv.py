@@ -132,7 +132,7 @@ def test_a_file_without_a_header(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     for first in ("0.0,1,2", "2026-11-20T21:02:47.5Z,1,2", '"0.0",,2'):
         written(path, ["", first, *ROWS])
-        with pytest.warns(DistalWarning, match=r"no header, .* 'column 1' to 'column 3'"):
+        with pytest.warns(DistalWarning, match=r"no header; .* 'column 1' to 'column 3'"):
             table = read_table(path, ["column 3"])
         np.testing.assert_array_equal(table.columns["column 3"], [2, *(-k for k in range(40))])
         assert table.first_row == 2

@@ -318,6 +318,14 @@ def test_clocks_that_were_set_back_differently_are_refused() -> None:
         assert len(_stamped(Path("one.mcap"), {"/a.x": once, "/b.x": once})["/a.x"][0]) == 5  # type: ignore[dict-item]
 
 
+def test_a_recorder_without_a_clock_tells_no_clocks_apart() -> None:
+    """Who converts logs may write one time of recording for all messages."""
+    first = [(k * 10**7, 0, 1.0) for k in range(100)]
+    second = [(k * 10**7 + 4 * 10**6, 0, 2.0) for k in range(100)]
+    found = _stamped(Path("two.mcap"), {"/a.x": first, "/b.x": second})  # type: ignore[dict-item]
+    assert list(found) == ["/a.x", "/b.x"]
+
+
 def test_odd_messages_are_one_line(rig: Rig, tmp_path: Path) -> None:
     for stamp, said in (
         ("abc", "'t' is 'abc'"),

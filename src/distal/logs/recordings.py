@@ -249,7 +249,7 @@ def _leave_out_another_clock(
     long, and warn of them. Clocks are compared by the recorder's, which is one for all.
     """
     away = {column: np.median(stamped[column][0] - at) for column, at in recorded.items()}
-    longest = max(np.ptp(at) for at in recorded.values())
+    longest = max(np.ptp(at) for at in (*recorded.values(), *(at for at, _ in stamped.values())))
     usual = max(away.values(), key=lambda one: sum(abs(one - a) <= longest for a in away.values()))
     begins = dict[str, np.int64]()
     for column in [column for column, own in away.items() if abs(own - usual) > longest]:

@@ -268,7 +268,7 @@ def say_wild(source: str, wild: Bools, first: str) -> None:
     if count:
         which = first if count == 1 else f"{count} rows, {first} first,"
         warnings.warn(
-            f"{source}: {which} left out, with a stamp that is out of order or far from all others",
+            f"{source}: {which} left out: its stamp is out of order or far off",
             DistalWarning,
             stacklevel=4,
         )

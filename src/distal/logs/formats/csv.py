@@ -71,8 +71,7 @@ def read_csv(path: Path, columns: Sequence[str] | None = None) -> Cells:
             if all(map(_is_value, names)) and any(names) and not set(names) & set(columns or ()):
                 names = tuple(f"column {k + 1}" for k in range(len(names)))
                 warnings.warn(
-                    f"{path}: has no header, its first row holds numbers; its columns are called "
-                    f"'{names[0]}' to '{names[-1]}'",
+                    f"{path}: has no header; its columns are called '{names[0]}' to '{names[-1]}'",
                     DistalWarning,
                     stacklevel=4,
                 )
