@@ -130,9 +130,7 @@ def test_a_wild_stamp_in_a_bag_costs_its_message_only(
 def test_a_topic_on_another_clock_is_named(rig: Rig, named: Rig, log: Log, tmp_path: Path) -> None:
     """The others are read; where the rig needs it, it says what is missing."""
     path = bag(log, tmp_path / "run", rig, late=-1.6e9)
-    said = (
-        r"/right left out: its clock begins at 100000000 s, that of the other topics at 1700000000"
-    )
+    said = r"/right left out: its clock begins at 100000000 s, the others' at 1700000000"
     with pytest.warns(DistalWarning, match=said):
         read, _ = open_recording(path, [*TOPICS.values()], "t")
     assert list(read) == ["t", TOPICS["x1"], TOPICS["u1"]]

@@ -258,8 +258,8 @@ def _leave_out_another_clock(
     first = next(iter(stamped.values()))[0][0]
     for topic, begin in begins.items():
         warnings.warn(
-            f"{path}: {topic} left out: its clock begins at {begin * 1e-9:.12g} s, that of the "
-            f"other topics at {first * 1e-9:.12g} s",
+            f"{path}: {topic} left out: its clock begins at {begin * 1e-9:.12g} s, the others' at "
+            f"{first * 1e-9:.12g} s",
             DistalWarning,
             stacklevel=2,
         )
