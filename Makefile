@@ -146,6 +146,7 @@ results: $(STAMP)
 	$(BIN)/python -m benchmarks.wrong_inputs
 	$(BIN)/python -m benchmarks.smoothing
 	$(BIN)/python -m benchmarks.soak
+	$(BIN)/python -m benchmarks.long_log
 	$(BIN)/python -m benchmarks.study
 
 strangers: $(STAMP)

@@ -270,8 +270,8 @@ class KernelEstimator:
             belief = self.initial(times[0], first_values(samples)) if belief is None else belief
             n = belief.size
             kernel_states, ys = self.advanced(belief, times, samples)
-            means, variances = mean_of(kernel_states, n), variances_of(kernel_states, n)
-            yield self.reported(means.copy(), variances.copy(), ys, samples)
+            means = mean_of(kernel_states, n).copy()
+            yield self.reported(means, variances_of(kernel_states, n).copy(), ys, samples)
             last = frozen(kernel_states[-1].copy())
             belief = Belief(float(times[-1]), last, n, belief.samples + len(times))
 
@@ -281,8 +281,11 @@ class KernelEstimator:
         """Return what `pieces` yields, from the filter's own `means` and `variances`, (k, n), the
         kernel's outputs `ys`, (k, n_y), and the `samples`, (k, n_channels).
         """
-        means, variances = self.report.means(means, ys), self.report.variances_of(variances, ys)
-        return means, variances, *self.innovations_of(ys, samples)
+        return (
+            self.report.means(means, ys),
+            self.report.variances_of(variances, ys),
+            *self.innovations_of(ys, samples),
+        )
 
     def scan_all(
         self,

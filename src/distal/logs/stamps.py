@@ -200,7 +200,9 @@ def wild_stamps(stamps: Floats | Stamps) -> Bools:
     near an end is wild.
     """
     time = np.concatenate([[np.nan], stamps, [np.nan]])
-    before, now, after = time[:-2], time[1:-1], time[2:]
+    before = time[:-2]
+    now = time[1:-1]
+    after = time[2:]
     wild = ((now > after) | (now < before)) & (after > before)
     if 2.0 ** (2 - len(now)) >= IMPROBABLE:
         wild[:2] = wild[-2:] = False
