@@ -127,6 +127,15 @@ def test_a_wild_stamp_in_a_bag_costs_its_message_only(
         np.testing.assert_allclose(read.channels[name], expected, rtol=1e-12)
 
 
+def test_a_message_that_came_late_stands_where_its_stamp_is(log: Log) -> None:
+    """A network may bring messages in another order: none is lost, nothing is said."""
+    order = [*range(50), 52, 50, 51, *range(53, 120), 121, 120, *range(122, 200)]
+    readings = {"/a.x": [(round(log.time[k] * 1e9), 10**7 * i, k) for i, k in enumerate(order)]}
+    stamps, values = _stamped(Path("run.mcap"), readings)["/a.x"]  # type: ignore[arg-type]
+    np.testing.assert_array_equal(stamps, np.round(log.time[values.astype(int)] * 1e9))
+    assert len(stamps) == len(log)
+
+
 def test_a_topic_on_another_clock_is_named(rig: Rig, named: Rig, log: Log, tmp_path: Path) -> None:
     """The others are read; where the rig needs it, it says what is missing."""
     path = bag(log, tmp_path / "run", rig, late=-1.6e9)

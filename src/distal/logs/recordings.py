@@ -199,7 +199,10 @@ def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, Stampe
         stamps = np.array(
             [stamp if by_header and stamp is not None else at for stamp, at, _ in samples]
         )
-        wild = wild_in[_named(column)[0]] = wild_stamps(stamps)
+        wild = wild_stamps(stamps)
+        # what came late only stands where its stamp is
+        wild &= (stamps < stamps[~wild].min()) | (stamps > stamps[~wild].max())
+        wild_in[_named(column)[0]] = wild
         if (stamps[~wild] == NO_TIME).any():
             raise LogError(
                 f"{path}: a stamp of '{column}' is beyond {LATEST:g} s, which is no time; what "

@@ -93,11 +93,8 @@ def clock_of(cells: Cells, name: str, unit: float) -> Clock:
             is_dated = is_date(str(column[0]).strip())
         if is_dated:
             parts.append(_dates(column, cells.path, name, row))
-        elif isinstance(column, list) and (counts := _whole_values(column)) is not None:
+        elif (counts := _whole_values(column)) is not None:
             parts.append(counts)
-        elif isinstance(column, np.ndarray) and column.dtype.kind in "iu":
-            is_small = column.max(initial=0) <= np.iinfo(np.int64).max
-            parts.append(column.astype(np.int64 if is_small else np.float64, copy=False))
         else:
             parts.append(parsed_cells(column, cells.path, name, row))
         row += len(column)
@@ -105,8 +102,11 @@ def clock_of(cells: Cells, name: str, unit: float) -> Clock:
     return _clock(stamps) if is_dated else _counted(stamps, unit, name, cells.path)
 
 
-def _whole_values(cells: list[str]) -> Stamps | None:
+def _whole_values(cells: Column) -> Stamps | None:
     """Return the cells as 64-bit integers, or None where a cell is something else."""
+    if isinstance(cells, np.ndarray):
+        is_whole = cells.dtype.kind in "iu" and cells.max(initial=0) <= np.iinfo(np.int64).max
+        return cells.astype(np.int64, copy=False) if is_whole else None
     try:
         return (
             np.fromiter(map(int, cells), np.int64, len(cells)) if is_plain("".join(cells)) else None
@@ -268,9 +268,8 @@ def say_wild(source: str, wild: Bools, first: str) -> None:
     """Warn where stamps are wild; `first` says where the first one is."""
     count = int(wild.sum())
     if count:
-        which = first if count == 1 else f"{count} rows, {first} first,"
         warnings.warn(
-            f"{source}: {which} left out: its stamp is out of order or far off",
+            f"{source}: {first} left out, {count} in all: a stamp out of order or far off",
             DistalWarning,
             stacklevel=4,
         )
