@@ -147,6 +147,7 @@ results: $(STAMP)
 	$(BIN)/python -m benchmarks.redundancy
 	$(BIN)/python -m benchmarks.smoothing
 	$(BIN)/python -m benchmarks.soak
+	$(BIN)/python -m benchmarks.long_log
 	$(BIN)/python -m benchmarks.study
 
 strangers: $(STAMP)

@@ -197,7 +197,9 @@ def other_simulator() -> None:
 
 def instrument() -> None:
     """Print the errors on a real instrument, one motion class left out at a time."""
-    from distal.logs import da_vinci_grasper, read_log
+    from examples.da_vinci.logs import da_vinci_grasper
+
+    from distal.logs import read_log
 
     try:
         paths = da_vinci_grasper()

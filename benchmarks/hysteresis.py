@@ -11,10 +11,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from examples.da_vinci.logs import da_vinci_grasper
 from numpy.typing import NDArray
 
 from benchmarks.report import table
-from distal.logs import da_vinci_grasper, read_table
+from distal.logs import read_table
 
 Floats = NDArray[np.float64]
 Features = Callable[[Floats, Floats], list[Floats]]

@@ -15,10 +15,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from distal import load_rig
-from distal.logs import episodes_of
+from distal import Estimate, Rig, load_rig
+from distal.logs import Episode, episodes_of
 from distal.rig import edited_text
-from distal.run import estimate_batch, estimate_on_cluster
+from distal.run import estimate_batch
 
 EPISODES, ROWS = 1000, 1500
 
@@ -79,9 +79,14 @@ def commanded(dataset: Path, rig: Path, out: Path) -> float:
     return time.perf_counter() - begin
 
 
+def estimated(episodes: list[Episode], rig: Rig) -> list[Estimate]:
+    """Return the estimates over some episodes, as a worker of a cluster makes them."""
+    return list(estimate_batch(episodes, rig, workers=1))
+
+
 def main() -> None:
     """Measure and print."""
-    from distributed import LocalCluster
+    from distributed import Client, LocalCluster
 
     count = int(sys.argv[1]) if len(sys.argv) > 1 else EPISODES
     rig = load_rig("capstan-joint").with_values(CHANGES)
@@ -96,10 +101,15 @@ def main() -> None:
         begin = time.perf_counter()
         own = list(estimate_batch(episodes, rig, workers=2))
         here = time.perf_counter() - begin
-        with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-            list(estimate_on_cluster(episodes[:64], rig, cluster.scheduler_address))
+        chunks = [episodes[k : k + 32] for k in range(0, len(episodes), 32)]
+        with (
+            LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+            Client(cluster) as client,
+        ):
+            client.gather(client.map(estimated, chunks[:2], rig=rig))
             begin = time.perf_counter()
-            far = list(estimate_on_cluster(episodes, rig, cluster.scheduler_address))
+            parts = client.gather(client.map(estimated, chunks, rig=rig, pure=False))
+            far = [estimate for part in parts for estimate in part]
             there = time.perf_counter() - begin
             times = [commanded(dataset, file, root / f"{k}") for k in range(3)]
     same = max(float(np.abs(a.angles - b.angles).max()) for a, b in zip(own, far))

@@ -14,8 +14,8 @@ import numpy as np
 
 import distal
 from distal.fitting import AS_GIVEN, WRITTEN
-from distal.logs import da_vinci_grasper
 from distal.reports import fit_report
+from logs import da_vinci_grasper
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--runs", nargs="*", default=None, help="e.g. 00 21 42; default all twelve")

@@ -4,9 +4,13 @@ have meant by a name that is not known.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from difflib import get_close_matches
 from pathlib import Path
+from typing import BinaryIO, TypeAlias
+
+Content: TypeAlias = bytes | str | Callable[[BinaryIO], object]
+"""The content of a file, or a function that writes it."""
 
 
 class DistalError(ValueError):
@@ -69,9 +73,7 @@ class OutputError(DistalError):
         unsaved: what was to be written, by its path, so that a caller can keep it elsewhere.
     """
 
-    def __init__(
-        self, message: object = "", unsaved: Mapping[Path, bytes | str] | None = None
-    ) -> None:
+    def __init__(self, message: object = "", unsaved: Mapping[Path, Content] | None = None) -> None:
         super().__init__(message)
         self.unsaved = dict(unsaved or {})
 

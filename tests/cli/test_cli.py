@@ -358,7 +358,7 @@ def test_bad_input_is_one_line_and_exit_code_2(run, log: Path, tmp_path: Path) -
             ("row 10", "'x1'", "'abc'"),
         ),
         ("\n".join([*text[:9], text[9].rsplit(",", 3)[0], *text[10:]]), ("row 10", "too short")),
-        ("\n".join([*text[:9], text[12], *text[9:]]), ("row 11", "goes back")),
+        ("\n".join([*text[:9], text[10], text[9], *text[11:]]), ("row 11", "goes back")),
         ("\n".join(text[:2]), ("one row",)),
         ("", ("is empty",)),
     ]

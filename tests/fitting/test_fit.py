@@ -396,7 +396,7 @@ def test_the_shipped_instrument(data: Path) -> None:
     """Of the kind of instrument: homing move 0.28° in the mean; 0.8° in the one run whose torque
     turns only after it. A point tells less of a wrist's pose.
     """
-    from distal.logs import da_vinci_grasper
+    from examples.da_vinci.logs import da_vinci_grasper
 
     for homing, mean, worst in ((3.0, 0.285, 0.85), (0.2, 0.5, 0.8)):
         estimates = [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from distal.errors import LogError
+from distal import Rig, read_log
+from distal.errors import DistalWarning, LogError
 from distal.logs import read_table
 
 ROWS = [f"{k / 100},{k},-{k}" for k in range(40)]
@@ -87,10 +89,13 @@ def test_what_is_no_text_is_named(tmp_path: Path) -> None:
 def test_memory_is_asked_for_before_it_is_taken(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = written(tmp_path / "log.csv", ["t,a,b", *ROWS * 1000])
-    assert len(read_table(path).columns["t"]) == 40_000
+    path = written(tmp_path / "log.csv", ["t,a,b", *ROWS * 1250])
+    assert len(read_table(path).columns["t"]) == 50_000
     monkeypatch.setenv("DISTAL_MAX_MEMORY", "3 MB")
-    with pytest.raises(LogError, match=r"120,0\d\d cells, about 0.0 GB .*DISTAL_MAX_MEMORY=16GB"):
+    assert len(read_table(path, ["t", "a"]).columns["t"]) == 50_000
+    with pytest.raises(
+        LogError, match=r"50,000 rows of 3 columns, about 0.0 GB .*DISTAL_MAX_MEMORY=16GB"
+    ):
         read_table(path)
     monkeypatch.setenv("DISTAL_MAX_MEMORY", "much")
     with pytest.raises(LogError, match="DISTAL_MAX_MEMORY: 'much'"):
@@ -102,6 +107,39 @@ def test_what_never_ends_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DISTAL_MAX_MEMORY", "3 MB")
     with pytest.raises(LogError, match="has more than"):
         read_table("/dev/zero")
+
+
+def test_a_long_file_is_never_in_memory_as_text(tmp_path: Path, pulley_rig: Rig) -> None:
+    """Of a row of 60 bytes its five numbers are held, and a copy of them while they are read."""
+    count = 20_000
+    rows = (f"{k / 100:.2f},{1e-3 + 1e-9 * k:.12f},{1e-3:.12f},2.0,2.1" for k in range(count))
+    path = written(tmp_path / "log.csv", ["t,x1,x2,u1,u2", *rows])
+    shares = list[float]()
+    read_log(path, pulley_rig)
+    tracemalloc.start()
+    log = read_log(path, pulley_rig, progress=shares.append)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(log) == count
+    assert peak < count * 8 * 5 * 3 + 2e6
+    assert shares == sorted(shares)
+    assert 0.9 < shares[-1] < 1.0
+    assert len(shares) > 50
+
+
+def test_a_file_without_a_header(tmp_path: Path) -> None:
+    """Its first row is one of numbers, not one of names."""
+    path = tmp_path / "log.csv"
+    for first in ("0.0,1,2", "2026-11-20T21:02:47.5Z,1,2", '"0.0",,2'):
+        written(path, ["", first, *ROWS])
+        with pytest.warns(DistalWarning, match=r"no header; .* 'column 1' to 'column 3'"):
+            table = read_table(path, ["column 3"])
+        np.testing.assert_array_equal(table.columns["column 3"], [2, *(-k for k in range(40))])
+        assert table.first_row == 2
+    written(path, ["1,b,c", *ROWS])
+    assert list(read_table(path).columns) == ["1", "b", "c"]
+    written(path, ["1,2,3", *ROWS])
+    assert len(read_table(path, ["2"]).columns["2"]) == 40  # a name that is asked for
 
 
 def test_many_columns_take_no_time(tmp_path: Path) -> None:

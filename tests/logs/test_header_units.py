@@ -12,7 +12,7 @@ import polars as pl
 import pytest
 
 from distal import Log, Rig, estimate, load_rig, load_scenario, read_log, scenario_rig, simulate
-from distal.errors import LogError
+from distal.errors import DistalWarning, LogError
 from distal.logs import MessageReader, header, read_truth, write_columns, write_log
 from distal.logs.header_units import name_and_unit
 
@@ -103,6 +103,22 @@ def test_what_is_refused(
 ) -> None:
     with pytest.raises(LogError, match=said):
         read_log(renamed(log, rig, tmp_path / "log.csv", change), rig)
+
+
+def test_a_reference_in_no_unit_costs_itself_only(tmp_path: Path) -> None:
+    """Nobody asked for it; where somebody does, it is refused."""
+    capstan = load_rig("capstan-joint")
+    made = Log(
+        0.005 * np.arange(40), {name: np.linspace(0.0, 0.1, 40) for name in capstan.sensor_names}
+    )
+    path = renamed(made, capstan, tmp_path / "log.csv", {"encoder": ("encoder [blob]", 1.0)})
+    said = r"column 'encoder \[blob\]': unit 'blob' is no angle; write 'rad' or 'deg'"
+    with pytest.warns(DistalWarning, match=rf"{said}: left out"):
+        read = read_log(path, capstan)
+    assert not read.truth
+    np.testing.assert_array_equal(read.channels["motor_angle"], made.channels["motor_angle"])
+    with pytest.raises(LogError, match=said):
+        read_log(path, capstan, "encoder")
 
 
 def test_a_column_that_the_rig_names_with_its_unit_is_that_column(

@@ -9,7 +9,7 @@ import pytest
 
 from distal.errors import OutputError
 from distal.logs import Output, Recorder, check_outputs, outputs_in, shown, write_whole
-from distal.logs.output_targets import ROOM, _ignores_case
+from distal.logs.output_targets import ROOM
 from distal.logs.recorder import SAMPLE_TOPIC
 
 
@@ -104,13 +104,6 @@ def test_streams_are_files_too(tmp_path: Path) -> None:
     check_outputs(
         one(link), [("standard input", number)], [("standard output", number)]
     )  # closed: nothing is known
-
-
-def test_case_is_looked_up_and_not_assumed(tmp_path: Path) -> None:
-    (tmp_path / "Name").write_text("")
-    same = (tmp_path / "nAME").exists()
-    assert _ignores_case(tmp_path) == same
-    assert _ignores_case(tmp_path / "none") == same
 
 
 def test_what_is_shown_is_one_line() -> None:

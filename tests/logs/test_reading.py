@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from distal import Log, Rig, read_log, write_log
-from distal.errors import DistalWarning, LogError
+from distal.errors import LogError
 from distal.logs import TruthKind, read_truth
 
 GOOD = "t,x1,x2,u1,u2\n0.00,1e-3,2e-3,2.0,2.1\n0.01,1.1e-3,2.1e-3,2.0,2.1\n0.02,1.2e-3,2.2e-3,2.0,2.1\n"
@@ -227,15 +227,6 @@ def test_frames_are_logs_too(pulley_rig: Rig) -> None:
         read_log(frame.drop("x2"), pulley_rig)
     with pytest.raises(LogError, match=r"a log is a path, a frame or a distal\.Log; list came"):
         read_log([1, 2], pulley_rig)
-
-
-def test_beyond_the_stops_warns(tmp_path: Path, paper_rig: Rig) -> None:
-    rows = "".join(f"{0.01 * i},{0.018},2e-3,2,2\n" for i in range(20))
-    with pytest.warns(
-        DistalWarning,
-        match=r"'x1' is between 0\.018 and 0\.018 m most of the time, beyond drives\.left\.stops",
-    ):
-        read_log(file(tmp_path, "t,x1,x2,u1,u2\n" + rows), paper_rig)
 
 
 def test_where_the_truth_comes_from_is_said(tmp_path: Path, paper_rig: Rig) -> None:

@@ -49,9 +49,11 @@ def named(rig: Rig) -> Rig:
     )
 
 
-def bag(log: Log, folder: Path, rig: Rig, late: float = 0.0) -> Path:
-    """Write a bag of ROS 2: two topics of joint states, the right one `late` behind, and one that
-    nobody asked for.
+def bag(
+    log: Log, folder: Path, rig: Rig, late: float = 0.0, odd: dict[int, float] | None = None
+) -> Path:
+    """Write a bag of ROS 2: two topics of joint states, the right one `late` behind, with `odd`
+    stamps in some of its messages, and one topic that nobody asked for.
     """
     from rosbags.rosbag2 import Writer
     from rosbags.typesys import Stores, get_typestore
@@ -69,6 +71,9 @@ def bag(log: Log, folder: Path, rig: Rig, late: float = 0.0) -> Path:
         for k, time in enumerate(log.time):
             for number, (side, connection) in enumerate(sides.items(), start=1):
                 at = round((1.7e9 + time + (late if side == "right" else 0.0)) * 1e9)
+                recorded = round((1.7e9 + time) * 1e9) + 5_000_000
+                if side == "right" and odd is not None and k in odd:
+                    at = round(odd[k] * 1e9)
                 x, u = (log.channels[f"{kind}{number}"][k] for kind in "xu")
                 message = state(
                     header=header(stamp=stamp(sec=at // 10**9, nanosec=at % 10**9), frame_id=""),
@@ -77,10 +82,8 @@ def bag(log: Log, folder: Path, rig: Rig, late: float = 0.0) -> Path:
                     velocity=np.array([]),
                     effort=np.array([u / factor[f"u{number}"]]),
                 )
-                writer.write(
-                    connection, at + 5_000_000, store.serialize_cdr(message, state.__msgtype__)
-                )
-            writer.write(chat, at, store.serialize_cdr(text(data="hello"), text.__msgtype__))
+                writer.write(connection, recorded, store.serialize_cdr(message, state.__msgtype__))
+            writer.write(chat, recorded, store.serialize_cdr(text(data="hello"), text.__msgtype__))
     return folder
 
 
@@ -105,6 +108,47 @@ def test_stamps_that_nearly_agree_are_one_row(
     far = read_log(bag(log, tmp_path / "far", rig, late=0.004), named)
     assert len(far) == 2 * len(log)
     assert np.isnan(far.channels["x1"]).sum() == np.isnan(far.channels["x2"]).sum() == len(log)
+
+
+@pytest.mark.parametrize("k", [0, 1, 77, 199])
+@pytest.mark.parametrize("stamp", [12.5, 1.8e9, 2.1e9])
+def test_a_wild_stamp_in_a_bag_costs_its_message_only(
+    rig: Rig, named: Rig, log: Log, tmp_path: Path, k: int, stamp: float
+) -> None:
+    path = bag(log, tmp_path / "run", rig, odd={k: stamp})
+    with pytest.warns(DistalWarning, match=rf"run: message {k + 1} of /right left out") as said:
+        read = read_log(path, named)
+    assert len(said) == 1
+    assert len(read) == len(log)
+    for name in TOPICS:
+        expected = np.array(log.channels[name])
+        if name.endswith("2"):
+            expected[k] = np.nan
+        np.testing.assert_allclose(read.channels[name], expected, rtol=1e-12)
+
+
+def test_a_message_that_came_late_stands_where_its_stamp_is(log: Log) -> None:
+    """A network may bring messages in another order: none is lost, nothing is said."""
+    order = [*range(50), 52, 50, 51, *range(53, 120), 121, 120, *range(122, 200)]
+    readings = {"/a.x": [(round(log.time[k] * 1e9), 10**7 * i, k) for i, k in enumerate(order)]}
+    stamps, values = _stamped(Path("run.mcap"), readings)["/a.x"]  # type: ignore[arg-type]
+    np.testing.assert_array_equal(stamps, np.round(log.time[values.astype(int)] * 1e9))
+    assert len(stamps) == len(log)
+
+
+def test_a_topic_on_another_clock_is_named(rig: Rig, named: Rig, log: Log, tmp_path: Path) -> None:
+    """The others are read; where the rig needs it, it says what is missing."""
+    path = bag(log, tmp_path / "run", rig, late=-1.6e9)
+    said = r"/right left out: its clock begins at 100000000 s, the others' at 1700000000"
+    with pytest.warns(DistalWarning, match=said):
+        read, _ = open_recording(path, [*TOPICS.values()], "t")
+    assert list(read) == ["t", TOPICS["x1"], TOPICS["u1"]]
+    np.testing.assert_allclose(read["t"], log.time, atol=1e-6)
+    with (
+        pytest.warns(DistalWarning, match=said),
+        pytest.raises(LogError, match=r"column '/right.position\[0\]' is missing"),
+    ):
+        read_log(path, named)
 
 
 def test_what_a_bag_lacks_is_named(rig: Rig, named: Rig, log: Log, tmp_path: Path) -> None:
@@ -279,6 +323,14 @@ def test_clocks_that_were_set_back_differently_are_refused() -> None:
         _stamped(Path("two.mcap"), {"/a.x": once, "/b.x": never})  # type: ignore[dict-item]
     with pytest.warns(DistalWarning, match="set back 1 times; only part 1 of 2 is read"):
         assert len(_stamped(Path("one.mcap"), {"/a.x": once, "/b.x": once})["/a.x"][0]) == 5  # type: ignore[dict-item]
+
+
+def test_a_recorder_without_a_clock_tells_no_clocks_apart() -> None:
+    """Who converts logs may write one time of recording for all messages."""
+    first = [(k * 10**7, 0, 1.0) for k in range(100)]
+    second = [(k * 10**7 + 4 * 10**6, 0, 2.0) for k in range(100)]
+    found = _stamped(Path("two.mcap"), {"/a.x": first, "/b.x": second})  # type: ignore[dict-item]
+    assert list(found) == ["/a.x", "/b.x"]
 
 
 def test_odd_messages_are_one_line(rig: Rig, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import polars as pl
 import pytest
 
 from distal import Log, Rig, estimate, load_rig, read_log
-from distal.errors import LogError
+from distal.errors import DistalWarning, LogError
 
 NANOSECONDS = 1_795_208_567_123_456_789 + 10_000_000 * np.arange(40)
 """20 November 2026, 21:02:47 UTC, and on at 100 Hz."""
@@ -145,10 +145,10 @@ def test_results_have_them(frame: pl.DataFrame, rig: Rig, tmp_path: Path) -> Non
     """By `stamp` results join with other topics; parts of a log keep theirs."""
     log = read(frame, NANOSECONDS, rig, tmp_path / "log.csv")
     result = estimate(log, rig, compiled=False)
-    made = result.to_polars()
-    assert made.columns[:2] == ["t [s]", "stamp [ns]"]
-    assert made["stamp [ns]"].dtype == pl.Int64
-    np.testing.assert_array_equal(made["stamp [ns]"].to_numpy(), NANOSECONDS)
+    made = result.columns()
+    assert list(made)[:2] == ["t [s]", "stamp [ns]"]
+    assert made["stamp [ns]"].dtype == np.int64
+    np.testing.assert_array_equal(made["stamp [ns]"], NANOSECONDS)
     part = log.select(slice(3, 9)).stamps
     assert part is not None
     np.testing.assert_array_equal(part, NANOSECONDS[3:9])
@@ -203,11 +203,34 @@ def test_dates_that_no_clock_has_are_refused(tmp_path: Path, rig: Rig, year: str
         read_log(frame, rig)
 
 
-def test_one_stamp_of_another_age_is_named(rig: Rig) -> None:
-    stamps = [1_700_000_000 + k for k in range(20)]
-    for odd in (1_700_000_030 + 2**64 // 10**9, 2**62):
-        frame = pl.DataFrame(
-            {"t": [*stamps, odd], **{c: [1e-3] * 21 for c in ("x1", "u1", "x2", "u2")}}
-        )
-        with pytest.raises(LogError, match=f"'t' is {odd} in a log that begins with 1700000000"):
-            read_log(frame, rig)
+@pytest.mark.parametrize("row", [0, 1, 7, 38, 39])
+@pytest.mark.parametrize("begins", [0, 1_700_000_000])
+@pytest.mark.parametrize("odd", [0.0, -5e9, 1e8, 1_700_000_030 + 2**64 // 10**9, 2**62, 1e300])
+def test_one_wild_stamp_costs_its_row_only(
+    frame: pl.DataFrame, rig: Rig, tmp_path: Path, row: int, begins: int, odd: float
+) -> None:
+    """Wherever it stands, in a log with dates or without."""
+    stamps = [begins + 5.0 + 0.01 * k for k in range(40)]
+    stamps[row] = float(odd)
+    with pytest.warns(DistalWarning, match=rf"log\.csv: row {row + 2} left out"):
+        log = read(frame, stamps, rig, tmp_path / "log.csv")
+    others = [k for k in range(40) if k != row]
+    start = 5.0 if begins == 0 else -0.01 * others[0]
+    np.testing.assert_allclose(log.time, 0.01 * np.array(others) + start, atol=1e-6)
+    angles = log.channels["motor_angle"]
+    np.testing.assert_array_equal(angles, frame["motor_angle"].to_numpy()[others])
+
+
+@pytest.mark.parametrize(
+    ("begins", "odd"),
+    [
+        *((begins, odd) for begins in (0, 1_700_000_000) for odd in ([0.06, 0.05], [-5e9, -5e9])),
+    ],
+)
+def test_of_two_wild_stamps_nobody_knows_what_is_right(
+    frame: pl.DataFrame, rig: Rig, tmp_path: Path, begins: int, odd: list[float]
+) -> None:
+    stamps = [begins + 0.01 * k for k in range(40)]
+    stamps[5:7] = [begins + odd[0], begins + odd[1]]
+    with pytest.raises(LogError, match=r"goes back|repeats|is inf"):
+        read(frame, stamps, rig, tmp_path / "log.csv")

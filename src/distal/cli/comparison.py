@@ -35,22 +35,25 @@ def compared(
     level: float,
     unasked: bool,
     smooth: bool,
+    every: bool,
 ) -> Comparison:
     """Return what the estimators find, the smoothed estimate first where it is asked for.
 
     Where the first estimator fails, the others are still shown before its error is raised. In a
-    comparison that was not asked for, only the first estimate stays in memory.
+    comparison that was not asked for, only the first estimate stays in memory; with `every` it has
+    all states, not only angles and torques.
     """
     from distal.estimators.regression_estimator import NEEDS
     from distal.run import estimate
     from distal.run import smooth as smoothed
 
     found = Comparison()
-    runs: dict[str, Callable[[], Estimate]] = {
-        name: partial(estimate, log, rig, name, homing=home, covariances=False) for name in names
+    runs: dict[str, Callable[..., Estimate]] = {
+        name: partial(estimate, log, rig, name, homing=home, covariances=False, every=every)
+        for name in names
     }
     if smooth:
-        runs = {"smoothing": partial(smoothed, log, rig)} | runs
+        runs = {"smoothing": lambda progress: smoothed(log, rig)} | runs
     # in a comparison by default, an estimator that cannot run is a row with what it needs
     has_map = rig.map is not None and rig.map.readings
     if unasked and not has_map and home is None and "regression" in runs:
@@ -61,7 +64,7 @@ def compared(
         for name, run in runs.items():
             show(f"estimating with {name}")
             try:
-                result = replace(run(), level=level)
+                result = replace(run(progress=show.share), level=level)
             except DistalError as problem:
                 # some errors have the name
                 found.failed[name] = f"{name}: {str(problem).removeprefix(f'{name}: ')}"

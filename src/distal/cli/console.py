@@ -141,10 +141,15 @@ class _Activity(logging.Handler):
         if bar.disable:
             Thread(target=self._print_lines, daemon=True).start()
 
-    def now(self, doing: str, done: float | None = None, total: float | None = None) -> None:
+    def __call__(self, doing: str, done: float | None = None, total: float | None = None) -> None:
         """Say what the command does now, and how much of it is done."""
         self._doing = self._text = doing
         self._bar.update(self._task, description=doing, completed=done, total=total)
+
+    def share(self, done: float) -> None:
+        """Say which share of that is done."""
+        self._text = f"{self._doing}, {done:.0%}"
+        self._bar.update(self._task, description=self._text, completed=done, total=1.0)
 
     def emit(self, record: logging.LogRecord) -> None:
         detail = record.getMessage()  # what happens to a kernel; empty once it is done
@@ -196,10 +201,10 @@ def activity(doing: str) -> Iterator[_Activity]:
 
 
 @contextmanager
-def working(doing: str) -> Iterator[Callable[[str], None]]:
-    """Show an `activity`; the context gives a function that takes a text on what comes next."""
+def working(doing: str) -> Iterator[_Activity]:
+    """Show an `activity`; the context gives what takes a text on what comes next."""
     with activity(doing) as shown:
-        yield shown.now
+        yield shown
 
 
 @contextmanager
@@ -210,7 +215,7 @@ def progress_bar(label: str, total: int | None = None) -> Iterator[Callable[...,
     with activity(label) as shown:
 
         def show(done: int, of: int | None = total) -> None:
-            shown.now(f"{label}: {done}" + (f" of {of}" if of else ""), done, of)
+            shown(f"{label}: {done}" + (f" of {of}" if of else ""), done, of)
 
         yield show
 
@@ -235,7 +240,7 @@ def fit_progress() -> Iterator[Callable[[Doing], None]]:
         def show(doing: Doing) -> None:
             left = time_left(monotonic() - began, doing.share)
             text = f"{doing.stage}, about {100 * doing.share:.0f} % done, {left} left"
-            shown.now(text, doing.share, 1.0)
+            shown(text, doing.share, 1.0)
 
         yield show
 

@@ -15,7 +15,15 @@ import typer
 from typer import Argument, Option
 
 from distal.cli.comparison import Comparison, compared, say_errors
-from distal.cli.console import continue_on_failure, failure, progress_bar, say, table, warn, working
+from distal.cli.console import (
+    continue_on_failure,
+    failure,
+    progress_bar,
+    say,
+    table,
+    warn,
+    working,
+)
 from distal.cli.shared_options import (
     HomingOption,
     PlotOption,
@@ -32,7 +40,7 @@ from distal.cli.shared_options import (
     to_file,
     to_folder,
 )
-from distal.errors import DistalError, DistalWarning, EstimationError, OutputError
+from distal.errors import Content, DistalError, DistalWarning, EstimationError, OutputError
 
 if TYPE_CHECKING:
     from distal.logs import Episode, Log, Output
@@ -183,8 +191,8 @@ def estimate_command(
     )
     check_ending(out, "a table")
     description = load_rig(rig, set_ or ())
-    with working(f"reading {logs[0]}"):
-        log = read_log(logs[0], description, truth)
+    with working(f"reading {logs[0]}") as show:
+        log = read_log(logs[0], description, truth, progress=show.share)
     _describe(log, description)
     is_known = true_angles(log, description.joint_names) is not None
     names = _names(estimator, description, is_known)
@@ -195,9 +203,9 @@ def estimate_command(
         # the diagnosis's kernel is compiled while the estimate runs; errors come from the estimate
         with suppress(DistalError):
             AdaptiveFilter(description, "lanes").kernel.begin_lanes()
-    comparison = compared(log, description, names, home, level, estimator is None, smooth)
+    comparison = compared(log, description, names, home, level, estimator is None, smooth, every)
     results = comparison.results
-    files: dict[Path, bytes | str] = {}
+    files = dict[Path, Content]()
     if out is not None:
         files[out] = file_of(results[0].columns(unit, every=every), out)
     if plot is not None:
@@ -205,7 +213,9 @@ def estimate_command(
             files[plot] = _picture(
                 log, description, results if estimator else results[:1], panels, plot
             )
-    write_together(files)
+    with working("writing"):
+        write_together(files)
+    files.clear()  # of a log of hours the columns are large
     if comparison.rows:
         read = "not read" if homing_angle else "used"
         used = (

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -98,9 +97,10 @@ def diagnose(
     usual = _usual(runs)
     test = derivatives.test(of_truth=False, usual=usual[:, 0])
     channels = channels_of(result)
-    if channels.disagreeing() and result.state_names == runs.estimator.state_names:
+    ends = result.with_all_states
+    if channels.disagreeing() and ends.state_names == runs.estimator.state_names:
         # what the filter learns within the rig's own stds contradicts nothing
-        again = _channels(runs, runs.begun_with(result.means[-1]))
+        again = _channels(runs, runs.begun_with(ends.means[-1]))
         channels = channels if again.disagreeing() else again
     has_truths = result.truths is not None
     wide = has_truths and not truth and free is None
@@ -278,9 +278,10 @@ def stuck_positions(log: Log, rig: Rig) -> list[Finding]:
             force = log.channels[forces[0]]
             for rows in _same(log.channels[sensor.name]):
                 begin, end = log.time[rows.start], log.time[rows.stop - 1]
-                elsewhere = np.delete(force, np.arange(rows.start, rows.stop))
-                is_long = end - begin > max(SPAN, dead_after(sensor))
-                if is_long and _spread(force[rows]) > ACTIVE * _spread(elsewhere):
+                if end - begin <= max(SPAN, dead_after(sensor)):
+                    continue
+                elsewhere = np.delete(force, rows)
+                if _spread(force[rows]) > ACTIVE * _spread(elsewhere):
                     text = f"{sensor.name} has one value from {begin:.1f} to {end:.1f} s"
                     text += " while its force goes on: is it stuck?"
                     findings.append(Finding("stuck", sensor.name, text))
@@ -290,8 +291,8 @@ def stuck_positions(log: Log, rig: Rig) -> list[Finding]:
 def _same(readings: Floats) -> Iterator[slice]:
     """Yield the runs of readings that are the same."""
     turns = np.flatnonzero(readings[1:] != readings[:-1]) + 1
-    edges = [0, *turns.tolist(), len(readings)]
-    return (slice(begin, end) for begin, end in pairwise(edges) if end - begin > 1)
+    edges = np.concatenate([[0], turns, [len(readings)]])
+    return (slice(edges[k], edges[k + 1]) for k in np.flatnonzero(np.diff(edges) > 1))
 
 
 def _spread(values: Floats) -> float:

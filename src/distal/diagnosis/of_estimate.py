@@ -329,9 +329,9 @@ def diagnose_estimate(
     findings = [
         *truth,
         *(looks + disagreeing if truth else disagreeing + looks),
-        *_left(estimate, farthest),
+        *_left(estimate.with_all_states, farthest),
         *_turning(estimate),
-        *_friction(estimate),
+        *_friction(estimate.with_all_states),
         *(finding for finding in further if finding not in (*truth, *looks)),
         *channels.untested(),
     ]

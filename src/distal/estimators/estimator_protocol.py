@@ -5,7 +5,7 @@ state; and the checks of a sample.
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from functools import cached_property
 from typing import Protocol, runtime_checkable
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from distal.arrays import Floats
 from distal.errors import EstimationError
 from distal.estimators.belief import NOTHING_REPORTED, Belief, Innovation, innovation
-from distal.estimators.gaps import rows_with_gaps
+from distal.estimators.gaps import first_values, rows_with_gaps
 from distal.estimators.read_channels import Channels
 from distal.estimators.state_kinds import state_units
 from distal.kernels import (
@@ -251,6 +251,41 @@ class KernelEstimator:
         means = self.report.means(mean_of(kernel_states, n).copy(), ys)
         covariances = self.report.covariances(covariance_of(kernel_states, n).copy(), ys)
         return means, covariances, values, variances
+
+    def pieces(
+        self, belief: Belief | None, parts: Iterable[tuple[Floats, Floats]]
+    ) -> Iterator[tuple[Floats, ...]]:
+        """Yield means (k, n), variances of the states (k, n), innovations (k, m) and their
+        variances (k, m) of one part of a log after the other, so that only one part's covariances
+        are in memory.
+
+        Args:
+            belief: before the first sample; None: that of `initial`.
+            parts: stamps [s], (k,), and values of the channels, (k, n_channels).
+
+        Raises:
+            EstimationError: as `checked_rows`.
+        """
+        for times, samples in parts:
+            belief = self.initial(times[0], first_values(samples)) if belief is None else belief
+            n = belief.size
+            kernel_states, ys = self.advanced(belief, times, samples)
+            means = mean_of(kernel_states, n).copy()
+            yield self.reported(means, variances_of(kernel_states, n).copy(), ys, samples)
+            last = frozen(kernel_states[-1].copy())
+            belief = Belief(float(times[-1]), last, n, belief.samples + len(times))
+
+    def reported(
+        self, means: Floats, variances: Floats, ys: Floats, samples: Floats
+    ) -> tuple[Floats, ...]:
+        """Return what `pieces` yields, from the filter's own `means` and `variances`, (k, n), the
+        kernel's outputs `ys`, (k, n_y), and the `samples`, (k, n_channels).
+        """
+        return (
+            self.report.means(means, ys),
+            self.report.variances_of(variances, ys),
+            *self.innovations_of(ys, samples),
+        )
 
     def scan_all(
         self,

@@ -14,6 +14,7 @@ from distal.kernels.driver import (
     side_by_side,
 )
 from distal.kernels.kernel import (
+    AT_ONCE,
     Compiled,
     Evaluation,
     Kernel,
@@ -35,6 +36,7 @@ from distal.kernels.layout import (
 from distal.kernels.structure import Recipe, Structure, structure_of
 
 __all__ = [
+    "AT_ONCE",
     "Advanced",
     "Compiled",
     "Evaluation",

@@ -34,7 +34,7 @@ from distal.kernels.layout import Feed, Sizes
 from distal.kernels.structure import Recipe, Structure
 
 AT_ONCE = 1 << 20
-"""Numbers of whole kernel states that are in memory where few of them are kept [1]: 8 MB. Source:
+"""Numbers of whole kernel states in memory, where few of them are kept [1]: 8 MB. Source:
 judgement.
 """
 

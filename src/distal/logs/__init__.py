@@ -2,7 +2,6 @@
 
 from distal.logs.atomic_writes import keep_elsewhere, write_together, write_whole
 from distal.logs.cells import Column
-from distal.logs.datasets import da_vinci_grasper
 from distal.logs.door import Door, Remark
 from distal.logs.encoders import FASTEST
 from distal.logs.episodes import Episode, episodes_of, is_dataset, sources_of
@@ -15,8 +14,6 @@ from distal.logs.log import (
     TruthKind,
     TruthSource,
     frozen,
-    pandas_frame,
-    polars_frame,
     true_angles,
     true_torques,
 )
@@ -55,7 +52,6 @@ __all__ = [
     "TruthSource",
     "check_format",
     "check_outputs",
-    "da_vinci_grasper",
     "episodes_of",
     "estimate_schema",
     "file_of",
@@ -69,8 +65,6 @@ __all__ = [
     "open_recording",
     "open_table",
     "outputs_in",
-    "pandas_frame",
-    "polars_frame",
     "read_angles",
     "read_log",
     "read_table",

@@ -6,9 +6,11 @@ import os
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path
+from shutil import copyfileobj
 
-from distal.errors import OutputError
+from distal.errors import Content, OutputError
 from distal.logs.output_targets import shown
 
 
@@ -36,19 +38,19 @@ def target_of(path: Path) -> Path | None:
     return target
 
 
-def write_whole(path: str | Path, data: bytes | str) -> None:
+def write_whole(path: str | Path, data: Content) -> None:
     """Write a file completely, or leave the old file of that name unchanged where writing fails;
     see `write_together`.
     """
     write_together({Path(path): data})
 
 
-def write_together(files: Mapping[Path, bytes | str]) -> None:
+def write_together(files: Mapping[Path, Content]) -> None:
     """Write several files that belong together: all of them, or none, so that the old files stay.
 
     Each content first goes to a temporary file in the folder of its path. The temporary files are
     renamed only after the last one is complete; where a renaming fails, the earlier ones are
-    undone. Folders must exist; text is written as UTF-8.
+    undone. Folders must exist; text is written as UTF-8, and a function writes a content itself.
 
     Raises:
         OutputError: one of the files cannot be written.
@@ -65,7 +67,7 @@ def write_together(files: Mapping[Path, bytes | str]) -> None:
 
 
 def _prepared(
-    path: Path, data: bytes | str, tidied: ExitStack, keep: bool
+    path: Path, data: Content, tidied: ExitStack, keep: bool
 ) -> Callable[[ExitStack], None] | None:
     """Write a content to a temporary file beside its path, and return the function that renames it.
 
@@ -78,11 +80,14 @@ def _prepared(
     with as_output_error(path):
         target = target_of(path)
         if target is None:
-            path.write_bytes(_encoded(data))
+            put(path, data)
             return None
         is_there = target.exists()
-        temporary = beside(target, _encoded(data), tidied)
-        old = beside(target, target.read_bytes(), tidied) if is_there and keep else None
+        temporary = beside(target, data, tidied)
+        old = None
+        if is_there and keep:
+            with target.open("rb") as source:
+                old = beside(target, partial(copyfileobj, source), tidied)
 
     def move(undone: ExitStack) -> None:
         with as_output_error(path):
@@ -101,29 +106,35 @@ def _prepared(
     return move
 
 
-def _encoded(data: bytes | str) -> bytes:
-    """Return a file's content; a text may name a file whose name is no UTF-8, and is then written
-    with another character in its place.
+def put(path: Path, data: Content) -> None:
+    """Write a file; a text may name a file whose name is no UTF-8, and is then written with another
+    character in its place.
     """
-    return data.encode(errors="replace") if isinstance(data, str) else data
+    with path.open("wb") as file:
+        if isinstance(data, str):
+            data = data.encode(errors="replace")
+        if isinstance(data, bytes):
+            file.write(data)
+        else:
+            data(file)
 
 
-def beside(target: Path, content: bytes, tidied: ExitStack) -> Path:
+def beside(target: Path, content: Content, tidied: ExitStack) -> Path:
     """Write a temporary file beside another path, with the rights that a file there has, and return
     its path; it is removed in the end, where it still stands.
     """
     handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
     path = Path(name)
     tidied.callback(path.unlink, missing_ok=True)
-    with os.fdopen(handle, "wb") as file:
-        file.write(content)
+    os.close(handle)
+    put(path, content)
     umask = os.umask(0)
     os.umask(umask)
     path.chmod(target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~umask)
     return path
 
 
-def keep_elsewhere(files: Mapping[Path, bytes | str]) -> Path | None:
+def keep_elsewhere(files: Mapping[Path, Content]) -> Path | None:
     """Write files that could not be written at their paths into a new folder, and return that
     folder.
 
@@ -134,7 +145,7 @@ def keep_elsewhere(files: Mapping[Path, bytes | str]) -> Path | None:
         with suppress(OSError, RuntimeError):
             folder = Path(tempfile.mkdtemp(prefix="distal-", dir=parent))
             for path, data in files.items():
-                (folder / path.name).write_bytes(_encoded(data))
+                put(folder / path.name, data)
             return folder
     return None
 

@@ -73,13 +73,14 @@ class Cells:
         Raises:
             LogError: a cell is not a finite number; the message says where it is.
         """
-        parts: dict[str, list[Floats]] = {name: [] for name in names}
-        row = self.first_row
+        values = {name: np.empty(self.rows) for name in names}
+        row = 0
         for columns in self.blocks(names) if names else ():
+            part = slice(row, row + len(columns[0]))
             for name, column in zip(names, columns):
-                parts[name].append(parsed_cells(column, self.path, name, row))
-            row += len(columns[0])
-        return {name: np.concatenate(blocks) for name, blocks in parts.items()}
+                values[name][part] = parsed_cells(column, self.path, name, self.first_row + row)
+            row = part.stop
+        return values
 
     def check(self, names: Iterable[str]) -> None:
         """Raise a `LogError` where the table lacks one of these columns, or has no row."""
@@ -132,7 +133,7 @@ def parsed_cells(column: Column, path: Path, name: str, first_row: int) -> Float
         return values
     if column.dtype.kind not in "iuf":
         raise LogError(f"{path}: column '{name}' holds {column.dtype}; numbers are expected")
-    values = column.astype(np.float64)
+    values = column.astype(np.float64, copy=False)
     infinite = np.flatnonzero(np.isinf(values))
     if len(infinite):
         raise _no_number(path, int(infinite[0]) + first_row, name, str(column[infinite[0]]))

@@ -7,7 +7,8 @@ stream gave.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import floor, inf, log, log1p, nan, pi, sqrt
 
@@ -15,7 +16,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.logs.encoders import RARE, Kind, encoder_of
-from distal.logs.log import LARGEST_READING
+from distal.logs.log import LARGEST_READING, sealed
 from distal.rig import REFERENCES, Rig, Sensor
 
 IMPROBABLE = 1e-6
@@ -330,27 +331,40 @@ class _Noise:
 
 
 def through(
-    door: Door, time: Floats, logged: Floats, columns: Sequence[str]
-) -> tuple[Floats, list[str]]:
-    """Return the samples of a log [SI], (k, n), and a sentence on each thing that the door did.
+    door: Door,
+    time: Floats,
+    logged: Sequence[Floats],
+    columns: Sequence[str],
+    progress: Callable[[float], object],
+) -> tuple[list[Floats], list[str]]:
+    """Return the readings of each sensor over a log [SI], (k,) each, and a sentence on each thing
+    that the door did.
 
     Args:
         time: stamps [s], (k,).
-        logged: numbers, NaN where missing, (k, n).
+        logged: numbers of each sensor, NaN where missing, (k,) each.
         columns: names of the columns by the sensors' order, as the log has them.
+        progress: called with the share that is done, at each hundredth.
     """
-    samples = np.empty_like(logged)
-    stamps_of = dict[Remark, list[float]]()
-    for k, (stamp, row) in enumerate(zip(time.tolist(), logged.tolist())):
-        samples[k] = door.take(stamp, row)
+    samples = np.empty((len(logged), len(time)))
+    counts = Counter[Remark]()
+    firsts = dict[Remark, float]()
+    step = 1 + len(time) // 100
+    # a view gives one number after the other, so that they are never all in memory as objects
+    for k, (stamp, *row) in enumerate(zip(time.data, *(values.data for values in logged))):
+        if k % step == 0:
+            progress(k / len(time))
+        samples[:, k] = door.take(stamp, row)
         for remark in door.remarks:
             # where a log begins it is taken as it is
             if remark.kind != "unknown turn":
-                stamps_of.setdefault(replace(remark, size=0.0), []).append(stamp)
+                same = replace(remark, size=0.0)
+                counts[same] += 1
+                firsts.setdefault(same, stamp)
     column_of = dict(zip(door.sensors, columns))
     lines = [
-        f"{replace(remark, sensor=column_of.get(remark.sensor, '')).text} ({len(times)} readings, "
-        f"the first at {times[0]:g} s)"
-        for remark, times in stamps_of.items()
+        f"{replace(remark, sensor=column_of.get(remark.sensor, '')).text} ({counts[remark]} "
+        f"readings, the first at {first:g} s)"
+        for remark, first in firsts.items()
     ]
-    return samples, lines
+    return [sealed(values) for values in samples], lines

@@ -5,20 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from importlib import import_module
-from types import MappingProxyType, ModuleType
-from typing import TYPE_CHECKING
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
-from distal.errors import DistalError, LogError
+from distal.errors import LogError
 from distal.rig import angle_names, torque_names
-
-if TYPE_CHECKING:
-    import pandas
-    import polars
 
 
 def frozen(values: object) -> Floats:
@@ -203,33 +197,22 @@ class Log:
             **{f"true_{name}": values for name, values in self.truth.items()},
         }
 
-    def to_pandas(self) -> pandas.DataFrame:
-        """Return the log's `columns` as a pandas frame; a `DistalError` says where pandas is not
-        installed.
-        """
-        return pandas_frame(self.columns())
 
-    def to_polars(self) -> polars.DataFrame:
-        """Return the log's `columns` as a polars frame; a `DistalError` says where polars is not
-        installed.
-        """
-        return polars_frame(self.columns())
-
-
-def check_stamps(time: Floats, source: str, first_row: int | None = None) -> None:
+def check_stamps(
+    time: Floats, source: str, rows: Sequence[int] | NDArray[np.intp] | None = None
+) -> None:
     """Raise a `LogError` where a stamp of `time` [s], (n,), is not finite, repeats or goes back.
 
     Args:
         source: what the log is called in messages.
-        first_row: row number of the first stamp in its file; without it, the message counts samples
-            from 0.
+        rows: number of each stamp's row in its file; without it, the message counts samples from 0.
     """
-    position, offset = ("sample", 0) if first_row is None else ("row", first_row)
+    position = "sample" if rows is None else "row"
+    at = range(len(time)) if rows is None else rows
     bad = np.flatnonzero(~np.isfinite(time))
     if len(bad):
         raise LogError(
-            f"{source}: {position} {bad[0] + offset}: time is {time[bad[0]]}; a finite number is "
-            "needed"
+            f"{source}: {position} {at[bad[0]]}: time is {time[bad[0]]}; a finite number is needed"
         )
     back = np.flatnonzero(np.diff(time) <= 0)
     if len(back):
@@ -240,7 +223,7 @@ def check_stamps(time: Floats, source: str, first_row: int | None = None) -> Non
             fault = "repeats"
             remedy = "--set 'log.time.repeated=\"last\"' keeps the last of them"
         raise LogError(
-            f"{source}: {position} {i + offset}: time {fault} ({time[i]:.15g} s after "
+            f"{source}: {position} {at[i]}: time {fault} ({time[i]:.15g} s after "
             f"{time[i - 1]:.15g} s); {remedy}"
         )
 
@@ -270,24 +253,3 @@ def _columns(log: Log, names: Sequence[str]) -> Floats | None:
         return log.truth[names[0]][:, None]
     unknown = np.full(len(log), np.nan)
     return frozen(np.column_stack([log.truth.get(name, unknown) for name in names]))
-
-
-def pandas_frame(columns: Mapping[str, NDArray[np.generic]]) -> pandas.DataFrame:
-    """Return the columns as a pandas frame; a `DistalError` says where pandas is not installed."""
-    copies = {name: np.array(column) for name, column in columns.items()}
-    frame: pandas.DataFrame = _library("pandas").DataFrame(copies)
-    return frame
-
-
-def polars_frame(columns: Mapping[str, NDArray[np.generic]]) -> polars.DataFrame:
-    """Return the columns as a polars frame; a `DistalError` says where polars is not installed."""
-    frame: polars.DataFrame = _library("polars").DataFrame(dict(columns))
-    return frame
-
-
-def _library(name: str) -> ModuleType:
-    """Return a library's module, or raise a `DistalError` that says how to install it."""
-    try:
-        return import_module(name)
-    except ImportError:
-        raise DistalError(f"{name} is not installed; pip install '.[{name}]'") from None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from distal.logs.header_units import factor_of, scale, time_factor
 from distal.logs.log import NO_SOURCE, Log, TruthKind, TruthSource, check_stamps
 from distal.logs.reader_process import read_apart
 from distal.logs.recordings import ROW_STAMPS, is_recording, recorded_cells
-from distal.logs.stamps import Clock, clock_of, longest_part, set_backs
+from distal.logs.stamps import Clock, clock_of, in_order
 from distal.logs.tables import Source, Table, open_table, table_of
 from distal.logs.unit_doubts import doubts_of_units
 from distal.rig import REFERENCES, Rig, Sensor, angle_names, log_factor, torque_names
@@ -28,7 +28,12 @@ from distal.units import unit_factor
 
 
 def read_log(
-    path: Source, rig: Rig, truth: str | Path | None = None, *, ranged: bool = True
+    path: Source,
+    rig: Rig,
+    truth: str | Path | None = None,
+    *,
+    ranged: bool = True,
+    progress: Callable[[float], object] = lambda share: None,
 ) -> Log:
     """Read a log by the columns and units that a rig's sensors name.
 
@@ -45,6 +50,7 @@ def read_log(
             (rad, or the unit in its header).
         ranged: whether the ranges of the joints say in which turn a motor is; before a power-on
             routine they do not.
+        progress: called with the share of the readings that is done.
 
     Raises:
         LogError: see `read_table`; stamps repeat or go back; there are fewer than two rows; or the
@@ -73,22 +79,22 @@ def read_log(
     table = table_of(cells, desired, [*optional, *([column] if column else [])])
     time = clock.time
     stamps = np.asarray(cells.held[ROW_STAMPS]) if is_recording(path) else clock.stamps
-    rows = np.zeros(len(time), dtype=bool)
-    part = longest_part(set_backs(time), len(time), table.source)
-    rows[part] = True
+    rows = in_order(time, table.source, table.first_row)
     if rig.log.time.repeated != "refused":
-        same = np.diff(time) == 0.0
+        same = np.diff(time[rows]) == 0.0
         at = len(same) if rig.log.time.repeated == "last" else 0
-        rows &= ~np.insert(same, at, False)
-    if not rows.all():
+        rows = rows[~np.insert(same, at, False)]
+    if len(rows) < len(time):
         columns = {name: values[rows] for name, values in table.columns.items()}
-        table = replace(table, columns=columns, first_row=table.first_row + part.start)
+        table = replace(table, columns=columns)
         time = time[rows]
-        stamps = None if stamps is None else stamps[rows]
-    check_stamps(time, table.source, table.first_row)
+        if stamps is not None:
+            stamps = stamps[rows]
+            time = time - time[0]
+    check_stamps(time, table.source, rows + table.first_row)
     if len(time) < 2:
         raise LogError(f"{table.source}: has one row; an estimate over time needs at least two")
-    readings = _readings(rig, table, time, ranged)
+    readings = _readings(rig, table, time, column, ranged, progress)
     channels = {sensor.name: readings[sensor.name] for sensor in needed}
     angles, origin = _known_angles(rig, table, readings, column, truth, Clock(time, stamps))
     if angles and not any(np.isfinite(theta).any() for theta in angles.values()):
@@ -158,7 +164,7 @@ def _known_angles(
         listed = ", ".join(f"'true_{name}'" for name in angles)
         return angles, TruthSource(TruthKind.COLUMN, f"column {listed}")
     angles = _of_references(rig, "angle", names, readings)
-    read = [s.log_column for s in rig.sensors_of("angle") if s.log_column in table.columns]
+    read = [s.log_column for s in rig.sensors_of("angle") if s.name in readings]
     listed = ", ".join(f"'{name}'" for name in read)
     return angles, TruthSource(TruthKind.SENSOR, f"column {listed}") if read else NO_SOURCE
 
@@ -174,24 +180,37 @@ def _of_references(
     return {name_of[sensor.of]: readings[sensor.name] for sensor in sensors}
 
 
-def _readings(rig: Rig, table: Table, time: Floats, ranged: bool) -> dict[str, Floats]:
-    """Return sensor → its readings in SI, of those in a table, as they pass through the door.
+def _readings(
+    rig: Rig,
+    table: Table,
+    time: Floats,
+    truth: str | None,
+    ranged: bool,
+    progress: Callable[[float], object],
+) -> dict[str, Floats]:
+    """Return sensor → its readings in SI, of those in a table, as they pass through the door. A
+    reference in a unit of something else is left out, unless its column is asked for as the
+    `truth`.
 
     The angle of a reference that wraps is in the turn in which its joint can be.
     """
-    sensors = [sensor for sensor in rig.sensors if sensor.log_column in table.columns]
-    columns = [sensor.log_column for sensor in sensors]
-    units = [table.units.get(column) for column in columns]
-    factors = [
-        sensor.sign * factor_of(sensor, unit, table.source) for sensor, unit in zip(sensors, units)
-    ]
-    logged = np.column_stack([table.columns[column] for column in columns])
-    samples, lines = through(
-        Door(rig, sensors, np.array(factors), ranged=ranged), time, logged, columns
-    )
+    factors = dict[Sensor, float]()
+    for sensor in rig.sensors:
+        if sensor.log_column in table.columns:
+            unit = table.units.get(sensor.log_column)
+            try:
+                factors[sensor] = sensor.sign * factor_of(sensor, unit, table.source)
+            except LogError as problem:
+                if sensor.measures not in REFERENCES or sensor.log_column == truth:
+                    raise
+                warnings.warn(f"{problem}: left out", DistalWarning, stacklevel=3)
+    columns = [sensor.log_column for sensor in factors]
+    logged = [table.columns[column] for column in columns]
+    door = Door(rig, [*factors], np.array([*factors.values()]), ranged=ranged)
+    samples, lines = through(door, time, logged, columns, progress)
     for line in lines:
         warnings.warn(f"{table.source}: {line}", DistalWarning, stacklevel=3)
-    readings = {sensor.name: samples[:, i] for i, sensor in enumerate(sensors)}
+    readings = {sensor.name: values for sensor, values in zip(factors, samples)}
     stops = {joint.name: joint.stops for joint in rig.joints}
     for sensor in rig.sensors_of("angle"):
         ends = stops[sensor.of]
@@ -267,13 +286,13 @@ def read_angles(
     unit = scale(cells.units.get("t"), "s", f"{cells.path}: column 't'")
     stamps = clock_of(cells, "t", unit).since(start)
     table = table_of(cells, names)
-    check_stamps(stamps, table.source, table.first_row)
+    check_stamps(stamps, table.source, range(table.first_row, table.first_row + len(stamps)))
     return stamps, {name: table.in_si(name, "rad") for name in names}
 
 
 def unit_of_angles(path: str | Path, names: Sequence[str]) -> str:
     """Return "deg" where a header of the columns `names` in a file gives degrees, else "rad"."""
-    units = {table_of(open_table(path, ["t", *names]), names).units.get(name) for name in names}
+    units = {open_table(path, ["t", *names]).units.get(name) for name in names}
     return "deg" if units & {"deg", "°", "degrees", "degree"} else "rad"
 
 

@@ -8,7 +8,7 @@ import os
 import stat
 import tempfile
 import unicodedata
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,8 +58,7 @@ def check_outputs(
     """Raise where an output would replace an input or another output, or cannot be written.
 
     Nothing is made or changed. Files are compared by what they are, not by their names: hard and
-    symbolic links are followed, and names that differ only by case are one file where the file
-    system says so.
+    symbolic links are followed, and new names that differ only by case are one.
 
     Args:
         inputs: label, e.g. ``--rig``, and path or file descriptor of what is read.
@@ -270,29 +269,6 @@ def _key_to_be(path: str | Path) -> Key | None:
         except OSError:
             continue
         names = real.relative_to(folder).parts
-        if _ignores_case(folder):
-            names = tuple(unicodedata.normalize("NFC", name).casefold() for name in names)
-        return (status.st_dev, status.st_ino, *names)
+        folded = (unicodedata.normalize("NFC", name).casefold() for name in names)
+        return (status.st_dev, status.st_ino, *folded)
     return None
-
-
-def _ignores_case(folder: Path) -> bool:
-    """Return whether a folder's file system takes names that differ only by case for one file.
-
-    This is tried with the name of something in the folder, or of the folder or one above it.
-    """
-    for position in _near(folder):
-        swapped = position.with_name(position.name.swapcase())
-        if swapped != position:
-            return (
-                os.path.exists(swapped)
-                and os.path.exists(position)
-                and os.path.samefile(position, swapped)
-            )
-    return False
-
-
-def _near(folder: Path) -> Iterator[Path]:
-    with suppress(OSError), os.scandir(folder) as entries:
-        yield from (Path(entry.path) for entry in entries)
-    yield from (position for position in (folder, *folder.parents) if position.name)

@@ -21,6 +21,7 @@ from threading import Lock
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from distal.errors import DistalWarning, LogError, UnitError
 from distal.logs.cells import Cells, Column, in_memory
@@ -75,6 +76,12 @@ def memory_limit() -> int:
     return int(size)
 
 
+def check_rows(path: Path, rows: int, columns: int) -> None:
+    """Raise a `LogError` where a table takes more memory than is allowed."""
+    size = COPIES * rows * columns * np.dtype(np.float64).itemsize
+    check_memory(path, size, f"has {rows:,} rows of {columns} columns")
+
+
 def check_memory(path: Path, needed: float, why: str) -> None:
     """Raise a `LogError` where reading a log needs more memory than is allowed.
 
@@ -96,9 +103,11 @@ def _how_to_allow() -> str:
     )
 
 
-Answer: TypeAlias = tuple[str, list[str], Sequence[str], int, dict[str, bool]]
-"""Error, warnings, names of all columns, row number of the first value, and name → whether it is
-text, of the columns that follow.
+Bytes: TypeAlias = NDArray[np.uint8]
+
+Answer: TypeAlias = tuple[str, list[str], Sequence[str], int, dict[str, str]]
+"""Error, warnings, names of all columns, row number of the first value, and name → type of NumPy's
+of the columns that follow; it is empty for text, which comes as the bytes of its JSON.
 """
 
 
@@ -123,29 +132,26 @@ def read_apart(read: Callable[..., Cells], path: Path, *arguments: object) -> Ce
             reader = _Reader.current()
         except OSError:  # where no process can be started, such as in an embedded interpreter
             reader = None
-        answer, payload = _answer(request) if reader is None else reader.ask(request, path)
-    error, messages, names, first_row, held = answer
+        answer, parts = _answer(request) if reader is None else reader.ask(request, path)
+    error, messages, names, first_row, types = answer
     for text in messages:
         warnings.warn(text, DistalWarning, stacklevel=4)
     if error:
         raise LogError(error)
-    columns = dict[str, Column]()
-    buffer = io.BytesIO(payload)
-    for name, is_text in held.items():
-        array = np.load(buffer, allow_pickle=False)
-        columns[name] = json.loads(array.tobytes()) if is_text else array
+    columns: dict[str, Column] = {
+        name: part.view(kind) if kind else json.loads(part.tobytes())
+        for (name, kind), part in zip(types.items(), parts)
+    }
     return in_memory(columns, path, first_row, names)
 
 
-def _answer(request: str) -> tuple[Answer, bytes]:
-    """Return what a request asks for, and the columns: arrays in NumPy's format, text as an array
-    of the bytes of its JSON.
-    """
+def _answer(request: str) -> tuple[Answer, list[Bytes]]:
+    """Return what a request asks for, and the bytes of its columns."""
     folder, module, function, path, *arguments = json.loads(request)
     error = ""
     cells = in_memory({}, Path(path), 0, ())
-    held = dict[str, bool]()
-    payload = io.BytesIO()
+    types = dict[str, str]()
+    parts = list[Bytes]()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DistalWarning)
         try:
@@ -153,10 +159,12 @@ def _answer(request: str) -> tuple[Answer, bytes]:
                 os.chdir(folder)  # the caller may have gone elsewhere since
             cells = getattr(import_module(module), function)(Path(path), *arguments)
             for name, column in cells.held.items():
-                held[name] = isinstance(column, list)
-                text = json.dumps(column).encode() if isinstance(column, list) else b""
-                array = np.frombuffer(text, np.uint8) if held[name] else column
-                np.save(payload, array, allow_pickle=False)
+                if isinstance(column, list):
+                    types[name] = ""
+                    parts.append(np.frombuffer(json.dumps(column).encode(), np.uint8))
+                else:
+                    types[name] = column.dtype.str
+                    parts.append(np.ascontiguousarray(column).view(np.uint8))
         except LogError as problem:
             error = str(problem)
         except MemoryError:
@@ -169,22 +177,24 @@ def _answer(request: str) -> tuple[Answer, bytes]:
             )
     messages = [str(each.message) for each in caught if issubclass(each.category, DistalWarning)]
     if error:
-        return (error, messages, (), 0, {}), b""
-    return ("", messages, cells.names, cells.first_row, held), payload.getvalue()
+        return (error, messages, (), 0, {}), []
+    return ("", messages, cells.names, cells.first_row, types), parts
 
 
 def serve() -> None:
     """Answer requests that come on standard input as lines of JSON, until it ends.
 
-    An answer is a line of JSON, with the size of the columns that follow it.
+    An answer is a line of JSON, with the sizes of the columns that follow it.
     """
     # whatever a library prints must not stand between the answers
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     for line in sys.stdin.buffer:
         _limit_memory(memory_limit())
-        answer, payload = _answer(line.decode())
-        answers.write(json.dumps([answer, len(payload)]).encode() + b"\n" + payload)
+        answer, parts = _answer(line.decode())
+        answers.write(json.dumps([answer, [*map(len, parts)]]).encode() + b"\n")
+        while parts:
+            answers.write(parts.pop(0).data)
         answers.flush()
 
 
@@ -221,8 +231,10 @@ class _Reader:
 
     def __init__(self, limit: int) -> None:
         self._of = (os.getpid(), limit)
-        # each thread reserves memory, and reading one file needs few threads
+        # each thread reserves memory, and reading one file needs few threads; a pool of Arrow's own
+        # keeps the memory of a file that was read
         few = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "2")
+        few["ARROW_DEFAULT_MEMORY_POOL"] = "system"
         # in a session of its own, so that Ctrl-C reaches only the caller, who ends it
         self._process = subprocess.Popen(
             [sys.executable, "-c", _BEGIN, json.dumps(sys.path)],
@@ -234,7 +246,7 @@ class _Reader:
         )
         atexit.register(self.end)
 
-    def ask(self, request: str, path: Path) -> tuple[Answer, bytes]:
+    def ask(self, request: str, path: Path) -> tuple[Answer, list[Bytes]]:
         """Return the answer to a request and the bytes of its columns.
 
         Raises:
@@ -242,14 +254,15 @@ class _Reader:
         """
         process = self._process
         assert process.stdin is not None
-        assert process.stdout is not None
+        assert isinstance(process.stdout, io.BufferedReader)
         try:
             process.stdin.write(request.encode() + b"\n")
             process.stdin.flush()
-            answer, size = json.loads(process.stdout.readline())
-            payload = process.stdout.read(size)
-            if len(payload) < size:
-                raise EOFError
+            answer, sizes = json.loads(process.stdout.readline())
+            parts = [np.empty(size, np.uint8) for size in sizes]
+            for part in parts:
+                if process.stdout.readinto(part.data) < len(part):
+                    raise EOFError
         except (OSError, ValueError, EOFError):
             code = self.end(patience=2.0)
             cause = f"signal {-code}" if code < 0 else f"exit code {code}"
@@ -260,7 +273,7 @@ class _Reader:
         except BaseException:
             self.end()
             raise
-        return answer, payload
+        return answer, parts
 
     def end(self, patience: float = 0.0) -> int:
         """Stop the process, after `patience` [s] in which it may end by itself, and return its exit

@@ -5,6 +5,7 @@ row.
 from __future__ import annotations
 
 import re
+import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
@@ -16,12 +17,19 @@ from typing import TypeAlias, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.arrays import Floats
-from distal.errors import LogError, did_you_mean
+from distal.arrays import Bools, Floats
+from distal.errors import DistalWarning, LogError, did_you_mean
 from distal.logs.cells import Cells, in_memory
 from distal.logs.formats import Message, UndecodableError, check_is_content, format_of
 from distal.logs.messages import STAMPS, number_of
-from distal.logs.stamps import LATEST, REWOUND, longest_part, set_backs
+from distal.logs.stamps import (
+    LATEST,
+    REWOUND,
+    longest_part,
+    say_wild,
+    set_backs,
+    wild_stamps,
+)
 
 NEAR = 0.1
 """Share of the busiest topic's interval within which messages belong to one row. Source:
@@ -37,6 +45,9 @@ LONGEST = 64
 """Length of the longest array whose elements are columns; longer ones are images and clouds of
 points. Source: judgement.
 """
+
+NO_TIME = round(LATEST * 1e9)
+"""Stamp in place of one that is no time [ns]. Source: definition (unit conversion)."""
 
 ROW_STAMPS = "stamps [ns]"
 """Name under which a recording's stamps are held, beside the columns that were asked for."""
@@ -88,13 +99,8 @@ def open_recording(
                 raise LogError(
                     f"{path}: '{column}' is no number; name one element of it, e.g. {column}[0]"
                 )
-            number = _number(path, cell, column)
-            if not 0 <= message.recorded < LATEST * 1e9:
-                raise LogError(
-                    f"{path}: '{message.topic}' was recorded at {message.recorded} ns, which is "
-                    "no time"
-                )
-            samples.append((stamp, message.recorded, number))
+            recorded = min(message.recorded, NO_TIME)
+            samples.append((stamp, recorded, _number(path, cell, column)))
     readings = {column: samples for column, samples in readings.items() if samples}
     if not readings:
         first = next((column for column in columns if column != time), "")
@@ -171,12 +177,7 @@ def _json_stamp(path: Path, message: Message, time: str, unit: float) -> int | N
         if cell is None:
             continue
         seconds = _number(path, cell, name) * factor
-        if not abs(seconds) < LATEST:
-            raise LogError(
-                f"{path}: '{name}' is {cell}, {seconds:g} s, which is no time; what unit has it? "
-                "(log.time.unit)"
-            )
-        return round(seconds * 1e9)
+        return round(seconds * 1e9) if abs(seconds) < LATEST else NO_TIME
     return None
 
 
@@ -184,27 +185,33 @@ def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, Stampe
     """Return column → its stamps and values, all by one clock: that of the headers where a topic
     has them, else the recorder's.
 
-    Where a clock was set back, only the longest part is taken, with a warning.
+    A wild stamp is left out with its message, and a topic on another clock than most. Where a clock
+    was set back, only the longest part is taken. All that is said.
     """
     stamped: dict[str, Stamped] = {}
     recorded = dict[str, NDArray[np.int64]]()
-    have_headers = set()
+    wild_in = dict[str, Bools]()
     for column, samples in readings.items():
         # a stamp of zero counts as missing, unless another stamp of the column is not zero, as in a
         # simulation that begins at zero
         by_header = any(stamp for stamp, _, _ in samples)
-        have_headers.add(by_header)
-        stamps = [stamp if by_header and stamp is not None else at for stamp, at, _ in samples]
-        stamped[column] = np.array(stamps), np.array([number for _, _, number in samples])
-        recorded[column] = np.array([at for _, at, _ in samples])
-    starts = [int(stamps[0]) for stamps, _ in stamped.values()]
-    if len(have_headers) > 1 and max(starts) - min(starts) > 1e15:
-        raise LogError(
-            f"{path}: some topics have stamps of their own (from {min(starts) * 1e-9:.6g} s on), "
-            "others only that of the "
-            f"recorder ({max(starts) * 1e-9:.12g} s): two clocks; record all with headers, or all "
-            "without"
+        stamps = np.array(
+            [stamp if by_header and stamp is not None else at for stamp, at, _ in samples]
         )
+        wild = wild_stamps(stamps)
+        # what came late only stands where its stamp is
+        wild &= (stamps < stamps[~wild].min()) | (stamps > stamps[~wild].max())
+        wild_in[_named(column)[0]] = wild
+        if (stamps[~wild] == NO_TIME).any():
+            raise LogError(
+                f"{path}: a stamp of '{column}' is beyond {LATEST:g} s, which is no time; what "
+                "unit has it? (log.time.unit)"
+            )
+        stamped[column] = stamps[~wild], np.array([number for _, _, number in samples])[~wild]
+        recorded[column] = np.array([at for _, at, _ in samples])[~wild]
+    for topic, wild in wild_in.items():
+        say_wild(str(path), wild, f"message {int(wild.argmax()) + 1} of {topic}")
+    _leave_out_another_clock(path, stamped, recorded)
     ends = {column: set_backs(stamps) for column, (stamps, _) in stamped.items()}
     busiest = max(ends, key=lambda column: (len(ends[column]), len(recorded[column])))
     steps = [-float(np.diff(stamped[busiest][0])[end - 1]) for end in ends[busiest]]
@@ -235,6 +242,29 @@ def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, Stampe
             for c, at in recorded.items()
         }
     return {c: (stamps[inside[c]], values[inside[c]]) for c, (stamps, values) in stamped.items()}
+
+
+def _leave_out_another_clock(
+    path: Path, stamped: dict[str, Stamped], recorded: dict[str, NDArray[np.int64]]
+) -> None:
+    """Remove the columns whose clock is farther from that of most columns than the recording is
+    long, and warn of them. Clocks are compared by the recorder's, which is one for all.
+    """
+    away = {column: np.median(stamped[column][0] - at) for column, at in recorded.items()}
+    longest = max(np.ptp(at) for at in (*recorded.values(), *(at for at, _ in stamped.values())))
+    usual = max(away.values(), key=lambda one: sum(abs(one - a) <= longest for a in away.values()))
+    begins = dict[str, np.int64]()
+    for column in [column for column, own in away.items() if abs(own - usual) > longest]:
+        begins[_named(column)[0]] = stamped.pop(column)[0][0]
+        del recorded[column]
+    first = next(iter(stamped.values()))[0][0]
+    for topic, begin in begins.items():
+        warnings.warn(
+            f"{path}: {topic} left out: its clock begins at {begin * 1e-9:.12g} s, the others' at "
+            f"{first * 1e-9:.12g} s",
+            DistalWarning,
+            stacklevel=2,
+        )
 
 
 def _in_cycles(stamped: dict[str, Stamped]) -> dict[str, Stamped]:

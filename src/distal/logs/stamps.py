@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,9 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.arrays import Floats
+from distal.arrays import Bools, Floats
 from distal.errors import DistalWarning, LogError
-from distal.logs.cells import MISSING, Cells, is_plain, parsed_cells
+from distal.logs.cells import Cells, Column, is_plain, parsed_cells
+from distal.logs.door import IMPROBABLE
 
 Stamps = NDArray[np.int64]
 """Stamps since 1970 [ns], (n,)."""
@@ -85,29 +85,28 @@ def clock_of(cells: Cells, name: str, unit: float) -> Clock:
         LogError: a date is missing or cannot be read, or a number is too large for a date in any
             unit.
     """
-    column = cells.column(name)
-    path = cells.path
-    first_row = cells.first_row
-    if isinstance(column, list):
-        counts = _whole_values(column)
-        if counts is not None:
-            return _counted(counts, unit, name, path)
-        first = next((text for text in map(str.strip, column) if text.lower() not in MISSING), "")
-        if _is_date(first):
-            return _dated(
-                [_one_date(cell.strip()) for cell in column], column, name, path, first_row
-            )
-    elif column.dtype.kind == "M":
-        return _dated(_in_ns(column), np.datetime_as_string(column).tolist(), name, path, first_row)
-    elif column.dtype.kind in "iu":
-        if column.dtype == np.uint64 and len(column) and column.max() > np.iinfo(np.int64).max:
-            raise LogError(f"{path}: column '{name}' holds {column.max()}, which is no time")
-        return _counted(column.astype(np.int64), unit, name, path)
-    return _counted(parsed_cells(column, path, name, first_row), unit, name, path)
+    parts = list[NDArray[Any]]()
+    row = cells.first_row
+    is_dated = False
+    for (column,) in cells.blocks([name]):
+        if not parts:
+            is_dated = is_date(str(column[0]).strip())
+        if is_dated:
+            parts.append(_dates(column, cells.path, name, row))
+        elif (counts := _whole_values(column)) is not None:
+            parts.append(counts)
+        else:
+            parts.append(parsed_cells(column, cells.path, name, row))
+        row += len(column)
+    stamps = np.concatenate(parts)
+    return _clock(stamps) if is_dated else _counted(stamps, unit, name, cells.path)
 
 
-def _whole_values(cells: list[str]) -> Stamps | None:
+def _whole_values(cells: Column) -> Stamps | None:
     """Return the cells as 64-bit integers, or None where a cell is something else."""
+    if isinstance(cells, np.ndarray):
+        is_whole = cells.dtype.kind in "iu" and cells.max(initial=0) <= np.iinfo(np.int64).max
+        return cells.astype(np.int64, copy=False) if is_whole else None
     try:
         return (
             np.fromiter(map(int, cells), np.int64, len(cells)) if is_plain("".join(cells)) else None
@@ -116,75 +115,63 @@ def _whole_values(cells: list[str]) -> Stamps | None:
         return None
 
 
-def _counted(values: Any, unit: float, name: str, path: Path) -> Clock:
-    """Return the time of numeric stamps; integers keep every nanosecond."""
-    finite = values[np.isfinite(values)]
-    first = abs(float(finite[0])) if len(finite) else 0.0
-    if first * unit < EPOCH:
+def _counted(values: NDArray[Any], unit: float, name: str, path: Path) -> Clock:
+    """Return the time of numeric stamps; integers keep every nanosecond. A stamp that is no time is
+    infinite.
+    """
+    finite = np.abs(values[np.isfinite(values)])
+    usual = float(np.median(finite)) if len(finite) else 0.0
+    if usual * unit < EPOCH:
         return Clock(values.astype(np.float64) * unit)
-    if first * unit >= LATEST:
-        fits = [candidate for candidate in UNITS if EPOCH <= first * candidate < LATEST]
+    if usual * unit >= LATEST:
+        fits = [candidate for candidate in UNITS if EPOCH <= usual * candidate < LATEST]
         if not fits:
             raise LogError(
-                f"{path}: '{name}' is {finite[0]}, {first * unit:g} s, which is no time; what "
+                f"{path}: '{name}' is {values[0]}, {values[0] * unit:g} s, which is no time; what "
                 "unit has it? (log.time.unit)"
             )
         unit = fits[0]
-    far = np.flatnonzero(~(np.abs(values.astype(np.float64)) * unit < LATEST) & np.isfinite(values))
-    if len(far):
-        raise LogError(
-            f"{path}: '{name}' is {values[far[0]]} in a log that begins with {values[0]}, which "
-            "is no time"
-        )
+    far = ~(np.abs(values.astype(np.float64)) * unit < LATEST) & np.isfinite(values)
+    values = np.where(far, values[~far][0], values)
     if values.dtype == np.int64:
-        stamps: Stamps = values * np.int64(round(unit * 1e9))
-        return _clock(stamps)
-    # differences of floats are exact where the stamps themselves are near each other
-    time = (values - values[0]) * unit
-    if not np.isfinite(values).all():
-        return Clock(time)
-    return Clock(
-        time, np.int64(round(float(values[0]) * unit * 1e9)) + np.round(time * 1e9).astype(np.int64)
-    )
+        clock = _clock(values * np.int64(round(unit * 1e9)))
+    else:
+        # differences of floats are exact where the stamps themselves are near each other
+        time = (values - values[0]) * unit
+        start = np.int64(round(float(values[0]) * unit * 1e9))
+        is_whole = np.isfinite(values).all()
+        clock = Clock(time, start + np.round(time * 1e9).astype(np.int64) if is_whole else None)
+    return Clock(np.where(far, np.inf, clock.time), clock.stamps)
 
 
 def _clock(stamps: Stamps) -> Clock:
     return Clock((stamps - stamps[0]) * 1e-9, stamps)
 
 
-def _dated(
-    stamps: Sequence[int | None], cells: Sequence[str], name: str, path: Path, first_row: int
-) -> Clock:
-    """Return the time of stamps since 1970 [ns], none of which may be missing; `cells` holds them
-    as written in the file.
-    """
-    row = next((row for row, stamp in enumerate(stamps) if stamp is None), None)
-    if row is not None:
+def _dates(column: Column, path: Path, name: str, first_row: int) -> Stamps:
+    """Return dates as nanoseconds since 1970, none of which may be missing."""
+    if isinstance(column, list):
+        dates = np.array([_one_date(cell.strip()) for cell in column], "datetime64[ns]")
+    else:
+        seconds = column.astype("datetime64[s]").astype(np.int64)
+        dates = column.astype("datetime64[ns]")
+        dates[np.abs(seconds) >= LATEST] = "NaT"
+    bad = np.flatnonzero(np.isnat(dates))
+    if len(bad):
         raise LogError(
-            f"{path}: row {row + first_row}, column '{name}': '{cells[row]}' is no date; ISO text "
-            "such as "
-            "2026-11-20T21:02:47.5Z is one"
+            f"{path}: row {bad[0] + first_row}, column '{name}': '{column[bad[0]]}' is no date; "
+            "ISO text such as 2026-11-20T21:02:47.5Z is one"
         )
-    return _clock(np.array(stamps, dtype=np.int64))
+    return dates.astype(np.int64)
 
 
-def _is_date(text: str) -> bool:
+def is_date(text: str) -> bool:
     """Return whether a text begins as an ISO date does, with a year, and is not a number."""
     try:
         float(text)
     except ValueError:
         return len(text) >= 8 and text[:4].isdigit()
     return False
-
-
-def _in_ns(dates: NDArray[Any]) -> list[int | None]:
-    """Return dates as nanoseconds since 1970; None for a missing date and for one too far from
-    1970.
-    """
-    seconds = dates.astype("datetime64[s]").astype(np.int64)
-    is_date = ~np.isnat(dates) & (np.abs(seconds) < LATEST)
-    stamps = dates.astype("datetime64[ns]").astype(np.int64)
-    return [stamp if valid else None for stamp, valid in zip(stamps.tolist(), is_date.tolist())]
 
 
 def _one_date(cell: str) -> int | None:
@@ -203,19 +190,43 @@ def _one_date(cell: str) -> int | None:
     return round(seconds) * 10**9 + int(f"{digits:0<9}"[:9]) if abs(seconds) < LATEST else None
 
 
+@np.errstate(invalid="ignore")
+def wild_stamps(stamps: Floats | Stamps) -> Bools:
+    """Return which stamps, (n,), are wild by themselves: not between the one before and the one
+    after, which are in order without it. Neighbours of which either may be wrong, such as two in
+    the wrong order, are not wild. At an end a stamp is wild that is farther off than all n others
+    are apart, where n is so large that waiting times without memory, of which the last one is
+    longer than all before with a chance of 2^(1 − n), do not explain that; in shorter logs no stamp
+    near an end is wild.
+    """
+    time = np.concatenate([[np.nan], stamps, [np.nan]])
+    before = time[:-2]
+    now = time[1:-1]
+    after = time[2:]
+    wild = ((now > after) | (now < before)) & (after > before)
+    if 2.0 ** (2 - len(now)) >= IMPROBABLE:
+        wild[:2] = wild[-2:] = False
+    else:
+        for end, first, second, other in ((0, 1, 2, -1), (-1, -2, -3, 0)):
+            off = min(abs(now[first] - now[end]), abs(now[second] - now[end]))
+            wild[end] = off > abs(now[first] - now[other])
+    wild |= np.isinf(now)
+    beside = np.concatenate([[False], wild, [False]])
+    alone: Bools = wild & ~beside[:-2] & ~beside[2:]
+    return alone
+
+
 def set_backs(stamps: Floats | Stamps) -> NDArray[np.int64]:
     """Return the indices of stamps, (n,), before which the clock was set back: they and the next
     ones rise, and all are late.
     """
-    back = np.flatnonzero(np.diff(stamps) < 0) + 1
+    back = np.flatnonzero(stamps[1:] < stamps[:-1]) + 1
     return np.array(
         [
             i
             for i in back
             if i + REWOUND <= len(stamps)
-            # after a stamp that is wild by itself the clock goes on where it was
-            and not (i > 1 and stamps[i] > stamps[i - 2])
-            and (np.diff(stamps[i : i + REWOUND]) > 0).all()
+            and (stamps[i + 1 : i + REWOUND] > stamps[i : i + REWOUND - 1]).all()
             and stamps[i + REWOUND - 1] < stamps[i - 1]
         ],
         dtype=np.int64,
@@ -236,3 +247,29 @@ def longest_part(ends: NDArray[np.int64], n: int, source: str) -> slice:
             stacklevel=4,
         )
     return slice(edges[at], edges[at + 1])
+
+
+def in_order(time: Floats, source: str, first_row: int) -> NDArray[np.intp]:
+    """Return the indices of the rows of a log that are read: without those whose stamp is wild, the
+    longest part in which the clock was not set back. What is left out is said.
+
+    Args:
+        time: stamps [s], (n,).
+        source: what the log is called in messages.
+        first_row: row number of the first stamp in its file.
+    """
+    wild = wild_stamps(time)
+    say_wild(source, wild, f"row {int(wild.argmax()) + first_row}")
+    rows = np.flatnonzero(~wild)
+    return rows[longest_part(set_backs(time[rows]), len(rows), source)]
+
+
+def say_wild(source: str, wild: Bools, first: str) -> None:
+    """Warn where stamps are wild; `first` says where the first one is."""
+    count = int(wild.sum())
+    if count:
+        warnings.warn(
+            f"{source}: {first} left out, {count} in all: a stamp out of order or far off",
+            DistalWarning,
+            stacklevel=4,
+        )

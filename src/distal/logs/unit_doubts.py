@@ -1,4 +1,4 @@
-"""Signs in a log that a unit or a window of the rig is wrong, in words."""
+"""Signs in a log that a unit is wrong, in words."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from distal.arrays import Floats
 from distal.logs.log import LARGEST_READING, Log
-from distal.rig import Capstan, Rig, Sensor, angle_names
+from distal.rig import Capstan, Rig, angle_names
 
 
 def doubts_of_units(log: Log, rig: Rig) -> Iterator[str]:
@@ -22,8 +21,6 @@ def doubts_of_units(log: Log, rig: Rig) -> Iterator[str]:
         if not np.isfinite(values).any():
             continue
         drive = drives[sensor.of]
-        if drive.stops is not None:
-            yield from _doubts_of_stops(log, sensor, values, drive.stops)
         span = float(np.nanmax(values) - np.nanmin(values))
         lever = drive.radius.value if isinstance(drive, Capstan) else 1.0
         # a joint turns by a few radians at most, and a tendon stretches by less than that
@@ -56,22 +53,3 @@ def doubts_of_units(log: Log, rig: Rig) -> Iterator[str]:
                 f"{log.source}: the reference angle reaches {largest:.3g} rad; is it in degrees? "
                 f"(--set 'sensors.{sensor.name}.unit=\"deg\"')"
             )
-
-
-def _doubts_of_stops(
-    log: Log, sensor: Sensor, values: Floats, stops: tuple[float, float]
-) -> Iterator[str]:
-    """Yield a sentence where a drive goes well beyond the stops that the rig gives it.
-
-    The window of the motor's positions, its zero or its sign may then be wrong.
-    """
-    room = 0.02 * (stops[1] - stops[0]) + sensor.linearity + 5.0 * sensor.noise
-    low = float(np.nanquantile(values, 0.02))
-    high = float(np.nanquantile(values, 0.98))
-    if low < stops[0] - room or high > stops[1] + room:
-        drive = f"drives.{sensor.of}.stops"
-        yield (
-            f"{log.source}: '{sensor.log_column}' is between {low:.4g} and {high:.4g} {sensor.si} "
-            "most of the time, beyond "
-            f"{drive} = {list(stops)}; is the window right? (--set '{drive}=[…]')"
-        )

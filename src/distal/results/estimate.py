@@ -14,14 +14,12 @@ from distal.arrays import Floats
 from distal.confidence import COVERED, half_width, in_percent
 from distal.errors import EstimationError, did_you_mean
 from distal.estimators import UNITS_OF_JOINTS, StateKind, kinds_by_joint, states_of
-from distal.logs import header, pandas_frame, polars_frame
+from distal.logs import header
 from distal.results.plots import PlotOptions, plot_estimates
 from distal.results.style import SummaryRow, html_table
 from distal.rig import std_name
 
 if TYPE_CHECKING:
-    import pandas
-    import polars
     from matplotlib.figure import Figure
 
 
@@ -68,6 +66,8 @@ class Estimate:
             correlation of its innovations, learned from the logs of a fit; empty where they are not
             known.
         level: share of the errors that the band is to hold.
+        ends: the estimate at the first and the last sample with all states, where only some are
+            here.
     """
 
     estimator: str
@@ -94,6 +94,7 @@ class Estimate:
     state_units: tuple[str, ...] = ()
     usual: tuple[tuple[float, float], ...] = ()
     level: float = COVERED
+    ends: Estimate | None = None
 
     def __post_init__(self) -> None:
         """Fill in kinds, parts and units of the states where the estimator has none."""
@@ -189,6 +190,11 @@ class Estimate:
         return rows
 
     @property
+    def with_all_states(self) -> Estimate:
+        """The estimate, or its `ends`, which have all states."""
+        return self if self.ends is None else self.ends
+
+    @property
     def stds_of_band(self) -> float:
         """Half-width of the band of this `level` [standard deviations]."""
         return half_width(self.level)
@@ -263,14 +269,6 @@ class Estimate:
     def stds(self) -> Floats:
         """Standard deviations of the errors of all states, in SI, (k, n)."""
         return np.sqrt(self.variances)
-
-    @property
-    def nis(self) -> Floats:
-        """Normalised innovation squared (NIS) of each sample, Σ ν²/S over the readings that are
-        present, (k,).
-        """
-        nis: Floats = np.nansum(self.innovations**2 / self.innovation_variances, axis=1)
-        return nis
 
     @property
     def external_torques(self) -> Floats:
@@ -392,7 +390,6 @@ class Estimate:
         columns: dict[str, NDArray[np.generic]] = {header("t", "s"): self.time}
         if self.stamps is not None:
             columns[header("stamp", "ns")] = self.stamps
-        stds = self.stds
         for i, (name, kind, si) in enumerate(
             zip(self.state_names, self.state_kinds, self.state_units)
         ):
@@ -404,26 +401,8 @@ class Estimate:
             if every or kind in (StateKind.ANGLE, StateKind.EXTERNAL_TORQUE):
                 columns[header(name, written)] = factor * self.means[:, i]
             if every or kind is StateKind.ANGLE:
-                columns[header(std_name(name), written)] = factor * stds[:, i]
+                columns[header(std_name(name), written)] = factor * np.sqrt(self.variances[:, i])
         return columns
-
-    def to_polars(self, unit: str = "rad", *, every: bool = False) -> polars.DataFrame:
-        """Return the `columns` as a frame of polars, which must be installed.
-
-        Args:
-            unit: unit of the angles, "rad" or "deg".
-            every: whether all states and their standard deviations are there.
-        """
-        return polars_frame(self.columns(unit, every=every))
-
-    def to_pandas(self, unit: str = "rad", *, every: bool = False) -> pandas.DataFrame:
-        """Return the `columns` as a frame of pandas, which must be installed.
-
-        Args:
-            unit: unit of the angles, "rad" or "deg".
-            every: whether all states and their standard deviations are there.
-        """
-        return pandas_frame(self.columns(unit, every=every))
 
     def plot(self, path: str | Path | None = None, **options: Unpack[PlotOptions]) -> Figure:
         """Draw truth, estimate and 95 % band over time, and save the figure as PNG, SVG or PDF

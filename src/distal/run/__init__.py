@@ -2,7 +2,7 @@
 health of a stream.
 """
 
-from distal.run.estimate_batch import estimate_batch, estimate_on_cluster
+from distal.run.estimate_batch import estimate_batch
 from distal.run.health import HEALTH
 from distal.run.live_estimator import JointContact, LiveEstimator
 from distal.run.log_units import LiveInLogUnits, LogUnits
@@ -25,7 +25,6 @@ __all__ = [
     "by_hour",
     "estimate",
     "estimate_batch",
-    "estimate_on_cluster",
     "estimate_pieces",
     "log_health",
     "plot_hours",

@@ -17,13 +17,10 @@ from distal.estimators import DEFAULT, Estimator, KernelEstimator
 from distal.homing.reference import check_homing
 from distal.kernels import in_order
 from distal.logs import Episode, Log, Source, read_log
-from distal.parallel import on_cluster, one_blas_thread
+from distal.parallel import one_blas_thread
 from distal.results import Estimate
 from distal.rig import Rig, as_rig
 from distal.run.offline import Run, estimator_for, prepared, without_covariances
-
-PER_TASK = 32
-"""Number of logs in one task of a cluster [1]. Source: judgement."""
 
 Skip = Callable[[str, DistalError], None]
 Input = TypeVar("Input")
@@ -117,64 +114,6 @@ def estimate_batch(
     return estimates(iter(logs))
 
 
-def estimate_on_cluster(
-    logs: Sequence[Source],
-    rig: Rig,
-    address: str,
-    estimator: str = DEFAULT,
-    truth: str | Path | None = None,
-    homing: float | None = None,
-    *,
-    progress: Callable[[int], None] | None = None,
-    skip: Skip | None = None,
-) -> Iterator[Estimate]:
-    """Estimate over many logs on the workers of a Dask cluster, which read the same files; yield as
-    `estimate_batch` does.
-
-    Args:
-        address: of the scheduler, ``tcp://host:8786``.
-        homing: for how long the true angle is used as a reference [s].
-
-    Raises:
-        EstimationError: no scheduler answers, or a worker fails.
-    """
-    chunks = [logs[k : k + PER_TASK] for k in range(0, len(logs), PER_TASK)]
-    tasks = {k: (list(chunk), rig, estimator, truth, homing) for k, chunk in enumerate(chunks)}
-    held = dict[int, list[Estimate | tuple[str, DistalError]]]()
-    following = 0
-    done = 0
-    for k, outcomes in on_cluster(
-        _chunk, tasks, address, EstimationError, "give fewer logs, or none to the cluster"
-    ):
-        held[k] = outcomes
-        done += len(outcomes)
-        if progress is not None:
-            progress(done)
-        while following in held:
-            for outcome in held.pop(following):
-                if isinstance(outcome, Estimate):
-                    yield outcome
-                elif skip is None:
-                    raise outcome[1]
-                else:
-                    skip(*outcome)
-            following += 1
-
-
-def _chunk(
-    logs: Sequence[Source], rig: Rig, estimator: str, truth: str | Path | None, homing: float | None
-) -> list[Estimate | tuple[str, DistalError]]:
-    """Return the estimates of some logs, or name and error of what cannot be estimated, in their
-    order.
-    """
-    failed = dict[str, DistalError]()
-    found = estimate_batch(logs, rig, estimator, truth, homing, workers=1, skip=failed.__setitem__)
-    estimates = iter(list(found))
-    return [
-        (name, failed[name]) if (name := _named(log)) in failed else next(estimates) for log in logs
-    ]
-
-
 def _side_by_side(chosen: Estimator) -> int:
     """Return how many runs of an estimator go side by side."""
     return (
@@ -233,4 +172,9 @@ def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
         )
     except DistalError:
         return [_attempt(without_covariances, run) for run in runs]
-    return [_attempt(lambda pair: without_covariances(*pair), pair) for pair in zip(runs, found)]
+    return [
+        _attempt(
+            lambda pair: without_covariances(*pair), (run, [chosen.reported(*moments, run.samples)])
+        )
+        for run, moments in zip(runs, found)
+    ]

@@ -6,17 +6,17 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import tee
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from distal.arrays import Floats
 from distal.confidence import BAND, COVERED
-from distal.estimators import AdaptiveFilter, Belief
+from distal.estimators import AdaptiveFilter
 from distal.homing import added_reference
-from distal.kernels import mean_of, variances_of
-from distal.logs import Log, frozen
+from distal.logs import Log
 from distal.results import BLACK, COLOURS, DASHES, figure, legend_above
 from distal.rig import Rig, angle_names
 from distal.simulation import Piece, Rezero
@@ -59,24 +59,16 @@ def estimate_pieces(
         offset = {"value": 0.0, "std": rezero.std}
         reading = reading.with_values({f"sensors.{known}.bias": offset})
         estimator = AdaptiveFilter(reading, references=reading.sensors[-1:])
-    belief: Belief | None = None
-    for piece in pieces:
+    joints = len(rig.joints)
+
+    def read(piece: Piece) -> tuple[Floats, Floats]:
+        columns = {**piece.log.channels, known: piece.known}
+        return piece.log.time, np.column_stack([columns[name] for name in estimator.channels])
+
+    pieces, again = tee(pieces)
+    estimates = estimator.pieces(None, map(read, again))
+    for piece, (means, variances, *_) in zip(pieces, estimates):
         log = piece.log
-        columns = {**log.channels, known: piece.known}
-        samples = np.column_stack([columns[name] for name in estimator.channels])
-        if belief is None:
-            belief = estimator.initial(log.time[0], samples[0])
-        kernel_states, ys = estimator.advanced(belief, log.time, samples)
-        n = belief.size
-        joints = len(rig.joints)
-        means = estimator.report.means(mean_of(kernel_states, n).copy(), ys)
-        variances = estimator.report.variances_of(variances_of(kernel_states, n), ys)
-        belief = replace(
-            belief,
-            time=float(log.time[-1]),
-            kernel_state=frozen(kernel_states[-1].copy()),
-            samples=belief.samples + len(samples),
-        )
         truths = np.column_stack([log.truth[name] for name in angle_names(rig.joint_names)])
         stds = np.sqrt(np.maximum(variances[:, :joints], 0.0))
         yield PieceEstimate(log, means[:, :joints], stds, truths)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from distal.estimators import (
     FullStateFilter,
     KernelEstimator,
     RegressionEstimator,
+    StateKind,
     first_values,
     kinds_of,
     make_estimator,
@@ -29,7 +30,7 @@ from distal.estimators import (
 )
 from distal.homing.home import home, with_prior_maps
 from distal.homing.reference import check_homing, homed, with_references
-from distal.kernels import covariance_of
+from distal.kernels import AT_ONCE, covariance_of
 from distal.logs import LARGEST_READING, Log, Source, frozen, read_log, true_angles, true_torques
 from distal.logs.log import sealed
 from distal.results import Estimate
@@ -91,6 +92,8 @@ def estimate(
     compiled: bool = True,
     homing: float | None = None,
     covariances: bool = True,
+    every: bool = True,
+    progress: Callable[[float], object] = lambda share: None,
 ) -> Estimate:
     """Estimate the joint angle over a log.
 
@@ -111,6 +114,9 @@ def estimate(
             others are shifted by their mean error.
         covariances: whether the covariances of all states are kept; without them a log of a million
             samples takes a gigabyte less.
+        every: whether all states are kept; else, and without covariances, only angles and torques
+            from outside are, and of the others the beginning and the end (`Estimate.ends`).
+        progress: called with the share of the samples that is done, without covariances.
 
     Raises:
         EstimationError: the log lacks a sensor, the estimator cannot run on this rig or diverges,
@@ -134,7 +140,7 @@ def estimate(
         )
     run = prepared(log, chosen, homing)
     if passes == 1 and not covariances:
-        return without_covariances(run)
+        return without_covariances(run, every=every, progress=progress)
     for _ in range(passes):
         means, matrices, innovations, variances = run.estimator.scan(
             run.start, log.time, run.samples
@@ -234,49 +240,75 @@ def prepared(log: Log, chosen: Estimator, homing: float | None = None) -> Run:
     return Run(log, chosen, samples, start, homing)
 
 
-def without_covariances(run: Run, moments: tuple[Floats, Floats, Floats] | None = None) -> Estimate:
+def without_covariances(
+    run: Run,
+    pieces: Iterable[tuple[Floats, ...]] | None = None,
+    *,
+    every: bool = True,
+    progress: Callable[[float], object] = lambda share: None,
+) -> Estimate:
     """Return the estimate of a run, of whose covariances only the variances are kept.
 
     Args:
-        moments: what `KernelEstimator.scan_all` returns for the run, where it was called already.
+        pieces: what `KernelEstimator.pieces` yields, where it is there already.
+        every: whether all states are kept, or only angles and torques from outside.
+        progress: called with the share of the samples that is done.
 
     Raises:
         DivergedError: see `check_bounds`.
     """
     chosen = run.estimator
-    if isinstance(chosen, KernelEstimator):
-        if moments is None:
-            (moments,) = chosen.scan_all(
-                [run.start], [run.log.time], [run.samples], [chosen.parameters]
-            )
-        means, spreads, ys = moments
-        innovations, variances = chosen.innovations_of(ys, run.samples)
-        means = chosen.report.means(means, ys)
-        spreads = chosen.report.variances_of(spreads, ys)
-    else:
-        means, covariances, innovations, variances = chosen.scan(
-            run.start, run.log.time, run.samples
-        )
-        spreads = np.diagonal(covariances, axis1=1, axis2=2).copy()
-    check_bounds(run, means, spreads)
+    time = run.log.time
+    if pieces is None and isinstance(chosen, KernelEstimator):
+        step = 1 + AT_ONCE // chosen.kernel.sizes.kernel_state
+        parts = (slice(begin, begin + step) for begin in range(0, len(time), step))
+        pieces = chosen.pieces(run.start, ((time[part], run.samples[part]) for part in parts))
+    elif pieces is None:
+        means, covariances, *compared = chosen.scan(run.start, time, run.samples)
+        pieces = [(means, np.diagonal(covariances, axis1=1, axis2=2), *compared)]
+    kinds, _ = kinds_of(chosen)
+    reported = (StateKind.ANGLE, StateKind.EXTERNAL_TORQUE)
+    kept = [i for i, kind in enumerate(kinds) if every or kind in reported]
+    widths = (len(kept), len(kept), len(chosen.measured), len(chosen.measured))
+    whole = [np.empty((len(time), width)) for width in widths]
+    ends = list[list[Floats]]()
+    begin = 0
+    for means, spreads, *compared in pieces:
+        check_bounds(run, means, spreads, begin)
+        part = slice(begin, begin + len(means))
+        for array, values in zip(whole, (means[:, kept], spreads[:, kept], *compared)):
+            array[part] = values
+        ends.append([values[[0, -1]] for values in (means, spreads, *compared)])
+        begin = part.stop
+        progress(begin / len(time))
     # nobody else holds these arrays, so that they need no copies
-    return finished(run, *map(sealed, (means, spreads, innovations, variances)))
+    means, spreads, innovations, variances = map(sealed, whole)
+    made = finished(run, means, spreads, innovations, variances, kept=kept)
+    if every:
+        return made
+    two = np.array([0, len(time) - 1])
+    short = replace(run, log=run.log.select(two), samples=run.samples[two])
+    means, spreads, innovations, variances = (
+        np.vstack([first[0], last[1]]) for first, last in zip(ends[0], ends[-1])
+    )
+    return replace(made, ends=finished(short, means, spreads, innovations, variances))
 
 
-def check_bounds(run: Run, means: Floats, spreads: Floats) -> None:
+def check_bounds(run: Run, means: Floats, spreads: Floats, begin: int = 0) -> None:
     """Raise an error if an estimate diverged.
 
     Args:
         run: with log and estimator, for the message.
         means: of the states, (k, n).
         spreads: their variances, (k, n).
+        begin: index of the first row in the log.
 
     Raises:
         DivergedError: the message says when it diverged.
     """
     bad = out_of_bounds(means, spreads, len(run.estimator.rig.joints))
     if len(bad):
-        row = int(bad[0])
+        row = begin + int(bad[0])
         learned = run.estimator.rig.map
         has_map = learned is not None and learned.readings
         instead = ", or take the estimator regression, whose map is in the rig file"
@@ -295,6 +327,7 @@ def finished(
     innovations: Floats,
     variances: Floats,
     covariances: Floats | None = None,
+    kept: Sequence[int] | None = None,
 ) -> Estimate:
     """Return the estimate of a run.
 
@@ -304,6 +337,7 @@ def finished(
         innovations: of the compared channels, (k, m).
         variances: of the innovations, (k, m).
         covariances: of the states, (k, n, n), or None where they are not kept.
+        kept: indices of the states that are there; None: all.
     """
     log = run.log
     chosen = run.estimator
@@ -324,15 +358,17 @@ def finished(
     if references:
         innovations = innovations[:, columns]
         variances = variances[:, columns]
-    prior_means, prior_stds = priors_of(chosen)
     measured = tuple(chosen.measured[i] for i in columns)
     free = chosen.rig.free_motion
-    state_kinds, state_parts = kinds_of(chosen)
+    units = chosen.state_units if isinstance(chosen, KernelEstimator) else state_units(chosen)
+    kept = [*range(len(units))] if kept is None else list(kept)
+    prior_means, prior_stds = (None if of is None else of[kept] for of in priors_of(chosen))
+    kinds, parts = kinds_of(chosen)
     return Estimate(
         chosen.name,
         chosen.rig.name,
         log.time,
-        chosen.state_names,
+        tuple(chosen.state_names[i] for i in kept),
         frozen(means),
         frozen(spreads),
         measured,
@@ -348,11 +384,9 @@ def finished(
         stamps=log.stamps,
         torque_truths=torques,
         unseen=chosen.unseen if isinstance(chosen, AdaptiveFilter) else None,
-        state_kinds=state_kinds,
-        state_parts=state_parts,
-        state_units=chosen.state_units
-        if isinstance(chosen, KernelEstimator)
-        else state_units(chosen),
+        state_kinds=tuple(kinds[i] for i in kept),
+        state_parts=tuple(parts[i] for i in kept),
+        state_units=tuple(units[i] for i in kept),
     )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,8 +75,8 @@ class Format:
             not needed may be left out.
         messages: function from a path and a set to the messages; it adds the names of the
             recording's topics to the set.
-        write: function from columns to the content of a file; None where results cannot be written
-            in this format.
+        write: function that writes columns into a file; None where results cannot be written in
+            this format.
         package: package without which nothing can be written, and the extra of distal that installs
             it; None where no package is needed.
         apart: whether files are read in a process of their own. Formats that are read by compiled
@@ -87,7 +88,7 @@ class Format:
     endings: tuple[str, ...]
     read: Callable[[Path, Sequence[str] | None], Cells] | None = None
     messages: Callable[[Path, set[str]], Iterator[Message]] | None = None
-    write: Callable[[Mapping[str, NDArray[np.generic]]], bytes] | None = None
+    write: Callable[[Mapping[str, NDArray[np.generic]], BinaryIO], None] | None = None
     package: tuple[str, str] | None = None
     apart: bool = True
     folder: str | None = None

@@ -4,10 +4,9 @@ take.
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from distal.errors import LogError
 from distal.logs.cells import Cells, Column, in_memory
 from distal.logs.formats.format import Format
 from distal.logs.header_units import needed
-from distal.logs.reader_process import COPIES, check_memory
+from distal.logs.reader_process import check_rows
 from distal.logs.vectors import component_names_in, numbered
 
 TEXTS = ("string", "large_string", "string_view")
@@ -47,12 +46,10 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
     with source:
         try:
             file = pyarrow.parquet.ParquetFile(source)
-            rows = file.metadata.num_rows
             parts = _parts(path, file)
             chosen = {name: part for name, part in parts.items() if needed(name, columns)}
             read = list(dict.fromkeys(column for column, _ in chosen.values()))
-            size = COPIES * rows * len(read) * np.dtype(np.float64).itemsize
-            check_memory(path, size, f"its header says {rows:,} rows of {len(read)} columns")
+            check_rows(path, file.metadata.num_rows, len(read))
             table = file.read(columns=read, use_threads=False)
             held = {
                 name: _column(path, column, table[column], at)
@@ -124,15 +121,13 @@ def _column(path: Path, name: str, column: Any, at: int | None) -> Column:
     return np.asarray(column.to_numpy())
 
 
-def write_parquet(columns: Mapping[str, NDArray[np.generic]]) -> bytes:
-    """Return columns as the content of a Parquet file."""
+def write_parquet(columns: Mapping[str, NDArray[np.generic]], file: BinaryIO) -> None:
+    """Write columns as a Parquet file, one group of rows after the other."""
     import pyarrow
     import pyarrow.parquet
 
-    buffer = io.BytesIO()
     table = pyarrow.table({name: np.asarray(column) for name, column in columns.items()})
-    pyarrow.parquet.write_table(table, buffer)
-    return buffer.getvalue()
+    pyarrow.parquet.write_table(table, file)
 
 
 PARQUET = Format(

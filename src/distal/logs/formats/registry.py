@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.errors import LogError, OutputError
+from distal.errors import Content, LogError, OutputError
 from distal.logs.formats.csv import CSV
 from distal.logs.formats.format import Format
 from distal.logs.formats.hdf5 import HDF5
@@ -61,8 +62,9 @@ WRITTEN = "results are written as CSV (.csv, .txt) or Parquet (.parquet, .pq)"
 """Part of the message where a path ends in no format that can be written."""
 
 
-def file_of(columns: Mapping[str, NDArray[np.generic]], path: str | Path) -> bytes:
-    """Return columns as the content of the file `path`, in the format of its ending.
+def file_of(columns: Mapping[str, NDArray[np.generic]], path: str | Path) -> Content:
+    """Return columns as the content of the file `path`, in the format of its ending: a function
+    that writes them piece by piece.
 
     Raises:
         OutputError: see `check_format`.
@@ -71,7 +73,7 @@ def file_of(columns: Mapping[str, NDArray[np.generic]], path: str | Path) -> byt
     write = format_of(path).write
     if write is None:
         raise OutputError(f"{path}: {WRITTEN}")
-    return write(columns)
+    return partial(write, columns)
 
 
 def check_format(path: str | Path) -> None:

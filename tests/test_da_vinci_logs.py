@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from examples.da_vinci import logs as datasets
+from examples.da_vinci.logs import da_vinci_grasper
 
 from distal.errors import LogError
-from distal.logs import da_vinci_grasper, datasets, read_table
+from distal.logs import read_table
 
 RAW = """%This file holds comments
 %Back-end Time [ms], Back-end CUI Encoder [counts], ...

@@ -1,16 +1,20 @@
-"""Public logs of real instruments, which are fetched once and compared with known fingerprints."""
+"""Public logs of a da Vinci grasper, which are fetched once and compared with known fingerprints:
+`python examples/da_vinci/logs.py` prints their paths.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import os
 from pathlib import Path
+from urllib.request import urlopen
 
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import LogError
-from distal.logs.atomic_writes import write_whole
+from distal.kernels import cache_folder
+from distal.logs import write_whole
 
 SOURCE = (
     "https://raw.githubusercontent.com/MRDLab/mis-tool-characterization/"
@@ -73,8 +77,6 @@ def da_vinci_grasper(folder: str | Path | None = None) -> tuple[Path, ...]:
     Raises:
         LogError: the logs cannot be fetched, or a fetched file differs from its fingerprint.
     """
-    from distal.kernels import cache_folder
-
     shared = os.environ.get("DISTAL_DATA") if folder is None else None
     folder = Path(folder or Path(shared or cache_folder()) / "da_vinci_grasper")
     paths = tuple(folder / f"run_{run}.csv" for run in FINGERPRINTS)
@@ -98,13 +100,9 @@ def da_vinci_grasper(folder: str | Path | None = None) -> tuple[Path, ...]:
 
 def _fetched(run: str) -> str:
     """Return the text of a raw file."""
-    from urllib.request import urlopen
-
-    from distal.parallel import PATIENCE
-
     url = SOURCE.format(run=run)
     try:
-        with urlopen(url, timeout=PATIENCE) as answer:
+        with urlopen(url, timeout=10.0) as answer:
             text: str = answer.read().decode(errors="replace")
     except OSError as problem:
         raise LogError(f"{url}: cannot be fetched ({problem}); are you online?") from None
@@ -151,3 +149,7 @@ def csv_of(counts: NDArray[np.int64]) -> str:
         for row in counts * np.array(FACTORS)
     ]
     return "\n".join([",".join(COLUMNS), *rows]) + "\n"
+
+
+if __name__ == "__main__":
+    print(*da_vinci_grasper())
