@@ -1,5 +1,6 @@
 """A rig from logs alone: structure, signs, sizes, and the mistakes that it names."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -119,13 +120,13 @@ def test_a_mistake_in_one_log_is_named_and_nothing_is_written(tmp_path: Path, wo
         rig_from_logs(written(logs, tmp_path))
 
 
-def test_missing_rows_and_wraps_are_named(tmp_path: Path) -> None:
+def test_missing_rows_are_named_and_wraps_undone(tmp_path: Path) -> None:
     gaps = [finger(0), finger(1), {n: np.delete(c, slice(300, 500)) for n, c in finger(2).items()}]
     assert any("rows are missing" in note for note in rig_from_logs(written(gaps, tmp_path)).notes)
     for log in gaps:
         log["enc_a"] = np.mod(np.round(100 * log.pop("x_a_mm")), 512.0)
-    with pytest.raises(distal.DistalError, match="enc_a wraps after 512"):
-        rig_from_logs(written(gaps, tmp_path))
+    draft = rig_from_logs(written(gaps, tmp_path))
+    assert "counts_per_turn = 512" in draft.text
 
 
 def test_two_joints_that_move_almost_alike_cannot_be_told_apart(tmp_path: Path) -> None:
@@ -253,3 +254,18 @@ def test_an_angle_that_no_drive_tells_is_refused(tmp_path: Path) -> None:
         columns["dip [deg]"] = np.rad2deg(motion(50 + k, 1)[1][:, 0])
     with pytest.raises(RigError, match=r"no drive moves dip.*--ignore"):
         rig_from_logs(written(logs, tmp_path))
+
+
+@pytest.mark.parametrize("read", [lambda x: x + 2.0**16, lambda x: 2.0**15 - x])
+def test_registers_without_a_sign_are_decoded(
+    tmp_path: Path, read: Callable[[Floats], Floats]
+) -> None:
+    """A driver that reads a register without its sign gives the draft of the good logs."""
+    logs = [finger(k) for k in range(3)]
+    for log in logs:
+        log["enc_a"] = np.round(400 * log.pop("x_a_mm")) - 600
+    good = rig_from_logs(written(logs, tmp_path))
+    assert all(log["enc_a"][0] < 0 < log["enc_a"].max() for log in logs)
+    for log in logs:
+        log["enc_a"] = np.where(log["enc_a"] < 0, read(log["enc_a"]), log["enc_a"])
+    assert rig_from_logs(written(logs, tmp_path)).text == good.text

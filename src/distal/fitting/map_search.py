@@ -299,9 +299,9 @@ def clearly_gains(gains: Sequence[float] | Floats) -> bool:
     """Return whether the mean gain on logs held out, one of each, is above zero by more than the
     95 % band of Student's distribution.
     """
-    known = np.asarray(gains)[np.isfinite(gains)]
-    freedom = len(known) - 1
+    finite = np.asarray(gains)[np.isfinite(gains)]
+    freedom = len(finite) - 1
     if freedom < 1:
         return False
-    error = np.std(known) / np.sqrt(freedom)
-    return bool(np.mean(known) > BAND * student(freedom) * error)
+    error = np.std(finite) / np.sqrt(freedom)
+    return bool(np.mean(finite) > BAND * student(freedom) * error)

@@ -106,13 +106,6 @@ def mistakes(
     sentences = [*_other_rates(raw, columns)]
     for log in raw:
         sentences += [*_spikes(log, columns), *_still(log, columns)]
-    if not sentences:
-        sentences = [
-            f"{column.header} wraps after {column.values.turn:g}: a rig file cannot unwrap it; "
-            "write a count that goes on (numpy.unwrap with this period)"
-            for column in columns
-            if column.role in ("position", "angle") and column.values.turn is not None
-        ]
     return sentences or [text for text, stops in odd_logs(data, columns) if stops]
 
 

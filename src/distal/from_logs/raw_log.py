@@ -18,6 +18,7 @@ from distal.logs import (
     Column,
     Episode,
     Source,
+    decoded,
     is_recording,
     open_recording,
     open_table,
@@ -74,7 +75,7 @@ def read_raw(path: Source) -> RawLog:
             raise LogError(f"{path}: no message has numbers")
         read, _ = open_recording(path, names, TIME)
         check_rows(str(path), len(read[TIME]))
-        return RawLog(str(path), read)
+        return RawLog(str(path), _decoded(read))
     cells = open_table(path)
     source = str(path) if isinstance(path, (str, Path, Episode)) else str(cells.path)
     check_rows(source, cells.rows)
@@ -89,7 +90,14 @@ def read_raw(path: Source) -> RawLog:
             texts.append(name)
     if not columns:
         raise LogError(f"{source}: no column holds numbers; a log has a header and rows of numbers")
-    return RawLog(source, columns, tuple(texts))
+    return RawLog(source, _decoded(columns), tuple(texts))
+
+
+def _decoded(columns: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Return columns in which registers that hold a sign are decoded, as the door of readings does
+    it with the written rig.
+    """
+    return {name: decoded(values) for name, values in columns.items()}
 
 
 def check_rows(source: str, rows: int) -> None:

@@ -2,7 +2,7 @@
 
 from distal.logs.atomic_writes import keep_elsewhere, write_together, write_whole
 from distal.logs.cells import Column
-from distal.logs.door import Door, Remark
+from distal.logs.door import Door, Remark, decoded
 from distal.logs.encoders import FASTEST
 from distal.logs.episodes import Episode, episodes_of, is_dataset, sources_of
 from distal.logs.formats import TABLES, check_format, file_of
@@ -52,6 +52,7 @@ __all__ = [
     "TruthSource",
     "check_format",
     "check_outputs",
+    "decoded",
     "episodes_of",
     "estimate_schema",
     "file_of",

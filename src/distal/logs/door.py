@@ -247,6 +247,21 @@ class _Register:
         return value
 
 
+def decoded(values: Floats) -> Floats:
+    """Return a column of numbers, (k,), in which those of a register that holds a sign are what the
+    register means; unchanged where it is none.
+    """
+    present = values[np.isfinite(values)]
+    if not len(present) or not 2.0 ** min(bit for bit, _ in REGISTERS) <= np.max(present):
+        return values
+    register = _Register()
+    read = np.array([register.decoded(v) if v == v else v for v in values.tolist()])
+    if np.array_equal(read, values, equal_nan=True):
+        return values
+    # what was learned from all of it holds from the first number on
+    return np.array([register.decoded(v) if v == v else v for v in values.tolist()])
+
+
 def _meaning(number: float, bit: int, complement: bool) -> float | None:
     """Return what a register with a sign means, None where it cannot hold the number."""
     if number >= 2.0 ** (bit + 1):
