@@ -16,7 +16,14 @@ from distal.errors import RigError
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive.filter_function import adaptive_layout
 from distal.estimators.adaptive.touch import DRIVE, FORCE
-from distal.fitting.learn_free_motion import NORMAL, SETTLING, closed_filter, free_motion_of, widest
+from distal.fitting.learn_free_motion import (
+    NORMAL,
+    SETTLING,
+    _pace,
+    closed_filter,
+    free_motion_of,
+    widest,
+)
 from distal.fitting.log_checks import touched_logs
 from distal.kernels import Feed, advance
 from distal.kernels.layout import READ
@@ -266,3 +273,12 @@ def test_the_fastest_motion_of_the_logs_is_kept(rig: Rig) -> None:
     speeds = np.array([np.gradient(place, log.time) for place in places])
     smooth = np.apply_along_axis(lambda v: np.convolve(v, np.ones(10) / 10, "same"), 1, speeds)
     assert free.fastest == pytest.approx(float(np.max(np.sum(smooth**2, axis=0))), rel=0.5)
+
+
+def test_the_pace_of_positions_that_come_in_every_third_row() -> None:
+    time = 0.01 * np.arange(600)
+    moved = np.sin(2.0 * time)[None]
+    seldom = np.where(np.arange(600) % 3 == 0, moved, np.nan)
+    log = Log(time, {}, {}, "seldom")
+    whole, found = (_pace(positions, log) for positions in (moved, seldom))
+    assert np.max(found) == pytest.approx(np.max(whole), rel=0.05)

@@ -149,6 +149,67 @@ def test_an_encoder_before_the_gear_counts_its_turns(
     np.testing.assert_allclose(came[110:], factor * at_once[110:], atol=1e-9)
 
 
+def with_encoder(rig: Rig, **fields: object) -> Rig:
+    encoder, *others = rig.model_dump()["sensors"]
+    return build_rig({**rig.model_dump(), "sensors": [{**encoder, **fields}, *others]}, "encoder")
+
+
+@pytest.mark.parametrize("counts", [2048, 4096, 65536])
+def test_a_wrap_is_no_sign_of_a_register(rig: Rig, counts: int, tmp_path: Path) -> None:
+    fine = with_encoder(rig, counts_per_turn=counts, resolution=2 * pi / counts)
+    position = np.round(0.12 * counts * np.sin(3.0 * TIME))
+    current = np.round(100.0 * np.cos(0.1 * np.arange(N)))
+    came = one_by_one(fine, np.column_stack([position % counts, current]), tmp_path)
+    np.testing.assert_allclose(came[:, 0], position * 2 * pi / counts, atol=1e-9)
+
+
+@pytest.mark.parametrize(("counts", "gear"), [(48, 298), (512, 100), (4096, 50)])
+def test_behind_a_gear_nothing_is_lost_and_nothing_begins_anew(
+    rig: Rig, counts: int, gear: int
+) -> None:
+    """Its step is that behind the gear, and between two samples it goes to the nearest turn."""
+    geared = with_encoder(
+        rig, counts_per_turn=counts, gear=gear, resolution=2 * pi / counts, noise=0.0
+    )
+    units = LogUnits(geared, CHANNELS)
+    position = np.round(0.3 * counts * np.sin(3.0 * TIME))
+    for k, (t, x) in enumerate(zip(TIME, position)):
+        came = units.sample(float(t), np.array([x, 100.0 * np.cos(0.1 * k)]))
+        assert came[0] == pytest.approx(x * 2 * pi / counts / gear, abs=1e-9)
+        assert k == 0 or not [one for one in units.remarks if one.sensor == "angle"]
+
+
+def test_one_number_alone_shows_no_flag(rig: Rig, tmp_path: Path) -> None:
+    """A counter that begins in the middle of its register counts on, and is not turned over."""
+    counts = 32900.0 + np.round(300.0 * np.sin(2.0 * TIME))
+    came = one_by_one(rig, np.column_stack([counts, 8.0 * np.sin(9.0 * TIME)]), tmp_path)
+    np.testing.assert_allclose(np.diff(came[:, 0]), np.diff(counts) * 2 * pi / 4096, atol=1e-9)
+
+
+def test_a_drive_may_hunt_by_some_counts(rig: Rig, tmp_path: Path) -> None:
+    hunts = 300.0 * np.sin(0.5 * TIME) + 3.0 * (-1.0) ** np.arange(N)
+    logged = np.round(np.column_stack([hunts, 90.0 * np.cos(0.1 * np.arange(N))]))
+    assert not np.isnan(one_by_one(rig, logged, tmp_path)).any()
+
+
+def test_a_reference_goes_to_the_nearest_turn_after_a_gap(rig: Rig, tmp_path: Path) -> None:
+    raw = rig.model_dump()
+    raw["joints"][0]["stops"] = None
+    reference = {"name": "camera", "measures": "angle", "of": "jaw", "si": "rad", "unit": "deg"}
+    sensors = [s for s in raw["sensors"] if s["measures"] != "angle"]
+    known = build_rig({**raw, "sensors": [*sensors, {**reference, "column": "deg"}]}, "known")
+    angle = 165.0 + 30.0 * np.sin(2.0 * TIME)
+    wrapped = (angle + 180.0) % 360.0 - 180.0
+    cells = [f"{a:.3f}" for a in wrapped]
+    cells[20:100] = [""] * 80
+    rows = [f"{t:.3f},{k % 7},{k % 5},{a}" for k, (t, a) in enumerate(zip(TIME, cells))]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(["t,angle,current,deg", *rows]))
+    truth = np.rad2deg(read_log(path, known).truth["theta"])
+    there = np.isfinite(truth)
+    np.testing.assert_allclose(truth[there], angle[there], atol=1e-3)
+
+
 @pytest.mark.parametrize("entry", ENTRIES)
 def test_a_good_log_passes_whole(
     entry: Callable[..., Floats], rig: Rig, good: Floats, tmp_path: Path

@@ -10,14 +10,15 @@ from math import exp
 import numpy as np
 from scipy.optimize import nnls
 from scipy.signal import lfilter
+from scipy.special import stdtrit
 
 from distal.arrays import Floats
-from distal.confidence import BAND
+from distal.confidence import COVERED
 from distal.estimators import AdaptiveFilter, channels_of, parts_of
 from distal.estimators.adaptive.drive_tracking import MOTION_TIME
 from distal.estimators.adaptive.touch import EVIDENCE_TIME, PACE_TIME
 from distal.fitting.map_samples import SETTLING
-from distal.fitting.map_search import HeldOut, learned_map, student
+from distal.fitting.map_search import HeldOut, learned_map
 from distal.logs import Log
 from distal.regression import Samples
 from distal.results import Estimate
@@ -157,7 +158,9 @@ def _largest_means(
     forces, logs = needed.shape
     freedom = forces * (logs - 1)
     spread = np.sqrt(np.sum(needed.var(axis=1)) * logs / freedom * (1 + 1 / logs))
-    return tuple(np.exp(needed.mean(axis=1) + BAND * student(freedom) * spread).tolist())
+    # none of several forces is to be beyond (Bonferroni)
+    bound = stdtrit(max(freedom, 1), 1 - (1 - COVERED) / (2 * forces))
+    return tuple(np.exp(needed.mean(axis=1) + bound * spread).tolist())
 
 
 def _strayed(estimator: AdaptiveFilter, result: Estimate) -> float:
@@ -232,7 +235,10 @@ def _pace(positions: Floats, log: Log) -> Floats:
     interval = float(np.median(np.diff(log.time)))
     fade = exp(-interval / MOTION_TIME)
     slowly = exp(-2 * interval / PACE_TIME)
-    steps = np.nan_to_num(np.diff(positions, axis=1, prepend=positions[:, :1])) / interval
+    rows = np.arange(positions.shape[1])
+    read = [np.flatnonzero(np.isfinite(of_drive)) for of_drive in positions]
+    filled = np.array([np.interp(rows, at, row[at]) for at, row in zip(read, positions)])
+    steps = np.diff(filled, axis=1, prepend=filled[:, :1]) / interval
     speeds = lfilter([1 - fade], [1, -fade], steps, axis=1) ** 2
     paces = np.empty(speeds.shape[1])
     kept = np.zeros(len(positions))

@@ -113,7 +113,7 @@ class Door:
         self._sensors = tuple(sensors)
         self._factors = [float(factor) for factor in factors]
         sizes = turns or {}
-        self._registers = [_Register() for _ in sensors]
+        self._registers = [_Register(getattr(s, "counts_per_turn", None)) for s in sensors]
         self._noises = [_Noise() for _ in sensors]
         self._doubting = doubting
         self._moving = [i for i, sensor in enumerate(sensors) if sensor.measures not in REFERENCES]
@@ -211,8 +211,10 @@ class _Register:
     steps are most probable (Cauchy distribution, as wide as they usually are).
     """
 
-    def __init__(self) -> None:
+    def __init__(self, turn: float | None = None) -> None:
         self.bit = 0
+        # an encoder within a turn of as many counts as a register holds wraps as if it had a sign
+        self._allowed = [turn is None or 2.0 ** (bit + 1) > turn for bit, _ in REGISTERS]
         self._whole = True
         self._before: list[float] | None = None
         self._evidence = [0.0] * len(REGISTERS)
@@ -230,6 +232,9 @@ class _Register:
         was = self._before or [0.0] * (1 + len(REGISTERS))
         plain = _unlikely(number - was[-1], scale)
         for k, meaning in enumerate(meanings):
+            is_flag = not REGISTERS[k][1]
+            if not self._allowed[k] or (is_flag and self._before is None):
+                continue  # that a flag is set, one number alone does not show
             gain = -2.0 * plain if meaning is None else plain - _unlikely(meaning - was[k], scale)
             most = -2.0 * log(IMPROBABLE)
             self._evidence[k] = min(max(self._evidence[k] + gain, -most), most)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from math import ceil, exp, floor, inf, isfinite, nan, pi
 from typing import Literal
 
-from distal.rig import Rig, Sensor, drive_travel, motor_range
+from distal.rig import Rig, Sensor, drive_travel, motor_range, step_of
 from distal.rig.sensors.motions import AngleSensor
 
 Kind = Literal["turn", "unknown turn", "restarted", "decoded", "left out", "jumped", "repeated"]
@@ -182,11 +182,13 @@ class Encoder:
 
     def _alternates(self, position: float) -> bool:
         """Return whether the position goes back by much of what it went before, as no drive does
-        that moves far less in two samples.
+        that moves far less in two samples; one that hunts does so by little.
         """
         first, second = self._before
         there, back = second - first, position - second
-        room = max(self._limits.noise, UNUSUAL * max(self._usual, self._smallest))
+        limits = self._limits
+        room = UNUSUAL * max(self._usual, self._smallest)
+        room = max(limits.noise, room, limits.believed * limits.interval / UNUSUAL)
         return there * back < 0.0 and min(abs(there), abs(back)) > room
 
     def _reached(self, position: float, time: float, gap: float) -> bool:
@@ -208,7 +210,9 @@ class Encoder:
         has_last = isfinite(self._last)
         near = reading + turn * round((self._last - reading) / turn) if has_last else reading
         kind: Kind | None = None
-        if not has_last or self._limits.fastest * gap >= turn / 2:
+        # between two samples of the usual interval nobody can do better than the nearest turn
+        silent = gap > UNUSUAL * self._limits.interval and self._limits.fastest * gap >= turn / 2
+        if not has_last or silent:
             turns = self._possible(reading, reading)
             if len(turns) == 1:
                 near = reading + turn * turns[0]
@@ -253,7 +257,8 @@ class Encoder:
             return position, None
         if not isfinite(self._last) and isfinite(limits.believed):
             return position, None  # what a log begins with is taken as it is
-        is_inside = limits.low <= position <= limits.high
+        # without a range nothing speaks for one turn
+        is_inside = isfinite(limits.low) and limits.low <= position <= limits.high
         if isfinite(self._last):
             within = max(self._read[1], reading) - min(self._read[0], reading) < limits.turn
             near = reading + limits.turn * round((self._last - reading) / limits.turn)
@@ -281,7 +286,7 @@ def encoder_of(
         doubting: whether a position that its drive cannot have reached waits for the next sample.
     """
     counts = sensor.counts_per_turn if isinstance(sensor, AngleSensor) else None
-    turn = TURN if isinstance(sensor, AngleSensor) else inf
+    turn = TURN / sensor.gear if isinstance(sensor, AngleSensor) else inf
     if counts is not None:
         turn = abs(factor) * counts
     wraps = counts is not None and sensor.measures == "position"
@@ -306,6 +311,6 @@ def encoder_of(
             fastest=servo or FASTEST,
             believed=believed,
             interval=1.0 / sensor.rate,
-            noise=10.0 * sensor.noise + sensor.resolution,
+            noise=10.0 * sensor.noise + step_of(sensor),
         )
     )

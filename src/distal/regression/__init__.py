@@ -16,6 +16,7 @@ from distal.regression.map_function import (
     map_function,
     map_layout,
     map_parameters,
+    variance_beside,
 )
 from distal.regression.posterior import (
     Evidence,
@@ -62,5 +63,6 @@ __all__ = [
     "servos_of",
     "shape_for",
     "splits",
+    "variance_beside",
     "yardstick_error",
 ]

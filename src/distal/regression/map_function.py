@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
-from distal.expressions import Expression, VectorNode
+from distal.expressions import Expression, ScalarNode, VectorNode
 from distal.kernels import Layout
 from distal.regression.features import Shape, features_function, first_function
 from distal.rig import HALF_WIDTHS, IN_RADIAL, TIME_CONSTANTS, LearnedMap
@@ -74,15 +74,36 @@ def map_function(shape: Shape, joints: int) -> ca.Function:
     variances = []
     for j in range(joints):
         mean = of["mean"][:, j]
-        slopes, turns = _slopes(shape, mean, out, frame)
         spread = ca.dot(phi, ca.mtimes(of[f"covariance_{j}"], phi))
-        variance = ca.fmax(spread, 0) + of["noise"][j] + of["radial"][j] * out["far"]
-        variance += ca.dot(turns, out["doubt"]) ** 2 / 3
-        variance += ca.dot(slopes[: shape.channels] ** 2, unknown)
-        variances.append(variance)
+        beside = variance_beside(shape, mean, out, frame, unknown)
+        variances.append(
+            ca.fmax(spread, 0) + of["noise"][j] + of["radial"][j] * out["far"] + beside
+        )
     values = ca.mtimes(of["mean"].T, phi)
     results = [values, of["filter"], ca.vertcat(*variances), after]
     return ca.Function("map", [memory, dt, readings, mask, parameters], results)
+
+
+def variance_beside(
+    shape: Shape,
+    mean: VectorNode,
+    out: dict[str, VectorNode],
+    frame: dict[str, VectorNode],
+    unknown: ScalarNode,
+) -> ScalarNode:
+    """Return the variance of a value that comes of slips whose interval is wide, and of readings
+    that are missing: (Σ_i |∂y/∂slip_i| d_i)²/3 + Σ_i (∂y/∂z_i)² v_i, see `map_function`.
+
+    Args:
+        shape: of the features.
+        mean: weights of the value, (n,).
+        out: parts of `Shape.outputs`.
+        frame: parts of `Shape.frame`.
+        unknown: variances v of the scaled readings, (n_channels,).
+    """
+    slopes, turns = _slopes(shape, mean, out, frame)
+    of_readings = ca.dot(slopes[: shape.channels] ** 2, unknown)
+    return ca.dot(turns, out["doubt"]) ** 2 / 3 + of_readings
 
 
 def _slopes(

@@ -16,11 +16,11 @@ from math import exp
 import casadi as ca
 import numpy as np
 
-from distal.arrays import Floats
+from distal.arrays import Bools, Floats
 from distal.expressions import Scalar, Vector, VectorNode
-from distal.kernels import Layout
+from distal.kernels import Feed, Kernel, Layout, advance
 from distal.logs import Log
-from distal.regression import Shape, begun_by, features_along, features_function
+from distal.regression import Shape, begun_by, features_function, variance_beside
 from distal.rig import LearnedMap, Rig
 
 AVERAGED = 3.0
@@ -132,6 +132,28 @@ class Redundancy:
         left, findings = judged(memory[:own], x, squares)
         return ca.Function("judged_with_maps", [memory, x], [ca.vertcat(left, after), findings])
 
+    def along(self, time: Floats, values: Floats, mask: Bools) -> Floats:
+        """Return e²/σ² of each force over a log, (k, n_forces).
+
+        Args:
+            time: stamps [s], (k,).
+            values: of the channels, zero where missing, (k, n).
+            mask: whether each is there, (k, n).
+        """
+        sample = Layout(first=1, dt=1, values=len(self.channels), mask=len(self.channels))
+        memory = ca.MX.sym("memory", self.memory)
+        x = ca.MX.sym("sample", sample.size)
+        function = ca.Function(
+            "predicted",
+            [memory, x, ca.MX.sym("p", 0)],
+            [*self._predicted(memory, sample.parts(x))],
+        )
+        rows = np.column_stack(
+            [np.arange(len(time)) == 0, np.diff(time, prepend=time[:1]), values, mask]
+        )
+        feed = Feed(np.zeros(self.memory), rows.astype(np.float64), np.zeros(0))
+        return advance(Kernel(function), feed).ys
+
     def _predicted(
         self, memory: VectorNode, came: Mapping[str, VectorNode]
     ) -> tuple[VectorNode, VectorNode]:
@@ -150,11 +172,17 @@ class Redundancy:
             begun = begun_by(learned, positions, mask)
             was = memory[at : at + shape.memory.size]
             was = was + came["first"] * (begun - was)
-            frame = ca.DM(shape.flat(arrays.by_name))
+            frame = ca.MX(ca.DM(shape.flat(arrays.by_name)))
             outputs, left = features_function(shape)(was, came["dt"], positions, mask, frame)
-            phi = shape.outputs.part(outputs, "features")
-            errors = came["values"][efforts] - ca.mtimes(ca.DM(arrays["mean"]), phi)
-            squares.append(errors**2 / ca.DM(np.square(learned.rms)))
+            out = shape.outputs.parts(outputs)
+            for k, effort in enumerate(efforts):
+                mean = ca.MX(ca.DM(arrays["mean"][k]))
+                error = came["values"][effort] - ca.dot(mean, out["features"])
+                # at first nobody knows on which side of its play a drive is
+                beside = variance_beside(
+                    shape, mean, out, shape.frame.parts(frame), ca.MX.zeros(shape.channels)
+                )
+                squares.append(error**2 / (learned.rms[k] ** 2 + beside))
             after.append(left)
             at += shape.memory.size
         return ca.vertcat(*after), ca.vertcat(*squares)
@@ -164,26 +192,26 @@ def unlike_free_motion(log: Log, rig: Rig) -> dict[str, float]:
     """Return sensor → share of a log in which its force is not that of free motion at these
     positions; those that are normal are left out.
     """
+    redundancy = Redundancy.of(rig, list(log.channels))
+    if not redundancy.maps:
+        return {}
+    values = np.column_stack(list(log.channels.values()))
+    mask = np.isfinite(values)
+    names = redundancy.channels
+    squares = redundancy.along(log.time, np.where(mask, values, 0.0), mask)
     unlike = dict[str, float]()
-    for learned in Redundancy.of(rig, list(log.channels)).maps:
-        shape = Shape.of(learned)
-        read, forces = (
-            np.column_stack([log.channels[name] for name in names])
-            for names in (learned.channels, learned.joints)
-        )
-        along = features_along(shape, shape.flat(learned.arrays.by_name), log.time, read)
-        errors = forces - along["features"] @ learned.arrays["mean"].T
+    at = 0
+    for learned in redundancy.maps:
+        read = [names.index(name) for name in learned.channels]
         low, high = np.array(list(learned.reach.values())).T
-        inside = np.all((read >= low) & (read <= high), axis=1)
-        for name, column, rms, limit in zip(
-            learned.joints, errors.T, learned.rms, learned.normal, strict=True
-        ):
-            compared = inside & np.isfinite(column)
-            squares = np.minimum((column[compared] / rms) ** 2, MOST)
-            means = recent_mean(squares, log.time, AVERAGED)
+        usable = np.all(mask[:, read] & (values[:, read] >= low) & (values[:, read] <= high), 1)
+        for name, limit in zip(learned.joints, learned.normal, strict=True):
+            compared = usable & mask[:, names.index(name)]
+            means = recent_mean(np.minimum(squares[compared, at], MOST), log.time, AVERAGED)
             share = float(np.sum(means > limit)) / len(log)
             if share > 1 - NORMAL:
                 unlike[name] = share
+            at += 1
     return unlike
 
 
