@@ -268,6 +268,18 @@ def test_coarse_readings_may_rest(
     assert not np.isnan(entry(rig, coarse, tmp_path)).any()
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_drive_with_a_coarse_current_may_rest(rig: Rig, seed: int, tmp_path: Path) -> None:
+    """It goes from rest to rest, and its current is read in steps that are wider than its noise:
+    the first rests teach that it rests.
+    """
+    rng = np.random.default_rng(seed)
+    phase = np.cumsum(np.where((np.arange(N) // 150) % 2 == 0, 0.02, 0.0))
+    current = 90.0 * np.sin(phase + 1.0) + rng.normal(0.0, 3.0, N)
+    logged = np.column_stack([np.round(400.0 * np.sin(phase)), 20.0 * np.round(current / 20.0)])
+    assert not np.isnan(one_by_one(rig, logged, tmp_path)[600:]).any()
+
+
 @pytest.mark.parametrize("apart", [700, 120])
 @pytest.mark.parametrize("entry", ENTRIES)
 def test_of_two_sources_in_turn_neither_is_believed(

@@ -15,7 +15,7 @@ from math import floor, inf, log, log1p, nan, pi, sqrt
 import numpy as np
 
 from distal.arrays import Floats
-from distal.logs.encoders import RARE, Kind, encoder_of
+from distal.logs.encoders import RARE, UNUSUAL, Kind, encoder_of
 from distal.logs.log import LARGEST_READING, sealed
 from distal.rig import REFERENCES, Rig, Sensor
 
@@ -289,7 +289,9 @@ class _Noise:
         self._last = nan
         self._run = 0
         self._repeated = 0
+        self._longest = 0
         self._changed = 0
+        self._usual = 0.0
         self._smallest = inf
         self._differences = (0.0, 0.0)
         self._sums = (0.0, 0.0)
@@ -300,8 +302,11 @@ class _Noise:
         if number == self._last:
             self._run += 1
             return self._run
-        if self._run and self._run * self.chance >= log(IMPROBABLE):
+        # old readings end with a jump, a rest does not
+        is_rest = abs(number - self._last) <= UNUSUAL * self._usual
+        if self._run and (is_rest or self._run * self.chance >= log(IMPROBABLE)):
             self._repeated += self._run
+            self._longest = max(self._longest, self._run)
         self._run = 0
         self._last = number
         return 0
@@ -318,6 +323,7 @@ class _Noise:
         third = second - self._differences[1]
         self._differences = difference, second
         self._changed += 1
+        self._usual += (abs(difference) - self._usual) / self._changed
         self._smallest = min(self._smallest, abs(difference))
         if self._changed > 2:
             self._sums = self._sums[0] + abs(second), self._sums[1] + abs(third)
@@ -331,7 +337,7 @@ class _Noise:
     def chance(self) -> float:
         """Logarithm of the probability that it repeats once more, the value being at rest."""
         coincidence = self._coincidence()
-        if coincidence == 0.0:
+        if coincidence == 0.0 or self._run <= UNUSUAL * self._longest:
             return 0.0
         often = (self._repeated + 1) / (self._repeated + self._changed + 2)
         return min(log(max(coincidence, often)), 0.0)
