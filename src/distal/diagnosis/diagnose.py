@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from distal.arrays import Bools, Floats
-from distal.confidence import BAND, COVERED, LARGE_PRIOR
+from distal.confidence import BAND, COVERED
 from distal.diagnosis.causes import Cause, causes_of
 from distal.diagnosis.finding import COMPLIANCE, SCALE, ZERO, Finding, Kind, named_cause
 from distal.diagnosis.known_motion import sizes
@@ -78,7 +78,6 @@ def diagnose(
     if log is None or rig is None:
         return diagnose_estimate(result)
     free = rig.free_motion
-    farthest = LARGE_PRIOR if free is None else free.departure(LARGE_PRIOR)
     truth = against_truth(result)
     further = [
         *truth,
@@ -87,7 +86,7 @@ def diagnose(
         *out_of_range(log, _learned_range(rig)),
         *not_free(log, rig),
     ]
-    first = diagnose_estimate(result, further, farthest=farthest)
+    first = diagnose_estimate(result, further, is_fitted=free is not None)
     if result.estimator != "adaptive" or not what_if:
         return first
     runs = _runs(log, rig, homing, compiled=compiled)
@@ -118,7 +117,7 @@ def diagnose(
         further += _named(trials, kind, rig)
     if not any(finding.contradicts for finding in (*further, *channels.disagreeing())):
         further += _cannot_be_felt(unfelt(derivatives, test), rig)
-    return diagnose_estimate(result, further, channels, farthest)
+    return diagnose_estimate(result, further, channels, is_fitted=free is not None)
 
 
 def why_diverged(log: Log, rig: Rig, homing: float | None = None) -> list[Finding]:

@@ -185,7 +185,7 @@ def _since(time: Floats, scaled: Floats, limit: float) -> float:
     return float(time[0] + first * SPAN) if first > 0 and before < 0.0 < above[first] else np.nan
 
 
-def _left(estimate: Estimate, farthest: float) -> list[Finding]:
+def _left(estimate: Estimate) -> list[Finding]:
     """Return the findings on parameters that left their priors."""
     means = estimate.prior_means
     stds = estimate.prior_stds
@@ -197,7 +197,7 @@ def _left(estimate: Estimate, farthest: float) -> list[Finding]:
     left = dict[str, Finding]()
     with np.errstate(invalid="ignore", divide="ignore"):
         # NaN: a state that is meant to move
-        order = np.flatnonzero((stds > 0.0) & (away - spreads > farthest * stds))
+        order = np.flatnonzero((stds > 0.0) & (away - spreads > LARGE_PRIOR * stds))
         order = order[np.argsort(-away[order] / stds[order], kind="stable")]
     for i in order:
         # the weights of a sensor's linearity are one thing
@@ -310,7 +310,8 @@ def diagnose_estimate(
     estimate: Estimate,
     further: Sequence[Finding] = (),
     channels: ChannelStatistics | None = None,
-    farthest: float = LARGE_PRIOR,
+    *,
+    is_fitted: bool = False,
 ) -> Diagnosis:
     """Return what the innovations and states of an estimate say, together with findings by other
     means; see `distal.diagnose`.
@@ -319,7 +320,8 @@ def diagnose_estimate(
         estimate: to be diagnosed.
         further: findings by other means.
         channels: statistics of the innovations; by default those of the estimate.
-        farthest: distance from its prior from which on a parameter has left it [its stds].
+        is_fitted: whether logs taught what forces are normal: numbers of a rig that lacks physics
+            then stray without end, and say nothing.
     """
     channels = channels_of(estimate) if channels is None else channels
     # the truth has the last word, so it is said first; causes come right after what they explain
@@ -329,7 +331,7 @@ def diagnose_estimate(
     findings = [
         *truth,
         *(looks + disagreeing if truth else disagreeing + looks),
-        *_left(estimate.with_all_states, farthest),
+        *([] if is_fitted else _left(estimate.with_all_states)),
         *_turning(estimate),
         *_friction(estimate.with_all_states),
         *(finding for finding in further if finding not in (*truth, *looks)),

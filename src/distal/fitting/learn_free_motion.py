@@ -21,7 +21,6 @@ from distal.fitting.map_samples import SETTLING
 from distal.fitting.map_search import HeldOut, learned_map
 from distal.logs import Log
 from distal.regression import Samples
-from distal.results import Estimate
 from distal.rig import FreeMotion, LearnedMap, MapArrays, Rig
 from distal.run import estimate
 from distal.run.health import MEMORY
@@ -63,7 +62,6 @@ def free_motion_of(
     positions = [[log.channels[of_drives[name]] for name in drives] for log in logs]
     spread = np.maximum(np.nanstd(np.hstack([np.array(rows) for rows in positions]), axis=1), 1e-9)
     squares, paces, seconds, neighbours, variances = (list[Floats]() for _ in range(5))
-    strayed = 0.0
     for taught, log, readings in zip(rigs, logs, positions):
         estimator = closed_filter(taught)
         result = estimate(log, taught, estimator)
@@ -71,7 +69,6 @@ def free_motion_of(
         stds = np.sqrt(np.maximum(result.innovation_variances, 1e-30))
         shown = np.nan_to_num(result.innovations / stds)
         variances.append(result.innovation_variances[begun])
-        strayed = max(strayed, _strayed(estimator, result))
         squares.append(recent_mean(shown, log.time, EVIDENCE_TIME)[begun] ** 2)
         seconds.append(recent_mean(shown**2, log.time, MEMORY)[begun])
         both = np.maximum(np.mean(shown[begun] ** 2, axis=0), 1e-30)
@@ -98,7 +95,6 @@ def free_motion_of(
         felt=_felt(
             estimator, dict(zip(compared, np.array(at_rest) ** 2 * np.median(expected, 0)[at]))
         ),
-        strayed=strayed,
         fastest=float(np.max(pace)),
         drives=drives,
         spread=tuple(spread.tolist()),
@@ -163,16 +159,6 @@ def _largest_means(
     return tuple(np.exp(needed.mean(axis=1) + bound * spread).tolist())
 
 
-def _strayed(estimator: AdaptiveFilter, result: Estimate) -> float:
-    """Return by how many of its stds a number of the rig was off its prior at most, beyond its own
-    std then.
-    """
-    means, stds = estimator.priors
-    watched = np.isfinite(means) & (stds > 0.0)
-    away = np.abs(result.means - means)[:, watched] - np.sqrt(result.variances[:, watched])
-    return float(np.max(away / stds[watched], initial=0.0))
-
-
 def widest(first: FreeMotion, second: FreeMotion) -> FreeMotion:
     """Return the normal forces of two results for the same sensors and logs, of each limit the
     larger.
@@ -181,8 +167,7 @@ def widest(first: FreeMotion, second: FreeMotion) -> FreeMotion:
         name: tuple(map(max, getattr(first, name), getattr(second, name)))
         for name in ("at_rest", "moving", "squares", "correlations", "felt")
     }
-    strayed = max(first.strayed, second.strayed)
-    return first.model_copy(update={**larger, "strayed": strayed})
+    return first.model_copy(update=larger)
 
 
 def _felt(estimator: AdaptiveFilter, normal: Mapping[str, float]) -> tuple[float, ...]:

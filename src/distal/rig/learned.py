@@ -307,12 +307,6 @@ NOTHING_NORMAL = {"at_rest": 1.0, "moving": 0.0, "fastest": UNLIMITED}
 """What stands in place of `FreeMotion.of_channel` for a rig without [free_motion]."""
 
 
-STRAYS_FURTHER = 1.5
-"""A number of a rig may be so many times as far from its prior as in the logs [1]. Source:
-judgement.
-"""
-
-
 class FreeMotion(Description):
     """The innovations that are normal in free motion, on logs that the fit had not seen.
 
@@ -337,12 +331,6 @@ class FreeMotion(Description):
     felt: Row = Field(
         description="torque of each joint from which on a touch is felt, in the median [N m]; 0 of "
         "one where none is"
-    )
-    strayed: float = Field(
-        0.0,
-        ge=0.0,
-        description="by how many of its stds a number of the rig was off its prior at most, beyond "
-        "its own std then [1]",
     )
     fastest: float = Field(UNLIMITED, gt=0.0, description="largest v² in the logs [1/s²]")
     drives: tuple[str, ...] = Field(min_length=1, description="the drives")
@@ -369,12 +357,6 @@ class FreeMotion(Description):
             f"on {self.logs} logs left out of its fit the rig errs by "
             f"{rounded(degrees(self.rms))}°, {100 * self.inside:.0f} % inside the 95 % band"
         )
-
-    def departure(self, exact: float) -> float:
-        """Return from how many of its stds on a number of the rig is too far from its prior; of a
-        model that is exact that would be from `exact` on.
-        """
-        return max(exact, STRAYS_FURTHER * self.strayed)
 
     def of_channel(self, name: str) -> dict[str, float]:
         """Return what is normal of a sensor: `at_rest` a [1], `moving` b [s], and `fastest`, the
