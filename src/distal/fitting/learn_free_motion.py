@@ -31,6 +31,19 @@ LEAST_AT_REST = 0.3
 seldom says little of rest [1]. Source: judgement.
 """
 
+USUAL_SPREAD = 0.5
+"""Spread over the logs of a rig of the natural logarithm of what a log needs [1]. Source: benchmark
+(python -m benchmarks.redundancy, eight rigs).
+"""
+
+USUAL_FREEDOM = 8
+"""Degrees of freedom of that spread as a prior. Source: definition (one for each of these rigs)."""
+
+LEAST_LIMIT = 3.0
+"""Least limit on the mean of e²/rms² [1]: logs of one kind of motion do not tell it better; another
+motion reached 2.6. Source: judgement (docs/tutorial.md).
+"""
+
 SMALLEST_SQUARE = 1e-6
 """Least normal mean of ν²/S [1]. Source: rounding (the limit of a force without innovations is
 zero).
@@ -138,8 +151,8 @@ def _largest_means(
     held_out: Sequence[Sequence[HeldOut]], rms: Sequence[float]
 ) -> tuple[float, ...]:
     """Return the largest mean of e²/rms² of each force that is normal on a further log: the bound
-    of 95 % by Student's distribution of the logarithms of what each log left out needs, their
-    spread being that of all forces together.
+    of 95 % by Student's distribution of the logarithms of what each log left out needs, with the
+    spread of all forces together and a prior from other rigs.
     """
     squares = (
         [(log.time, np.minimum((log.errors / size) ** 2, MOST)) for log in of_logs]
@@ -152,11 +165,12 @@ def _largest_means(
         ]
     )
     forces, logs = needed.shape
-    freedom = forces * (logs - 1)
-    spread = np.sqrt(np.sum(needed.var(axis=1)) * logs / freedom * (1 + 1 / logs))
+    freedom = forces * (logs - 1) + USUAL_FREEDOM
+    squares_about = np.sum(needed.var(axis=1)) * logs + USUAL_FREEDOM * USUAL_SPREAD**2
+    spread = np.sqrt(squares_about / freedom * (1 + 1 / logs))
     # none of several forces is to be beyond (Bonferroni)
-    bound = stdtrit(max(freedom, 1), 1 - (1 - COVERED) / (2 * forces))
-    return tuple(np.exp(needed.mean(axis=1) + bound * spread).tolist())
+    bound = stdtrit(freedom, 1 - (1 - COVERED) / (2 * forces))
+    return tuple(np.maximum(np.exp(needed.mean(axis=1) + bound * spread), LEAST_LIMIT).tolist())
 
 
 def widest(first: FreeMotion, second: FreeMotion) -> FreeMotion:
