@@ -14,10 +14,11 @@ import pytest
 
 from distal import load_rig
 from distal.codegen import Plain
-from distal.errors import ExportError, OutputError
+from distal.errors import Content, ExportError, OutputError
 from distal.export import c_name, export_c
 from distal.export.c_text import TAKEN, checked_name, filled
 from distal.export.project import export_files
+from distal.logs import atomic_writes
 
 COMPILERS = [name for name in ("gcc", "clang", "arm-none-eabi-gcc") if shutil.which(name)]
 WORDS = """
@@ -153,21 +154,21 @@ def test_all_files_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     rig = load_rig("capstan-joint")
     export_c(rig, tmp_path, "ekf-2008", name="finger")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    real = os.fdopen
+    real = atomic_writes.put
     for full in range(len(export_files("finger"))):
         opened = 0
 
-        def limited(*words: object, **more: object) -> object:
+        def limited(path: Path, content: Content) -> None:
             nonlocal opened
             opened += 1
             if opened > full:  # noqa: B023
                 raise OSError(28, "No space left on device")
-            return real(*words, **more)  # type: ignore[call-overload]
+            real(path, content)
 
-        monkeypatch.setattr(os, "fdopen", limited)
+        monkeypatch.setattr(atomic_writes, "put", limited)
         with pytest.raises(OutputError, match="No space left"):
             export_c(rig, tmp_path, "ekf-2008", single=True, name="finger")
-        monkeypatch.setattr(os, "fdopen", real)
+        monkeypatch.setattr(atomic_writes, "put", real)
         assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
     for broken in range(1, len(before) + 1):
         moved, replace = 0, os.replace

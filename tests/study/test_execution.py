@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from distal.errors import OutputError, StudyError
+from distal.errors import Content, OutputError, StudyError
+from distal.logs import atomic_writes
 from distal.study import Plan, open_folder, run_study, space_of
 from distal.study.execution import Columns
 from tests.study.plans import RAW, small
@@ -115,16 +116,15 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
 def test_a_disk_that_is_full_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plan = many()
     folder, calls = open_folder(plan, tmp_path), list[int]()
-    fsync = os.fdopen
+    put = atomic_writes.put
 
-    def full(handle: int, mode: str) -> object:
+    def full(path: Path, content: Content) -> None:
         calls.append(1)
         if len(calls) > 1:
-            os.close(handle)
             raise OSError(28, "No space left on device")
-        return fsync(handle, mode)
+        put(path, content)
 
-    monkeypatch.setattr("distal.logs.atomic_writes.os.fdopen", full)
+    monkeypatch.setattr(atomic_writes, "put", full)
     with pytest.raises(OutputError, match="No space left on device"):
         run_study(plan, space_of(plan), folder, 1)
     assert [file.name for file in (tmp_path / "rows").iterdir()] == ["000000.parquet"]

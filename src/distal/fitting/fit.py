@@ -220,8 +220,8 @@ def _with_free_motion(learned: Learned, candidate: Candidate, judged: Judged) ->
     (`efforts_of`), and beside the filter (`FreeMotion`) where the held-out logs are not few and the
     band holds enough of their samples.
     """
-    training = judged.training
-    efforts = efforts_of(training.logs, learned.rig, training.folds)
+    folds = folds_of(groups_among(judged.logs, judged.training.options.units))
+    efforts = efforts_of(judged.logs, learned.rig, folds)
     learned = replace(learned, rig=learned.rig.with_map(efforts=efforts))
     scores = [log.scores[WRITTEN] for log in learned.compared]
     ran = [score for score in scores if score is not None]

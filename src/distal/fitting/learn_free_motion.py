@@ -20,7 +20,7 @@ from distal.estimators.adaptive.touch import EVIDENCE_TIME, PACE_TIME
 from distal.fitting.map_samples import SETTLING
 from distal.fitting.map_search import HeldOut, learned_map
 from distal.logs import Log
-from distal.regression import Samples
+from distal.regression import FEWEST_LOGS, Samples
 from distal.rig import FreeMotion, LearnedMap, MapArrays, Rig
 from distal.run import estimate
 from distal.run.health import MEMORY
@@ -119,7 +119,8 @@ def efforts_of(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> tuple[Lea
     """Return what each force and tension is in free motion, by the positions of the drives of its
     part and what these remember; see `distal.run.redundancy`.
 
-    No log needs the known angle. The errors are those on logs left out.
+    No log needs the known angle. The errors are those on logs left out; fewer than `FEWEST_LOGS`
+    teach nothing.
     """
     efforts = {sensor.name for sensor in rig.sensors if sensor.measures in ("force", "tension")}
     maps = []
@@ -127,9 +128,17 @@ def efforts_of(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> tuple[Lea
         forces = tuple(name for name in part["channels"] if name in efforts)
         if not forces or not part["positions"]:
             continue
-        data = [_of_efforts(log, forces, part["positions"]) for log in logs]
+        names = (*forces, *part["positions"])
+        whole = [
+            i
+            for i, log in enumerate(logs)
+            if all(np.isfinite(log.channels[n]).any() for n in names)
+        ]
+        if len({folds[i] for i in whole}) < FEWEST_LOGS:
+            continue
+        data = [_of_efforts(logs[i], forces, part["positions"]) for i in whole]
         described = {**part, "joints": forces, "channels": part["positions"]}
-        learned, held_out = learned_map(data, described, folds)
+        learned, held_out = learned_map(data, described, [folds[i] for i in whole])
         arrays = dict(learned.arrays.by_name)
         # no variance is asked: the errors on logs left out are what is known of it
         arrays["covariance"] = np.zeros_like(arrays["covariance"])
