@@ -129,16 +129,16 @@ def efforts_of(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> tuple[Lea
         if not forces or not part["positions"]:
             continue
         names = (*forces, *part["positions"])
-        whole = [
+        usable = [
             i
             for i, log in enumerate(logs)
             if all(np.isfinite(log.channels[n]).any() for n in names)
         ]
-        if len({folds[i] for i in whole}) < FEWEST_LOGS:
+        if len({folds[i] for i in usable}) < FEWEST_LOGS:
             continue
-        data = [_of_efforts(logs[i], forces, part["positions"]) for i in whole]
+        data = [_of_efforts(logs[i], forces, part["positions"]) for i in usable]
         described = {**part, "joints": forces, "channels": part["positions"]}
-        learned, held_out = learned_map(data, described, [folds[i] for i in whole])
+        learned, held_out = learned_map(data, described, [folds[i] for i in usable])
         arrays = dict(learned.arrays.by_name)
         # no variance is asked: the errors on logs left out are what is known of it
         arrays["covariance"] = np.zeros_like(arrays["covariance"])
