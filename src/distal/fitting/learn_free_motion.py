@@ -32,12 +32,12 @@ seldom says little of rest [1]. Source: judgement.
 """
 
 USUAL_SPREAD = 0.5
-"""Spread over the logs of a rig of the natural logarithm of what a log needs [1]. Source: benchmark
-(python -m benchmarks.redundancy, eight rigs).
+"""Spread over the logs of a rig of the natural logarithm of what a log needs [1]. Source: judgement
+(0.3 to 1.1 on the eight rigs of benchmarks/redundancy, most near 0.5).
 """
 
 USUAL_FREEDOM = 8
-"""Degrees of freedom of that spread as a prior. Source: definition (one for each of these rigs)."""
+"""Degrees of freedom of that spread as a prior. Source: judgement (these rigs)."""
 
 LEAST_LIMIT = 3.0
 """Least limit on the mean of e²/rms² [1]: logs of one kind of motion do not tell it better; another
@@ -132,7 +132,7 @@ def efforts_of(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> tuple[Lea
         usable = [
             i
             for i, log in enumerate(logs)
-            if all(np.isfinite(log.channels[n]).any() for n in names)
+            if all(np.isfinite(log.channels.get(n, np.nan)).any() for n in names)
         ]
         if len({folds[i] for i in usable}) < FEWEST_LOGS:
             continue
