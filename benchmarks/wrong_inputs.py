@@ -3,9 +3,12 @@
 `python -m benchmarks.wrong_inputs [FOLDER …]` spoils logs in the ways of `KINDS` and writes them as
 CSV. Each goes through `read_log` and `estimate` with the words of `log_health`, and through a
 stream's messages and `Monitor`. Counted are the samples whose error is more than 1.5 half-widths of
-the 95 % band while the word is "ok". Logs are shipped scenarios, with DISTAL_DATA the hand of
-`cases/base`, and each FOLDER's `*.toml` with its logs `free_*.csv` (plants that share no code with
-the model, rigs that were learned from others of their logs).
+the 95 % band while the word is "ok". A kind *shows* on a rig where the readings are clearly less
+likely than without it: a t-test of the log densities of innovations, and of forces by what
+positions predict of them, over `BLOCKS` parts of the log, at the level `LEVEL`. Logs are shipped
+scenarios, with DISTAL_DATA the hand of `cases/base`, and each FOLDER's `*.toml` with its logs
+`free_*.csv` (plants that share no code with the model, rigs that were learned from others of their
+logs).
 """
 
 from __future__ import annotations
@@ -20,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from scipy.stats import ttest_1samp
 
 from benchmarks.report import table
 from distal import (
@@ -39,9 +43,16 @@ from distal import (
 from distal.confidence import BAND
 from distal.logs import MessageReader, true_angles, write_log
 from distal.rig import log_factor
+from distal.run.redundancy import MOST, Redundancy
 
 WIDE = 1.5
 """Half-widths of the band beyond which an error counts as hidden."""
+
+BLOCKS = 20
+"""Number of parts of a log whose densities count as independent."""
+
+LEVEL = 0.001
+"""Chance that a kind that changes nothing counts as one that shows."""
 
 OFF = np.radians(20.0)
 """Angle of a joint by which a reading is off [rad]."""
@@ -229,8 +240,34 @@ def _hidden(
     return float(np.mean(off & is_ok)), float(np.mean(off)), float(np.mean(~is_ok))
 
 
-def results(folders: list[Path]) -> dict[str, list[tuple[str, str, float, float, float]]]:
-    """Return kind → (rig, entry point, share hidden, share off, share not ok)."""
+def _densities(log: Log, rig: Rig) -> list[np.ndarray]:
+    """Return the log densities of a log's samples: of its innovations, and of its forces by what
+    positions predict of them.
+    """
+    result = estimate(log, rig)
+    variances = np.maximum(result.innovation_variances, 1e-30)
+    squares = result.innovations**2 / variances + np.log(variances)
+    redundancy = Redundancy.of(rig, list(log.channels))
+    values = np.column_stack(list(log.channels.values()))
+    mask = np.isfinite(values)
+    predicted = redundancy.along(log.time, np.where(mask, values, 0.0), mask)
+    return [-np.nansum(squares, axis=1) / 2, -np.sum(np.minimum(predicted, MOST), axis=1) / 2]
+
+
+def _shows(spoiled: Log, good: list[np.ndarray], rig: Rig) -> bool:
+    """Return whether the samples of a log are clearly less likely than the `good` ones."""
+    for as_is, right in zip(_densities(spoiled, rig), good, strict=True):
+        lost = [part.mean() for part in np.array_split(right - as_is, BLOCKS)]
+        if np.any(lost) and ttest_1samp(lost, 0.0, alternative="greater").pvalue < LEVEL:
+            return True
+    return False
+
+
+Row = tuple[str, str, float, float, float, bool]
+
+
+def results(folders: list[Path]) -> dict[str, list[Row]]:
+    """Return kind → (rig, entry point, share hidden, share off, share not ok, whether it shows)."""
     found = defaultdict(list)
     with tempfile.TemporaryDirectory() as name, warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -239,6 +276,7 @@ def results(folders: list[Path]) -> dict[str, list[tuple[str, str, float, float,
             good: Log = read_log(path, rig)
             truth = true_angles(good, rig.joint_names)
             assert truth is not None
+            densities = _densities(good, rig)
             for kind, change in KINDS.items():
                 given = pd.read_csv(path)
                 columns = dict.fromkeys(_sensors(rig, given), float)
@@ -252,11 +290,14 @@ def results(folders: list[Path]) -> dict[str, list[tuple[str, str, float, float,
                     result = estimate(log, rig)
                 except DistalError:  # it ends with a sentence
                     shares = 0.0, 1.0, 1.0
+                    shows = True
                 else:
+                    shows = _shows(log, densities, rig)
                     words = list(log_health(log, rig))
                     shares = _hidden(result.angles, result.angle_stds, words, truth)
-                found[kind].append((rig_name, "estimate", *shares))
-                found[kind].append((rig_name, "stream", *_hidden(*_streamed(file, rig), truth)))
+                found[kind].append((rig_name, "estimate", *shares, shows))
+                streamed = _hidden(*_streamed(file, rig), truth)
+                found[kind].append((rig_name, "stream", *streamed, shows))
     return found
 
 
@@ -270,8 +311,26 @@ def main() -> None:
         hidden = [entry[2] for entry in entries]
         worst = entries[int(np.argmax(hidden))]
         means = [f"{100 * np.mean([entry[i] for entry in entries]):.1f}" for i in (2, 3, 4)]
-        rows.append((kind, *means, f"{100 * worst[2]:.0f} ({worst[0]}, {worst[1]})"))
-    columns = ("kind", "off, but ok [%]", "off [%]", "not ok [%]", "worst: off, but ok [%]")
+        shown = [entry[2] for entry in entries if entry[5]]
+        silent = sorted({entry[0] for entry in entries if not entry[5]})
+        rows.append(
+            (
+                kind,
+                *means,
+                f"{100 * worst[2]:.0f} ({worst[0]}, {worst[1]})",
+                f"{100 * np.mean(shown):.1f}" if shown else "",
+                ", ".join(silent),
+            )
+        )
+    columns = (
+        "kind",
+        "off, but ok [%]",
+        "off [%]",
+        "not ok [%]",
+        "worst: off, but ok [%]",
+        "off, but ok, where it shows [%]",
+        "shows not on",
+    )
     table("wrong_inputs", "Readings that go wrong", columns, rows)
 
 

@@ -6,6 +6,7 @@ from distal.estimators.directions import Directions, directions
 from distal.estimators.estimator_protocol import (
     LARGEST_ANGLE,
     SHORTEST,
+    TOUCHED,
     WILD,
     Estimator,
     KernelEstimator,
@@ -40,6 +41,7 @@ __all__ = [
     "ESTIMATORS",
     "LARGEST_ANGLE",
     "SHORTEST",
+    "TOUCHED",
     "UNITS_OF_JOINTS",
     "WILD",
     "AdaptiveFilter",

@@ -65,6 +65,11 @@ def wild_problem(sample: Floats) -> str | None:
     return None
 
 
+TOUCHED = 0.5
+"""Probability of a touch beyond which a joint counts as touched [1]. Source: definition (rather
+touched than not).
+"""
+
 LARGEST_ANGLE = 50.0
 """A joint angle beyond this means that the filter diverged [rad]. Source: judgement."""
 
@@ -387,8 +392,8 @@ class KernelEstimator:
 
     @property
     def touched(self) -> tuple[int, ...]:
-        """Indices in the kernel state of the share, 0 (free) to 1, that a touch has of each joint
-        that may be touched; empty where the estimator looks for no touch.
+        """Indices in the kernel state of the probability that something touches a joint, of each
+        joint that may be touched; empty where the estimator looks for no touch.
         """
         return ()
 

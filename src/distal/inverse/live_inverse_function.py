@@ -16,7 +16,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import EstimationError
-from distal.estimators import SHORTEST
+from distal.estimators import SHORTEST, TOUCHED
 from distal.estimators.adaptive import StateVector, state_vector
 from distal.inverse.command_inputs import DERIVED
 from distal.inverse.setpoint_function import KERNEL, CommandModel
@@ -37,11 +37,6 @@ up for a wrong position [s]. Source: judgement.
 BEYOND = 1e-9
 """Distance beyond a drive's range from which on the drive counts as at its end [m, rad]. Source:
 rounding (positions that are equal).
-"""
-
-TOUCHED = 0.5
-"""Share of a touch from which on feedback does not integrate [1]. Source: definition (rather
-touched than not).
 """
 
 GUIDED = ("wished", "reference", "rate", "speed", "acceleration", "correction", "effort", "rests")
@@ -115,7 +110,7 @@ class LiveModel:
         parameters, torques = self._believed()(came["state"], own, derived)
         inputs = {f"{name}_before": part for name, part in was.items()}
         inputs |= {name: gains[name] for name in OF_EACH}
-        free = came["touched"] < TOUCHED
+        free = came["touched"] <= TOUCHED
         # nothing winds up against a stop, nor against the end of a drive's range
         guided = guide_function(model.nf)(
             angles=came["state"][model.free],

@@ -18,7 +18,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.confidence import LARGE_PRIOR, SMALL
-from distal.estimators import KernelEstimator
+from distal.estimators import TOUCHED, KernelEstimator
 from distal.estimators.read_channels import DEAD, dead_after
 from distal.expressions import Scalar, Vector
 from distal.kernels import Layout
@@ -68,11 +68,6 @@ intervals, it begins anew. Source: judgement.
 LARGE = 2.5
 """Mean of ν²/S beyond which a sensor disagrees [1]; for a fitted rig, the mean relative to the
 largest in its free motion. Source: judgement.
-"""
-
-TOUCHED = 0.5
-"""Share of a touch in a joint, 0 (free) to 1, beyond which the joints count as touched [1]. Source:
-judgement.
 """
 
 MEMORY = 1.0
@@ -133,8 +128,8 @@ class Watch:
             [deg]. Then what the maps of the `redundancy` remember.
         sample: layout of the input: whether it is the first sample, dt, values and mask of the
             channels, stds of the angles, innovations, their mask and their variances, the watched
-            states and their variances, and the largest share that a touch has of a
-            joint.
+            states and their variances, and the largest probability that a joint is
+            touched.
         findings: layout of the output: the code of the reported word, then 1 where a finding holds:
             gap, hurried, nothing read, untested, unknown, touched by the filter; for each position
             that predicts forces outside, for each of these forces unlike; for each
@@ -186,8 +181,14 @@ def watch_of(estimator: KernelEstimator) -> Watch:
     watched = tuple(np.flatnonzero(np.isfinite(means) & tested).tolist())
     roles = [measurand_of(sensor).role for sensor in chosen]
     placed = tuple(i for i, role in enumerate(roles) if role is Role.POSITION)
-    ends = range_ends(estimator.rig, estimator.channels)
     redundancy = Redundancy.of(estimator.rig, estimator.channels)
+    # of what logs taught, they say where it may be and how often it repeats itself
+    taught = redundancy.positions
+    ends = tuple(
+        end
+        for end in range_ends(estimator.rig, estimator.channels)
+        if estimator.channels[end.position] not in taught
+    )
     n = len(chosen)
     m = len(estimator.measured)
     j = len(estimator.rig.joints)
@@ -259,7 +260,10 @@ def watch_of(estimator: KernelEstimator) -> Watch:
     same = ca.if_else(moved, 0, was["same"] + dt)
     # a sensor with noise does not say the same twice for long
     noisy = _column(
-        [s.noise > step_of(s) and role is not Role.REFERENCE for s, role in zip(chosen, roles)]
+        [
+            s.noise > step_of(s) and role is not Role.REFERENCE and s.name not in taught
+            for s, role in zip(chosen, roles)
+        ]
     )
     dead = age >= silence - ROUNDING
     stuck = noisy * mask * (same >= silence - ROUNDING)

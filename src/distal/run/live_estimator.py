@@ -138,7 +138,7 @@ class LiveEstimator:
         self._covariance = _view(self._spread)
         # a strided view of the covariance's diagonal, which can be written
         self._diagonal = self._kernel_state[self._n : self._n * (self._n + 1) : self._n + 1]
-        self._shares = list(chosen.touched)
+        self._touched = list(chosen.touched)
         self._contacts = chosen.contacts
         self._touchable = list(external_torques_of(chosen))
         self._torques = list(external_torques_of(chosen).values())
@@ -439,8 +439,8 @@ class LiveEstimator:
 
     @property
     def touched(self) -> float:
-        """The largest share, 0 (free) to 1, that a touch has of a joint."""
-        return float(self._kernel_state[self._shares].max(initial=0.0))
+        """The largest probability that something touches a joint."""
+        return float(self._kernel_state[self._touched].max(initial=0.0))
 
     @property
     def external_torques(self) -> Floats:

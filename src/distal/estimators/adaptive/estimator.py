@@ -166,8 +166,9 @@ class AdaptiveFilter(KernelEstimator):
         if not self._reporting_maps:
             return function
         n = len(self.states.names)
+        shares = tuple(self._of_torques("share"))
         variances = [n + i * (n + 1) for i in range(self.states.context.n_joints)]
-        return reporting_function(function, self._reported, self.positions, variances, self.touched)
+        return reporting_function(function, self._reported, self.positions, variances, shares)
 
     def prior_function(self) -> ca.Function:
         """Return the function (values, mask, p) → (mean, covariance's diagonal, memory) before the
@@ -288,10 +289,10 @@ class AdaptiveFilter(KernelEstimator):
 
     @property
     def touched(self) -> tuple[int, ...]:
-        """Indices in the kernel state of the share, 0 (free) to 1, that a touch has of each joint
-        that may be touched.
+        """Indices in the kernel state of the probability that something touches a joint, of each
+        joint that may be touched.
         """
-        return tuple(self._of_torques("share"))
+        return tuple(self._of_torques("probability"))
 
     def _of_torques(self, part: str) -> list[int]:
         """Return the indices in the kernel state of a part of what is remembered of each torque."""

@@ -20,6 +20,7 @@ from distal.estimators.adaptive.drive_tracking import Tracks
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.interval import Interval
 from distal.estimators.adaptive.states.vector import StateVector
+from distal.estimators.estimator_protocol import TOUCHED
 from distal.expressions import ScalarNode, VectorNode
 from distal.kernels.layout import Layout
 from distal.rig import Sensor
@@ -295,7 +296,7 @@ def opening_function(count: int) -> ca.Function:
     share = ca.if_else(lost, fade * was["share"], opened / (opened + smallest))
     times = torque**4 / ca.fmax(smallest**2, SMALLEST_TORQUE)
     probability = ca.if_else(lost, was["probability"], times / (times + TOUCHING**4))
-    touches = probability > ca.if_else(was["since"] > 0, STILL, 0.5)
+    touches = probability > ca.if_else(was["since"] > 0, STILL, TOUCHED)
     since = ca.if_else(touches, was["since"] + dt, 0)
     after = TORQUE.joined(
         opened=opened, clear=clear, share=share, probability=probability, since=since
