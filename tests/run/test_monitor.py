@@ -55,6 +55,13 @@ class TestHealth:
         assert {one.health for one in far[1:]} == {"ok"}
         assert far[0].angle_std > 2 * readings[-1].angle_std  # it says that it knows less
 
+    def test_stamps_of_another_rate_are_no_gaps(self, rig: Rig, log: Log) -> None:
+        """Three times as slow as the rig says; four of these missing are a gap all the same."""
+        rows = [*range(0, 300, 3), *range(312, 600, 3)]
+        words = [one.health for one in take(Monitor(LiveEstimator(rig)), log, rows)]
+        assert words[100] == "gap"
+        assert {*words[:100], *words[101:]} == {"ok"}
+
     def test_a_clock_that_was_set_back(self, rig: Rig, log: Log) -> None:
         monitor = Monitor(LiveEstimator(rig))
         take(monitor, log, range(200))

@@ -117,7 +117,7 @@ def estimate_command(
             "--findings", help="List each finding on the log and the rig, on a line of its own."
         ),
     ] = False,
-    unit: UnitOption = "rad",
+    unit: UnitOption = None,
     every: Annotated[
         bool, Option("--all", help="Write all states to --out, not only time, angles and torques.")
     ] = False,
@@ -140,9 +140,9 @@ def estimate_command(
         write_together,
     )
     from distal.results import PANELS, check_panels, plot_kind
-    from distal.rig import load_rig
+    from distal.rig import angle_unit, load_rig
 
-    if out is None and (unit != "rad" or every):
+    if out is None and (unit is not None or every):
         raise EstimationError(
             f"{'--all' if every else '--unit'} is about the file of --out, which is not given"
         )
@@ -177,7 +177,8 @@ def estimate_command(
         name = (estimator or [DEFAULT])[0]
 
         def write(result: Estimate, path: Path) -> None:
-            write_columns(result.columns(unit, every=every), path)
+            in_unit = unit or angle_unit(description.sensors)
+            write_columns(result.columns(in_unit, every=every), path)
 
         _estimate_many(sources, description, name, truth, home, out, level, write)
         return
@@ -207,7 +208,8 @@ def estimate_command(
     results = comparison.results
     files = dict[Path, Content]()
     if out is not None:
-        files[out] = file_of(results[0].columns(unit, every=every), out)
+        in_unit = unit or angle_unit(description.sensors)
+        files[out] = file_of(results[0].columns(in_unit, every=every), out)
     if plot is not None:
         with working("drawing"):
             files[plot] = _picture(

@@ -101,19 +101,24 @@ PlotOption = Annotated[
 ]
 
 
-def _angle_unit(unit: str) -> str:
+def _angle_unit(unit: str | None) -> str | None:
     """Raise where a unit is not one of angles; the packages of results are not imported for
     this.
     """
     from distal.errors import EstimationError
 
-    if unit not in ("rad", "deg"):
+    if unit not in (None, "rad", "deg"):
         raise EstimationError(f"--unit {unit}: angles are written in rad or deg")
     return unit
 
 
 UnitOption = Annotated[
-    str, Option("--unit", callback=_angle_unit, help="Of the angles that are written: rad or deg.")
+    str | None,
+    Option(
+        "--unit",
+        callback=_angle_unit,
+        help="Of the angles that are written: rad or deg. Default: as the log has them.",
+    ),
 ]
 
 

@@ -66,19 +66,19 @@ def stream_command(
         float | None,
         Option(min=0.0, max=1e6, help="End after so many seconds without a message (UDP)."),
     ] = None,
-    unit: UnitOption = "rad",
+    unit: UnitOption = None,
     set_: SetOption = None,
 ) -> None:
     """Read samples as CSV or JSON lines from stdin, write an estimate for each, with a word on its
     health.
 
     Columns and units are those that the rig's sensors name. CSV begins with a header. Each line is
-    answered at once: t, theta and theta_std in rad (or --unit deg; recordings are in rad), where
-    the rig's joint may be touched external_torque and external_torque_std in N m and contact, how
-    probable it is that something touches it, health, detail.
+    answered at once: t, theta and theta_std in the unit of the log's angles (recordings are in
+    rad), where the rig's joint may be touched external_torque and external_torque_std in N m and
+    contact, how probable it is that something touches it, health, detail.
     """
     from distal.logs import MessageReader, Recorder
-    from distal.rig import load_rig
+    from distal.rig import angle_unit, load_rig
     from distal.run import LiveEstimator, Monitor
 
     if idle is not None and udp is None:
@@ -104,7 +104,8 @@ def stream_command(
             target = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
             target.connect(("127.0.0.1", to_udp))
             send = target.send
-        session = Session(monitor, reader, recorder, unit, as_json or udp is not None, send)
+        in_unit = unit or angle_unit(described.sensors)
+        session = Session(monitor, reader, recorder, in_unit, as_json or udp is not None, send)
         session.csv = None if source is None else False
         stops = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
         for number in stops:

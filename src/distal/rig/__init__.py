@@ -58,6 +58,7 @@ from distal.rig.sensors.motions import drive_travel
 from distal.rig.sensors.registry import (
     REFERENCES,
     Sensor,
+    angle_unit,
     gain_of,
     log_factor,
     log_unit,
@@ -119,6 +120,7 @@ __all__ = [
     "Subsystem",
     "Tendon",
     "angle_names",
+    "angle_unit",
     "arrays_file",
     "as_rig",
     "as_table",

@@ -78,13 +78,13 @@ judgement.
 UNKNOWN = 1.0
 """Standard deviation beyond which the angle is not known [rad]. Source: judgement."""
 
-HURRIED = 0.2
-"""If intervals are below this share of the rig's nominal interval, the unit of time is probably
-wrong [1]. Source: judgement.
+HURRIED = 1000**-0.5
+"""Share of the rig's nominal interval below which the unit of time is probably wrong [1]: half way,
+in logarithms, from s to ms. Source: definition.
 """
 
 WAITING = 1.5
-"""Number of nominal intervals without a sample after which there is a gap [1]. Source: judgement.
+"""Number of usual intervals without a sample after which there is a gap [1]. Source: judgement.
 """
 
 OVERDUE = 2.5
@@ -154,11 +154,9 @@ class Watch:
 
 
 def begun(watch: Watch) -> Floats:
-    """Return the memory before the first sample: means and pace are 1, no end was visited, all
-    else is 0.
-    """
+    """Return the memory before the first sample: means are 1, no end was visited, all else is 0."""
     memory = np.zeros(watch.memory.size)
-    for name in ("ratio", "unlike", "pace"):
+    for name in ("ratio", "unlike"):
         memory[watch.memory[name]] = 1.0
     memory[watch.memory["furthest"]] = -NEVER
     return memory
@@ -294,10 +292,14 @@ def watch_of(estimator: KernelEstimator) -> Watch:
     left = (
         ca.fabs(came["watched"] - prior) - ca.sqrt(ca.fmax(came["watched_variances"], 0)) > allowed
     )
-    weight = min(interval / MEMORY, 1.0)
-    pace = was["pace"] + ca.if_else(first, 0, weight * (ca.fmin(dt / interval, 2) - was["pace"]))
+    # stamps of another rate than the rig's are no gaps; before the first interval the pace is 0
+    usual_pace = ca.if_else(was["pace"] > 0, was["pace"], ca.fmax(dt / interval, 1))
+    change = ca.fmin(dt / interval, 2 * usual_pace) - usual_pace
+    pace = ca.if_else(
+        first, was["pace"], usual_pace + ca.fmin(ca.fmax(dt, interval) / MEMORY, 1) * change
+    )
     flags: dict[str, Vector] = {
-        "gap": ca.logic_and(ca.logic_not(first), dt > WAITING * interval),
+        "gap": ca.logic_and(ca.logic_not(first), dt > WAITING * interval * ca.fmax(usual_pace, 1)),
         "hurried": ca.logic_and(ca.logic_not(first), pace < HURRIED),
         "nothing": ca.logic_not(_any(mask)),
         "untested": ca.logic_not(_any(ratio >= (SMALL if free is None else 0.0))),

@@ -13,7 +13,7 @@ from pydantic import Field
 from distal.errors import UnitError, did_you_mean
 from distal.rig.drives import Capstan
 from distal.rig.quantities import ONE, Parameter
-from distal.rig.sensors.base import Measurand, Part, Parts, Role
+from distal.rig.sensors.base import COUNTS, Measurand, Part, Parts, Role
 from distal.rig.sensors.forces import FORCE, TENSION, TORQUE, ForceSensor, TorqueSensor
 from distal.rig.sensors.imu import IMU, VALUES, Accelerometer, Gyroscope
 from distal.rig.sensors.motions import ANGLE, POSITION, AngleSensor, LengthSensor
@@ -174,6 +174,19 @@ def log_factor(sensor: Sensor) -> float:
     if isinstance(sensor, AngleSensor) and sensor.counts_per_turn is not None:
         return 2 * pi / (sensor.counts_per_turn * gear)
     return unit_factor(sensor.unit or sensor.si, sensor.si) / gear
+
+
+def angle_unit(sensors: Sequence[Sensor]) -> str:
+    """Return the unit in which a log of these sensors has angles, "deg" or "rad": that of its known
+    angles, else of its positions.
+    """
+    for role in (Role.REFERENCE, Role.POSITION):
+        among = [s for s in sensors if s.si == "rad" and measurand_of(s).role == role]
+        units = [s.unit or "rad" for s in among if s.unit not in COUNTS]
+        if units:
+            in_degrees = [unit_factor(unit, "rad") == unit_factor("deg", "rad") for unit in units]
+            return "deg" if any(in_degrees) else "rad"
+    return "rad"
 
 
 def log_unit(sensor: Sensor) -> str:
