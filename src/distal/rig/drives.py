@@ -43,12 +43,15 @@ HELD_BY = Field(
     description="holds the far side against its tendons where `held` is false",
 )
 GIVES_WAY = Field(None, description="against load; rigid by default")
+FOR_HOURS = Field(
+    None, description="torque (slider: force) it may hold for hours; what it holds by default"
+)
 DEAD_BAND = Field(0.0, description="it stops this far from where it is sent")
 """Fields that sliders and capstans have alike, each in its own unit."""
 
 
 class SliderStribeck(Stribeck):
-    """Stiction that fades with speed: Coulomb friction times 1 + excess · exp(−(v/speed)²)."""
+    """The same of a slider."""
 
     speed: Annotated[Parameter, In("m/s", "positive")]
 
@@ -86,9 +89,7 @@ class Hysteresis(Description):
 
 
 class SliderHysteresis(Hysteresis):
-    """Dry friction inside the transmission, limit = (constant + load · Σ T)(1 + slope · θ); see
-    `Hysteresis`.
-    """
+    """The same of a slider, limit = (constant + load · Σ T)(1 + slope · θ)."""
 
     constant: Load = CONSTANT
     error: Annotated[float, In("N", "nonnegative")] = LEFT_OUT
@@ -111,7 +112,7 @@ class Backlash(Description):
 
 
 class SliderBacklash(Backlash):
-    """Free play between a slider's sensor and what pulls its tendons; see `Backlash`."""
+    """The same between a slider's sensor and what pulls its tendons."""
 
     width: Displacement = WIDTH
     friction: Load = HELD_BY
@@ -142,9 +143,7 @@ class Servo(Description):
     goal: str = Field(
         "", description="log column of the positions sent, in the unit of its position"
     )
-    continuous_torque: Annotated[float, In("N m", "positive")] | None = Field(
-        None, description="torque (slider: force) it may hold for hours; what it holds by default"
-    )
+    continuous_torque: Annotated[float, In("N m", "positive")] | None = FOR_HOURS
 
     @property
     def lag(self) -> float:
@@ -155,14 +154,12 @@ class Servo(Description):
 
 
 class SliderServo(Servo):
-    """How a slider follows the positions that are sent to it; see `Servo`."""
+    """The same of a slider."""
 
     fastest: Annotated[float, In("m/s", "positive")] | None = None
     stiffness: Annotated[float, In("N/m", "positive")] | None = GIVES_WAY
     dead_band: Annotated[float, In("m", "nonnegative")] = DEAD_BAND
-    continuous_torque: PositiveNewtons | None = Field(
-        None, description="torque (slider: force) it may hold for hours; what it holds by default"
-    )
+    continuous_torque: PositiveNewtons | None = FOR_HOURS
 
 
 class Slider(Description):

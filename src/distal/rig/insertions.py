@@ -35,10 +35,15 @@ away from the joint. It returns what angles and displacement add to the tendon's
 """
 
 
-class Guide(Description):
-    """Friction of a tendon where it crosses a joint, by the capstan equation; see `Path`."""
+RADIUS = Field(
+    description="r: from the axis to the pin, of the pulley, or the linkage's arm at θ_c"
+)
 
-    friction: Coefficient = Field(description="μ")
+
+class Guide(Description):
+    """Friction of a tendon where it crosses a joint, by the capstan equation."""
+
+    friction: Coefficient = Field(description="coefficient μ")
     wrap: Turn = Field(description="β, the sum of its bends at θ = 0")
     wrap_slope: Annotated[Parameter, In("")] = Field(ZERO, description="change of β per radian")
 
@@ -55,7 +60,7 @@ class Pulley(Description):
     """The tendon wraps round a pulley at the joint: ℓ = l + x ∓ r θ."""
 
     kind: Literal["pulley"]
-    radius: Length = Field(description="r")
+    radius: Length = RADIUS
 
     def arm(self, angle: float) -> float:
         """Return the moment arm [m], the same at any `angle`."""
@@ -77,7 +82,7 @@ class Pulley(Description):
 
 
 class CrossedPulley(Crossed, Pulley):
-    """A tendon over a pulley at a joint, one of several that it crosses."""
+    """A pulley as one of several crossings."""
 
 
 class Pinned(Description):
@@ -86,8 +91,8 @@ class Pinned(Description):
     """
 
     kind: Literal["pinned"]
-    radius: Length = Field(description="r")
-    free_length: Length = Field(description="l")
+    radius: Length = RADIUS
+    free_length: Length = Field(description="free length l")
 
     def arm(self, angle: float) -> float:
         """Return the moment arm at θ = 0 [m], the radius of the pin, whatever the `angle`."""
@@ -132,7 +137,7 @@ class Pinned(Description):
 
 
 class CrossedPinned(Crossed, Pinned):
-    """A tendon that ends at a pin of a joint's link, one of several that it crosses."""
+    """A pin as one of several crossings."""
 
 
 NEWTON_STEPS = 6
@@ -157,8 +162,8 @@ class Linkage(Description):
     """
 
     kind: Literal["linkage"]
-    radius: Length = Field(description="r")
-    centre: FixedAngle = Field(ZERO, description="θ_c")
+    radius: Length = RADIUS
+    centre: FixedAngle = Field(ZERO, description="θ_c, where the arm is r")
     slope: Annotated[Parameter, In("1/rad")] = Field(ZERO, description="s")
     curvature: Annotated[Parameter, In("1/rad^2")] = Field(ZERO, description="c")
 
@@ -207,7 +212,7 @@ class Linkage(Description):
 
 
 class CrossedLinkage(Crossed, Linkage):
-    """A tendon at a linkage or a pulley that is not round, one of several that it crosses."""
+    """A linkage as one of several crossings."""
 
 
 class Term(Description):

@@ -70,8 +70,8 @@ class Rig(Description):
     stepping: Stepping = Stepping()
     when_lost: Literal["hold", "relax"] = Field(
         "hold",
-        description='what motors do without readings for a second: "hold" (up to what they may hold for '
-        'hours) or "relax"',
+        description='what motors do without readings for a second: "hold" (as much as they may '
+        'hold for hours) or "relax"',
     )
     taken: tuple[Literal["length", "force"], ...] = Field(
         (),

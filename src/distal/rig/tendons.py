@@ -74,7 +74,7 @@ class Path(Guide):
 
     let_out: Coefficient = Field(
         ONE,
-        description="μ while it is let out, as a share of μ",
+        description="friction while it is let out, as a share of μ",
     )
     nodes: int = Field(
         0,
@@ -117,12 +117,12 @@ class Tendon(Description):
     drive: str
     side: Literal[1, -1] | None = Field(
         None,
-        description="+1 pulls to +θ, −1 to −θ; with `crossings` +1 is wound by a positive angle of the "
-        "capstan, the side of the first crossing by default",
+        description="+1 pulls to +θ, −1 to −θ; with `crossings` +1 is wound by a positive angle of "
+        "the capstan, the side of the first crossing by default",
     )
     insertion: Insertion | None = None
     crossings: tuple[Crossing, ...] = ()
-    stiffness: Stiffness = Field(description="k")
+    stiffness: Stiffness = Field(description="spring constant k")
     damping: Annotated[Parameter, In("N s/m", "nonnegative")] = Field(ZERO, description="c")
     pretension: Load = Field(ZERO, description="tension where angles and drive are at zero")
     slack: Displacement = Field(
