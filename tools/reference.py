@@ -141,7 +141,7 @@ def rows(family: Family, links: dict[Model, str]) -> Iterator[str]:
         what = "; ".join(text for text in (*tables, *texts) if text)
         who = "" if key == "kind" else holders(list(fields), family)
         name = f"**`{key}`**" if field.is_required() else f"`{key}`"
-        yield f"| {name} | {unit} | {': '.join(text for text in (who, what) if text)} |"
+        yield f"|{name}|{unit}|{': '.join(text for text in (who, what) if text)}|"
 
 
 def tables(root: Model) -> str:
@@ -157,7 +157,7 @@ def tables(root: Model) -> str:
         said = [_first(model) for model in family]
         if len(family) > 1:
             said = [f"* {model.__name__}: {first}" for model, first in zip(family, said)]
-        head = ["", "| key | unit | what |", "|---|---|---|"]
+        head = ["", "|key|unit|what|", "|---|---|---|"]
         lines += [f"## {title}", "", *said, *head, *rows(family, links), ""]
     return "\n".join(lines)
 
@@ -177,7 +177,7 @@ def parameters() -> str:
     """Return the table of the keys of a number."""
     if set(NUMBER) != set(KEYS):
         raise ValueError(f"NUMBER has to describe {', '.join(KEYS)}")
-    keys = [f"| `{key}` | {NUMBER[key]} |" for key in KEYS]
+    keys = [f"|`{key}`|{NUMBER[key]}|" for key in KEYS]
     return "\n".join(
         [
             "",
@@ -185,7 +185,7 @@ def parameters() -> str:
             "",
             "Where ± follows a unit.",
             "",
-            "| key | what |",
+            "|key|what|",
             "|---|---|",
             *keys,
             "",
@@ -209,8 +209,8 @@ PAGES = {
 """Page → what is described, title, first sentence."""
 
 READ = (
-    "Bold keys are needed; others are zero or absent where no default is said. A `name` has letters, "
-    "digits, _ and -. "
+    "Bold keys are needed; others are zero or absent where no default is said. A `name` has "
+    "letters, digits, _ and -. "
     "`python -m tools.reference` writes this page."
 )
 
