@@ -162,37 +162,6 @@ def tables(root: Model) -> str:
     return "\n".join(lines)
 
 
-NUMBER = {
-    "value": "the value",
-    "std": "standard deviation of its error; as text also a share of the value",
-    "factor": "instead of std: the value may be so many times as large or small",
-    "drift": "its random walk per √s; by default 2 % of the std, of a bias none",
-    "hold": "true: the std is a prior for fitting only",
-    "shared": "name and std of an error that all with this name share, as a share of the value",
-}
-"""What a number that has a std may be written with."""
-
-
-def parameters() -> str:
-    """Return the table of the keys of a number."""
-    if set(NUMBER) != set(KEYS):
-        raise ValueError(f"NUMBER has to describe {', '.join(KEYS)}")
-    keys = [f"|`{key}`|{NUMBER[key]}|" for key in KEYS]
-    return "\n".join(
-        [
-            "",
-            "## A number with std",
-            "",
-            "Where ± follows a unit.",
-            "",
-            "|key|what|",
-            "|---|---|",
-            *keys,
-            "",
-        ]
-    )
-
-
 PAGES = {
     "rig-keys.md": (Rig, "Keys of a rig file", "Every key of a [rig file](rig-files.md)."),
     "scenario-keys.md": (
@@ -213,13 +182,17 @@ READ = (
     "letters, digits, _ and -. "
     "`python -m tools.reference` writes this page."
 )
+NUMBERS = (
+    "Where ± follows a unit, the number [may have](rig-files.md#numbers) "
+    f"{', '.join(f'`{key}`' for key in KEYS[1:])}."
+)
 
 
 def written(page: str) -> str:
     """Return a page as it should be."""
     root, title, first = PAGES[page]
-    text = f"# {title}\n\n{first} {READ}\n\n{tables(root)}"
-    return text + parameters() if root is Rig else text
+    numbers = f" {NUMBERS}" if root is Rig else ""
+    return f"# {title}\n\n{first} {READ}{numbers}\n\n{tables(root)}"
 
 
 if __name__ == "__main__":
