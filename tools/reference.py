@@ -44,13 +44,13 @@ def _inner(field: FieldInfo) -> list[Model]:
 
 def _unit(field: FieldInfo) -> str:
     parts = [*field.metadata, *_parts(field.annotation)]
-    units = [part.si for part in parts if isinstance(part, (In, SignalIn))]
+    units = [part.si.replace(" ", "·") for part in parts if isinstance(part, (In, SignalIn))]
     marks = {Parameter: "±", Signal: "over time"}
     return " ".join(
         word
         for word in (*units[:1], *(mark for kind, mark in marks.items() if kind in parts))
         if word
-    ).replace(" m", "·m")
+    )
 
 
 def _default(field: FieldInfo) -> str:
@@ -85,11 +85,15 @@ def families(root: Model) -> dict[str, Family]:
             merged = [model for family in touched for model in family]
             shared[shared.index(touched[0])] = sorted(merged, key=lambda model: len(model.__mro__))
             shared = [family for family in shared if family not in touched[1:]]
-    return {
+    titles = [
         ", ".join(dict.fromkeys(f"`{key}`" for model in family for key in keys.get(model, [])))
-        + (": " if family != [root] else "")
-        + family[0].__name__: family
         for family in shared
+    ]
+    return {
+        f"{title}: {family[0].__name__}".lstrip(": ")
+        if len(family) == 1 or titles.count(title) > 1
+        else title: family
+        for title, family in zip(titles, shared)
     }
 
 
@@ -120,7 +124,14 @@ def holders(models: Sequence[Model], family: Family) -> str:
     return min(exact, default="") or ", ".join(model.__name__ for model in roots)
 
 
-def rows(family: Family, links: dict[Model, str]) -> Iterator[str]:
+def _link(parts: Sequence[Model], anchors: dict[Model, str]) -> str:
+    """Return a link to the table of `parts`, which are of one family."""
+    kinds = " or ".join(part.__name__ for part in parts)
+    text = kinds if len(parts) < 3 else f"one of {len(parts)} kinds"
+    return f"[{text}](#{anchors[parts[0]]})"
+
+
+def rows(family: Family, anchors: dict[Model, str]) -> Iterator[str]:
     """Yield the rows of a family's table."""
     shared = dict[tuple[str, str, str], dict[Model, FieldInfo]]()
     for model in family:
@@ -134,11 +145,12 @@ def rows(family: Family, links: dict[Model, str]) -> Iterator[str]:
         field = next(iter(fields.values()))
         units = list(dict.fromkeys(_unit(each) for each in fields.values()))
         unit = " or ".join(units) if len(units) < 3 else "as measured" + " ±" * ("±" in units[0])
-        tables = dict.fromkeys(links[part] for each in fields.values() for part in _inner(each))
+        parts = list(dict.fromkeys(part for each in fields.values() for part in _inner(each)))
+        table = _link(parts, anchors) if parts else ""
         if key == "kind":
             texts = [f'"{each.annotation.__args__[0]}"' for each in fields.values()]  # type: ignore[union-attr]
             texts = [" or ".join(dict.fromkeys(texts))]
-        what = "; ".join(text for text in (*tables, *texts) if text)
+        what = "; ".join(text for text in (table, *texts) if text)
         who = "" if key == "kind" else holders(list(fields), family)
         name = f"**`{key}`**" if field.is_required() else f"`{key}`"
         yield f"|{name}|{unit}|{': '.join(text for text in (who, what) if text)}|"
@@ -147,18 +159,14 @@ def rows(family: Family, links: dict[Model, str]) -> Iterator[str]:
 def tables(root: Model) -> str:
     """Return the tables of a description and all its parts."""
     titles = families(root)
-    links = {
-        model: f"[{family[0].__name__}](#{_anchor(title)})"
-        for title, family in titles.items()
-        for model in family
-    }
+    anchors = {model: _anchor(title) for title, family in titles.items() for model in family}
     lines = []
     for title, family in titles.items():
         said = [_first(model) for model in family]
         if len(family) > 1:
             said = [f"* {model.__name__}: {first}" for model, first in zip(family, said)]
         head = ["", "|key|unit|what|", "|---|---|---|"]
-        lines += [f"## {title}", "", *said, *head, *rows(family, links), ""]
+        lines += [f"## {title}", "", *said, *head, *rows(family, anchors), ""]
     return "\n".join(lines)
 
 
