@@ -207,7 +207,7 @@ def report(mutants: Sequence[Mutant], outcomes: Sequence[Outcome]) -> str:
     lines.append(f"{'all':50} {len(mutants):8d} {seen:6d}  ({100 * seen / len(mutants):.0f} %)")
     survivors = [each for each, outcome in zip(mutants, outcomes) if not outcome.seen]
     if survivors:
-        lines += ["", "survivors: test them, or explain in CONTRIBUTING why nothing changes"]
+        lines += ["", "survivors: test each that changes an estimate"]
     for each in sorted(survivors, key=lambda each: (each.file, each.line)):
         lines += [
             f"  {each.file.as_posix()}:{each.line} ({each.kind})",

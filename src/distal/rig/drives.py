@@ -31,40 +31,29 @@ from distal.rig.quantities import (
     Turn,
 )
 
-CONSTANT = Field(ZERO, description="part that is always there")
-STRIBECK = Field(None, description="stiction that fades with speed")
-LOAD = Field(ZERO, description="part per newton of tension at the capstan's radius")
+CONSTANT = Field(ZERO, description="without tension")
+LOAD = Field(ZERO, description="per newton of tension")
 LEFT_OUT = Field(
     0.0,
-    description="what this play leaves out, its standard deviation; estimators consider it, "
-    "they do not estimate it",
+    description="standard deviation of what the play leaves out; considered, not estimated",
 )
-WIDTH = Field(description="from one side to the other")
+WIDTH = Field(description="from side to side")
 HELD_BY = Field(
     ZERO,
-    description="friction that holds the far side against its tendons, where `held` is false",
+    description="holds the far side against its tendons where `held` is false",
 )
-FASTEST = Field(None, description="largest speed")
-GIVES_WAY = Field(None, description="by how much it gives way under load; default: not at all")
-DEAD_BAND = Field(0.0, description="it comes no nearer to where it is sent")
-INSIDE = Field(None, description="dry friction inside the transmission")
+GIVES_WAY = Field(None, description="against load; rigid by default")
+FOR_HOURS = Field(
+    None, description="torque (slider: force) it may hold for hours; what it holds by default"
+)
+DEAD_BAND = Field(0.0, description="it stops this far from where it is sent")
 """Fields that sliders and capstans have alike, each in its own unit."""
 
 
 class SliderStribeck(Stribeck):
-    """Stiction that fades with speed: Coulomb friction times 1 + excess · exp(−(v/speed)²)."""
+    """The same of a slider."""
 
-    speed: Annotated[Parameter, In("m/s", "positive")] = Field(
-        description="speed at which it fades"
-    )
-
-
-class SliderFriction(Description):
-    """Coulomb friction of a slider, limit = constant + load · Σ T (equation 13, reconstructed)."""
-
-    constant: Load = CONSTANT
-    load: Coefficient = Field(ZERO, description="part per newton of tension, μ_x")
-    stribeck: SliderStribeck | None = STRIBECK
+    speed: Annotated[Parameter, In("m/s", "positive")]
 
 
 class CapstanFriction(Description):
@@ -72,7 +61,14 @@ class CapstanFriction(Description):
 
     constant: TorqueSize = CONSTANT
     load: Coefficient = LOAD
-    stribeck: Stribeck | None = STRIBECK
+    stribeck: Stribeck | None = None
+
+
+class SliderFriction(CapstanFriction):
+    """Coulomb friction of a slider, limit = constant + load · Σ T (equation 13, reconstructed)."""
+
+    constant: Load = CONSTANT
+    stribeck: SliderStribeck | None = None
 
 
 class Hysteresis(Description):
@@ -87,20 +83,15 @@ class Hysteresis(Description):
 
     constant: TorqueSize = CONSTANT
     load: Coefficient = LOAD
-    slope: Annotated[Parameter, In("1/rad")] = Field(
-        ZERO, description="its growth with the joint's angle, as a share per radian"
-    )
+    slope: Annotated[Parameter, In("1/rad")] = Field(ZERO, description="growth with θ, as a share")
     error: NewtonMetres = LEFT_OUT
-    error_time: Duration = Field(1.0, description="for how long that lasts")
+    error_time: Duration = Field(1.0, description="correlation time of `error`")
 
 
 class SliderHysteresis(Hysteresis):
-    """Dry friction inside the transmission, limit = (constant + load · Σ T)(1 + slope · θ); see
-    `Hysteresis`.
-    """
+    """The same of a slider, limit = (constant + load · Σ T)(1 + slope · θ)."""
 
     constant: Load = CONSTANT
-    load: Coefficient = Field(ZERO, description="part per newton of tension")
     error: Annotated[float, In("N", "nonnegative")] = LEFT_OUT
 
 
@@ -115,13 +106,13 @@ class Backlash(Description):
 
     width: Turn = WIDTH
     held: bool = Field(
-        True, description="whether nothing but the near side moves the far one within the gap"
+        True, description="whether only the near side moves the far one within the gap"
     )
     friction: TorqueSize = HELD_BY
 
 
 class SliderBacklash(Backlash):
-    """Free play between a slider's sensor and what pulls its tendons; see `Backlash`."""
+    """The same between a slider's sensor and what pulls its tendons."""
 
     width: Displacement = WIDTH
     friction: Load = HELD_BY
@@ -132,9 +123,9 @@ class Cogging(Description):
     the motor's own.
     """
 
-    periods: Factor = Field(description="periods in one turn of the capstan, N")
-    cosine: AnyTorque = Field(ZERO, description="part that is largest at φ = 0")
-    sine: AnyTorque = Field(ZERO, description="part that is zero there")
+    periods: Factor = Field(description="N, periods in one turn")
+    cosine: AnyTorque = ZERO
+    sine: AnyTorque = ZERO
 
 
 class Servo(Description):
@@ -143,18 +134,16 @@ class Servo(Description):
     """
 
     bandwidth: Annotated[float, In("Hz", "positive")] | None = Field(
-        None, description="frequency at which it follows 71 % of a sine; default: all"
+        None, description="where it follows 71 % of a sine; no limit by default"
     )
-    delay: Seconds = Field(0.0, description="time before it begins to follow")
-    fastest: Annotated[float, In("rad/s", "positive")] | None = FASTEST
+    delay: Seconds = 0.0
+    fastest: Annotated[float, In("rad/s", "positive")] | None = None
     stiffness: Annotated[float, In("N m/rad", "positive")] | None = GIVES_WAY
     dead_band: Radians = DEAD_BAND
     goal: str = Field(
-        "", description="log column of what it is sent, in the unit in which its place is logged"
+        "", description="log column of the positions sent, in the unit of its position"
     )
-    continuous_torque: Annotated[float, In("N m", "positive")] | None = Field(
-        None, description="torque that it may hold for hours; default: what it holds"
-    )
+    continuous_torque: Annotated[float, In("N m", "positive")] | None = FOR_HOURS
 
     @property
     def lag(self) -> float:
@@ -165,14 +154,12 @@ class Servo(Description):
 
 
 class SliderServo(Servo):
-    """How a slider follows the positions that are sent to it; see `Servo`."""
+    """The same of a slider."""
 
-    fastest: Annotated[float, In("m/s", "positive")] | None = FASTEST
+    fastest: Annotated[float, In("m/s", "positive")] | None = None
     stiffness: Annotated[float, In("N/m", "positive")] | None = GIVES_WAY
     dead_band: Annotated[float, In("m", "nonnegative")] = DEAD_BAND
-    continuous_torque: PositiveNewtons | None = Field(
-        None, description="force that it may hold for hours; default: what it holds"
-    )
+    continuous_torque: PositiveNewtons | None = FOR_HOURS
 
 
 class Slider(Description):
@@ -180,36 +167,26 @@ class Slider(Description):
 
     kind: Literal["slider"]
     name: Name
-    mass: Annotated[Parameter, In("kg", "positive")] = Field(
-        description="moving mass of the slider"
-    )
-    damping: Annotated[Parameter, In("kg/s", "nonnegative")] = Field(
-        ZERO, description="viscous damping b_x"
-    )
-    friction: SliderFriction = Field(SliderFriction(), description="Coulomb friction")
-    hysteresis: SliderHysteresis | None = INSIDE
-    backlash: SliderBacklash | None = Field(
-        None, description="free play between its sensor and its tendons"
-    )
+    mass: Annotated[Parameter, In("kg", "positive")]
+    damping: Annotated[Parameter, In("kg/s", "nonnegative")] = Field(ZERO, description="viscous")
+    friction: SliderFriction = SliderFriction()
+    hysteresis: SliderHysteresis | None = None
+    backlash: SliderBacklash | None = None
     stops: Annotated[tuple[float, float], In("m")] | None = Field(
-        None, description="range of the slider [x_L, x_H]"
+        None, description="range of motion [low, high]"
     )
-    stop_stiffness: Stiffness = Field(
-        Parameter(value=1e5), description="stiffness of the stops k_s"
-    )
-    stop_damping: Annotated[Parameter, In("kg/s", "nonnegative")] = Field(
-        Parameter(value=3.0), description="viscous damping in the stops b_s"
-    )
+    stop_stiffness: Stiffness = Parameter(value=1e5)
+    stop_damping: Annotated[Parameter, In("kg/s", "nonnegative")] = Parameter(value=3.0)
     nominal_force: Annotated[Parameter, In("N", drifts=False)] = Field(
-        ZERO, description="the usual pull, taken where no force is measured"
+        ZERO, description="the usual effort, taken where none is measured"
     )
     limit: PositiveNewtons | None = Field(
-        None, description="largest force that a controller gets from it; it cannot push its tendons"
+        None, description="largest effort that a controller gets; a slider cannot push its tendons"
     )
     lag: Seconds = Field(
-        0.0, description="time constant with which its force follows a controller's command"
+        0.0, description="time constant with which its effort follows a controller's command"
     )
-    servo: SliderServo | None = Field(None, description="how it follows places that are sent to it")
+    servo: SliderServo | None = None
 
     @property
     def lever(self) -> float:
@@ -227,35 +204,29 @@ class Capstan(Description):
     kind: Literal["capstan"]
     name: Name
     inertia: Annotated[Parameter, In("kg m^2", "positive")] = Field(
-        description="moment of inertia of rotor and capstan, seen at the capstan"
+        description="of rotor and capstan, at the capstan"
     )
-    radius: Length = Field(description="radius of the capstan R")
-    damping: AngularDamping = Field(ZERO, description="viscous damping")
-    friction: CapstanFriction = Field(CapstanFriction(), description="Coulomb friction")
-    hysteresis: Hysteresis | None = INSIDE
-    backlash: Backlash | None = Field(
-        None, description="free play between its encoder and its capstan"
-    )
-    cogging: Cogging | None = Field(None, description="torque that repeats as the motor turns")
+    radius: Length = Field(description="of the capstan, R")
+    damping: AngularDamping = Field(ZERO, description="viscous")
+    friction: CapstanFriction = CapstanFriction()
+    hysteresis: Hysteresis | None = None
+    backlash: Backlash | None = None
+    cogging: Cogging | None = None
     stops: Annotated[tuple[float, float], In("rad")] | None = Field(
-        None, description="range of the capstan's angle"
+        None, description="range of motion [low, high]"
     )
-    stop_stiffness: Annotated[Parameter, In("N m/rad", "positive")] = Field(
-        Parameter(value=100.0), description="stiffness of the stops"
-    )
-    stop_damping: AngularDamping = Field(
-        Parameter(value=0.1), description="viscous damping in the stops"
-    )
+    stop_stiffness: Annotated[Parameter, In("N m/rad", "positive")] = Parameter(value=100.0)
+    stop_damping: AngularDamping = Parameter(value=0.1)
     nominal_force: Annotated[Parameter, In("N m", drifts=False)] = Field(
-        ZERO, description="the usual torque, taken where no torque is measured"
+        ZERO, description="the usual effort, taken where none is measured"
     )
     limit: Annotated[float, In("N m", "positive")] | None = Field(
-        None, description="largest torque that a controller gets from it, either way"
+        None, description="largest effort that a controller gets; a slider cannot push its tendons"
     )
     lag: Seconds = Field(
-        0.0, description="time constant with which its torque follows a controller's command"
+        0.0, description="time constant with which its effort follows a controller's command"
     )
-    servo: Servo | None = Field(None, description="how it follows angles that are sent to it")
+    servo: Servo | None = None
 
     @property
     def lever(self) -> float:

@@ -35,29 +35,32 @@ away from the joint. It returns what angles and displacement add to the tendon's
 """
 
 
-class Guide(Description):
-    """Friction of a tendon where it crosses a joint, by the capstan equation; see `Path`."""
+RADIUS = Field(
+    description="r: from the axis to the pin, of the pulley, or the linkage's arm at θ_c"
+)
 
-    friction: Coefficient = Field(description="friction coefficient against its guides, μ")
-    wrap: Turn = Field(description="angle that it wraps at θ = 0, the sum of its bends, β")
-    wrap_slope: Annotated[Parameter, In("")] = Field(
-        ZERO, description="change of β per radian of the joint"
-    )
+
+class Guide(Description):
+    """Friction of a tendon where it crosses a joint, by the capstan equation."""
+
+    friction: Coefficient = Field(description="coefficient μ")
+    wrap: Turn = Field(description="β, the sum of its bends at θ = 0")
+    wrap_slope: Annotated[Parameter, In("")] = Field(ZERO, description="change of β per radian")
 
 
 class Crossed(Description):
     """Which joint a tendon crosses, and on which side."""
 
-    joint: str = Field(description="name of the joint")
-    side: Literal[1, -1] = Field(description="+1 pulls the joint to +θ, −1 to −θ")
-    guide: Guide | None = Field(None, description="friction along the tendon's way over this joint")
+    joint: str
+    side: Literal[1, -1] = Field(description="+1 pulls to +θ, −1 to −θ")
+    guide: Guide | None = None
 
 
 class Pulley(Description):
     """The tendon wraps round a pulley at the joint: ℓ = l + x ∓ r θ."""
 
     kind: Literal["pulley"]
-    radius: Length = Field(description="radius of the pulley, r")
+    radius: Length = RADIUS
 
     def arm(self, angle: float) -> float:
         """Return the moment arm [m], the same at any `angle`."""
@@ -79,7 +82,7 @@ class Pulley(Description):
 
 
 class CrossedPulley(Crossed, Pulley):
-    """A tendon over a pulley at a joint, one of several that it crosses."""
+    """A pulley as one of several crossings."""
 
 
 class Pinned(Description):
@@ -88,8 +91,8 @@ class Pinned(Description):
     """
 
     kind: Literal["pinned"]
-    radius: Length = Field(description="axis to insertion, r")
-    free_length: Length = Field(description="free length of the tendon, l")
+    radius: Length = RADIUS
+    free_length: Length = Field(description="free length l")
 
     def arm(self, angle: float) -> float:
         """Return the moment arm at θ = 0 [m], the radius of the pin, whatever the `angle`."""
@@ -134,7 +137,7 @@ class Pinned(Description):
 
 
 class CrossedPinned(Crossed, Pinned):
-    """A tendon that ends at a pin of a joint's link, one of several that it crosses."""
+    """A pin as one of several crossings."""
 
 
 NEWTON_STEPS = 6
@@ -159,12 +162,10 @@ class Linkage(Description):
     """
 
     kind: Literal["linkage"]
-    radius: Length = Field(description="moment arm at the centre, r")
-    centre: FixedAngle = Field(ZERO, description="angle about which the arm is described, θ_c")
-    slope: Annotated[Parameter, In("1/rad")] = Field(
-        ZERO, description="s, change of the arm per radian"
-    )
-    curvature: Annotated[Parameter, In("1/rad^2")] = Field(ZERO, description="c, its second order")
+    radius: Length = RADIUS
+    centre: FixedAngle = Field(ZERO, description="θ_c, where the arm is r")
+    slope: Annotated[Parameter, In("1/rad")] = Field(ZERO, description="s")
+    curvature: Annotated[Parameter, In("1/rad^2")] = Field(ZERO, description="c")
 
     def arm(self, angle: float) -> float:
         """Return the moment arm [m] at an angle [rad]: r (1 + s u + c u²)."""
@@ -211,17 +212,17 @@ class Linkage(Description):
 
 
 class CrossedLinkage(Crossed, Linkage):
-    """A tendon at a linkage or a pulley that is not round, one of several that it crosses."""
+    """A linkage as one of several crossings."""
 
 
 class Term(Description):
     """One term of a polynomial: coefficient · Π θ_j^{power_j}."""
 
     powers: tuple[Annotated[int, Field(ge=0)], ...] = Field(
-        min_length=1, description="power of each joint's angle [rad]"
+        min_length=1, description="power of each joint's angle"
     )
     coefficient: Annotated[Parameter, In("m")] = Field(
-        description="metres, per radian to the sum of the powers"
+        description="per radian to the sum of the powers"
     )
 
 
@@ -234,14 +235,14 @@ class Polynomial(Description):
     """
 
     kind: Literal["polynomial"]
-    joints: tuple[str, ...] = Field(min_length=1, description="names of the joints")
-    terms: tuple[Term, ...] = Field(min_length=1, description="its terms")
+    joints: tuple[str, ...] = Field(min_length=1)
+    terms: tuple[Term, ...] = Field(min_length=1)
     range: tuple[Annotated[tuple[float, float], In("rad")], ...] = Field(
-        min_length=1, description="[low, high] of each joint for which it was made"
+        min_length=1, description="[low, high] of each joint where it holds"
     )
     scale: Annotated[Parameter, In("", "positive")] = Field(
         ONE,
-        description="all moment arms are multiplied by this; its std is how well they are known",
+        description="multiplies all moment arms",
     )
 
     @model_validator(mode="after")

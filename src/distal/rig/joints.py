@@ -77,38 +77,33 @@ class Base(Description):
 
     gravity: Annotated[Vector, In("m/s^2")] = Field(
         (0.0, 0.0, -9.80665),
-        description="acceleration of free fall, in the world's frame (the base's while it is "
-        "upright)",
+        description="acceleration of free fall in the world's frame",
     )
     orientation: Annotated[Vector, In("rad")] = Field(
         (0.0, 0.0, 0.0),
-        description="how the base is turned: roll, pitch, yaw about the world's x, y and z, in "
-        "this order",
+        description="roll, pitch and yaw of the base about the world's x, y and z, in this order",
     )
 
 
 class Link(Description):
     """A rigid body that a joint turns, in the frame of that joint."""
 
-    mass: Annotated[Parameter, In("kg", "nonnegative")] = Field(description="mass")
+    mass: Annotated[Parameter, In("kg", "nonnegative")]
     centre: Annotated[Vector, In("m")] = Field(
-        description="centre of mass, from the joint's axis, at θ = 0"
+        description="centre of mass from the joint's axis, at θ = 0"
     )
     inertia: Annotated[Vector, In("kg m^2", "nonnegative")] = Field(
         (0.0, 0.0, 0.0),
-        description="moments of inertia about the centre of mass, about x, y, z of the joint's "
-        "frame (no products)",
+        description="about the centre of mass and x, y, z of the joint's frame",
     )
 
 
 class Coupling(Description):
     """A rigid coupling to another joint: θ = ratio · θ_joint + offset."""
 
-    joint: str = Field(description="name of the joint that it follows; it comes before this one")
-    ratio: Annotated[float, In("")] = Field(
-        description="radians of this joint per radian of the other"
-    )
-    offset: AnyRadians = Field(0.0, description="angle of this joint where the other is at zero")
+    joint: str = Field(description="the joint that it follows, an earlier one")
+    ratio: Annotated[float, In("")]
+    offset: AnyRadians = 0.0
 
 
 REACH = 1.2
@@ -118,10 +113,8 @@ REACH = 1.2
 class Stribeck(Description):
     """Stiction that fades with speed: Coulomb friction times 1 + excess · exp(−(v/speed)²)."""
 
-    excess: Coefficient = Field(description="stiction beyond Coulomb friction, a share")
-    speed: Annotated[Parameter, In("rad/s", "positive")] = Field(
-        description="speed at which it fades"
-    )
+    excess: Coefficient = Field(description="stiction beyond Coulomb friction, as a share of it")
+    speed: Annotated[Parameter, In("rad/s", "positive")]
 
 
 class JointFriction(Description):
@@ -131,20 +124,18 @@ class JointFriction(Description):
     μ_θ r_a (T0 + T1 + T2). A larger exponent lets friction grow faster than the load beyond N_ref.
     """
 
-    coefficient: Coefficient = Field(description="friction coefficient μ")
-    radius: Length = Field(description="radius of the axle r_a")
-    preload: Load = Field(ZERO, description="load on the axle before any tension, T0")
+    coefficient: Coefficient = Field(description="μ")
+    radius: Length = Field(description="of the axle, r_a")
+    preload: Load = Field(ZERO, description="load on the axle without tension, T0")
     exponent: Annotated[Parameter, In("", "positive", within=(1.0, inf))] = Field(
         ONE,
-        description="growth of friction with load, e (1 = proportional; below, it has no finite "
-        "slope at zero load)",
+        description="e, at least 1; friction proportional to load has 1",
     )
     reference: PositiveNewtons | None = Field(
         None,
-        description="load N_ref at which the exponent changes nothing; default: N at nominal "
-        "forces",
+        description="N_ref, where the exponent changes nothing; N at nominal forces by default",
     )
-    stribeck: Stribeck | None = Field(None, description="stiction that fades with speed")
+    stribeck: Stribeck | None = None
 
 
 class Spring(Description):
@@ -152,16 +143,10 @@ class Spring(Description):
     rest_angle.
     """
 
-    stiffness: Annotated[Parameter, In("N m/rad", "nonnegative")] = Field(
-        description="torsional stiffness"
-    )
-    rest_angle: AnyAngle = Field(ZERO, description="angle at which the spring is relaxed")
-    quadratic: Annotated[Parameter, In("N m/rad^2")] = Field(
-        ZERO, description="growth of stiffness to one side"
-    )
-    cubic: Annotated[Parameter, In("N m/rad^3")] = Field(
-        ZERO, description="growth of stiffness to both sides; negative where it gets softer"
-    )
+    stiffness: Annotated[Parameter, In("N m/rad", "nonnegative")]
+    rest_angle: AnyAngle = Field(ZERO, description="angle where the spring is relaxed")
+    quadratic: Annotated[Parameter, In("N m/rad^2")] = ZERO
+    cubic: Annotated[Parameter, In("N m/rad^3")] = ZERO
 
 
 class ExtensionSpring(Description):
@@ -171,15 +156,15 @@ class ExtensionSpring(Description):
     L² = r² + R² − 2 r R cos(θ − line_angle); F = max(preload + stiffness (L − free_length), 0).
     """
 
-    stiffness: Stiffness = Field(description="of the spring, k")
-    free_length: Length = Field(description="its length where it begins to open")
-    radius: Length = Field(description="from the axis to the point of the link, r")
-    distance: Length = Field(description="from the axis to the point of the base, R")
+    stiffness: Stiffness = Field(description="k")
+    free_length: Length = Field(description="length where it begins to open")
+    radius: Length = Field(description="axis to the point of the link, r")
+    distance: Length = Field(description="axis to the point of the base, R")
     line_angle: AnyAngle = Field(
         ZERO,
-        description="joint angle at which both points are in line with the axis, on the same side",
+        description="joint angle where both points lie on one line from the axis",
     )
-    preload: Load = Field(ZERO, description="force at which its coils open")
+    preload: Load = Field(ZERO, description="force where its coils open")
 
 
 class JointBacklash(Description):
@@ -187,16 +172,16 @@ class JointBacklash(Description):
     the link.
     """
 
-    width: Turn = Field(description="from one side to the other")
+    width: Turn = Field(description="from side to side")
 
 
 class Gravity(Description):
     """Weight of an off-axis mass: torque = −mass · g · distance · sin(θ − hanging_angle)."""
 
-    mass: Annotated[Parameter, In("kg", "nonnegative")] = Field(description="mass of the link")
-    distance: Displacement = Field(description="distance of the centre of mass from the axis")
+    mass: Annotated[Parameter, In("kg", "nonnegative")]
+    distance: Displacement = Field(description="axis to the centre of mass")
     hanging_angle: AnyAngle = Field(
-        ZERO, description="joint angle at which the centre of mass hangs straight below the axis"
+        ZERO, description="joint angle where the centre of mass is below the axis"
     )
 
 
@@ -205,8 +190,8 @@ class ExternalTorque(Description):
     exponentially correlated.
     """
 
-    std: NewtonMetres = Field(0.0, description="standard deviation; 0 = cannot occur")
-    correlation_time: Duration = Field(0.5, description="correlation time")
+    std: NewtonMetres = Field(0.0, description="standard deviation; 0: there is none")
+    correlation_time: Duration = 0.5
 
 
 class Joint(Description):
@@ -215,60 +200,43 @@ class Joint(Description):
     name: Name
     parent: str | None = Field(
         None,
-        description='the joint on whose link it sits, or "base"; default: the joint before it in '
-        "the file",
+        description='joint on whose link it sits, or "base"; the joint before it by default',
     )
     axis: Axis = Field(
-        AXES["y"], description='its axis in its own frame: "x", "y", "z", "-x", … or three numbers'
+        AXES["y"], description='"x", "y", "z", "-x", … or three numbers, in its own frame'
     )
     offset: Annotated[Vector, In("m")] = Field(
-        (0.0, 0.0, 0.0), description="where its frame sits, in the frame of its parent"
+        (0.0, 0.0, 0.0), description="origin of its frame in its parent's"
     )
-    link: Link | None = Field(
-        None, description="the body that it turns; without one `inertia` is all there is"
-    )
-    coupled: Coupling | None = Field(None, description="a rigid coupling to a joint before it")
+    link: Link | None = None
+    coupled: Coupling | None = None
     inertia: Annotated[Parameter, In("kg m^2", "positive")] = Field(
-        description="moment of inertia J about its axis; with a `link` what comes on top of it, "
-        "such as an armature"
+        description="moment of inertia J about its axis, beside that of a `link`"
     )
-    damping: AngularDamping = Field(ZERO, description="viscous damping b_θ")
-    initial: FixedAngle = Field(ZERO, description="angle at the log's first sample")
-    friction: JointFriction | None = Field(None, description="Coulomb friction at the axle")
-    spring: Spring | None = Field(None, description="return spring")
-    extension_spring: ExtensionSpring | None = Field(
-        None, description="return spring between two points"
-    )
-    gravity: Gravity | None = Field(None, description="weight of an off-axis mass")
-    backlash: JointBacklash | None = Field(
-        None, description="free play between its pulley and its link"
-    )
+    damping: AngularDamping = Field(ZERO, description="viscous, b_θ")
+    initial: FixedAngle = Field(ZERO, description="angle at the first sample")
+    friction: JointFriction | None = None
+    spring: Spring | None = None
+    extension_spring: ExtensionSpring | None = None
+    gravity: Gravity | None = None
+    backlash: JointBacklash | None = None
     stops: Annotated[tuple[float, float], In("rad")] | None = Field(
-        None, description="range of the joint [low, high]"
+        None, description="range of motion [low, high]"
     )
     stops_std: Radians = Field(
         0.0,
-        description="how well each end of that range is known; a calibration against them is no "
-        "better",
+        description="standard deviation of both ends; a calibration against them is no better",
     )
-    stop_stiffness: Annotated[Parameter, In("N m/rad", "positive")] = Field(
-        Parameter(value=100.0), description="stiffness of the joint's stops"
-    )
-    stop_damping: AngularDamping = Field(
-        Parameter(value=0.1), description="viscous damping in the joint's stops"
-    )
+    stop_stiffness: Annotated[Parameter, In("N m/rad", "positive")] = Parameter(value=100.0)
+    stop_damping: AngularDamping = Parameter(value=0.1)
     unmodelled: RadiansPerSecond = Field(
         0.5,
-        description="torque the model does not know, as the random change of speed that it makes "
-        "in 1 s (1σ)",
+        description="standard deviation of the speed that unknown torques add in 1 s",
     )
-    external_torque: ExternalTorque = Field(
-        ExternalTorque(), description="a torque nobody measures"
-    )
+    external_torque: ExternalTorque = ExternalTorque()
     touch: Literal["may happen", "never"] = Field(
         "may happen",
-        description="whether anything can touch what the joint moves; where it can, forces are "
-        "asked for it at each sample",
+        description='"may happen" or "never"; where it may, forces are searched for a touch',
     )
 
     @property

@@ -104,27 +104,21 @@ class LearnedMap(Description):
     those of the `channels`, then, beside a filter, its angles of the `joints`.
     """
 
-    joints: tuple[str, ...] = Field(
-        min_length=1, description="joints that it speaks of; of `efforts` the sensors"
-    )
-    channels: tuple[str, ...] = Field(min_length=1, description="sensors that it reads")
-    positions: tuple[str, ...] = Field(
-        (), description="those of them that are positions; their slips enter the radial functions"
-    )
-    beside_filter: bool = Field(
-        False, description="whether it reads the filter's angles, and gives what they lack"
-    )
-    logs: int = Field(ge=0, description="number of logs; 0: only a homing move")
-    low: Row = Field(description="smallest value of each reading in the logs [SI]")
-    high: Row = Field(description="largest value of each reading [SI]")
-    rms: Row = Field((), description="RMS error of each joint on logs left out [SI]")
-    inside: Row = Field((), description="share of these errors inside the 95 % band")
-    density: Row = Field((), description="mean ln of the probability density of these errors")
+    joints: tuple[str, ...] = Field(min_length=1, description="of `efforts` the sensors")
+    channels: tuple[str, ...] = Field(min_length=1)
+    positions: tuple[str, ...] = Field((), description="those that are positions")
+    beside_filter: bool = Field(False, description="whether it corrects the filter's angles")
+    logs: int = Field(ge=0, description="0: only a homing move")
+    low: Row = Field(description="of each reading")
+    high: Row = Field(description="of each reading")
+    rms: Row = Field((), description="error on logs left out")
+    inside: Row = Field((), description="share inside the 95 % band")
+    density: Row = Field((), description="mean ln of the errors' density")
     normal: Row = Field(
         (),
-        description="largest normal mean over seconds of each squared error, over its mean [1]",
+        description="largest mean of squared errors over seconds, over their mean",
     )
-    arrays: MapArrays = Field(description="the arrays, from the file beside the rig file")
+    arrays: MapArrays = Field(description="from the file beside the rig file")
 
     @property
     def count(self) -> int:
@@ -204,14 +198,12 @@ class LearnedMaps(Description):
     """The table `[map]`: for each kind one map for each independent part of the rig."""
 
     readings: tuple[LearnedMap, ...] = Field(
-        (), description="of the angles, by readings alone: the estimator `regression`"
+        (), description="angles for the estimator `regression`"
     )
-    filter: tuple[LearnedMap, ...] = Field(
-        (), description="of what the filter's angles lack, beside which it reports"
-    )
-    torque: tuple[LearnedMap, ...] = Field((), description="of the torque from outside")
+    filter: tuple[LearnedMap, ...] = Field((), description="errors of the filter's angles")
+    torque: tuple[LearnedMap, ...] = Field((), description="external torques")
     efforts: tuple[LearnedMap, ...] = Field(
-        (), description="of forces and tensions in free motion, by positions: they judge the health"
+        (), description="forces and tensions in free motion, for the health"
     )
 
     def named(self) -> dict[str, LearnedMap]:
@@ -316,26 +308,22 @@ class FreeMotion(Description):
     multiplied by v/√fastest, since nothing was learned there.
     """
 
-    channels: tuple[str, ...] = Field(min_length=1, description="sensors of forces and tensions")
-    at_rest: Row = Field(description="a of each [1]")
-    moving: Row = Field(description="b of each [s]")
+    channels: tuple[str, ...] = Field(min_length=1)
+    at_rest: Row = Field(description="a")
+    moving: Row = Field(description="b")
     squares: Row = Field(
-        description="largest normal mean of ν²/S over a second of each, ν its innovation and S the "
-        "variance that the filter expects [1]"
+        description="largest normal mean over a second of ν²/S, of innovation ν and its variance S"
     )
-    correlations: Row = Field(
-        description="correlation of each one's neighbouring innovations, from −1 to 1"
-    )
-    rms: float = Field(ge=0.0, description="RMS error of the angles on these logs [rad]")
-    inside: float = Field(ge=0.0, le=1.0, description="share of their samples inside the 95 % band")
+    correlations: Row = Field(description="of neighbouring innovations")
+    rms: float = Field(ge=0.0, description="error of the angles [rad]")
+    inside: float = Field(ge=0.0, le=1.0, description="share inside the 95 % band")
     felt: Row = Field(
-        description="torque of each joint from which on a touch is felt, in the median [N m]; 0 of "
-        "one where none is"
+        description="median torque of each joint where a touch is felt [N m]; 0: none is"
     )
-    fastest: float = Field(UNLIMITED, gt=0.0, description="largest v² in the logs [1/s²]")
-    drives: tuple[str, ...] = Field(min_length=1, description="the drives")
-    spread: Row = Field(description="standard deviation of each drive's positions in the logs [SI]")
-    logs: int = Field(gt=0, description="number of logs")
+    fastest: float = Field(UNLIMITED, gt=0.0, description="largest v² [1/s²]")
+    drives: tuple[str, ...] = Field(min_length=1)
+    spread: Row = Field(description="standard deviation of positions [SI]")
+    logs: int = Field(gt=0)
 
     @model_validator(mode="after")
     def _sizes_fit(self) -> Self:

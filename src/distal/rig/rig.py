@@ -29,25 +29,25 @@ judgement.
 class TimeColumn(Description):
     """Where a log holds time."""
 
-    column: str = Field("t", min_length=1, description="column of the log")
-    unit: str = Field("s", min_length=1, description="unit in the log")
+    column: str = Field("t", min_length=1)
+    unit: str = Field("s", min_length=1)
     repeated: Literal["refused", "first", "last"] = Field(
         "refused",
-        description="which of several rows with one stamp is kept; refused: such a log is not read",
+        description='"first" or "last" of rows with one stamp is kept, or such a log is "refused"',
     )
 
 
 class LogFormat(Description):
     """How the rig's logs are written; sensors name their own columns."""
 
-    time: TimeColumn = Field(TimeColumn(), description="column and unit of time")
+    time: TimeColumn = TimeColumn()
 
 
 class Stepping(Description):
     """Time step of the model."""
 
     largest_step: Duration | None = Field(
-        None, description="largest sub-step of the full model; default: from the stiffest mode"
+        None, description="of the full model; from the stiffest mode by default"
     )
 
 
@@ -58,38 +58,31 @@ class Rig(Description):
         RigError: from `distal.rig.load_rig` and `Rig.with_values`, where a description is wrong.
     """
 
-    name: str = Field(min_length=1, description="title for plots and reports")
-    log: LogFormat = Field(LogFormat(), description="format of the logs")
-    base: Base = Field(
-        Base(), description="what the first joint sits on, and which way gravity points"
-    )
+    name: str = Field(min_length=1, description="title of plots and reports")
+    log: LogFormat = LogFormat()
+    base: Base = Base()
     joints: tuple[Joint, ...] = Field(
-        min_length=1, max_length=MOST_JOINTS, description="the joints, from the base outwards"
+        min_length=1, max_length=MOST_JOINTS, description="from the base outwards"
     )
-    drives: tuple[Drive, ...] = Field(min_length=1, description="sliders and capstans")
-    tendons: tuple[Tendon, ...] = Field(min_length=1, description="the tendons")
-    sensors: tuple[Sensor, ...] = Field((), description="the sensors")
-    stepping: Stepping = Field(Stepping(), description="time step of the model")
+    drives: tuple[Drive, ...] = Field(min_length=1)
+    tendons: tuple[Tendon, ...] = Field(min_length=1)
+    sensors: tuple[Sensor, ...] = ()
+    stepping: Stepping = Stepping()
     when_lost: Literal["hold", "relax"] = Field(
         "hold",
-        description="what motors do whose readings are lost for a second: hold their force, up to "
-        "what they may hold for hours, or relax. A hand that relaxes drops what it holds",
+        description='what motors do without readings for a second: "hold" (as much as they may '
+        'hold for hours) or "relax"',
     )
     taken: tuple[Literal["length", "force"], ...] = Field(
         (),
-        description="scales that were taken, not measured: no column of a log tells them",
+        description='"length", "force": scales that were assumed, as no log tells them',
     )
     provisional: str = Field(
         "",
-        description="what is not done yet in this file, where a fit has not ended; commands repeat "
-        "it",
+        description="what a fit has not done yet; commands repeat it",
     )
-    map: LearnedMaps | None = Field(
-        None, description="what logs taught of angles and torques: `distal fit` writes it"
-    )
-    free_motion: FreeMotion | None = Field(
-        None, description="what forces are like in free motion, as learned: `distal fit` writes it"
-    )
+    map: LearnedMaps | None = None
+    free_motion: FreeMotion | None = None
 
     @field_validator("joints", mode="after")
     @classmethod

@@ -74,13 +74,13 @@ class Path(Guide):
 
     let_out: Coefficient = Field(
         ONE,
-        description="friction coefficient while the tendon is let out, as a share of μ",
+        description="friction while it is let out, as a share of μ",
     )
     nodes: int = Field(
         0,
         ge=0,
         le=MOST_NODES,
-        description="points over which the friction is spread; 0 = all at the drive",
+        description="points over which the friction is spread, up to 4; 0: all at the drive",
     )
 
 
@@ -92,14 +92,11 @@ class Creep(Description):
     solid.
     """
 
-    share: Coefficient = Field(
-        description="what is added in the end, as a share of the stretch that comes at once"
-    )
-    time: Annotated[Parameter, In("s", "positive")] = Field(description="time constant")
+    share: Coefficient = Field(description="of the stretch that comes at once")
+    time: Annotated[Parameter, In("s", "positive")]
     settled: Annotated[Parameter, In("", "nonnegative", drifts=False)] = Field(
         Parameter(value=0.5, std=0.3),
-        description="how much of it has come at the log's first sample: 0 = loaded just then, 1 = "
-        "long ago",
+        description="share that has come at the first sample",
     )
 
 
@@ -115,35 +112,29 @@ class Tendon(Description):
 
     name: Name
     joint: str | None = Field(
-        None, description="name of the joint that it moves, where it is only one"
+        None, description="short form of one crossing, with `side` and `insertion`"
     )
-    drive: str = Field(description="name of the drive that pulls it")
+    drive: str
     side: Literal[1, -1] | None = Field(
         None,
-        description="+1 pulls the joint to +θ, −1 to −θ; with `crossings`: +1 is wound by a "
-        "capstan's positive angle "
-        "(default: the side of the first crossing)",
+        description="+1 pulls to +θ, −1 to −θ; with `crossings` +1 is wound by a positive angle of "
+        "the capstan, the side of the first crossing by default",
     )
-    insertion: Insertion | None = Field(
-        None, description="how it meets the joint, where it is only one"
-    )
-    crossings: tuple[Crossing, ...] = Field(
-        (), description="how it meets each joint that it crosses"
-    )
+    insertion: Insertion | None = None
+    crossings: tuple[Crossing, ...] = ()
     stiffness: Stiffness = Field(description="spring constant k")
-    damping: Annotated[Parameter, In("N s/m", "nonnegative")] = Field(ZERO, description="damping c")
-    pretension: Load = Field(ZERO, description="tension at zero angle and zero drive displacement")
+    damping: Annotated[Parameter, In("N s/m", "nonnegative")] = Field(ZERO, description="c")
+    pretension: Load = Field(ZERO, description="tension where angles and drive are at zero")
     slack: Displacement = Field(
         ZERO,
-        description="how far it must be pulled at zero angle and zero drive displacement to be "
-        "taut",
+        description="pull until it is taut where angles and drive are at zero",
     )
     stiffening: Annotated[Parameter, In("1/m", "nonnegative")] = Field(
-        ZERO, description="growth of stiffness with tension, a"
+        ZERO, description="a, growth of stiffness with tension"
     )
-    creep: Creep | None = Field(None, description="slow stretch under load")
-    slow_creep: Creep | None = Field(None, description="a second one, with another time constant")
-    path: Path | None = Field(None, description="friction along its way")
+    creep: Creep | None = None
+    slow_creep: Creep | None = None
+    path: Path | None = None
 
     @model_validator(mode="after")
     def _one_form(self) -> Self:

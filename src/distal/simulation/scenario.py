@@ -145,42 +145,28 @@ SCENARIOS = "distal.simulation"
 class SliderLoop(Description):
     """A position loop on a slider: F = stiffness · (position − x) − damping · ẋ + force."""
 
-    position: Annotated[Signal, SignalIn("m", POSITIONS)] = Field(
-        description="where the slider should be"
-    )
-    stiffness: Annotated[float, In("N/m", "positive")] = Field(5e3, description="gain of the loop")
-    damping: Annotated[float, In("kg/s", "nonnegative")] = Field(
-        5.0, description="gain on the velocity"
-    )
+    position: Annotated[Signal, SignalIn("m", POSITIONS)] = Field(description="where it should be")
+    stiffness: Annotated[float, In("N/m", "positive")] = 5e3
+    damping: Annotated[float, In("kg/s", "nonnegative")] = 5.0
 
 
 class CapstanServo(Description):
     """A position loop on a motor: torque = stiffness · (angle − φ) − damping · φ̇."""
 
-    angle: Annotated[Signal, SignalIn("rad", POSITIONS)] = Field(
-        description="where the capstan should be"
-    )
-    stiffness: Annotated[float, In("N m/rad", "positive")] = Field(
-        5.0, description="gain of the loop"
-    )
-    damping: Annotated[float, In("N m s/rad", "nonnegative")] = Field(
-        0.05, description="gain on the velocity"
-    )
+    angle: Annotated[Signal, SignalIn("rad", POSITIONS)] = Field(description="where it should be")
+    stiffness: Annotated[float, In("N m/rad", "positive")] = 5.0
+    damping: Annotated[float, In("N m s/rad", "nonnegative")] = 0.05
 
 
 class DriveInput(Description):
     """What pulls a drive; parts that are given add up."""
 
     weight: Annotated[Signal, SignalIn("N", nonnegative=True)] | None = Field(
-        None, description="a hung weight W: it has inertia, U = W − (W/g) ẍ"
+        None, description="a hung weight W with its inertia, U = W − (W/g) ẍ"
     )
-    force: Annotated[Signal, SignalIn("N")] | None = Field(
-        None, description="a massless force on a slider"
-    )
-    torque: Annotated[Signal, SignalIn("N m")] | None = Field(
-        None, description="a torque on a capstan"
-    )
-    servo: SliderLoop | CapstanServo | None = Field(None, description="a position loop")
+    force: Annotated[Signal, SignalIn("N")] | None = Field(None, description="on a slider")
+    torque: Annotated[Signal, SignalIn("N m")] | None = Field(None, description="on a capstan")
+    servo: SliderLoop | CapstanServo | None = None
 
 
 class TurningHand(Description):
@@ -189,38 +175,28 @@ class TurningHand(Description):
     angle: Annotated[Signal, SignalIn("rad", POSITIONS)] = Field(
         description="where the hand wants the joint"
     )
-    stiffness: Annotated[float, In("N m/rad", "positive")] = Field(
-        3.0, description="how firmly it holds"
-    )
-    damping: Annotated[float, In("N m s/rad", "nonnegative")] = Field(0.0, description="and damps")
+    stiffness: Annotated[float, In("N m/rad", "positive")] = 3.0
+    damping: Annotated[float, In("N m s/rad", "nonnegative")] = 0.0
 
 
 class JointInput(Description):
     """What acts on a joint that nobody measures."""
 
-    hand: TurningHand | None = Field(None, description="a hand that turns the joint")
-    torque: Annotated[Signal, SignalIn("N m")] | None = Field(
-        None, description="an external torque"
-    )
+    hand: TurningHand | None = None
+    torque: Annotated[Signal, SignalIn("N m")] | None = Field(None, description="external")
 
 
 class JointControl(Description):
     """Reference and gains of a joint's PID controller: τ = k_p e + k_i ∫ e dt − k_d ω."""
 
-    reference: Annotated[Signal, SignalIn("rad", POSITIONS)] = Field(
-        description="the angle that is wanted"
-    )
+    reference: Annotated[Signal, SignalIn("rad", POSITIONS)]
     proportional: Annotated[float, In("N m/rad", "positive")] = Field(description="k_p")
     integral: Annotated[float, In("N m/(rad s)", "nonnegative")] = Field(0.0, description="k_i")
-    derivative: Annotated[float, In("N m s/rad", "nonnegative")] = Field(
-        0.0, description="k_d, of the angle's speed"
-    )
+    derivative: Annotated[float, In("N m s/rad", "nonnegative")] = Field(0.0, description="k_d")
     deadband: Annotated[float, In("rad", "nonnegative")] = Field(
-        0.0, description="a smaller error counts as none: against stick–slip at rest"
+        0.0, description="smaller errors count as none"
     )
-    torque_limit: Annotated[float, In("N m", "positive")] | None = Field(
-        None, description="largest torque asked for"
-    )
+    torque_limit: Annotated[float, In("N m", "positive")] | None = None
 
 
 class Control(Description):
@@ -228,29 +204,24 @@ class Control(Description):
 
     feedback: str = Field(
         "adaptive",
-        description="what tells the angle: an estimator's name, encoder, ratio (displacements "
-        "alone), or command",
+        description='an estimator\'s name, "encoder", "ratio" (displacements alone) or "command"',
     )
-    period: Annotated[float, In("s", "positive")] = Field(
-        0.01, description="time between two commands"
-    )
+    period: Annotated[float, In("s", "positive")] = Field(0.01, description="between two commands")
     co_contraction: Annotated[float, In("N", "nonnegative")] = Field(
-        0.0, description="tension of all tendons without a torque, as far as it makes none"
+        0.0, description="tension of all tendons, as far as it makes no torque"
     )
     encoder_resolution: Annotated[float, In("rad", "nonnegative")] = Field(
-        pi / 180.0, description="step of the encoder in the joint, with feedback = encoder"
+        pi / 180.0, description='step of the encoder, with feedback = "encoder"'
     )
-    joints: dict[str, JointControl] = Field(min_length=1, description="what is controlled")
+    joints: dict[str, JointControl] = Field(min_length=1)
 
 
 class Change(Description):
     """How a number of the plant changes over hours: a share of it per hour, and a random walk."""
 
-    per_hour: Annotated[float, In("")] = Field(
-        0.0, description="share of it by which it changes in an hour"
-    )
+    per_hour: Annotated[float, In("")] = Field(0.0, description="change in an hour, as a share")
     walk: Annotated[float, In("", "nonnegative")] = Field(
-        0.0, description="standard deviation of the random share by which it changes in an hour"
+        0.0, description="standard deviation of its random change in an hour, as a share"
     )
 
 
@@ -259,18 +230,14 @@ class Rezero(Description):
     instead of as usual.
     """
 
-    every: Annotated[float, In("s", "positive")] = Field(description="time between two beginnings")
+    every: Annotated[float, In("s", "positive")] = Field(description="between two beginnings")
     lasts: Annotated[float, In("s", "positive")] = Field(
-        description="how long it takes; the angle is known in its last half"
+        description="the angle is known in the last half"
     )
-    joint: str | None = Field(None, description="which; default the first")
-    angle: Annotated[float, In("rad")] = Field(description="where the joint then stands")
-    std: Annotated[float, In("rad", "nonnegative")] = Field(
-        0.0, description="how well that is known"
-    )
-    drives: dict[str, DriveInput] = Field(
-        min_length=1, description="what pulls each drive meanwhile"
-    )
+    joint: str | None = Field(None, description="the first by default")
+    angle: Annotated[float, In("rad")]
+    std: Annotated[float, In("rad", "nonnegative")] = 0.0
+    drives: dict[str, DriveInput] = Field(min_length=1, description="what pulls each meanwhile")
 
     @model_validator(mode="after")
     def _time_between(self) -> Self:
@@ -286,33 +253,23 @@ class Scenario(Description):
     know.
     """
 
-    rig: str = Field(
-        min_length=1, description="a shipped rig's name, or a path (relative to the scenario file)"
-    )
-    name: str = Field("", description="title for plots")
-    duration: Annotated[float, In("s", "positive")] = Field(description="how long")
+    rig: str = Field(min_length=1, description="a shipped rig, or a path from this file")
+    name: str = Field("", description="title of plots")
+    duration: Annotated[float, In("s", "positive")]
     set: dict[str, object] = Field(
-        default_factory=dict, description="values of the rig, known to filters too"
+        default_factory=dict, description="numbers of the rig, for plant and filters"
     )
     plant: dict[str, object] = Field(
-        default_factory=dict, description="values of the rig that only the plant has"
+        default_factory=dict, description="numbers of the rig, for the plant alone"
     )
     initial: dict[str, object] = Field(
         default_factory=dict, description="angles of joints at the start"
     )
-    drives: dict[str, DriveInput] = Field(default_factory=dict, description="what pulls each drive")
-    joints: dict[str, JointInput] = Field(
-        default_factory=dict, description="what acts on each joint"
-    )
-    schedule: dict[str, Change] = Field(
-        default_factory=dict, description="numbers of the plant that change over hours"
-    )
-    rezero: Rezero | None = Field(
-        None, description="how the joint is driven to a known angle again and again"
-    )
-    control: Control | None = Field(
-        None, description="a controller that commands the drives beside that"
-    )
+    drives: dict[str, DriveInput] = Field(default_factory=dict)
+    joints: dict[str, JointInput] = Field(default_factory=dict)
+    schedule: dict[str, Change] = Field(default_factory=dict)
+    rezero: Rezero | None = None
+    control: Control | None = None
 
     def plant_rig(self, rig: Rig) -> Rig:
         """Return the rig as the plant really is.

@@ -36,52 +36,42 @@ Share = Annotated[float, In("", "positive"), Field(le=1.0)]
 class Requirement(Description):
     """What is asked of a rig as built."""
 
-    joint: str = Field(min_length=1, description="name of the joint")
+    joint: str = Field(min_length=1)
     within: Annotated[float, In("rad", "positive")] = Field(
-        description="how far the estimate may be from the truth"
+        description="largest error of the estimate"
     )
-    time: Share = Field(0.95, description="for which share of the time")
-    rigs: Share = Field(0.95, description="of which share of the rigs as built this is asked")
+    time: Share = Field(0.95, description="share of the time for which it holds")
+    rigs: Share = Field(0.95, description="share of the rigs as built for which it holds")
 
 
 class Study(Description):
     """A rig, what is done to it, what varies, and what is required."""
 
-    rig: str = Field(
-        min_length=1, description="a shipped rig's name, or a path (relative to the study's file)"
-    )
+    rig: str = Field(min_length=1, description="a shipped rig, or a path from this file")
     name: str = Field("", description="title of the answer")
-    scenarios: tuple[str, ...] = Field(
-        min_length=1, description="shipped scenarios' names, or paths"
-    )
+    scenarios: tuple[str, ...] = Field(min_length=1, description="shipped scenarios, or paths")
     duration: Annotated[float, In("s", "positive")] | None = Field(
-        None, description="of each run; default: as long as the scenario says"
+        None, description="of each run; the scenario's by default"
     )
-    estimator: str = Field(DEFAULT, description="a name, as of `distal estimate -e`")
-    fill: Literal["grid", "latin"] = Field(
-        "latin", description="how designs fill the space of what varies"
-    )
-    designs: int = Field(
-        256, ge=1, le=MOST_DESIGNS, description="number of designs; a grid has its own"
-    )
+    estimator: str = Field(DEFAULT, description="as of `distal estimate -e`")
+    fill: Literal["grid", "latin"] = Field("latin", description='"latin" or "grid"')
+    designs: int = Field(256, ge=1, le=MOST_DESIGNS, description="a grid has its own number")
     seeds: int = Field(3, ge=1, le=100_000, description="rigs as built of each design")
-    draw: int = Field(
-        1, ge=0, description="seed of the designs, the plants and the sensors' errors"
-    )
+    draw: int = Field(1, ge=0, description="seed of all random numbers")
     set: dict[str, object] = Field(
         default_factory=dict,
-        description="values of the rig, the same for all designs; they win over those of scenarios",
+        description="numbers of the rig for all designs, over those of scenarios",
     )
     vary: dict[str, object] = Field(
         default_factory=dict,
-        description="path of a number, as for `--set`, `sensors.NAME` or `estimator` → a list, or "
+        description="path of a number as for `--set`, `sensors.NAME` or `estimator` → a list, or "
         "a table with from and to",
     )
     added_noise: Annotated[float, In("N", "positive")] = Field(
         0.1,
-        description="noise of sensors of force that `--suggest` adds to a rig without load cells",
+        description="of force sensors that `--suggest` adds to a rig without load cells",
     )
-    requirement: Requirement = Field(description="what is asked")
+    requirement: Requirement
 
     @model_validator(mode="after")
     def _known(self) -> Self:

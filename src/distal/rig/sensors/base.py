@@ -23,9 +23,9 @@ COUNTS = frozenset({"count", "counts", "tick", "ticks"})
 """Names of the unit of an encoder that counts."""
 
 
-NOISE = Field(0.0, description="standard deviation, random error")
-STEP = Field(0.0, description="quantisation step; 0 = none")
-OFFSET = Field(ZERO, description="constant offset")
+NOISE = Field(0.0, description="standard deviation of the random error")
+STEP = Field(0.0, description="quantisation step; of an encoder before its gear")
+OFFSET = Field(ZERO, description="offset; it walks where it has a drift")
 """Fields of the errors that all kinds of sensors have, each in its own unit."""
 
 ERRORS = ("noise", "linearity", "resolution", "bias")
@@ -86,29 +86,23 @@ class SensorBase(Description):
 
     name: Name
     measures: str = Field(
-        description="position or force of a drive, tension of a tendon, angle of a joint or "
-        "torque on it, or another kind "
-        "of `distal.rig.sensors` (imu); command: a position that was asked for, not measured, "
-        "which the "
-        "drive follows with `lag`"
+        description="`position` or `force` of a drive, `command` (a position that it was sent and "
+        "follows with `lag`), `tension` of a tendon, `angle`, `torque` or `imu` of a joint"
     )
-    of: str = Field(description="name of the drive, tendon or joint")
+    of: str = Field(description="the drive, tendon or joint")
     column: str | None = Field(
         None,
         min_length=1,
-        description="column of the log, or /topic.field of a recording; default: the sensor's name",
+        description="of the log, or /topic.field of a recording; the sensor's name by default",
     )
-    unit: str | None = Field(None, min_length=1, description="unit in the log; default: SI")
-    sign: Literal[1, -1] = Field(1, description="-1 where the log counts the other way")
-    rate: Annotated[float, In("Hz", within=(1e-3, 1e6))] = Field(
-        100.0, description="samples per second"
-    )
-    delay: Seconds = Field(0.0, description="age of a value when it is stamped")
+    unit: str | None = Field(None, min_length=1, description="in the log; SI by default")
+    sign: Literal[1, -1] = Field(1, description="−1 where the log counts the other way")
+    rate: Annotated[float, In("Hz", within=(1e-3, 1e6))] = 100.0
+    delay: Seconds = Field(0.0, description="age of a reading when it is stamped")
 
     lag: Seconds = Field(
         0.0,
-        description="time constant with which a drive follows a command; 0 for a place that is "
-        "measured",
+        description="time constant with which a drive follows a command",
     )
 
     @model_validator(mode="before")

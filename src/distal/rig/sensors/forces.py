@@ -31,12 +31,12 @@ from distal.rig.sensors.base import (
 )
 from distal.units import to_si, unit_factor
 
-OVER_RANGE = Field(0.0, description="largest systematic deviation over the range, a smooth curve")
+OVER_RANGE = Field(0.0, description="largest deviation of a smooth systematic error")
 Newtons = Annotated[float, In("N", "nonnegative")]
 Gain = Annotated[
     Parameter,
     In("", "positive", drifts=False),
-    Field(description="what it reads for one unit of what it measures, beside its offset"),
+    Field(description="reading per unit of what is measured"),
 ]
 
 
@@ -59,21 +59,18 @@ class TorqueSensor(SensorBase):
     si: Literal["N m"]
     torque_constant: TorqueConstant | None = Field(
         None,
-        description="K_t at the capstan, where the log holds a current; its unit is then one of "
-        "current",
+        description="K_t at the capstan, where the log holds a current",
     )
     torque_constant_motor: TorqueConstant | None = Field(
-        None, description="K_t of the motor itself; the capstan's is `gear` times it"
+        None, description="K_t of the motor; the capstan's is `gear` times it"
     )
     gear: Factor = Field(
         1.0,
-        description="motor turns for one turn of the capstan; it applies to torque_constant_motor "
-        "only",
+        description="turns of the motor's (or encoder's) shaft for one turn of what is measured",
     )
     lever: Annotated[float, In("m", "positive")] | None = Field(
         None,
-        description="of a load cell, where the log holds a force: the capstan's radius for one in "
-        "its only tendon",
+        description="of a load cell, where the log holds a force",
     )
     noise: NewtonMetres = NOISE
     linearity: NewtonMetres = OVER_RANGE

@@ -37,8 +37,8 @@ RANGES = {"rate": 35.0, "force": 20.0}
 2 g. Source: judgement.
 """
 
-DEVIATION = Field(0.0, description="largest systematic deviation")
-WALKING = Field(ZERO, description="offset; with a drift it walks")
+DEVIATION = Field(0.0, description="largest deviation of a smooth systematic error")
+WALKING = Field(ZERO, description="offset; it walks where it has a drift")
 
 GROUP = ("name", "column", "noise", "bias", "numbers")
 """Keys of a unit's table that are not the same for all of its numbers; `noise` and `bias` are
@@ -49,13 +49,11 @@ tables by `rate` and `force`.
 class ImuSensor(SensorBase):
     """One number of an inertial measurement unit."""
 
-    unit_name: str = Field(description="name of the whole unit")
+    unit_name: str = Field(description="of the whole unit")
     number: Literal["rate_x", "rate_y", "rate_z", "force_x", "force_y", "force_z"] = Field(
-        description="which one"
+        description="which of its six numbers"
     )
-    mounting: FixedAngle = Field(
-        ZERO, description="how it is turned on its link, about the joint's axis"
-    )
+    mounting: FixedAngle = Field(ZERO, description="turn on its link, about the joint's axis")
 
 
 class Gyroscope(ImuSensor):

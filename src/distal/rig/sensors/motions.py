@@ -27,13 +27,12 @@ from distal.rig.sensors.base import (
 from distal.units import to_si
 
 Metres = Annotated[float, In("m", "nonnegative")]
-OVER_TRAVEL = Field(0.0, description="largest systematic deviation over the travel, a smooth curve")
+OVER_TRAVEL = Field(0.0, description="largest deviation of a smooth systematic error")
 Curve = Annotated[
     tuple[float, ...],
     Field(
         max_length=6,
-        description="known systematic deviation: weights of cos(π j ξ), j = 0.., over the travel "
-        "[SI]",
+        description="known systematic error: weights of cos(π j ξ), j = 0, 1, …, over the travel",
     ),
 ]
 
@@ -55,20 +54,18 @@ class AngleSensor(SensorBase):
     si: Literal["rad"]
     counts_per_turn: Factor | None = Field(
         None,
-        description="counts of the encoder in one turn of its own shaft, after quadrature; with "
-        'unit = "count"',
+        description='after quadrature, of the encoder\'s own shaft; with unit = "count"',
     )
     gear: Factor = Field(
-        1.0, description="turns of the encoder for one turn of what it measures (motor for capstan)"
+        1.0,
+        description="turns of the motor's (or encoder's) shaft for one turn of what is measured",
     )
     noise: Radians = NOISE
     linearity: Radians = OVER_TRAVEL
     curve: Curve = ()
     resolution: Radians = Field(
         0.0,
-        description="quantisation step of the sensor's own shaft, before the gear, in counts as "
-        "in degrees; 0 = none. "
-        "Noise, linearity and bias in degrees are those behind the gear",
+        description="quantisation step; of an encoder before its gear",
     )
     bias: AnyAngle = OFFSET
 
