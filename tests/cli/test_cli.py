@@ -82,10 +82,10 @@ def test_simulate_then_estimate(run, log: Path, tmp_path: Path) -> None:
     for name in ("inextensible", "elastic", "ekf-2008", "ekf"):
         assert name in ran.out
     frame = pl.read_csv(out)
-    assert frame.columns == ["t [s]", "theta [rad]", "theta_std [rad]"]
+    assert frame.columns == ["t [s]", "theta [deg]", "theta_std [deg]"]  # as the log has them
     assert frame.height == 800
     truth = pl.read_csv(log)["true_theta"].to_numpy()
-    assert np.rad2deg(np.sqrt(np.mean((frame["theta [rad]"].to_numpy() - truth) ** 2))) < 0.9
+    assert np.sqrt(np.mean((frame["theta [deg]"].to_numpy() - np.rad2deg(truth)) ** 2)) < 0.9
     assert plot.read_bytes().startswith(b"\x89PNG")
 
 
@@ -93,13 +93,13 @@ def test_degrees_and_all_states(run, log: Path, tmp_path: Path) -> None:
     """In degrees it is read as a truth again; --all writes every state, each with its unit."""
     out, every = tmp_path / "est.csv", tmp_path / "every.csv"
     asked = ("estimate", log, "--rig", "paper-2008-printed", "--estimator", "ekf", *SET)
-    assert run(*asked, "--out", out, "--unit", "deg").code == 0
+    assert run(*asked, "--out", out).code == 0
     assert pl.read_csv(out).columns == ["t [s]", "theta [deg]", "theta_std [deg]"]
     row = next(
         line for line in run(*asked, "--truth", out).out.splitlines() if line.split()[:1] == ["ekf"]
     )
     assert row.split()[1] == "0.000"  # RMS error against itself [°]
-    assert run(*asked, "--out", every, "--all").code == 0
+    assert run(*asked, "--out", every, "--all", "--unit", "rad").code == 0
     written = pl.read_csv(every)
     np.testing.assert_allclose(
         np.deg2rad(pl.read_csv(out)["theta [deg]"]), written["theta [rad]"], atol=1e-12
@@ -237,7 +237,8 @@ def test_the_same_from_python(run, log: Path, tmp_path: Path) -> None:
     )
     rig = distal.load_rig("paper-2008-printed", SET[1::2])
     result = distal.estimate(log, rig, "ekf-2008")
-    np.testing.assert_array_equal(pl.read_parquet(out)["theta [rad]"].to_numpy(), result.theta)
+    angles = pl.read_parquet(out)["theta [deg]"].to_numpy()
+    np.testing.assert_allclose(angles, np.rad2deg(result.theta), rtol=1e-15)
 
 
 def test_without_truth_one_estimate_and_no_errors(run, log: Path, tmp_path: Path) -> None:
@@ -278,9 +279,7 @@ def test_home_without_a_reference(run, log: Path, tmp_path: Path) -> None:
         assert re.search(
             r"home: the joint stands at [-\d.]+° ± 0.\d+° for the first 0.1 s", done.out
         )
-        assert pl.read_csv(out)["theta [rad]"][8] == pytest.approx(
-            radians(angle), abs=np.deg2rad(0.3)
-        )
+        assert pl.read_csv(out)["theta [deg]"][8] == pytest.approx(angle, abs=0.3)
     for text, said in (
         ("4 deg ± 1 ± 2", "written as '0 deg'"),
         ("± 1 deg", "written as"),

@@ -88,19 +88,19 @@ def test_csv_in_csv_out(run: Run, rig: Rig, log: Log, csv: str) -> None:
     out, err, code = run(csv)
     assert code == 0, err
     rows = pl.read_csv(out.encode())
-    np.testing.assert_allclose(rows["theta [rad]"], estimate(log, rig).theta, atol=1e-14)
+    np.testing.assert_allclose(
+        rows["theta [deg]"], np.rad2deg(estimate(log, rig).theta), atol=1e-12
+    )
     assert set(rows["health"]) == {"ok"}
     assert "300 samples in" in err
 
 
 def test_angles_in_degrees(run: Run, csv: str, tmp_path: Path) -> None:
-    """As `distal estimate --unit deg`, in CSV and JSON; a recording stays in the units of its
-    schema.
-    """
+    """As the log has them, in CSV and JSON; a recording stays in the units of its schema."""
     mcap_reader = pytest.importorskip("mcap.reader")
-    radians = pl.read_csv(run(csv)[0].encode())
+    radians = pl.read_csv(run(csv, "--unit", "rad")[0].encode())
     record = tmp_path / "run.mcap"
-    out, err, code = run(csv, "--unit", "deg", "--record", str(record))
+    out, err, code = run(csv, "--record", str(record))
     assert code == 0, err
     rows = pl.read_csv(out.encode())
     for name in ("theta", "theta_std"):
@@ -157,7 +157,9 @@ def test_json_in_json_out_and_a_recording(
     assert code == 0, err
     rows = [json.loads(line) for line in out.splitlines()]
     assert [row["t"] for row in rows] == pytest.approx(log.time)
-    np.testing.assert_allclose([row["theta"] for row in rows], estimate(log, rig).theta, atol=1e-14)
+    np.testing.assert_allclose(
+        [row["theta"] for row in rows], np.rad2deg(estimate(log, rig).theta), atol=1e-12
+    )
     again = read_log(path, rig)  # and `distal estimate` reads it
     for name in ("x1", "u1", "x2", "u2"):
         np.testing.assert_allclose(again.channels[name], log.channels[name], rtol=1e-12)
@@ -290,7 +292,7 @@ def test_each_line_is_answered_at_once(csv: str) -> None:
         process.stdin.write(line)
         process.stdin.flush()
         if line is lines[1]:
-            assert process.stdout.readline().startswith("t [s],theta [rad]")
+            assert process.stdout.readline().startswith("t [s],theta [deg]")
         assert process.stdout.readline().startswith(line.split(",")[0])
     process.stdin.close()
     assert process.wait(20) == 0
@@ -378,7 +380,7 @@ def test_udp_as_plotjuggler_sends_and_reads_it(log: Log, rig: Rig, csv: str) -> 
         for answer in answers
     )
     assert json.loads(out.splitlines()[-1])["health"] == "ok"
-    assert answers[-1]["theta"] == pytest.approx(estimate(log, rig).theta[59], abs=0.1)
+    assert answers[-1]["theta"] == pytest.approx(np.rad2deg(estimate(log, rig).theta[59]), abs=6.0)
 
 
 def test_a_stream_without_its_header_says_what_the_first_line_lacks(run: Run) -> None:

@@ -61,8 +61,8 @@ def goes_on(shell: Shell, rig: str, log: str, name: str) -> None:
     shell.run(
         f"""
         distal command wanted.csv --rig {rig} --out commands.csv --plot commands.png
-        distal estimate {log} --rig {rig} -e adaptive --no-what-if --out estimate.csv
-        distal stream --rig {rig} < {log} > stream.csv
+        distal estimate {log} --rig {rig} -e adaptive --no-what-if --out estimate.csv --unit rad
+        distal stream --rig {rig} --unit rad < {log} > stream.csv
         distal export-c {rig} --out firmware --name joint
         """
     )
@@ -218,8 +218,9 @@ def test_logs_alone(shell: Shell) -> None:
         """
         distal learn run_0.csv run_1.csv run_2.csv --out finger.toml
         distal rig check finger.toml
-        distal estimate unseen.csv --rig finger.toml -e adaptive --no-what-if --out estimate.csv
-        distal stream --rig finger.toml < unseen.csv > stream.csv
+        distal estimate unseen.csv --rig finger.toml -e adaptive --no-what-if --out estimate.csv \
+          --unit rad
+        distal stream --rig finger.toml --unit rad < unseen.csv > stream.csv
         distal export-c finger.toml --out firmware --name finger
         """
     )
