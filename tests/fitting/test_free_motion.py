@@ -53,13 +53,13 @@ def pushed() -> Log:
 
 
 def contacts(rig: Rig, log: Log, touches: bool = True) -> list[JointContact]:
-    """Return what a stream says of the one joint: ok until something `touches` it."""
+    """Return what a stream says of the one joint: ok until 0.2 s after something `touches` it."""
     monitor = Monitor(LiveEstimator(rig))
     samples = np.column_stack([log.channels[name] for name in monitor.channels])
     readings = [monitor.take(float(t), sample) for t, sample in zip(log.time, samples)]
     before, during = (
         {one.health for one in readings if begin < one.time < end}
-        for begin, end in ((0.0, PUSHED), (PUSHED + 0.1, PUSHED + 3.0))
+        for begin, end in ((0.0, PUSHED), (PUSHED + 0.2, PUSHED + 3.0))
     )
     assert (before, during) == ({"ok"}, {"touched"} if touches else {"ok"})
     return [reading.contacts[0] for reading in readings]

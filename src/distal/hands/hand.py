@@ -23,6 +23,7 @@ from distal.logs import write_log
 from distal.logs.atomic_writes import check_writable
 from distal.rig import Capstan, Rig, as_rig
 from distal.run import HEALTH, LiveEstimator, LogUnits, Monitor, Reading
+from distal.run.health import Health
 from distal.run.log_units import HOTTEST
 
 HOT = 65.0
@@ -163,8 +164,8 @@ class Hand:
         if turns:
             detail = f"{', '.join(turns)}: in which of its turns, is not known; it gets no goal"
             self._reading = replace(self._reading, health="restarted", detail=detail)
-        if problem and self._reading.health in ("ok", "bad"):
-            word = "missing" if self._reading.health == "ok" else self._reading.health
+        if problem and self._reading.health in ("ok", "untested", "bad"):
+            word: Health = "bad" if self._reading.health == "bad" else "missing"
             self._reading = replace(self._reading, health=word, detail=problem)
         return self._reading
 

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
-from distal.confidence import LARGE_PRIOR, SMALL
+from distal.confidence import LARGE_PRIOR
 from distal.estimators import TOUCHED, KernelEstimator
 from distal.estimators.read_channels import DEAD, dead_after
 from distal.expressions import Scalar, Vector
@@ -42,9 +42,9 @@ Health = Literal[
 ]
 
 HEALTH: dict[Health, str] = {
-    "ok": "all sensors were read, and those that are compared agree",
-    "untested": "all sensors were read, and none can disagree: no force is compared, or its "
-    "innovations are far too small",
+    "ok": "all sensors were read, and are as in the logs from which the rig was learned",
+    "untested": "all sensors were read and none disagrees, but no log has said what is normal, or "
+    "no sensor is compared",
     "missing": "a sensor has no value for longer than its own interval; it is bridged",
     "gap": "samples are missing before this one; they are bridged",
     "outside": "a position is where none of the logs has been from which the rig was learned",
@@ -302,7 +302,8 @@ def watch_of(estimator: KernelEstimator) -> Watch:
         "gap": ca.logic_and(ca.logic_not(first), dt > WAITING * interval * ca.fmax(usual_pace, 1)),
         "hurried": ca.logic_and(ca.logic_not(first), pace < HURRIED),
         "nothing": ca.logic_not(_any(mask)),
-        "untested": ca.logic_not(_any(ratio >= (SMALL if free is None else 0.0))),
+        # where no log said what is normal, innovations may be too large, but never right
+        "untested": ca.SX(not redundancy.maps and (free is None or m == 0)),
         "unknown": ca.logic_and(ca.logic_not(first), _any(came["stds"] > UNKNOWN)),
     }
     flags |= {

@@ -92,9 +92,10 @@ class Reading:
         """Why a controller must not use this reading; empty where all angles are known well."""
         if isnan(self.angles[0]):
             return f"no angle: {self.health}"
-        if self.health in UNUSABLE or not max(self.angle_stds) <= LOST:
-            return self.detail or f"the angle is not known to ±{np.rad2deg(2 * LOST):.0f}°"
-        return ""
+        lost = f"the angle is not known to ±{np.rad2deg(2 * LOST):.0f}°"
+        if self.health in UNUSABLE:
+            return self.detail or lost
+        return "" if max(self.angle_stds) <= LOST else lost
 
 
 class Monitor:
@@ -286,7 +287,9 @@ class Monitor:
 
         left = (live.state_names[i] for i, is_left in zip(watch.watched, flags["left"]) if is_left)
         return {
-            "untested": ", ".join(live.measured) or "no sensor is compared",
+            "untested": "no log has said what is normal"
+            if live.measured
+            else "no sensor is compared",
             "missing": self._names(flags["missing"]),
             "nothing": "all sensors",
             "outside": f"{named('outside', watch.redundancy.positions)} is where no log has been",
