@@ -66,7 +66,30 @@ def test_a_log_that_begins_and_stays_at_rest_is_not_touched(rig: Rig) -> None:
             noise = np.random.default_rng(row).normal(0.0, 2e-3, 1500)
             held |= {name: held[name] + noise for name in forces_of(rig)}
             rest = replace(log, time=log.time[:1500], channels=held, truth={})
-            assert share(log_health(rest, rig), "touched") == 0.0, (seed, row)
+            assert share(log_health(rest, rig), "touched", "dead") == 0.0, (seed, row)
+
+
+def test_of_what_logs_taught_the_end_of_a_range_is_no_news(rig: Rig) -> None:
+    """They say where a position may be; without them a motor beyond its range has slipped."""
+    with_stops = rig.with_values({"joints.finger.stops": ["-5 deg", "100 deg"]})
+    taught, bare = (
+        watch_of(LiveEstimator(described).estimator)
+        for described in (with_stops, with_stops.bare())
+    )
+    assert taught.ends == ()
+    assert len(bare.ends) == 1
+
+
+def test_of_what_logs_taught_a_repetition_is_no_fault(rig: Rig) -> None:
+    """A motor at rest may repeat its position, although the rig says that it has noise."""
+    at = [i for i, sensor in enumerate(rig.sensors) if sensor.measures == "position"]
+    noisy = rig.with_values({f"sensors.{i}.noise": 1e-2 for i in at})
+    log = finger_log(11, 20.0)
+    held = {name: np.full(300, log.channels[name][900]) for name in positions_of(rig)}
+    held |= {name: log.channels[name][:300] for name in forces_of(rig)}
+    rest = replace(log, time=log.time[:300], channels=held, truth={})
+    assert "dead" not in log_health(rest, noisy)
+    assert log_health(rest, noisy.bare())[-1] == "dead"
 
 
 def test_wrong_readings_are_not(rig: Rig) -> None:
