@@ -32,10 +32,6 @@ TURNS = np.array([2.0 * pi, 360.0, *2.0 ** np.arange(6, 33)])
 have whole numbers of bits).
 """
 
-NEAR = 0.1
-"""Share of its turn by which a wrap may differ from it, and usual steps be long. Source: judgement.
-"""
-
 LONGEST_LAG = 40
 """Samples by which one column may follow another. Source: judgement."""
 
@@ -119,9 +115,10 @@ def _turn(columns: Sequence[Floats], width: float) -> float | None:
     if len(wraps) < 2:
         return None
     usual = float(np.quantile(steps, 0.95))
+    # a step across the wrap is shorter than the turn by what it would be elsewhere
     seen = float(np.median(wraps)) + usual / 2.0
     turn = float(TURNS[np.argmin(np.abs(TURNS - seen))])
-    return turn if abs(turn - seen) < NEAR * seen and usual <= NEAR * width else None
+    return turn if abs(turn - seen) <= usual and usual < HALF * width else None
 
 
 def unwrapped(values: Floats, turn: float) -> Floats:

@@ -33,7 +33,9 @@ from distal.model import GRAVITY
 from distal.rig import Guess, Imported
 
 LENGTH = 40.0
-"""Length of a link [mm]. Source: judgement (fingers: 20 to 50; Buryanov and Kotiuk 2010)."""
+"""Length of a link [mm]. Source: reference (proximal phalanx of an index finger, 39.8 mm; Buryanov
+and Kotiuk 2010).
+"""
 
 
 def parents_of(joints: Sequence[FoundJoint], drives: Sequence[FoundDrive]) -> list[int | None]:

@@ -19,17 +19,13 @@ from distal.arrays import Floats
 from distal.from_logs.found_parts import FoundDrive, sliding, torque_of
 from distal.from_logs.least_squares import (
     CLEAR,
+    WITHIN,
     relative_errors,
     scaled_solution,
     smoothed,
     window_of,
 )
 from distal.from_logs.motion_data import MotionData
-
-SURE = 2.0
-"""Standard errors above an estimate to which a number may be larger [1]. Source: definition (97.7 %
-of a normal distribution).
-"""
 
 
 @dataclass(frozen=True)
@@ -80,7 +76,7 @@ def joint_balance(
         damping=float(shown[2]),
         inertia=float(shown[3]),
         friction=float(shown[4]),
-        most_inertia=float(max(coefficients[3], 0.0) + SURE * stds[3]),
+        most_inertia=float(max(coefficients[3], 0.0) + WITHIN * stds[3]),
     )
 
 

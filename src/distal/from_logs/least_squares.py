@@ -100,6 +100,18 @@ below 2.5).
 """
 
 
+BETTER = 0.9
+"""Terms and drives are told that bring the RMS error on other logs below this share [1]. Source:
+benchmark (docs/results/from-logs.md: links of fingers 0.6 to 0.8, of a light wrist 0.95 to 1.02;
+growth and stiffening 0.5 to 0.86 in plants that have them, else 0.93).
+"""
+
+WITHIN = 2.0
+"""Numbers differ clearly that are so many standard errors apart [1]. Source: reference (Hastie,
+Tibshirani and Friedman 2009, section 7.10, with two in place of one).
+"""
+
+
 def scaled_solution(matrix: Floats, target: Floats) -> tuple[Floats, float]:
     """Return the solution of least squares, (n,), by columns that are scaled to one size, and the
     RMS of what it leaves.

@@ -25,6 +25,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulls_of, sliding, torque_of
 from distal.from_logs.least_squares import (
+    BETTER,
     CLEAR,
     INDEPENDENT,
     scaled_solution,
@@ -37,14 +38,6 @@ from distal.rig import Rig
 
 MASS = 10.0
 """Mass of a link and its standard deviation [g]. Source: judgement (plastic fingers)."""
-
-LIGHTEST = 1.0
-"""Least mass of a link [g]. Source: judgement."""
-
-BETTER = 0.9
-"""Terms are told where they bring the RMS error on other logs below this share [1]. Source:
-benchmark (docs/results/from-logs.md: links of fingers 0.6 to 0.8, of a light wrist 0.95 to 1.02).
-"""
 
 STRONGEST = 20.0
 """Largest gravity by links of an assumed length [m/s²]. Source: judgement (twice the earth's)."""
@@ -137,9 +130,9 @@ def _masses(rows: Sequence[_Equations], count: int) -> tuple[Floats, Floats]:
     precision[:count] = prior[:count] ** -2
     covariance = np.linalg.pinv(scaled.T @ scaled / noise + np.diag(precision))
     solution = covariance @ (scaled.T @ target / noise + precision * prior)
-    masses = np.maximum(1e3 * solution[:count] / size[:count], LIGHTEST)
     stds = 1e3 * np.sqrt(np.diag(covariance)[:count]) / size[:count]
-    return masses, stds
+    # a mass that the logs do not show may be as small as its error
+    return np.maximum(1e3 * solution[:count] / size[:count], stds), stds
 
 
 def _better(errors: Floats, usual: Floats) -> bool:

@@ -32,11 +32,8 @@ FEWEST_ROWS = 50
 """A log with fewer rows than this shows nothing of a rig. Source: judgement."""
 
 
-SLOWEST = 0.5
-"""Least rate of a log [Hz]. Source: judgement."""
-
-FASTEST = 2e4
-"""Largest rate of a log [Hz]. Source: judgement."""
+RATES = (0.5, 2e4)
+"""Least and largest rate of a log [Hz]. Source: judgement."""
 
 TIME = "time"
 """Column of a recording's stamps [s]. Source: definition (the name)."""
@@ -209,10 +206,11 @@ def time_unit(time: ColumnRole, logs: Sequence[RawLog]) -> tuple[str, list[str]]
     step = float(np.median(steps[steps > 0.0]))
     unit = time.unit or "s"
     size = unit_factor(unit, "s")
-    if SLOWEST <= 1.0 / (step * size) <= FASTEST:
+    slowest, fastest = RATES
+    if slowest <= 1.0 / (step * size) <= fastest:
         return unit, []
     possible = [
-        unit for unit, size in USUAL["s"].items() if SLOWEST <= 1.0 / (step * size) <= FASTEST
+        unit for unit, size in USUAL["s"].items() if slowest <= 1.0 / (step * size) <= fastest
     ]
     if not possible:
         raise RigError(f"{time.header} steps by {step:g}: no unit makes a rate of that")

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from math import isfinite
 
 import numpy as np
+from scipy.stats import gmean
 
 from distal.arrays import Floats
 from distal.from_logs.column_units import ColumnRole
@@ -27,7 +28,7 @@ from distal.from_logs.least_squares import (
     smoothed,
 )
 from distal.from_logs.motion_data import MotionData
-from distal.from_logs.structure import CLEAR_COMPLIANCE, DriveStructure
+from distal.from_logs.structure import DriveStructure
 from distal.regression import FEWEST_LOGS
 
 DRIVE_SHARE = 0.4
@@ -195,10 +196,9 @@ ASSUMED_CONSTANT = 0.5
 """Torque constant where currents are all that is read [N m/A]. Source: judgement (small servos)."""
 
 LARGEST_RATIO = 4.0
-"""A drive that turns more often than this per turn of a joint has a gear. Source: judgement."""
-
-USUAL_RATIO = 1.0
-"""Radius of a joint's pulley over that of a spool behind a gear. Source: judgement."""
+"""A drive that turns more often than this per turn of a joint has a gear, behind which spool and
+pulley are taken as alike. Source: judgement.
+"""
 
 TWO_SIDED = 0.05
 """Efforts of both signs, the smaller above this share of the larger: two tendons on one spool.
@@ -211,19 +211,15 @@ SHARE_OF_PAIR = 1.5
 judgement (both stay taut above a half).
 """
 
-SOFTEST = 2e3
-"""Least stiffness of a usual tendon [N/m]. Source: judgement (braided lines)."""
-
-STIFFEST = 2e5
-"""Largest stiffness of a usual tendon [N/m]. Source: judgement (short steel ropes)."""
+USUAL_STIFFNESS = (2e3, 2e5)
+"""Least and largest stiffness of a usual tendon, of a braided line and of a short steel rope [N/m];
+where no log tells it, their geometric mean is taken. Source: judgement.
+"""
 
 SOFTER = 0.2
 """Least stiffness of a tendon that stiffens per that at its usual tension [1]. Source: judgement
 (the logs know the latter).
 """
-
-ASSUMED_STIFFNESS = 2e4
-"""Stiffness of a tendon where no log tells it [N/m]. Source: judgement (braided lines)."""
 
 
 @dataclass(frozen=True)
@@ -298,11 +294,11 @@ def drive_sizes(
     ratio = float(np.max(np.abs(structure.ratios)))
     gear = 1.0
     if not is_slider and ratio > LARGEST_RATIO:
-        gear = float(round(ratio / USUAL_RATIO))
+        gear = float(round(ratio))
     lever = 1.0 if is_slider else ASSUMED_RADIUS
     efforts = np.concatenate([log.efforts[:, drive] for log in logs])
     is_read = effort is not None and bool(np.isfinite(efforts).all())
-    knows = is_read and abs(structure.compliance) > CLEAR_COMPLIANCE * structure.compliance_std
+    knows = is_read and structure.knows_compliance
     constant = 1.0
     if effort is not None and effort.si == "A":
         constant = ASSUMED_CONSTANT
@@ -333,12 +329,12 @@ def drive_sizes(
     )
     if knows and effort is not None and effort.si == "A":
         # the scale of force is free: it is chosen so that the tendon is a usual one
-        usual = float(np.clip(stiffness, SOFTEST, STIFFEST))
+        usual = float(np.clip(stiffness, *USUAL_STIFFNESS))
         constant *= usual / stiffness
         pulls = pulls * usual / stiffness
         stiffness = usual
     if not isfinite(stiffness):
-        stiffness = ASSUMED_STIFFNESS
+        stiffness = float(gmean(USUAL_STIFFNESS))
         stiffness_std = float("nan")
     tension = float(np.quantile(np.abs(pulls), 0.9)) / lever if is_read else 10.0
     arms = position_sign * winding * structure.ratios / gear * lever

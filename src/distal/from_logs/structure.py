@@ -24,8 +24,9 @@ from itertools import combinations
 import numpy as np
 
 from distal.arrays import Bools, Floats
-from distal.from_logs.least_squares import scaled_solution
+from distal.from_logs.least_squares import BETTER, WITHIN, scaled_solution
 from distal.from_logs.motion_data import MotionData
+from distal.from_logs.raw_log import FEWEST_ROWS
 
 BLOCKS = 6
 """Parts of a log whose errors are compared in pairs. Source: judgement."""
@@ -35,12 +36,6 @@ MOST_JOINTS_AT_ONCE = 5
 """With more joints, those are tried together that alone explain a drive best. Source: judgement."""
 
 
-WITHIN = 2.0
-"""A smaller set of joints is taken where its error is within so many standard errors of the least.
-Source: reference (Hastie, Tibshirani and Friedman 2009, section 7.10, with two in place of one).
-"""
-
-
 SMALLEST_SHARE = 0.12
 """A joint whose motion moves the drive by less than this share of its range is not crossed. Source:
 judgement.
@@ -48,24 +43,13 @@ judgement.
 
 
 EXPLAINED = 0.5
-"""A drive moves joints if they explain at least this share of its variance. Source: judgement."""
-
-
-FEWEST = 30
-"""Samples of known angles that a log needs. Source: judgement."""
-
-
-CLEAR_COMPLIANCE = 2.0
-"""A compliance counts that is so many standard errors above zero. Source: judgement."""
+"""A drive moves joints if they explain at least this share of its variance [1]. Source: definition
+(more than they leave).
+"""
 
 CORRELATED = 0.8
 """Squared correlation of effort and position, given all else, above which the effort is regressed
 [1]. Source: judgement (chains with load cells 0.85 to 0.95, two servos on three joints 0.2).
-"""
-
-FORM_HELPS = 0.9
-"""The terms h and q count that bring the RMS error on logs left out below this share of it. Source:
-judgement (plants that have them: 0.5 to 0.86; that lack them, or whose sensors hide them: 0.93).
 """
 
 
@@ -87,7 +71,6 @@ class DriveStructure:
         effort: ē, 0 without a sensor of effort.
         zero: mean of c over the logs, at zero effort.
         zero_spread: standard deviation of c between logs.
-        residual: RMS of what is left on logs left out.
         explained: share of the drive's variance that the joints alone explain there.
         rival: the other set of joints whose error is within two standard errors, if there is one.
     """
@@ -105,15 +88,19 @@ class DriveStructure:
     effort: float
     zero: float
     zero_spread: float
-    residual: float
     explained: float
     rival: tuple[int, ...] | None
+
+    @property
+    def knows_compliance(self) -> bool:
+        """Whether b is clear of its error."""
+        return abs(self.compliance) > WITHIN * self.compliance_std
 
     def friction(self, efforts: Floats) -> Floats:
         """Return the effort that friction takes while the drive moves, f = −(g + h (e − ē))/b, at
         some efforts; 0 where b is not clear.
         """
-        if not abs(self.compliance) > CLEAR_COMPLIANCE * self.compliance_std:
+        if not self.knows_compliance:
             return np.zeros_like(efforts)
         taken = self.hysteresis + self.growth * (efforts - self.effort)
         return np.asarray(-taken / self.compliance)
@@ -174,9 +161,9 @@ def _folds(logs: Sequence[MotionData], drive: int, moving: bool = False) -> list
         if np.isfinite(effort).all():
             regressors.append(effort)
         usable = np.isfinite(log.angles).all(axis=1)
-        if moving and (usable & log.moves(drive)).sum() >= FEWEST:
+        if moving and (usable & log.moves(drive)).sum() >= FEWEST_ROWS:
             usable &= log.moves(drive)
-        if usable.sum() < FEWEST:
+        if usable.sum() < FEWEST_ROWS:
             continue
         folds.append(
             _Fold(
@@ -220,8 +207,7 @@ def _solve(folds: Sequence[_Fold], joints: Sequence[int]) -> Floats:
     parts = [_centred(fold, joints) for fold in folds]
     columns = np.vstack([matrix for matrix, _ in parts])
     target = np.concatenate([values for _, values in parts])
-    size = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-300)
-    return np.asarray(np.linalg.lstsq(columns / size, target, rcond=None)[0] / size)
+    return scaled_solution(columns, target)[0]
 
 
 def _sizes(folds: Sequence[_Fold], joints: Sequence[int]) -> Floats:
@@ -319,7 +305,6 @@ def _described(
         effort=effort,
         zero=float(np.mean(zeros)),
         zero_spread=float(np.std(zeros)),
-        residual=float(np.sqrt(np.mean(_block_errors(every, joints)))),
         explained=float(1.0 - by_joints**2 / max(total**2, 1e-300)),
         rival=rival,
     )
@@ -347,7 +332,7 @@ def _clear_forms(folds: Sequence[_Fold], joints: Sequence[int], effort: float) -
             for form in left
         }
         best = min(left, key=lambda form: errors[form])
-        if errors[best] > FORM_HELPS**2 * least:
+        if errors[best] > BETTER**2 * least:
             break
         forms = (*forms, best)
         least = errors[best]
