@@ -29,9 +29,6 @@ SLOW = 0.03
 (docs/results/from-logs.md).
 """
 
-SURE = 0.99
-"""Magnitude of a direction from which on it is clear. Source: judgement."""
-
 ASSUMED_COUNTS = 4096.0
 """Counts of an encoder in one turn where no log shows a wrap. Source: judgement (usual
 encoders).
@@ -73,8 +70,8 @@ class MotionData:
     def moves(self, drive: int) -> Bools:
         """Return when a drive moves, so that friction acts against its direction, (n_samples,)."""
         speed = np.abs(speed_of(self.positions[:, drive], self.time))
-        fast = speed > SLOW * np.sqrt(np.mean(speed**2))
-        moving: Bools = fast & (np.abs(self.directions[:, drive]) > SURE)
+        has_turned = np.isclose(np.abs(self.directions[:, drive]), 1.0)
+        moving: Bools = (speed > SLOW * np.sqrt(np.mean(speed**2))) & has_turned
         return moving
 
 

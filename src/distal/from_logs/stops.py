@@ -82,9 +82,10 @@ def joint_stops(
 ) -> tuple[float | None, float | None]:
     """Return the lower and the upper stop of a joint [rad], None where the logs show none.
 
-    Of n turning points on a range R, k are within w of the outermost by chance λ^(k−1)/(k−1)! with
-    λ = n w/R at most (Poisson). Where m of them rest within w′, that has the chance (w′/w)^(m−1). The share
-    of other turning points that are as brisk is the chance of each one's briskness.
+    Of n turning points on a range R, k are within w of the outermost by chance Σ e^(−λ) λ^j/j! over
+    j ≥ k − 1, with λ = n w/R (Poisson). Where m of them rest within w′, that has the chance
+    (w′/w)^(m−1). The share of other turning points that are as brisk is the chance of each one's
+    briskness.
 
     Args:
         joint: index of the joint.
