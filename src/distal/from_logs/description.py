@@ -16,7 +16,7 @@ from typing import cast
 
 from distal.from_logs.column_units import TAKEN_FORCES, ColumnRole
 from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulls_of
-from distal.from_logs.link_masses import MASS, Links, links_of
+from distal.from_logs.link_masses import LENGTH, MASS, Links, links_of
 from distal.from_logs.motion_data import MotionData
 from distal.from_logs.raw_parts import (
     Raw,
@@ -31,11 +31,6 @@ from distal.from_logs.raw_parts import (
 )
 from distal.model import GRAVITY
 from distal.rig import Guess, Imported
-
-LENGTH = 40.0
-"""Length of a link [mm]. Source: reference (proximal phalanx of an index finger, 39.8 mm; Buryanov
-and Kotiuk 2010).
-"""
 
 
 def parents_of(joints: Sequence[FoundJoint], drives: Sequence[FoundDrive]) -> list[int | None]:

@@ -90,9 +90,6 @@ def smoothed(values: Floats, window: int, step: float, order: int = 0) -> Floats
     return np.asarray(convolve1d(rates, kernel, axis=0, mode="nearest"))
 
 
-INDEPENDENT = 10.0
-"""So many samples, whose errors are alike, count as one. Source: judgement."""
-
 CLEAR = 4.0
 """Inertia, damping and friction count that are so many standard errors above zero [1]. Source:
 benchmark (`benchmarks.from_logs rigs`, seeds 7301 to 7304: 4 to 27 with inertia in the plant, else
@@ -125,11 +122,11 @@ def scaled_solution(matrix: Floats, target: Floats) -> tuple[Floats, float]:
     return solution, float(np.sqrt(np.mean((target - matrix @ solution) ** 2)))
 
 
-def relative_errors(matrix: Floats) -> Floats:
-    """Return the standard errors of the coefficients, (n,), per RMS of what is left, where
-    `INDEPENDENT` samples count as one.
+def relative_errors(matrix: Floats, window: int) -> Floats:
+    """Return the standard errors of the coefficients, (n,), per RMS of what is left, where the
+    samples of a `window`, over which both sides are smoothed, count as one.
     """
     size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
     scaled = matrix / size
-    covariance = np.linalg.pinv(scaled.T @ scaled / INDEPENDENT)
+    covariance = np.linalg.pinv(scaled.T @ scaled / window)
     return np.asarray(np.sqrt(np.diag(covariance)) / size)

@@ -27,7 +27,7 @@ from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulls_of, slidi
 from distal.from_logs.least_squares import (
     BETTER,
     CLEAR,
-    INDEPENDENT,
+    relative_errors,
     scaled_solution,
     smoothed,
     window_of,
@@ -39,8 +39,10 @@ from distal.rig import Rig
 MASS = 10.0
 """Mass of a link and its standard deviation [g]. Source: judgement (plastic fingers)."""
 
-STRONGEST = 20.0
-"""Largest gravity by links of an assumed length [m/s²]. Source: judgement (twice the earth's)."""
+LENGTH = 40.0
+"""Length of a link [mm]. Source: reference (proximal phalanx of an index finger, 39.8 mm; Buryanov
+and Kotiuk 2010).
+"""
 
 
 @dataclass(frozen=True)
@@ -63,10 +65,11 @@ class Links:
 class _Equations:
     """One joint on one log, while it and its drives move: the columns of the masses, (k, n_links),
     of gravity at unit masses, (k, 2, n_links), of an inertia of each joint's own, (k, n_links), and
-    of the joint's own terms, and its torque, (k,).
+    of the joint's own terms, and its torque, (k,), smoothed over a `window` of samples.
     """
 
     joint: int
+    window: int
     masses: Floats
     gravity: Floats
     inertia: Floats
@@ -114,7 +117,8 @@ def links_of(
         links = _errors(parts, as_links, True)
     joined = _better(links, _errors(parts, as_inertias, tared))
     matrix, target = _system(rows, [as_links(row) for row in rows], with_offset=tared)
-    return Links(joined, pairs, _gravity(matrix, target, count))
+    window = max(row.window for row in rows)
+    return Links(joined, pairs, _gravity(matrix, target, window, count))
 
 
 def _masses(rows: Sequence[_Equations], count: int) -> tuple[Floats, Floats]:
@@ -123,7 +127,7 @@ def _masses(rows: Sequence[_Equations], count: int) -> tuple[Floats, Floats]:
     size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
     scaled = matrix / size
     left = target - scaled @ np.linalg.lstsq(scaled, target, rcond=None)[0]
-    noise = INDEPENDENT * max(float(np.mean(left**2)), 1e-300)
+    noise = max(row.window for row in rows) * max(float(np.mean(left**2)), 1e-300)
     prior = np.zeros(matrix.shape[1])
     prior[:count] = 1e-3 * MASS * size[:count]
     precision = np.zeros(matrix.shape[1])
@@ -164,18 +168,16 @@ def _errors(
     return np.array([np.sqrt(np.mean(errors**2)) for errors in every if len(errors)])
 
 
-def _gravity(matrix: Floats, target: Floats, count: int) -> tuple[float, float]:
+def _gravity(matrix: Floats, target: Floats, window: int, count: int) -> tuple[float, float]:
     """Return gravity along x and z of the base [m/s²], whose columns in the equations stand behind
-    `count` of masses.
+    `count` of masses; both sides are smoothed over a `window` of samples.
     """
     solution, left = scaled_solution(matrix, target)
-    size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
-    covariance = np.linalg.pinv((matrix / size).T @ (matrix / size) / INDEPENDENT)
-    stds = left * np.sqrt(np.diag(covariance)) / size
+    stds = left * relative_errors(matrix, window)
     gravity = solution[count : count + 2]
     strength = float(np.hypot(*gravity))
     clear = strength > CLEAR * float(np.max(stds[count : count + 2]))
-    if not clear or strength > STRONGEST:
+    if not clear:
         return 0.0, 0.0
     return float(gravity[0]), float(gravity[1])
 
@@ -256,6 +258,7 @@ def _equations(
         equations.append(
             _Equations(
                 joint=link,
+                window=window,
                 masses=columns[0][j, moves],
                 gravity=np.stack([of_way[j, moves] for of_way in columns[1:]], axis=1),
                 inertia=inertia[moves],

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isfinite
+from math import exp, isfinite
 
 import numpy as np
 from scipy.stats import gmean
@@ -20,6 +20,7 @@ from scipy.stats import gmean
 from distal.arrays import Floats
 from distal.from_logs.column_units import ColumnRole
 from distal.from_logs.least_squares import (
+    BETTER,
     CLEAR,
     OF_SPEED,
     length_of,
@@ -28,19 +29,9 @@ from distal.from_logs.least_squares import (
     smoothed,
 )
 from distal.from_logs.motion_data import MotionData
-from distal.from_logs.structure import DriveStructure
+from distal.from_logs.structure import EXPLAINED, DriveStructure
+from distal.model.plays import STEEPEST
 from distal.regression import FEWEST_LOGS
-
-DRIVE_SHARE = 0.4
-"""Least share of a drive's own in the inertia of all that it moves, since errors of the tendons'
-stretch hide 5 to 10 % of their pull, which looks like it [1]. Source: judgement.
-"""
-
-
-TURNED = 0.8
-"""RMS of what is left of efforts with the other sign in one log per that as it is, below which that
-log is odd [1]. Source: judgement (0.24 and 0.64 where one is; 0.93 to 6 where none is).
-"""
 
 
 @dataclass(frozen=True)
@@ -110,7 +101,7 @@ def is_reversed(logs: Sequence[MotionData], drive: int, structure: DriveStructur
     if len(efforts) < matrix.shape[1]:
         return False
     solution, left = scaled_solution(matrix, efforts)
-    return bool(solution[-3] < -CLEAR * left * relative_errors(matrix)[-3])
+    return bool(solution[-3] < -CLEAR * left * relative_errors(matrix, _window(logs))[-3])
 
 
 def odd_sign(logs: Sequence[MotionData], drive: int, structure: DriveStructure) -> int | None:
@@ -131,7 +122,7 @@ def odd_sign(logs: Sequence[MotionData], drive: int, structure: DriveStructure) 
 
     changed = [left(k) for k in range(len(logs))]
     best = int(np.argmin(changed))
-    return best if changed[best] < TURNED * left(None) else None
+    return best if changed[best] < BETTER * left(None) else None
 
 
 def _by_effort(
@@ -152,13 +143,19 @@ def _by_effort(
         return 0.0, np.zeros(2)
     solution, left = scaled_solution(matrix, efforts)
     significant = np.ones(matrix.shape[1], dtype=bool)
-    significant[-2:] = solution[-2:] > CLEAR * left * relative_errors(matrix)[-2:]
+    significant[-2:] = solution[-2:] > CLEAR * left * relative_errors(matrix, _window(logs))[-2:]
     significant[-2] &= damped
+    # errors of the tendons' stretch hide some of their pull, which looks like inertia of the drive
     moved = scaled_solution(matrix[:, -3:], efforts)[0]
-    significant[-1] &= solution[-1] > DRIVE_SHARE * moved[-1]
+    significant[-1] &= solution[-1] > EXPLAINED * moved[-1]
     solution = np.zeros(len(significant))
     solution[significant], _ = scaled_solution(matrix[:, significant], efforts)
     return float(abs(solution[-3])), solution[-2:]
+
+
+def _window(logs: Sequence[MotionData]) -> int:
+    """Return the number of samples over which both sides of the equations are smoothed."""
+    return max(length_of(OF_SPEED, float(np.median(np.diff(log.time)))) for log in logs)
 
 
 def _system(
@@ -214,11 +211,6 @@ judgement (both stay taut above a half).
 USUAL_STIFFNESS = (2e3, 2e5)
 """Least and largest stiffness of a usual tendon, of a braided line and of a short steel rope [N/m];
 where no log tells it, their geometric mean is taken. Source: judgement.
-"""
-
-SOFTER = 0.2
-"""Least stiffness of a tendon that stiffens per that at its usual tension [1]. Source: judgement
-(the logs know the latter).
 """
 
 
@@ -355,7 +347,7 @@ def drive_sizes(
         stiffening = -per_curvature * structure.curvature * np.sign(structure.effort)
         stiffening_std = abs(per_curvature) * structure.curvature_std
     if stiffening > 0.0:
-        loose = max(stiffness - stiffening * usual, SOFTER * stiffness)
+        loose = max(stiffness - stiffening * usual, exp(-STEEPEST) * stiffness)
         pretension = max(loose * float(np.expm1(-stiffening * zero)) / float(stiffening), 0.0)
         stiffness = loose + stiffening * pretension
     return DriveSizes(

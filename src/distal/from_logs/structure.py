@@ -43,8 +43,9 @@ judgement.
 
 
 EXPLAINED = 0.5
-"""A drive moves joints if they explain at least this share of its variance [1]. Source: definition
-(more than they leave).
+"""A drive moves joints if they explain at least this share of its variance, and has an inertia of
+its own that is at least this share of all that it moves [1]. Source: definition (more than is
+left).
 """
 
 CORRELATED = 0.8
