@@ -9,26 +9,21 @@ from typing import Literal
 
 import numpy as np
 
+from distal.confidence import CLEARLY
 from distal.errors import FitError
 from distal.hands.sweeps import FEWEST, STRONGEST, Sweep, contacts, is_pair, needed
 from distal.rig import Capstan, Rig
 
 FaultKind = Literal["side", "slack", "broken", "slipped", "stopped"]
 
-UNLIKE = 3.0
-"""Difference between a motor's travel and the one that its joint's range needs, or between slack
-that is found and the rig's, in stds by the rig, from which on there is a fault [1]: one sound motor
-of 400 differs as much. Source: judgement.
-"""
-
 SLIPPED = 4.0
 """Motion of the end of the travel between sweeps, at the joint, from which on a spool slipped
 [deg]. Source: judgement.
 """
 
-TURNS_MOST = 5.0
+TURNS_MOST = degrees(1.0) ** 0.5
 """Travel of all motors, in multiples of what their joints' ranges need, from which on a unit is
-wrong [1]. Source: judgement.
+wrong [1]. Source: definition (nearer to degrees than to radians).
 """
 
 FREE = "turns freely both ways: its spool slips on its shaft, or all its tendons are off"
@@ -102,7 +97,7 @@ def faults_of(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Fault, ...
     if not pair:
         return ()
     longer, std = excess(rig, drive, sweeps)
-    if longer < -UNLIKE * std:
+    if longer < -CLEARLY * std:
         share = 100 * (1 + longer / needed(rig, drive))
         return fault(
             "side",
@@ -140,7 +135,7 @@ def slack_of(found: Rig, rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tup
         more = slack - sum(tendon.slack.value for tendon in tendons)
         unsure = float(np.hypot.reduce([tendon.slack.total_std for tendon in tendons]))
         longer, std = excess(rig, drive, sweeps[drive])
-        if longer > UNLIKE * std or more > UNLIKE * unsure:
+        if longer > CLEARLY * std or more > CLEARLY * unsure:
             line = (
                 f"{drive} ({', '.join(tendons[0].joints)}): turns about "
                 f"{degrees(max(longer, more) / tendons[0].total_arm):.0f}° further than its range "
@@ -170,7 +165,7 @@ def check_units(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]], source: str) ->
         )
         raise FitError(f"{source}: {size}; is the unit of their positions right?")
     noise = min(sensor.noise for sensor in rig.sensors_of("force"))
-    if not noise / UNLIKE < max(pulls) < STRONGEST:
+    if not noise / CLEARLY < max(pulls) < STRONGEST:
         size = f"the motors' torques while they move are {max(pulls):.2g} N m at most"
         raise FitError(
             f"{source}: {size}; is the unit of their currents, or the torque constant, right?"

@@ -11,10 +11,10 @@ from math import isfinite, nan
 import numpy as np
 
 from distal.errors import CommandError, did_you_mean
-from distal.hands.sweeps import FEWEST, STRONGEST, is_pair, needed, sweep_channels_of
+from distal.hands.sweeps import FEWEST, STRONGEST, is_pair, sweep_channels_of, travel_of
 from distal.inverse.goal_gate import GoalGate
 from distal.logs import Log
-from distal.rig import Capstan, Rig, check_scales, independent_parts
+from distal.rig import Rig, check_scales, independent_parts
 
 OF_PAIR = 0.15
 """Torque at which a sweep turns back, of a motor with a pair of tendons [N m]. Source: judgement.
@@ -40,13 +40,10 @@ MARGIN = 0.5
 that lets its one tendon out, beyond the ranges [rad]: the tendon is loose there. Source: judgement.
 """
 
-SLOWS = 1.2
-"""Speed of a motor, as a share of the routine's speed, is `SLOWS` − torque/limit, at most 1 [1]: a
-motor slows down near its limit. Source: judgement.
-"""
-
 SLOWEST = 0.25
-"""Least speed of a motor near its limit, as a share of the routine's [1]. Source: judgement."""
+"""Least speed of a motor, as a share of the routine's [1]: it slows down as its torque comes near
+the limit, to 1 − torque/limit. Source: judgement.
+"""
 
 LEAD = 0.35
 """Largest distance of a goal from its motor [rad]. Source: judgement."""
@@ -99,12 +96,10 @@ class _Motor:
     """One motor's sweeps: where its goal is, which way it goes, and what ended the last sweep."""
 
     def __init__(self, rig: Rig, name: str, limit: float) -> None:
-        drive = next(part for part in rig.drives if part.name == name)
-        radius = drive.radius.value if isinstance(drive, Capstan) else 1.0
         self.name = name
         self.limit = limit
         self.pair = is_pair(rig, name)
-        need = needed(rig, name) / radius
+        need = travel_of(rig, name)
         self.most = BEYOND * need + MARGIN
         self.loose = need + MARGIN
         self.way = 1
@@ -158,7 +153,7 @@ class _Motor:
             self.done = self.done + 1
             self.started = time
             self.over = 0.0
-        speed = options.speed * float(np.clip(SLOWS - self.way * torque / self.limit, SLOWEST, 1.0))
+        speed = options.speed * float(np.clip(1.0 - self.way * torque / self.limit, SLOWEST, 1.0))
         ahead = self.goal + self.way * speed * dt
         self.goal = float(np.clip(ahead, position - LEAD, position + LEAD))
 

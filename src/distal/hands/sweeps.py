@@ -13,18 +13,17 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import LogError
 from distal.logs import Log
-from distal.rig import Rig
+from distal.rig import Capstan, Rig
 
 TURNED = 0.05
-"""Way back after which a motor has turned back, as a share of its travel in the log [1]. Source:
-judgement.
+"""Way back after which a motor has turned back, as a share of its travel, in the log or as the
+joints' ranges need it [1]. Source: judgement.
 """
 
-LEAST_TURNED = 0.03
-"""Least way back after which a motor has turned back [rad]. Source: judgement."""
-
 FEWEST = 3
-"""Least number of sweeps of a motor, the first of which begins anywhere. Source: judgement."""
+"""Least number of sweeps of a motor. Source: definition (one each way after the first, which begins
+anywhere).
+"""
 
 RISEN = 1.6
 """Torque at the end of a sweep from which on it met an end, in multiples of the torque that moves
@@ -76,7 +75,7 @@ def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
     if not known.any():
         raise LogError(f"{log.source}: '{position}' and '{torque}' are never there together")
     rows = np.flatnonzero(known)
-    ends = [int(rows[k]) for k in _turning(positions[rows])]
+    ends = [int(rows[k]) for k in _turning(positions[rows], travel_of(rig, drive))]
     sweeps = [
         _sweep(positions[begin : end + 1], torques[begin : end + 1], end)
         for begin, end in itertools.pairwise(ends)
@@ -114,6 +113,12 @@ def needed(rig: Rig, drive: str) -> float:
     )
 
 
+def travel_of(rig: Rig, drive: str) -> float:
+    """Return the turn of a motor that its joints' ranges need [rad]; of a slider, the way [m]."""
+    part = next(part for part in rig.drives if part.name == drive)
+    return needed(rig, drive) / (part.radius.value if isinstance(part, Capstan) else 1.0)
+
+
 def contacts(sweeps: Sequence[Sweep], way: int) -> tuple[float, ...]:
     """Return where full sweeps in one direction met the end of the travel, or else ended [rad]."""
     return tuple(sweep.contact for sweep in sweeps[1:] if sweep.way == way)
@@ -137,9 +142,11 @@ def sweep_channels_of(rig: Rig, drive: str) -> tuple[str, str]:
     return names[0], names[1]
 
 
-def _turning(positions: Floats) -> list[int]:
-    """Return the samples at which a motor's motion begins, turns back, and ends."""
-    least = max(TURNED * float(np.ptp(positions)), LEAST_TURNED)
+def _turning(positions: Floats, travel: float) -> list[int]:
+    """Return the samples at which a motor's motion begins, turns back, and ends; its joints' ranges
+    need a `travel` [rad].
+    """
+    least = TURNED * max(float(np.ptp(positions)), travel)
     moved = np.flatnonzero(np.abs(positions - positions[0]) > least)
     if not len(moved):
         return []

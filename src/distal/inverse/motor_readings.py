@@ -10,19 +10,15 @@ the torque that it had near the last goal that it reached.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf
+from math import inf, sqrt
 
 import numpy as np
 
 from distal.arrays import Bools, Floats
+from distal.confidence import CLEARLY
 from distal.logs import FASTEST
 from distal.rig import Rig
 from distal.run.health import OVERDUE
-
-NOISES = 5.0
-"""Change of a torque, in standard deviations of its noise, below which it counts as unchanged [1].
-Source: judgement.
-"""
 
 
 @dataclass(frozen=True)
@@ -110,7 +106,8 @@ class MotorReadings:
         self.scale = np.where(self.is_motor, 1.0, ways)
         self.agrees = caution.agrees * self.scale
         noise = {sensor.of: sensor.noise for sensor in rig.sensors_of("force")}
-        self._quiet = NOISES * np.array([noise.get(name, 0.0) for name in names])
+        # two readings differ by √2 of the noise of one
+        self._quiet = CLEARLY * sqrt(2.0) * np.array([noise.get(name, 0.0) for name in names])
         self.reset()
 
     def reset(self) -> None:
