@@ -187,10 +187,14 @@ def _rows(log: MotionData, drive: int, structure: DriveStructure) -> tuple[Float
 
 
 ASSUMED_RADIUS = 8e-3
-"""Radius of a spool where no log knows a length [m]. Source: judgement (small hands)."""
+"""Radius of a spool where no log knows a length [m]. Source: definition (a scale that no reading
+shows, and on which no angle depends).
+"""
 
 ASSUMED_CONSTANT = 0.5
-"""Torque constant where currents are all that is read [N m/A]. Source: judgement (small servos)."""
+"""Torque constant where currents are all that is read [N m/A]. Source: definition (a scale that no
+reading shows, and on which no angle depends).
+"""
 
 LARGEST_RATIO = 4.0
 """A drive that turns more often than this per turn of a joint has a gear, behind which spool and

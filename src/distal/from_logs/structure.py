@@ -28,8 +28,10 @@ from distal.from_logs.least_squares import BETTER, WITHIN, scaled_solution
 from distal.from_logs.motion_data import MotionData
 from distal.from_logs.raw_log import FEWEST_ROWS
 
-BLOCKS = 6
-"""Parts of a log whose errors are compared in pairs. Source: judgement."""
+BLOCKS = 5
+"""Parts of a log whose errors are compared in pairs, each left out in turn where there is one log
+only [1]. Source: reference (fivefold cross-validation; Breiman and Spector 1992).
+"""
 
 
 MOST_JOINTS_AT_ONCE = 5
@@ -43,14 +45,9 @@ judgement.
 
 
 EXPLAINED = 0.5
-"""A drive moves joints if they explain at least this share of its variance, and has an inertia of
-its own that is at least this share of all that it moves [1]. Source: definition (more than is
-left).
-"""
-
-CORRELATED = 0.8
-"""Squared correlation of effort and position, given all else, above which the effort is regressed
-[1]. Source: judgement (chains with load cells 0.85 to 0.95, two servos on three joints 0.2).
+"""A drive moves joints if they explain at least this share of its variance, has an inertia of its
+own that is at least this share of all that it moves, and tells its effort by its position if that
+explains so much of it [1]. Source: definition (more than is left).
 """
 
 
@@ -228,7 +225,8 @@ def _sizes(folds: Sequence[_Fold], joints: Sequence[int]) -> Floats:
     causes = np.column_stack([np.delete(columns, effort, axis=1), position])
     solution, _ = scaled_solution(causes, columns[:, effort])
     compliance = 1.0 / solution[-1]
-    if forward[effort] / compliance < CORRELATED:
+    # their ratio is the squared correlation of effort and position, given all else
+    if forward[effort] / compliance < EXPLAINED:
         return forward
     return np.asarray(np.insert(-compliance * solution[:-1], effort, compliance))
 

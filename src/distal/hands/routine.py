@@ -46,7 +46,9 @@ the limit, to 1 − torque/limit. Source: judgement.
 """
 
 LEAD = 0.35
-"""Largest distance of a goal from its motor [rad]. Source: judgement."""
+"""Largest distance of a goal from its motor, and travel after which a motor whose torque still
+reads 0 has no working torque reading [rad]. Source: judgement.
+"""
 
 SILENT = 0.5
 """Longest time without an angle or a torque of a motor; after it the motor's routine ends [s].
@@ -61,11 +63,6 @@ Source: judgement.
 
 CREEPS = 0.01
 """Motion below which a motor stands still [rad]. Source: judgement."""
-
-FELT = 0.1
-"""Travel after which a motor whose torque still reads 0 has no working torque reading [rad].
-Source: judgement.
-"""
 
 LARGEST = 3.0
 """Torque at which a motor's routine ends, in multiples of its limit [1]. Source: judgement."""
@@ -161,7 +158,7 @@ class _Motor:
         """Return why no torque reading says how hard the motor pushes; empty where one does."""
         self.felt = self.felt or torque != 0.0
         self.first = self.first if isfinite(self.first) else position
-        if not self.felt and abs(position - self.first) > FELT:
+        if not self.felt and abs(position - self.first) > LEAD:
             return "its current reads 0 while it moves"
         if self.way * (self.goal - position) < LEAD - CREEPS:
             self.stood_at = nan
