@@ -6,6 +6,8 @@ smoothed alike.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.ndimage import convolve1d
 from scipy.signal import savgol_coeffs, savgol_filter
@@ -120,6 +122,21 @@ def scaled_solution(matrix: Floats, target: Floats) -> tuple[Floats, float]:
     size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
     solution = np.linalg.lstsq(matrix / size, target, rcond=1e-9)[0] / size
     return solution, float(np.sqrt(np.mean((target - matrix @ solution) ** 2)))
+
+
+def left_out(parts: Sequence[tuple[Floats, Floats]]) -> list[Floats]:
+    """Return what each of several logs has left of its target, (k,) each, by the solution of all
+    others; of a single log by its own. Each log is a matrix, (k, n), and a target, (k,).
+    """
+    left = []
+    for k, (matrix, target) in enumerate(parts):
+        others = [part for i, part in enumerate(parts) if i != k] or parts
+        solution, _ = scaled_solution(
+            np.vstack([columns for columns, _ in others]),
+            np.concatenate([values for _, values in others]),
+        )
+        left.append(target - matrix @ solution)
+    return left
 
 
 def relative_errors(matrix: Floats, window: int) -> Floats:

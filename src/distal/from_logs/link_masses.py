@@ -27,6 +27,7 @@ from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulls_of, slidi
 from distal.from_logs.least_squares import (
     BETTER,
     CLEAR,
+    left_out,
     relative_errors,
     scaled_solution,
     smoothed,
@@ -157,13 +158,10 @@ def _errors(
         return _system(rows, [shared(row) for row in rows], with_offset=with_offset)
 
     left = dict[int, list[Floats]]()
-    for k, held_out in enumerate(parts):
-        training = [log for i, log in enumerate(parts) if i != k] or parts
-        solution, _ = scaled_solution(*system([row for log in training for row in log]))
-        matrix, target = system(held_out)
-        ends = np.cumsum([len(row.torques) for row in held_out])[:-1]
-        for row, errors in zip(held_out, np.split(target - matrix @ solution, ends)):
-            left.setdefault(row.joint, []).append(errors)
+    for rows, errors in zip(parts, left_out([system(rows) for rows in parts])):
+        ends = np.cumsum([len(row.torques) for row in rows])[:-1]
+        for row, own in zip(rows, np.split(errors, ends)):
+            left.setdefault(row.joint, []).append(own)
     every = [np.concatenate(errors) for errors in left.values()]
     return np.array([np.sqrt(np.mean(errors**2)) for errors in every if len(errors)])
 

@@ -14,7 +14,7 @@ from distal.arrays import Floats
 from distal.errors import RigError
 from distal.from_logs.column_units import ColumnRole
 from distal.from_logs.found_parts import FoundDrive, FoundJoint
-from distal.from_logs.least_squares import BETTER, scaled_solution
+from distal.from_logs.least_squares import BETTER, left_out
 from distal.from_logs.motion_data import MotionData
 from distal.from_logs.sizes import drive_sizes, odd_sign
 from distal.from_logs.structure import (
@@ -62,13 +62,10 @@ def _errors(logs: Sequence[MotionData], drives: list[int]) -> Floats:
     """
     parts = [_centred(log, drives) for log in logs]
     squares = []
-    for k, (columns, angles) in enumerate(parts):
-        training = [part for i, part in enumerate(parts) if i != k]
-        matrix = np.vstack([part for part, _ in training])
-        targets = np.vstack([part for _, part in training])
-        solved = [scaled_solution(matrix, target)[0] for target in targets.T]
-        squares.append(np.mean((angles - columns @ np.column_stack(solved)) ** 2, axis=0))
-    return np.asarray(np.sqrt(np.mean(squares, axis=0)))
+    for j in range(logs[0].angles.shape[1]):
+        left = left_out([(columns, angles[:, j]) for columns, angles in parts])
+        squares.append(np.mean([np.mean(errors**2) for errors in left]))
+    return np.sqrt(squares)
 
 
 def _centred(log: MotionData, drives: list[int]) -> tuple[Floats, Floats]:

@@ -16,6 +16,9 @@ from distal.arrays import Floats
 from distal.from_logs.found_parts import FoundDrive, pulls_of
 from distal.from_logs.motion_data import MotionData
 
+SOFT = radians(2.0)
+"""Largest difference of angles in one stop [rad]. Source: judgement (pads of rubber)."""
+
 PROMINENCE = radians(1.0)
 """A joint turns back where it goes at least so far on both sides; a way back that is shorter ends
 in the same stop [rad]. Source: judgement (above the noise of cameras).
@@ -31,14 +34,6 @@ BRISK = 0.6
 (docs/results/from-logs.md: means of 0.7 to 0.9 at stops, below 0.5 at goals that are reached
 again).
 """
-
-PARTED = 3.0
-"""By the drives' positions, a stopped joint would have turned so many times farther apart than it
-did [1]. Source: judgement (a motion that is repeated turns where its drives turn).
-"""
-
-SOFT = radians(2.0)
-"""Largest difference of angles in one stop [rad]. Source: judgement (pads of rubber)."""
 
 CLOSE = radians(0.25)
 """A joint arrives where it comes so close to its turning point [rad]. Source: judgement."""
@@ -109,7 +104,8 @@ def _level(side: float, turns: Sequence[_Turn]) -> float | None:
     for count in range(2, len(order) // 2 + 1):
         members = order[:count]
         width = float(np.ptp(outward[members]))
-        parted = float(np.ptp(by_drives[members])) > max(PARTED * width, PROMINENCE)
+        # a motion that is repeated turns where its drives turn
+        parted = float(np.ptp(by_drives[members])) > max(width, PROMINENCE)
         if width > SOFT or not parted:
             continue
         gathered = float(poisson.sf(count - 2, len(order) * width / reach))

@@ -24,7 +24,7 @@ from itertools import combinations
 import numpy as np
 
 from distal.arrays import Bools, Floats
-from distal.from_logs.least_squares import BETTER, WITHIN, scaled_solution
+from distal.from_logs.least_squares import BETTER, WITHIN, left_out, scaled_solution
 from distal.from_logs.motion_data import MotionData
 from distal.from_logs.raw_log import FEWEST_ROWS
 
@@ -233,13 +233,9 @@ def _sizes(folds: Sequence[_Fold], joints: Sequence[int]) -> Floats:
 
 def _block_errors(folds: Sequence[_Fold], joints: Sequence[int]) -> Floats:
     """Return mean squared errors of parts of each log, by the coefficients of the other logs."""
-    errors = []
-    for k, fold in enumerate(folds):
-        training = [other for i, other in enumerate(folds) if i != k] or [fold]
-        columns, target = _centred(fold, joints)
-        squared = (target - columns @ _solve(training, joints)) ** 2
-        errors += [float(np.mean(squared[rows])) for rows in _blocks(len(squared), BLOCKS)]
-    return np.array(errors)
+    left = left_out([_centred(fold, joints) for fold in folds])
+    parts = [errors[rows] for errors in left for rows in _blocks(len(errors), BLOCKS)]
+    return np.array([np.mean(errors**2) for errors in parts])
 
 
 def _is_within(errors: Floats, least: Floats) -> bool:

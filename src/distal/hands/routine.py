@@ -40,10 +40,13 @@ MARGIN = 0.5
 that lets its one tendon out, beyond the ranges [rad]: the tendon is loose there. Source: judgement.
 """
 
-SLOWEST = 0.25
-"""Least speed of a motor, as a share of the routine's [1]: it slows down as its torque comes near
-the limit, to 1 − torque/limit. Source: judgement.
+SLOWS = 1.2
+"""Speed of a motor, as a share of the routine's speed, is `SLOWS` − torque/limit, at most 1 [1]: a
+motor slows down near its limit. Source: judgement.
 """
+
+SLOWEST = 0.25
+"""Least speed of a motor near its limit, as a share of the routine's [1]. Source: judgement."""
 
 LEAD = 0.35
 """Largest distance of a goal from its motor, and travel after which a motor whose torque still
@@ -150,7 +153,7 @@ class _Motor:
             self.done = self.done + 1
             self.started = time
             self.over = 0.0
-        speed = options.speed * float(np.clip(1.0 - self.way * torque / self.limit, SLOWEST, 1.0))
+        speed = options.speed * float(np.clip(SLOWS - self.way * torque / self.limit, SLOWEST, 1.0))
         ahead = self.goal + self.way * speed * dt
         self.goal = float(np.clip(ahead, position - LEAD, position + LEAD))
 

@@ -27,9 +27,6 @@ from distal.rig import (
 from distal.simulation import Scenario, load_scenario
 from distal.simulation.simulate import prepare
 
-MOST_DESIGNS = 1_000_000
-"""Largest number of designs in a study [1]. Source: judgement."""
-
 Share = Annotated[float, In("", "positive"), Field(le=1.0)]
 
 
@@ -61,9 +58,7 @@ class Study(Description):
     fill: Literal["grid", "latin"] = Field(
         "latin", description="how designs fill the space of what varies"
     )
-    designs: int = Field(
-        256, ge=1, le=MOST_DESIGNS, description="number of designs; a grid has its own"
-    )
+    designs: int = Field(256, ge=1, description="number of designs; a grid has its own")
     seeds: int = Field(3, ge=1, le=100_000, description="rigs as built of each design")
     draw: int = Field(
         1, ge=0, description="seed of the designs, the plants and the sensors' errors"
