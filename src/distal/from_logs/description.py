@@ -16,7 +16,7 @@ from typing import cast
 
 from distal.from_logs.column_units import TAKEN_FORCES, ColumnRole
 from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulls_of
-from distal.from_logs.link_masses import LENGTH, MASS, Links, links_of
+from distal.from_logs.link_masses import MASS, Links, links_of
 from distal.from_logs.motion_data import MotionData
 from distal.from_logs.raw_parts import (
     Raw,
@@ -122,6 +122,11 @@ def _in_order(joints: Sequence[FoundJoint], parents: Sequence[int | None]) -> li
         append(j)
     return order
 
+
+LENGTH = 40.0
+"""Length of a link [mm]. Source: reference (proximal phalanx of an index finger, 39.8 mm; Buryanov
+and Kotiuk 2010).
+"""
 
 TRUTH = "true_"
 """Beginning of the columns in which a log has its own truth. Source: `distal.logs.Log.columns`."""

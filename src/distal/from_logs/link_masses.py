@@ -40,11 +40,6 @@ from distal.rig import Rig
 MASS = 10.0
 """Mass of a link and its standard deviation [g]. Source: judgement (plastic fingers)."""
 
-LENGTH = 40.0
-"""Length of a link [mm]. Source: reference (proximal phalanx of an index finger, 39.8 mm; Buryanov
-and Kotiuk 2010).
-"""
-
 
 @dataclass(frozen=True)
 class Links:

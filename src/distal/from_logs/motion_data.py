@@ -13,6 +13,7 @@ from distal.from_logs.column_units import ColumnRole, in_si
 from distal.from_logs.least_squares import speed_of
 from distal.from_logs.raw_log import RawLog
 from distal.regression import played
+from distal.rig.hand_tables.described import ASSUMED
 from distal.units import unit_factor
 
 MOST_SAMPLES = 1500
@@ -26,11 +27,6 @@ SLOW = 0.03
 (docs/results/from-logs.md).
 """
 
-ASSUMED_COUNTS = 4096.0
-"""Counts of an encoder in one turn where no log shows a wrap. Source: judgement (usual
-encoders).
-"""
-
 
 def factor_of_column(column: ColumnRole) -> float:
     """Return the factor of a column to SI; counts become radians by an assumed or a seen turn."""
@@ -41,7 +37,7 @@ def factor_of_column(column: ColumnRole) -> float:
 
 def counts_of(column: ColumnRole) -> float:
     """Return the counts of an encoder in one turn."""
-    return column.values.turn or ASSUMED_COUNTS
+    return column.values.turn or ASSUMED.counts
 
 
 @dataclass(frozen=True)

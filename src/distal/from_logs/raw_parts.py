@@ -12,12 +12,13 @@ import numpy as np
 from distal.from_logs.column_units import ColumnRole
 from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulled_both_ways, pulls_of
 from distal.from_logs.joint_balance import JointBalance, joint_balance
-from distal.from_logs.link_masses import LENGTH, MASS
 from distal.from_logs.motion_data import MotionData, counts_of, factor_of_column
-from distal.from_logs.sizes import ASSUMED_RADIUS, DriveSizes
+from distal.from_logs.sizes import DriveSizes
 from distal.from_logs.stops import joint_stops
 from distal.logs import name_and_unit
 from distal.rig import Guess
+from distal.rig.hand_tables.described import ASSUMED
+from distal.units import to_si
 
 Raw = dict[str, object]
 
@@ -44,9 +45,6 @@ file has both).
 
 SURE_START = 3.0
 """Logs that begin at one angle do so within this [deg]. Source: judgement."""
-
-INERTIA = 1e-3 * MASS * (1e-3 * LENGTH) ** 2 / 3.0
-"""Usual inertia of a joint, of a slender rod that is its link [kg m²]. Source: physics (m l²/3)."""
 
 BEFORE_START = 0.3
 """A spring rests so far before the range of its joint [rad]. Source: judgement."""
@@ -87,9 +85,9 @@ def raw_drive(drive: FoundDrive) -> Raw:
     if sizes.is_slider:
         raw["mass"] = Guess("20 g", "masses of drives")
     else:
-        raw["inertia"] = Guess("2e-4 kg m^2", "inertia of motors")
-        raw["radius"] = Guess(number(1e3 * ASSUMED_RADIUS, "mm"), "lengths: radii of spools")
-        raw["damping"] = Guess("1e-3 N m s", "damping of motors")
+        raw["inertia"] = ASSUMED.motor_inertia
+        raw["radius"] = Guess(number(1e3 * ASSUMED.radius, "mm"), "lengths: radii of spools")
+        raw["damping"] = ASSUMED.motor_damping
     shown = sizes.friction
     if shown is not None and shown.inertia > 0.0:
         inertia = about(shown.inertia, SURE_MOTION, "kg" if sizes.is_slider else "kg m^2")
@@ -256,14 +254,14 @@ def _joint_friction(
 def _dynamics(balance: JointBalance | None) -> Raw:
     """Return inertia and damping of a joint, as the logs show them or as guesses."""
     raw: Raw = {
-        "inertia": Guess(number(INERTIA, "kg m^2"), "inertia of joints"),
+        "inertia": ASSUMED.inertia,
         "damping": Guess(about(2e-4, 0.8, "N m s"), "damping of joints"),
     }
     if balance is None:
         return raw
     if balance.inertia > 0.0:
         raw["inertia"] = about(balance.inertia, 1.0, "kg m^2")
-    elif balance.most_inertia < INERTIA:
+    elif balance.most_inertia < to_si(ASSUMED.inertia.value, "kg m^2"):
         raw["inertia"] = about(balance.most_inertia / 2.0, 1.0, "kg m^2")
     if balance.damping > 0.0:
         raw["damping"] = about(balance.damping, 1.0, "N m s")

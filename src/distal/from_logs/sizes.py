@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from math import exp, isfinite
 
 import numpy as np
-from scipy.stats import gmean
 
 from distal.arrays import Floats
 from distal.from_logs.column_units import ColumnRole
@@ -32,6 +31,8 @@ from distal.from_logs.motion_data import MotionData
 from distal.from_logs.structure import EXPLAINED, DriveStructure
 from distal.model.plays import STEEPEST
 from distal.regression import FEWEST_LOGS
+from distal.rig.hand_tables.described import ASSUMED
+from distal.units import to_si
 
 
 @dataclass(frozen=True)
@@ -186,16 +187,6 @@ def _rows(log: MotionData, drive: int, structure: DriveStructure) -> tuple[Float
     return matrix - matrix.mean(axis=0), efforts - efforts.mean()
 
 
-ASSUMED_RADIUS = 8e-3
-"""Radius of a spool where no log knows a length [m]. Source: definition (a scale that no reading
-shows, and on which no angle depends).
-"""
-
-ASSUMED_CONSTANT = 0.5
-"""Torque constant where currents are all that is read [N m/A]. Source: definition (a scale that no
-reading shows, and on which no angle depends).
-"""
-
 LARGEST_RATIO = 4.0
 """A drive that turns more often than this per turn of a joint has a gear, behind which spool and
 pulley are taken as alike. Source: judgement.
@@ -213,8 +204,8 @@ judgement (both stay taut above a half).
 """
 
 USUAL_STIFFNESS = (2e3, 2e5)
-"""Least and largest stiffness of a usual tendon, of a braided line and of a short steel rope [N/m];
-where no log tells it, their geometric mean is taken. Source: judgement.
+"""Least and largest stiffness of a usual tendon, of a braided line and of a short steel rope [N/m].
+Source: judgement.
 """
 
 
@@ -291,13 +282,13 @@ def drive_sizes(
     gear = 1.0
     if not is_slider and ratio > LARGEST_RATIO:
         gear = float(round(ratio))
-    lever = 1.0 if is_slider else ASSUMED_RADIUS
+    lever = 1.0 if is_slider else ASSUMED.radius
     efforts = np.concatenate([log.efforts[:, drive] for log in logs])
     is_read = effort is not None and bool(np.isfinite(efforts).all())
     knows = is_read and structure.knows_compliance
     constant = 1.0
     if effort is not None and effort.si == "A":
-        constant = ASSUMED_CONSTANT
+        constant = to_si(ASSUMED.torque_constant.value, "N m/A")
     falls = structure.compliance < 0.0 if knows else is_read and is_reversed(logs, drive, structure)
     reversed_effort = -1 if falls else 1
     pulls = reversed_effort * efforts * constant
@@ -330,7 +321,7 @@ def drive_sizes(
         pulls = pulls * usual / stiffness
         stiffness = usual
     if not isfinite(stiffness):
-        stiffness = float(gmean(USUAL_STIFFNESS))
+        stiffness = to_si(ASSUMED.stiffness, "N/m")
         stiffness_std = float("nan")
     tension = float(np.quantile(np.abs(pulls), 0.9)) / lever if is_read else 10.0
     arms = position_sign * winding * structure.ratios / gear * lever
