@@ -11,7 +11,7 @@ import numpy as np
 
 from distal.confidence import CLEARLY
 from distal.errors import FitError
-from distal.hands.sweeps import FEWEST, STRONGEST, Sweep, contacts, is_pair, needed
+from distal.hands.sweeps import FEWEST, STRONGEST, Sweep, contacts, is_pair, needed, unsure
 from distal.rig import Capstan, Rig
 
 FaultKind = Literal["side", "slack", "broken", "slipped", "stopped"]
@@ -115,13 +115,9 @@ def excess(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[float, float]
     assert isinstance(motor, Capstan)
     up, down = (float(np.mean(contacts(sweeps, way))) for way in (1, -1))
     tendons = [tendon for tendon in rig.tendons if tendon.drive == drive]
-    arms = tendons[0].arms()
-    # both ends are off, each by its own error
-    ends = [np.sqrt(2) * arms[j.name] * j.stops_std for j in rig.joints if j.name in arms]
-    slack = [tendon.slack for tendon in tendons]
-    stds = [*ends, motor.radius.total_std * (up - down), *(each.total_std for each in slack)]
     longer = (up - down) * motor.radius.value - needed(rig, drive)
-    return longer - sum(each.value for each in slack), float(np.hypot.reduce(stds))
+    slack = sum(tendon.slack.value for tendon in tendons)
+    return longer - slack, unsure(rig, drive, up - down)
 
 
 def slack_of(found: Rig, rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tuple[Fault, ...]:

@@ -10,8 +10,17 @@ from math import isfinite, nan
 
 import numpy as np
 
+from distal.confidence import CLEARLY
 from distal.errors import CommandError, did_you_mean
-from distal.hands.sweeps import FEWEST, STRONGEST, is_pair, sweep_channels_of, travel_of
+from distal.hands.sweeps import (
+    FEWEST,
+    STRONGEST,
+    is_pair,
+    needed,
+    sweep_channels_of,
+    travel_of,
+    unsure,
+)
 from distal.inverse.goal_gate import GoalGate
 from distal.logs import Log
 from distal.rig import Rig, check_scales, independent_parts
@@ -30,14 +39,10 @@ HELD = 0.03
 Source: judgement.
 """
 
-BEYOND = 1.3
-"""Travel after which a sweep that meets no end turns back, in multiples of what the joints' ranges
-need [1]; `MARGIN` is added. Source: judgement.
-"""
-
 MARGIN = 0.5
-"""Travel of a sweep that meets no end, beyond `BEYOND` times what the ranges need, and of a motor
-that lets its one tendon out, beyond the ranges [rad]: the tendon is loose there. Source: judgement.
+"""Travel of a sweep that meets no end, beyond what the joints' ranges need as far as the rig knows
+it, and of a motor that lets its one tendon out, beyond the ranges [rad]: the tendon is loose there.
+Source: judgement.
 """
 
 SLOWS = 1.2
@@ -100,7 +105,7 @@ class _Motor:
         self.limit = limit
         self.pair = is_pair(rig, name)
         need = travel_of(rig, name)
-        self.most = BEYOND * need + MARGIN
+        self.most = need * (1.0 + CLEARLY * unsure(rig, name, need) / needed(rig, name)) + MARGIN
         self.loose = need + MARGIN
         self.way = 1
         self.done = 0

@@ -119,6 +119,21 @@ def travel_of(rig: Rig, drive: str) -> float:
     return needed(rig, drive) / (part.radius.value if isinstance(part, Capstan) else 1.0)
 
 
+def unsure(rig: Rig, drive: str, turned: float) -> float:
+    """Return the std, by the rig, of the length of tendon that a motor winds from end to end [m],
+    where it has `turned` so far [rad].
+    """
+    part = next(part for part in rig.drives if part.name == drive)
+    tendons = [tendon for tendon in rig.tendons if tendon.drive == drive]
+    arms = tendons[0].arms()
+    # both ends are off, each by its own error
+    stds = [np.sqrt(2) * arms[j.name] * j.stops_std for j in rig.joints if j.name in arms]
+    stds += [tendon.slack.total_std for tendon in tendons]
+    if isinstance(part, Capstan):
+        stds.append(part.radius.total_std * turned)
+    return float(np.hypot.reduce(stds))
+
+
 def contacts(sweeps: Sequence[Sweep], way: int) -> tuple[float, ...]:
     """Return where full sweeps in one direction met the end of the travel, or else ended [rad]."""
     return tuple(sweep.contact for sweep in sweeps[1:] if sweep.way == way)
