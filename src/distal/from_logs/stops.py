@@ -16,6 +16,11 @@ from distal.arrays import Floats
 from distal.from_logs.found_parts import FoundDrive, pulls_of
 from distal.from_logs.motion_data import MotionData
 
+PARTED = 3.0
+"""By the drives' positions, a stopped joint would have turned so many times farther apart than it
+did [1]. Source: judgement (a motion that is repeated turns where its drives turn).
+"""
+
 SOFT = radians(2.0)
 """Largest difference of angles in one stop [rad]. Source: judgement (pads of rubber)."""
 
@@ -104,8 +109,7 @@ def _level(side: float, turns: Sequence[_Turn]) -> float | None:
     for count in range(2, len(order) // 2 + 1):
         members = order[:count]
         width = float(np.ptp(outward[members]))
-        # a motion that is repeated turns where its drives turn
-        parted = float(np.ptp(by_drives[members])) > max(width, PROMINENCE)
+        parted = float(np.ptp(by_drives[members])) > max(PARTED * width, PROMINENCE)
         if width > SOFT or not parted:
             continue
         gathered = float(poisson.sf(count - 2, len(order) * width / reach))
