@@ -46,9 +46,6 @@ file has both).
 SURE_START = 3.0
 """Logs that begin at one angle do so within this [deg]. Source: judgement."""
 
-BEFORE_START = 0.3
-"""A spring rests so far before the range of its joint [rad]. Source: judgement."""
-
 AXLE = 2.0
 """Radius of a joint's axle [mm]; only its product with the coefficient of friction counts. Source:
 definition (pins of fingers).
@@ -288,7 +285,7 @@ def _spring(
                 "rest_angle": within(degrees(rest), spread, "deg"),
             }
     tension = float(np.median([drive.sizes.tension for drive, _ in pulls]))
-    rest = nearest - side * BEFORE_START
+    rest = nearest - side * ASSUMED.spring_below
     stiffness = abs(pulls[0][1]) * tension / max(abs(farthest - rest), 0.1)
     guess = {
         "stiffness": about(stiffness, 0.6, "N m/rad"),

@@ -118,8 +118,8 @@ an estimator.
 """
 
 POINTS = 5
-"""Default number of points of a range in a grid [1]; an answer tells the parts between as many
-points of a range apart. Source: judgement.
+"""Default number of points of a range in a grid, its ends and quarters [1]; an answer tells the
+parts between them apart. Source: definition (quarters).
 """
 
 KEYS = ("from", "to", "scale", "points")
