@@ -12,7 +12,7 @@ import numpy as np
 from distal.confidence import CLEARLY
 from distal.errors import FitError
 from distal.hands.sweeps import FEWEST, STRONGEST, Sweep, contacts, is_pair, needed, unsure
-from distal.rig import Capstan, Rig
+from distal.rig import Rig
 
 FaultKind = Literal["side", "slack", "broken", "slipped", "stopped"]
 
@@ -48,12 +48,11 @@ def faults_of(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Fault, ...
     """Return the fault of a motor's tendons that its sweeps show, or none: the most certain where
     there are several.
     """
-    motor = next(part for part in rig.drives if part.name == drive)
-    assert isinstance(motor, Capstan)
-    tendons = [tendon for tendon in rig.tendons if tendon.drive == drive]
+    motor = rig.drive(drive)
+    tendons = rig.tendons_of(drive)
     arms = tendons[0].arms()
     names = ", ".join(arms)
-    ratio = tendons[0].total_arm / motor.radius.value
+    ratio = tendons[0].total_arm / motor.lever
     pair = is_pair(rig, drive)
 
     def fault(kind: FaultKind, sentence: str) -> tuple[Fault, ...]:
@@ -111,11 +110,10 @@ def excess(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[float, float]
     """Return how much more of its tendons a motor with a pair of them winds, from end to end, than
     its joint's range and their slack need, and the std of that by the rig [m].
     """
-    motor = next(part for part in rig.drives if part.name == drive)
-    assert isinstance(motor, Capstan)
+    motor = rig.drive(drive)
     up, down = (float(np.mean(contacts(sweeps, way))) for way in (1, -1))
-    tendons = [tendon for tendon in rig.tendons if tendon.drive == drive]
-    longer = (up - down) * motor.radius.value - needed(rig, drive)
+    tendons = rig.tendons_of(drive)
+    longer = (up - down) * motor.lever - needed(rig, drive)
     slack = sum(tendon.slack.value for tendon in tendons)
     return longer - slack, unsure(rig, drive, up - down)
 
@@ -126,8 +124,8 @@ def slack_of(found: Rig, rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tup
     """
     faults = []
     for drive in (name for name in sweeps if is_pair(rig, name)):
-        tendons = [tendon for tendon in rig.tendons if tendon.drive == drive]
-        slack = sum(tendon.slack.value for tendon in found.tendons if tendon.drive == drive)
+        tendons = rig.tendons_of(drive)
+        slack = sum(tendon.slack.value for tendon in found.tendons_of(drive))
         more = slack - sum(tendon.slack.value for tendon in tendons)
         unsure = float(np.hypot.reduce([tendon.slack.total_std for tendon in tendons]))
         longer, std = excess(rig, drive, sweeps[drive])
@@ -150,9 +148,8 @@ def check_units(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]], source: str) ->
     turned = list[float]()
     pulls = list[float]()
     for drive in (drive for drive in rig.drives if sweeps[drive.name]):
-        assert isinstance(drive, Capstan)
         ends = [sweep.contact for sweep in sweeps[drive.name]]
-        turned.append(float(np.ptp(ends)) * drive.radius.value / needed(rig, drive.name))
+        turned.append(float(np.ptp(ends)) * drive.lever / needed(rig, drive.name))
         pulls.append(max(abs(sweep.level) for sweep in sweeps[drive.name]))
     if min(turned) > TURNS_MOST:
         size = (

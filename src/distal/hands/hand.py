@@ -22,7 +22,7 @@ from distal.inverse import LiveInverse
 from distal.inverse.goal_gate import GoalGate
 from distal.logs import write_log
 from distal.logs.atomic_writes import check_writable
-from distal.rig import Capstan, Rig, as_rig
+from distal.rig import Rig, as_rig
 from distal.rig.drive_range import KNOWN
 from distal.run import HEALTH, LiveEstimator, LogUnits, Monitor, Reading
 from distal.run.log_units import HOTTEST
@@ -445,8 +445,7 @@ def _without_zero(rig: Rig) -> list[str]:
         position = next(
             (sensor for sensor in rig.sensors_of("position") if sensor.of == drive.name), None
         )
-        arm = next(tendon.total_arm for tendon in rig.tendons if tendon.drive == drive.name)
-        lever = drive.radius.value if isinstance(drive, Capstan) else 1.0
-        if position is None or position.bias.total_std * lever / arm > KNOWN:
+        arm = rig.tendons_of(drive.name)[0].total_arm
+        if position is None or position.bias.total_std * drive.lever / arm > KNOWN:
             found.append(drive.name)
     return found

@@ -98,12 +98,12 @@ def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
 
 def is_pair(rig: Rig, drive: str) -> bool:
     """Return whether a motor holds one joint by two tendons."""
-    return sum(tendon.drive == drive for tendon in rig.tendons) == 2
+    return len(rig.tendons_of(drive)) == 2
 
 
 def needed(rig: Rig, drive: str) -> float:
     """Return the length that the joints' ranges take up of a motor's tendon [m]."""
-    arms = next(tendon.arms() for tendon in rig.tendons if tendon.drive == drive)
+    arms = rig.tendons_of(drive)[0].arms()
     return float(
         sum(
             abs(arms[joint.name]) * np.ptp(joint.travel)
@@ -115,16 +115,15 @@ def needed(rig: Rig, drive: str) -> float:
 
 def travel_of(rig: Rig, drive: str) -> float:
     """Return the turn of a motor that its joints' ranges need [rad]; of a slider, the way [m]."""
-    part = next(part for part in rig.drives if part.name == drive)
-    return needed(rig, drive) / (part.radius.value if isinstance(part, Capstan) else 1.0)
+    return needed(rig, drive) / rig.drive(drive).lever
 
 
 def unsure(rig: Rig, drive: str, turned: float) -> float:
     """Return the std, by the rig, of the length of tendon that a motor winds from end to end [m],
     where it has `turned` so far [rad].
     """
-    part = next(part for part in rig.drives if part.name == drive)
-    tendons = [tendon for tendon in rig.tendons if tendon.drive == drive]
+    part = rig.drive(drive)
+    tendons = rig.tendons_of(drive)
     arms = tendons[0].arms()
     # both ends are off, each by its own error
     stds = [np.sqrt(2) * arms[j.name] * j.stops_std for j in rig.joints if j.name in arms]

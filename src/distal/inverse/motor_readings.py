@@ -99,10 +99,7 @@ class MotorReadings:
         # how fast a slider goes, and what it has to feel, is not known: only motors can be told to
         # answer with old readings, or to be deaf, and a slider leaps only where it is absurd
         self.is_motor = np.array([drive.kind == "capstan" for drive in drives])
-        ways = [
-            max(tendon.total_arm for tendon in rig.tendons if tendon.drive == name)
-            for name in names
-        ]
+        ways = [max(tendon.total_arm for tendon in rig.tendons_of(name)) for name in names]
         self.scale = np.where(self.is_motor, 1.0, ways)
         self.agrees = caution.agrees * self.scale
         noise = {sensor.of: sensor.noise for sensor in rig.sensors_of("force")}

@@ -231,7 +231,7 @@ def doubts(rig: Rig) -> list[str]:
                 "joint; a cell at the motor's end measures the 'force' of its drive: which is it?"
             )
         if sensor.measures == "force" and getattr(sensor, "lever", None) is not None:
-            windings = [tendon.winding for tendon in rig.tendons if tendon.drive == sensor.of]
+            windings = [tendon.winding for tendon in rig.tendons_of(sensor.of)]
             if len(windings) > 1:
                 sentences.append(
                     f"sensor {sensor.name} is a load cell in one tendon, but {sensor.of} pulls "
