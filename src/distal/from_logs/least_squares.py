@@ -128,20 +128,20 @@ def left_out(parts: Sequence[tuple[Floats, Floats]]) -> list[Floats]:
     """Return what each of several logs has left of its target, (k,) each, by the solution of all
     others; of a single log by its own. Each log is a matrix, (k, n), and a target, (k,).
     """
-    left = []
+    residuals = []
     for k, (matrix, target) in enumerate(parts):
-        others = [part for i, part in enumerate(parts) if i != k] or parts
+        training = [part for i, part in enumerate(parts) if i != k] or parts
         solution, _ = scaled_solution(
-            np.vstack([columns for columns, _ in others]),
-            np.concatenate([values for _, values in others]),
+            np.vstack([columns for columns, _ in training]),
+            np.concatenate([values for _, values in training]),
         )
-        left.append(target - matrix @ solution)
-    return left
+        residuals.append(target - matrix @ solution)
+    return residuals
 
 
 def relative_errors(matrix: Floats, window: int) -> Floats:
-    """Return the standard errors of the coefficients, (n,), per RMS of what is left, where the
-    samples of a `window`, over which both sides are smoothed, count as one.
+    """Return the standard errors of the coefficients of a `matrix`, (n,), per RMS of what is left,
+    where the samples of a `window`, over which both sides are smoothed, count as one.
     """
     size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
     scaled = matrix / size

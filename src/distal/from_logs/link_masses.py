@@ -155,8 +155,8 @@ def _errors(
     left = dict[int, list[Floats]]()
     for rows, errors in zip(parts, left_out([system(rows) for rows in parts])):
         ends = np.cumsum([len(row.torques) for row in rows])[:-1]
-        for row, own in zip(rows, np.split(errors, ends)):
-            left.setdefault(row.joint, []).append(own)
+        for row, part in zip(rows, np.split(errors, ends)):
+            left.setdefault(row.joint, []).append(part)
     every = [np.concatenate(errors) for errors in left.values()]
     return np.array([np.sqrt(np.mean(errors**2)) for errors in every if len(errors)])
 

@@ -63,8 +63,8 @@ def _errors(logs: Sequence[MotionData], drives: list[int]) -> Floats:
     parts = [_centred(log, drives) for log in logs]
     squares = []
     for j in range(logs[0].angles.shape[1]):
-        left = left_out([(columns, angles[:, j]) for columns, angles in parts])
-        squares.append(np.mean([np.mean(errors**2) for errors in left]))
+        residuals = left_out([(columns, angles[:, j]) for columns, angles in parts])
+        squares.append(np.mean([np.mean(errors**2) for errors in residuals]))
     return np.sqrt(squares)
 
 

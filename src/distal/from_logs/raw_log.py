@@ -103,7 +103,7 @@ def _raw(source: str, columns: Mapping[str, Floats], texts: tuple[str, ...] = ()
     read = {name: decoded(values) for name, values in columns.items()}
     wild = {name: is_wild for name, values in read.items() if (is_wild := _wild(values)).any()}
     read |= {name: np.where(is_wild, np.nan, read[name]) for name, is_wild in wild.items()}
-    return RawLog(source, read, texts, {name: int(each.sum()) for name, each in wild.items()})
+    return RawLog(source, read, texts, {name: int(is_wild.sum()) for name, is_wild in wild.items()})
 
 
 def _wild(values: Floats) -> Bools:
