@@ -28,6 +28,10 @@ SLOW = 0.03
 """
 
 
+SURE = 0.99
+"""Magnitude of a direction from which on it is clear [1]. Source: judgement."""
+
+
 def factor_of_column(column: ColumnRole) -> float:
     """Return the factor of a column to SI; counts become radians by an assumed or a seen turn."""
     if column.si == "count":
@@ -63,8 +67,8 @@ class MotionData:
     def moves(self, drive: int) -> Bools:
         """Return when a drive moves, so that friction acts against its direction, (n_samples,)."""
         speed = np.abs(speed_of(self.positions[:, drive], self.time))
-        has_turned = np.isclose(np.abs(self.directions[:, drive]), 1.0)
-        moving: Bools = (speed > SLOW * np.sqrt(np.mean(speed**2))) & has_turned
+        fast = speed > SLOW * np.sqrt(np.mean(speed**2))
+        moving: Bools = fast & (np.abs(self.directions[:, drive]) > SURE)
         return moving
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from distal.from_logs.column_units import ColumnRole
 from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulled_both_ways, pulls_of
 from distal.from_logs.joint_balance import JointBalance, joint_balance
-from distal.from_logs.motion_data import MotionData, counts_of, factor_of_column
+from distal.from_logs.motion_data import MotionData, counts_of
 from distal.from_logs.sizes import DriveSizes
 from distal.from_logs.stops import joint_stops
 from distal.logs import name_and_unit
@@ -50,6 +50,10 @@ AXLE = 2.0
 """Radius of a joint's axle [mm]; only its product with the coefficient of friction counts. Source:
 definition (pins of fingers).
 """
+
+
+SURE_ZERO = 0.01
+"""Least standard deviation of the zero of a drive with two tendons [rad]. Source: judgement."""
 
 
 def column_of(column: ColumnRole) -> str:
@@ -307,8 +311,7 @@ def drive_sensors(drive: FoundDrive, rates: Mapping[str, float]) -> list[Raw]:
         position["gear"] = Guess(sizes.gear, "gears of motors")
     position |= {"sign": sizes.position_sign, **_errors(column, rates)}
     if sizes.is_pair:
-        noise = column.values.noise * factor_of_column(column)
-        spread = max(drive.structure.zero_spread, noise) / sizes.gear
+        spread = max(drive.structure.zero_spread / sizes.gear, SURE_ZERO)
         position["bias"] = within(drive.structure.zero / sizes.gear, spread, "rad")
     effort = drive.effort
     if effort is None:
