@@ -4,7 +4,7 @@ their motion needs.
     Σ r T = Σ_k m_k ∂τ/∂m_k + b dθ/dt + f sign(dθ/dt) + c₀ + c₁ sin θ + c₂ cos θ
 
 for each joint is solved by least squares over all logs, as in `joint_balance`, with the masses'
-guess as their prior. τ is the torque on the joint that a motion of the links needs
+guess as their prior, above zero. τ is the torque on the joint that a motion of the links needs
 (`distal.model`). The terms c stand for weight and for load cells that were tared. With these masses
 
     Σ r T = Σ_k m_k ∂τ/∂m_k + g_x ∂τ/∂g_x + g_z ∂τ/∂g_z + b dθ/dt + f sign(dθ/dt)
@@ -21,6 +21,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
+from scipy.stats import truncnorm
 
 from distal.arrays import Floats
 from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulls_of, sliding, torque_of
@@ -131,8 +132,9 @@ def _masses(rows: Sequence[_Equations], count: int) -> tuple[Floats, Floats]:
     covariance = np.linalg.pinv(scaled.T @ scaled / noise + np.diag(precision))
     solution = covariance @ (scaled.T @ target / noise + precision * prior)
     stds = 1e3 * np.sqrt(np.diag(covariance)[:count]) / size[:count]
-    # a mass that the logs do not show may be as small as its error
-    return np.maximum(1e3 * solution[:count] / size[:count], stds), stds
+    means = 1e3 * solution[:count] / size[:count]
+    above_zero = truncnorm(-means / stds, np.inf, means, stds)
+    return above_zero.mean(), above_zero.std()
 
 
 def _better(errors: Floats, usual: Floats) -> bool:
