@@ -42,7 +42,12 @@ SMALL = 0.05
 noise, then makes up most of S. Source: judgement.
 """
 
-LARGE_PRIOR = 3.0
+CLEARLY = 3.0
+"""Two numbers differ clearly where they are so many standard deviations of their difference apart
+[1]. Source: definition (three standard deviations: level 0.27 % of a normal distribution).
+"""
+
+LARGE_PRIOR = CLEARLY
 """A state has left its prior where it differs from the prior mean by more than this many prior
-standard deviations and its own standard deviation. Source: judgement.
+standard deviations and its own standard deviation.
 """

@@ -120,15 +120,17 @@ def test_a_camera_of_ten_hertz_with_empty_cells_is_enough(tmp_path: Path) -> Non
     assert rates["mcp_deg"] == pytest.approx(10.0, rel=0.02)
 
 
-def test_stuck_and_wild_references_are_named(tmp_path: Path) -> None:
+def test_stuck_references_are_refused_and_wild_ones_left_out(tmp_path: Path) -> None:
     changed = logs()
     changed[1]["mcp_deg"][500:1500] = changed[1]["mcp_deg"][500]
     with pytest.raises(distal.DistalError, match=r"run_1.csv: mcp_deg stays at .* is it stuck"):
         rig_from_logs(written(changed, tmp_path))
     changed = logs()
     changed[0]["pip_deg"][100::400] = 9999.0
-    with pytest.raises(distal.DistalError, match=r"run_0.csv: pip_deg jumps away and back 5 times"):
-        rig_from_logs(written(changed, tmp_path))
+    found = rig_from_logs(written(changed, tmp_path))
+    assert any("run_0.csv: pip_deg jumps away and back 5 times" in note for note in found.notes)
+    arms = next(t for t in found.rig.tendons if t.name == "b").arms()
+    assert arms["pip"] == pytest.approx(-5e-3, rel=0.03)
 
 
 def test_columns_that_only_their_values_describe_are_asked_for(tmp_path: Path) -> None:

@@ -12,8 +12,9 @@ import pytest
 
 from distal import Rig, load_rig
 from distal.export.plant_source import ExportedPlant, c_plant
-from distal.lab.html_page import STIFF, SWING, _largest_load, _motion, _positions, _servo
+from distal.lab.html_page import STIFF, _largest_load, _motion, _positions, _servo
 from distal.lab.webassembly import _GLUE
+from distal.rig.joints import REACH
 
 SHOWN = Path(__file__).parents[2] / "docs" / "lab.html"
 
@@ -56,22 +57,23 @@ def capstan() -> tuple[Rig, ExportedPlant]:
 
 
 def test_joints_swing_within_their_stops_each_at_a_pace_of_its_own() -> None:
-    """About the middle, over 70 % of the range and 2 rad at most; without stops about where it
-    begins.
+    """About the middle, over 70 % of the range and ± 1.2 rad at most; without stops about
+    where it begins.
     """
     rig = load_rig("finger-2n").with_values(
         {"joints.0.stops": [-0.3, 1.5], "joints.1.stops": [-4.0, 2.0]}
     )
     first, second = _motion(rig)
     assert (first["centre"], first["amplitude"]) == pytest.approx((0.6, 0.35 * 1.8))
-    assert (second["centre"], second["amplitude"]) == pytest.approx((-1.0, 2 * SWING))
+    assert (second["centre"], second["amplitude"]) == pytest.approx((-1.0, REACH))
     assert [row["from"] for row in (first, second)] == [joint.initial.value for joint in rig.joints]
     assert first["pace"] == 1.0
     assert 0.5 < second["pace"] < 1.0
     raw = load_rig("capstan-joint").with_values({"joints.0.initial": 0.2}).model_dump()
     raw["joints"][0]["stops"] = None
     (free,) = _motion(Rig.model_validate(raw))
-    assert (free["from"], free["centre"], free["amplitude"]) == pytest.approx((0.2, 0.2, SWING))
+    found = (free["from"], free["centre"], free["amplitude"])
+    assert found == pytest.approx((0.2, 0.2, 0.35 * 2.0 * REACH))
 
 
 def test_drives_stand_where_their_tendons_are_as_taut_as_at_the_start(

@@ -103,7 +103,7 @@ def test_chunks_hold_each_design_once_and_like_beside_like() -> None:
                 "fill": "grid",
                 "vary": {path: {"from": 1.0, "to": 2.0, "points": 999} for path in THREE},
             },
-            "at most 1,000,000",
+            "2 GB are allowed",
         ),
     ],
 )

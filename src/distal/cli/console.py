@@ -123,7 +123,7 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], tex
 QUIET = 1.0
 """Time of silence after which a command says what it does, where stderr is no terminal [s]; with
 the start of Python it is two seconds. Each time after that it is silent for twice as long. Source:
-judgement.
+reference (limit of an uninterrupted flow of thought; Nielsen, Usability Engineering, 1993).
 """
 
 

@@ -291,7 +291,7 @@ def _show(rig: Rig, faulty: set[str]) -> None:
         if drive.name in faulty:
             rows.append((drive.name, "not calibrated", *"––––"))
             continue
-        tendons = [tendon for tendon in rig.tendons if tendon.drive == drive.name]
+        tendons = rig.tendons_of(drive.name)
         arm = abs(next(iter(tendons[0].arms().values())))
         if len(tendons) == 2 and not tendons[0].slack.absent:
             state = f"{degrees(sum(tendon.slack.value for tendon in tendons) / arm):.1f}° of play"

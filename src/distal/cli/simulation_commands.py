@@ -30,10 +30,10 @@ from distal.cli.shared_options import (
 )
 
 if TYPE_CHECKING:
-    from distal.logs import Log, Output
+    from distal.logs import Log
     from distal.rig import Rig
     from distal.run import PieceEstimate
-    from distal.simulation import Rezero, Scenario
+    from distal.simulation import Rezero
     from distal.study import Folder, Plan, Space
 
 
@@ -70,8 +70,9 @@ def simulate_command(
     from distal.control import simulate
     from distal.errors import ScenarioError
     from distal.logs import write_log
+    from distal.results import make_folder
     from distal.rig import named, parse_assignment
-    from distal.simulation import load_scenario, scenario_rig
+    from distal.simulation import load_scenario, scenario_rig, simulate_batch
 
     description = load_scenario(scenario)
     if rig_ is not None:
@@ -82,23 +83,40 @@ def simulate_command(
         **dict(parse_assignment(text, ScenarioError) for text in set_ or ()),
     }
     settings = [f"--set {shlex.quote(f'{path}={_toml(value)}')}" for path, value in values.items()]
+    names = {seed: out}
+    outputs = to_file("--out", out)
     if runs is not None:
-        check_command_outputs(logs_of(seed, runs, out), rig=description.rig, scenario=scenario)
-        _simulate_many(rig, description, seed, runs, out, settings, truth=truth)
-        return
-    check_command_outputs(to_file("--out", out), rig=description.rig, scenario=scenario)
-    check_ending(out, "a table")
-    with working("simulating"):
-        log = simulate(rig, description, seed)
-    write_log(log if truth else replace(log, truth={}), rig, out)
-    say(f"{rig.name}: {len(log)} samples, {description.duration:g} s, {_ranges(log, rig)}")
+        check_folder(out, "with --runs")
+        digits = len(str(seed + runs - 1))
+        names = {n: out / f"run_{n:0{digits}d}.csv" for n in range(seed, seed + runs)}
+        outputs = to_folder("--out", out, [path.name for path in names.values()])
+    check_command_outputs(outputs, rig=description.rig, scenario=scenario)
+    if runs is None:
+        check_ending(out, "a table")
+    else:
+        make_folder(out)
+    jobs = [(description, number) for number in names]
+    with progress_bar("simulating", len(jobs)) as advance:
+        logs = (
+            simulate_batch(rig, jobs, progress=advance)
+            if description.control is None
+            else (simulate(rig, *job) for job in jobs)
+        )
+        for path, log in zip(names.values(), logs):
+            write_log(log if truth else replace(log, truth={}), rig, path)
+    span = f"{description.duration:g} s"
+    what = f"{len(log)} samples, {span}"
+    if runs is not None:
+        what = f"{runs} runs of {span}, seeds {seed} to {seed + runs - 1}"
+    say(f"{rig.name}: {what}, {_ranges(log, rig)}")
     say(f"wrote {out}")
     ignored = sorted(
         {named(rig, path) for path in values} & {named(rig, path) for path in description.plant}
     )
     if ignored:
         warn(f"the scenario's [plant] has its own {', '.join(ignored)}")
-    command = ["distal estimate", shlex.quote(str(out)), "--rig", description.rig, *settings]
+    written = shlex.quote(str(out)) + ("/*.csv" if runs is not None else "")
+    command = ["distal estimate", written, "--rig", description.rig, *settings]
     say(f"estimate from it: {' '.join(command)}")
 
 
@@ -143,62 +161,6 @@ def _ranges(log: Log, rig: Rig) -> str:
         f"{label} from {degrees(theta.min()):.2f}° to {degrees(theta.max()):.2f}°"
         for label, theta in zip(labels, truths)
     )
-
-
-def runs_of(seed: int, runs: int) -> dict[int, str]:
-    """Return seed → name of the log's file, for as many seeds as `runs` from `seed` on."""
-    digits = len(str(seed + runs - 1))
-    return {number: f"run_{number:0{digits}d}.csv" for number in range(seed, seed + runs)}
-
-
-def logs_of(seed: int, runs: int, out: Path) -> list[Output]:
-    """Return the files of as many simulated logs as `runs`, with seeds from `seed` on.
-
-    Raises:
-        OutputError: `out` is a file.
-    """
-    check_folder(out, "with --runs")
-    return to_folder("--out", out, runs_of(seed, runs).values())
-
-
-def _simulate_many(
-    rig: Rig,
-    scenario: Scenario,
-    seed: int,
-    runs: int,
-    out: Path,
-    settings: list[str],
-    *,
-    truth: bool = True,
-) -> None:
-    """Simulate a scenario with several seeds, and write each log to a folder.
-
-    Args:
-        seed: the first seed.
-        runs: number of seeds.
-        settings: ``--set`` options, for the command that is printed as a hint.
-        truth: whether the truth is written.
-    """
-    from distal.logs import write_log
-    from distal.results import make_folder
-    from distal.simulation import simulate_batch
-
-    make_folder(out)
-    names = runs_of(seed, runs)
-    with progress_bar("simulating", runs) as advance:
-        logs = simulate_batch(rig, ((scenario, number) for number in names), progress=advance)
-        for name, log in zip(names.values(), logs):
-            write_log(log if truth else replace(log, truth={}), rig, out / name)
-    say(f"{rig.name}: {runs} runs of {scenario.duration:g} s, seeds {seed} to {seed + runs - 1}")
-    say(f"wrote {runs} logs to {out}")
-    command = [
-        "distal estimate",
-        f"{shlex.quote(str(out))}/*.csv",
-        "--rig",
-        scenario.rig,
-        *settings,
-    ]
-    say(f"estimate from them: {' '.join(command)}")
 
 
 def drift_command(

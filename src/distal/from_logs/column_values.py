@@ -32,10 +32,6 @@ TURNS = np.array([2.0 * pi, 360.0, *2.0 ** np.arange(6, 33)])
 have whole numbers of bits).
 """
 
-NEAR = 0.1
-"""Share of its turn by which a wrap may differ from it, and usual steps be long. Source: judgement.
-"""
-
 LONGEST_LAG = 40
 """Samples by which one column may follow another. Source: judgement."""
 
@@ -51,7 +47,6 @@ class ValueEvidence:
         step: smallest difference between different values: the resolution, 0 if it has none.
         is_whole: whether all values are whole numbers.
         is_constant: whether it has one value only.
-        stays: largest number of samples in a row with one value.
         turn: counts after which it wraps, None where it does not.
     """
 
@@ -61,7 +56,6 @@ class ValueEvidence:
     step: float
     is_whole: bool
     is_constant: bool
-    stays: int
     turn: float | None
 
     @property
@@ -84,7 +78,6 @@ def value_evidence(columns: Sequence[Floats]) -> ValueEvidence:
         step=_step(pooled),
         is_whole=bool(np.all(pooled == np.round(pooled))),
         is_constant=high - low <= SAME * max(abs(low), abs(high), 1e-300),
-        stays=max(longest_run(values)[1] for values in present),
         turn=_turn(present, high - low),
     )
 
@@ -119,9 +112,10 @@ def _turn(columns: Sequence[Floats], width: float) -> float | None:
     if len(wraps) < 2:
         return None
     usual = float(np.quantile(steps, 0.95))
+    # a step across the wrap is shorter than the turn by what it would be elsewhere
     seen = float(np.median(wraps)) + usual / 2.0
     turn = float(TURNS[np.argmin(np.abs(TURNS - seen))])
-    return turn if abs(turn - seen) < NEAR * seen and usual <= NEAR * width else None
+    return turn if abs(turn - seen) <= usual and usual < HALF * width else None
 
 
 def unwrapped(values: Floats, turn: float) -> Floats:

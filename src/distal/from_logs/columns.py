@@ -37,11 +37,6 @@ MOVES = 0.8
 explain less. Source: benchmark (benchmarks/from_logs columns, rigs drawn from 7000 on).
 """
 
-ALIKE = 0.95
-"""Share from which on a third family moves as the drives do: commands, not forces. Source:
-judgement.
-"""
-
 FAMILIES = (2, 3)
 """So many families of columns without names are told apart: positions and angles, and forces.
 Source: definition (what a log needs to show a rig).
@@ -150,7 +145,7 @@ def _tell_families(
     now = {pair: share[LONGEST_LAG] for pair, share in shares.items()}
     mutual = {(a, b): min(now[a, b], now[b, a]) for a, b in combinations(families, 2)}
     pair, *others = sorted(mutual, key=lambda pair: -mutual[pair])
-    if mutual[pair] < MOVES or any(mutual[other] > ALIKE for other in others):
+    if mutual[pair] < MOVES or any(mutual[other] > MOVES for other in others):
         return False
     forces = [stem for stem in families if stem not in pair]
     lag = int(np.argmax(shares[pair])) - LONGEST_LAG

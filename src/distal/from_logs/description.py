@@ -32,9 +32,6 @@ from distal.from_logs.raw_parts import (
 from distal.model import GRAVITY
 from distal.rig import Guess, Imported
 
-LENGTH = 40.0
-"""Length of a link [mm]. Source: judgement (fingers: 20 to 50; Buryanov and Kotiuk 2010)."""
-
 
 def parents_of(joints: Sequence[FoundJoint], drives: Sequence[FoundDrive]) -> list[int | None]:
     """Return the joint on whose link each joint sits, None for the base.
@@ -125,6 +122,11 @@ def _in_order(joints: Sequence[FoundJoint], parents: Sequence[int | None]) -> li
         append(j)
     return order
 
+
+LENGTH = 40.0
+"""Length of a link [mm]. Source: reference (proximal phalanx of an index finger, 39.8 mm; Buryanov
+and Kotiuk 2010).
+"""
 
 TRUTH = "true_"
 """Beginning of the columns in which a log has its own truth. Source: `distal.logs.Log.columns`."""

@@ -19,17 +19,13 @@ from distal.arrays import Floats
 from distal.from_logs.found_parts import FoundDrive, sliding, torque_of
 from distal.from_logs.least_squares import (
     CLEAR,
+    WITHIN,
     relative_errors,
     scaled_solution,
     smoothed,
     window_of,
 )
 from distal.from_logs.motion_data import MotionData
-
-SURE = 2.0
-"""Standard errors above an estimate to which a number may be larger [1]. Source: definition (97.7 %
-of a normal distribution).
-"""
 
 
 @dataclass(frozen=True)
@@ -64,12 +60,12 @@ def joint_balance(
     if not pulls or any(drive.effort is None for drive, _ in pulls):
         return None
     parts = [_rows(joint, pulls, log, noise) for log in logs]
-    matrix = np.vstack([columns for columns, _ in parts])
-    torques = np.concatenate([values for _, values in parts])
+    matrix = np.vstack([columns for columns, _, _ in parts])
+    torques = np.concatenate([values for _, values, _ in parts])
     if len(torques) < matrix.shape[1]:
         return None
     coefficients, left = scaled_solution(matrix, torques)
-    stds = left * relative_errors(matrix)
+    stds = left * relative_errors(matrix, max(window for _, _, window in parts))
     clear = coefficients > CLEAR * stds
     shown = np.where(clear, coefficients, 0.0)
     plain = scaled_solution(matrix[:, [0, 1, 4]], torques)[0]
@@ -80,24 +76,26 @@ def joint_balance(
         damping=float(shown[2]),
         inertia=float(shown[3]),
         friction=float(shown[4]),
-        most_inertia=float(max(coefficients[3], 0.0) + SURE * stds[3]),
+        most_inertia=float(max(coefficients[3], 0.0) + WITHIN * stds[3]),
     )
 
 
 def _rows(
     joint: int, pulls: Sequence[tuple[FoundDrive, float]], log: MotionData, noise: float
-) -> tuple[Floats, Floats]:
-    """Return the columns θ, 1, dθ/dt, d²θ/dt² and sign(dθ/dt) of a log, and the torques."""
+) -> tuple[Floats, Floats, int]:
+    """Return the columns θ, 1, dθ/dt, d²θ/dt² and sign(dθ/dt) of a log, the torques, and the number
+    of samples over which both are smoothed.
+    """
     angle = log.angles[:, joint]
     usable = np.isfinite(angle)
     step = float(np.median(np.diff(log.time)))
     angles = angle[usable]
     window = window_of(angles, step, noise)
     if len(angles) < 2 * window:
-        return np.empty((0, 5)), np.empty(0)
+        return np.empty((0, 5)), np.empty(0), window
     smooth, speed, acceleration = (smoothed(angles, window, step, order) for order in range(3))
     ways = smoothed(np.sign(speed), window, step)
     columns = [smooth, np.ones(len(smooth)), speed, acceleration, ways]
     torques = smoothed(torque_of(pulls, log)[usable], window, step)
     read = np.isfinite(torques) & sliding(joint, pulls, log)[usable]
-    return np.column_stack(columns)[read], torques[read]
+    return np.column_stack(columns)[read], torques[read], window

@@ -6,6 +6,8 @@ smoothed alike.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.ndimage import convolve1d
 from scipy.signal import savgol_coeffs, savgol_filter
@@ -90,13 +92,22 @@ def smoothed(values: Floats, window: int, step: float, order: int = 0) -> Floats
     return np.asarray(convolve1d(rates, kernel, axis=0, mode="nearest"))
 
 
-INDEPENDENT = 10.0
-"""So many samples, whose errors are alike, count as one. Source: judgement."""
-
 CLEAR = 4.0
 """Inertia, damping and friction count that are so many standard errors above zero [1]. Source:
 benchmark (`benchmarks.from_logs rigs`, seeds 7301 to 7304: 4 to 27 with inertia in the plant, else
 below 2.5).
+"""
+
+
+BETTER = 0.9
+"""Terms and drives are told that bring the RMS error on other logs below this share [1]. Source:
+benchmark (docs/results/from-logs.md: links of fingers 0.6 to 0.8, of a light wrist 0.95 to 1.02;
+growth and stiffening 0.5 to 0.86 in plants that have them, else 0.93).
+"""
+
+WITHIN = 2.0
+"""Numbers differ clearly that are so many standard errors apart [1]. Source: reference (Hastie,
+Tibshirani and Friedman 2009, section 7.10, with two in place of one).
 """
 
 
@@ -113,11 +124,26 @@ def scaled_solution(matrix: Floats, target: Floats) -> tuple[Floats, float]:
     return solution, float(np.sqrt(np.mean((target - matrix @ solution) ** 2)))
 
 
-def relative_errors(matrix: Floats) -> Floats:
-    """Return the standard errors of the coefficients, (n,), per RMS of what is left, where
-    `INDEPENDENT` samples count as one.
+def left_out(parts: Sequence[tuple[Floats, Floats]]) -> list[Floats]:
+    """Return what each of several logs has left of its target, (k,) each, by the solution of all
+    others; of a single log by its own. Each log is a matrix, (k, n), and a target, (k,).
+    """
+    residuals = []
+    for k, (matrix, target) in enumerate(parts):
+        training = [part for i, part in enumerate(parts) if i != k] or parts
+        solution, _ = scaled_solution(
+            np.vstack([columns for columns, _ in training]),
+            np.concatenate([values for _, values in training]),
+        )
+        residuals.append(target - matrix @ solution)
+    return residuals
+
+
+def relative_errors(matrix: Floats, window: int) -> Floats:
+    """Return the standard errors of the coefficients of a `matrix`, (n,), per RMS of what is left,
+    where the samples of a `window`, over which both sides are smoothed, count as one.
     """
     size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
     scaled = matrix / size
-    covariance = np.linalg.pinv(scaled.T @ scaled / INDEPENDENT)
+    covariance = np.linalg.pinv(scaled.T @ scaled / window)
     return np.asarray(np.sqrt(np.diag(covariance)) / size)

@@ -4,7 +4,7 @@ their motion needs.
     Σ r T = Σ_k m_k ∂τ/∂m_k + b dθ/dt + f sign(dθ/dt) + c₀ + c₁ sin θ + c₂ cos θ
 
 for each joint is solved by least squares over all logs, as in `joint_balance`, with the masses'
-guess as their prior. τ is the torque on the joint that a motion of the links needs
+guess as their prior, above zero. τ is the torque on the joint that a motion of the links needs
 (`distal.model`). The terms c stand for weight and for load cells that were tared. With these masses
 
     Σ r T = Σ_k m_k ∂τ/∂m_k + g_x ∂τ/∂g_x + g_z ∂τ/∂g_z + b dθ/dt + f sign(dθ/dt)
@@ -21,12 +21,15 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
+from scipy.stats import truncnorm
 
 from distal.arrays import Floats
 from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulls_of, sliding, torque_of
 from distal.from_logs.least_squares import (
+    BETTER,
     CLEAR,
-    INDEPENDENT,
+    left_out,
+    relative_errors,
     scaled_solution,
     smoothed,
     window_of,
@@ -37,17 +40,6 @@ from distal.rig import Rig
 
 MASS = 10.0
 """Mass of a link and its standard deviation [g]. Source: judgement (plastic fingers)."""
-
-LIGHTEST = 1.0
-"""Least mass of a link [g]. Source: judgement."""
-
-BETTER = 0.9
-"""Terms are told where they bring the RMS error on other logs below this share [1]. Source:
-benchmark (docs/results/from-logs.md: links of fingers 0.6 to 0.8, of a light wrist 0.95 to 1.02).
-"""
-
-STRONGEST = 20.0
-"""Largest gravity by links of an assumed length [m/s²]. Source: judgement (twice the earth's)."""
 
 
 @dataclass(frozen=True)
@@ -70,10 +62,11 @@ class Links:
 class _Equations:
     """One joint on one log, while it and its drives move: the columns of the masses, (k, n_links),
     of gravity at unit masses, (k, 2, n_links), of an inertia of each joint's own, (k, n_links), and
-    of the joint's own terms, and its torque, (k,).
+    of the joint's own terms, and its torque, (k,), smoothed over a `window` of samples.
     """
 
     joint: int
+    window: int
     masses: Floats
     gravity: Floats
     inertia: Floats
@@ -121,7 +114,8 @@ def links_of(
         links = _errors(parts, as_links, True)
     joined = _better(links, _errors(parts, as_inertias, tared))
     matrix, target = _system(rows, [as_links(row) for row in rows], with_offset=tared)
-    return Links(joined, pairs, _gravity(matrix, target, count))
+    window = max(row.window for row in rows)
+    return Links(joined, pairs, _gravity(matrix, target, window, count))
 
 
 def _masses(rows: Sequence[_Equations], count: int) -> tuple[Floats, Floats]:
@@ -130,16 +124,17 @@ def _masses(rows: Sequence[_Equations], count: int) -> tuple[Floats, Floats]:
     size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
     scaled = matrix / size
     left = target - scaled @ np.linalg.lstsq(scaled, target, rcond=None)[0]
-    noise = INDEPENDENT * max(float(np.mean(left**2)), 1e-300)
+    noise = max(row.window for row in rows) * max(float(np.mean(left**2)), 1e-300)
     prior = np.zeros(matrix.shape[1])
     prior[:count] = 1e-3 * MASS * size[:count]
     precision = np.zeros(matrix.shape[1])
     precision[:count] = prior[:count] ** -2
     covariance = np.linalg.pinv(scaled.T @ scaled / noise + np.diag(precision))
     solution = covariance @ (scaled.T @ target / noise + precision * prior)
-    masses = np.maximum(1e3 * solution[:count] / size[:count], LIGHTEST)
     stds = 1e3 * np.sqrt(np.diag(covariance)[:count]) / size[:count]
-    return masses, stds
+    means = 1e3 * solution[:count] / size[:count]
+    above_zero = truncnorm(-means / stds, np.inf, means, stds)
+    return above_zero.mean(), above_zero.std()
 
 
 def _better(errors: Floats, usual: Floats) -> bool:
@@ -160,29 +155,24 @@ def _errors(
         return _system(rows, [shared(row) for row in rows], with_offset=with_offset)
 
     left = dict[int, list[Floats]]()
-    for k, held_out in enumerate(parts):
-        training = [log for i, log in enumerate(parts) if i != k] or parts
-        solution, _ = scaled_solution(*system([row for log in training for row in log]))
-        matrix, target = system(held_out)
-        ends = np.cumsum([len(row.torques) for row in held_out])[:-1]
-        for row, errors in zip(held_out, np.split(target - matrix @ solution, ends)):
-            left.setdefault(row.joint, []).append(errors)
+    for rows, errors in zip(parts, left_out([system(rows) for rows in parts])):
+        ends = np.cumsum([len(row.torques) for row in rows])[:-1]
+        for row, part in zip(rows, np.split(errors, ends)):
+            left.setdefault(row.joint, []).append(part)
     every = [np.concatenate(errors) for errors in left.values()]
     return np.array([np.sqrt(np.mean(errors**2)) for errors in every if len(errors)])
 
 
-def _gravity(matrix: Floats, target: Floats, count: int) -> tuple[float, float]:
+def _gravity(matrix: Floats, target: Floats, window: int, count: int) -> tuple[float, float]:
     """Return gravity along x and z of the base [m/s²], whose columns in the equations stand behind
-    `count` of masses.
+    `count` of masses; both sides are smoothed over a `window` of samples.
     """
     solution, left = scaled_solution(matrix, target)
-    size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
-    covariance = np.linalg.pinv((matrix / size).T @ (matrix / size) / INDEPENDENT)
-    stds = left * np.sqrt(np.diag(covariance)) / size
+    stds = left * relative_errors(matrix, window)
     gravity = solution[count : count + 2]
     strength = float(np.hypot(*gravity))
     clear = strength > CLEAR * float(np.max(stds[count : count + 2]))
-    if not clear or strength > STRONGEST:
+    if not clear:
         return 0.0, 0.0
     return float(gravity[0]), float(gravity[1])
 
@@ -263,6 +253,7 @@ def _equations(
         equations.append(
             _Equations(
                 joint=link,
+                window=window,
                 masses=columns[0][j, moves],
                 gravity=np.stack([of_way[j, moves] for of_way in columns[1:]], axis=1),
                 inertia=inertia[moves],

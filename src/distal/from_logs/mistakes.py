@@ -13,7 +13,6 @@ from itertools import combinations
 from math import pi
 
 import numpy as np
-from scipy.signal import medfilt
 
 from distal.arrays import Floats
 from distal.errors import RigError
@@ -22,34 +21,17 @@ from distal.from_logs.column_values import longest_run
 from distal.from_logs.least_squares import scaled_solution
 from distal.from_logs.motion_data import MotionData
 from distal.from_logs.raw_log import RawLog
+from distal.logs import Log
 
 OTHER_UNIT = 1000.0**0.5
 """Ratio of the sampling rates of two logs from which on a unit of time is wrong [1]. Source:
 definition (nearer to that of two units than to one).
 """
 
-GAP = 4.0
-"""Interval per usual interval from which on rows are missing [1]. Source: judgement."""
-
-SPIKE_WINDOW = 5
-"""Samples of the median with which a value is compared [1]. Source: judgement."""
-
-SPIKE = 0.8
-"""Distance from it, per range of the column, from which on a value is a spike [1]. Source:
+STILL_MOVES = 0.5
+"""Share of its range that each drive moves while a stuck reference has one value [1]. Source:
 judgement.
 """
-
-SPIKE_OF_EFFORT = 5.0
-"""The same for a force or a current, which may jump by itself [1]. Source: judgement."""
-
-FEWEST_SPIKES = 2
-"""Number of spikes of a column that are named [1]. Source: judgement."""
-
-STUCK = 0.15
-"""Share of a log over which a reference must have one value to be stuck [1]. Source: judgement."""
-
-STILL_MOVES = 0.3
-"""Share of its range that each drive must move meanwhile [1]. Source: judgement."""
 
 ODD = 3.0
 """Ratio of the residuals with a log and without it, from which on it is odd; a change after which
@@ -105,7 +87,7 @@ def mistakes(
     """Return a sentence for each mistake because of which no rig can be written."""
     sentences = [*_other_rates(raw, columns)]
     for log in raw:
-        sentences += [*_spikes(log, columns), *_still(log, columns)]
+        sentences += _still(log, columns)
     return sentences or [text for text, stops in odd_logs(data, columns) if stops]
 
 
@@ -114,12 +96,17 @@ def remarks(
 ) -> list[str]:
     """Return a sentence for each thing in the logs that a rig can be written in spite of."""
     (name,) = _headers(columns, "time")
+    headers = _headers(columns, "position", "effort", "angle")
     lines = []
     for log in raw:
-        steps = np.diff(log.columns[name])
-        count = int(np.sum(steps > GAP * np.median(steps)))
-        if count:
-            lines.append(f"{log.source}: rows are missing at {count} places, where {name} jumps")
+        gaps = Log(log.columns[name], {}).gaps()
+        if gaps:
+            lines.append(f"{log.source}: rows are missing at {len(gaps)} places: {name} jumps")
+        lines += [
+            f"{log.source}: {header} jumps away and back {count} times: taken as missing"
+            for header, count in log.wild.items()
+            if header in headers
+        ]
     return [*lines, *(text for text, _ in odd_logs(data, columns))]
 
 
@@ -139,25 +126,6 @@ def _other_rates(raw: Sequence[RawLog], columns: Sequence[ColumnRole]) -> Iterat
             )
 
 
-def _spikes(log: RawLog, columns: Sequence[ColumnRole]) -> Iterator[str]:
-    inner = slice(SPIKE_WINDOW, -SPIKE_WINDOW)
-    for column in columns:
-        values = log.columns[column.header]
-        values = values[np.isfinite(values)]
-        if column.role not in ("position", "effort", "angle") or len(values) < 2 * SPIKE_WINDOW:
-            continue
-        width = float(np.ptp(np.quantile(values, [0.02, 0.98])))
-        limit = SPIKE_OF_EFFORT if column.role == "effort" else SPIKE
-        away = np.abs(values - medfilt(values, SPIKE_WINDOW))[inner]
-        wild = values[inner][away > limit * max(width, 1e-300)]
-        if len(wild) < FEWEST_SPIKES or (column.values.turn is not None and np.ptp(wild) > 0.0):
-            continue
-        yield (
-            f"{log.source}: {column.header} jumps away and back {len(wild)} times, to values such "
-            f"as {values[inner][np.argmax(away)]:g}: leave these cells empty"
-        )
-
-
 def _still(log: RawLog, columns: Sequence[ColumnRole]) -> Iterator[str]:
     """Yield a sentence on each column that never changes, or not while all drives move."""
     drives = [log.columns[header] for header in _headers(columns, "position")]
@@ -167,16 +135,14 @@ def _still(log: RawLog, columns: Sequence[ColumnRole]) -> Iterator[str]:
             continue
         first, count = longest_run(log.columns[header][there])
         rows = slice(there[first], there[first + count - 1] + 1)
-        share = (rows.stop - rows.start) / log.rows
         if count == len(there):
             yield f"{log.source}: {header} never changes there; leave this log out"
-        elif share > STUCK and all(
+        elif all(
             np.ptp(values[rows]) > STILL_MOVES * max(np.ptp(values), 1e-300) for values in drives
         ):
             yield (
                 f"{log.source}: {header} stays at {log.columns[header][rows.start]:g} for "
-                f"{100 * share:.0f} % of the log while all drives move: is it stuck? Leave these "
-                "cells empty"
+                f"{count} samples while all drives move: is it stuck? Leave these cells empty"
             )
 
 

@@ -13,13 +13,11 @@ from distal.from_logs.column_units import ColumnRole, in_si
 from distal.from_logs.least_squares import speed_of
 from distal.from_logs.raw_log import RawLog
 from distal.regression import played
+from distal.rig.hand_tables.described import ASSUMED
 from distal.units import unit_factor
 
 MOST_SAMPLES = 1500
 """Samples of a log that are used: more say nothing new of sizes. Source: judgement."""
-
-BRIDGED = 2.0
-"""Intervals of a reference over which it is interpolated [1]. Source: judgement."""
 
 TURNED = 0.01
 """A drive has a direction after this share of its range. Source: judgement."""
@@ -29,13 +27,9 @@ SLOW = 0.03
 (docs/results/from-logs.md).
 """
 
-SURE = 0.99
-"""Magnitude of a direction from which on it is clear. Source: judgement."""
 
-ASSUMED_COUNTS = 4096.0
-"""Counts of an encoder in one turn where no log shows a wrap. Source: judgement (usual
-encoders).
-"""
+SURE = 0.99
+"""Magnitude of a direction from which on it is clear [1]. Source: judgement."""
 
 
 def factor_of_column(column: ColumnRole) -> float:
@@ -47,7 +41,7 @@ def factor_of_column(column: ColumnRole) -> float:
 
 def counts_of(column: ColumnRole) -> float:
     """Return the counts of an encoder in one turn."""
-    return column.values.turn or ASSUMED_COUNTS
+    return column.values.turn or ASSUMED.counts
 
 
 @dataclass(frozen=True)
@@ -97,13 +91,13 @@ def motion_data(log: RawLog, columns: Sequence[ColumnRole]) -> MotionData:
         rows = np.arange(len(values))
         bridged = np.interp(rows, present, values[present])
         if column.role == "angle":
-            # a slow camera is bridged between its samples, a gap is not
+            # a slow camera is bridged between its samples, also where one is lost, a gap is not
             nearest = np.abs(
                 rows - present[np.searchsorted(present, rows).clip(0, len(present) - 1)]
             )
             before = present[(np.searchsorted(present, rows, side="right") - 1).clip(0)]
             nearest = np.minimum(nearest, np.abs(rows - before))
-            bridged[nearest > BRIDGED * np.median(np.diff(present))] = np.nan
+            bridged[nearest > np.median(np.diff(present))] = np.nan
         values = bridged
         kernel = np.ones(stride) / stride
         padded = np.pad(values, (stride // 2, stride - 1 - stride // 2), mode="edge")

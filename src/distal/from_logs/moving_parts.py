@@ -14,7 +14,7 @@ from distal.arrays import Floats
 from distal.errors import RigError
 from distal.from_logs.column_units import ColumnRole
 from distal.from_logs.found_parts import FoundDrive, FoundJoint
-from distal.from_logs.least_squares import scaled_solution
+from distal.from_logs.least_squares import BETTER, left_out
 from distal.from_logs.motion_data import MotionData
 from distal.from_logs.sizes import drive_sizes, odd_sign
 from distal.from_logs.structure import (
@@ -25,11 +25,7 @@ from distal.from_logs.structure import (
     with_joint,
 )
 from distal.logs import shown
-
-HELPS = 1.1
-"""Ratio of a joint's error on logs left out without a drive to that with it, from which on the
-drive is kept [1]. Source: judgement.
-"""
+from distal.rig.plausibility import USUAL
 
 
 def drive_helps(logs: Sequence[MotionData], drive: int) -> bool:
@@ -41,8 +37,7 @@ def drive_helps(logs: Sequence[MotionData], drive: int) -> bool:
     usable = _usable(logs, len(every))
     if len(usable) < 2 or not remaining:
         return False
-    ratios = _errors(usable, remaining) / np.maximum(_errors(usable, list(every)), 1e-12)
-    return bool(np.max(ratios) > HELPS)
+    return bool(np.any(_errors(usable, list(every)) < BETTER * _errors(usable, remaining)))
 
 
 def explained_by_drives(logs: Sequence[MotionData], joint: int) -> float:
@@ -67,13 +62,10 @@ def _errors(logs: Sequence[MotionData], drives: list[int]) -> Floats:
     """
     parts = [_centred(log, drives) for log in logs]
     squares = []
-    for k, (columns, angles) in enumerate(parts):
-        training = [part for i, part in enumerate(parts) if i != k]
-        matrix = np.vstack([part for part, _ in training])
-        targets = np.vstack([part for _, part in training])
-        solved = [scaled_solution(matrix, target)[0] for target in targets.T]
-        squares.append(np.mean((angles - columns @ np.column_stack(solved)) ** 2, axis=0))
-    return np.asarray(np.sqrt(np.mean(squares, axis=0)))
+    for j in range(logs[0].angles.shape[1]):
+        residuals = left_out([(columns, angles[:, j]) for columns, angles in parts])
+        squares.append(np.mean([np.mean(errors**2) for errors in residuals]))
+    return np.sqrt(squares)
 
 
 def _centred(log: MotionData, drives: list[int]) -> tuple[Floats, Floats]:
@@ -82,11 +74,6 @@ def _centred(log: MotionData, drives: list[int]) -> tuple[Floats, Floats]:
     angles = log.angles[known]
     return columns - columns.mean(axis=0), angles - angles.mean(axis=0)
 
-
-WELL_EXPLAINED = 0.85
-"""Share of a drive's variance that joints explain, below which that is doubted [1]. Source:
-judgement.
-"""
 
 RIGID = 0.01
 """A joint follows another rigidly if what a line leaves is below this share of its range. Source:
@@ -131,11 +118,6 @@ def drives_of(
             left.append(f"{column.header} moves none of the joints that are known: left out")
             continue
         structures[d] = structure
-        if structure.explained < WELL_EXPLAINED:
-            left.append(
-                f"{column.header}: the joints explain {100 * structure.explained:.0f} % of its "
-                "motion only; are its unit and the references right?"
-            )
     shared = _move_all(structures, free, logs)
     untellable = [
         _rival(positions[d], structure, joints)
@@ -215,24 +197,18 @@ def _rival(column: ColumnRole, structure: DriveStructure, joints: Sequence[Found
     )
 
 
-SHORTEST_ARM = 5e-4
-"""Least moment arm of a hand or an instrument [m]. Source: judgement."""
-
-LONGEST_ARM = 0.1
-"""Largest moment arm of a hand or an instrument [m]. Source: judgement."""
-
-
 def check_arms(joints: Sequence[FoundJoint], drives: Sequence[FoundDrive]) -> None:
     """Raise a `RigError` where a moment arm of a drive that is read in metres cannot be."""
+    shortest, longest, _ = USUAL["radius"]
     for drive in drives:
         if not drive.sizes.is_slider:
             continue
         for j, arm in zip(drive.structure.joints, np.abs(drive.sizes.arms)):
-            if not SHORTEST_ARM <= arm <= LONGEST_ARM:
+            if not shortest <= arm <= longest:
                 raise RigError(
                     f"{drive.position.header} moves by {1e3 * arm:.4g} mm for each rad of "
-                    f"{joints[j].angle.header}; a hand's arms are {1e3 * SHORTEST_ARM:g} to "
-                    f"{1e3 * LONGEST_ARM:g} mm. Is the unit of one of them right?"
+                    f"{joints[j].angle.header}; a hand's arms are {1e3 * shortest:g} to "
+                    f"{1e3 * longest:g} mm. Is the unit of one of them right?"
                 )
 
 

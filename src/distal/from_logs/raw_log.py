@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.signal import medfilt
 
-from distal.arrays import Floats
+from distal.arrays import Bools, Floats
 from distal.errors import LogError, RigError
 from distal.from_logs.column_names import SURE, NameEvidence
 from distal.from_logs.column_units import ColumnRole
@@ -32,11 +33,11 @@ FEWEST_ROWS = 50
 """A log with fewer rows than this shows nothing of a rig. Source: judgement."""
 
 
-SLOWEST = 0.5
-"""Least rate of a log [Hz]. Source: judgement."""
+RATES = (0.5, 2e4)
+"""Least and largest rate of a log [Hz]. Source: judgement."""
 
-FASTEST = 2e4
-"""Largest rate of a log [Hz]. Source: judgement."""
+USUAL_VALUES = (0.025, 0.975)
+"""Quantiles between which values of a column usually are [1]. Source: definition (95 %)."""
 
 TIME = "time"
 """Column of a recording's stamps [s]. Source: definition (the name)."""
@@ -50,11 +51,13 @@ class RawLog:
         source: name of the file.
         columns: header → values, (n_samples,).
         texts: headers of columns that hold no numbers.
+        wild: header → number of single readings far from their neighbours, taken as missing.
     """
 
     source: str
     columns: Mapping[str, Floats]
     texts: tuple[str, ...] = ()
+    wild: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def rows(self) -> int:
@@ -75,7 +78,7 @@ def read_raw(path: Source) -> RawLog:
             raise LogError(f"{path}: no message has numbers")
         read, _ = open_recording(path, names, TIME)
         check_rows(str(path), len(read[TIME]))
-        return RawLog(str(path), _decoded(read))
+        return _raw(str(path), read)
     cells = open_table(path)
     source = str(path) if isinstance(path, (str, Path, Episode)) else str(cells.path)
     check_rows(source, cells.rows)
@@ -90,14 +93,32 @@ def read_raw(path: Source) -> RawLog:
             texts.append(name)
     if not columns:
         raise LogError(f"{source}: no column holds numbers; a log has a header and rows of numbers")
-    return RawLog(source, _decoded(columns), tuple(texts))
+    return _raw(source, columns, tuple(texts))
 
 
-def _decoded(columns: Mapping[str, Floats]) -> dict[str, Floats]:
-    """Return columns in which registers that hold a sign are decoded, as the door of readings does
-    it with the written rig.
+def _raw(source: str, columns: Mapping[str, Floats], texts: tuple[str, ...] = ()) -> RawLog:
+    """Return a log in which registers that hold a sign are decoded and single wild readings are
+    missing, as the door of readings does it with the written rig.
     """
-    return {name: decoded(values) for name, values in columns.items()}
+    read = {name: decoded(values) for name, values in columns.items()}
+    wild = {name: is_wild for name, values in read.items() if (is_wild := _wild(values)).any()}
+    read |= {name: np.where(is_wild, np.nan, read[name]) for name, is_wild in wild.items()}
+    return RawLog(source, read, texts, {name: int(is_wild.sum()) for name, is_wild in wild.items()})
+
+
+def _wild(values: Floats) -> Bools:
+    """Return which readings are farther from the median of their neighbours and themselves than
+    nearly all readings are from one another, (k,).
+    """
+    wild = np.zeros(len(values), dtype=bool)
+    there = np.flatnonzero(np.isfinite(values))
+    if len(there) < FEWEST_ROWS:
+        return wild
+    present = values[there]
+    width = float(np.ptp(np.quantile(present, USUAL_VALUES)))
+    wild[there] = (width > 0.0) & (np.abs(present - medfilt(present)) > width)
+    wild[there[[0, -1]]] = False  # they have one neighbour only
+    return wild
 
 
 def check_rows(source: str, rows: int) -> None:
@@ -209,10 +230,11 @@ def time_unit(time: ColumnRole, logs: Sequence[RawLog]) -> tuple[str, list[str]]
     step = float(np.median(steps[steps > 0.0]))
     unit = time.unit or "s"
     size = unit_factor(unit, "s")
-    if SLOWEST <= 1.0 / (step * size) <= FASTEST:
+    slowest, fastest = RATES
+    if slowest <= 1.0 / (step * size) <= fastest:
         return unit, []
     possible = [
-        unit for unit, size in USUAL["s"].items() if SLOWEST <= 1.0 / (step * size) <= FASTEST
+        unit for unit, size in USUAL["s"].items() if slowest <= 1.0 / (step * size) <= fastest
     ]
     if not possible:
         raise RigError(f"{time.header} steps by {step:g}: no unit makes a rate of that")

@@ -13,29 +13,29 @@ from distal.from_logs.column_units import ColumnRole
 from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulled_both_ways, pulls_of
 from distal.from_logs.joint_balance import JointBalance, joint_balance
 from distal.from_logs.motion_data import MotionData, counts_of
-from distal.from_logs.sizes import ASSUMED_RADIUS, DriveSizes
+from distal.from_logs.sizes import DriveSizes
 from distal.from_logs.stops import joint_stops
 from distal.logs import name_and_unit
 from distal.rig import Guess
+from distal.rig.hand_tables.described import ASSUMED
+from distal.units import to_si
 
 Raw = dict[str, object]
 
 WRAP = pi / 2.0
-"""Angle by which a path is taken to wrap [rad]. Source: judgement."""
+"""Angle by which a path is taken to wrap [rad]; only its product with the coefficient counts.
+Source: definition (a quarter of a turn).
+"""
 
 PARTS = 3.0
 """Friction that no log divides: constant, by load in the drive, by load along the path. Source:
 definition (equal parts of three).
 """
 
-LEAST = 0.2
-"""Least std of a share, of a rest angle and of constant friction, per value [1]. Source:
-judgement.
-"""
-
 SURE_MOTION = 0.3
-"""Standard deviation of inertia, damping and friction per value, where the logs show them. Source:
-benchmark (`benchmarks.learned plants`, seeds 8301 and 8900: wrists, 2n and n + 1 5 to 30 % off).
+"""Standard deviation of inertia, damping and friction per value, where the logs show them, and the
+least one of a share and of a rest angle [1]. Source: benchmark (`benchmarks.learned plants`, seeds
+8301 and 8900: wrists, 2n and n + 1 5 to 30 % off).
 """
 
 NO_STOP = 4.0
@@ -46,28 +46,14 @@ file has both).
 SURE_START = 3.0
 """Logs that begin at one angle do so within this [deg]. Source: judgement."""
 
-INERTIA = 1e-5
-"""Usual inertia of a joint [kg m²]. Source: judgement (a plastic phalanx of 10 g, 40 mm long)."""
-
-LEAST_INERTIA = 1e-6
-"""Least inertia of a joint that is guessed, since smaller ones need many sub-steps [kg m²]. Source:
-judgement (a surgical wrist has 1 to 3).
+AXLE = 2.0
+"""Radius of a joint's axle [mm]; only its product with the coefficient of friction counts. Source:
+definition (pins of fingers).
 """
 
-BEFORE_START = 0.3
-"""A spring rests so far before the range of its joint [rad]. Source: judgement."""
-
-AXLE = 2.0
-"""Radius of a joint's axle [mm]. Source: judgement (pins of fingers)."""
 
 SURE_ZERO = 0.01
 """Least standard deviation of the zero of a drive with two tendons [rad]. Source: judgement."""
-
-RESTING = 20
-"""Samples in a row with one value, from which on a sensor is quantised [1]. Source: judgement."""
-
-ABOVE_NOISE = 1.1
-"""Least step of such a sensor per its noise [1]. Source: judgement."""
 
 
 def column_of(column: ColumnRole) -> str:
@@ -100,9 +86,9 @@ def raw_drive(drive: FoundDrive) -> Raw:
     if sizes.is_slider:
         raw["mass"] = Guess("20 g", "masses of drives")
     else:
-        raw["inertia"] = Guess("2e-4 kg m^2", "inertia of motors")
-        raw["radius"] = Guess(number(1e3 * ASSUMED_RADIUS, "mm"), "lengths: radii of spools")
-        raw["damping"] = Guess("1e-3 N m s", "damping of motors")
+        raw["inertia"] = ASSUMED.motor_inertia
+        raw["radius"] = Guess(number(1e3 * ASSUMED.radius, "mm"), "lengths: radii of spools")
+        raw["damping"] = ASSUMED.motor_damping
     shown = sizes.friction
     if shown is not None and shown.inertia > 0.0:
         inertia = about(shown.inertia, SURE_MOTION, "kg" if sizes.is_slider else "kg m^2")
@@ -128,8 +114,8 @@ def _drive_friction(sizes: DriveSizes, unit: str) -> object:
     usual = sizes.friction.usual
     share = sizes.friction.share
     if share > 0.0:
-        constant = about(max(usual - share * sizes.load, LEAST * usual), 1.0, unit)
-        std = max(2.0 * sizes.friction.share_std, LEAST * share)
+        constant = about(max(usual - share * sizes.load, SURE_MOTION * usual), 1.0, unit)
+        std = max(2.0 * sizes.friction.share_std, SURE_MOTION * share)
         return {"constant": constant, "load": within(share, std)}
     part = usual / PARTS
     return {"constant": about(part, 1.0, unit), "load": about(part / sizes.load, 1.0)}
@@ -143,7 +129,7 @@ def raw_tendons(drive: FoundDrive, joints: Sequence[FoundJoint]) -> list[Raw]:
         guess = about(sizes.stiffness / 1e3, 0.6, "N/mm")
         raw["stiffness"] = Guess(guess, "stiffness of tendons")
     if sizes.stiffening > 0.0:
-        share = max(2.0 * sizes.stiffening_std / sizes.stiffening, LEAST)
+        share = max(2.0 * sizes.stiffening_std / sizes.stiffening, SURE_MOTION)
         raw["stiffening"] = about(sizes.stiffening, share, "1/m")
     raw |= _start(sizes) | _path(sizes)
     tendons = []
@@ -269,16 +255,15 @@ def _joint_friction(
 def _dynamics(balance: JointBalance | None) -> Raw:
     """Return inertia and damping of a joint, as the logs show them or as guesses."""
     raw: Raw = {
-        "inertia": Guess(number(INERTIA, "kg m^2"), "inertia of joints"),
+        "inertia": ASSUMED.inertia,
         "damping": Guess(about(2e-4, 0.8, "N m s"), "damping of joints"),
     }
     if balance is None:
         return raw
     if balance.inertia > 0.0:
         raw["inertia"] = about(balance.inertia, 1.0, "kg m^2")
-    elif balance.most_inertia < INERTIA:
-        likely = max(balance.most_inertia / 2.0, LEAST_INERTIA)
-        raw["inertia"] = about(likely, 1.0, "kg m^2")
+    elif balance.most_inertia < to_si(ASSUMED.inertia.value, "kg m^2"):
+        raw["inertia"] = about(balance.most_inertia / 2.0, 1.0, "kg m^2")
     if balance.damping > 0.0:
         raw["damping"] = about(balance.damping, 1.0, "N m s")
     return raw
@@ -298,13 +283,13 @@ def _spring(
     if balance is not None and balance.stiffness > 0.0:
         rest = -balance.offset / balance.stiffness
         if side * (nearest - rest) > 0.0:
-            spread = max(LEAST * abs(degrees(nearest - rest)), 5.0)
+            spread = max(SURE_MOTION * abs(degrees(nearest - rest)), 5.0)
             return {
                 "stiffness": about(balance.stiffness, 0.4, "N m/rad"),
                 "rest_angle": within(degrees(rest), spread, "deg"),
             }
     tension = float(np.median([drive.sizes.tension for drive, _ in pulls]))
-    rest = nearest - side * BEFORE_START
+    rest = nearest - side * ASSUMED.spring_below
     stiffness = abs(pulls[0][1]) * tension / max(abs(farthest - rest), 0.1)
     guess = {
         "stiffness": about(stiffness, 0.6, "N m/rad"),
@@ -356,15 +341,11 @@ def _sensor(name: str, measures: str, of: str, column: ColumnRole) -> Raw:
 
 
 def _errors(column: ColumnRole, rates: Mapping[str, float]) -> Raw:
-    """Return rate, noise and resolution of a column. Noise is at least that of its steps; one that
-    stays at a value has steps above its noise, so that nobody takes it for a dead sensor.
-    """
+    """Return rate, noise and resolution of a column. Noise is at least that of its steps."""
     values = column.values
     noise = max(values.noise, 0.3 * values.step, 1e-6 * values.width)
     errors: Raw = {"rate": number(rates[column.header]), "noise": number(noise, column.unit)}
     step = values.step
-    if values.stays >= RESTING:
-        step = max(step, ABOVE_NOISE * values.noise)
     if step > 0.0 and column.si != "count":
         errors["resolution"] = number(step, column.unit)
     return errors

@@ -12,13 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isfinite
+from math import exp, isfinite
 
 import numpy as np
 
 from distal.arrays import Floats
 from distal.from_logs.column_units import ColumnRole
 from distal.from_logs.least_squares import (
+    BETTER,
     CLEAR,
     OF_SPEED,
     length_of,
@@ -27,19 +28,11 @@ from distal.from_logs.least_squares import (
     smoothed,
 )
 from distal.from_logs.motion_data import MotionData
-from distal.from_logs.structure import CLEAR_COMPLIANCE, DriveStructure
+from distal.from_logs.structure import EXPLAINED, DriveStructure
+from distal.model.plays import STEEPEST
 from distal.regression import FEWEST_LOGS
-
-DRIVE_SHARE = 0.4
-"""Least share of a drive's own in the inertia of all that it moves, since errors of the tendons'
-stretch hide 5 to 10 % of their pull, which looks like it [1]. Source: judgement.
-"""
-
-
-TURNED = 0.8
-"""RMS of what is left of efforts with the other sign in one log per that as it is, below which that
-log is odd [1]. Source: judgement (0.24 and 0.64 where one is; 0.93 to 6 where none is).
-"""
+from distal.rig.hand_tables.described import ASSUMED
+from distal.units import to_si
 
 
 @dataclass(frozen=True)
@@ -109,7 +102,7 @@ def is_reversed(logs: Sequence[MotionData], drive: int, structure: DriveStructur
     if len(efforts) < matrix.shape[1]:
         return False
     solution, left = scaled_solution(matrix, efforts)
-    return bool(solution[-3] < -CLEAR * left * relative_errors(matrix)[-3])
+    return bool(solution[-3] < -CLEAR * left * relative_errors(matrix, _window(logs))[-3])
 
 
 def odd_sign(logs: Sequence[MotionData], drive: int, structure: DriveStructure) -> int | None:
@@ -130,7 +123,7 @@ def odd_sign(logs: Sequence[MotionData], drive: int, structure: DriveStructure) 
 
     changed = [left(k) for k in range(len(logs))]
     best = int(np.argmin(changed))
-    return best if changed[best] < TURNED * left(None) else None
+    return best if changed[best] < BETTER * left(None) else None
 
 
 def _by_effort(
@@ -151,13 +144,19 @@ def _by_effort(
         return 0.0, np.zeros(2)
     solution, left = scaled_solution(matrix, efforts)
     significant = np.ones(matrix.shape[1], dtype=bool)
-    significant[-2:] = solution[-2:] > CLEAR * left * relative_errors(matrix)[-2:]
+    significant[-2:] = solution[-2:] > CLEAR * left * relative_errors(matrix, _window(logs))[-2:]
     significant[-2] &= damped
+    # errors of the tendons' stretch hide some of their pull, which looks like inertia of the drive
     moved = scaled_solution(matrix[:, -3:], efforts)[0]
-    significant[-1] &= solution[-1] > DRIVE_SHARE * moved[-1]
+    significant[-1] &= solution[-1] > EXPLAINED * moved[-1]
     solution = np.zeros(len(significant))
     solution[significant], _ = scaled_solution(matrix[:, significant], efforts)
     return float(abs(solution[-3])), solution[-2:]
+
+
+def _window(logs: Sequence[MotionData]) -> int:
+    """Return the number of samples over which both sides of the equations are smoothed."""
+    return max(length_of(OF_SPEED, float(np.median(np.diff(log.time)))) for log in logs)
 
 
 def _system(
@@ -188,17 +187,10 @@ def _rows(log: MotionData, drive: int, structure: DriveStructure) -> tuple[Float
     return matrix - matrix.mean(axis=0), efforts - efforts.mean()
 
 
-ASSUMED_RADIUS = 8e-3
-"""Radius of a spool where no log knows a length [m]. Source: judgement (small hands)."""
-
-ASSUMED_CONSTANT = 0.5
-"""Torque constant where currents are all that is read [N m/A]. Source: judgement (small servos)."""
-
 LARGEST_RATIO = 4.0
-"""A drive that turns more often than this per turn of a joint has a gear. Source: judgement."""
-
-USUAL_RATIO = 1.0
-"""Radius of a joint's pulley over that of a spool behind a gear. Source: judgement."""
+"""A drive that turns more often than this per turn of a joint has a gear, behind which spool and
+pulley are taken as alike. Source: judgement.
+"""
 
 TWO_SIDED = 0.05
 """Efforts of both signs, the smaller above this share of the larger: two tendons on one spool.
@@ -211,19 +203,10 @@ SHARE_OF_PAIR = 1.5
 judgement (both stay taut above a half).
 """
 
-SOFTEST = 2e3
-"""Least stiffness of a usual tendon [N/m]. Source: judgement (braided lines)."""
-
-STIFFEST = 2e5
-"""Largest stiffness of a usual tendon [N/m]. Source: judgement (short steel ropes)."""
-
-SOFTER = 0.2
-"""Least stiffness of a tendon that stiffens per that at its usual tension [1]. Source: judgement
-(the logs know the latter).
+USUAL_STIFFNESS = (2e3, 2e5)
+"""Least and largest stiffness of a usual tendon, of a braided line and of a short steel rope [N/m].
+Source: judgement.
 """
-
-ASSUMED_STIFFNESS = 2e4
-"""Stiffness of a tendon where no log tells it [N/m]. Source: judgement (braided lines)."""
 
 
 @dataclass(frozen=True)
@@ -298,14 +281,14 @@ def drive_sizes(
     ratio = float(np.max(np.abs(structure.ratios)))
     gear = 1.0
     if not is_slider and ratio > LARGEST_RATIO:
-        gear = float(round(ratio / USUAL_RATIO))
-    lever = 1.0 if is_slider else ASSUMED_RADIUS
+        gear = float(round(ratio))
+    lever = 1.0 if is_slider else ASSUMED.radius
     efforts = np.concatenate([log.efforts[:, drive] for log in logs])
     is_read = effort is not None and bool(np.isfinite(efforts).all())
-    knows = is_read and abs(structure.compliance) > CLEAR_COMPLIANCE * structure.compliance_std
+    knows = is_read and structure.knows_compliance
     constant = 1.0
     if effort is not None and effort.si == "A":
-        constant = ASSUMED_CONSTANT
+        constant = to_si(ASSUMED.torque_constant.value, "N m/A")
     falls = structure.compliance < 0.0 if knows else is_read and is_reversed(logs, drive, structure)
     reversed_effort = -1 if falls else 1
     pulls = reversed_effort * efforts * constant
@@ -333,12 +316,12 @@ def drive_sizes(
     )
     if knows and effort is not None and effort.si == "A":
         # the scale of force is free: it is chosen so that the tendon is a usual one
-        usual = float(np.clip(stiffness, SOFTEST, STIFFEST))
+        usual = float(np.clip(stiffness, *USUAL_STIFFNESS))
         constant *= usual / stiffness
         pulls = pulls * usual / stiffness
         stiffness = usual
     if not isfinite(stiffness):
-        stiffness = ASSUMED_STIFFNESS
+        stiffness = to_si(ASSUMED.stiffness, "N/m")
         stiffness_std = float("nan")
     tension = float(np.quantile(np.abs(pulls), 0.9)) / lever if is_read else 10.0
     arms = position_sign * winding * structure.ratios / gear * lever
@@ -359,7 +342,7 @@ def drive_sizes(
         stiffening = -per_curvature * structure.curvature * np.sign(structure.effort)
         stiffening_std = abs(per_curvature) * structure.curvature_std
     if stiffening > 0.0:
-        loose = max(stiffness - stiffening * usual, SOFTER * stiffness)
+        loose = max(stiffness - stiffening * usual, exp(-STEEPEST) * stiffness)
         pretension = max(loose * float(np.expm1(-stiffening * zero)) / float(stiffening), 0.0)
         stiffness = loose + stiffening * pretension
     return DriveSizes(

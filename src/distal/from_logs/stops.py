@@ -6,31 +6,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import factorial, radians
+from math import radians
 
 import numpy as np
 from scipy.signal import find_peaks
+from scipy.stats import poisson
 
 from distal.arrays import Floats
 from distal.from_logs.found_parts import FoundDrive, pulls_of
 from distal.from_logs.motion_data import MotionData
-
-PROMINENCE = radians(1.0)
-"""A joint turns back where it goes at least so far on both sides [rad]. Source: judgement (above
-the noise of cameras).
-"""
-
-MOST = 10
-"""Turning points at one stop that are looked at [1]. Source: judgement."""
-
-CHANCE = 1e-4
-"""Chance below which turning points at one angle are not by chance [1]. Source: judgement."""
-
-BRISK = 0.6
-"""Share of the speed lost around a turning point that a stop takes at once [1]. Source: benchmark
-(docs/results/from-logs.md: means of 0.7 to 0.9 at stops, below 0.5 at goals that are reached
-again).
-"""
 
 PARTED = 3.0
 """By the drives' positions, a stopped joint would have turned so many times farther apart than it
@@ -39,6 +23,22 @@ did [1]. Source: judgement (a motion that is repeated turns where its drives tur
 
 SOFT = radians(2.0)
 """Largest difference of angles in one stop [rad]. Source: judgement (pads of rubber)."""
+
+PROMINENCE = radians(1.0)
+"""A joint turns back where it goes at least so far on both sides; a way back that is shorter ends
+in the same stop [rad]. Source: judgement (above the noise of cameras).
+"""
+
+CHANCE = 1e-4
+"""Probability below which turning points at one angle are not by chance [1]. Source: definition
+(level of the test).
+"""
+
+BRISK = 0.6
+"""Share of the speed lost around a turning point that a stop takes at once [1]. Source: benchmark
+(docs/results/from-logs.md: means of 0.7 to 0.9 at stops, below 0.5 at goals that are reached
+again).
+"""
 
 CLOSE = radians(0.25)
 """A joint arrives where it comes so close to its turning point [rad]. Source: judgement."""
@@ -53,11 +53,6 @@ BRAKING = 0.1
 
 SETTLED = (0.1, 0.3)
 """Time after a turning point in which a joint that stays there rests [s]. Source: judgement."""
-
-REBOUND = radians(1.0)
-"""Largest way back from a turning point to where it rests in the same stop [rad]. Source:
-judgement.
-"""
 
 FEWEST = 3
 """Least ratio of these times in samples, below which they tell nothing [1]. Source: judgement."""
@@ -87,9 +82,10 @@ def joint_stops(
 ) -> tuple[float | None, float | None]:
     """Return the lower and the upper stop of a joint [rad], None where the logs show none.
 
-    Of n turning points on a range R, k are within w of the outermost by chance λ^(k−1)/(k−1)! with
-    λ = n w/R (Poisson). Where m of them rest within w′, that has the chance (w′/w)^(m−1). The share
-    of other turning points that are as brisk is the chance of each one's briskness.
+    Of n turning points on a range R, k are within w of the outermost by chance Σ e^(−λ) λ^j/j! over
+    j ≥ k − 1, with λ = n w/R (Poisson). Where m of them rest within w′, that has the chance
+    (w′/w)^(m−1). The share of other turning points that are as brisk is the chance of each one's
+    briskness.
 
     Args:
         joint: index of the joint.
@@ -110,14 +106,13 @@ def _level(side: float, turns: Sequence[_Turn]) -> float | None:
     reach = float(np.ptp(outward)) if turns else 0.0
     level = None
     least = CHANCE
-    for count in range(2, min(MOST, len(order) // 2) + 1):
+    for count in range(2, len(order) // 2 + 1):
         members = order[:count]
         width = float(np.ptp(outward[members]))
         parted = float(np.ptp(by_drives[members])) > max(PARTED * width, PROMINENCE)
         if width > SOFT or not parted:
             continue
-        rate = len(order) * width / reach
-        gathered = rate ** (count - 1) / factorial(count - 1)
+        gathered = float(poisson.sf(count - 2, len(order) * width / reach))
         rests = np.array([turns[i].settled for i in members])
         settled = rests[np.isfinite(rests)]
         together = len(settled) > 1 and np.ptp(settled) < min(width, CLOSE)
@@ -175,7 +170,7 @@ def _turns_of(log: MotionData, joint: int, drives: Sequence[int], line: Floats) 
             after = angle[turn + begin : turn + end]
             stays = len(after) > 0 and np.ptp(after) < CLOSE
             settled = float(np.median(after)) if stays else np.nan
-            if abs(settled - angle[turn]) > REBOUND:
+            if abs(settled - angle[turn]) > PROMINENCE:
                 settled = np.nan
             brisk = lost / max(all_lost, usual)
             turns.append(_Turn(angle[turn], by_drives[turn], settled, brisk, side))

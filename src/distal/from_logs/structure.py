@@ -24,48 +24,31 @@ from itertools import combinations
 import numpy as np
 
 from distal.arrays import Bools, Floats
-from distal.from_logs.least_squares import scaled_solution
+from distal.from_logs.least_squares import BETTER, WITHIN, left_out, scaled_solution
 from distal.from_logs.motion_data import MotionData
+from distal.from_logs.raw_log import FEWEST_ROWS
 
-BLOCKS = 6
-"""Parts of a log whose errors are compared in pairs. Source: judgement."""
+BLOCKS = 5
+"""Parts of a log whose errors are compared in pairs, each left out in turn where there is one log
+only [1]. Source: reference (fivefold cross-validation; Breiman and Spector 1992).
+"""
 
 
 MOST_JOINTS_AT_ONCE = 5
 """With more joints, those are tried together that alone explain a drive best. Source: judgement."""
 
 
-WITHIN = 2.0
-"""A smaller set of joints is taken where its error is within so many standard errors of the least.
-Source: reference (Hastie, Tibshirani and Friedman 2009, section 7.10, with two in place of one).
-"""
-
-
 SMALLEST_SHARE = 0.12
-"""A joint whose motion moves the drive by less than this share of its range is not crossed. Source:
-judgement.
+"""A joint whose motion moves the drive by less than this share of its range is not crossed [1].
+Source: benchmark (`benchmarks.from_logs structure --rigs 16 --first-seed 7600`: 0.05 to 0.2 alike,
+without it two rigs are refused).
 """
 
 
 EXPLAINED = 0.5
-"""A drive moves joints if they explain at least this share of its variance. Source: judgement."""
-
-
-FEWEST = 30
-"""Samples of known angles that a log needs. Source: judgement."""
-
-
-CLEAR_COMPLIANCE = 2.0
-"""A compliance counts that is so many standard errors above zero. Source: judgement."""
-
-CORRELATED = 0.8
-"""Squared correlation of effort and position, given all else, above which the effort is regressed
-[1]. Source: judgement (chains with load cells 0.85 to 0.95, two servos on three joints 0.2).
-"""
-
-FORM_HELPS = 0.9
-"""The terms h and q count that bring the RMS error on logs left out below this share of it. Source:
-judgement (plants that have them: 0.5 to 0.86; that lack them, or whose sensors hide them: 0.93).
+"""A drive moves joints if they explain at least this share of its variance, has an inertia of its
+own that is at least this share of all that it moves, and tells its effort by its position if that
+explains so much of it [1]. Source: definition (more than is left).
 """
 
 
@@ -87,7 +70,6 @@ class DriveStructure:
         effort: ē, 0 without a sensor of effort.
         zero: mean of c over the logs, at zero effort.
         zero_spread: standard deviation of c between logs.
-        residual: RMS of what is left on logs left out.
         explained: share of the drive's variance that the joints alone explain there.
         rival: the other set of joints whose error is within two standard errors, if there is one.
     """
@@ -105,15 +87,19 @@ class DriveStructure:
     effort: float
     zero: float
     zero_spread: float
-    residual: float
     explained: float
     rival: tuple[int, ...] | None
+
+    @property
+    def knows_compliance(self) -> bool:
+        """Whether b is clear of its error."""
+        return abs(self.compliance) > WITHIN * self.compliance_std
 
     def friction(self, efforts: Floats) -> Floats:
         """Return the effort that friction takes while the drive moves, f = −(g + h (e − ē))/b, at
         some efforts; 0 where b is not clear.
         """
-        if not abs(self.compliance) > CLEAR_COMPLIANCE * self.compliance_std:
+        if not self.knows_compliance:
             return np.zeros_like(efforts)
         taken = self.hysteresis + self.growth * (efforts - self.effort)
         return np.asarray(-taken / self.compliance)
@@ -174,9 +160,9 @@ def _folds(logs: Sequence[MotionData], drive: int, moving: bool = False) -> list
         if np.isfinite(effort).all():
             regressors.append(effort)
         usable = np.isfinite(log.angles).all(axis=1)
-        if moving and (usable & log.moves(drive)).sum() >= FEWEST:
+        if moving and (usable & log.moves(drive)).sum() >= FEWEST_ROWS:
             usable &= log.moves(drive)
-        if usable.sum() < FEWEST:
+        if usable.sum() < FEWEST_ROWS:
             continue
         folds.append(
             _Fold(
@@ -220,8 +206,7 @@ def _solve(folds: Sequence[_Fold], joints: Sequence[int]) -> Floats:
     parts = [_centred(fold, joints) for fold in folds]
     columns = np.vstack([matrix for matrix, _ in parts])
     target = np.concatenate([values for _, values in parts])
-    size = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-300)
-    return np.asarray(np.linalg.lstsq(columns / size, target, rcond=None)[0] / size)
+    return scaled_solution(columns, target)[0]
 
 
 def _sizes(folds: Sequence[_Fold], joints: Sequence[int]) -> Floats:
@@ -241,20 +226,17 @@ def _sizes(folds: Sequence[_Fold], joints: Sequence[int]) -> Floats:
     causes = np.column_stack([np.delete(columns, effort, axis=1), position])
     solution, _ = scaled_solution(causes, columns[:, effort])
     compliance = 1.0 / solution[-1]
-    if forward[effort] / compliance < CORRELATED:
+    # their ratio is the squared correlation of effort and position, given all else
+    if forward[effort] / compliance < EXPLAINED:
         return forward
     return np.asarray(np.insert(-compliance * solution[:-1], effort, compliance))
 
 
 def _block_errors(folds: Sequence[_Fold], joints: Sequence[int]) -> Floats:
     """Return mean squared errors of parts of each log, by the coefficients of the other logs."""
-    errors = []
-    for k, fold in enumerate(folds):
-        training = [other for i, other in enumerate(folds) if i != k] or [fold]
-        columns, target = _centred(fold, joints)
-        squared = (target - columns @ _solve(training, joints)) ** 2
-        errors += [float(np.mean(squared[rows])) for rows in _blocks(len(squared), BLOCKS)]
-    return np.array(errors)
+    residuals = left_out([_centred(fold, joints) for fold in folds])
+    parts = [errors[rows] for errors in residuals for rows in _blocks(len(errors), BLOCKS)]
+    return np.array([np.mean(errors**2) for errors in parts])
 
 
 def _is_within(errors: Floats, least: Floats) -> bool:
@@ -319,7 +301,6 @@ def _described(
         effort=effort,
         zero=float(np.mean(zeros)),
         zero_spread=float(np.std(zeros)),
-        residual=float(np.sqrt(np.mean(_block_errors(every, joints)))),
         explained=float(1.0 - by_joints**2 / max(total**2, 1e-300)),
         rival=rival,
     )
@@ -347,7 +328,7 @@ def _clear_forms(folds: Sequence[_Fold], joints: Sequence[int], effort: float) -
             for form in left
         }
         best = min(left, key=lambda form: errors[form])
-        if errors[best] > FORM_HELPS**2 * least:
+        if errors[best] > BETTER**2 * least:
             break
         forms = (*forms, best)
         least = errors[best]

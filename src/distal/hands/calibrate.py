@@ -61,7 +61,6 @@ class Calibrated:
 def calibrate(
     log: Log | Source,
     rig: Rig | str | Path,
-    workers: int = 2,
     stopped: Mapping[str, str] | None = None,
 ) -> Calibrated:
     """Return a hand with its zeros, spools, slack or pre-tension, friction and stiffness as its
@@ -75,7 +74,6 @@ def calibrate(
     Args:
         log: of the power-on routine, or its file.
         rig: of the hand, or its name or path.
-        workers: number of threads.
         stopped: motor whose routine ended too early → why; these motors are not calibrated.
 
     Raises:
@@ -117,7 +115,7 @@ def calibrate(
         if part not in sound
     )
     # filters of warnings hold for the whole process, so they are set once around all threads
-    with warnings.catch_warnings(), ThreadPoolExecutor(workers) as pool:
+    with warnings.catch_warnings(), ThreadPoolExecutor() as pool:
         warnings.simplefilter("ignore", DistalWarning)
         for found in pool.map(lambda part: part_values(log, part, sweeps), sound):
             values |= found

@@ -9,26 +9,21 @@ from typing import Literal
 
 import numpy as np
 
+from distal.confidence import CLEARLY
 from distal.errors import FitError
-from distal.hands.sweeps import FEWEST, STRONGEST, Sweep, contacts, is_pair, needed
-from distal.rig import Capstan, Rig
+from distal.hands.sweeps import FEWEST, STRONGEST, Sweep, contacts, is_pair, needed, unsure
+from distal.rig import Rig
 
 FaultKind = Literal["side", "slack", "broken", "slipped", "stopped"]
-
-UNLIKE = 3.0
-"""Difference between a motor's travel and the one that its joint's range needs, or between slack
-that is found and the rig's, in stds by the rig, from which on there is a fault [1]: one sound motor
-of 400 differs as much. Source: judgement.
-"""
 
 SLIPPED = 4.0
 """Motion of the end of the travel between sweeps, at the joint, from which on a spool slipped
 [deg]. Source: judgement.
 """
 
-TURNS_MOST = 5.0
+TURNS_MOST = degrees(1.0) ** 0.5
 """Travel of all motors, in multiples of what their joints' ranges need, from which on a unit is
-wrong [1]. Source: judgement.
+wrong [1]. Source: definition (nearer to degrees than to radians).
 """
 
 FREE = "turns freely both ways: its spool slips on its shaft, or all its tendons are off"
@@ -53,12 +48,11 @@ def faults_of(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Fault, ...
     """Return the fault of a motor's tendons that its sweeps show, or none: the most certain where
     there are several.
     """
-    motor = next(part for part in rig.drives if part.name == drive)
-    assert isinstance(motor, Capstan)
-    tendons = [tendon for tendon in rig.tendons if tendon.drive == drive]
+    motor = rig.drive(drive)
+    tendons = rig.tendons_of(drive)
     arms = tendons[0].arms()
     names = ", ".join(arms)
-    ratio = tendons[0].total_arm / motor.radius.value
+    ratio = tendons[0].total_arm / motor.lever
     pair = is_pair(rig, drive)
 
     def fault(kind: FaultKind, sentence: str) -> tuple[Fault, ...]:
@@ -102,7 +96,7 @@ def faults_of(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Fault, ...
     if not pair:
         return ()
     longer, std = excess(rig, drive, sweeps)
-    if longer < -UNLIKE * std:
+    if longer < -CLEARLY * std:
         share = 100 * (1 + longer / needed(rig, drive))
         return fault(
             "side",
@@ -116,17 +110,12 @@ def excess(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[float, float]
     """Return how much more of its tendons a motor with a pair of them winds, from end to end, than
     its joint's range and their slack need, and the std of that by the rig [m].
     """
-    motor = next(part for part in rig.drives if part.name == drive)
-    assert isinstance(motor, Capstan)
+    motor = rig.drive(drive)
     up, down = (float(np.mean(contacts(sweeps, way))) for way in (1, -1))
-    tendons = [tendon for tendon in rig.tendons if tendon.drive == drive]
-    arms = tendons[0].arms()
-    # both ends are off, each by its own error
-    ends = [np.sqrt(2) * arms[j.name] * j.stops_std for j in rig.joints if j.name in arms]
-    slack = [tendon.slack for tendon in tendons]
-    stds = [*ends, motor.radius.total_std * (up - down), *(each.total_std for each in slack)]
-    longer = (up - down) * motor.radius.value - needed(rig, drive)
-    return longer - sum(each.value for each in slack), float(np.hypot.reduce(stds))
+    tendons = rig.tendons_of(drive)
+    longer = (up - down) * motor.lever - needed(rig, drive)
+    slack = sum(tendon.slack.value for tendon in tendons)
+    return longer - slack, unsure(rig, drive, up - down)
 
 
 def slack_of(found: Rig, rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tuple[Fault, ...]:
@@ -135,12 +124,12 @@ def slack_of(found: Rig, rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tup
     """
     faults = []
     for drive in (name for name in sweeps if is_pair(rig, name)):
-        tendons = [tendon for tendon in rig.tendons if tendon.drive == drive]
-        slack = sum(tendon.slack.value for tendon in found.tendons if tendon.drive == drive)
+        tendons = rig.tendons_of(drive)
+        slack = sum(tendon.slack.value for tendon in found.tendons_of(drive))
         more = slack - sum(tendon.slack.value for tendon in tendons)
         unsure = float(np.hypot.reduce([tendon.slack.total_std for tendon in tendons]))
         longer, std = excess(rig, drive, sweeps[drive])
-        if longer > UNLIKE * std or more > UNLIKE * unsure:
+        if longer > CLEARLY * std or more > CLEARLY * unsure:
             line = (
                 f"{drive} ({', '.join(tendons[0].joints)}): turns about "
                 f"{degrees(max(longer, more) / tendons[0].total_arm):.0f}° further than its range "
@@ -159,9 +148,8 @@ def check_units(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]], source: str) ->
     turned = list[float]()
     pulls = list[float]()
     for drive in (drive for drive in rig.drives if sweeps[drive.name]):
-        assert isinstance(drive, Capstan)
         ends = [sweep.contact for sweep in sweeps[drive.name]]
-        turned.append(float(np.ptp(ends)) * drive.radius.value / needed(rig, drive.name))
+        turned.append(float(np.ptp(ends)) * drive.lever / needed(rig, drive.name))
         pulls.append(max(abs(sweep.level) for sweep in sweeps[drive.name]))
     if min(turned) > TURNS_MOST:
         size = (
@@ -170,7 +158,7 @@ def check_units(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]], source: str) ->
         )
         raise FitError(f"{source}: {size}; is the unit of their positions right?")
     noise = min(sensor.noise for sensor in rig.sensors_of("force"))
-    if not noise / UNLIKE < max(pulls) < STRONGEST:
+    if not noise / CLEARLY < max(pulls) < STRONGEST:
         size = f"the motors' torques while they move are {max(pulls):.2g} N m at most"
         raise FitError(
             f"{source}: {size}; is the unit of their currents, or the torque constant, right?"

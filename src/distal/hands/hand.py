@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from distal.arrays import Floats
+from distal.confidence import CLEARLY
 from distal.errors import CommandError, DistalError, EstimationError, did_you_mean
 from distal.hands.calibrate import Calibrated, calibrate
 from distal.hands.motors import TorqueLimited, motors_of
@@ -21,23 +22,14 @@ from distal.inverse import LiveInverse
 from distal.inverse.goal_gate import GoalGate
 from distal.logs import write_log
 from distal.logs.atomic_writes import check_writable
-from distal.rig import Capstan, Rig, as_rig
+from distal.rig import Rig, as_rig
+from distal.rig.drive_range import KNOWN
 from distal.run import HEALTH, LiveEstimator, LogUnits, Monitor, Reading
 from distal.run.health import Health
 from distal.run.log_units import HOTTEST
 
 HOT = 65.0
 """Temperature above which a motor is hot [°C]. Source: judgement."""
-
-KNOWN_ZERO = radians(10.0)
-"""Largest std of the zero of a motor, at its joint, with which goals are sent to it [rad]. Source:
-judgement.
-"""
-
-NOISES = 3.0
-"""Margin of a motor's torque limit above the torque that it holds, in stds of the torque's noise
-[1]. Source: judgement.
-"""
 
 LOOKS = 1.0
 """Time between two readings of the temperatures [s]. Source: judgement."""
@@ -337,7 +329,7 @@ class Hand:
         """Limit the torques of motors that stand [N m] to what they hold, where servos have a
         limit.
         """
-        floor = {sensor.of: NOISES * sensor.noise for sensor in self._rig.sensors_of("force")}
+        floor = {sensor.of: CLEARLY * sensor.noise for sensor in self._rig.sensors_of("force")}
         limits = {
             name: torque + floor.get(name, 0.0)
             for name, torque in holding.items()
@@ -448,14 +440,13 @@ class Hand:
 
 
 def _without_zero(rig: Rig) -> list[str]:
-    """Return the motors whose zero is known to no better than `KNOWN_ZERO` at their joints."""
+    """Return the motors whose zero is known to no better than `KNOWN` at their joints."""
     found = []
     for drive in rig.drives:
         position = next(
             (sensor for sensor in rig.sensors_of("position") if sensor.of == drive.name), None
         )
-        arm = next(tendon.total_arm for tendon in rig.tendons if tendon.drive == drive.name)
-        lever = drive.radius.value if isinstance(drive, Capstan) else 1.0
-        if position is None or position.bias.total_std * lever / arm > KNOWN_ZERO:
+        arm = rig.tendons_of(drive.name)[0].total_arm
+        if position is None or position.bias.total_std * drive.lever / arm > KNOWN:
             found.append(drive.name)
     return found

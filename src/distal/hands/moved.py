@@ -4,14 +4,10 @@ from __future__ import annotations
 
 from math import hypot
 
+from distal.confidence import CLEARLY
 from distal.errors import RigError
 from distal.fitting.free_parameter import COMMON
 from distal.rig import Rig, in_words, number, parameters_below
-
-CLEARLY = 3.0
-"""Difference of a parameter between two calibrations, in standard deviations of it, from which on
-it changed [1]. Source: judgement.
-"""
 
 WATCHED = ("bias", "slack", "pretension", "stiffness", "constant", "radius")
 """Last words of the references of the parameters that are compared."""

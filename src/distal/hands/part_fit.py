@@ -19,7 +19,7 @@ from distal.fitting.problem import Problem
 from distal.hands.findings import excess
 from distal.hands.sweeps import Sweep, contacts, is_pair, needed
 from distal.logs import Log
-from distal.rig import Capstan, Rig, Subsystem
+from distal.rig import Rig, Subsystem
 
 SPRUNG = 4.0
 """Std of a motor's torque about the model's in usual motion, in multiples of that in the slow
@@ -126,18 +126,17 @@ def _zeros(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> dict[str, object]
     joints = {joint.name: joint for joint in rig.joints}
     values = dict[str, object]()
     for sensor in rig.sensors_of("position"):
-        tendons = [tendon for tendon in rig.tendons if tendon.drive == sensor.of]
-        drive = next(drive for drive in rig.drives if drive.name == sensor.of)
-        assert isinstance(drive, Capstan)
+        tendons = rig.tendons_of(sensor.of)
+        drive = rig.drive(sensor.of)
         zeros = []
         for tendon in tendons:
             arms = tendon.arms()
             stops = [arm * joints[name].travel[1 if arm > 0 else 0] for name, arm in arms.items()]
-            away = tendon.winding * (sum(stops) + tendon.slack.value) / drive.radius.value
+            away = tendon.winding * (sum(stops) + tendon.slack.value) / drive.lever
             met = contacts(sweeps[sensor.of], tendon.winding)
             zeros.append(float(np.mean(met)) - away)
         unsure = [arm * joints[name].stops_std for name, arm in arms.items()]
-        std = np.hypot.reduce([*unsure, tendon.slack.std]) / drive.radius.value
+        std = np.hypot.reduce([*unsure, tendon.slack.std]) / drive.lever
         values[f"sensors.{sensor.name}.bias"] = {
             "value": float(np.mean(zeros)),
             "std": float(np.hypot(std, np.std(zeros))),
@@ -214,12 +213,11 @@ def _with_ranges(rig: Rig, values: Mapping[str, object]) -> dict[str, object]:
             std = float(f"{SPRINGS_APART * found['value']:.3g}")
             wider[path] = {"value": found["value"], "std": std}
     for sensor in rig.sensors_of("position"):
-        drive = next(drive for drive in rig.drives if drive.name == sensor.of)
-        arms = next(tendon.arms() for tendon in rig.tendons if tendon.drive == drive.name)
-        assert isinstance(drive, Capstan)
+        drive = rig.drive(sensor.of)
+        arms = rig.tendons_of(drive.name)[0].arms()
         stds = [arms[joint.name] * joint.stops_std for joint in rig.joints if joint.name in arms]
-        off = float(np.hypot.reduce(stds)) / drive.radius.value
-        radius = np.sqrt(2) * off * drive.radius.value**2 / needed(rig, drive.name)
+        off = float(np.hypot.reduce(stds)) / drive.lever
+        radius = np.sqrt(2) * off * drive.lever**2 / needed(rig, drive.name)
         widen(f"drives.{drive.name}.radius", radius)
         widen(f"sensors.{sensor.name}.bias", off / np.sqrt(2))
     return wider

@@ -13,18 +13,17 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import LogError
 from distal.logs import Log
-from distal.rig import Rig
+from distal.rig import Capstan, Rig
 
 TURNED = 0.05
-"""Way back after which a motor has turned back, as a share of its travel in the log [1]. Source:
-judgement.
+"""Way back after which a motor has turned back, as a share of its travel, in the log or as the
+joints' ranges need it [1]. Source: judgement.
 """
 
-LEAST_TURNED = 0.03
-"""Least way back after which a motor has turned back [rad]. Source: judgement."""
-
 FEWEST = 3
-"""Least number of sweeps of a motor, the first of which begins anywhere. Source: judgement."""
+"""Least number of sweeps of a motor. Source: definition (one each way after the first, which begins
+anywhere).
+"""
 
 RISEN = 1.6
 """Torque at the end of a sweep from which on it met an end, in multiples of the torque that moves
@@ -76,7 +75,7 @@ def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
     if not known.any():
         raise LogError(f"{log.source}: '{position}' and '{torque}' are never there together")
     rows = np.flatnonzero(known)
-    ends = [int(rows[k]) for k in _turning(positions[rows])]
+    ends = [int(rows[k]) for k in _turning(positions[rows], travel_of(rig, drive))]
     sweeps = [
         _sweep(positions[begin : end + 1], torques[begin : end + 1], end)
         for begin, end in itertools.pairwise(ends)
@@ -99,12 +98,12 @@ def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
 
 def is_pair(rig: Rig, drive: str) -> bool:
     """Return whether a motor holds one joint by two tendons."""
-    return sum(tendon.drive == drive for tendon in rig.tendons) == 2
+    return len(rig.tendons_of(drive)) == 2
 
 
 def needed(rig: Rig, drive: str) -> float:
     """Return the length that the joints' ranges take up of a motor's tendon [m]."""
-    arms = next(tendon.arms() for tendon in rig.tendons if tendon.drive == drive)
+    arms = rig.tendons_of(drive)[0].arms()
     return float(
         sum(
             abs(arms[joint.name]) * np.ptp(joint.travel)
@@ -112,6 +111,26 @@ def needed(rig: Rig, drive: str) -> float:
             if joint.name in arms
         )
     )
+
+
+def travel_of(rig: Rig, drive: str) -> float:
+    """Return the turn of a motor that its joints' ranges need [rad]; of a slider, the way [m]."""
+    return needed(rig, drive) / rig.drive(drive).lever
+
+
+def unsure(rig: Rig, drive: str, turned: float) -> float:
+    """Return the std, by the rig, of the length of tendon that a motor winds from end to end [m],
+    where it has `turned` so far [rad].
+    """
+    part = rig.drive(drive)
+    tendons = rig.tendons_of(drive)
+    arms = tendons[0].arms()
+    # both ends are off, each by its own error
+    stds = [np.sqrt(2) * arms[j.name] * j.stops_std for j in rig.joints if j.name in arms]
+    stds += [tendon.slack.total_std for tendon in tendons]
+    if isinstance(part, Capstan):
+        stds.append(part.radius.total_std * turned)
+    return float(np.hypot.reduce(stds))
 
 
 def contacts(sweeps: Sequence[Sweep], way: int) -> tuple[float, ...]:
@@ -137,9 +156,11 @@ def sweep_channels_of(rig: Rig, drive: str) -> tuple[str, str]:
     return names[0], names[1]
 
 
-def _turning(positions: Floats) -> list[int]:
-    """Return the samples at which a motor's motion begins, turns back, and ends."""
-    least = max(TURNED * float(np.ptp(positions)), LEAST_TURNED)
+def _turning(positions: Floats, travel: float) -> list[int]:
+    """Return the samples at which a motor's motion begins, turns back, and ends; its joints' ranges
+    need a `travel` [rad].
+    """
+    least = TURNED * max(float(np.ptp(positions)), travel)
     moved = np.flatnonzero(np.abs(positions - positions[0]) > least)
     if not len(moved):
         return []

@@ -65,9 +65,8 @@ def _margin(rig: Rig, drive: Drive) -> float:
 
     At a given position of a drive, softer tendons pull less, in proportion to their stiffness.
     """
-    tendons = [tendon for tendon in rig.tendons if tendon.drive == drive.name]
     return 1.0 + BAND * max(
-        tendon.stiffness.total_std / tendon.stiffness.value for tendon in tendons
+        tendon.stiffness.total_std / tendon.stiffness.value for tendon in rig.tendons_of(drive.name)
     )
 
 

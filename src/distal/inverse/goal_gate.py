@@ -330,7 +330,7 @@ def _ends(rig: Rig, drive: Drive, calibrated: bool) -> tuple[float, float]:
 def crossed_joints(rig: Rig) -> Bools:
     """Return which joints the tendons of each drive cross, (n_drives, n_joints)."""
     crossed = [
-        {joint for tendon in rig.tendons if tendon.drive == drive for joint in tendon.joints}
+        {joint for tendon in rig.tendons_of(drive) for joint in tendon.joints}
         for drive in rig.drive_names
     ]
     return np.array([[joint in of for joint in rig.joint_names] for of in crossed])

@@ -26,6 +26,7 @@ from distal.reports.moving_chain import chain_shape, tension_scale
 from distal.reports.page import page, resource, script_with
 from distal.results import COLOURS
 from distal.rig import Rig, angle_names, log_factor, number
+from distal.rig.joints import REACH
 from distal.run.health import HEALTH
 from distal.simulation.plant_motion import equilibrium
 from distal.units import unit_factor
@@ -82,9 +83,6 @@ EXPERIMENTS: dict[str, tuple[dict[str, float], str]] = {
 Factors are powers of two, a load is a share of the largest one, and of the sensors that are read
 the first is dead.
 """
-
-SWING = 0.5
-"""Amplitude of the motion of a joint without stops [rad]. Source: judgement."""
 
 POSTURES = 17
 """Number of angles of each joint at which the positions of the drives are computed. Source:
@@ -197,11 +195,10 @@ def _motion(rig: Rig) -> list[dict[str, float]]:
     rows = []
     for j, joint in enumerate(rig.joints):
         start = centre = joint.initial.value
-        amplitude = SWING
+        low, high = joint.travel
         if joint.stops is not None:
-            low, high = joint.stops
             centre = (low + high) / 2
-            amplitude = min(0.35 * (high - low), 2 * SWING)
+        amplitude = min(0.35 * (high - low), REACH)
         rows.append(
             {"from": start, "centre": centre, "amplitude": amplitude, "pace": 1.0 - 0.27 * j % 1}
         )

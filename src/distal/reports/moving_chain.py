@@ -191,8 +191,8 @@ def _tensions(rig: Rig, log: Log) -> list[Floats | None]:
     pulled = Counter(tendon.drive for tendon in rig.tendons)
     columns: list[Floats | None] = []
     for tendon in rig.tendons:
-        drive = rig.drives[rig.drive_names.index(tendon.drive)]
-        lever = drive.radius.value if drive.kind == "capstan" else 1.0
+        drive = rig.drive(tendon.drive)
+        lever = drive.lever
         tension = read.get(("tension", tendon.name))
         force = read.get(("force", drive.name)) if pulled[drive.name] == 1 else None
         if tension is not None:

@@ -316,7 +316,7 @@ def _connected(rig: Rig) -> list[list[int]]:
     index = rig.joint_names.index
     together = np.eye(len(rig.joints))
     for drive in rig.drive_names:
-        turned = [index(name) for t in rig.tendons if t.drive == drive for name in t.joints]
+        turned = [index(name) for tendon in rig.tendons_of(drive) for name in tendon.joints]
         together[np.ix_(turned, turned)] = 1.0
     for j, joint in enumerate(rig.joints):
         if joint.coupled:

@@ -67,7 +67,7 @@ def texts_of(rig: Rig, kind: str, index: int) -> tuple[str, ...]:
     if isinstance(part, Joint):
         texts += _position(rig, index)
     elif isinstance(part, Tendon):
-        drive = rig.drives[rig.drive_names.index(part.drive)]
+        drive = rig.drive(part.drive)
         sign = "−" if drive.kind == "capstan" and part.winding < 0 else "+"
         texts.append(f"pulled in by {sign}{'φ' if drive.kind == 'capstan' else 'x'}")
     elif isinstance(part, (Slider, Capstan)):

@@ -43,7 +43,7 @@ def position_range(rig: Rig, sensor: Sensor) -> tuple[float, float]:
     """
     if sensor.measures != "position":
         return -1e300, 1e300
-    drive = next(drive for drive in rig.drives if drive.name == sensor.of)
+    drive = rig.drive(sensor.of)
     low, high = drive_travel(rig, rig.drives.index(drive))
     room = (
         (BEYOND if drive.stops is not None else FAR) * (high - low)
@@ -102,7 +102,7 @@ def range_ends(rig: Rig, channels: Sequence[str]) -> tuple[RangeEnd, ...]:
             list(channels).index(sensors[kind].name) for kind in ("position", "force")
         )
         reached = _reached(rig, position_sensor)
-        for tendon in (tendon for tendon in rig.tendons if tendon.drive == drive.name):
+        for tendon in rig.tendons_of(drive.name):
             way = tendon.winding
             joint = drive.radius.value / tendon.total_arm
             if reached is None or position_sensor.bias.total_std * joint > KNOWN:
@@ -140,7 +140,7 @@ def motor_range(rig: Rig, sensor: Sensor) -> tuple[float, float]:
     if sensor.measures != "position" or drive is None or drive.kind != "capstan":
         return -inf, inf
     reached = _reached(rig, sensor)
-    tendon = next(tendon for tendon in rig.tendons if tendon.drive == drive.name)
+    tendon = rig.tendons_of(drive.name)[0]
     if reached is None:
         return -inf, inf
     room = (
@@ -154,9 +154,9 @@ def _reached(rig: Rig, sensor: Sensor) -> tuple[float, float] | None:
     """Return what a capstan's position sensor reads with its joints at their stops [rad], None
     where a joint has no stop.
     """
-    drive = next(drive for drive in rig.drives if drive.name == sensor.of)
+    drive = rig.drive(sensor.of)
     assert isinstance(drive, Capstan)
-    tendon = next(tendon for tendon in rig.tendons if tendon.drive == drive.name)
+    tendon = rig.tendons_of(drive.name)[0]
     stops = {joint.name: joint.stops for joint in rig.joints}
     low = high = sensor.bias.value
     for name, arm in tendon.arms().items():

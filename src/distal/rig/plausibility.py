@@ -173,15 +173,10 @@ USUAL: dict[str, tuple[float, float, str]] = {
     "stiffness": (10.0, 1e8, "N/m"),
     "mass": (1e-5, 50.0, "kg"),
     "inertia": (1e-9, 10.0, "kg m^2"),
+    "offset": (0.0, 2.0, "m"),
 }
 """Last key of a path → the usual range of such numbers in hands, instruments and benches, in this
 SI unit."""
-
-
-LARGEST_OFFSET = 2.0
-"""Offsets and centres of links beyond this were probably written without their unit [m]. Source:
-judgement.
-"""
 
 
 def doubts(rig: Rig) -> list[str]:
@@ -207,7 +202,7 @@ def doubts(rig: Rig) -> list[str]:
             abs(part)
             for part in (*joint.offset, *(joint.link.centre if joint.link is not None else ()))
         )
-        if away > LARGEST_OFFSET:
+        if away > USUAL["offset"][1]:
             sentences.append(
                 f"joint {joint.name} sits or weighs {away:g} m away; is its unit there?"
             )
@@ -236,7 +231,7 @@ def doubts(rig: Rig) -> list[str]:
                 "joint; a cell at the motor's end measures the 'force' of its drive: which is it?"
             )
         if sensor.measures == "force" and getattr(sensor, "lever", None) is not None:
-            windings = [tendon.winding for tendon in rig.tendons if tendon.drive == sensor.of]
+            windings = [tendon.winding for tendon in rig.tendons_of(sensor.of)]
             if len(windings) > 1:
                 sentences.append(
                     f"sensor {sensor.name} is a load cell in one tendon, but {sensor.of} pulls "

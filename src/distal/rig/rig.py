@@ -317,6 +317,14 @@ class Rig(Description):
         """Names of the sensors, in their order."""
         return [sensor.name for sensor in self.sensors]
 
+    def drive(self, name: str) -> Drive:
+        """Return the drive of a name."""
+        return self.drives[self.drive_names.index(name)]
+
+    def tendons_of(self, drive: str) -> tuple[Tendon, ...]:
+        """Return the tendons that a drive pulls, in their order."""
+        return tuple(tendon for tendon in self.tendons if tendon.drive == drive)
+
     def sensors_of(self, measures: str) -> tuple[Sensor, ...]:
         """Return the sensors that measure `measures` (position, force, tension, angle or torque),
         in their order.

@@ -17,6 +17,7 @@ from distal.arrays import Floats
 from distal.errors import ScenarioError
 from distal.kernels import Feed, advance_all, in_order, lanes_here
 from distal.logs import Log, TruthKind, TruthSource
+from distal.logs.reader_process import MEMORY_VARIABLE, memory_limit
 from distal.model import Mechanism, substeps
 from distal.rig import Rig, angle_names, as_rig, torque_names
 from distal.simulation.plant import longest_interval, plant_kernel
@@ -31,9 +32,6 @@ from distal.simulation.plant_motion import (
 )
 from distal.simulation.readings import Sampler, stamps_of
 from distal.simulation.scenario import Scenario, load_scenario
-
-MOST_STEPS = 4_000_000
-"""Largest number of intervals of one simulation, all of which are in memory. Source: judgement."""
 
 LONGEST_INTERVAL = 1e-3
 """Longest interval over which a scenario's signals are constant [s]. Source: judgement."""
@@ -143,11 +141,13 @@ def timing(
     dt, count = intervals_of(plant, filled)
     if scenario.duration * fastest < 1.0 - 1e-9:
         raise ScenarioError(f"duration: {scenario.duration:g} s is shorter than one sample")
-    if scenario.duration / dt > MOST_STEPS:
+    # each interval has inputs and outputs of the plant, of which BodyInputs has five for each body
+    size = 2 * 5 * plant.n_bodies * np.dtype(np.float64).itemsize * scenario.duration / dt
+    if size > memory_limit():
         raise ScenarioError(
-            f"duration: {scenario.duration:g} s in steps of {dt:g} s is too long (at most "
-            f"{MOST_STEPS:,} steps); "
-            "take it in pieces (distal drift, simulate_pieces), or set lower sensor rates"
+            f"duration: {scenario.duration:g} s in steps of {dt:g} s takes {size / 1e9:.1f} GB; "
+            f"{memory_limit() / 1e9:.3g} GB are allowed ({MEMORY_VARIABLE}). Take it in pieces "
+            "(distal drift, simulate_pieces), or set lower sensor rates"
         )
     return dt, ceil(scenario.duration / dt - 1e-9), count
 

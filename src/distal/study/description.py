@@ -27,9 +27,6 @@ from distal.rig import (
 from distal.simulation import Scenario, load_scenario
 from distal.simulation.simulate import prepare
 
-MOST_DESIGNS = 1_000_000
-"""Largest number of designs in a study [1]. Source: judgement."""
-
 Share = Annotated[float, In("", "positive"), Field(le=1.0)]
 
 
@@ -55,7 +52,7 @@ class Study(Description):
     )
     estimator: str = Field(DEFAULT, description="as of `distal estimate -e`")
     fill: Literal["grid", "latin"] = Field("latin", description='"latin" or "grid"')
-    designs: int = Field(256, ge=1, le=MOST_DESIGNS, description="a grid has its own number")
+    designs: int = Field(256, ge=1, description="a grid has its own number")
     seeds: int = Field(3, ge=1, le=100_000, description="rigs as built of each design")
     draw: int = Field(1, ge=0, description="seed of all random numbers")
     set: dict[str, object] = Field(

@@ -17,8 +17,9 @@ from distal.arrays import Floats
 from distal.control import COMMAND, ENCODER, RATIO
 from distal.errors import DistalError, StudyError, did_you_mean
 from distal.estimators import ESTIMATORS
+from distal.logs.reader_process import MEMORY_VARIABLE, memory_limit
 from distal.rig import ALL, Rig, known_to_a_factor, named, number, parameters_below
-from distal.study.description import MOST_DESIGNS, Plan
+from distal.study.description import Plan
 from distal.units import to_si
 
 
@@ -117,8 +118,8 @@ an estimator.
 """
 
 POINTS = 5
-"""Default number of points of a range in a grid [1]; an answer tells the parts between as many
-points of a range apart. Source: judgement.
+"""Default number of points of a range in a grid, its ends and quarters [1]; an answer tells the
+parts between them apart. Source: definition (quarters).
 """
 
 KEYS = ("from", "to", "scale", "points")
@@ -322,11 +323,7 @@ def space_of(plan: Plan) -> Space:
                 raise StudyError(f"vary.{axis.path}: {problem}") from None
     if study.fill == "grid":
         counts = [len(axis.choices) or axis.points for axis in axes]
-        size = np.prod(counts, dtype=float)
-        if size > MOST_DESIGNS:
-            raise StudyError(
-                f"the grid has {size:.3g} designs, at most {MOST_DESIGNS:,}; use fill = 'latin'"
-            )
+        _check_size(float(np.prod(counts, dtype=float)), len(axes))
         levels = [
             [(k + 0.5) / n if axis.choices else k / (n - 1) for k in range(n)]
             for axis, n in zip(axes, counts)
@@ -336,8 +333,19 @@ def space_of(plan: Plan) -> Space:
         )
     if not axes:
         return Space(axes, np.zeros((study.designs, 0)))
+    _check_size(study.designs, len(axes))
     rng = np.random.default_rng([study.draw, 0])
     return Space(axes, qmc.LatinHypercube(len(axes), rng=rng).random(study.designs))
+
+
+def _check_size(designs: float, axes: int) -> None:
+    """Raise a `StudyError` where so many designs of so many axes take more memory than allowed."""
+    size = designs * axes * np.dtype(np.float64).itemsize
+    if size > memory_limit():
+        raise StudyError(
+            f"{designs:.3g} designs take {size / 1e9:.3g} GB, {memory_limit() / 1e9:.3g} GB are "
+            f"allowed ({MEMORY_VARIABLE}); use fill = 'latin' with fewer designs"
+        )
 
 
 def rig_of(rig: Rig, design: Design) -> Rig:

@@ -36,6 +36,7 @@ class AssumedOfHands:
         travel_share: ratio of motor to joint as a share of the ratio of their travels: a motor's
             travel from stop to stop also stretches the tendons and takes up their play.
         travel_share_std: std of that share.
+        spring_below: how far before the range of its joint a spring rests [rad].
         slack: of each of the two tendons that pull a joint to both sides.
         loose: slack of a tendon whose joints springs bring back.
         counts: of an encoder in one turn; where a log is not in counts, they give its resolution.
@@ -50,6 +51,7 @@ class AssumedOfHands:
     calibrated_zero_std: float = radians(4.0)
     travel_share: float = 0.92
     travel_share_std: float = 0.06
+    spring_below: float = radians(18.0)
     inertia: Guess = Guess("1e-5 kg m^2", "inertia of joints")
     damping: Guess = Guess("1e-3 N m s", "damping of joints")
     joint_friction: Guess = Guess(
@@ -98,10 +100,11 @@ ASSUMED = AssumedOfHands()
 
 
 def _rest_angle(low: float) -> Guess:
-    """Return the rest angle of a spring that holds its joint open: 18° below the lower end `low` of
-    the joint's range [rad].
+    """Return the rest angle of a spring that holds its joint open: so far below the lower end `low`
+    of the joint's range [rad].
     """
-    return Guess({"value": f"{degrees(low) - 18:.4g} deg", "std": "7 deg"}, "where springs rest")
+    rest = degrees(low - ASSUMED.spring_below)
+    return Guess({"value": f"{rest:.4g} deg", "std": "7 deg"}, "where springs rest")
 
 
 def _initial_angle(low: float, high: float) -> Guess:
