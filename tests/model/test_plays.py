@@ -218,7 +218,7 @@ def test_a_damped_cable_in_its_sheath_pulls_more_at_both_ends_as_it_is_stretched
     assert moving[:, 1] == pytest.approx(still[:, 1])
 
 
-@pytest.mark.parametrize("count", [2, 4])
+@pytest.mark.parametrize("count", [2, pytest.param(4, marks=pytest.mark.more)])
 def test_its_sweeps_are_enough(count: int) -> None:
     """One call moves the points to within 5 % of a step of where many calls do, in a motion to and
     fro.

@@ -159,7 +159,12 @@ def command(*arguments: str) -> subprocess.Popen[str]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "how", [signal.SIGINT, signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.more)]
+    "how",
+    [
+        signal.SIGINT,
+        pytest.param(signal.SIGKILL, marks=pytest.mark.more),
+        pytest.param(signal.SIGTERM, marks=pytest.mark.more),
+    ],
 )
 def test_a_command_that_is_killed_goes_on(
     how: signal.Signals, long: Columns, tmp_path: Path

@@ -71,7 +71,8 @@ def errors(result: Estimate) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow) if n in SHEATHS else n for n in NAMES]
+    "name",
+    [pytest.param(n, marks=pytest.mark.more) if n == "let out otherwise" else n for n in NAMES],
 )
 def test_the_angle_is_right_and_its_band_holds(name: str) -> None:
     """0.03 to 0.05° is what such sensors give (docs/results/fits.md); the number itself is not
