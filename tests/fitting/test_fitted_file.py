@@ -109,8 +109,17 @@ def check(found: Found, learned: Learned, text: str | None, path: Path) -> str:
     return path.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("which", range(3))
-@pytest.mark.parametrize("others", [False, True], ids=["one model", "among models"])
+@pytest.mark.parametrize(
+    ("which", "others"),
+    [
+        (0, False),
+        (1, True),
+        *(
+            pytest.param(*case, marks=pytest.mark.more)
+            for case in ((1, False), (2, False), (0, True), (2, True))
+        ),
+    ],
+)
 def test_each_candidate_is_written_as_it_was_judged(
     which: int, others: bool, found: Found, text: str, tmp_path: Path
 ) -> None:
