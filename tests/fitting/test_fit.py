@@ -325,7 +325,7 @@ def test_groups_are_whole_logs() -> None:
         groups_of(names[:1], None)
 
 
-@pytest.mark.slow
+@pytest.mark.more
 def test_each_log_left_out_is_better_than_the_rig_as_it_came(rig: Rig) -> None:
     plant = {
         "joints.0.friction.coefficient": 0.62,
@@ -363,7 +363,7 @@ def test_a_joint_is_seen_where_forces_tell_of_it(rig: Rig) -> None:
         observability(log, rig, window=20.0)
 
 
-@pytest.mark.slow
+@pytest.mark.more
 def test_a_real_instrument(data: Path, tmp_path: Path) -> None:
     """The example on three runs: better on the class left out than a linear elastic model of all
     twelve (0.46°).

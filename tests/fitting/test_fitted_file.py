@@ -175,7 +175,7 @@ def test_a_file_of_its_own_is_written_anew(found: Found, tmp_path: Path) -> None
     check(found, found.learned(candidate), None, tmp_path / "fitted.toml")
 
 
-@pytest.mark.parametrize("after", range(2))
+@pytest.mark.parametrize("after", [pytest.param(0, marks=pytest.mark.more), 1])
 def test_one_that_was_interrupted_is_written(
     after: int, found: Found, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

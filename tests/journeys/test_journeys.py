@@ -81,6 +81,7 @@ def goes_on(shell: Shell, rig: str, log: str, name: str) -> None:
         np.testing.assert_allclose(replayed, offline, atol=1e-7)
 
 
+@pytest.mark.more  # fits of the command line: tests/test_tutorial.py, tests/cli/test_fit.py
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_researcher_with_logs_of_a_rig(seed: int, shell: Shell) -> None:
     """A finger with a Bowden cable, whose friction along the cable its file is silent about."""
@@ -207,6 +208,7 @@ def test_a_dataset_of_robot_learning(seed: int, shell: Shell) -> None:
         assert (shell.folder / "estimates" / f"episode_{i:06d}.csv").is_file()
 
 
+@pytest.mark.more  # `distal learn`: tests/from_logs/test_learn.py; its map in C: test_learned_maps.py
 def test_logs_alone(shell: Shell) -> None:
     """From an archive of logs to live angles and C, with no key of a rig file typed."""
     for path in (Path(__file__).parents[2] / "examples" / "finger_logs").glob("*.csv"):

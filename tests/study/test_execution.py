@@ -29,7 +29,7 @@ MANY = 50
 """Designs of a study of several chunks: with two seeds 24 of them are one."""
 
 
-LONG = 150
+LONG = 120
 """Designs of a study that still runs when a signal comes after its first rows, also beside other
 load.
 """

@@ -51,7 +51,7 @@ def plant(name: str) -> Log:
         {**own.fixed, own.path: number},
         NOISE,
         np.random.default_rng(5),
-        2.5 if name in SHEATHS else 4.0,
+        2.0 if name in SHEATHS else 4.0,
         name,
     )
 
