@@ -208,7 +208,7 @@ def test_a_dataset_of_robot_learning(seed: int, shell: Shell) -> None:
         assert (shell.folder / "estimates" / f"episode_{i:06d}.csv").is_file()
 
 
-@pytest.mark.more  # `distal learn`: tests/from_logs/test_learn.py; its map in C: test_learned_maps.py
+@pytest.mark.more  # `distal learn`: tests/from_logs/test_learn.py; maps in C: test_learned_maps.py
 def test_logs_alone(shell: Shell) -> None:
     """From an archive of logs to live angles and C, with no key of a rig file typed."""
     for path in (Path(__file__).parents[2] / "examples" / "finger_logs").glob("*.csv"):
