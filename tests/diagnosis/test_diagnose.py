@@ -9,7 +9,6 @@ from typing import cast
 
 import numpy as np
 import pytest
-from benchmarks.cases import paper_log, paper_rig
 from benchmarks.ladder import log_of
 from scipy.stats import binom
 
@@ -24,6 +23,7 @@ from distal.diagnosis.score_test import LEVEL, SPAN
 from distal.estimators import AdaptiveFilter
 from distal.results import Estimate
 from distal.run.offline import estimator_for
+from tests.support.cases import paper_log, paper_rig
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from benchmarks.cable import Cable
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.optimize import bisect
@@ -20,6 +19,7 @@ from distal.errors import RigError
 from distal.model import Mechanism, stiffest_frequency
 from distal.model.plays import Bounds, Sheath, _equal_tensions, balanced, gap
 from distal.simulation import build_scenario
+from tests.support.cable import Cable
 
 K, MU, WRAP = 2000.0, 0.2, 1.8
 

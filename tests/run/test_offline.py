@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.cases import paper_log, paper_rig
 
 from distal import (
     Belief,
@@ -24,6 +23,7 @@ from distal import (
 )
 from distal.errors import EstimationError
 from distal.logs import write_log
+from tests.support.cases import paper_log, paper_rig
 
 
 def test_passes_are_for_the_papers_filters() -> None:

@@ -1,4 +1,4 @@
-"""The filter on plants of their own (`benchmarks/one_link.py`): it follows what moves inside,
+"""The filter on plants of their own (`tests/support/one_link.py`): it follows what moves inside,
 learns it, its band holds.
 """
 
@@ -10,7 +10,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from benchmarks.one_link import link_log
 from benchmarks.parts import NOISE, PARTS, Part, rig_of
 
 from distal import LiveEstimator, Log, Rig, estimate, load_rig, simulate
@@ -22,6 +21,7 @@ from distal.rig import named
 from distal.run import smooth
 from distal.simulation import build_scenario
 from tests.helpers import at_parameters
+from tests.support.one_link import link_log
 
 NAMES = (
     "creep",
