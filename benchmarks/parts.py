@@ -3,8 +3,8 @@ on a fourth.
 
 `python -m benchmarks.parts [SEEDS] [PART …]` (default 20, all). The plant
 (`tests/support/one_link.py`) shares no code with `distal.model`. Shown are how often a fitted
-number is within two standard errors of the plant's, and the angle's error beside that of the filter that
-is given it.
+number is within two standard errors of the plant's, and the angle's error beside that of the filter
+that is given it.
 """
 
 from __future__ import annotations
