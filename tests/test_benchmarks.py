@@ -44,6 +44,7 @@ SMALLEST: dict[str, tuple[str, ...]] = {
 }
 
 
+@pytest.mark.more
 def test_nothing_that_a_benchmark_names_is_gone() -> None:
     arguments = [
         "--config-file",

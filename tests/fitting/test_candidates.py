@@ -107,7 +107,12 @@ def test_maps_learn_from_numbers_that_have_not_seen_the_log(
 
 
 @pytest.mark.parametrize(
-    "where", [pytest.param("doubts", marks=pytest.mark.more), "candidates", "missing_terms"]
+    "where",
+    [
+        "candidates",
+        pytest.param("doubts", marks=pytest.mark.more),
+        pytest.param("missing_terms", marks=pytest.mark.more),
+    ],
 )
 def test_ctrl_c_is_not_taken_for_an_answer(
     where: str, monkeypatch: pytest.MonkeyPatch, others: list[Log], with_cable: Learned

@@ -260,7 +260,7 @@ def test_a_fit_that_begins_with_an_early_file_ends_it(
     assert "has not ended" not in written
 
 
-@pytest.mark.slow
+@pytest.mark.more  # by the command line: tests/cli/test_fit.py
 @pytest.mark.filterwarnings("ignore::distal.errors.DistalWarning")
 def test_a_whole_fit_ends_in_its_file(rig: Rig, text: str, tmp_path: Path) -> None:
     logs = [replace(finger_log(seed, 4.0), source=f"log {seed}") for seed in range(3)]

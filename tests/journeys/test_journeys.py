@@ -164,6 +164,7 @@ def test_a_model_of_mujoco(seed: int, shell: Shell) -> None:
     assert load_rig(shell.folder / "finger.toml").sensors
 
 
+@pytest.mark.more  # its estimates: tests/estimators/adaptive/test_adaptive.py
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_rig_of_the_paper(seed: int, shell: Shell) -> None:
     """Its plant rubs more than Table 1 says."""

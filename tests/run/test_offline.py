@@ -142,7 +142,7 @@ finally:
 """
 
 
-@pytest.mark.slow
+@pytest.mark.more  # memory of an estimate alone: the tests above
 @pytest.mark.skipif(sys.platform != "linux", reason="ru_maxrss has other units elsewhere")
 def test_a_row_more_costs_the_command_little(tmp_path: Path) -> None:
     """Ten million rows within two gigabytes, with a truth and all estimators beside it."""

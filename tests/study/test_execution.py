@@ -29,7 +29,7 @@ MANY = 50
 """Designs of a study of several chunks: with two seeds 24 of them are one."""
 
 
-LONG = 120
+LONG = 250
 """Designs of a study that still runs when a signal comes after its first rows, also beside other
 load.
 """
@@ -157,15 +157,8 @@ def command(*arguments: str) -> subprocess.Popen[str]:
     )
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "how",
-    [
-        signal.SIGINT,
-        pytest.param(signal.SIGKILL, marks=pytest.mark.more),
-        pytest.param(signal.SIGTERM, marks=pytest.mark.more),
-    ],
-)
+@pytest.mark.more  # within a process: the first test; a command: tests/journeys/test_matrix.py
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL, signal.SIGTERM])
 def test_a_command_that_is_killed_goes_on(
     how: signal.Signals, long: Columns, tmp_path: Path
 ) -> None:
