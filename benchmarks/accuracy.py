@@ -18,8 +18,7 @@ from pathlib import Path
 
 import numpy as np
 from rich.progress import track
-
-from benchmarks.cases import (
+from tests.support.cases import (
     HARD,
     INTO_STOPS,
     MID_RANGE,
@@ -32,6 +31,7 @@ from benchmarks.cases import (
     paper_rig,
     spoiled,
 )
+
 from benchmarks.lower_bound import lower_bound
 from benchmarks.report import FOLDER, table
 from benchmarks.rivals import RIVALS

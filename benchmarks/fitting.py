@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tests.support.cases import WINDOW, scenario
 
-from benchmarks.cases import WINDOW, scenario
 from benchmarks.report import table
 from distal import Log, Rig, estimate, fit, load_rig, simulate
 from distal.errors import DistalError

@@ -21,8 +21,8 @@ from math import inf
 os.environ["DISTAL_COMPILE"] = "0"
 
 import numpy as np
+from tests.support import cases
 
-from benchmarks import cases
 from benchmarks.report import table
 from benchmarks.strangers import glitches, poses, rigs, scoring, series, steps
 from benchmarks.strangers.scoring import Record

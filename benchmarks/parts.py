@@ -2,9 +2,9 @@
 on a fourth.
 
 `python -m benchmarks.parts [SEEDS] [PART …]` (default 20, all). The plant
-(`benchmarks/one_link.py`) shares no code with `distal.model`. Shown are how often a fitted number
-is within two standard errors of the plant's, and the angle's error beside that of the filter that
-is given it.
+(`tests/support/one_link.py`) shares no code with `distal.model`. Shown are how often a fitted
+number is within two standard errors of the plant's, and the angle's error beside that of the filter
+that is given it.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from tests.support.one_link import DAMPING, INERTIA, RADIUS, RATE, STIFFNESS, link_log
 
-from benchmarks.one_link import DAMPING, INERTIA, RADIUS, RATE, STIFFNESS, link_log
 from benchmarks.report import table
 from distal import Log, Rig, estimate, fit
 from distal.rig import build_rig

@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from tests.support.cases import hand_log, hand_rig, paper_log, paper_rig, spoiled
 
-from benchmarks.cases import hand_log, hand_rig, paper_log, paper_rig, spoiled
 from benchmarks.report import table
 from benchmarks.strangers.random_rigs import random_case
 from benchmarks.strangers.rigs import spoilt

@@ -16,8 +16,7 @@ from functools import lru_cache
 
 import numpy as np
 from rich.progress import track
-
-from benchmarks.cases import (
+from tests.support.cases import (
     HARD,
     INTO_STOPS,
     MID_RANGE,
@@ -27,6 +26,7 @@ from benchmarks.cases import (
     paper_rig,
     spoiled,
 )
+
 from benchmarks.report import table
 from distal import Estimate, Log, estimate
 from distal.confidence import BAND

@@ -1,8 +1,8 @@
 """How many points of friction a cable in its sheath needs, in the model and in the filter.
 
-`python -m benchmarks.sheaths`: against a cable of 16 points (`benchmarks/cable.py`), the error of
-the tension at the joint with both ends given, and that of the filter's angle on logs of
-`benchmarks/one_link.py`, with the time beside one without.
+`python -m benchmarks.sheaths`: against a cable of 16 points (`tests/support/cable.py`), the error
+of the tension at the joint with both ends given, and that of the filter's angle on logs of
+`tests/support/one_link.py`, with the time beside one without.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ import time
 import warnings
 
 import numpy as np
+from tests.support.cable import Cable
+from tests.support.one_link import link_log
 
-from benchmarks.cable import Cable
-from benchmarks.one_link import link_log
 from benchmarks.parts import NOISE, PARTS, rig_of
 from benchmarks.report import table
 from distal import estimate

@@ -8,8 +8,7 @@ import os
 from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
-
-from benchmarks.cases import (
+from tests.support.cases import (
     INTO_STOPS,
     MID_RANGE,
     hand_log,
@@ -18,6 +17,7 @@ from benchmarks.cases import (
     paper_rig,
     spoiled,
 )
+
 from benchmarks.report import table
 from distal import (
     Log,

@@ -10,9 +10,15 @@ from pathlib import Path
 
 import hypothesis
 import pytest
+from threadpoolctl import threadpool_limits
 from tools.slow_tests import function_of, keep, listed
 
 from distal import Rig, load_rig
+
+# processes of pytest share the cores: more threads of one would wait for those of the other
+for library in ("OPENBLAS", "OMP", "MKL"):
+    os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+threadpool_limits(1, "blas")
 
 hypothesis.settings.register_profile("distal", deadline=None, derandomize=True, max_examples=60)
 hypothesis.settings.load_profile("distal")

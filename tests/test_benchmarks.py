@@ -44,6 +44,7 @@ SMALLEST: dict[str, tuple[str, ...]] = {
 }
 
 
+@pytest.mark.more
 def test_nothing_that_a_benchmark_names_is_gone() -> None:
     arguments = [
         "--config-file",
@@ -58,12 +59,43 @@ def test_nothing_that_a_benchmark_names_is_gone() -> None:
     assert errors == []
 
 
-@pytest.mark.slow
+def of_a_newcomer(home: Path) -> dict[str, str]:
+    return {
+        "PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "src"))),
+        "PATH": "/usr/bin:/bin",
+        "HOME": str(home),
+    }
+
+
+IMPORTS = """
+import importlib, sys
+for name in sys.argv[1:]:
+    try:
+        importlib.import_module("benchmarks." + name)
+    except ModuleNotFoundError as lacking:
+        assert not (lacking.name or "").startswith(("benchmarks", "distal", "tests")), name
+"""
+
+
+def test_all_can_be_imported(tmp_path: Path) -> None:
+    """One may lack a package of others."""
+    done = subprocess.run(
+        [sys.executable, "-c", IMPORTS, *BENCHMARKS],
+        cwd=tmp_path,
+        env=of_a_newcomer(tmp_path),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+
+
+@pytest.mark.more
 @pytest.mark.parametrize("name", BENCHMARKS)
 def test_it_starts(name: str, tmp_path: Path) -> None:
     """It ends well, is still at work, or lacks data or a package of others."""
     words = [sys.executable, "-m", f"benchmarks.{name}", *SMALLEST.get(name, ())]
-    environment = {"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(tmp_path)}
+    environment = of_a_newcomer(tmp_path)
     with subprocess.Popen(
         words,
         cwd=tmp_path,

@@ -19,8 +19,13 @@ def test_a_figure_stands_on_a_page(name: str) -> None:
     assert sum(page.read_text(encoding="utf-8").count(f"filter-{name}.svg") for page in PAGES) == 1
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", FIGURES)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.more] if name in ("outlier", "learning") else [])
+        for name in FIGURES
+    ],
+)
 def test_a_figure_is_drawn_with_units_at_its_axes(name: str) -> None:
     axes = FIGURES[name]().axes
     for one in axes:

@@ -11,7 +11,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -75,6 +75,7 @@ void advance(long T, long J, long M, long steps, double step, const double* serv
 """
 
 
+@cache
 def advance() -> Callable[..., None] | None:
     """Return the function of one hand, None without a compiler."""
     if shutil.which(os.environ.get("CC", "cc")) is None:

@@ -4,7 +4,7 @@ code with `distal.model`.
 `bowden_log`: a finger pulled by one cable in a Bowden sheath against an extension spring, slack at
 home, a motor with a gear of 50:1 whose current cogs, its encoder in counts. `ropes_log`: two motors
 with load cells pull a joint by ropes that creep, with backlash between encoders and spools. The
-joints are quasi-static with dry friction of their own; cables are of `benchmarks/cable.py`.
+joints are quasi-static with dry friction of their own; cables are of `tests/support/cable.py`.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from tests.support.cable import Cable
 
-from benchmarks.cable import Cable
 from benchmarks.strangers.library import Log, Rig, build_rig
 from distal.logs import FROM_SENSOR, TruthKind, TruthSource
 

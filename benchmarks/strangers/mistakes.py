@@ -16,8 +16,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from tests.support.cases import scenario
 
-from benchmarks.cases import scenario
 from benchmarks.strangers.library import (
     DistalError,
     Log,

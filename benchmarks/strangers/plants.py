@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from tests.support.cases import WINDOW
 
-from benchmarks.cases import WINDOW
 from benchmarks.strangers.library import Rig, printed_rig
 
 

@@ -6,7 +6,8 @@ from __future__ import annotations
 
 from functools import partial
 
-from benchmarks.cases import INTO_STOPS, MID_RANGE, PLANTS, WINDOW, WITHIN, paper_log
+from tests.support.cases import INTO_STOPS, MID_RANGE, PLANTS, WINDOW, WITHIN, paper_log
+
 from benchmarks.strangers.library import load_rig, load_scenario, printed_rig, simulate
 from benchmarks.strangers.scoring import Job, Record, Table, all_estimators, by_case
 

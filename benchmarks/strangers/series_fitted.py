@@ -11,7 +11,8 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
 
-from benchmarks.cases import PLANTS
+from tests.support.cases import PLANTS
+
 from benchmarks.strangers.library import Log, fit, load_rig, load_scenario, printed_rig, simulate
 from benchmarks.strangers.scoring import Record, by_case, score, score_known
 from benchmarks.strangers.storage import show

@@ -16,8 +16,8 @@ from typing import Any, Protocol
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from tests.support.cable import Cable
 
-from benchmarks.cable import Cable
 from benchmarks.chains import PLANTS as CHAINS
 from benchmarks.strangers import chain_plants, hands_plants
 from benchmarks.strangers.hands_plants import ARM, CREEP, ROPE, SLACK, SPOOL, STIFFNESS, turned

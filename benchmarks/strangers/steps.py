@@ -7,8 +7,8 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
+from tests.support.cases import DURATION
 
-from benchmarks.cases import DURATION
 from benchmarks.strangers.library import build_scenario, simulate
 from benchmarks.strangers.plants import drawn_plant, wide_rig
 from benchmarks.strangers.scoring import Job, Record, Table, all_estimators, by_case, score_known

@@ -302,7 +302,7 @@ def test_each_line_is_answered_at_once(csv: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "how", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
+    "how", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.more)]
 )
 def test_stopped_it_closes_its_recording(
     csv: str, rig: Rig, tmp_path: Path, how: signal.Signals

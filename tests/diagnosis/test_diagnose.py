@@ -9,7 +9,6 @@ from typing import cast
 
 import numpy as np
 import pytest
-from benchmarks.cases import paper_log, paper_rig
 from benchmarks.ladder import log_of
 from scipy.stats import binom
 
@@ -24,6 +23,7 @@ from distal.diagnosis.score_test import LEVEL, SPAN
 from distal.estimators import AdaptiveFilter
 from distal.results import Estimate
 from distal.run.offline import estimator_for
+from tests.support.cases import paper_log, paper_rig
 
 
 @pytest.fixture(scope="module")
@@ -210,7 +210,7 @@ def test_a_band_of_many_turns_is_no_noise(data: Path) -> None:
 def test_why_a_run_left_all_bounds_is_said() -> None:
     """Millimetres for metres, by the truth; a sign, without one."""
     finger = load_rig("finger-2n")
-    seen = simulate(finger, load_scenario("finger", ['duration="6 s"']), 5)
+    seen = simulate(finger, load_scenario("finger", ['duration="3 s"']), 5)
     found = why_diverged(scaled(seen, x_mcp_f=1000.0), finger)
     assert [each.text for each in found] == ["x_mcp_f looks like millimetres"]
     blind = replace(scaled(seen, F_mcp_f=1000.0), truth={})

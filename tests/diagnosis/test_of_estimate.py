@@ -7,7 +7,6 @@ from statistics import NormalDist
 
 import numpy as np
 import pytest
-from benchmarks.cases import paper_log, paper_rig
 
 from distal import Estimate, Log, Rig, diagnose, estimate
 from distal.confidence import LARGE_PRIOR, SMALL
@@ -17,6 +16,7 @@ from distal.diagnosis.of_estimate import LARGE_RATIO, LONGEST, _neighbours, _sin
 from distal.diagnosis.score_test import SPAN
 from distal.errors import EstimationError
 from distal.estimators import StateKind
+from tests.support.cases import paper_log, paper_rig
 
 
 def changed(log: Log, **channels: np.ndarray) -> Log:

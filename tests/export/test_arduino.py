@@ -109,7 +109,10 @@ def test_titles_are_anything(tmp_path: Path) -> None:
     bool(missing_tools()) or shutil.which("arm-none-eabi-g++") is None,
     reason=f"not installed: {missing_tools() or 'arm-none-eabi-g++'}",
 )
-@pytest.mark.parametrize("name", ["template", "capstan-joint", "wrist-instrument"])
+@pytest.mark.parametrize(
+    "name",
+    ["template", "capstan-joint", pytest.param("wrist-instrument", marks=pytest.mark.more)],
+)
 def test_the_sketch_compiles_for_a_board(name: str, tmp_path: Path) -> None:
     """As C++ with all warnings, on a board of a few functions; of one joint it takes at most 32 kB
     of flash.

@@ -86,7 +86,7 @@ def replayed(program: Path, log: Path) -> np.ndarray:
 @pytest.mark.parametrize(
     ("name", "single"),
     [
-        pytest.param("adaptive", False, id="double-adaptive"),
+        pytest.param("adaptive", False, id="double-adaptive", marks=pytest.mark.more),
         pytest.param("adaptive", True, id="float-adaptive"),
         pytest.param("ekf", False, id="double-ekf"),
         pytest.param("ekf", True, id="float-ekf", marks=pytest.mark.more),

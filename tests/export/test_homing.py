@@ -83,10 +83,10 @@ def test_live_as_over_a_log(name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "is_mapped"),
     [
-        pytest.param("lab-bench", False),
-        pytest.param("lab-bench", True),
-        pytest.param("wrist", False, marks=pytest.mark.slow),
-        pytest.param("wrist", True, marks=pytest.mark.slow),
+        ("lab-bench", True),
+        ("wrist", False),
+        pytest.param("lab-bench", False, marks=pytest.mark.more),
+        pytest.param("wrist", True, marks=pytest.mark.more),
     ],
 )
 def test_in_c_as_live(name: str, is_mapped: bool, tmp_path: Path) -> None:

@@ -106,7 +106,14 @@ def test_maps_learn_from_numbers_that_have_not_seen_the_log(
     assert parameters_without(whole, others, [0, 0]) == [whole]
 
 
-@pytest.mark.parametrize("where", ["doubts", "candidates", "missing_terms"])
+@pytest.mark.parametrize(
+    "where",
+    [
+        "candidates",
+        pytest.param("doubts", marks=pytest.mark.more),
+        pytest.param("missing_terms", marks=pytest.mark.more),
+    ],
+)
 def test_ctrl_c_is_not_taken_for_an_answer(
     where: str, monkeypatch: pytest.MonkeyPatch, others: list[Log], with_cable: Learned
 ) -> None:

@@ -325,7 +325,7 @@ def test_groups_are_whole_logs() -> None:
         groups_of(names[:1], None)
 
 
-@pytest.mark.slow
+@pytest.mark.more
 def test_each_log_left_out_is_better_than_the_rig_as_it_came(rig: Rig) -> None:
     plant = {
         "joints.0.friction.coefficient": 0.62,
@@ -363,7 +363,7 @@ def test_a_joint_is_seen_where_forces_tell_of_it(rig: Rig) -> None:
         observability(log, rig, window=20.0)
 
 
-@pytest.mark.slow
+@pytest.mark.more
 def test_a_real_instrument(data: Path, tmp_path: Path) -> None:
     """The example on three runs: better on the class left out than a linear elastic model of all
     twelve (0.46°).
@@ -412,7 +412,7 @@ def test_the_shipped_instrument(data: Path) -> None:
 
 @pytest.mark.slow
 def test_on_another_simulator() -> None:
-    """Fitted to one servo log with the sensors' curves, five others of the same sensors are right
+    """Fitted to one servo log with the sensors' curves, two others of the same sensors are right
     to 0.25°.
     """
     pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install '.[test]'")
@@ -421,7 +421,7 @@ def test_on_another_simulator() -> None:
     described = load_rig("pulley-antagonist")
     logs = [
         mujoco_plant.log(s, sensors=60, link_friction=0.8 * mujoco_plant.LINK_FRICTION)
-        for s in range(4)
+        for s in range(3)
     ]
     found = fit(logs[:1], described, curves=True)
     assert found["joints.0.friction.coefficient"].value == pytest.approx(0.4, rel=0.02)

@@ -109,8 +109,17 @@ def check(found: Found, learned: Learned, text: str | None, path: Path) -> str:
     return path.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("which", range(3))
-@pytest.mark.parametrize("others", [False, True], ids=["one model", "among models"])
+@pytest.mark.parametrize(
+    ("which", "others"),
+    [
+        (0, False),
+        (1, True),
+        *(
+            pytest.param(*case, marks=pytest.mark.more)
+            for case in ((1, False), (2, False), (0, True), (2, True))
+        ),
+    ],
+)
 def test_each_candidate_is_written_as_it_was_judged(
     which: int, others: bool, found: Found, text: str, tmp_path: Path
 ) -> None:
@@ -166,7 +175,7 @@ def test_a_file_of_its_own_is_written_anew(found: Found, tmp_path: Path) -> None
     check(found, found.learned(candidate), None, tmp_path / "fitted.toml")
 
 
-@pytest.mark.parametrize("after", range(2))
+@pytest.mark.parametrize("after", [pytest.param(0, marks=pytest.mark.more), 1])
 def test_one_that_was_interrupted_is_written(
     after: int, found: Found, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -251,7 +260,7 @@ def test_a_fit_that_begins_with_an_early_file_ends_it(
     assert "has not ended" not in written
 
 
-@pytest.mark.slow
+@pytest.mark.more  # by the command line: tests/cli/test_fit.py
 @pytest.mark.filterwarnings("ignore::distal.errors.DistalWarning")
 def test_a_whole_fit_ends_in_its_file(rig: Rig, text: str, tmp_path: Path) -> None:
     logs = [replace(finger_log(seed, 4.0), source=f"log {seed}") for seed in range(3)]

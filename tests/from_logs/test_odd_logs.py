@@ -169,7 +169,7 @@ def test_repeated_stamps_an_empty_file_and_ignoring_the_time(tmp_path: Path) -> 
     assert write(finger(0), tmp_path / "a b (c).csv").exists()
 
 
-@pytest.mark.parametrize("odd", [0, 2])
+@pytest.mark.parametrize("odd", [0, pytest.param(2, marks=pytest.mark.more)])
 def test_an_effort_of_another_sign_in_one_log_is_named(odd: int, tmp_path: Path) -> None:
     """A current that friction alone needs grows with motion; in one log it is read negative."""
     changed = []

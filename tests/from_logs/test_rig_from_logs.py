@@ -53,7 +53,14 @@ def test_a_column_that_counts_the_other_way_in_all_logs_gets_a_sign(
     assert list(arms_of(rig)["b"].values()) == pytest.approx(ARMS[1], rel=0.02)
 
 
-@pytest.mark.parametrize("header", ["{}_servo_load [%]", "{}_load_pct", "{}_present_load"])
+@pytest.mark.parametrize(
+    "header",
+    [
+        "{}_servo_load [%]",
+        pytest.param("{}_load_pct", marks=pytest.mark.more),
+        pytest.param("{}_present_load", marks=pytest.mark.more),
+    ],
+)
 def test_an_effort_of_no_scale_is_used_with_an_assumed_one(header: str, tmp_path: Path) -> None:
     """The log is read by the rig that comes of it, and efforts count as what a register holds."""
     logs = []

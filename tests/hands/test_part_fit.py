@@ -151,7 +151,7 @@ def test_bends_of_the_torque_are_tried_at_other_joints(monkeypatch: pytest.Monke
     np.testing.assert_allclose(begin, valley.ends[1])
 
 
-@pytest.mark.slow
+@pytest.mark.more  # a calibration as a whole: test_power_on.py
 def test_a_finger_is_better_known_than_by_its_motors_travel(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -39,6 +39,7 @@ class Shell:
             name: value
             for name, value in os.environ.items()
             if not name.startswith(("DISTAL_", "PYTHON", "OMP_", "OPENBLAS_", "MKL_"))
+            or name == "DISTAL_CACHE"  # that of the user's home stays as it is
         }
         self.environment["PATH"] = f"{command.parent}{os.pathsep}{os.environ['PATH']}"
 

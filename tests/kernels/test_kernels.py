@@ -178,7 +178,7 @@ def test_switched_off_without_a_word(fresh: Path, monkeypatch: pytest.MonkeyPatc
 
 @needs_compiler
 @pytest.mark.slow  # processes of their own
-@pytest.mark.parametrize("count", [2, 4])
+@pytest.mark.parametrize("count", [2, pytest.param(4, marks=pytest.mark.more)])
 def test_several_processes_at_once(fresh: Path, count: int) -> None:
     code = (
         "import numpy as np, casadi as ca, warnings; warnings.simplefilter('error')\n"

@@ -16,7 +16,17 @@ from distal.rig import shipped_rigs
 DRAWS = 20
 
 
-@pytest.mark.parametrize("name", shipped_rigs())
+FEW = ("paper-2008-observed", "capstan-joint", "finger-2n")
+some_rigs = pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[] if name in FEW else [pytest.mark.more])
+        for name in shipped_rigs()
+    ],
+)
+
+
+@some_rigs
 def test_numbers_are_no_structure(name: str) -> None:
     """Twenty sets of numbers have one kernel of each kind, or two filters with other sub-steps."""
     rigs, kernels = rigs_like(name), dict[str, set[str]]()
@@ -44,16 +54,7 @@ def test_a_term_that_comes_is_another_structure() -> None:
     assert len(keys) == len(changes) + 1
 
 
-FEW = ("paper-2008-observed", "capstan-joint", "finger-2n", "hand")
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=[] if name in FEW else [pytest.mark.more])
-        for name in shipped_rigs()
-    ],
-)
+@some_rigs
 def test_the_same_structure_is_the_same_c(name: str) -> None:
     """No number of the rig is written into a kernel."""
     rigs = rigs_like(name, 2)

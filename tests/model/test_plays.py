@@ -10,7 +10,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from benchmarks.cable import Cable
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.optimize import bisect
@@ -20,6 +19,7 @@ from distal.errors import RigError
 from distal.model import Mechanism, stiffest_frequency
 from distal.model.plays import Bounds, Sheath, _equal_tensions, balanced, gap
 from distal.simulation import build_scenario
+from tests.support.cable import Cable
 
 K, MU, WRAP = 2000.0, 0.2, 1.8
 
@@ -218,7 +218,7 @@ def test_a_damped_cable_in_its_sheath_pulls_more_at_both_ends_as_it_is_stretched
     assert moving[:, 1] == pytest.approx(still[:, 1])
 
 
-@pytest.mark.parametrize("count", [2, 4])
+@pytest.mark.parametrize("count", [2, pytest.param(4, marks=pytest.mark.more)])
 def test_its_sweeps_are_enough(count: int) -> None:
     """One call moves the points to within 5 % of a step of where many calls do, in a motion to and
     fro.

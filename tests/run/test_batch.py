@@ -75,18 +75,19 @@ def test_the_numbers_are_those_of_one_by_one(rig: Rig, logs: list[Log], name: st
         assert lanes.lanes == lanes_here()
 
 
-@pytest.mark.slow
-def test_other_rigs_and_homing(logs: list[Log]) -> None:
-    for name in ("capstan-joint", "da-vinci-grasper"):
-        servo = {"angle": {"amplitude": 0.5, "frequency": 0.4}, "stiffness": 20.0, "damping": 0.3}
-        scenario = build_scenario(
-            {"rig": name, "duration": 1.5, "drives": {0: {}} and {"motor": {"servo": servo}}}, "s"
-        )
-        known = scenario_rig(scenario)
-        moved = list(simulate_batch(known, [(scenario, seed) for seed in range(3)]))
-        for homing in (None, 0.3):
-            for log, result in zip(moved, estimate_batch(moved, known, homing=homing)):
-                same(estimate(log, known, homing=homing), result)
+@pytest.mark.parametrize(
+    "name", ["capstan-joint", pytest.param("da-vinci-grasper", marks=pytest.mark.more)]
+)
+def test_other_rigs_and_homing(name: str) -> None:
+    servo = {"angle": {"amplitude": 0.5, "frequency": 0.4}, "stiffness": 20.0, "damping": 0.3}
+    scenario = build_scenario(
+        {"rig": name, "duration": 1.5, "drives": {"motor": {"servo": servo}}}, "s"
+    )
+    known = scenario_rig(scenario)
+    moved = list(simulate_batch(known, [(scenario, seed) for seed in range(3)]))
+    for homing in (None, 0.3):
+        for log, result in zip(moved, estimate_batch(moved, known, homing=homing)):
+            same(estimate(log, known, homing=homing), result)
 
 
 @pytest.mark.usefixtures("as_users_compile")

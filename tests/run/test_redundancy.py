@@ -45,7 +45,9 @@ def share(words: tuple[str, ...], *named: str) -> float:
     return float(np.mean([word in named for word in words]))
 
 
-@pytest.mark.parametrize("seed", [11, 12, 13])
+@pytest.mark.parametrize(
+    "seed", [11, *(pytest.param(seed, marks=pytest.mark.more) for seed in (12, 13))]
+)
 def test_in_a_good_log_nothing_is_touched(rig: Rig, seed: int) -> None:
     """The rest is as without maps: the filter of this rig, which lacks the sheath, disagrees."""
     log = finger_log(seed, 20.0)

@@ -6,15 +6,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from benchmarks.cases import (
-    INTO_STOPS,
-    MID_RANGE,
-    hand_log,
-    hand_rig,
-    paper_log,
-    paper_rig,
-    spoiled,
-)
 
 from distal import (
     Estimate,
@@ -32,6 +23,15 @@ from distal.estimators import AdaptiveFilter, StateKind, first_values
 from distal.run import samples_of
 from distal.simulation import build_scenario
 from tests.helpers import rms_degrees
+from tests.support.cases import (
+    INTO_STOPS,
+    MID_RANGE,
+    hand_log,
+    hand_rig,
+    paper_log,
+    paper_rig,
+    spoiled,
+)
 
 
 def pooled(results: list[Estimate]) -> tuple[float, float]:
@@ -152,7 +152,12 @@ def test_it_is_no_less_sure_and_no_worse() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", [name for name in shipped_scenarios() if name.startswith("series")]
+    "name",
+    [
+        pytest.param(name, marks=[] if name == "series-2" else [pytest.mark.more])
+        for name in shipped_scenarios()
+        if name.startswith("series")
+    ],
 )
 def test_shipped_scenarios(name: str) -> None:
     """RMS of 8 seeds together. Halves of 20 seeds differ by 2 % of it; `python -m

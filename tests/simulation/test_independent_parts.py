@@ -14,7 +14,11 @@ from tests.hand_rigs import hand
 
 
 @pytest.mark.parametrize(
-    "fingers", [("finger-underactuated", "capstan-joint"), ("finger-underactuated", "paper-2008")]
+    "fingers",
+    [
+        ("finger-underactuated", "capstan-joint"),
+        pytest.param(("finger-underactuated", "paper-2008"), marks=pytest.mark.more),
+    ],
 )
 def test_each_part_moves_as_if_it_were_alone(fingers: tuple[str, str]) -> None:
     """Interval and sub-steps are the same for all, so those of one alone are set to them."""

@@ -157,10 +157,8 @@ def command(*arguments: str) -> subprocess.Popen[str]:
     )
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "how", [signal.SIGINT, signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.more)]
-)
+@pytest.mark.more  # within a process: the first test; a command: tests/journeys/test_matrix.py
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL, signal.SIGTERM])
 def test_a_command_that_is_killed_goes_on(
     how: signal.Signals, long: Columns, tmp_path: Path
 ) -> None:

@@ -41,7 +41,7 @@ def test_suggestions_need_a_covariance() -> None:
 
 @pytest.mark.slow
 def test_options_come_by_their_band_and_a_calibration_helps() -> None:
-    base, found = suggestions(small(duration="6 s"))
+    base, found = suggestions(small(duration="4 s"))
     assert len(found) >= 6
     assert [one.band for one in found] == sorted(one.band for one in found)
     assert found[0].words == "the angle known for the first 2 s"

@@ -1,4 +1,4 @@
-"""The filter on plants of their own (`benchmarks/one_link.py`): it follows what moves inside,
+"""The filter on plants of their own (`tests/support/one_link.py`): it follows what moves inside,
 learns it, its band holds.
 """
 
@@ -10,7 +10,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from benchmarks.one_link import link_log
 from benchmarks.parts import NOISE, PARTS, Part, rig_of
 
 from distal import LiveEstimator, Log, Rig, estimate, load_rig, simulate
@@ -22,6 +21,7 @@ from distal.rig import named
 from distal.run import smooth
 from distal.simulation import build_scenario
 from tests.helpers import at_parameters
+from tests.support.one_link import link_log
 
 NAMES = (
     "creep",
@@ -51,7 +51,7 @@ def plant(name: str) -> Log:
         {**own.fixed, own.path: number},
         NOISE,
         np.random.default_rng(5),
-        2.5 if name in SHEATHS else 4.0,
+        2.0 if name in SHEATHS else 4.0,
         name,
     )
 
@@ -71,7 +71,16 @@ def errors(result: Estimate) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow) if n in SHEATHS else n for n in NAMES]
+    "name",
+    [
+        pytest.param(
+            name,
+            marks=[pytest.mark.more]
+            if name in ("let out otherwise", "the same, moved by its tendon")
+            else [],
+        )
+        for name in NAMES
+    ],
 )
 def test_the_angle_is_right_and_its_band_holds(name: str) -> None:
     """0.03 to 0.05° is what such sensors give (docs/results/fits.md); the number itself is not

@@ -110,7 +110,15 @@ def shares(rig: Rig, log: object) -> tuple[float, float]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("seed", "coupled"), [(1, False), (3, False), (6, False), (5, True), (6, True)]
+    ("seed", "coupled"),
+    [
+        (1, False),
+        (5, True),
+        *(
+            pytest.param(*case, marks=pytest.mark.more)
+            for case in ((3, False), (6, False), (6, True))
+        ),
+    ],
 )
 def test_a_finger_of_ones_own_without_a_fit(seed: int, coupled: bool) -> None:
     """Nothing stretches, limits give way; stiff stops and a stiffness of ± 50 % held 10 to 74 % of

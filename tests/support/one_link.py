@@ -2,7 +2,7 @@
 have.
 
 It shares no code with `distal.model`: RK4 at 0.1 ms (0.5 ms with a cable) in NumPy; creep as a
-differential equation; a sheath as a cable of many points (`benchmarks/cable.py`); backlash by
+differential equation; a sheath as a cable of many points (`tests/support/cable.py`); backlash by
 cases.
 """
 
@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.cable import Cable
 from distal import Log
+from tests.support.cable import Cable
 
 Floats = NDArray[np.float64]
 
