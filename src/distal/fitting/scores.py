@@ -95,14 +95,18 @@ def comparisons(
         begin = counted_from(log, homing)
         if not np.isfinite(every[i].targets[every[i].time >= begin]).any():
             continue
+        of_readings = maps["readings"].held_out(i)
         scores: dict[str, Score | None] = {WRITTEN: None}
-        for candidate in candidates:
-            data = candidate.data.get(i)
-            scores[candidate.name] = None if data is None else Score.of(_errors(data), begin)
+        judged = of_readings[0].time
         if "filter" in maps and i in candidates[0].data:
             of_map = maps["filter"].held_out(list(candidates[0].data).index(i))
             scores[WRITTEN] = Score.of(of_map, begin)
-        scores[REGRESSION] = Score.of(maps["readings"].held_out(i), begin)
+            judged = of_map[0].time
+        for candidate in candidates:
+            data = candidate.data.get(i)
+            errors = None if data is None else _errors(data, judged)
+            scores[candidate.name] = None if errors is None else Score.of(errors, begin)
+        scores[REGRESSION] = Score.of(of_readings, begin)
         if homing is None:
             groups = zip(training.groups, every)
             remaining = [samples for group, samples in groups if group != training.groups[i]]
@@ -115,9 +119,11 @@ def comparisons(
     return tuple(compared)
 
 
-def _errors(samples: Samples) -> list[HeldOut]:
-    """Return the errors of each joint of a filter."""
-    masks = np.isfinite(samples.targets).T
+def _errors(samples: Samples, judged: Floats) -> list[HeldOut]:
+    """Return the errors of each joint of a filter at the times at which maps are `judged` [s],
+    (k,).
+    """
+    masks = (np.isfinite(samples.targets) & np.isin(samples.time, judged)[:, None]).T
     return [
         HeldOut(samples.time[mask], errors[mask], variances[mask])
         for mask, errors, variances in zip(masks, samples.targets.T, samples.variances.T)
