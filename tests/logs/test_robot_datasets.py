@@ -219,7 +219,7 @@ def test_the_command_estimates_all_episodes_into_files_beside(
     alone = estimate(
         read_log(Episode(folder / "data" / "chunk-000" / "file-000.parquet", 2), rig), rig
     )
-    np.testing.assert_allclose(first[:, 1], alone.angles[:, 0], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(np.deg2rad(first[:, 1]), alone.angles[:, 0], rtol=0, atol=1e-9)
 
 
 def test_a_rig_of_motors_finds_them_in_the_state_of_a_dataset(tmp_path: Path) -> None:

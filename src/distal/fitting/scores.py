@@ -103,9 +103,7 @@ def comparisons(
             scores[WRITTEN] = Score.of(of_map, begin)
             judged = of_map[0].time
         for candidate in candidates:
-            data = candidate.data.get(i)
-            errors = None if data is None else _errors(data, judged)
-            scores[candidate.name] = None if errors is None else Score.of(errors, begin)
+            scores[candidate.name] = _of_filter(candidate.data.get(i), judged, begin)
         scores[REGRESSION] = Score.of(of_readings, begin)
         if homing is None:
             groups = zip(training.groups, every)
@@ -119,12 +117,15 @@ def comparisons(
     return tuple(compared)
 
 
-def _errors(samples: Samples, judged: Floats) -> list[HeldOut]:
-    """Return the errors of each joint of a filter at the times at which maps are `judged` [s],
-    (k,).
+def _of_filter(samples: Samples | None, judged: Floats, begin: float) -> Score | None:
+    """Return the score of a filter at the times at which maps are `judged` [s], (k,), from the time
+    `begin` on [s]; None where it cannot run.
     """
+    if samples is None:
+        return None
     masks = (np.isfinite(samples.targets) & np.isin(samples.time, judged)[:, None]).T
-    return [
-        HeldOut(samples.time[mask], errors[mask], variances[mask])
-        for mask, errors, variances in zip(masks, samples.targets.T, samples.variances.T)
+    errors = [
+        HeldOut(samples.time[mask], of_joint[mask], variances[mask])
+        for mask, of_joint, variances in zip(masks, samples.targets.T, samples.variances.T)
     ]
+    return Score.of(errors, begin)
