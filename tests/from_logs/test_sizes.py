@@ -9,7 +9,7 @@ import pytest
 
 from distal.from_logs import rig_from_logs
 from distal.from_logs.least_squares import smoothed, window_of
-from distal.rig import Capstan
+from distal.rig import Capstan, step_of
 from tests.from_logs.logs import RATE, Floats, written
 
 ARM = 8e-3
@@ -310,3 +310,14 @@ def test_values_are_smoothed_as_their_derivatives_are(order: int) -> None:
         smoothed(exact, 13, 0.005)[inside], abs=0.02 * turning**order
     )
     assert np.max(np.abs(derivative)) < 0.9 * turning**order
+
+
+def test_a_position_that_stays_at_a_value_has_no_noise_at_rest(tmp_path: Path) -> None:
+    """It is then not taken for dead when it rests; another one with the same noise would be."""
+    logs = [pair(k, 3.0, 0.0, 0.0) for k in range(3)]
+    for log in logs:
+        log["x_a_mm"][500:600] = log["x_a_mm"][500]
+    rig = rig_from_logs(written(logs, tmp_path)).rig
+    rests, moves = rig.sensors_of("position")
+    assert rests.noise == pytest.approx(step_of(rests))
+    assert moves.noise > 2.0 * step_of(moves)

@@ -47,6 +47,7 @@ class ValueEvidence:
         step: smallest difference between different values: the resolution, 0 if it has none.
         is_whole: whether all values are whole numbers.
         is_constant: whether it has one value only.
+        stays: largest number of samples in a row with one value.
         turn: counts after which it wraps, None where it does not.
     """
 
@@ -56,6 +57,7 @@ class ValueEvidence:
     step: float
     is_whole: bool
     is_constant: bool
+    stays: int
     turn: float | None
 
     @property
@@ -78,6 +80,7 @@ def value_evidence(columns: Sequence[Floats]) -> ValueEvidence:
         step=_step(pooled),
         is_whole=bool(np.all(pooled == np.round(pooled))),
         is_constant=high - low <= SAME * max(abs(low), abs(high), 1e-300),
+        stays=max(longest_run(values)[1] for values in present),
         turn=_turn(present, high - low),
     )
 

@@ -16,6 +16,7 @@ from distal.from_logs.motion_data import MotionData, counts_of
 from distal.from_logs.sizes import DriveSizes
 from distal.from_logs.stops import joint_stops
 from distal.logs import name_and_unit
+from distal.logs.door import IMPROBABLE
 from distal.rig import Guess
 from distal.rig.hand_tables.described import ASSUMED
 from distal.units import to_si
@@ -341,11 +342,16 @@ def _sensor(name: str, measures: str, of: str, column: ColumnRole) -> Raw:
 
 
 def _errors(column: ColumnRole, rates: Mapping[str, float]) -> Raw:
-    """Return rate, noise and resolution of a column. Noise is at least that of its steps."""
+    """Return rate, noise and resolution of a column. Noise is at least that of its steps; of one
+    that stays at a value for longer than noise lets it, the noise is its resolution.
+    """
     values = column.values
     noise = max(values.noise, 0.3 * values.step, 1e-6 * values.width)
     errors: Raw = {"rate": number(rates[column.header]), "noise": number(noise, column.unit)}
     step = values.step
+    # the chance that readings with this noise are alike, see `logs.door`
+    if noise > step and (step / (2.0 * pi**0.5 * noise)) ** (values.stays - 1) < IMPROBABLE:
+        step = noise
     if step > 0.0 and column.si != "count":
         errors["resolution"] = number(step, column.unit)
     return errors

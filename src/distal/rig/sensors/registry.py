@@ -184,8 +184,8 @@ def angle_unit(sensors: Sequence[Sensor]) -> str:
         among = [s for s in sensors if s.si == "rad" and measurand_of(s).role == role]
         units = [s.unit or "rad" for s in among if s.unit not in COUNTS]
         if units:
-            in_degrees = [unit_factor(unit, "rad") == unit_factor("deg", "rad") for unit in units]
-            return "deg" if any(in_degrees) else "rad"
+            in_degrees = unit_factor("deg", "rad") in [unit_factor(u, "rad") for u in units]
+            return "deg" if in_degrees else "rad"
     return "rad"
 
 
