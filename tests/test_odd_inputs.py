@@ -171,13 +171,13 @@ def test_odd_calls(log: Path, paper_rig) -> None:
     for words in (
         {"passes": 1.5},
         {"passes": "a"},
-        {"estimator": None},
+        {"estimator": ["adaptive"]},
         {"estimator": 3},
         {"truth": "zz"},
     ):
         with pytest.raises(DistalError):
             estimate(read, paper_rig, **words)  # type: ignore[arg-type]
-    for name, rig in (([], paper_rig), (None, paper_rig), ("ekf", "paper-2008-printed")):
+    for name, rig in (([], paper_rig), (None, "paper-2008"), ("ekf", "paper-2008-printed")):
         with pytest.raises(DistalError):
             make_estimator(name, rig)  # type: ignore[arg-type]
 

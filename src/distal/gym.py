@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from distal.arrays import Floats
 from distal.control import ControlledPlant
 from distal.errors import ControlError
-from distal.estimators import DEFAULT
 from distal.rig import Rig, angle_names, as_rig, std_name
 from distal.run import LiveEstimator, Monitor, Reading
 from distal.simulation import Scenario, load_scenario, scenario_rig
@@ -59,7 +58,7 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
     def __init__(
         self,
         scenario: Scenario | str | Path = "control-paper",
-        estimator: str = DEFAULT,
+        estimator: str | None = None,
         drawn: bool = True,
         rig: Rig | str | Path | None = None,
     ) -> None:

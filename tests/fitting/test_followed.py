@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from distal import Log, Rig, load_rig
+from distal.confidence import BAND
 from distal.errors import DivergedError
 from distal.fitting.learn_free_motion import untouched
 from distal.fitting.scores import WRITTEN, Compared, Score
@@ -23,6 +25,7 @@ class Candidate:
     name: str
     rig: Rig
     error: float
+    data: Mapping[int, object] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -46,15 +49,21 @@ def written(
     fails: list[Rig],
     monkeypatch: pytest.MonkeyPatch,
     error: float = 0.0,
+    half: float = 0.02,
+    spread: float = 1.0,
 ) -> Learned:
-    """Return what is written where the filters of some rigs leave all bounds, and the others err by
-    `error`; logs left out had an error of 0.01.
+    """Return what is written where the filters of some rigs leave all bounds, and the first errs by
+    `error` with a band of ±`half`; logs left out had an error of 0.01 and a band of ±0.02, and the
+    angles vary by `spread`.
     """
 
     def estimate(log: Log, rig: Rig, **_: object) -> SimpleNamespace:
         if rig in fails:
             raise DivergedError(log.source)
-        return SimpleNamespace(errors=lambda: np.full(3, error if rig == candidates[0].rig else 0))
+        first = rig == candidates[0].rig
+        errors = np.full(3, error if first else 0)
+        stds = np.full((3, 1), (half if first else 0.02) / BAND)
+        return SimpleNamespace(errors=lambda: errors, angle_stds=stds)
 
     compared = (Compared("one.csv", {WRITTEN: Score(0.01, 0.95, 0.02)}),)
     monkeypatch.setattr(FIT, "estimate", estimate)
@@ -64,7 +73,7 @@ def written(
         FIT, "_with_free_motion", lambda learned, *_: replace(learned, doubts=("whole",))
     )
     options = SimpleNamespace(compiled=False, homing=None)
-    training = SimpleNamespace(options=options)
+    training = SimpleNamespace(options=options, spread=spread)
     judged = SimpleNamespace(candidates=candidates, training=training, chosen=candidates[0])
     return FIT._followed(judged, [LOG])
 
@@ -89,7 +98,10 @@ def test_a_rig_whose_filter_leaves_all_bounds_is_not_written(
     every = [rig for each in candidates for rig in (each.rig, untouched(each.rig))]
     last = written(candidates, every, monkeypatch)
     assert last.rig == first.rig
-    assert len(last.doubts) == 6
+    assert last.doubts[6:] == (
+        "no filter is written: the angles are those of the map on readings alone",
+        "whole",
+    )
 
 
 def test_ctrl_c_at_the_last_step_leaves_what_was_learned(
@@ -111,3 +123,25 @@ def test_a_rig_that_errs_twice_what_was_promised_is_not_written(
     assert result.rig == (untouched(candidates[0].rig) if said else candidates[0].rig)
     line = "the filter of first errs by 1.2° on one.csv, where left out it had 0.57°"
     assert (line in result.doubts) == said
+
+
+@pytest.mark.parametrize(("half", "said"), [(0.039, False), (0.041, True)])
+def test_a_rig_whose_band_is_twice_what_was_promised_is_not_written(
+    half: float, said: bool, candidates: list[Candidate], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = written(candidates, [], monkeypatch, half=half)
+    line = "the filter of first knows the angle to ±2.3° on one.csv, where left out it had 1.1°"
+    assert (line in result.doubts) == said
+
+
+def test_a_filter_that_errs_by_more_than_the_angles_vary_is_not_written(
+    candidates: list[Candidate], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The mean of the angles errs less; the next ones do too, so that readings alone are left."""
+    result = written(candidates, [], monkeypatch, spread=0.015)
+    assert result.rig == candidates[0].rig
+    result = written(candidates, [], monkeypatch, spread=0.005)
+    assert result.doubts[0] == (
+        "the filter of first errs by 0.57° on logs left out, where the angles vary by 0.29°"
+    )
+    assert len(result.doubts) == 5

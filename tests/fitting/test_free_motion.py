@@ -12,6 +12,7 @@ from benchmarks.strangers.contact import finger, finger_rig
 from benchmarks.strangers.hands_plants import bowden_log, bowden_rig
 
 from distal import LiveEstimator, Log, Rig, diagnose, estimate, load_rig
+from distal.arrays import Floats
 from distal.errors import RigError
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive.filter_function import adaptive_layout
@@ -28,7 +29,7 @@ from distal.fitting.log_checks import touched_logs
 from distal.kernels import Feed, advance
 from distal.kernels.layout import READ
 from distal.regression import ReportedMap, map_parameters, reporting_function
-from distal.rig import FreeMotion, felt_in_words
+from distal.rig import FreeMotion, LearnedMap, felt_in_words
 from distal.run import JointContact, Monitor
 from distal.run.health import watch_of
 from tests.learned_maps import drawn_map
@@ -221,28 +222,51 @@ def test_what_lasts_learns_nothing_while_touched(rig: Rig, pushed: Log) -> None:
     assert moved[~touched].max() > 1e-6
 
 
-def test_a_map_is_carried_on_and_fades_while_touched() -> None:
-    """d⁺ = (1 − w)(value − θ) + w e^{−dt/T} d, gain and variance as the equations say."""
-    learned, dt = drawn_map(), 0.05
+def drawn_filter() -> tuple[ca.Function, LearnedMap]:
+    """Return a filter of one joint whose states stay as they are, and a map beside it."""
     kernel_state, x, p = (ca.MX.sym(name, size) for name, size in (("c", 2), ("x", 5), ("p", 1)))
-    inner = ca.Function("inner", [kernel_state, x, p], [kernel_state, ca.MX(1, 1)])
-    placed = ReportedMap(learned, (0, 1), (0,))
-    free = reporting_function(inner, [placed], [None, None], [1])
-    may_be_touched = replace(placed, is_touched=True)
-    held = reporting_function(inner, [may_be_touched], [None, None], [1], touched=[1])
-    sizes = free.size1_in(0) - 2
-    parameters = np.concatenate([[0.0], map_parameters(learned)])
-    sample = [dt, 0.1, 0.02, READ, READ]
+    return ca.Function("inner", [kernel_state, x, p], [kernel_state, ca.MX(1, 1)]), drawn_map()
+
+
+def reported(
+    inner: ca.Function, maps: list[LearnedMap], state: list[float], touched: tuple[int, ...] = ()
+) -> Floats:
+    """Return value, gain and variance of the joint as maps report it, after one sample."""
+    placed = [ReportedMap(learned, (0, 1), (0,)) for learned in maps]
+    function = reporting_function(inner, placed, [None, None], [1], touched)
+    parameters = np.concatenate([[0.0], *map(map_parameters, maps)])
+    start = [*state, *np.zeros(function.size1_in(0) - 2)]
+    _, y = function(start, [0.05, 0.1, 0.02, READ, READ], parameters)
+    return np.array(y).ravel()[1:]
+
+
+def test_a_map_beside_a_filter_is_doubted_while_touched() -> None:
+    """gain⁺ = (1 − s) gain + s, variance⁺ = variance + s a², and the value stays."""
+    inner, learned = drawn_filter()
+    value, gain, variance = reported(inner, [learned], [0.2, 0.0])
     for share in (0.0, 0.4, 1.0):
-        start = [0.2, share, *np.zeros(sizes)]
-        _, y = free(start, sample, parameters)
-        value, gain, variance = np.array(y).ravel()[1:]
-        following, y = held([*start, 0.03], sample, parameters)
-        carried = (1 - share) * (value - 0.2) + share * np.exp(-dt / 0.3) * 0.03
-        doubt = share * (value - 0.2) ** 2  # whether the correction still holds
-        expected = [0.2 + carried, (1 - share) * gain + share, variance + doubt]
-        np.testing.assert_allclose(np.array(y).ravel()[1:], expected, rtol=1e-12)
-        assert float(following[-1]) == pytest.approx(carried, rel=1e-12)
+        doubted = reported(inner, [learned], [0.2, share], touched=(1,))
+        doubt = share * (value - 0.2) ** 2
+        expected = [value, (1 - share) * gain + share, variance + doubt]
+        np.testing.assert_allclose(doubted, expected, rtol=1e-12)
+
+
+def test_a_filter_and_readings_alone_are_pooled_by_their_shares() -> None:
+    """Mean and variance of the mixture of both, by its first two moments."""
+    inner, learned = drawn_filter()
+    alone = drawn_map(beside_filter=False, seed=3)
+    a, gain, added = reported(inner, [learned], [0.2, 0.0])
+    b, none, variance = reported(inner, [alone], [0.2, 0.0])
+    assert none == 0.0
+    for share in (0.0, 0.3, 1.0):
+        pooled = reported(
+            inner, [learned.model_copy(update={"share": (share,)}), alone], [0.2, 0.0]
+        )
+        own = 0.04  # variance of the filter's own angle
+        mean = share * a + (1 - share) * b
+        second = share * (gain**2 * own + added + a**2) + (1 - share) * (variance + b**2)
+        assert pooled[0] == pytest.approx(mean)
+        assert pooled[1] ** 2 * own + pooled[2] == pytest.approx(second - mean**2)
 
 
 def test_how_a_fit_did_is_said(rig: Rig) -> None:

@@ -130,7 +130,7 @@ def estimate_command(
     estimators with it.
     """
     from distal.confidence import half_width
-    from distal.estimators import DEFAULT, AdaptiveFilter
+    from distal.estimators import AdaptiveFilter, usual_estimator
     from distal.logs import (
         file_of,
         read_log,
@@ -174,7 +174,7 @@ def estimate_command(
         outputs = estimates_of(sources, out)
         check_command_outputs(outputs, logs=logs, rig=rig, truth=truth)
         description = load_rig(rig, set_ or ())
-        name = (estimator or [DEFAULT])[0]
+        name = estimator[0] if estimator else usual_estimator(description)
 
         def write(result: Estimate, path: Path) -> None:
             in_unit = unit or angle_unit(description.sensors)
@@ -200,7 +200,7 @@ def estimate_command(
     origin = log.truth_source
     if homing_angle:
         log, description = _at_home(log, description, homing_angle, home)
-    if what_if and home is None and DEFAULT in names:
+    if what_if and home is None and "adaptive" in names:
         # the diagnosis's kernel is compiled while the estimate runs; errors come from the estimate
         with suppress(DistalError):
             AdaptiveFilter(description, "lanes").kernel.begin_lanes()
@@ -254,10 +254,11 @@ def _names(asked: list[str] | None, rig: Rig, is_known: bool) -> list[str]:
     """Return the names of the estimators to run: those asked for, else the default, and all others
     where the truth is known.
     """
-    from distal.estimators import DEFAULT, ESTIMATORS
+    from distal.estimators import ESTIMATORS, usual_estimator
 
     _check_names(asked or (), rig)
-    names = list(dict.fromkeys(asked or ([DEFAULT, *ESTIMATORS] if is_known else [DEFAULT])))
+    usual = usual_estimator(rig)
+    names = list(dict.fromkeys(asked or ([usual, *ESTIMATORS] if is_known else [usual])))
     left = [name for name in names if name.startswith("ekf")]
     if asked or len(rig.joints) <= MOST_FULL or not left:
         return names

@@ -20,7 +20,10 @@ from distal.cli.shared_options import (
 )
 
 ExportedOption = Annotated[
-    str, Option("--estimator", "-e", help="adaptive, ekf, ekf-2008, inextensible or elastic.")
+    str | None,
+    Option(
+        "--estimator", "-e", help="adaptive, ekf, ekf-2008, inextensible, elastic or regression."
+    ),
 ]
 """Option that names an estimator that can be exported."""
 
@@ -43,7 +46,7 @@ def export_command(
     single: Annotated[
         bool, Option("--float", help="float and float functions only; else double.")
     ] = False,
-    estimator: ExportedOption = "adaptive",
+    estimator: ExportedOption = None,
     home: Annotated[
         str | None,
         Option(
@@ -66,6 +69,7 @@ def export_command(
     """Write an estimator of a rig as C99: no malloc, no globals, for a Cortex-M or any other
     processor.
     """
+    from distal.estimators import usual_estimator
     from distal.export import c_name, check_ours, export_arduino, export_c, export_files
     from distal.export.arduino import EDITED
     from distal.rig import load_rig
@@ -73,6 +77,8 @@ def export_command(
 
     if (out is None) == (arduino is None):
         raise typer.BadParameter("give one folder: --out for C, or --arduino for a library")
+    described = load_rig(rig, set_ or ())
+    estimator = estimator or usual_estimator(described)
     name = c_name(f"{Path(rig).stem}_{estimator}") if name is None else name
     home_std = None if home is None else to_si(home, "rad")
     if out is not None:
@@ -80,7 +86,7 @@ def export_command(
         check_ours(out, export_files(name, plant, command))
         with working("writing C"):
             exported = export_c(
-                load_rig(rig, set_ or ()),
+                described,
                 out,
                 estimator,
                 single=single,
@@ -95,7 +101,7 @@ def export_command(
             raise typer.BadParameter("--plant, --command and --home are for --out")
         edited = [file for file in EDITED if (arduino / file).is_file()]
         with working("writing C"):
-            exported = export_arduino(load_rig(rig, set_ or ()), arduino, estimator, name=name)
+            exported = export_arduino(described, arduino, estimator, name=name)
     rows = [
         ("states", f"{len(exported.estimator.state_names)}"),
         ("state, the caller's", f"{exported.state_bytes:,} bytes"),
@@ -126,7 +132,7 @@ def fmu_command(
     rig: RigArgument,
     *,
     out: Annotated[Path, Option(help="The file, which ends in .fmu.")],
-    estimator: ExportedOption = "adaptive",
+    estimator: ExportedOption = None,
     name: NameOption = None,
     here: Annotated[bool, Option("--here", help="A binary for this platform alone.")] = False,
     set_: SetOption = None,
@@ -134,10 +140,13 @@ def fmu_command(
     """Write an estimator of a rig as an FMU (FMI 3.0, co-simulation): for Simulink, OpenModelica,
     Dymola and others.
     """
+    from distal.estimators import usual_estimator
     from distal.export import c_name, export_fmu
     from distal.rig import load_rig
 
     check_command_outputs(to_file("--out", out), rig=rig)
+    described = load_rig(rig, set_ or ())
+    estimator = estimator or usual_estimator(described)
     name = c_name(f"{Path(rig).stem}_{estimator}") if name is None else name
     what = (
         "writing C and compiling it"
@@ -145,7 +154,7 @@ def fmu_command(
         else "compiling; with ziglang for all platforms: minutes the first time"
     )
     with working(what):
-        fmu = export_fmu(load_rig(rig, set_ or ()), out, estimator, name, everywhere=not here)
+        fmu = export_fmu(described, out, estimator, name, everywhere=not here)
     rows = [
         ("inputs, NaN where missing", ", ".join(fmu.inputs)),
         ("outputs", ", ".join(fmu.outputs)),

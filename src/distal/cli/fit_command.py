@@ -183,7 +183,7 @@ def written_at_once(out: Path | None, text: str) -> Callable[[MapFit], None]:
         say(f"at once, {line.text}")
         if out is not None:
             line.save(out, text, provisional=PROVISIONAL)
-            say(f"wrote {out} with it (--estimator regression); the fit replaces it")
+            say(f"wrote {out} with it; the fit replaces it")
 
     return write
 

@@ -30,7 +30,7 @@ from distal.cli.shared_options import (
     to_folder,
     write_each,
 )
-from distal.errors import EstimationError, RigError
+from distal.errors import RigError
 
 if TYPE_CHECKING:
     from distal.fitting import Fit
@@ -189,15 +189,7 @@ def learn_command(
         say(f"wrote {out}; next: distal estimate LOG --rig {out}, distal lab {out}, export-c")
 
     def save_report() -> None:
-        try:
-            page = fit_report(result, read, folder)
-        except EstimationError as problem:
-            say(
-                f"no page is written, since the filter cannot follow a log ({problem}); the angle "
-                "of the map is that of: distal estimate -e regression"
-            )
-            return
-        say(f"wrote {page}: the same as a page with curves")
+        say(f"wrote {fit_report(result, read, folder)}: the same as a page with curves")
 
     write_each(save, save_report)
     if result.interrupted and minutes is None:

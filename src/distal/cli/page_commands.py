@@ -81,7 +81,7 @@ def lab_command(
     rig: RigArgument,
     *,
     out: Annotated[Path, Option(help="The page (HTML), one file.")],
-    estimator: EstimatorOption = "adaptive",
+    estimator: EstimatorOption = None,
     set_: SetOption = None,
 ) -> None:
     """Write a page in which the rig moves and is estimated: change what is true, and see when an
@@ -110,7 +110,7 @@ def view_command(
     out: Annotated[
         Path | None, Option(help="Where to write the page (HTML); default a temporary file.")
     ] = None,
-    estimator: EstimatorOption = "adaptive",
+    estimator: EstimatorOption = None,
     truth: TruthOption = None,
     homing: HomingOption = None,
     open_: Annotated[
@@ -138,7 +138,7 @@ def view_command(
     samples = read_log(log, description, truth)
     home = homing_time(homing)
     sentences = list[str]()
-    with working(f"estimating with {estimator}") as show:
+    with working("estimating") as show:
         result = estimate(samples, description, estimator, homing=home, covariances=False)
         doing = "testing what the log says of the rig"
         show(doing)

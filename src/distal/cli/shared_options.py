@@ -78,7 +78,7 @@ SeedOption = Annotated[int, Option("--seed", min=0, help="Seed of the sensors' e
 
 
 EstimatorOption = Annotated[
-    str,
+    str | None,
     Option("--estimator", "-e", help=f"{', '.join(ESTIMATOR_NAMES)}.", autocompletion=estimators),
 ]
 HomingOption = Annotated[

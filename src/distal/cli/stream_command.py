@@ -47,7 +47,7 @@ Source: definition (longest field of Python's csv module).
 
 def stream_command(
     rig: RigOption,
-    estimator: EstimatorOption = "adaptive",
+    estimator: EstimatorOption = None,
     *,
     udp: Annotated[
         int | None,

@@ -13,7 +13,7 @@ from distal.arrays import Floats
 from distal.control.controlled_plant import ControlledPlant, SteppedPlant
 from distal.control.controllers import PID, CommandedForces, Held
 from distal.errors import ControlError, did_you_mean
-from distal.estimators import DEFAULT, ESTIMATORS
+from distal.estimators import ESTIMATORS, usual_estimator
 from distal.logs import Log
 from distal.rig import Rig, as_rig
 from distal.run import LiveEstimator, Monitor, Reading
@@ -143,7 +143,7 @@ def closed_loop(
     rig = as_rig(rig)
     control = scenario.control
     length = _period(period, scenario)
-    feedback = feedback or (DEFAULT if control is None else control.feedback)
+    feedback = feedback or (usual_estimator(rig) if control is None else control.feedback)
     if controller is not None:
         step = ENCODER_STEP if control is None else control.encoder_resolution
         return run_controller(

@@ -18,7 +18,12 @@ from distal.estimators.full_state import FullStateFilter, Noise, paper_noise, ri
 from distal.estimators.gaps import first_values
 from distal.estimators.kinematic import KinematicEstimator
 from distal.estimators.read_channels import Channels, channels_of
-from distal.estimators.registry import DEFAULT, ESTIMATORS, make_estimator
+from distal.estimators.registry import (
+    DEFAULT,
+    ESTIMATORS,
+    make_estimator,
+    usual_estimator,
+)
 from distal.estimators.regression_estimator import (
     RegressionEstimator,
     of_part,
@@ -74,5 +79,6 @@ __all__ = [
     "samples_of_angles",
     "state_units",
     "states_of",
+    "usual_estimator",
     "wild_problem",
 ]

@@ -26,12 +26,23 @@ DEFAULT = "adaptive"
 """Name of the estimator that is used where none is named."""
 
 
-def make_estimator(name: str, rig: Rig, compiled: bool = True) -> KernelEstimator:
-    """Return a new estimator for a rig, by one of the names of `ESTIMATORS`.
+def usual_estimator(rig: Rig) -> str:
+    """Return the name of the estimator of a rig where none is named: `DEFAULT`, or ``regression``
+    where logs taught what readings alone tell and no filter could follow them.
+    """
+    is_alone = rig.map is not None and rig.map.readings and not rig.map.filter
+    return "regression" if is_alone else DEFAULT
+
+
+def make_estimator(name: str | None, rig: Rig, compiled: bool = True) -> KernelEstimator:
+    """Return a new estimator for a rig, by one of the names of `ESTIMATORS`; None stands for the
+    rig's usual one.
 
     Raises:
         EstimationError: the name is unknown, or the rig's sensors do not suffice.
     """
+    if name is None and isinstance(rig, Rig):
+        name = usual_estimator(rig)
     if not isinstance(name, str) or not isinstance(rig, Rig):
         raise EstimationError(
             f"make_estimator takes a name and a Rig, {name!r} and {type(rig).__name__} came"

@@ -27,7 +27,7 @@ EDITED = ("library.properties", f"examples/{SKETCH}/{SKETCH}.ino")
 def export_arduino(
     rig: Rig,
     out: str | Path,
-    estimator: str = "adaptive",
+    estimator: str | None = None,
     *,
     name: str | None = None,
 ) -> Exported:
@@ -36,7 +36,7 @@ def export_arduino(
     Args:
         out: the library's folder, which is made where it does not exist. Files of an earlier export
             are replaced, except those in `EDITED`.
-        estimator: name of the estimator.
+        estimator: name of the estimator; None: the rig's usual one.
         name: name of the library and prefix of its C names; by default it is made from the rig's
             title and the estimator.
 

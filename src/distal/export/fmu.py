@@ -132,7 +132,7 @@ class Fmu:
 def export_fmu(
     rig: Rig,
     out: str | Path,
-    estimator: str = "adaptive",
+    estimator: str | None = None,
     name: str | None = None,
     everywhere: bool = True,
 ) -> Fmu:
@@ -145,7 +145,7 @@ def export_fmu(
 
     Args:
         out: the file, which ends in .fmu.
-        estimator: name of the estimator.
+        estimator: name of the estimator; None: the rig's usual one.
         name: prefix of the C names, and the model's identifier; by default it is made from the
             rig's title and the estimator.
         everywhere: whether binaries for Linux, Windows and macOS are made, where ziglang is

@@ -22,7 +22,7 @@ MARK = "distal export-c"
 def export_c(
     rig: Rig,
     out: str | Path,
-    estimator: str = "adaptive",
+    estimator: str | None = None,
     *,
     single: bool = False,
     name: str | None = None,
@@ -35,7 +35,7 @@ def export_c(
     Args:
         out: the folder, which is made where it does not exist. Files of an earlier export are
             replaced, other files stay.
-        estimator: name of the estimator.
+        estimator: name of the estimator; None: the rig's usual one.
         single: whether numbers are float and only float functions are called; otherwise they are
             double.
         name: prefix of all C names; by default it is made from the rig's title and the estimator.
@@ -53,11 +53,12 @@ def export_c(
         OutputError: the folder cannot be written, or has files that no export wrote.
     """
     folder = Path(out)
-    if command and estimator != "adaptive":
-        raise ExportError(
-            f"commands are by the state of adaptive, {estimator} has another; leave command out"
-        )
     exported = c_filter(rig, estimator, single, name, home)
+    if command and exported.estimator.name != "adaptive":
+        raise ExportError(
+            f"commands are by the state of adaptive, {exported.estimator.name} has another; leave "
+            "command out"
+        )
     files = project_files(exported)
     if plant:
         files |= c_plant(rig, f"{exported.name}_plant").files

@@ -91,7 +91,7 @@ class Exported(Translated):
 
 def c_filter(
     rig: Rig,
-    estimator: str = "adaptive",
+    estimator: str | None = None,
     single: bool = False,
     name: str | None = None,
     home: float | None = None,
@@ -99,7 +99,7 @@ def c_filter(
     """Return an estimator of a rig as C99.
 
     Args:
-        estimator: name of the estimator.
+        estimator: name of the estimator; None: the rig's usual one.
         single: whether numbers are float and only float functions are called; otherwise they are
             double.
         name: prefix of all C names; by default it is made from the rig's title and the estimator.
@@ -111,7 +111,7 @@ def c_filter(
             home.
         EstimationError: the estimator cannot run on this rig, or cannot be exported.
     """
-    if home is not None and estimator != "adaptive":
+    if home is not None and estimator not in (None, "adaptive"):
         raise ExportError(f"adaptive homes while it runs, {estimator} does not; leave home out")
     chosen = (
         make_estimator(estimator, rig, compiled=False)
@@ -120,7 +120,7 @@ def c_filter(
     )
     if isinstance(chosen, AdaptiveFilter):
         chosen = chosen.folded()
-    name = checked_name(name if name is not None else c_name(f"{rig.name}_{estimator}"))
+    name = checked_name(name if name is not None else c_name(f"{rig.name}_{chosen.name}"))
     real = Plain(single)
     emitter = Emitter(real)
     prior = chosen.prior_function()

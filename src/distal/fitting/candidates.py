@@ -16,7 +16,7 @@ import numpy as np
 
 from distal.fitting.fit_options import Options
 from distal.fitting.free_parameter import assignments, described
-from distal.fitting.learned_maps import MapFit, map_of, with_its_reference_error
+from distal.fitting.learned_maps import MapFit, map_of, pooled, with_its_reference_error
 from distal.fitting.likelihood_search import search
 from distal.fitting.log_checks import unknown_joints
 from distal.fitting.map_samples import filtered, mean_rms
@@ -150,6 +150,17 @@ class Training:
         return bool(self.logs) and not self.unknown
 
     @property
+    def spread(self) -> float:
+        """RMS deviation of the known angles from their mean [rad], what a filter that knows nothing
+        errs by; infinite where there are none.
+        """
+        angles = [true_angles(log, self.rig.joint_names) for log in self.logs]
+        of_logs = [of_log for of_log in angles if of_log is not None]
+        if not of_logs:
+            return np.inf
+        return float(np.sqrt(np.mean(np.nanvar(np.concatenate(of_logs), axis=0))))
+
+    @property
     def folds(self) -> list[int]:
         """The fold of each log."""
         return folds_of(self.groups)
@@ -220,7 +231,9 @@ def filter_map(candidate: Candidate, training: Training, line: MapFit) -> MapFit
     homing = training.options.homing
     data = list(candidate.data.values())
     map_fit = map_of(data, candidate.rig, "filter", line.parts, folds, homing)
-    return map_fit if homing is not None else with_its_reference_error(map_fit, training.logs)
+    if homing is not None:
+        return map_fit
+    return pooled(with_its_reference_error(map_fit, training.logs), line, candidate.data)
 
 
 def _surest(run: _Run, training: Training, parameters: ParameterEstimates | None) -> _Run:

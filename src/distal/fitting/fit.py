@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from distal.confidence import BAND
 from distal.errors import DistalWarning, DivergedError, EstimationError, FitError
 from distal.fitting.candidates import Candidate, groups_among
 from distal.fitting.doubts import far_from_priors
@@ -34,8 +35,8 @@ from distal.rig import Rig, as_rig, load_rig
 from distal.run import estimate
 
 PROMISED = 2.0
-"""Ratio of a rig's error on a log that it was learned from to that on logs left out, above which it
-is not written [1]. Source: definition (of what a fit promises).
+"""Ratio of a rig's error, or of its band, on a log that it was learned from to that on logs left
+out, above which it is not written [1]. Source: definition (of what a fit promises).
 """
 
 TRUSTED = 0.8
@@ -147,15 +148,22 @@ def fit(
 
 def _followed(judged: Judged, logs: Sequence[Log]) -> Learned:
     """Return what is learned by the best candidate, with its normal forces of free motion; where
-    the rig, as it would be written, fails on a log, by the next one.
+    the rig, as it would be written, fails on a log, by the next one, and at last by readings alone.
 
     Candidates are judged without touches. So a rig that looks for none comes before another one.
     """
     best = judged.chosen
     ranked = sorted(judged.candidates, key=lambda candidate: candidate.error)
+    spread = judged.training.spread
     doubts = list[str]()
     with suppress(KeyboardInterrupt):  # what was learned stands
         for candidate in (best, *(candidate for candidate in ranked if candidate is not best)):
+            if spread < candidate.error < np.inf:
+                doubts.append(
+                    f"the filter of {candidate.name} errs by {np.rad2deg(candidate.error):.2g}° on "
+                    f"logs left out, where the angles vary by {np.rad2deg(spread):.2g}°"
+                )
+                continue
             learned = _with_free_motion(learned_by(judged, candidate), candidate, judged)
             for rig in dict.fromkeys((learned.rig, untouched(learned.rig))):
                 failures = (_failure(rig, log, learned, judged.training.options) for log in logs)
@@ -164,8 +172,11 @@ def _followed(judged: Judged, logs: Sequence[Log]) -> Learned:
                     return replace(learned, rig=rig, doubts=(*doubts, *learned.doubts))
                 touches = "" if rig is learned.rig else ", which looks for no touches,"
                 doubts.append(f"the filter of {candidate.name}{touches} {failure}")
-    learned = learned_by(judged, best)
-    return replace(learned, doubts=(*doubts, *learned.doubts))
+        doubts.append("no filter is written: the angles are those of the map on readings alone")
+        best = replace(best, data={})
+        learned = _with_free_motion(learned_by(judged, best), best, judged)
+        return replace(learned, doubts=(*doubts, *learned.doubts))
+    return learned_by(judged, best)
 
 
 def _failure(rig: Rig, log: Log, learned: Learned, options: Options) -> str | None:
@@ -179,17 +190,23 @@ def _failure(rig: Rig, log: Log, learned: Learned, options: Options) -> str | No
     score = scores.get(shown(log.source))
     if score is None:
         return None
-    squares = [of_log.rms**2 for of_log in scores.values() if of_log is not None]
+    every = [of_log for of_log in scores.values() if of_log is not None]
     # no score has the zero of the encoder
-    promised = np.hypot(max(score.rms, np.sqrt(np.mean(squares))), reference_offset(rig, log))
+    mean = np.sqrt(np.mean([of_log.rms**2 for of_log in every]))
+    promised = np.hypot(max(score.rms, mean), reference_offset(rig, log))
     late = log.time - log.time[0] >= counted_from(log, homing)
     errors = result.errors().reshape(len(log), -1)[late]
     rms = float(np.sqrt(np.nanmean(errors**2)))
-    if rms <= PROMISED * promised:
+    half = BAND * float(np.mean(result.angle_stds[late]))
+    if rms > PROMISED * promised:
+        what, now, before = "errs by ", rms, score.rms
+    elif half > PROMISED * max(of_log.half for of_log in every):
+        what, now, before = "knows the angle to ±", half, score.half
+    else:
         return None
     return (
-        f"errs by {np.rad2deg(rms):.2g}° on {shown(log.source)}, where left out it had "
-        f"{np.rad2deg(score.rms):.2g}°"
+        f"{what}{np.rad2deg(now):.2g}° on {shown(log.source)}, where left out it had "
+        f"{np.rad2deg(before):.2g}°"
     )
 
 
@@ -226,7 +243,7 @@ def _with_free_motion(learned: Learned, candidate: Candidate, judged: Judged) ->
     scores = [log.scores[WRITTEN] for log in learned.compared]
     ran = [score for score in scores if score is not None]
     inside = float(np.mean([score.inside for score in ran])) if ran else 0.0
-    if inside < TRUSTED or len(ran) < FEWEST_LOGS:
+    if inside < TRUSTED or len(ran) < FEWEST_LOGS or not candidate.data:
         return learned
     logs = [judged.training.logs[i] for i in candidate.data]
     rms = float(np.sqrt(np.mean([score.rms**2 for score in ran])))

@@ -12,7 +12,7 @@ from distal.estimators import LARGEST_ANGLE, AdaptiveFilter, channels_of, first_
 from distal.homing import (
     check_homing,
     plain_samples,
-    torque_samples,
+    samples_of_readings,
 )
 from distal.kernels import Compiled
 from distal.logs import Log, TruthKind, shown, true_angles, true_torques
@@ -162,4 +162,4 @@ def torques_of(log: Log, rig: Rig) -> Samples:
     torques = true_torques(log, rig.joint_names)
     assert torques is not None
     names = [sensor.name for sensor in channels_of(rig, "adaptive").proximal]
-    return torque_samples(log, samples_of(log, names), torques)
+    return samples_of_readings(log, samples_of(log, names), torques)

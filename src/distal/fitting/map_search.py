@@ -198,7 +198,6 @@ def learned_map(
     joints = range(logs[0].targets.shape[1])
     results = [_of_joint(*seen.task(logs, joint, groups, homing)) for joint in joints]
     arrays = {name: np.stack([result[name] for result, _ in results]) for name in results[0][0]}
-    scores = {name: tuple(arrays.pop(name).tolist()) for name in ("rms", "inside", "density")}
     arrays["correlation"] = _correlation([held_out for _, held_out in results])
     every = np.vstack([log.every for log in logs])
     learned = LearnedMap(
@@ -207,10 +206,22 @@ def learned_map(
         logs=len(logs),
         low=tuple(np.nanmin(every, axis=0).tolist()),
         high=tuple(np.nanmax(every, axis=0).tolist()),
-        **scores,
+        **scores_of([held_out for _, held_out in results]),
         arrays=MapArrays(**seen.frame, rate=rates_of(logs, seen.frame["scale"]), **arrays),
     )
     return learned, [held_out for _, held_out in results]
+
+
+def scores_of(held_out: Sequence[Sequence[HeldOut]]) -> dict[str, tuple[float, ...]]:
+    """Return the scores of a `LearnedMap` by the errors of each joint on each log."""
+    scores = dict[str, list[float]](rms=[], inside=[], density=[])
+    for logs in held_out:
+        errors = np.concatenate([log.errors for log in logs])
+        variances = np.concatenate([log.variances for log in logs])
+        scores["rms"].append(float(np.sqrt(np.mean(errors**2))))
+        scores["inside"].append(float(np.mean(np.abs(errors) <= BAND * np.sqrt(variances))))
+        scores["density"].append(density(errors, variances))
+    return {name: tuple(values) for name, values in scores.items()}
 
 
 def _correlation(held_out: Sequence[Sequence[HeldOut]]) -> Floats:
@@ -256,8 +267,6 @@ def _of_joint(task: Task, centre: float, scale: float) -> tuple[dict[str, Floats
         HeldOut(log.time[~log.given], scale * error, square * variance)
         for log, (error, variance) in zip(task.logs, held_out)
     ]
-    errors = np.concatenate([log.errors for log in scored])
-    variances = np.concatenate([log.variances for log in scored])
     mean = scale * weights.mean
     mean[0] += centre
     arrays = {
@@ -267,9 +276,6 @@ def _of_joint(task: Task, centre: float, scale: float) -> tuple[dict[str, Floats
         "noise": square * np.exp(2 * np.array(prior.noise)),
         "filter": factor * np.exp(np.array(prior.filter)),
         "error_time": np.exp(np.array(prior.error_time)),
-        "rms": np.sqrt(np.mean(errors**2)),
-        "inside": np.mean(np.abs(errors) <= BAND * np.sqrt(variances)),
-        "density": np.array(density(errors, variances)),
     }
     return arrays, scored
 

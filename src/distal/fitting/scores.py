@@ -96,7 +96,7 @@ def comparisons(
         if not np.isfinite(every[i].targets[every[i].time >= begin]).any():
             continue
         of_readings = maps["readings"].held_out(i)
-        scores: dict[str, Score | None] = {WRITTEN: None}
+        scores: dict[str, Score | None] = {WRITTEN: Score.of(of_readings, begin)}
         judged = of_readings[0].time
         if "filter" in maps and i in candidates[0].data:
             of_map = maps["filter"].held_out(list(candidates[0].data).index(i))

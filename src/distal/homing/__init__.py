@@ -1,6 +1,6 @@
 """Homing: adapt a filter to a run by its first seconds, in which the joint's angle is known."""
 
-from distal.homing.home import home, plain_samples, torque_samples, with_prior_maps
+from distal.homing.home import home, plain_samples, samples_of_readings, with_prior_maps
 from distal.homing.reference import (
     added_reference,
     at_known_angle,
@@ -16,7 +16,7 @@ __all__ = [
     "home",
     "homing_filter",
     "plain_samples",
-    "torque_samples",
+    "samples_of_readings",
     "with_prior_maps",
     "with_references",
 ]

@@ -91,9 +91,11 @@ def home(
         )
 
     changed = {"filter": conditioned(estimator.maps.filter, plain)}
+    of_angles = samples_of_readings(log, samples[:, : len(names)], truths)
+    changed["readings"] = conditioned(estimator.maps.readings, of_angles)
     torques = true_torques(log, estimator.rig.joint_names) if estimator.maps.torque else None
     if torques is not None:
-        of_torque = torque_samples(log, samples[:, : len(names)], torques)
+        of_torque = samples_of_readings(log, samples[:, : len(names)], torques)
         changed["torque"] = conditioned(estimator.maps.torque, of_torque)
     homed = estimator.with_maps(estimator.maps.model_copy(update=changed))
     return Homed(homed, begun, unaided)
@@ -195,14 +197,14 @@ def plain_samples(
     return Samples(log.source, since, np.column_stack(readings), angles, truths - angles, variances)
 
 
-def torque_samples(log: Log, readings: Floats, torques: Floats) -> Samples:
-    """Return the samples of a map of the torque over a log.
+def samples_of_readings(log: Log, readings: Floats, targets: Floats) -> Samples:
+    """Return the samples of a map on readings alone over a log.
 
     Args:
         log: with its stamps.
         readings: of the sensors, NaN where missing, (k, m).
-        torques: true external torques [N m], NaN where not known, (k, n_joints).
+        targets: true angles or torques, NaN where not known, (k, n_joints).
     """
     none = np.zeros((len(log), 0))
     since = log.time - log.time[0]
-    return Samples(log.source, since, readings, none, torques, np.zeros(torques.shape))
+    return Samples(log.source, since, readings, none, targets, np.zeros(targets.shape))

@@ -17,6 +17,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.confidence import BAND
+from distal.estimators import usual_estimator
 from distal.estimators.read_channels import DEAD
 from distal.export.c_text import filled
 from distal.export.plant_source import ExportedPlant, resting_inputs, resting_pull
@@ -93,7 +94,7 @@ STIFF = 20.0
 """Ratio of the stiffness of a drive's position loop to that of its tendons. Source: judgement."""
 
 
-def lab_page(rig: Rig, path: str | Path, estimator: str = "adaptive", source: str = "RIG") -> Path:
+def lab_page(rig: Rig, path: str | Path, estimator: str | None = None, source: str = "RIG") -> Path:
     """Write the lab of a rig as one HTML file and return its path; the page fetches nothing when
     opened.
 
@@ -109,6 +110,7 @@ def lab_page(rig: Rig, path: str | Path, estimator: str = "adaptive", source: st
         EstimationError: the estimator cannot run on this rig.
         OutputError: the file cannot be written.
     """
+    estimator = estimator or usual_estimator(rig)
     module = lab_module(rig, estimator)
     constants = _constants(rig, module, estimator, source)
     parts = [

@@ -16,10 +16,11 @@ from distal.rig import HALF_WIDTHS, IN_RADIAL, TIME_CONSTANTS, LearnedMap
 
 @lru_cache(maxsize=32)
 def map_layout(shape: Shape, joints: int) -> Layout:
-    """Return the layout of a map's numbers: those of its features, then its weights."""
+    """Return the layout of a map's numbers: its share of the answer, features, then weights."""
     n = shape.features.size
     weights = {f"covariance_{j}": (n, n) for j in range(joints)}
     return Layout(
+        share=joints,
         frame=shape.frame.size,
         rate=shape.count,
         mean=(n, joints),
@@ -37,7 +38,9 @@ def map_parameters(learned: LearnedMap) -> Floats:
     arrays = learned.arrays
     shape = Shape.of(learned)
     names = ("rate", "mean", "radial", "noise", "filter", "error_time", "correlation", "covariance")
-    return np.concatenate([shape.flat(arrays.by_name), *(arrays[name].ravel() for name in names)])
+    share = learned.share or np.ones(len(learned.joints))
+    parts = (arrays[name].ravel() for name in names)
+    return np.concatenate([share, shape.flat(arrays.by_name), *parts])
 
 
 def begun_by(learned: LearnedMap, readings: Expression, mask: Expression) -> Expression:

@@ -15,11 +15,6 @@ from distal.regression.homed_map import homed_function, homed_layout
 from distal.regression.map_function import map_function, map_layout
 from distal.rig import LearnedMap
 
-CARRIED_TIME = 0.3
-"""Time constant with which a map's correction is forgotten while something touches a joint [s]: the
-map was learned in free motion, and does not hold there. Source: benchmark (docs/results/touch.md).
-"""
-
 
 @dataclass(frozen=True)
 class ReportedMap:
@@ -28,17 +23,15 @@ class ReportedMap:
     Args:
         learned: the map.
         channels: indices of the filter's channels that it reads.
-        states: indices of the filter's states that it speaks of.
+        states: indices of the filter's states that it speaks of; maps of the same ones are pooled.
         homes: for each of its joints the index of the channel that says where it is known to stand;
             none where no channel does.
-        is_touched: whether something may touch a joint.
     """
 
     learned: LearnedMap
     channels: tuple[int, ...]
     states: tuple[int, ...]
     homes: tuple[int, ...] = ()
-    is_touched: bool = False
 
     @property
     def shape(self) -> Shape:
@@ -51,22 +44,10 @@ class ReportedMap:
         return len(self.learned.joints)
 
     @property
-    def memory(self) -> int:
+    def size(self) -> int:
         """Length of its memory, in which are its weights where angles may be known."""
         layout = homed_layout(self.shape, self.joints) if self.homes else self.shape.memory
         return layout.size
-
-    @property
-    def carried(self) -> int:
-        """Number of values that are remembered while something touches a joint: one for each joint,
-        none for a map of the torque.
-        """
-        return self.joints if self.is_touched and self.learned.beside_filter else 0
-
-    @property
-    def size(self) -> int:
-        """Length of all that is remembered."""
-        return self.memory + self.carried
 
     @property
     def parameters(self) -> int:
@@ -90,9 +71,8 @@ def reporting_function(
     known to stand condition the map; the filter does not read them.
 
     A map beside the filter was learned in free motion. Where touches have shares of the joints, of
-    which w is the largest, the map's difference d from the filter's own angle θ is kept and
-    forgotten: d⁺ = (1 − w) (value − θ) + w e^{−dt/T} d. The filter's own error then counts more:
-    gain⁺ = (1 − w) gain + w.
+    which s is the largest, the filter's own error and what the map adds, a, count as unknown:
+    gain⁺ = (1 − s) gain + s, variance⁺ = variance + s a².
 
     Args:
         inner: the filter's function; the first states are the joints' own.
@@ -114,11 +94,10 @@ def reporting_function(
         read[1 + width + home] = 0
     following, y = inner(kernel_state[:n_kernel_state], read, p[:n_parameters])
     memories = []
-    reports = []
+    answers = dict[tuple[int, ...], list[tuple[VectorNode, ...]]]()
     at = n_kernel_state
     number = n_parameters
-    share = reduce(ca.fmax, (following[at] for at in touched), ca.MX(0))
-    left = share * ca.exp(-x[0] / CARRIED_TIME)
+    opened = reduce(ca.fmax, (following[at] for at in touched), ca.MX(0))
     for placed in maps:
         inputs: list[VectorNode] = [
             x[1 + i]
@@ -130,34 +109,62 @@ def reporting_function(
         if placed.shape.angles:
             inputs.append(angles)
         mask = x[[1 + width + i for i in placed.channels]]
-        memory = kernel_state[at : at + placed.memory]
+        memory = kernel_state[at : at + placed.size]
         parameters = p[number : number + placed.parameters]
         arguments = [memory, x[0], ca.vertcat(*inputs), mask, parameters]
         if placed.homes:
             homes = list(placed.homes)
-            given = x[[1 + i for i in homes]] - angles
+            given = x[[1 + i for i in homes]]
             is_given = is_read(x[[1 + width + i for i in homes]])
-            beside = following[[variances[i] for i in placed.states]]
+            beside = ca.MX.zeros(len(homes))
+            if placed.learned.beside_filter:
+                given = given - angles
+                beside = following[[variances[i] for i in placed.states]]
             function = homed_function(placed.shape, placed.joints)
             values, gains, spreads, after = function(*arguments, given, is_given, beside)
         else:
             values, gains, spreads, after = map_function(placed.shape, placed.joints)(*arguments)
-        if not placed.learned.beside_filter:
-            values = values - angles
+        if placed.learned.beside_filter:
+            # while touched, nobody knows whether the map still holds
+            spreads = spreads + opened * values**2
+            gains = (1 - opened) * gains + opened
+            values = angles + values
+        else:
             gains = ca.MX.zeros(len(placed.states))
-        if placed.carried:
-            # while touched, nobody knows whether the correction still holds
-            spreads = spreads + share * values**2
-            carried = kernel_state[at + placed.memory : at + placed.size]
-            values = (1 - share) * values + left * carried
-            gains = (1 - share) * gains + share
-            after = ca.vertcat(after, values)
-        reports += [angles + values, gains, spreads]
+        share = map_layout(placed.shape, placed.joints).part(parameters, "share")
+        answers.setdefault(placed.states, []).append((values, gains, spreads, share))
         memories.append(after)
         at += placed.size
         number += placed.parameters
+    reports = [part for of_states in answers.values() for part in _pooled(*of_states)]
     return ca.Function(
         "reporting",
         [kernel_state, x, p],
         [ca.vertcat(following, *memories), ca.vertcat(y, *reports)],
+    )
+
+
+def _pooled(
+    beside: Sequence[VectorNode], alone: Sequence[VectorNode] | None = None
+) -> tuple[VectorNode, ...]:
+    """Return the value, gain and variance of some states by a map beside the filter and one on
+    readings alone: the mean and the variance of the linear pool of both, of which the first has the
+    share w.
+
+    With the difference d of their values, the value is w a + (1 − w) b and the variance w v_a +
+    (1 − w) v_b + w (1 − w) d² (Stone, The opinion pool, Annals of Mathematical Statistics 32,
+    1961).
+
+    Args:
+        beside: value, gain, variance and share.
+        alone: the same of the map on readings alone; None where there is none.
+    """
+    value, gain, spread, share = beside
+    if alone is None:
+        return value, gain, spread
+    other = 1 - share
+    return (
+        share * value + other * alone[0],
+        ca.sqrt(share) * gain,
+        share * spread + other * alone[2] + share * other * (value - alone[0]) ** 2,
     )

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from distal.errors import DivergedError
+from distal.estimators import DEFAULT, usual_estimator
 from distal.fitting import WRITTEN, Fit, Observability, observability
 from distal.logs import Log, check_outputs, outputs_in, shown, write_whole
 from distal.reports.page import heading, page, paragraph, picture, svg_of
@@ -55,9 +57,11 @@ def fit_report(fit: Fit, logs: Sequence[Log], out: str | Path) -> Path:
     """
     check_outputs(outputs_in(out, FIT_PAGES, "the report"))
     folder = make_folder(out)
-    before, after = (
-        [estimate(log, rig, homing=fit.homing) for log in logs] for rig in (fit.start, fit.rig)
-    )
+    after = [estimate(log, fit.rig, homing=fit.homing) for log in logs]
+    try:
+        before = [estimate(log, fit.start, homing=fit.homing) for log in logs]
+    except DivergedError:  # a draft may be far from the rig
+        before = []
     parts = [
         picture(rig_svg(fit.rig), "The rig as fitted."),
         *_doubts(fit),
@@ -67,15 +71,16 @@ def fit_report(fit: Fit, logs: Sequence[Log], out: str | Path) -> Path:
         heading("Along the logs"),
     ]
     caption = (
-        "Estimate with the fitted rig and with the rig as it came, their 95 % bands shaded; their "
-        "errors; innovations "
+        f"Estimate with the fitted rig{' and with the rig as it came' if before else ''}, 95 % "
+        "bands shaded; errors; innovations "
         "of the fitted one, of which 95 % should be within ±2; what was measured; a stream's word "
         "on its health."
     )
-    for log, nominal, fitted in list(zip(logs, before, after))[:MOST_TRACES]:
-        parts.append(picture(svg_of(draw_traces(log, nominal, fitted, fit.rig)), caption))
+    for log, *estimates in list(zip(logs, after, *([before] if before else [])))[:MOST_TRACES]:
+        parts.append(picture(svg_of(draw_traces(log, estimates, fit.rig)), caption))
     longest = max(logs, key=len)
-    parts += _seen(longest, observability(longest, fit.rig, homing=fit.homing))
+    if usual_estimator(fit.rig) == DEFAULT:
+        parts += _seen(longest, observability(longest, fit.rig, homing=fit.homing))
     use = (
         ""
         if fit.homing is None
@@ -231,19 +236,19 @@ layout.
 """
 
 
-def draw_traces(log: Log, before: Estimate, after: Estimate, rig: Rig) -> Figure:
-    """Return a figure over one log: truth, estimates before and after the fit, their errors,
-    innovations, forces and health.
+def draw_traces(log: Log, estimates: Sequence[Estimate], rig: Rig) -> Figure:
+    """Return a figure over one log: truth, estimates after the fit and before it, if there is one,
+    their errors, innovations, forces and health.
     """
     # fewer points keep a page with a dozen logs small; a printed line shows no more
     rows = slice(None, None, max(1, len(log) // POINTS))
     words = log_health(log, rig)
-    estimates = [_thinned(after, rows, "after"), _thinned(before, rows, "before")]
+    drawn = [_thinned(estimate, rows, name) for estimate, name in zip(estimates, ("after", "before"))]
     title = shown(
         Path(log.source).name
     )  # any name of a file can be drawn: what is not printable is escaped
     return plot_estimates(
-        estimates, title=title, panels=PANELS, log=log.select(rows), rig=rig, health=words[rows]
+        drawn, title=title, panels=PANELS, log=log.select(rows), rig=rig, health=words[rows]
     )
 
 

@@ -118,6 +118,9 @@ class LearnedMap(Description):
         (),
         description="largest mean of squared errors over seconds, over their mean",
     )
+    share: Row = Field(
+        (), description="of `filter`: its share of each angle, the rest is of `readings`"
+    )
     arrays: MapArrays = Field(description="from the file beside the rig file")
 
     @property
@@ -183,7 +186,7 @@ class LearnedMap(Description):
         for name in ("low", "high"):
             if len(getattr(self, name)) != self.count:
                 raise ValueError(f"{name} must have {self.count} entries")
-        for name in ("rms", "inside", "density", "normal"):
+        for name in ("rms", "inside", "density", "normal", "share"):
             if len(getattr(self, name)) not in (0, len(self.joints)):
                 raise ValueError(f"{name} must have {len(self.joints)} entries or none")
         return self

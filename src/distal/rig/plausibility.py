@@ -154,8 +154,14 @@ def check_scales(rig: Rig, purpose: str, needs: Literal["tension", "torque"]) ->
         needs: a torque needs the scale of force only, a tension that of length too.
 
     Raises:
-        CommandError: a scale that it needs was taken.
+        CommandError: a scale that it needs was taken, or the rig's filter could not follow logs.
     """
+    if rig.map is not None and rig.map.readings and not rig.map.filter:
+        raise CommandError(
+            f"{purpose} needs a filter that follows the rig, and that of '{rig.name}' could not "
+            "follow the logs of its fit, which taught a map on readings alone. Fit again to other "
+            "logs, or from a rig file with better values"
+        )
     needed = ("force", "length") if needs == "tension" else ("force",)
     lacking = [scale for scale in needed if scale in rig.taken]
     if lacking:

@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from distal.errors import DistalError, EstimationError
-from distal.estimators import DEFAULT, Estimator, KernelEstimator
+from distal.estimators import Estimator, KernelEstimator
 from distal.homing.reference import check_homing
 from distal.kernels import in_order
 from distal.logs import Episode, Log, Source, read_log
@@ -30,7 +30,7 @@ Output = TypeVar("Output")
 def estimate_batch(
     logs: Iterable[Log | Source],
     rig: Rig | str | Path,
-    estimator: str | Estimator = DEFAULT,
+    estimator: str | Estimator | None = None,
     truth: str | Path | None = None,
     homing: float | None = None,
     *,

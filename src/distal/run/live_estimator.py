@@ -16,7 +16,6 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import EstimationError
 from distal.estimators import (
-    DEFAULT,
     LARGEST_ANGLE,
     SHORTEST,
     Belief,
@@ -85,7 +84,8 @@ class LiveEstimator:
 
     Args:
         rig: the description, or a shipped rig's name, or a path.
-        estimator: a name (see `ESTIMATORS`), or an estimator with a kernel.
+        estimator: a name (see `ESTIMATORS`), or an estimator with a kernel; None: the rig's usual
+            one.
         compiled: compile the kernel where possible.
 
     Raises:
@@ -95,12 +95,14 @@ class LiveEstimator:
     def __init__(
         self,
         rig: Rig | str | Path,
-        estimator: str | KernelEstimator = DEFAULT,
+        estimator: str | KernelEstimator | None = None,
         compiled: bool = True,
     ) -> None:
         rig = as_rig(rig)
         chosen = (
-            make_estimator(estimator, rig, compiled) if isinstance(estimator, str) else estimator
+            estimator
+            if isinstance(estimator, KernelEstimator)
+            else make_estimator(estimator, rig, compiled)
         )
         if not chosen.has_kernel:
             raise EstimationError(
@@ -301,22 +303,27 @@ class LiveEstimator:
             )
         if self._samples == 0:
             raise EstimationError(f"{self._estimator.name}: no sample was taken in yet")
-        placed = next((m for m in self._estimator.placed_maps if which in m.learned.joints), None)
-        if placed is None:
+        maps = [m for m in self._estimator.placed_maps if which in m.learned.joints]
+        if not maps:
             raise EstimationError(
                 f"'{self.rig.name}' has no learned map of {which} that a known angle could "
                 "condition: fit it to logs, or home with homing_filter"
             )
-        at, inside = names.index(which), placed.learned.joints.index(which)
-        arrays = placed.learned.arrays
-        target, variance = angle, std**2
-        if placed.learned.beside_filter:
-            target -= self._kernel_state[at]
-            variance += arrays["filter"][inside] ** 2 * self._diagonal[at]
+        at = names.index(which)
         since = self._time - self._angles_given.get(which, -inf)
-        variance *= 1.0 + arrays["error_time"][inside] / max(since, self._interval)
         self._angles_given[which] = self._time
-        return placed.condition(self._kernel_state, self._loop.parameters, inside, target, variance)
+        off = list[float]()
+        for placed in maps:
+            arrays = placed.learned.arrays
+            inside = placed.learned.joints.index(which)
+            target, variance = angle, std**2
+            if placed.learned.beside_filter:
+                target -= self._kernel_state[at]
+                variance += arrays["filter"][inside] ** 2 * self._diagonal[at]
+            variance *= 1.0 + arrays["error_time"][inside] / max(since, self._interval)
+            of_kernel = self._kernel_state, self._loop.parameters
+            off.append(placed.condition(*of_kernel, inside, target, variance))
+        return off[0]
 
     def clone(self) -> LiveEstimator:
         """Return a live estimator at the same belief, with arrays of its own, so that both go on

@@ -14,7 +14,7 @@ import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.errors import EstimationError
-from distal.estimators import DEFAULT, LARGEST_ANGLE, SHORTEST, sample_problem
+from distal.estimators import LARGEST_ANGLE, SHORTEST, sample_problem
 from distal.kernels import Evaluation
 from distal.logs import LARGEST_READING, Log, Remark
 from distal.logs.stamps import REWOUND
@@ -354,7 +354,7 @@ def _with_memory(live: LiveEstimator, remembered: Mapping[str, object]) -> Monit
 
 
 def log_health(
-    log: Log, rig: Rig | str | Path, estimator: str = DEFAULT, compiled: bool = True
+    log: Log, rig: Rig | str | Path, estimator: str | None = None, compiled: bool = True
 ) -> tuple[str, ...]:
     """Return the health word that `distal stream` would give to each sample of a log; see `HEALTH`.
 

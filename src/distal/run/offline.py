@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from distal.arrays import Floats
 from distal.errors import DistalWarning, DivergedError, EstimationError
 from distal.estimators import (
-    DEFAULT,
     LARGEST_ANGLE,
     WILD,
     AdaptiveFilter,
@@ -27,6 +26,7 @@ from distal.estimators import (
     kinds_of,
     make_estimator,
     state_units,
+    usual_estimator,
 )
 from distal.homing.home import home, with_prior_maps
 from distal.homing.reference import check_homing, homed, with_references
@@ -85,7 +85,7 @@ def without_wild(log: Log, channels: Sequence[str], samples: Floats) -> Floats:
 def estimate(
     log: Log | Source,
     rig: Rig | str | Path,
-    estimator: str | Estimator = DEFAULT,
+    estimator: str | Estimator | None = None,
     passes: int = 1,
     truth: str | Path | None = None,
     *,
@@ -104,7 +104,7 @@ def estimate(
         log: values of sensors over time: a `Log`, the path of a file, or a polars or pandas frame
             (see `read_log`).
         rig: the description, or a shipped rig's name, or a path.
-        estimator: a name (see `ESTIMATORS`), or any `Estimator`.
+        estimator: a name (see `ESTIMATORS`), or any `Estimator`; None: the rig's usual one.
         passes: how often to filter; each pass starts with the last covariance of the one before, as
             in the 2008 paper.
         truth: column or file of the true angle, if `log` is not a `Log`.
@@ -182,7 +182,7 @@ def references_of(chosen: Estimator) -> dict[str, int]:
 def estimator_for(
     log: Log,
     rig: Rig,
-    estimator: str | Estimator,
+    estimator: str | Estimator | None,
     compiled: bool = True,
     homing: float | None = None,
 ) -> Estimator:
@@ -192,6 +192,8 @@ def estimator_for(
     Raises:
         EstimationError: it is no estimator, or cannot run on this rig, or homing has no reference.
     """
+    if estimator is None:
+        estimator = usual_estimator(rig)
     if not isinstance(estimator, (str, Estimator)):
         raise EstimationError(
             f"an estimator is a name or one from make_estimator, {estimator!r} came"

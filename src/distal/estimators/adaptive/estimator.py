@@ -128,15 +128,19 @@ class AdaptiveFilter(KernelEstimator):
             state_names=self.states.names,
             measured=measured,
         )
+        # maps on readings alone only share in the answer of those beside the filter
+        answering = self._reported[: len(self.maps.filter) + len(self.maps.torque)]
         self.report = Report.behind(
             2 * len(self.measured),
-            [placed.states for placed in self._reported],
-            [placed.learned.arrays["correlation"] for placed in self._reported],
+            [placed.states for placed in answering],
+            [placed.learned.arrays["correlation"] for placed in answering],
         )
 
     @property
     def _reporting_maps(self) -> tuple[LearnedMap, ...]:
-        return (*self.maps.filter, *self.maps.torque)
+        """Those beside the filter, of torques, and those that share in the angles."""
+        pooled = bool(self.maps.filter) and all(learned.share for learned in self.maps.filter)
+        return (*self.maps.filter, *self.maps.torque, *(self.maps.readings if pooled else ()))
 
     @property
     def _reported(self) -> list[ReportedMap]:
@@ -148,12 +152,12 @@ class AdaptiveFilter(KernelEstimator):
         reported = []
         for learned in self._reporting_maps:
             channels = tuple(names.index(channel) for channel in learned.channels)
-            is_filter = learned.beside_filter
+            is_torque = learned in self.maps.torque
             angles = tuple(joints.index(joint) for joint in learned.joints)
-            states = angles if is_filter else self._torques(learned)
-            is_homed = self._home_std is not None and is_filter
+            states = self._torques(learned) if is_torque else angles
+            is_homed = self._home_std is not None and not is_torque
             given = tuple(homes[joint] for joint in learned.joints) if is_homed else ()
-            reported.append(ReportedMap(learned, channels, states, given, bool(self.touched)))
+            reported.append(ReportedMap(learned, channels, states, given))
         return reported
 
     def _torques(self, learned: LearnedMap) -> tuple[int, ...]:
@@ -265,8 +269,8 @@ class AdaptiveFilter(KernelEstimator):
         memory = adaptive_layout(self.states).size
         parameters = len(self.parameter_names)
         placed = []
-        for reported in self._reported[: len(self.maps.filter)]:
-            if not reported.homes:
+        for reported in self._reported:
+            if not reported.homes and reported.learned not in self.maps.torque:
                 placed.append(PlacedMap(reported.learned, memory, parameters))
             memory += reported.size
             parameters += reported.parameters

@@ -130,7 +130,7 @@ def _with_maps(
         if placed.homes:
             parameters = p[number : number + placed.parameters]
             begun = homed_memory(placed.shape, placed.joints)(begun, parameters, home_std)
-        memory = ca.vertcat(memory, begun, ca.MX.zeros(placed.carried))
+        memory = ca.vertcat(memory, begun)
         number += placed.parameters
     return ca.Function("prior", [values, is_present, p], [mean, variances, memory])
 
