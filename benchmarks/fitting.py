@@ -170,7 +170,7 @@ def other_simulator() -> None:
             print("MuJoCo is not installed: its table is left out")
             return
         cells = [f"friction × {share:g}"]
-        for each in (rig, fit(logs[:1], rig).rig, fit(logs[:1], rig, curves=True).rig):
+        for each in (rig, fit(logs[:1], rig).rig):
             estimates = [estimate(log, each) for log in logs[1:]]
             rms = np.sqrt(np.mean([one.rms_error() ** 2 for one in estimates]))
             cells += [
@@ -183,8 +183,6 @@ def other_simulator() -> None:
         "as it came [°]",
         "band",
         "fitted [°]",
-        "band",
-        "fitted with --curves [°]",
         "band",
     ]
     table(

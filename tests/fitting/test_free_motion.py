@@ -260,7 +260,7 @@ def test_a_filter_and_readings_alone_are_pooled_by_their_shares() -> None:
     assert none == 0.0
     for share in (0.0, 0.3, 1.0):
         pooled = reported(
-            inner, [learned.model_copy(update={"share": (share,)}), alone], [0.2, 0.0]
+            inner, [learned, alone.model_copy(update={"share": (1 - share,)})], [0.2, 0.0]
         )
         own = 0.04  # variance of the filter's own angle
         mean = share * a + (1 - share) * b

@@ -86,14 +86,6 @@ def fit_command(
     ] = None,
     truth: Annotated[str | None, Option(help="True joint angle: a column of the logs.")] = None,
     noise: Annotated[bool, Option(help="Fit the noise too.")] = True,
-    curves: Annotated[
-        bool,
-        Option(
-            "--curves",
-            help="Learn the position sensors' systematic curves: for the same sensors, left in "
-            "place.",
-        ),
-    ] = False,
     units: Annotated[
         str | None,
         Option(
@@ -150,7 +142,6 @@ def fit_command(
             per_log or (),
             homing=home,
             noise=noise,
-            curves=curves,
             seed=seed,
             units=units,
             start=start,

@@ -30,8 +30,7 @@ def usual_estimator(rig: Rig) -> str:
     """Return the name of the estimator of a rig where none is named: `DEFAULT`, or ``regression``
     where logs taught what readings alone tell and no filter could follow them.
     """
-    is_alone = rig.map is not None and rig.map.readings and not rig.map.filter
-    return "regression" if is_alone else DEFAULT
+    return "regression" if rig.map is not None and rig.map.alone else DEFAULT
 
 
 def make_estimator(name: str | None, rig: Rig, compiled: bool = True) -> KernelEstimator:

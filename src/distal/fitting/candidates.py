@@ -16,7 +16,13 @@ import numpy as np
 
 from distal.fitting.fit_options import Options
 from distal.fitting.free_parameter import assignments, described
-from distal.fitting.learned_maps import MapFit, map_of, pooled, with_its_reference_error
+from distal.fitting.learned_maps import (
+    MapFit,
+    map_of,
+    pooled,
+    with_its_reference_error,
+    with_shares,
+)
 from distal.fitting.likelihood_search import search
 from distal.fitting.log_checks import unknown_joints
 from distal.fitting.map_samples import filtered, mean_rms
@@ -223,17 +229,25 @@ def filter_candidate(
     )
 
 
-def filter_map(candidate: Candidate, training: Training, line: MapFit) -> MapFit:
-    """Return the map of what the angles of a candidate's filter lack, on logs that its parameters
-    have not seen; it reads what the map on readings alone does, `line`.
+def answer_maps(candidate: Candidate, training: Training, line: MapFit) -> tuple[MapFit, ...]:
+    """Return the maps by which a candidate's angles are known: that on readings alone, `line`, and
+    that of what the angles of its filter lack, on logs that its parameters have not seen.
+
+    Where no filter ran, readings alone answer. One log alone teaches no correction of a filter,
+    since nothing could judge it.
     """
+    if not candidate.data:
+        return (with_shares(line, dict.fromkeys(training.rig.joint_names, 1.0)),)
     folds = folds_of([training.groups[i] for i in candidate.data])
     homing = training.options.homing
+    if homing is None and len(set(folds)) < 2:
+        return (line,)
     data = list(candidate.data.values())
-    map_fit = map_of(data, candidate.rig, "filter", line.parts, folds, homing)
+    beside = map_of(data, candidate.rig, "filter", line.parts, folds, homing)
     if homing is not None:
-        return map_fit
-    return pooled(with_its_reference_error(map_fit, training.logs), line, candidate.data)
+        return line, beside
+    beside = with_its_reference_error(beside, training.logs)
+    return pooled(beside, line, candidate.data, training.logs)
 
 
 def _surest(run: _Run, training: Training, parameters: ParameterEstimates | None) -> _Run:

@@ -54,7 +54,6 @@ def fit(
     *,
     homing: float | None = None,
     noise: bool = True,
-    curves: bool = False,
     truth: str | None = None,
     seed: int = 0,
     workers: int = 2,
@@ -86,8 +85,6 @@ def fit(
             offsets).
         homing: for how long the reference will be read in use [s]; None: it will not be read.
         noise: whether the sensors' noise is fitted too.
-        curves: whether the position sensors' systematic curves are learned from logs of known
-            angle; only where the same sensors, mounted the same way, will be read again.
         truth: column of the true angle, where logs are read from files.
         seed: seed of the random points where the search may start.
         workers: number of threads; the result does not depend on it.
@@ -118,7 +115,6 @@ def fit(
         per_log=_listed(per_log),
         homing=homing,
         noise=noise,
-        curves=curves,
         units=units,
         seed=int(seed),
         start=start if start is None or isinstance(start, Rig) else load_rig(start),

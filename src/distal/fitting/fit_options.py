@@ -66,7 +66,6 @@ class Options:
     per_log: tuple[str, ...] = ()
     homing: float | None = None
     noise: bool = True
-    curves: bool = False
     units: str | None = None
     seed: int = 0
     start: Rig | None = None

@@ -1,8 +1,5 @@
 """Everything that is learned from logs: `judge` makes all candidates and judges them on logs left
 out, `learned_by` is what is written of one.
-
-The systematic errors of position sensors as curves over their travel, learned from logs of known
-angle.
 """
 
 from __future__ import annotations
@@ -12,18 +9,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from distal.arrays import Floats
-from distal.errors import FitError
-from distal.estimators import StateKind, samples_of_angles
+from distal.estimators import samples_of_angles
 from distal.fitting.candidates import (
     AS_GIVEN,
     BY_EQUATIONS,
     BY_FILTER,
     Candidate,
     Training,
+    answer_maps,
     best_of,
     filter_candidate,
-    filter_map,
     groups_among,
 )
 from distal.fitting.fit_options import Options, Progress, judging
@@ -34,6 +29,7 @@ from distal.fitting.learned_maps import (
     map_of,
     parts_read,
     with_its_reference_error,
+    with_shares,
 )
 from distal.fitting.missing_terms import MissingTerm, Tried, tried_parts
 from distal.fitting.parameter_estimates import (
@@ -42,93 +38,9 @@ from distal.fitting.parameter_estimates import (
     parameters_of,
     problem_of,
 )
-from distal.fitting.problem import Problem
 from distal.fitting.scores import Compared, comparisons
-from distal.logs import Log, true_angles, true_torques
-from distal.rig import Rig, Sensor
-
-LINEARITY_LEFT = 1.5
-"""Factor on the remaining linearity that the filter states, since curves change a little from day
-to day. Source: judgement.
-"""
-
-AGREE = 4.0
-"""RMS deviation of a log's weights from those of all logs, in the log's own standard deviations,
-above which the curves do not agree. Source: judgement.
-"""
-
-
-def curves(problem: Problem, z: Floats) -> dict[str, object]:
-    """Return path → value of the position sensors' curves and remaining linearities, at the end z
-    of a fit, (n,).
-
-    The filter estimates each sensor's deviation as Σ w_j cos(π j ξ) over its travel. The estimates
-    of w at the ends of the logs of known angle are joined: Λ = Λ₀ + Σ (Λ_i − Λ₀), w = Λ⁻¹ (Λ₀ w₀ +
-    Σ (Λ_i w_i − Λ₀ w₀)), Λ = P⁻¹.
-
-    Raises:
-        FitError: no position sensor has a linearity, no log has a known angle, or the curves of the
-            logs differ, so that the sensor was not the same.
-    """
-    joints = problem.filter.rig.joint_names
-    with_truth = [
-        j for j, data in enumerate(problem.data) if true_angles(data.log, joints) is not None
-    ]
-    sensors = [
-        s for s in problem.filter.rig.sensors if s.measures == "position" and s.linearity > 0.0
-    ]
-    if not with_truth or not sensors:
-        raise FitError(
-            "curves need a log with truth and a position sensor with a linearity; give both, or "
-            "leave --curves out"
-        )
-    ends = [(problem.data[j].log.source, *problem.states(j, z)) for j in with_truth]
-    changes: dict[str, object] = {}
-    for sensor in sensors:
-        changes |= _of_sensor(problem, sensor, ends)
-    return changes
-
-
-def _of_sensor(
-    problem: Problem, sensor: Sensor, ends: Sequence[tuple[str, Floats, Floats]]
-) -> dict[str, object]:
-    """Return a sensor's curve and its remaining linearity, from the name of each log and the mean
-    and the covariance of the states at its end.
-    """
-    estimator = problem.filter.estimator
-    states = zip(estimator.state_kinds, estimator.state_parts)
-    at = np.flatnonzero(
-        [kind is StateKind.LINEARITY and part == sensor.name for kind, part in states]
-    )
-    block = np.ix_(at, at)
-    start = estimator.states.means[at]
-    spread = estimator.states.stds[at]
-    prior = np.diag(1.0 / spread**2)
-    precision = prior.copy()
-    weighted = prior @ start
-    for _, means, covariances in ends:
-        information = np.linalg.inv(covariances[block])
-        precision += information - prior
-        weighted += information @ means[at] - prior @ start
-    precision = (precision + precision.T) / 2
-    weights = np.linalg.solve(precision, weighted)
-    for source, means, covariances in ends if len(ends) > 1 else ():
-        away = means[at] - weights
-        # weights that a log does not show have the prior's covariance, and agree
-        distance = float(away @ np.linalg.solve(covariances[block] + 1e-18 * np.eye(len(at)), away))
-        if distance > AGREE**2 * len(at):
-            raise FitError(
-                f"{source}: the curve of sensor '{sensor.name}' is not that of the other logs; "
-                "was it mounted anew? Leave --curves out"
-            )
-    share = float(np.sqrt(np.trace(np.linalg.inv(precision)) / np.sum(spread**2)))
-    return {
-        f"sensors.{sensor.name}.curve": [float(f"{w:.4g}") for w in weights],
-        f"sensors.{sensor.name}.linearity": float(
-            f"{min(LINEARITY_LEFT * share, 1.0) * sensor.linearity:.3g}"
-        ),
-    }
-
+from distal.logs import Log, true_torques
+from distal.rig import Rig
 
 JUDGED = 5
 """Number of candidates of a fit at most, for the bar alone. Source: layout."""
@@ -143,7 +55,6 @@ class Learned:
         parameters: the estimates of the rig's parameters.
         kept: whether `rig` has these estimates; else it has the original values.
         hold: whether filters take the parameters as exactly known.
-        curves: path → value of the position sensors' systematic errors.
         maps: the learned maps by their kinds, see `LearnedMaps`.
         part: the term of the physics that the rig lacked and `rig` now has, if any.
         candidates: the candidates that were judged, the chosen one first.
@@ -156,7 +67,6 @@ class Learned:
     parameters: ParameterEstimates
     kept: bool
     hold: bool
-    curves: Mapping[str, object]
     maps: Mapping[str, MapFit]
     part: MissingTerm | None
     candidates: tuple[Candidate, ...]
@@ -224,7 +134,7 @@ def judge(
     line = readings_map(training) if training.judges else None
     problem = problem_of(logs, rig, options)
     if line is not None and early is not None:
-        early(line)
+        early(with_shares(line, dict.fromkeys(rig.joint_names, 1.0)))
     solutions = parameters_of(problem, options, progress)
     stopped = solutions[-1].optimum.interrupted
     models = list(solutions)
@@ -261,20 +171,17 @@ def _ways(
 
 
 def learned_by(judged: Judged, chosen: Candidate) -> Learned:
-    """Return all that is learned if a candidate is chosen: its parameters and maps, and the curves
-    and maps that are learned beside it from the same logs.
+    """Return all that is learned if a candidate is chosen: its parameters, and its maps with those
+    that are learned beside it from the same logs.
     """
     options = judged.training.options
     line = judged.line
     alone = judged.solutions[-1] if chosen.parameters is None else chosen.parameters
     parameters = among_models(alone, judged.models)
-    bends = (
-        dict(curves(parameters.problem.of_filter, parameters.optimum.z)) if options.curves else {}
-    )
-    learned = described(chosen.rig.bare(), bends)
-    maps = [*([] if line is None else [line]), *_torque_map(judged.logs, learned, options)]
-    if line is not None and chosen.data:
-        maps.append(filter_map(chosen, judged.training, line))
+    learned = chosen.rig.bare()
+    maps = _torque_map(judged.logs, learned, options)
+    if line is not None:
+        maps += answer_maps(chosen, judged.training, line)
     by_kind = {map_fit.kind: map_fit for map_fit in maps}
     ranked = sorted(
         judged.candidates, key=lambda candidate: (candidate is not chosen, candidate.error)
@@ -285,7 +192,6 @@ def learned_by(judged: Judged, chosen: Candidate) -> Learned:
         parameters=parameters,
         kept=chosen.parameters is not None,
         hold=chosen.hold,
-        curves=bends,
         maps=by_kind,
         part=chosen.part,
         candidates=tuple(replace(candidate, data={}, rigs=()) for candidate in ranked),

@@ -10,11 +10,15 @@ from pathlib import Path
 
 import numpy as np
 
-from distal.arrays import Floats
 from distal.errors import FitError
 from distal.estimators import channels_of, of_part, parts_of, samples_of_angles
 from distal.fitting.fitted_file import MARK, write_fitted
-from distal.fitting.map_samples import filtered, reference_variances, torques_of
+from distal.fitting.map_samples import (
+    filtered,
+    reference_std,
+    reference_variances,
+    torques_of,
+)
 from distal.fitting.map_search import HeldOut, clearly_gains, learned_map, scores_of
 from distal.homing import check_homing
 from distal.logs import Log, Source, read_log, true_angles, true_torques
@@ -266,53 +270,61 @@ def with_its_reference_error(of_kind: MapFit, logs: Sequence[Log]) -> MapFit:
     return replace(of_kind, maps=tuple(maps), errors=errors)
 
 
-def pooled(beside: MapFit, alone: MapFit, data: Mapping[int, Samples]) -> MapFit:
-    """Return maps beside a filter that share each angle with those on readings alone.
+def pooled(
+    beside: MapFit, alone: MapFit, data: Mapping[int, Samples], logs: Sequence[Log]
+) -> tuple[MapFit, MapFit]:
+    """Return maps on readings alone with their shares of each angle, and the maps beside a filter
+    with the errors of both together.
 
     The shares go by the inverse of the mean squared errors on logs left out (Bates and Granger,
-    Operational Research Quarterly 20, 1969): w = r²/(r² + f²), r those of readings alone and f
-    those of the filter without its map, which hides what the filter lacks beyond the logs.
+    Operational Research Quarterly 20, 1969): that of readings alone is f²/(r² + f²), with their r²
+    and f² of the filter without its map, which hides what the filter lacks beyond the logs. The
+    random error of the reference is in both, and is taken off.
 
     Args:
         beside: the maps beside the filter.
         alone: the maps on readings alone.
         data: the filter's samples along the logs, by the index of the log.
+        logs: of known angle.
     """
+    noise = float(np.mean([reference_std(beside.start, logs[i]) ** 2 for i in data]))
     errors = dict[str, list[HeldOut]]()
     shares = dict[str, float]()
     for j, joint in enumerate(beside.start.joint_names):
         of_alone = [alone.errors[joint][i] for i in data]
-        square = _mean_square([log.errors for log in of_alone])
-        filter_square = _mean_square([samples.targets[:, j] for samples in data.values()])
-        shares[joint] = square / max(square + filter_square, 1e-300)
-        pairs = zip(beside.errors[joint], of_alone)
-        errors[joint] = [_pooled_errors(*pair, shares[joint]) for pair in pairs]
-    maps = [
-        learned.model_copy(
-            update={
-                "share": tuple(shares[joint] for joint in learned.joints),
-                **scores_of([errors[joint] for joint in learned.joints]),
-            }
+        square, of_filter = (
+            max(float(np.mean([np.nanmean(of_log**2) for of_log in of_logs])) - noise, 1e-300)
+            for of_logs in (
+                [log.errors for log in of_alone],
+                [samples.targets[:, j] for samples in data.values()],
+            )
         )
+        shares[joint] = of_filter / (square + of_filter)
+        pairs = zip(beside.errors[joint], of_alone)
+        errors[joint] = [_pooled_errors(*pair, 1 - shares[joint]) for pair in pairs]
+    scored = [
+        learned.model_copy(update=scores_of([errors[joint] for joint in learned.joints]))
         for learned in beside.maps
     ]
-    return replace(beside, maps=tuple(maps), errors=errors)
+    return with_shares(alone, shares), replace(beside, maps=tuple(scored), errors=errors)
 
 
-def _mean_square(of_logs: Sequence[Floats]) -> float:
-    """Return the mean over logs of the mean square of those errors that are known."""
-    return float(np.mean([np.nanmean(errors**2) for errors in of_logs]))
+def with_shares(alone: MapFit, shares: Mapping[str, float]) -> MapFit:
+    """Return maps on readings alone with their share of the angle of each joint [1]."""
+    maps = (
+        learned.model_copy(update={"share": tuple(shares[joint] for joint in learned.joints)})
+        for learned in alone.maps
+    )
+    return replace(alone, maps=tuple(maps))
 
 
 def _pooled_errors(beside: HeldOut, alone: HeldOut, share: float) -> HeldOut:
     """Return the errors of the pool of two maps, see `distal.regression.reported_map`."""
-    # the map on readings alone learns from other samples of the log
-    errors, spreads = (
-        np.interp(beside.time, alone.time, values) for values in (alone.errors, alone.variances)
-    )
-    variances = share * beside.variances + (1 - share) * spreads
-    variances += share * (1 - share) * (beside.errors - errors) ** 2
-    return HeldOut(beside.time, share * beside.errors + (1 - share) * errors, variances)
+    time, at, of_alone = np.intersect1d(beside.time, alone.time, return_indices=True)
+    first, second = beside.errors[at], alone.errors[of_alone]
+    variances = share * beside.variances[at] + (1 - share) * alone.variances[of_alone]
+    variances += share * (1 - share) * (first - second) ** 2
+    return HeldOut(time, share * first + (1 - share) * second, variances)
 
 
 def logs_read(

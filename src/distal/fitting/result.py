@@ -67,7 +67,6 @@ class Fit:
         iterations: number of iterations of the search.
         converged: whether the search converged; if not, there are no standard errors.
         interrupted: whether the user interrupted the fit.
-        curves: path → learned value, for the position sensors' systematic errors.
         maps: the learned maps by their kinds, see `LearnedMaps`.
         compared: each log of known angle, with the scores on it of all that the other logs teach.
         doubts: sentences with the reasons not to trust the fit.
@@ -101,7 +100,6 @@ class Fit:
     iterations: int
     converged: bool
     interrupted: bool
-    curves: Mapping[str, object] = field(default_factory=dict)
     maps: Mapping[str, MapFit] = field(default_factory=dict)
     compared: tuple[Compared, ...] = ()
     doubts: tuple[str, ...] = ()
@@ -162,7 +160,6 @@ class Fit:
             iterations=optimum.iterations,
             converged=optimum.converged,
             interrupted=learned.interrupted,
-            curves=learned.curves,
             maps=learned.maps,
             compared=learned.compared,
             doubts=learned.doubts,
@@ -353,7 +350,6 @@ class Fit:
         return {
             **self.added,
             **assignments(self.fitted, self.model, self.hold),
-            **self.curves,
             **learned,
         }
 
@@ -382,11 +378,6 @@ class Fit:
             "#   " + "  ".join([*(row[i].ljust(widths[i]) for i in range(4)), row[4]])
             for row in rows
         ]
-        if self.curves:
-            lines.append(
-                "# Learned too: the systematic curves of the position sensors (curve), and what "
-                "linearity is left."
-            )
         lines += [f"# These logs tell {line}." for line in self.combinations]
         lines += [f"# {line}" for map_fit in self.maps.values() for line in map_fit.notes]
         lines += [f"# {line}" for line in self.advice()]

@@ -96,7 +96,8 @@ def comparisons(
         if not np.isfinite(every[i].targets[every[i].time >= begin]).any():
             continue
         of_readings = maps["readings"].held_out(i)
-        scores: dict[str, Score | None] = {WRITTEN: Score.of(of_readings, begin)}
+        alone = Score.of(of_readings, begin)
+        scores: dict[str, Score | None] = {WRITTEN: None if "filter" in maps else alone}
         judged = of_readings[0].time
         if "filter" in maps and i in candidates[0].data:
             of_map = maps["filter"].held_out(list(candidates[0].data).index(i))
@@ -104,7 +105,7 @@ def comparisons(
             judged = of_map[0].time
         for candidate in candidates:
             scores[candidate.name] = _of_filter(candidate.data.get(i), judged, begin)
-        scores[REGRESSION] = Score.of(of_readings, begin)
+        scores[REGRESSION] = alone
         if homing is None:
             groups = zip(training.groups, every)
             remaining = [samples for group, samples in groups if group != training.groups[i]]

@@ -38,7 +38,7 @@ def map_parameters(learned: LearnedMap) -> Floats:
     arrays = learned.arrays
     shape = Shape.of(learned)
     names = ("rate", "mean", "radial", "noise", "filter", "error_time", "correlation", "covariance")
-    share = learned.share or np.ones(len(learned.joints))
+    share = learned.share or np.zeros(len(learned.joints))
     parts = (arrays[name].ravel() for name in names)
     return np.concatenate([share, shape.flat(arrays.by_name), *parts])
 

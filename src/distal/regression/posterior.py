@@ -304,7 +304,11 @@ def evidence_of(
         homing: length of a homing move, whose samples are known in use too [s], or None.
     """
     has_target = np.flatnonzero(np.isfinite(log.targets[:, joint]))
-    rows = has_target[:: max(1, -(-len(has_target) // MOST_SAMPLES))]
+    # maps that begin later on a log learn from some of the same samples
+    step = 1
+    while len(has_target) > step * MOST_SAMPLES:
+        step *= 2
+    rows = has_target[::-1][::step][::-1]
     time = log.time[rows]
     return Evidence(
         along["features"][rows],

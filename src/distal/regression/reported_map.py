@@ -148,8 +148,8 @@ def _pooled(
     beside: Sequence[VectorNode], alone: Sequence[VectorNode] | None = None
 ) -> tuple[VectorNode, ...]:
     """Return the value, gain and variance of some states by a map beside the filter and one on
-    readings alone: the mean and the variance of the linear pool of both, of which the first has the
-    share w.
+    readings alone: the mean and the variance of the linear pool of both, of which the second has
+    the share 1 − w.
 
     With the difference d of their values, the value is w a + (1 − w) b and the variance w v_a +
     (1 − w) v_b + w (1 − w) d² (Stone, The opinion pool, Annals of Mathematical Statistics 32,
@@ -159,12 +159,13 @@ def _pooled(
         beside: value, gain, variance and share.
         alone: the same of the map on readings alone; None where there is none.
     """
-    value, gain, spread, share = beside
+    value, gain, spread, _ = beside
     if alone is None:
         return value, gain, spread
-    other = 1 - share
+    second, _, second_spread, other = alone
+    share = 1 - other
     return (
-        share * value + other * alone[0],
+        share * value + other * second,
         ca.sqrt(share) * gain,
-        share * spread + other * alone[2] + share * other * (value - alone[0]) ** 2,
+        share * spread + other * second_spread + share * other * (value - second) ** 2,
     )

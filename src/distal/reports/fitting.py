@@ -243,7 +243,9 @@ def draw_traces(log: Log, estimates: Sequence[Estimate], rig: Rig) -> Figure:
     # fewer points keep a page with a dozen logs small; a printed line shows no more
     rows = slice(None, None, max(1, len(log) // POINTS))
     words = log_health(log, rig)
-    drawn = [_thinned(estimate, rows, name) for estimate, name in zip(estimates, ("after", "before"))]
+    drawn = [
+        _thinned(estimate, rows, name) for estimate, name in zip(estimates, ("after", "before"))
+    ]
     title = shown(
         Path(log.source).name
     )  # any name of a file can be drawn: what is not printable is escaped

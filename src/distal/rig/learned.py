@@ -119,7 +119,7 @@ class LearnedMap(Description):
         description="largest mean of squared errors over seconds, over their mean",
     )
     share: Row = Field(
-        (), description="of `filter`: its share of each angle, the rest is of `readings`"
+        (), description="of `readings`: its share of each angle, the rest is the filter's"
     )
     arrays: MapArrays = Field(description="from the file beside the rig file")
 
@@ -208,6 +208,18 @@ class LearnedMaps(Description):
     efforts: tuple[LearnedMap, ...] = Field(
         (), description="forces and tensions in free motion, for the health"
     )
+
+    @property
+    def alone(self) -> bool:
+        """Whether the angles are those of readings alone, since no filter could follow the logs."""
+        shared = bool(self.readings) and all(learned.share for learned in self.readings)
+        return shared and not self.filter
+
+    @property
+    def pooled(self) -> tuple[LearnedMap, ...]:
+        """The maps on readings alone that share each angle with those beside the filter."""
+        shared = self.filter and all(learned.share for learned in self.readings)
+        return self.readings if shared else ()
 
     def named(self) -> dict[str, LearnedMap]:
         """Return kind and index → map, as ``filter.0``."""

@@ -156,7 +156,7 @@ def check_scales(rig: Rig, purpose: str, needs: Literal["tension", "torque"]) ->
     Raises:
         CommandError: a scale that it needs was taken, or the rig's filter could not follow logs.
     """
-    if rig.map is not None and rig.map.readings and not rig.map.filter:
+    if rig.map is not None and rig.map.alone:
         raise CommandError(
             f"{purpose} needs a filter that follows the rig, and that of '{rig.name}' could not "
             "follow the logs of its fit, which taught a map on readings alone. Fit again to other "

@@ -139,8 +139,7 @@ class AdaptiveFilter(KernelEstimator):
     @property
     def _reporting_maps(self) -> tuple[LearnedMap, ...]:
         """Those beside the filter, of torques, and those that share in the angles."""
-        pooled = bool(self.maps.filter) and all(learned.share for learned in self.maps.filter)
-        return (*self.maps.filter, *self.maps.torque, *(self.maps.readings if pooled else ()))
+        return (*self.maps.filter, *self.maps.torque, *self.maps.pooled)
 
     @property
     def _reported(self) -> list[ReportedMap]:
