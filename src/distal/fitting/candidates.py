@@ -158,11 +158,11 @@ class Training:
     @property
     def spread(self) -> float:
         """RMS deviation of the known angles from their mean [rad], what a filter that knows nothing
-        errs by; infinite where there are none.
+        errs by; infinite where some joint's angle is known in none.
         """
         angles = [true_angles(log, self.rig.joint_names) for log in self.logs]
         of_logs = [of_log for of_log in angles if of_log is not None]
-        if not of_logs:
+        if not of_logs or self.unknown:
             return np.inf
         return float(np.sqrt(np.mean(np.nanvar(np.concatenate(of_logs), axis=0))))
 
@@ -247,7 +247,7 @@ def answer_maps(candidate: Candidate, training: Training, line: MapFit) -> tuple
     if homing is not None:
         return line, beside
     beside = with_its_reference_error(beside, training.logs)
-    return pooled(beside, line, candidate.data, training.logs)
+    return pooled(beside, line, candidate.data)
 
 
 def _surest(run: _Run, training: Training, parameters: ParameterEstimates | None) -> _Run:

@@ -15,7 +15,6 @@ from distal.estimators import channels_of, of_part, parts_of, samples_of_angles
 from distal.fitting.fitted_file import MARK, write_fitted
 from distal.fitting.map_samples import (
     filtered,
-    reference_std,
     reference_variances,
     torques_of,
 )
@@ -270,30 +269,26 @@ def with_its_reference_error(of_kind: MapFit, logs: Sequence[Log]) -> MapFit:
     return replace(of_kind, maps=tuple(maps), errors=errors)
 
 
-def pooled(
-    beside: MapFit, alone: MapFit, data: Mapping[int, Samples], logs: Sequence[Log]
-) -> tuple[MapFit, MapFit]:
+def pooled(beside: MapFit, alone: MapFit, data: Mapping[int, Samples]) -> tuple[MapFit, MapFit]:
     """Return maps on readings alone with their shares of each angle, and the maps beside a filter
     with the errors of both together.
 
     The shares go by the inverse of the mean squared errors on logs left out (Bates and Granger,
     Operational Research Quarterly 20, 1969): that of readings alone is f²/(r² + f²), with their r²
-    and f² of the filter without its map, which hides what the filter lacks beyond the logs. The
-    random error of the reference is in both, and is taken off.
+    and f² of the filter without its map, which hides what the filter lacks beyond the logs. Both
+    have the random error of the reference, which draws the shares towards one half.
 
     Args:
         beside: the maps beside the filter.
         alone: the maps on readings alone.
         data: the filter's samples along the logs, by the index of the log.
-        logs: of known angle.
     """
-    noise = float(np.mean([reference_std(beside.start, logs[i]) ** 2 for i in data]))
     errors = dict[str, list[HeldOut]]()
     shares = dict[str, float]()
     for j, joint in enumerate(beside.start.joint_names):
         of_alone = [alone.errors[joint][i] for i in data]
         square, of_filter = (
-            max(float(np.mean([np.nanmean(of_log**2) for of_log in of_logs])) - noise, 1e-300)
+            max(float(np.mean([np.nanmean(of_log**2) for of_log in of_logs])), 1e-300)
             for of_logs in (
                 [log.errors for log in of_alone],
                 [samples.targets[:, j] for samples in data.values()],
@@ -310,7 +305,12 @@ def pooled(
 
 
 def with_shares(alone: MapFit, shares: Mapping[str, float]) -> MapFit:
-    """Return maps on readings alone with their share of the angle of each joint [1]."""
+    """Return maps on readings alone with their share of each angle.
+
+    Args:
+        alone: the maps.
+        shares: joint → share [1].
+    """
     maps = (
         learned.model_copy(update={"share": tuple(shares[joint] for joint in learned.joints)})
         for learned in alone.maps
@@ -319,7 +319,9 @@ def with_shares(alone: MapFit, shares: Mapping[str, float]) -> MapFit:
 
 
 def _pooled_errors(beside: HeldOut, alone: HeldOut, share: float) -> HeldOut:
-    """Return the errors of the pool of two maps, see `distal.regression.reported_map`."""
+    """Return the errors of the pool of two maps, of which the first has a `share` [1], see
+    `distal.regression.reported_map`.
+    """
     time, at, of_alone = np.intersect1d(beside.time, alone.time, return_indices=True)
     first, second = beside.errors[at], alone.errors[of_alone]
     variances = share * beside.variances[at] + (1 - share) * alone.variances[of_alone]

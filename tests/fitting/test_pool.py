@@ -1,0 +1,84 @@
+"""A filter and readings alone share the answer by what each errs on logs left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from distal import Rig
+from distal.errors import CommandError
+from distal.estimators import RegressionEstimator, make_estimator, usual_estimator
+from distal.fitting.candidates import Candidate, answer_maps
+from distal.fitting.learned_maps import MapFit, pooled, with_shares
+from distal.fitting.map_search import HeldOut
+from distal.regression import Samples
+from distal.rig import check_scales
+from tests.learned_maps import drawn_map
+
+TIME = np.arange(4.0)
+
+
+def held_out(errors: float, variance: float, first: int = 0) -> HeldOut:
+    time = TIME[first:]
+    return HeldOut(time, np.full(len(time), errors), np.full(len(time), variance))
+
+
+@pytest.fixture
+def line(pulley_rig: Rig) -> MapFit:
+    """Readings alone, which err by 0.2 on one log and by 0.4 on another."""
+    joint = pulley_rig.joint_names[0]
+    channels = tuple(sensor.name for sensor in pulley_rig.sensors[:2])
+    learned = drawn_map((joint,), channels, False)
+    errors = {joint: [held_out(0.2, 0.04), held_out(-0.4, 0.09)]}
+    return MapFit("readings", (learned,), pulley_rig, (), errors)
+
+
+def test_shares_go_by_squared_errors_and_the_band_by_the_pool(line: MapFit) -> None:
+    """r² = (0.2² + 0.4²)/2 = 0.1 and f² = 0.3, so that the filter has a quarter of the angle."""
+    joint = line.start.joint_names[0]
+    learned = drawn_map((joint,), line.maps[0].channels)
+    errors = {joint: [held_out(0.1, 0.01, 1), held_out(0.2, 0.01, 1)]}
+    beside = MapFit("filter", (learned,), line.start, (), errors)
+    of_log = Samples(
+        "", TIME, np.zeros((4, 2)), np.zeros((4, 1)), np.zeros((4, 1)), np.ones((4, 1))
+    )
+    target = np.full((4, 1), np.sqrt(0.3))
+    target[0] = np.nan  # the filter's first seconds do not count
+    data = {i: replace(of_log, targets=target) for i in range(2)}
+    alone, both = pooled(beside, line, data)
+    assert alone.maps[0].share == pytest.approx((0.75,))
+    for log, a, b, spread in zip(both.errors[joint], (0.1, 0.2), (0.2, -0.4), (0.04, 0.09)):
+        np.testing.assert_array_equal(log.time, TIME[1:])
+        np.testing.assert_allclose(log.errors, 0.25 * a + 0.75 * b)
+        square = 0.25 * (0.01 + a**2) + 0.75 * (spread + b**2)
+        np.testing.assert_allclose(log.variances, square - (0.25 * a + 0.75 * b) ** 2)
+    assert both.maps[0].rms == pytest.approx((np.sqrt((0.175**2 + 0.25**2) / 2),))
+
+
+def test_without_a_filter_readings_alone_answer(line: MapFit) -> None:
+    """In every command, and what moves a motor is refused."""
+    options = SimpleNamespace(homing=None)
+    training = SimpleNamespace(rig=line.start, options=options, groups=("0", "1"))
+    nothing = Candidate("none", line.start, None, False, np.inf, {})
+    (alone,) = answer_maps(nothing, training, line)
+    assert alone.maps[0].share == (1.0,)
+    assert usual_estimator(alone.rig) == "regression"
+    assert isinstance(make_estimator(None, alone.rig, compiled=False), RegressionEstimator)
+    with pytest.raises(CommandError, match="could not follow the logs"):
+        check_scales(alone.rig, "a command", "torque")
+    beside = alone.rig.with_map(filter=[drawn_map(alone.maps[0].joints, alone.maps[0].channels)])
+    assert usual_estimator(beside) == "adaptive"
+    assert usual_estimator(line.rig) == "adaptive"  # no fit said that they have a share
+
+
+def test_one_log_teaches_no_correction_of_a_filter(line: MapFit) -> None:
+    options = SimpleNamespace(homing=None)
+    training = SimpleNamespace(rig=line.start, options=options, groups=("0",))
+    ran = Candidate("first", line.start, None, False, np.inf, {0: None})  # type: ignore[dict-item]
+    assert answer_maps(ran, training, line) == (line,)
+    shared = with_shares(line, dict.fromkeys(line.start.joint_names, 0.3))
+    assert shared.rig.map is not None
+    assert not shared.rig.map.pooled
