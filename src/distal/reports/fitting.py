@@ -244,7 +244,8 @@ def draw_traces(log: Log, estimates: Sequence[Estimate], rig: Rig) -> Figure:
     rows = slice(None, None, max(1, len(log) // POINTS))
     words = log_health(log, rig)
     drawn = [_thinned(*pair, rows) for pair in zip(estimates, ("after", "before"))]
-    title = shown(Path(log.source).name)  # any name of a file can be drawn
+    # any name of a file can be drawn: what is not printable is escaped
+    title = shown(Path(log.source).name)
     return plot_estimates(
         drawn, title=title, panels=PANELS, log=log.select(rows), rig=rig, health=words[rows]
     )
