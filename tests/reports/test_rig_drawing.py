@@ -306,6 +306,16 @@ def test_a_tendon_goes_from_its_drive_to_the_last_joint_that_it_turns() -> None:
     assert [len(line.get_xdata()) for line in drawn] == [4, 4, 3, 3]  # its drive, then joints
 
 
+def test_the_box_of_a_drive_reaches_along_all_its_tendons() -> None:
+    made = draw_rig(load_rig("wrist-instrument"))
+    boxes = [shape.get_paths()[0].get_extents() for shape in made.axes[0].collections]
+    starts = [line.get_xydata()[0] for line in lines_of(made)]
+    assert [sum(box.contains(x - GAP / 4, y) for x, y in starts) for box in boxes] == [
+        *[0] * 3,
+        *[2] * 3,
+    ]
+
+
 def test_the_sign_of_a_drive_that_pulls_a_tendon_in() -> None:
     assert [t for t in texts_of(load_rig("wrist-instrument")) if "pulled" in t] == [
         "pulled in by +φ",

@@ -158,7 +158,8 @@ def _draw_part(axes: Axes, rig: Rig, top: float) -> tuple[float, float]:
         if row == 0 or column == 0:
             ends = x[column] - GAP / 2, x[column + 1] - 1.5 * GAP
             look = {"facecolor": PALE, "edgecolor": SOFT, "lw": 0.6, "zorder": 2}
-            axes.fill_between(ends, y[row] - _height(lines), y[row], **look)
+            last = row + len(rig.tendons_of(tendons[row - 1].drive)) if row else 1
+            axes.fill_between(ends, y[last] + GAP, y[row], **look)
         _write(axes, x[column], y[row] - GAP / 4, lines)
     for left in x[2:-1] - GAP / 2:
         axes.plot(
