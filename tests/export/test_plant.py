@@ -15,12 +15,12 @@ from typer.testing import CliRunner
 from distal import load_rig
 from distal.cli.app import app
 from distal.errors import ExportError
-from distal.export.plant_source import ExportedPlant, c_plant, resting_pull
+from distal.export.plant_source import ExportedPlant, c_plant, resting_inputs
 from distal.kernels import Kernel
 from distal.model import Mechanism
 from distal.rig import Sensor, gain_of, step_of, travel_of
 from distal.simulation.plant import plant_function
-from distal.simulation.plant_motion import BodyInputs, at_rest
+from distal.simulation.plant_motion import at_rest
 from tests.export.test_export import CC, STRICT, needs_compiler
 
 pytestmark = needs_compiler
@@ -97,7 +97,7 @@ def test_the_motion_is_that_of_the_kernel(name: str, tmp_path: Path) -> None:
     n, nj, plant = made.plant.n_bodies, made.plant.n_joints, Plant(made, tmp_path)
     plant.begin(1)
     pulls = np.zeros((200, 5, n))
-    pulls[:, 0] = resting_pull(made.plant)
+    pulls[:, 0] = resting_inputs(made.plant).effort[0]
     pulls[:, 0, nj:] += 0.02 * np.sin(0.1 * np.arange(200))[:, None]
     pulls[100:, 2, 0], pulls[100:, 3, 0], pulls[100:, 4, 0] = (
         0.05,
@@ -106,7 +106,7 @@ def test_the_motion_is_that_of_the_kernel(name: str, tmp_path: Path) -> None:
     )  # a hand takes the first joint
     for pull in pulls:
         plant.step(pull.ravel())
-    held = BodyInputs(resting_pull(made.plant)[None], np.zeros((1, n)), np.zeros((1, n, 3)))
+    held = resting_inputs(made.plant)
     kernel = Kernel(plant_function(made.plant, made.count))
     kernel_state, _ = at_rest(made.plant, held, made.start, kernel)
     rows = np.column_stack(
@@ -132,7 +132,7 @@ def test_errors_of_sensors_are_those_of_the_rig(tmp_path: Path) -> None:
     )
     made = c_plant(rig, "p")
     plant, pull = Plant(made, tmp_path), np.zeros((5, made.plant.n_bodies))
-    pull[0] = resting_pull(made.plant)
+    pull[0] = resting_inputs(made.plant).effort[0]
     first, positions = [], []
     for seed in range(40):
         begun = plant.begin(seed)
@@ -187,7 +187,7 @@ def test_readings_are_those_of_a_naive_twin(tmp_path: Path) -> None:
     rig = load_rig("template").with_values(changed)
     made = c_plant(rig, "p")
     plant, pull, drawn = Plant(made, tmp_path), np.zeros((5, made.plant.n_bodies)), Drawn(7)
-    pull[0] = resting_pull(made.plant)
+    pull[0] = resting_inputs(made.plant).effort[0]
     pull[0, made.plant.n_joints] += 1.0
     curves = []
     for sensor in rig.sensors:
@@ -206,7 +206,7 @@ def test_readings_are_those_of_a_naive_twin(tmp_path: Path) -> None:
         curves.append((at, scale, low, high))
     read = [plant.begin(7), *(plant.step(pull.ravel()) for _ in range(30))]
     n, first = made.plant.n_bodies, made.first
-    held = BodyInputs(resting_pull(made.plant)[None], np.zeros((1, n)), np.zeros((1, n, 3)))
+    held = resting_inputs(made.plant)
     kernel = Kernel(plant_function(made.plant, made.count))
     kernel_state, _ = at_rest(made.plant, held, made.start, kernel)
     row = np.append(pull.ravel(), made.interval / made.parts)
@@ -232,7 +232,7 @@ def test_readings_are_those_of_a_naive_twin(tmp_path: Path) -> None:
 def test_sensors_of_other_rates(tmp_path: Path) -> None:
     made = c_plant(load_rig("template").with_values({"sensors.2.rate": 25.0}), "p")
     plant, pull = Plant(made, tmp_path), np.zeros((5, made.plant.n_bodies))
-    pull[0] = resting_pull(made.plant)
+    pull[0] = resting_inputs(made.plant).effort[0]
     read = np.array([plant.begin(1), *(plant.step(pull.ravel()) for _ in range(11))])
     np.testing.assert_array_equal(np.isfinite(read[:, 2]), np.arange(12) % 4 == 0)
     assert np.isfinite(read[:, 0]).all()

@@ -26,7 +26,6 @@ def test_the_page_that_is_shown_is_of_now() -> None:
         ("lab", "lab.js"),
         ("lab", "lab.css"),
         ("reports", "chain.js"),
-        ("reports", "chart.js"),
     ):
         shown = resources.files(f"distal.{package}").joinpath(name).read_text(encoding="utf-8")
         assert shown in text

@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from distal import Rig, load_rig
 from distal.cli.app import app
 from distal.reports import draw_rig, rig_svg
-from distal.reports.rig_drawing import LAYOUT
+from distal.reports.rig_drawing import FONT, GAP
 from distal.results import COLOURS, save_figure
 from distal.rig import build_rig, shipped_rigs
 from distal.units import quantity
@@ -191,7 +191,7 @@ def odd_rig(name: str) -> Rig:
     )
 
 
-ARROWS = ("↺", "↻")
+ARROWS = ("↺", "↻", "○")
 RIGS = [*shipped_rigs(), *ODD]
 
 
@@ -214,7 +214,7 @@ def boxes_of(made: Figure) -> list[tuple[str, Any]]:
 
 def segments_of(made: Figure) -> list[Any]:
     """Return left, low, right and high end of each tendon's line and each joint's [pixels]."""
-    lines = [line for line in made.axes[0].lines if len(line.get_xdata()) == 2]
+    lines = made.axes[0].lines
     ends = [made.axes[0].transData.transform(line.get_xydata()) for line in lines]
     return [[*np.min(both, axis=0), *np.max(both, axis=0)] for both in ends]
 
@@ -234,22 +234,19 @@ def lines_of(made: Figure) -> list[Any]:
 
 
 def crossings_of(rig: Rig, tendon: str) -> list[str]:
-    """Return for each circle at a tendon's line, from the left, whether it is above the line or
-    below it, its arrow, and the first line of the text beside it.
+    """Return for each joint that a tendon turns, from the left, its arrow and the first line below
+    it.
     """
     axes = draw_rig(rig).axes[0]
     names = [text for text in axes.texts if text.get_text() == tendon]
-    (name,) = (text for text in names if text.get_position()[0] > LAYOUT.gap)
-    levels = [float(line.get_ydata()[0]) for line in lines_of(axes.figure)]
-    level = max(y for y in levels if y < name.get_position()[1])
-    texts = {tuple(text.get_position()): text.get_text() for text in axes.texts}
-    crossings = {}
-    for (x, y), arrow in texts.items():
-        if arrow in ARROWS and abs(abs(y - level) - LAYOUT.circle) < 1e-6:
-            beside = [at for at in texts if at[0] == x + 1.5 * LAYOUT.circle]
-            nearest = min(beside, key=lambda at: abs(at[1] - y))
-            crossings[x] = f"{'above' if y > level else 'below'} {arrow} {texts[nearest]}"
-    return [crossings[x] for x in sorted(crossings)]
+    (name,) = (text for text in names if text.get_position()[0] > GAP)
+    at = {tuple(text.get_position()): text.get_text() for text in axes.texts}
+    level = name.get_position()[1]
+    arrows = sorted(xy for xy, text in at.items() if text in ARROWS and xy[1] == level)
+    below = (
+        max((xy for xy in at if xy[0] == x and xy[1] < y), key=lambda xy: xy[1]) for x, y in arrows
+    )
+    return [f"{at[arrow]} {at[text]}" for arrow, text in zip(arrows, below)]
 
 
 @pytest.mark.parametrize("name", RIGS)
@@ -268,7 +265,7 @@ def test_texts_are_inside_and_apart_from_each_other_and_from_tendons(name: str) 
         for text, box in boxes:
             across = min(x1, box.x1) - max(x0, box.x0)
             up = min(y1, box.y1) - max(y0, box.y0)
-            assert text in ARROWS or min(across, up) <= -1.0, f"a line lies on {text}"
+            assert min(across, up) <= -1.0, f"a line lies on {text}"
     for frame in frames_of(made):
         for text, box in boxes:
             if frame.contains(box.x0, (box.y0 + box.y1) / 2):
@@ -287,8 +284,8 @@ def test_two_texts_at_one_point_would_be_seen() -> None:
 def test_each_part_is_named_once_and_each_sensor_stands_at_its_part(name: str) -> None:
     rig = rig_of(name)
     texts = draw_rig(rig).axes[0].texts
-    bold = [text for text in texts if text.get_fontweight() == "bold"]
-    named = Counter(text.get_text() for text in bold if text.get_fontsize() == LAYOUT.font)
+    bold = [t for t in texts if t.get_fontweight() == "bold" and t.get_text() not in ARROWS]
+    named = Counter(text.get_text() for text in bold if text.get_fontsize() == FONT)
     assert named == Counter([*rig.joint_names, *rig.drive_names, *rig.tendon_names])
     sensors = [text.get_text()[2:] for text in texts if text.get_text().startswith("◉ ")]
     assert sorted(text.split(":")[0] for text in sensors if ":" in text) == sorted(rig.sensor_names)
@@ -296,17 +293,27 @@ def test_each_part_is_named_once_and_each_sensor_stands_at_its_part(name: str) -
 
 def test_a_tendon_turns_each_joint_the_way_the_rig_says() -> None:
     rig = load_rig("finger-n-plus-1")
-    assert crossings_of(rig, "t1") == ["below ↺ +8 mm", "below ↺ +7 mm", "below ↺ +6 mm"]
-    assert crossings_of(rig, "t3") == ["above ↻ −8 mm", "below ↺ +7 mm"]
+    assert crossings_of(rig, "t1") == ["↺ +8 mm", "↺ +7 mm", "↺ +6 mm"]
+    assert crossings_of(rig, "t3") == ["↻ −8 mm", "↺ +7 mm"]
     flipped = rig.with_values({"tendons.t1.crossings.1.side": -1})
-    assert crossings_of(flipped, "t1") == ["below ↺ +8 mm", "above ↻ −7 mm", "below ↺ +6 mm"]
+    assert crossings_of(flipped, "t1") == ["↺ +8 mm", "↻ −7 mm", "↺ +6 mm"]
 
 
 def test_a_tendon_goes_from_its_drive_to_the_last_joint_that_it_turns() -> None:
-    rig = load_rig("finger-n-plus-1")
-    drawn = lines_of(draw_rig(rig))
-    ends = [float(line.get_xdata()[-1]) for line in drawn if len(line.get_xdata()) == 2]
+    drawn = lines_of(draw_rig(load_rig("finger-n-plus-1")))
+    ends = [float(line.get_xdata()[-1]) for line in drawn]
     assert ends[0] == ends[1] > ends[2] == ends[3]  # the last two end at pip, before dip
+    assert [len(line.get_xdata()) for line in drawn] == [4, 4, 3, 3]  # its drive, then joints
+
+
+def test_the_box_of_a_drive_reaches_along_all_its_tendons() -> None:
+    made = draw_rig(load_rig("wrist-instrument"))
+    boxes = [shape.get_paths()[0].get_extents() for shape in made.axes[0].collections]
+    starts = [line.get_xydata()[0] for line in lines_of(made)]
+    assert [sum(box.contains(x - GAP / 4, y) for x, y in starts) for box in boxes] == [
+        *[0] * 3,
+        *[2] * 3,
+    ]
 
 
 def test_the_sign_of_a_drive_that_pulls_a_tendon_in() -> None:
@@ -367,7 +374,7 @@ def test_gravity_is_told_in_the_frame_of_the_world() -> None:
 
 
 def test_fingers_that_nothing_connects_are_drawn_below_one_another() -> None:
-    assert draw_rig(load_rig("hand")).get_figwidth() < LAYOUT.across
+    assert draw_rig(load_rig("hand")).get_figwidth() < 12.5
     joints = load_rig("hand").joint_names
     assert [n for n in texts_of(load_rig("hand")) if n in joints] == joints
 

@@ -8,7 +8,7 @@ output of the caller is written straight into that output, every other one into 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container
+from collections.abc import Container
 from itertools import chain, count
 
 import casadi as ca
@@ -40,13 +40,6 @@ from distal.codegen.writers import (
     transpose,
 )
 
-LARGEST_COPIED = 60
-"""Largest number of operations of a called function that the compiler is asked to inline. Compilers
-take minutes over many copies of a longer one: the equations of three sheaths in lanes take 12 s
-with 400 and 1.7 s with 60, which costs a tenth of their speed, and a filter nothing. Source:
-judgement.
-"""
-
 
 class Emitter:
     """Writes CasADi functions as static C functions. Each function is written once, and functions
@@ -59,7 +52,6 @@ class Emitter:
         self._names: dict[tuple[int, bool], str] = {}
         self._taken: set[str] = set()
         self._alike: dict[str, str] = {}
-        self._by_scalars: set[str] = set()
         self._alive: list[
             ca.Function
         ] = []  # a function's hash is its address: no other function may get it
@@ -67,13 +59,7 @@ class Emitter:
     @property
     def text(self) -> str:
         """All functions written so far, each after those that it calls."""
-        inline = f"static {self.dialect.inline}void "
-        return "\n".join(
-            written.text.replace("static void ", inline, 1)
-            if name in self._by_scalars
-            else written.text
-            for name, written in self.functions.items()
-        )
+        return "\n".join(written.text for written in self.functions.values())
 
     def add(self, function: ca.Function, in_place: bool = False) -> str:
         """Write a function, of scalars (SX) or of matrices (MX), and those that it calls; return
@@ -99,7 +85,7 @@ class Emitter:
         name = unused(str(function.name()), self._taken)
         self._taken.add(name)
         if function.is_a("SXFunction"):
-            written = write_scalars(function, name, in_place, self.dialect, self._called)
+            written = write_scalars(function, name, in_place, self.dialect, self._written)
         else:
             written = write_matrices(function, name, in_place, self.dialect, self._written)
         self._alive.append(function)
@@ -111,15 +97,6 @@ class Emitter:
             self._taken.remove(name)
             return self.functions[alike]
         self.functions[name] = written
-        return written
-
-    def _called(self, function: ca.Function) -> Written:
-        """Return a function that a function of scalars calls. The compiler is asked to inline a
-        small one, if the dialect allows long code.
-        """
-        written = self._written(function)
-        if written.cost.operations <= LARGEST_COPIED:
-            self._by_scalars.add(written.name)
         return written
 
 
@@ -240,7 +217,7 @@ def write_scalars(
     name: str,
     in_place: bool,
     dialect: Dialect,
-    written: Callable[[ca.Function], Written],
+    written: WriteFunction,
 ) -> Written:
     """Return a function of scalars (SX) as C. The functions that it calls are written by `written`.
 
@@ -252,7 +229,6 @@ def write_scalars(
     new_state = list[str]()
     names = dict[int, str]()
     cost = Cost()
-    pairs = _sines_and_cosines(function) if dialect.pairs_sines else {}
     for k in range(function.n_instructions()):
         operation = function.instruction_id(k)
         inputs = function.instruction_input(k)
@@ -268,7 +244,7 @@ def write_scalars(
             lines.append(f"  r{outputs[0]}[{outputs[1]}] = {names[inputs[0]]};")
         elif operation == ca.OP_CALL:
             called = _called(function, len(inputs), len(outputs))
-            callee = written(called)
+            callee = written(called, False)
             lines += _call(k, callee.name, called, [names[i] for i in inputs], arrays, dialect.type)
             results = [
                 f"v{k}_{i}[{j}]" for i in range(called.n_out()) for j in range(called.nnz_out(i))
@@ -282,16 +258,8 @@ def write_scalars(
             if operation in CALLED and operation not in INLINE:
                 cost.library[CALLED[operation]] += 1
             operands = [names[i] for i in inputs] if operation in BINARY else [names[inputs[0]]]
-            if k not in pairs:
-                lines.append(
-                    f"  const {dialect.type} v{k} = {dialect.operation(operation, *operands)};"
-                )
-            elif k == min(pairs[k]):
-                sine, cosine = pairs[k]
-                lines.append(
-                    f"  {dialect.type} v{sine}, v{cosine}; v_sincos({operands[0]}, &v{sine}, "
-                    f"&v{cosine});"
-                )
+            value = dialect.operation(operation, *operands)
+            lines.append(f"  const {dialect.type} v{k} = {value};")
             names[outputs[0]] = f"v{k}"
     return Written(name, framed(function, name, in_place, dialect, [], [*lines, *new_state]), cost)
 
@@ -339,20 +307,3 @@ def _call(
         arrays[tuple(f"v{k}_{i}[{j}]" for j in range(size))] = f"v{k}_{i}"
         addresses.append(f"v{k}_{i}")
     return [*lines, f"  {name}({', '.join(addresses)});"]
-
-
-def _sines_and_cosines(function: ca.Function) -> dict[int, tuple[int, int]]:
-    """Return instruction → (sine, cosine) for each angle of which both are needed: C has one
-    function for the pair.
-    """
-    slots: dict[int, tuple[int, int]] = {}
-    by_angle: dict[tuple[int, int], dict[int, int]] = {}
-    for k in range(function.n_instructions()):
-        operation = function.instruction_id(k)
-        outputs = function.instruction_output(k)
-        if operation in (ca.OP_SIN, ca.OP_COS):
-            by_angle.setdefault(slots[function.instruction_input(k)[0]], {})[operation] = k
-        if operation != ca.OP_OUTPUT:
-            slots.update((slot, (k, i)) for i, slot in enumerate(outputs))
-    pairs = [(calls[ca.OP_SIN], calls[ca.OP_COS]) for calls in by_angle.values() if len(calls) == 2]
-    return {k: pair for pair in pairs for k in pair}

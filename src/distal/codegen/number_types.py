@@ -73,9 +73,6 @@ def no_such_operation(operation: int) -> CodeError:
     )
 
 
-ALWAYS_INLINE = "inline __attribute__((always_inline)) "
-"""Stands before a function that the compiler shall inline wherever it is called."""
-
 _PLAIN = FORMS | {
     ca.OP_FMAX: "larger({a}, {b})",
     ca.OP_FMIN: "smaller({a}, {b})",
@@ -101,18 +98,9 @@ SMALLEST_FLOAT = 1.17549435e-38
 
 @dataclass(frozen=True)
 class Plain:
-    """C of numbers one by one: float with float functions if `single`, else double. With `quick`,
-    small functions are inlined, which makes code longer and faster.
-    """
+    """C of numbers one by one: float with float functions if `single`, else double."""
 
     single: bool = False
-    quick: bool = False
-    pairs_sines = False  # compilers of plain C join a sine and a cosine of one angle themselves
-
-    @property
-    def inline(self) -> str:
-        """The C that stands before a function that functions of scalars call."""
-        return ALWAYS_INLINE if self.quick else ""
 
     @property
     def type(self) -> str:
@@ -171,10 +159,6 @@ static inline V v_fabs(V a) {{ return (V)((M)a & 0x7fffffffffffffffLL); }}
 static inline V v_fmin(V a, V b) {{ return where((a < b) | (b != b), a, b); }}
 static inline V v_fmax(V a, V b) {{ return where((a > b) | (b != b), a, b); }}
 static inline V v_sign(V a) {{ return ones(a > 0.0) - ones(a < 0.0); }}
-static inline void v_sincos(V a, V* s, V* c) {{
-  int l;
-  for (l = 0; l < {lanes}; ++l) {{ (*s)[l] = sin(a[l]); (*c)[l] = cos(a[l]); }}
-}}
 """
 
 _LANEWISE = {
@@ -205,8 +189,6 @@ class Lanes:
 
     count: int
     type = "V"
-    inline = ALWAYS_INLINE
-    pairs_sines = True  # in v_sincos the compiler joins sine and cosine of each lane
 
     def prelude(self, text: str) -> str:
         """Return the vector types and the functions that the operations need."""

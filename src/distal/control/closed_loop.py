@@ -19,6 +19,7 @@ from distal.rig import Rig, as_rig
 from distal.run import LiveEstimator, Monitor, Reading
 from distal.sensor_errors import quantisation_variance, quantised_values
 from distal.simulation import Control, Scenario, load_scenario, simulate_plant
+from distal.simulation.plant_motion import check_names
 from distal.units import to_si
 
 Controller: TypeAlias = Callable[[float, Mapping[str, float], Reading], Mapping[str, float]]
@@ -151,7 +152,7 @@ def closed_loop(
         )
     if control is None:
         raise ControlError("no controller: give one, or a [control] table in the scenario")
-    _check_joints(rig, control.joints)
+    check_names(control.joints, rig.joint_names, "control.joints", "joint", ControlError)
     plant = ControlledPlant(rig, scenario, length)
     if feedback == COMMAND:
         commanded = CommandedForces(rig, control.joints, control.co_contraction)
@@ -243,15 +244,6 @@ def _period(period: float | str | None, scenario: Scenario) -> float:
         return to_si(period, "s")
     except ValueError as problem:
         raise ControlError(f"period: {problem}") from None
-
-
-def _check_joints(rig: Rig, controlled: Mapping[str, object]) -> None:
-    names = rig.joint_names
-    for name in controlled:
-        if name not in names:
-            raise ControlError(
-                f"control.joints: the rig has no joint '{name}'{did_you_mean(name, names)}"
-            )
 
 
 def _encoder(plant: SteppedPlant, step: float) -> Teller:

@@ -19,9 +19,8 @@ from distal.control.closed_loop import ClosedLoop
 from distal.results import (
     BAND_ALPHA,
     BLACK,
-    COLOURS,
-    DASHES,
     SOFT,
+    curve_style,
     figure,
     legend_above,
     save_figure,
@@ -144,7 +143,7 @@ def plot_control(runs: Sequence[ClosedLoop], path: str | Path | None = None) -> 
         worst = []
         for k, run in enumerate(runs):
             angle = np.rad2deg(run.angles[:, j])
-            look = {"color": COLOURS[k], "lw": 1.2, "linestyle": DASHES[k]}
+            look = {"lw": 1.2, **curve_style(k)}
             axes[0].plot(time, angle, label=f"fed back by {run.feedback}", **look)
             axes[1].plot(time, angle - reference, **look)
             worst.append(float(np.quantile(np.abs(angle - reference), 0.98)))
@@ -176,6 +175,4 @@ def plot_control(runs: Sequence[ClosedLoop], path: str | Path | None = None) -> 
         axes[2].set_ylabel(f"command {drive.name} [{'N' if drive.kind == 'slider' else 'N m'}]")
         axes[2].set_xlabel("time [s]")
         legend_above(axes[0])
-    if path is not None:
-        save_figure(drawing, path)
-    return drawing
+    return save_figure(drawing, path)

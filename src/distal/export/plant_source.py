@@ -50,19 +50,11 @@ class ExportedPlant(Translated):
     count: int
 
 
-def resting_pull(plant: Mechanism) -> Floats:
-    """Return the pull on each body that holds a plant at rest, (n_bodies,): zero for joints, the
-    nominal forces for drives [N, N m].
-    """
-    return np.array(
-        [0.0] * plant.n_joints + [drive.nominal_force.value for drive in plant.rig.drives]
-    )
-
-
 def resting_inputs(plant: Mechanism) -> BodyInputs:
-    """Return the inputs of one sample that hold a plant at rest."""
+    """Return the inputs of one sample that hold a plant at rest: the nominal forces of drives."""
     n = plant.n_bodies
-    return BodyInputs(resting_pull(plant)[None], np.zeros((1, n)), np.zeros((1, n, 3)))
+    pull = [0.0] * plant.n_joints + [drive.nominal_force.value for drive in plant.rig.drives]
+    return BodyInputs(np.array([pull]), np.zeros((1, n)), np.zeros((1, n, 3)))
 
 
 def c_plant(rig: Rig, name: str) -> ExportedPlant:
@@ -113,23 +105,16 @@ def c_plant(rig: Rig, name: str) -> ExportedPlant:
         "numbers": plant.parameters.values[: len(names)],
         "kernel_state": kernel_state,
         "first": first,
-        "errors": _errors(plant),
+        "errors": [
+            [gain_of(s).value, s.bias.value, s.noise, step_of(s), *travel_of(s, rig), s.linearity]
+            for s in rig.sensors
+        ],
         "every": [max(round(1.0 / interval / sensor.rate), 1) for sensor in rig.sensors],
         "advance": advance,
         "reading": reading,
     }
     texts = filled(_HEADER, values), filled(_SOURCE, values)
     return ExportedPlant(name, *texts, plant, start, first, interval, parts, count)
-
-
-def _errors(plant: Mechanism) -> list[list[float]]:
-    """Return for each sensor its gain, bias, noise, step, ends of the travel and largest deviation
-    from linearity.
-    """
-    return [
-        [gain_of(s).value, s.bias.value, s.noise, step_of(s), *travel_of(s, plant.rig), s.linearity]
-        for s in plant.rig.sensors
-    ]
 
 
 _HEADER = """\

@@ -149,9 +149,7 @@ class Commands:
             axes[-1].set_ylabel("position")
             axes[-1].set_xlabel("time [s]")
             legend_above(axes[-1])
-        if path is not None:
-            save_figure(drawing, path)
-        return drawing
+        return save_figure(drawing, path)
 
 
 def _draw(axis: Axes, time: Floats, curves: Mapping[str, Floats]) -> None:

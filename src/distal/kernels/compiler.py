@@ -145,7 +145,7 @@ def c_source(function: ca.Function) -> str:
     Raises:
         CompileError: the function has an operation that has no C here.
     """
-    return emitted(function, Plain(quick=True), _SCAN)
+    return emitted(function, Plain(), _SCAN)
 
 
 @lru_cache(maxsize=64)

@@ -20,7 +20,7 @@ from distal.confidence import BAND
 from distal.estimators import usual_estimator
 from distal.estimators.read_channels import DEAD
 from distal.export.c_text import filled
-from distal.export.plant_source import ExportedPlant, resting_inputs, resting_pull
+from distal.export.plant_source import ExportedPlant, resting_inputs
 from distal.lab.webassembly import LabModule, lab_module
 from distal.logs import write_whole
 from distal.reports.moving_chain import chain_shape, tension_scale
@@ -120,7 +120,6 @@ def lab_page(rig: Rig, path: str | Path, estimator: str | None = None, source: s
             "lab-data",
             constants,
             resource("chain.js"),
-            resource("chart.js"),
             resource("lab.js", "distal.lab"),
         ),
     ]
@@ -170,7 +169,7 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
         ],
         "health": [[word, meaning] for word, meaning in HEALTH.items()],
         "start": plant.start.tolist(),
-        "effort": resting_pull(mechanism).tolist(),
+        "effort": resting_inputs(mechanism).effort[0].tolist(),
         "motion": _motion(rig),
         "positions": _positions(rig, plant),
         "servo": _servo(plant),

@@ -98,6 +98,43 @@
     picture.fit(some);
   }
 
+  // a chart's axes with ticks, time [s] to the right; returns where numbers lie
+  function node(tag, attributes, text = "") {
+    const made = document.createElementNS(by("angles").namespaceURI, tag);
+    for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+    made.textContent = text;
+    return made;
+  }
+  function short(value) {
+    const size = Math.abs(value);
+    return size >= 1e5 || (size > 0 && size < 1e-3) ? value.toExponential(1) : String(Number(value.toPrecision(3)));
+  }
+  function ticks(low, high) {
+    const raw = (high - low) / 5, power = 10 ** Math.floor(Math.log10(raw)), found = [];
+    const step = power * [1, 2, 5, 10].find((m) => m * power >= raw);
+    for (let i = Math.ceil(low / step); i * step <= high; i++) found.push([i * step, short(i * step)]);
+    return found;
+  }
+  function axes(svg, start, low, high, words) {
+    const T = 12, R = 14, B = 24, W = svg.clientWidth, H = svg.clientHeight, end = start + data.window, levels = ticks(low, high);
+    svg.replaceChildren();
+    svg.setAttribute("viewBox", `0 0 ${W} ${H}`);
+    const letter = matchMedia("(max-width: 40rem)").matches ? 10.5 : 7;
+    const L = 34 + letter * Math.max(...levels.map(([, text]) => text.length), 3);
+    const px = (v) => L + (v - start) / (end - start) * (W - L - R), py = (v) => H - B - (v - low) / (high - low) * (H - T - B);
+    for (const [v, text] of ticks(start, end)) {
+      svg.append(node("line", { x1: px(v), x2: px(v), y1: T, y2: H - B, class: "grid" }));
+      svg.append(node("text", { x: px(v), y: H - B + 19, "text-anchor": "middle" }, `${text} s`));
+    }
+    for (const [v, text] of levels) {
+      svg.append(node("line", { x1: L, x2: W - R, y1: py(v), y2: py(v), class: "grid" }));
+      svg.append(node("text", { x: L - 6, y: py(v) + 4, "text-anchor": "end" }, text));
+    }
+    const middle = (T + H - B) / 2;
+    svg.append(node("text", { x: 14, y: middle, "text-anchor": "middle", class: "name", transform: `rotate(-90 14 ${middle})` }, words));
+    return [px, py];
+  }
+
   // curves over time; lines: [value(row), class], bands: [low(row), high(row)]
   function curves(id, words) {
     const svg = by(id);
@@ -112,10 +149,10 @@
         drawn = [rows, lines, bands];
         const all = [...lines.map((line) => line[0]), ...bands.flat()].flatMap((value) => rows.map(value)).filter(Number.isFinite);
         const low = Math.min(...all), high = Math.max(...all), half = Math.max(least, 1.12 * (high - low)) / 2, middle = (low + high) / 2;
-        const [px, py] = chart.frame(svg, { low: start, high: start + data.window, words: "", unit: " s" }, { low: middle - half, high: middle + half, words }, svg.clientWidth, svg.clientHeight);
+        const [px, py] = axes(svg, start, middle - half, middle + half, words);
         const points = (value) => rows.filter((row) => Number.isFinite(value(row))).map((row) => `${px(kept[row]).toFixed(1)},${py(value(row)).toFixed(1)}`);
-        for (const [below, above] of bands) svg.append(chart.node("polygon", { points: [...points(below), ...points(above).reverse()].join(" "), class: "band" }));
-        for (const [value, kind] of lines) svg.append(chart.node("polyline", { points: points(value).join(" "), class: kind }));
+        for (const [below, above] of bands) svg.append(node("polygon", { points: [...points(below), ...points(above).reverse()].join(" "), class: "band" }));
+        for (const [value, kind] of lines) svg.append(node("polyline", { points: points(value).join(" "), class: kind }));
       },
     };
   }

@@ -243,18 +243,15 @@ def draw_traces(log: Log, estimates: Sequence[Estimate], rig: Rig) -> Figure:
     # fewer points keep a page with a dozen logs small; a printed line shows no more
     rows = slice(None, None, max(1, len(log) // POINTS))
     words = log_health(log, rig)
-    drawn = [
-        _thinned(estimate, rows, name) for estimate, name in zip(estimates, ("after", "before"))
-    ]
-    title = shown(
-        Path(log.source).name
-    )  # any name of a file can be drawn: what is not printable is escaped
+    drawn = [_thinned(*pair, rows) for pair in zip(estimates, ("after", "before"))]
+    # any name of a file can be drawn: what is not printable is escaped
+    title = shown(Path(log.source).name)
     return plot_estimates(
         drawn, title=title, panels=PANELS, log=log.select(rows), rig=rig, health=words[rows]
     )
 
 
-def _thinned(estimate: Estimate, rows: slice, name: str) -> Estimate:
+def _thinned(estimate: Estimate, name: str, rows: slice) -> Estimate:
     """Return an estimate with some of its rows only, under another name."""
     columns = ("time", "means", "variances", "innovations", "innovation_variances")
     truths = None if estimate.truths is None else estimate.truths[rows]

@@ -4,7 +4,6 @@ coloured by tension.
 
 from __future__ import annotations
 
-from collections import Counter
 from html import escape
 from string import Template
 
@@ -18,7 +17,6 @@ from distal.results import (
     BAND_ALPHA,
     BLACK,
     COLOURS,
-    FAINT,
     SOFT,
     WHITE,
     Estimate,
@@ -104,12 +102,15 @@ def chain_shape(rig: Rig, most: float) -> dict[str, object]:
         most: tension at the end of the scale of colours [N].
     """
     index = {joint.name: j for j, joint in enumerate(rig.joints)}
-    parents = [
-        -1 if (parent := rig.parent_of(j)) is None else parent for j in range(len(rig.joints))
-    ]
+    parents = map(rig.parent_of, range(len(rig.joints)))
     return {
         "joints": [
-            {"parent": parent, "offset": joint.offset, "axis": joint.axis, "link": list(link)}
+            {
+                "parent": -1 if parent is None else parent,
+                "offset": joint.offset,
+                "axis": joint.axis,
+                "link": list(link),
+            }
             for parent, joint, link in zip(parents, rig.joints, _links(rig))
         ],
         "tendons": [
@@ -127,7 +128,6 @@ def chain_shape(rig: Rig, most: float) -> dict[str, object]:
         "colours": {
             "ink": BLACK,
             "soft": SOFT,
-            "faint": FAINT,
             "paper": WHITE,
             "estimate": COLOURS[0],
             "naive": COLOURS[3],
@@ -187,18 +187,15 @@ def _view(rig: Rig) -> tuple[tuple[float, ...], ...]:
 
 def _tensions(rig: Rig, log: Log) -> list[Floats | None]:
     """Return the measured tension of each tendon [N], (k,), or None where it is not measured."""
-    read = {(sensor.measures, sensor.of): sensor.name for sensor in pulls_of(log, rig)}
-    pulled = Counter(tendon.drive for tendon in rig.tendons)
+    read = {(s.measures, s.of): log.channels[s.name] for s in pulls_of(log, rig)}
     columns: list[Floats | None] = []
     for tendon in rig.tendons:
         drive = rig.drive(tendon.drive)
-        lever = drive.lever
         tension = read.get(("tension", tendon.name))
-        force = read.get(("force", drive.name)) if pulled[drive.name] == 1 else None
-        if tension is not None:
-            columns.append(log.channels[tension])
-        else:
-            columns.append(None if force is None else log.channels[force] / lever)
+        force = read.get(("force", drive.name))
+        if tension is None and force is not None and len(rig.tendons_of(drive.name)) == 1:
+            tension = force / drive.lever
+        columns.append(tension)
     return columns
 
 

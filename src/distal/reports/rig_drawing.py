@@ -1,15 +1,13 @@
 """A schematic of a rig: which drive pulls which tendon, and which joints it turns which way.
 
-Its panels have joints above, drives at the left, and a line for each tendon that passes the joints
-which it turns. Each part has a cell of a grid that is as large as its text, so that nothing can
-overlap.
+It is a table: joints stand above, drives at the left, and the line of each tendon passes the joints
+that it turns. A column is as wide as its widest text and a row as high as its lines, so that
+nothing can overlap.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Iterable, Sequence
 from math import degrees
 from textwrap import wrap
 from typing import TYPE_CHECKING
@@ -17,318 +15,266 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from distal.reports.page import svg_of
-from distal.reports.rig_texts import arm_texts, texts_of, vector
-from distal.results import COLOURS, DASHES, FAINT, INK, PALE, SOFT, WHITE, figure
+from distal.results import FAINT, INK, PALE, SOFT, curve_style, figure
 from distal.results.style import plain
-from distal.rig import Rig
+from distal.rig import (
+    Capstan,
+    Joint,
+    Rig,
+    Slider,
+    Tendon,
+    independent_parts,
+    measurand_of,
+    number,
+    part_at,
+    part_of,
+    position_unit,
+)
+from distal.units import plain_number, quantity
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+FONT = 7.0
+"""Size of the letters [pt]. Source: layout."""
 
-Point = tuple[float, float]
-"""Position to the right and up [in]."""
+TITLE = 10.0
+"""Size of the title's letters [pt]. Source: layout."""
 
+LETTERS = 80
+"""Number of letters in a line of the title and of the notes. Source: layout."""
 
-@dataclass(frozen=True)
-class Layout:
-    """Sizes of a drawing.
+LINE = 0.0185
+"""Distance between lines of text, over the size of their letters [in/pt]. Source: layout."""
 
-    Args:
-        font: size of text [pt].
-        title: size of the title [pt].
-        letters: letters in a line of the title and of the notes.
-        line: distance between lines of text, over their size [in/pt].
-        gap: distance between cells [in].
-        circle: radius of the circle where a tendon turns a joint [in].
-        across: width of a row of several panels at most [in].
-        rounding: largest width of a text as drawn over its true width; letters are moved to whole
-            pixels.
-        enlarged: largest size on a page over the size in print.
-    """
+GAP = 0.16
+"""Distance between the parts of a drawing [in]. Source: layout."""
 
-    font: float = 7.0
-    title: float = 10.0
-    letters: int = 80
-    line: float = 0.0185
-    gap: float = 0.16
-    circle: float = 0.11
-    across: float = 10.0
-    rounding: float = 1.06
-    enlarged: float = 1.4
+ROUNDING = 1.06
+"""Largest width of a text as drawn over its true width; letters are moved to whole pixels. Source:
+layout.
+"""
 
-
-LAYOUT = Layout()
-"""Sizes of all drawings. Source: layout."""
-
-
-@dataclass(frozen=True)
-class Texts:
-    """Lines of text below one another.
-
-    Args:
-        lines: the lines.
-        bold: how many of the first lines are bold.
-        size: size of the letters [pt].
-    """
-
-    lines: Sequence[str]
-    bold: int = 0
-    size: float = LAYOUT.font
-
-    def _weight(self, index: int) -> str:
-        return "bold" if index < self.bold else "normal"
-
-    @cached_property
-    def width(self) -> float:
-        """Width of the widest line [in]."""
-        from matplotlib.font_manager import FontProperties
-        from matplotlib.textpath import text_to_path
-
-        widths = []
-        for k, line in enumerate(self.lines):
-            font = FontProperties(size=self.size, weight=self._weight(k))
-            widths.append(text_to_path.get_text_width_height_descent(line, font, ismath=False)[0])
-        return LAYOUT.rounding * float(max(widths)) / 72.0
-
-    @property
-    def height(self) -> float:
-        """Height of all lines [in]."""
-        return LAYOUT.line * self.size * len(self.lines)
-
-    def draw(self, axes: Axes, left: float, top: float) -> None:
-        """Write the lines.
-
-        Args:
-            left: left end of the lines [in].
-            top: upper end of the first line [in].
-        """
-        for k, line in enumerate(self.lines):
-            axes.text(
-                left,
-                top - LAYOUT.line * self.size * (k + 0.5),
-                plain(line),
-                fontsize=self.size,
-                fontweight=self._weight(k),
-                color=INK,
-                va="center_baseline",
-                zorder=5,
-            )
-
-
-@dataclass(frozen=True)
-class Row:
-    """The row of a tendon, with its line in the middle.
-
-    Args:
-        tendon: index of the tendon.
-        name: its name, above the line.
-        sizes: its other texts, below the line.
-        arms: index of each joint that it turns → moment arm at θ = 0 [m], and the texts on it,
-            which are below the line where the arm is positive.
-    """
-
-    tendon: int
-    name: Texts
-    sizes: Texts
-    arms: dict[int, tuple[float, Texts]]
-
-    def height(self, side: int) -> float:
-        """Return the height of the row above its line (`side` 1) or below it (−1) [in]."""
-        texts = [self.name if side > 0 else self.sizes]
-        texts += [text for arm, text in self.arms.values() if (arm < 0.0) == (side > 0)]
-        return max(2.0 * LAYOUT.circle, *(text.height for text in texts)) + LAYOUT.gap / 2
-
-    def draw(self, axes: Axes, start: Point, lefts: dict[int, float]) -> None:
-        """Draw the tendon.
-
-        Args:
-            start: where its line leaves the drive [in].
-            lefts: left end of the cell of each joint [in].
-        """
-        x, y = start
-        radius = LAYOUT.circle
-        colour = COLOURS[self.tendon % len(COLOURS)]
-        dash = DASHES[self.tendon % len(DASHES)]
-        end = lefts[max(self.arms)] + radius
-        axes.plot((x, end), (y, y), color=colour, lw=1.6, ls=dash, zorder=4)
-        axes.plot(end, y, "o", color=colour, ms=4.0, zorder=4)
-        self.name.draw(axes, x + LAYOUT.gap, y + self.name.height + LAYOUT.gap / 4)
-        self.sizes.draw(axes, x + LAYOUT.gap, y - LAYOUT.gap / 4)
-        for j, (arm, text) in self.arms.items():
-            centre = lefts[j] + radius
-            side = 1 if arm < 0.0 else -1
-            turn = "↻" if arm < 0.0 else "↺" if arm > 0.0 else ""
-            middle = y + side * radius
-            size = 144.0 * radius
-            axes.plot(centre, middle, "o", ms=size, mfc=WHITE, mec=INK, mew=0.8, zorder=3)
-            axes.text(
-                centre, middle, turn, fontsize=9, color=INK, ha="center", va="center", zorder=5
-            )
-            half = text.height / 2
-            top = y + side * max(radius, half + LAYOUT.gap / 4) + half
-            text.draw(axes, centre + 1.5 * radius, top)
-
-
-class Panel:
-    """Joints that tendons and couplings connect, with their tendons and drives.
-
-    Args:
-        rig: the whole rig.
-        joints: indices of the joints.
-    """
-
-    def __init__(self, rig: Rig, joints: Sequence[int]) -> None:
-        space = 2.0 * LAYOUT.gap
-        self.joints = {j: Texts(texts_of(rig, "joints", j), 1) for j in joints}
-        self.rows: dict[int, list[Row]] = {}
-        widths = [0.0]
-        beside = dict.fromkeys(joints, 0.0)
-        for i, tendon in enumerate(rig.tendons):
-            turned = [rig.joint_names.index(name) for name in tendon.joints]
-            if turned[0] not in joints:
-                continue
-            name, *sizes = texts_of(rig, "tendons", i)
-            arms = {}
-            for j in turned:
-                text = Texts(arm_texts(tendon, rig.joints[j]))
-                arms[j] = (tendon.arms()[rig.joints[j].name], text)
-                beside[j] = max(beside[j], text.width + 2.5 * LAYOUT.circle)
-            row = Row(i, Texts([name], 1), Texts(sizes), arms)
-            self.rows.setdefault(rig.drive_names.index(tendon.drive), []).append(row)
-            widths += [row.name.width, row.sizes.width]
-        self.drives = {d: Texts(texts_of(rig, "drives", d), 1) for d in self.rows}
-        self.first = max(text.width for text in self.drives.values()) + LAYOUT.gap
-        x = self.first + max(widths) + space
-        self.lefts: dict[int, float] = {}
-        for j, text in self.joints.items():
-            self.lefts[j] = x
-            x += max(text.width, beside[j]) + space
-        self.width = x - LAYOUT.gap
-        self.top = max(text.height for text in self.joints.values()) + space
-        self.height = self.top + sum(self._height(d) + LAYOUT.gap for d in self.rows)
-
-    def _height(self, drive: int) -> float:
-        rows = sum(row.height(1) + row.height(-1) for row in self.rows[drive])
-        return max(rows, self.drives[drive].height + LAYOUT.gap)
-
-    def draw(self, axes: Axes, left: float, top: float) -> None:
-        """Draw the panel.
-
-        Args:
-            left: left end of the panel [in].
-            top: upper end of the panel [in].
-        """
-        lefts = {j: left + x for j, x in self.lefts.items()}
-        for j, text in self.joints.items():
-            height = text.height + LAYOUT.gap
-            _box(axes, (lefts[j] - LAYOUT.gap / 2, top), (text.width + LAYOUT.gap, height))
-            text.draw(axes, lefts[j], top - LAYOUT.gap / 2)
-            stem = lefts[j] + LAYOUT.circle
-            ends = (top - height, top - self.height + LAYOUT.gap)
-            axes.plot((stem, stem), ends, color=FAINT, lw=4.0, zorder=1)
-        y = top - self.top
-        for drive, rows in self.rows.items():
-            height = self._height(drive)
-            _box(axes, (left, y), (self.first, height))
-            text = self.drives[drive]
-            text.draw(axes, left + LAYOUT.gap / 2, y - (height - text.height) / 2)
-            spare = height - sum(row.height(1) + row.height(-1) for row in rows)
-            level = y
-            for row in rows:
-                level -= spare / len(rows) / 2 + row.height(1)
-                row.draw(axes, (left + self.first, level), lefts)
-                level -= spare / len(rows) / 2 + row.height(-1)
-            y -= height + LAYOUT.gap
-
-
-def _box(axes: Axes, corner: Point, size: Point) -> None:
-    """Draw a box by its left upper corner, its width and its height."""
-    x, y = corner
-    ends = (x, x + size[0])
-    axes.fill_between(ends, y - size[1], y, facecolor=PALE, edgecolor=SOFT, lw=0.6, zorder=2)
-
+ENLARGED = 1.4
+"""Largest size on a page over the size in print. Source: layout."""
 
 NOTE = (
-    "Drives pull their tendons to the left. A tendon that passes above a circle turns that joint "
-    "to +θ, one below it to −θ, with the moment arm that stands beside the circle (at zero angle). "
-    "◉ marks a sensor. Not to scale."
+    "Drives pull their tendons to the left. A tendon turns a joint to +θ where it has ↺, to −θ "
+    "where it has ↻, with the moment arm below (at zero angle). ◉ marks a sensor. Not to scale."
 )
 """How a drawing is read."""
+
+SIZES = (
+    "radius",
+    "stiffness",
+    "pretension",
+    "slack",
+    "path.friction",
+    "path.wrap",
+    "coupled.ratio",
+    "coupled.offset",
+    "spring.stiffness",
+    "spring.rest_angle",
+    "extension_spring.stiffness",
+    "extension_spring.free_length",
+    "extension_spring.radius",
+    "extension_spring.distance",
+    "extension_spring.line_angle",
+    "friction.constant",
+    "friction.load",
+    "friction.coefficient",
+    "friction.radius",
+    "backlash.width",
+    "link.mass",
+    "gravity.mass",
+    "gravity.distance",
+    "gravity.hanging_angle",
+)
+"""Keys of a drive, tendon or joint whose numbers are drawn, where it has them and they are not
+zero.
+"""
 
 
 def draw_rig(rig: Rig) -> Figure:
     """Return a schematic of a rig: its drives, tendons and joints with their sizes and sensors.
 
-    Joints that no tendon, drive or coupling connects are drawn apart.
+    Joints that do not move one another are drawn apart.
     """
-    space = 2.0 * LAYOUT.gap
-    title = Texts(wrap(rig.name, LAYOUT.letters), LAYOUT.letters, LAYOUT.title)
-    notes = Texts(wrap(_gravity(rig) + NOTE, LAYOUT.letters))
-    right = max(title.width, notes.width)
-    x = 0.0
-    top = bottom = -title.height - LAYOUT.gap
+    title, notes = (wrap(text, LETTERS) for text in (rig.name, _gravity(rig) + NOTE))
+    right = max(_width(title, TITLE), _width(notes))
+    low = -_height(title, TITLE) - GAP
     with figure() as (drawing, (axes,)):
-        for panel in (Panel(rig, joints) for joints in _connected(rig)):
-            if x > 0.0 and x + panel.width > LAYOUT.across:
-                x = 0.0
-                top = bottom
-            panel.draw(axes, x, top)
-            right = max(right, x + panel.width)
-            bottom = min(bottom, top - panel.height - LAYOUT.gap)
-            x += panel.width + space
-        title.draw(axes, 0.0, 0.0)
-        notes.draw(axes, 0.0, bottom)
-        low = bottom - notes.height - LAYOUT.gap
+        _write(axes, 0.0, 0.0, title, len(title), TITLE)
+        for part in independent_parts(rig):
+            end, low = _draw_part(axes, part.rig, low)
+            right = max(right, end)
+        _write(axes, 0.0, low, notes, 0)
+        low -= _height(notes) + GAP
         drawing.set_layout_engine("none")
-        drawing.set_size_inches(right + space, LAYOUT.gap - low)
+        drawing.set_size_inches(right + 2.0 * GAP, GAP - low)
         axes.set_axis_off()
         axes.set_position((0.0, 0.0, 1.0, 1.0))
-        axes.set_xlim(-LAYOUT.gap, right + LAYOUT.gap)
-        axes.set_ylim(low, LAYOUT.gap)
-    drawing.set_label(_described(rig))
+        axes.set_xlim(-GAP, right + GAP)
+        axes.set_ylim(low, GAP)
+    joints, tendons = map(", ".join, (rig.joint_names, rig.tendon_names))
+    drives = ", ".join(f"{drive.name} ({drive.kind})" for drive in rig.drives)
+    drawing.set_label(
+        f"Drawing of the rig {rig.name}: joints {joints}; drives {drives}; tendons {tendons}"
+    )
     return drawing
 
 
 def rig_svg(rig: Rig) -> str:
     """Return the drawing of a rig as an SVG element with a description in words."""
     drawing = draw_rig(rig)
-    width = LAYOUT.enlarged * drawing.get_figwidth()
+    width = ENLARGED * drawing.get_figwidth()
     svg = svg_of(drawing, drawing.get_label())
     return svg.replace("<svg ", f"<svg style='max-width: {width:.1f}in' ", 1)
 
 
-def _described(rig: Rig) -> str:
-    joints, tendons = (
-        ", ".join(part.name for part in parts) for parts in (rig.joints, rig.tendons)
-    )
-    drives = ", ".join(f"{drive.name} ({drive.kind})" for drive in rig.drives)
-    return f"Drawing of the rig {rig.name}: joints {joints}; drives {drives}; tendons {tendons}"
+def _draw_part(axes: Axes, rig: Rig, top: float) -> tuple[float, float]:
+    """Draw a part of a rig below a height [in], and return its right and lower end [in].
 
-
-def _connected(rig: Rig) -> list[list[int]]:
-    """Return groups of the indices of joints that drives and couplings connect, in the rig's
-    order.
+    It is a table with a column for drives, for tendons and for each joint, and with a row for the
+    joints and for each tendon.
     """
-    from scipy.sparse.csgraph import connected_components
+    cells = {(0, 2 + j): _texts_of(rig, "joints", j) for j in range(len(rig.joints))}
+    tendons = [tendon for drive in rig.drive_names for tendon in rig.tendons_of(drive)]
+    for row, tendon in enumerate(tendons, 1):
+        if tendon is rig.tendons_of(tendon.drive)[0]:
+            cells[row, 0] = _texts_of(rig, "drives", rig.drive_names.index(tendon.drive))
+        cells[row, 1] = _texts_of(rig, "tendons", rig.tendon_names.index(tendon.name))
+        for name, arm in tendon.arms().items():
+            j = rig.joint_names.index(name)
+            turn = "↻" if arm < 0.0 else "↺" if arm > 0.0 else "○"
+            cells[row, 2 + j] = turn, *_arm_texts(tendon, rig.joints[j])
+    widths, heights = np.zeros(2 + len(rig.joints)), np.zeros(1 + len(tendons))
+    for (row, column), lines in cells.items():
+        widths[column] = max(widths[column], _width(lines) + 2.0 * GAP)
+        heights[row] = max(heights[row], _height(lines) + GAP)
+    x, y = GAP / 2 + np.cumsum([0.0, *widths]), top - np.cumsum([0.0, *heights])
+    for (row, column), lines in cells.items():
+        if row == 0 or column == 0:
+            ends = x[column] - GAP / 2, x[column + 1] - 1.5 * GAP
+            look = {"facecolor": PALE, "edgecolor": SOFT, "lw": 0.6, "zorder": 2}
+            last = row + len(rig.tendons_of(tendons[row - 1].drive)) if row else 1
+            axes.fill_between(ends, y[last] + GAP, y[row], **look)
+        _write(axes, x[column], y[row] - GAP / 4, lines)
+    for left in x[2:-1] - GAP / 2:
+        axes.plot(
+            (left, left), (y[0], y[-1] + GAP), color=FAINT, lw=3.0, solid_capstyle="butt", zorder=1
+        )
+    for row in range(1, len(y) - 1):
+        turned = [x[column] - GAP / 2 for at, column in cells if at == row and column > 1]
+        level = y[row] - 3 / 8 * GAP - LINE * FONT
+        along = x[1] - 1.5 * GAP, *sorted(turned)
+        look = {"marker": "o", "ms": 4.0, "markevery": slice(1, None), "lw": 1.6, "zorder": 4}
+        axes.plot(along, [level] * len(along), **look, **curve_style(row - 1))
+    return x[-1] - GAP, y[-1]
 
-    index = rig.joint_names.index
-    together = np.eye(len(rig.joints))
-    for drive in rig.drive_names:
-        turned = [index(name) for tendon in rig.tendons_of(drive) for name in tendon.joints]
-        together[np.ix_(turned, turned)] = 1.0
-    for j, joint in enumerate(rig.joints):
-        if joint.coupled:
-            together[j, index(joint.coupled.joint)] = 1.0
-    count, group = connected_components(together, directed=False)
-    return [np.flatnonzero(group == k).tolist() for k in range(count)]
+
+def _width(lines: Sequence[str], size: float = FONT) -> float:
+    """Return the width of the widest line, were all bold [in]."""
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import text_to_path
+
+    bold = FontProperties(size=size, weight="bold")
+    extents = (text_to_path.get_text_width_height_descent(line, bold, False) for line in lines)
+    return ROUNDING * float(max(width for width, _, _ in extents)) / 72.0
+
+
+def _height(lines: Sequence[str], size: float = FONT) -> float:
+    """Return the height of lines with the gaps that `_write` needs [in]."""
+    return LINE * size * len(lines) + 0.75 * GAP
+
+
+def _write(
+    axes: Axes, left: float, top: float, lines: Sequence[str], bold: int = 1, size: float = FONT
+) -> None:
+    """Write lines below a height [in], the first ones bold and the others after a gap."""
+    for k, line in enumerate(lines):
+        y = top - LINE * size * (k + 0.5) - (GAP / 4 if k >= bold else 0.0)
+        look = {"size": size, "weight": "bold" if k < bold else "normal", "color": INK}
+        axes.text(left, y, plain(line), va="center_baseline", zorder=5, **look)
 
 
 def _gravity(rig: Rig) -> str:
     """Return a sentence on gravity, empty where the rig has no links."""
     if not any(joint.link for joint in rig.joints):
         return ""
-    turned = vector(map(degrees, rig.base.orientation))
+    turned = _vector(map(degrees, rig.base.orientation))
     base = f", base turned by {turned}°" if any(rig.base.orientation) else ""
-    return f"Gravity {vector(rig.base.gravity)} m/s²{base}. "
+    return f"Gravity {_vector(rig.base.gravity)} m/s²{base}. "
+
+
+def _vector(components: Iterable[float]) -> str:
+    """Return the text of a vector, such as "[45, 0, 0]"."""
+    return f"[{', '.join(map(plain_number, components))}]"
+
+
+def _texts_of(rig: Rig, kind: str, index: int) -> tuple[str, ...]:
+    """Return the lines on a joint, drive or tendon: its name, sizes, stops and sensors.
+
+    Args:
+        kind: list of the rig that holds the part: joints, drives or tendons.
+        index: index of the part in this list.
+    """
+    part = rig.components[kind][index]
+    texts = [part.name]
+    unit = "rad"
+    if isinstance(part, Joint):
+        texts += _position(rig, index)
+    elif isinstance(part, Tendon):
+        drive = rig.drive(part.drive)
+        sign = "−" if drive.kind == "capstan" and part.winding < 0 else "+"
+        texts.append(f"pulled in by {sign}{'φ' if drive.kind == 'capstan' else 'x'}")
+    elif isinstance(part, (Slider, Capstan)):
+        texts.append(part.kind)
+        unit = position_unit(part)
+    for key in SIZES:
+        if part_at(part, key) is not None:
+            size = number(rig, f"{kind}.{index}.{key}")
+            words = key.replace(".", " ").replace("_", " ")
+            if size.value != 0.0:
+                texts.append(f"{words} {quantity(size.value, size.quantity.si)}")
+    stops = getattr(part, "stops", None)
+    if stops is not None:
+        texts.append(f"stops {' … '.join(quantity(stop, unit) for stop in stops)}")
+    for sensor in rig.sensors:
+        if measurand_of(sensor).of == kind and part_of(sensor, rig) == index:
+            gear = getattr(sensor, "gear", 1.0)
+            before = "" if gear == 1.0 else f", gear {plain_number(gear)}"
+            texts.append(f"◉ {sensor.name}: {sensor.measures}{before}")
+    return tuple(texts)
+
+
+def _position(rig: Rig, index: int) -> list[str]:
+    """Return on which link a joint sits, its axis there, and which joint it follows."""
+    joint = rig.joints[index]
+    parent = rig.parent_of(index)
+    below = "base" if parent is None else rig.joints[parent].name
+    parts = (f"{part:+.2g}{name}" for name, part in zip("xyz", joint.axis) if abs(part) > 0.005)
+    axis = " ".join(parts).replace("+1", "+").replace("-1", "−").replace("-", "−")
+    texts = [f"on {below}, axis {axis.removeprefix('+')}"]
+    if any(joint.offset):
+        texts.append(f"at {_vector(1e3 * part for part in joint.offset)} mm")
+    if joint.coupled is not None:
+        texts.append(f"coupled to {joint.coupled.joint}")
+    return texts
+
+
+def _arm_texts(tendon: Tendon, joint: Joint) -> tuple[str, ...]:
+    """Return the lines on a tendon's moment arm at a joint: at zero, at the ends of the joint's
+    travel where it differs there, and how they meet unless by a pulley.
+    """
+
+    def signed(angle: float) -> str:
+        arm = tendon.arms({joint.name: angle})[joint.name]
+        return f"{'+' if arm > 0.0 else ''}{quantity(arm, 'm')}"
+
+    at_zero = signed(0.0)
+    changed = [angle for angle in joint.travel if signed(angle) != at_zero]
+    ends = [f"{signed(angle)} at {quantity(angle, 'rad')}" for angle in changed]
+    kinds = {meeting.shape.kind for meeting in tendon.meetings if joint.name in meeting.joints}
+    return at_zero, *ends, *sorted(kinds - {"pulley"})

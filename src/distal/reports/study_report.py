@@ -154,7 +154,7 @@ def _influences(influences: Sequence[Influence]) -> list[str]:
         "the variance if the number were known and held. As built: what one rig differs by from "
         "its description."
     )
-    return [html_table(columns, rows, [2], "bars"), paragraph(explanation)]
+    return [html_table(columns, rows, [2]), paragraph(explanation)]
 
 
 def _drawn(case: Case) -> Figure:

@@ -191,9 +191,7 @@ def plot_estimates(
                 position.set_xlabel(time_label(first.time))
         drawing.align_ylabels()
         drawing.suptitle(plain((title or first.rig)[:90]), fontsize=9, x=0.01, ha="left")
-    if path is not None:
-        save_figure(drawing, path)
-    return drawing
+    return save_figure(drawing, path)
 
 
 def _across(drawing: Figure, axes: Sequence[Axes], row: int, columns: int) -> Axes:

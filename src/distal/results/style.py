@@ -49,17 +49,13 @@ def verdict(word: str, good: bool) -> Html:
 
 
 def html_table(
-    columns: Iterable[str],
-    rows: Iterable[Sequence[object]],
-    values: Sequence[int] = (),
-    name: str = "",
+    columns: Iterable[str], rows: Iterable[Sequence[object]], values: Sequence[int] = ()
 ) -> str:
     """Return the HTML of a table.
 
     Args:
         rows: cells, text or HTML; other numbers are written to four digits.
         values: indices of the columns that hold numbers.
-        name: class of the table in style sheets.
     """
     names = [escape(column) for column in columns]
     mark = [" class='n'" if i in values else "" for i in range(len(names))]
@@ -71,8 +67,7 @@ def html_table(
         "</tr>\n"
         for row in rows
     )
-    opened = f"<table class='{name}'>" if name else "<table>"
-    table = f"{opened}<thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table>"
+    table = f"<table><thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table>"
     return f"<div class='scroll'>{table}</div>"
 
 
@@ -286,13 +281,16 @@ def make_folder(path: str | Path) -> Path:
     return folder
 
 
-def save_figure(drawing: Figure, path: str | Path) -> None:
-    """Write a figure completely or not at all, in the format of the path's ending.
+def save_figure(drawing: Figure, path: str | Path | None) -> Figure:
+    """Write a figure completely or not at all, in the format of the path's ending, where there is a
+    path; return the figure.
 
     Raises:
         OutputError: the file cannot be written.
     """
-    write_whole(path, figure_bytes(drawing, path))
+    if path is not None:
+        write_whole(path, figure_bytes(drawing, path))
+    return drawing
 
 
 def figure_bytes(drawing: Figure, path: str | Path) -> bytes:

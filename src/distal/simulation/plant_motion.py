@@ -53,8 +53,8 @@ def body_inputs(scenario: Scenario, mechanism: Mechanism, time: Floats) -> BodyI
             drive in a way that its kind does not allow.
     """
     rig = mechanism.rig
-    _check_names(scenario.joints, rig.joint_names, "joints", "joint")
-    _check_names(scenario.drives, rig.drive_names, "drives", "drive")
+    check_names(scenario.joints, rig.joint_names, "joints", "joint")
+    check_names(scenario.drives, rig.drive_names, "drives", "drive")
     n = len(time)
     bodies = mechanism.n_bodies
     inputs = BodyInputs(np.zeros((n, bodies)), np.zeros((n, bodies)), np.zeros((n, bodies, 3)))
@@ -106,12 +106,22 @@ def _check_pull(pull: DriveInput, kind: str, where: str) -> None:
             )
 
 
-def _check_names(keys: Iterable[str], names: list[str], where: str, kind: str) -> None:
+def check_names(
+    keys: Iterable[str],
+    names: list[str],
+    where: str,
+    kind: str,
+    error: type[Exception] = ScenarioError,
+) -> None:
+    """Raise an error where a key of a scenario is no name of the rig's parts.
+
+    Args:
+        where: the table of the scenario.
+        kind: what the names are of, such as "joint".
+    """
     for name in keys:
         if name not in names:
-            raise ScenarioError(
-                f"{where}: the rig has no {kind} '{name}'{did_you_mean(name, names)}"
-            )
+            raise error(f"{where}: the rig has no {kind} '{name}'{did_you_mean(name, names)}")
 
 
 def initial_angles(scenario: Scenario, mechanism: Mechanism) -> Floats:
@@ -122,7 +132,7 @@ def initial_angles(scenario: Scenario, mechanism: Mechanism) -> Floats:
         ScenarioError: a joint is unknown or follows another one, or its angle is none.
     """
     names = mechanism.rig.joint_names
-    _check_names(scenario.initial, names, "initial", "joint")
+    check_names(scenario.initial, names, "initial", "joint")
     angles = np.array([joint.initial.value for joint in mechanism.rig.joints])
     for name, raw in scenario.initial.items():
         coupled = mechanism.rig.joints[names.index(name)].coupled

@@ -206,33 +206,15 @@ def described_sensors(
     Args:
         tendons: name → RMS error that the polynomial leaves of the tendon's length [m].
     """
-    sensors: list[dict[str, object]] = []
+    rows: list[tuple[str, str, str, str, dict[str, object]]] = []
     for name, left in tendons.items():
-        for kind, column, unit, noise in (
-            ("position", "x", "m", ASSUMED.noise(left)),
-            ("force", "u", "N", ASSUMED.force_noise),
-        ):
-            sensors.append(
-                {
-                    "name": f"{column}_{name}",
-                    "measures": kind,
-                    "of": name,
-                    "column": f"{column}_{name}",
-                    "unit": unit,
-                    "rate": ASSUMED.rate,
-                    "noise": noise,
-                }
-            )
+        rows.append(("x", "position", name, "m", {"noise": ASSUMED.noise(left)}))
+        rows.append(("u", "force", name, "N", {"noise": ASSUMED.force_noise}))
     for name in joints:
-        sensors.append(
-            {
-                "name": f"encoder_{name}",
-                "measures": "angle",
-                "of": name,
-                "column": f"encoder_{name}",
-                "unit": "rad",
-                "rate": ASSUMED.rate,
-                "resolution": ASSUMED.encoder_step,
-            }
-        )
-    return sensors
+        rows.append(("encoder", "angle", name, "rad", {"resolution": ASSUMED.encoder_step}))
+    return [
+        {"name": f"{column}_{name}", "measures": kind, "of": name, "column": f"{column}_{name}"}
+        | {"unit": unit, "rate": ASSUMED.rate}
+        | errors
+        for column, kind, name, unit, errors in rows
+    ]
