@@ -6,22 +6,18 @@ small one can ask for more memory than there is. The process is used again for t
 
 from __future__ import annotations
 
-import atexit
-import io
-import json
 import os
+import pickle
 import subprocess
 import sys
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from importlib import import_module
 from pathlib import Path
 from threading import Lock
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from distal.errors import DistalWarning, LogError, UnitError
 from distal.logs.cells import Cells, Column, in_memory
@@ -44,8 +40,7 @@ start.
 """
 
 _BEGIN = (
-    "import sys, json; sys.path[:] = json.loads(sys.argv[1]); from distal.logs.reader_process "
-    "import serve; serve()"
+    "import sys; sys.path[:] = sys.argv[1:]; from distal.logs.reader_process import serve; serve()"
 )
 
 _LOCK = Lock()
@@ -103,12 +98,8 @@ def _how_to_allow() -> str:
     )
 
 
-Bytes: TypeAlias = NDArray[np.uint8]
-
-Answer: TypeAlias = tuple[str, list[str], Sequence[str], int, dict[str, str]]
-"""Error, warnings, names of all columns, row number of the first value, and name → type of NumPy's
-of the columns that follow; it is empty for text, which comes as the bytes of its JSON.
-"""
+Answer: TypeAlias = tuple[tuple[dict[str, Column], Path, int, tuple[str, ...]] | str, list[str]]
+"""Arguments of `in_memory`, or an error; and warnings."""
 
 
 def read_apart(read: Callable[..., Cells], path: Path, *arguments: object) -> Cells:
@@ -117,7 +108,7 @@ def read_apart(read: Callable[..., Cells], path: Path, *arguments: object) -> Ce
 
     Args:
         read: function of a module, which returns a table that is `in_memory`.
-        arguments: what JSON can hold.
+        arguments: what can be pickled.
 
     Raises:
         LogError: the file cannot be read, is damaged, or takes too much memory.
@@ -126,76 +117,55 @@ def read_apart(read: Callable[..., Cells], path: Path, *arguments: object) -> Ce
         folder = os.getcwd()
     except FileNotFoundError:  # the folder is gone
         folder = ""
-    request = json.dumps([folder, read.__module__, read.__name__, str(path), *arguments])
+    request = folder, read, path, arguments
     with _LOCK:
         try:
             reader = _Reader.current()
         except OSError:  # where no process can be started, such as in an embedded interpreter
             reader = None
-        answer, parts = _answer(request) if reader is None else reader.ask(request, path)
-    error, messages, names, first_row, types = answer
+        table, messages = _answer(*request) if reader is None else reader.ask(request, path)
     for text in messages:
         warnings.warn(text, DistalWarning, stacklevel=4)
-    if error:
-        raise LogError(error)
-    columns: dict[str, Column] = {
-        name: part.view(kind) if kind else json.loads(part.tobytes())
-        for (name, kind), part in zip(types.items(), parts)
-    }
-    return in_memory(columns, path, first_row, names)
+    if isinstance(table, str):
+        raise LogError(table)
+    return in_memory(*table)
 
 
-def _answer(request: str) -> tuple[Answer, list[Bytes]]:
-    """Return what a request asks for, and the bytes of its columns."""
-    folder, module, function, path, *arguments = json.loads(request)
-    error = ""
-    cells = in_memory({}, Path(path), 0, ())
-    types = dict[str, str]()
-    parts = list[Bytes]()
+def _answer(
+    folder: str, read: Callable[..., Cells], path: Path, arguments: Sequence[object]
+) -> Answer:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DistalWarning)
+        table: tuple[dict[str, Column], Path, int, tuple[str, ...]] | str
         try:
             if folder:
                 os.chdir(folder)  # the caller may have gone elsewhere since
-            cells = getattr(import_module(module), function)(Path(path), *arguments)
-            for name, column in cells.held.items():
-                if isinstance(column, list):
-                    types[name] = ""
-                    parts.append(np.frombuffer(json.dumps(column).encode(), np.uint8))
-                else:
-                    types[name] = column.dtype.str
-                    parts.append(np.ascontiguousarray(column).view(np.uint8))
+            cells = read(path, *arguments)
+            table = dict(cells.held), path, cells.first_row, cells.names
         except LogError as problem:
-            error = str(problem)
+            table = str(problem)
         except MemoryError:
-            error = f"{shown(path)}: takes too much memory to read; {_how_to_allow()}"
+            table = f"{shown(path)}: takes too much memory to read; {_how_to_allow()}"
         except Exception as problem:
             reason = (str(problem).splitlines() or [""])[0][:120]
-            error = (
+            table = (
                 f"{shown(path)}: cannot be read ({type(problem).__name__}: {reason}); the file is "
                 "damaged"
             )
-    messages = [str(each.message) for each in caught if issubclass(each.category, DistalWarning)]
-    if error:
-        return (error, messages, (), 0, {}), []
-    return ("", messages, cells.names, cells.first_row, types), parts
+    return table, [str(w.message) for w in caught if issubclass(w.category, DistalWarning)]
 
 
 def serve() -> None:
-    """Answer requests that come on standard input as lines of JSON, until it ends.
-
-    An answer is a line of JSON, with the sizes of the columns that follow it.
-    """
+    """Answer requests that come on standard input, until it ends."""
     # whatever a library prints must not stand between the answers
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-    for line in sys.stdin.buffer:
-        _limit_memory(memory_limit())
-        answer, parts = _answer(line.decode())
-        answers.write(json.dumps([answer, [*map(len, parts)]]).encode() + b"\n")
-        while parts:
-            answers.write(parts.pop(0).data)
-        answers.flush()
+    with suppress(EOFError):
+        while True:
+            request = pickle.load(sys.stdin.buffer)
+            _limit_memory(memory_limit())
+            pickle.dump(_answer(*request), answers, pickle.HIGHEST_PROTOCOL)
+            answers.flush()
 
 
 def _limit_memory(size: int) -> None:
@@ -221,49 +191,44 @@ class _Reader:
     @classmethod
     def current(cls) -> _Reader:
         """Return the running process, or start one; a forked caller starts its own."""
-        limit = memory_limit()
+        of = os.getpid(), memory_limit()
         now = cls._now
-        if now is None or now._of != (os.getpid(), limit) or now._process.poll() is not None:
+        if now is None or now._of != of or now._process.poll() is not None:
             if now is not None:
                 now.end()
-            cls._now = now = cls(limit)
+            cls._now = now = cls(of)
         return now
 
-    def __init__(self, limit: int) -> None:
-        self._of = (os.getpid(), limit)
+    def __init__(self, of: tuple[int, int]) -> None:
+        self._of = of
         # each thread reserves memory, and reading one file needs few threads; a pool of Arrow's own
         # keeps the memory of a file that was read
         few = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "2")
         few["ARROW_DEFAULT_MEMORY_POOL"] = "system"
         # in a session of its own, so that Ctrl-C reaches only the caller, who ends it
         self._process = subprocess.Popen(
-            [sys.executable, "-c", _BEGIN, json.dumps(sys.path)],
+            [sys.executable, "-c", _BEGIN, *sys.path],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             env={**os.environ, **few, "PYTHONWARNINGS": "ignore"},
             start_new_session=True,
         )
-        atexit.register(self.end)
 
-    def ask(self, request: str, path: Path) -> tuple[Answer, list[Bytes]]:
-        """Return the answer to a request and the bytes of its columns.
+    def ask(self, request: tuple[object, ...], path: Path) -> Answer:
+        """Return the answer to a request.
 
         Raises:
             LogError: reading the file at `path` ended the process.
         """
         process = self._process
         assert process.stdin is not None
-        assert isinstance(process.stdout, io.BufferedReader)
+        assert process.stdout is not None
         try:
-            process.stdin.write(request.encode() + b"\n")
+            pickle.dump(request, process.stdin)
             process.stdin.flush()
-            answer, sizes = json.loads(process.stdout.readline())
-            parts = [np.empty(size, np.uint8) for size in sizes]
-            for part in parts:
-                if process.stdout.readinto(part.data) < len(part):
-                    raise EOFError
-        except (OSError, ValueError, EOFError):
+            answer: Answer = pickle.load(process.stdout)
+        except (OSError, EOFError, pickle.UnpicklingError):
             code = self.end(patience=2.0)
             cause = f"signal {-code}" if code < 0 else f"exit code {code}"
             raise LogError(
@@ -273,24 +238,19 @@ class _Reader:
         except BaseException:
             self.end()
             raise
-        return answer, parts
+        return answer
 
     def end(self, patience: float = 0.0) -> int:
         """Stop the process, after `patience` [s] in which it may end by itself, and return its exit
         code.
         """
-        process = self._process
         if self._of[0] != os.getpid():
             return 0  # a forked process leaves its parent's reader alone
-        atexit.unregister(self.end)
         if _Reader._now is self:
             _Reader._now = None
         with suppress(subprocess.TimeoutExpired):
-            process.wait(patience)
-        process.kill()
-        code = process.wait()
-        for pipe in (process.stdin, process.stdout):
-            with suppress(OSError):
-                if pipe is not None:
-                    pipe.close()
-        return code
+            self._process.wait(patience)
+        self._process.kill()
+        with suppress(OSError), self._process:  # it closes the pipes and waits
+            pass
+        return self._process.returncode
