@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from distal.errors import Content, OutputError, StudyError
-from distal.logs import atomic_writes
+from distal.logs import outputs
 from distal.study import Plan, open_folder, run_study, space_of
 from distal.study.execution import Columns
 from tests.study.plans import RAW, small
@@ -116,7 +116,7 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
 def test_a_disk_that_is_full_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plan = many()
     folder, calls = open_folder(plan, tmp_path), list[int]()
-    put = atomic_writes.put
+    put = outputs.put
 
     def full(path: Path, content: Content) -> None:
         calls.append(1)
@@ -124,7 +124,7 @@ def test_a_disk_that_is_full_loses_nothing(tmp_path: Path, monkeypatch: pytest.M
             raise OSError(28, "No space left on device")
         put(path, content)
 
-    monkeypatch.setattr(atomic_writes, "put", full)
+    monkeypatch.setattr(outputs, "put", full)
     with pytest.raises(OutputError, match="No space left on device"):
         run_study(plan, space_of(plan), folder, 1)
     assert [file.name for file in (tmp_path / "rows").iterdir()] == ["000000.parquet"]

@@ -1,6 +1,5 @@
 """Read, check and write logs, which are time series of sensor readings."""
 
-from distal.logs.atomic_writes import keep_elsewhere, write_together, write_whole
 from distal.logs.cells import Column
 from distal.logs.door import Door, Remark, decoded
 from distal.logs.encoders import FASTEST
@@ -27,7 +26,15 @@ from distal.logs.log_files import (
 )
 from distal.logs.messages import MessageReader
 from distal.logs.mujoco_recorder import mujoco_recorder
-from distal.logs.output_targets import Output, check_outputs, outputs_in, shown
+from distal.logs.outputs import (
+    Output,
+    check_outputs,
+    keep_elsewhere,
+    outputs_in,
+    shown,
+    write_together,
+    write_whole,
+)
 from distal.logs.recorder import ESTIMATE_TOPIC, SAMPLE_TOPIC, Recorder, estimate_schema
 from distal.logs.recordings import is_recording, open_recording, recorded_columns
 from distal.logs.tables import Source, open_table, read_table, table_of

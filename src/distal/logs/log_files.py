@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.errors import DistalWarning, LogError
-from distal.logs.atomic_writes import write_whole
 from distal.logs.door import Door, through
 from distal.logs.encoders import TURN
 from distal.logs.formats import TABLES, file_of
 from distal.logs.header_units import factor_of, scale, time_factor
 from distal.logs.log import NO_SOURCE, Log, TruthKind, TruthSource, check_stamps
+from distal.logs.outputs import write_whole
 from distal.logs.reader_process import read_apart
 from distal.logs.recordings import ROW_STAMPS, is_recording, recorded_cells
 from distal.logs.stamps import Clock, clock_of, in_order

@@ -21,7 +21,7 @@ import numpy as np
 
 from distal.errors import DistalWarning, LogError, UnitError
 from distal.logs.cells import Cells, Column, in_memory
-from distal.logs.output_targets import shown
+from distal.logs.outputs import shown
 from distal.units import to_si
 
 MOST = 2_000_000_000

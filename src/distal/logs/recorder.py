@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from distal.errors import OutputError
-from distal.logs.atomic_writes import as_output_error, beside, target_of
+from distal.logs.outputs import as_output_error, beside, target_of
 from distal.logs.stamps import LATEST
 from distal.rig import angle_names, std_name
 

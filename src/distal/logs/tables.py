@@ -18,7 +18,7 @@ from distal.logs.cells import Cells, Column, in_memory
 from distal.logs.episodes import Episode, rows_of_episode
 from distal.logs.formats import check_is_content, format_of
 from distal.logs.header_units import header, needed, scale, units_of
-from distal.logs.output_targets import shown
+from distal.logs.outputs import shown
 from distal.logs.reader_process import read_apart
 from distal.logs.vectors import INFO
 
