@@ -11,8 +11,8 @@ import pytest
 
 from distal.errors import OutputError
 from distal.logs import Output, Recorder, check_outputs, outputs_in, shown, write_whole
+from distal.logs.messages import SAMPLE_TOPIC
 from distal.logs.outputs import ROOM
-from distal.logs.recorder import SAMPLE_TOPIC
 
 
 def one(path: Path) -> list[Output]:

@@ -12,17 +12,16 @@ from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.errors import DistalWarning, LogError
+from distal.logs.cells import factor_of, scale, time_factor
 from distal.logs.door import Door, through
 from distal.logs.encoders import TURN
 from distal.logs.formats import TABLES, file_of
-from distal.logs.header_units import factor_of, scale, time_factor
-from distal.logs.log import NO_SOURCE, Log, TruthKind, TruthSource, check_stamps
+from distal.logs.log import NO_SOURCE, Log, TruthKind, TruthSource, check_stamps, doubts_of_units
 from distal.logs.outputs import write_whole
 from distal.logs.reader_process import read_apart
 from distal.logs.recordings import ROW_STAMPS, is_recording, recorded_cells
 from distal.logs.stamps import Clock, clock_of, in_order
 from distal.logs.tables import Source, Table, open_table, table_of
-from distal.logs.unit_doubts import doubts_of_units
 from distal.rig import REFERENCES, Rig, Sensor, angle_names, log_factor, torque_names
 from distal.units import unit_factor
 
