@@ -230,10 +230,6 @@ def study_command(
     workers: Annotated[
         int | None, Option(min=1, max=1024, help="Processes here; default one per core.")
     ] = None,
-    scheduler: Annotated[
-        str | None,
-        Option(metavar="tcp://HOST:PORT", help="A Dask scheduler, whose workers run it instead."),
-    ] = None,
     suggest: Annotated[
         bool,
         Option(
@@ -261,7 +257,7 @@ def study_command(
     with stoppable():
         try:
             with progress_bar("runs") as show:
-                run_study(plan, space, folder, workers, scheduler, show)
+                run_study(plan, space, folder, workers, show)
         except KeyboardInterrupt:
             say(f"what is done is kept in {folder.path}; the same command goes on")
             raise
