@@ -21,7 +21,6 @@ from distal.cli.shared_options import (
     SeedOption,
     SetOption,
     check_command_outputs,
-    check_ending,
     check_folder,
     rigs,
     studies,
@@ -84,16 +83,15 @@ def simulate_command(
     }
     settings = [f"--set {shlex.quote(f'{path}={_toml(value)}')}" for path, value in values.items()]
     names = {seed: out}
-    outputs = to_file("--out", out)
-    if runs is not None:
+    if runs is None:
+        outputs = to_file("--out", out, "a table")
+    else:
         check_folder(out, "with --runs")
         digits = len(str(seed + runs - 1))
         names = {n: out / f"run_{n:0{digits}d}.csv" for n in range(seed, seed + runs)}
         outputs = to_folder("--out", out, [path.name for path in names.values()])
     check_command_outputs(outputs, rig=description.rig, scenario=scenario)
-    if runs is None:
-        check_ending(out, "a table")
-    else:
+    if runs is not None:
         make_folder(out)
     jobs = [(description, number) for number in names]
     with progress_bar("simulating", len(jobs)) as advance:

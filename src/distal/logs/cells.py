@@ -106,8 +106,7 @@ def time_factor(rig: Rig, unit: str | None, source: str) -> float:
     Raises:
         LogError: the header's unit is no unit of time.
     """
-    if unit is None:
-        return unit_factor(rig.log.time.unit, "s")
+    unit = unit or rig.log.time.unit
     return scale(unit, "s", f"{source}: column '{header(rig.log.time.column, unit)}'")
 
 

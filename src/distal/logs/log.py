@@ -5,7 +5,7 @@ unit is wrong.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from types import MappingProxyType
 
@@ -183,11 +183,18 @@ class Log:
 
     def select(self, rows: slice | NDArray[np.intp] | Bools) -> Log:
         """Return the log of some of its rows: a slice, indices or a mask, in rising order."""
-        channels = {name: values[rows] for name, values in self.channels.items()}
-        truth = {name: values[rows] for name, values in self.truth.items()}
-        stamps = None if self.stamps is None else self.stamps[rows]
-        goals = {name: values[rows] for name, values in self.goals.items()}
-        return Log(self.time[rows], channels, truth, self.source, self.truth_source, stamps, goals)
+
+        def chosen(columns: Mapping[str, Floats]) -> dict[str, Floats]:
+            return {name: values[rows] for name, values in columns.items()}
+
+        return replace(
+            self,
+            time=self.time[rows],
+            channels=chosen(self.channels),
+            truth=chosen(self.truth),
+            stamps=None if self.stamps is None else self.stamps[rows],
+            goals=chosen(self.goals),
+        )
 
     def columns(self) -> dict[str, Floats]:
         """Return the columns by name, in SI: time as ``t``, channels, and truth with ``true_``
@@ -251,10 +258,8 @@ def true_torques(log: Log, joints: Sequence[str]) -> Floats | None:
 def _columns(log: Log, names: Sequence[str]) -> Floats | None:
     if not any(name in log.truth for name in names):
         return None
-    if len(names) == 1:
-        return log.truth[names[0]][:, None]
     unknown = np.full(len(log), np.nan)
-    return frozen(np.column_stack([log.truth.get(name, unknown) for name in names]))
+    return sealed(np.column_stack([log.truth.get(name, unknown) for name in names]))
 
 
 def doubts_of_units(log: Log, rig: Rig) -> Iterator[str]:

@@ -39,11 +39,13 @@ class Output:
     Args:
         by: option that asks for it, such as ``--out``.
         folder: folder that is made for it where it does not exist yet; None where none is made.
+        kind: what it is, for who checks its ending; empty for any.
     """
 
     path: Path
     by: str
     folder: Path | None = None
+    kind: str = ""
 
 
 def outputs_in(folder: str | Path, names: Iterable[str], by: str) -> list[Output]:
