@@ -280,7 +280,7 @@ def _at_home(log: Log, rig: Rig, positions: list[str], home: float | None) -> tu
             "--homing-angle says where the joint stands while homing; give --homing too, e.g. 0.5s"
         )
     for position in positions:
-        joint, (angle, std) = joint_angle(position)
+        joint, angle, std = joint_angle(position)
         log, rig = at_known_angle(log, rig, home, angle, std, joint)
         say(
             f"home: {joint or 'the joint'} stands at {degrees(angle):g}° ± {degrees(std):g}° for "

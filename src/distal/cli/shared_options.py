@@ -137,32 +137,24 @@ def in_si(text: str, unit: str) -> float:
         return to_si(text, unit)
 
 
-def angle(text: str) -> tuple[float, float]:
-    """Return an angle and its standard deviation [rad], from a text.
+def joint_angle(text: str) -> tuple[str | None, float, float]:
+    """Return the name of a joint, or None, its angle and the standard deviation [rad], from a text.
 
-    The text is ``-40 deg``, ``0 deg ± 1 deg`` or ``0 deg +- 1 deg``; without a standard deviation
-    it is 0.
+    The text is ``pip: -40 deg``, ``0 deg ± 1 deg`` or ``0 deg +- 1 deg``; without a standard
+    deviation it is 0.
 
     Raises:
-        UnitError: the text is no angle.
+        UnitError: the text has no angle.
     """
     from distal.errors import UnitError
 
+    name, colon, position = text.rpartition(":")
+    text = position if colon else text
     parts = [part.strip() for part in re.split(r"±|\+-|\+/-", text)]
     if len(parts) > 2 or not all(parts):
         raise UnitError(f"an angle is written as '0 deg' or '0 deg ± 1 deg', {text!r} came")
     mean, *stds = (in_si(part, "rad") for part in parts)
-    return mean, stds[0] if stds else 0.0
-
-
-def joint_angle(text: str) -> tuple[str | None, tuple[float, float]]:
-    """Return the name of a joint, or None, and its `angle` with standard deviation [rad], from a
-    text.
-
-    The text is ``pip: 0 deg ± 1 deg``, or ``0 deg`` where no joint is named.
-    """
-    name, colon, position = text.partition(":")
-    return (name.strip(), angle(position)) if colon else (None, angle(text))
+    return name.strip() if colon else None, mean, stds[0] if stds else 0.0
 
 
 def homing_time(text: str | None) -> float | None:
