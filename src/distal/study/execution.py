@@ -175,13 +175,13 @@ def _by_processes(plan: Plan, chunks: Sequence[Chunk], workers: int) -> Iterator
     if workers == 1:
         yield from ((number, run_chunk(plan, designs)) for number, designs in chunks)
         return
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _begin)
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _begin, (plan,))
     try:
         waiting = iter(chunks)
         running: dict[Future[Rows], int] = {}
         while True:
             while len(running) < 2 * workers and (chunk := next(waiting, None)) is not None:
-                running[pool.submit(run_chunk, plan, chunk[1])] = chunk[0]
+                running[pool.submit(_work, chunk[1])] = chunk[0]
             if not running:
                 break
             for future in wait(running, return_when=FIRST_COMPLETED).done:
@@ -200,11 +200,16 @@ def _by_processes(plan: Plan, chunks: Sequence[Chunk], workers: int) -> Iterator
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _begin() -> None:
+_PLAN: list[Plan] = []
+"""The plan that a process of the pool works on."""
+
+
+def _begin(plan: Plan) -> None:
     """Prepare a process of the pool: it ends when its parent has ended, and ignores SIGINT, which
     its parent handles.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _PLAN[:] = [plan]
     parent = os.getppid()
 
     def watch() -> None:
@@ -213,3 +218,7 @@ def _begin() -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
+
+
+def _work(designs: tuple[int, ...]) -> Rows:
+    return run_chunk(_PLAN[0], designs)
