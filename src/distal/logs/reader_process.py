@@ -6,18 +6,21 @@ small one can ask for more memory than there is. The process is used again for t
 
 from __future__ import annotations
 
+import json
 import os
-import pickle
 import subprocess
 import sys
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from importlib import import_module
+from io import BufferedReader
 from pathlib import Path
 from threading import Lock
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from distal.errors import DistalWarning, LogError, UnitError
 from distal.logs.cells import Cells, Column, in_memory
@@ -98,8 +101,12 @@ def _how_to_allow() -> str:
     )
 
 
-Answer: TypeAlias = tuple[tuple[dict[str, Column], Path, int, tuple[str, ...]] | str, list[str]]
-"""Arguments of `in_memory`, or an error; and warnings."""
+Bytes: TypeAlias = NDArray[np.uint8]
+
+Answer: TypeAlias = tuple[str, list[str], Sequence[str], int, dict[str, str]]
+"""Error, warnings, names of all columns, row number of the first value, and name → type of NumPy's
+of the columns that follow; it is empty for text, which comes as the bytes of its JSON.
+"""
 
 
 def read_apart(read: Callable[..., Cells], path: Path, *arguments: object) -> Cells:
@@ -108,7 +115,7 @@ def read_apart(read: Callable[..., Cells], path: Path, *arguments: object) -> Ce
 
     Args:
         read: function of a module, which returns a table that is `in_memory`.
-        arguments: what can be pickled.
+        arguments: what JSON can hold.
 
     Raises:
         LogError: the file cannot be read, is damaged, or takes too much memory.
@@ -117,55 +124,76 @@ def read_apart(read: Callable[..., Cells], path: Path, *arguments: object) -> Ce
         folder = os.getcwd()
     except FileNotFoundError:  # the folder is gone
         folder = ""
-    request = folder, read, path, arguments
+    request = json.dumps([folder, read.__module__, read.__name__, str(path), *arguments])
     with _LOCK:
         try:
             reader = _Reader.current()
         except OSError:  # where no process can be started, such as in an embedded interpreter
             reader = None
-        table, messages = _answer(*request) if reader is None else reader.ask(request, path)
+        answer, parts = _answer(request) if reader is None else reader.ask(request, path)
+    error, messages, names, first_row, types = answer
     for text in messages:
         warnings.warn(text, DistalWarning, stacklevel=4)
-    if isinstance(table, str):
-        raise LogError(table)
-    return in_memory(*table)
+    if error:
+        raise LogError(error)
+    columns: dict[str, Column] = {
+        name: part.view(kind) if kind else json.loads(part.tobytes())
+        for (name, kind), part in zip(types.items(), parts)
+    }
+    return in_memory(columns, path, first_row, names)
 
 
-def _answer(
-    folder: str, read: Callable[..., Cells], path: Path, arguments: Sequence[object]
-) -> Answer:
+def _answer(request: str) -> tuple[Answer, list[Bytes]]:
+    """Return what a request asks for, and the bytes of its columns."""
+    folder, module, function, path, *arguments = json.loads(request)
+    error = ""
+    cells = in_memory({}, Path(path), 0, ())
+    types = dict[str, str]()
+    parts = list[Bytes]()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DistalWarning)
-        table: tuple[dict[str, Column], Path, int, tuple[str, ...]] | str
         try:
             if folder:
                 os.chdir(folder)  # the caller may have gone elsewhere since
-            cells = read(path, *arguments)
-            table = dict(cells.held), path, cells.first_row, cells.names
+            cells = getattr(import_module(module), function)(Path(path), *arguments)
+            for name, column in cells.held.items():
+                if isinstance(column, list):
+                    types[name] = ""
+                    parts.append(np.frombuffer(json.dumps(column).encode(), np.uint8))
+                else:
+                    types[name] = column.dtype.str
+                    parts.append(np.ascontiguousarray(column).view(np.uint8))
         except LogError as problem:
-            table = str(problem)
+            error = str(problem)
         except MemoryError:
-            table = f"{shown(path)}: takes too much memory to read; {_how_to_allow()}"
+            error = f"{shown(path)}: takes too much memory to read; {_how_to_allow()}"
         except Exception as problem:
             reason = (str(problem).splitlines() or [""])[0][:120]
-            table = (
+            error = (
                 f"{shown(path)}: cannot be read ({type(problem).__name__}: {reason}); the file is "
                 "damaged"
             )
-    return table, [str(w.message) for w in caught if issubclass(w.category, DistalWarning)]
+    messages = [str(each.message) for each in caught if issubclass(each.category, DistalWarning)]
+    if error:
+        return (error, messages, (), 0, {}), []
+    return ("", messages, cells.names, cells.first_row, types), parts
 
 
 def serve() -> None:
-    """Answer requests that come on standard input, until it ends."""
+    """Answer requests that come on standard input as lines of JSON, until it ends.
+
+    An answer is a line of JSON, with the sizes of the columns that follow it.
+    """
     # whatever a library prints must not stand between the answers
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-    with suppress(EOFError):
-        while True:
-            request = pickle.load(sys.stdin.buffer)
-            _limit_memory(memory_limit())
-            pickle.dump(_answer(*request), answers, pickle.HIGHEST_PROTOCOL)
-            answers.flush()
+    for line in sys.stdin.buffer:
+        _limit_memory(memory_limit())
+        answer, parts = _answer(line.decode())
+        answers.write(json.dumps([answer, [*map(len, parts)]]).encode() + b"\n")
+        while parts:
+            answers.write(parts.pop(0).data)
+        answers.flush()
 
 
 def _limit_memory(size: int) -> None:
@@ -215,20 +243,24 @@ class _Reader:
             start_new_session=True,
         )
 
-    def ask(self, request: tuple[object, ...], path: Path) -> Answer:
-        """Return the answer to a request.
+    def ask(self, request: str, path: Path) -> tuple[Answer, list[Bytes]]:
+        """Return the answer to a request and the bytes of its columns.
 
         Raises:
             LogError: reading the file at `path` ended the process.
         """
         process = self._process
         assert process.stdin is not None
-        assert process.stdout is not None
+        assert isinstance(process.stdout, BufferedReader)
         try:
-            pickle.dump(request, process.stdin)
+            process.stdin.write(request.encode() + b"\n")
             process.stdin.flush()
-            answer: Answer = pickle.load(process.stdout)
-        except (OSError, EOFError, pickle.UnpicklingError):
+            answer, sizes = json.loads(process.stdout.readline())
+            parts = [np.empty(size, np.uint8) for size in sizes]
+            for part in parts:
+                if process.stdout.readinto(part.data) < len(part):
+                    raise EOFError
+        except (OSError, ValueError, EOFError):
             code = self.end(patience=2.0)
             cause = f"signal {-code}" if code < 0 else f"exit code {code}"
             raise LogError(
@@ -238,7 +270,7 @@ class _Reader:
         except BaseException:
             self.end()
             raise
-        return answer
+        return answer, parts
 
     def end(self, patience: float = 0.0) -> int:
         """Stop the process, after `patience` [s] in which it may end by itself, and return its exit
