@@ -11,7 +11,6 @@ import argparse
 import json
 import os
 import resource
-import socket
 import subprocess
 import sys
 import tempfile
@@ -78,41 +77,6 @@ def same(folder: Path, one: str, other: str) -> str:
     return "the same" if first.equals(second) else "OTHERS"
 
 
-def by_dask(folder: Path, designs: int) -> dict[str, Any]:
-    """Run a study on a scheduler and two workers of this computer, which have their kernels."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    address, quiet = (
-        f"tcp://127.0.0.1:{port}",
-        {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL},
-    )
-    module = [sys.executable, "-m"]
-    with ExitStack() as stack:
-        scheduler = [
-            "distributed.cli.dask_scheduler",
-            "--host",
-            "127.0.0.1",
-            "--port",
-            str(port),
-            "--no-dashboard",
-        ]
-        worker = [
-            "distributed.cli.dask_worker",
-            address,
-            "--nthreads",
-            "1",
-            "--no-nanny",
-            "--no-dashboard",
-        ]
-        for command in (
-            scheduler,
-            *([*worker, "--local-directory", str(folder / f"w{i}")] for i in (0, 1)),
-        ):
-            stack.callback(subprocess.Popen([*module, *command], **quiet).kill)  # type: ignore[call-overload]
-        return run(folder, "dask", "--scheduler", address, designs=designs)
-
-
 def large(folder: Path) -> tuple[float, float]:
     """Return peak memory [MB] and time [s] of the answer to a study of `LARGE` rows, made of those
     of a small one.
@@ -166,7 +130,6 @@ def main() -> None:
         two = run(folder, "two", "--workers", "2", designs=options.designs)
         one = run(folder, "one", "--workers", "1", designs=options.designs)
         memory = max(begun, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss) / 1024
-        dask = by_dask(folder, options.designs)
         fresh = run(folder, "fresh", "--workers", "2", designs=1000, seeds=1, draw=7)
         peak, seconds = large(folder)
         rows = [
@@ -177,18 +140,11 @@ def main() -> None:
                 f"{one['cpu']:.0f}",
                 f"{one['wall'] / two['wall']:.2f} × two",
             ),
-            (
-                "Dask, two workers",
-                f"{dask['wall']:.0f}",
-                "",
-                f"{dask['wall'] / two['wall']:.2f} × two processes",
-            ),
         ]
         title = f"{options.designs} designs × 3 rigs × 10 s, the paper's rig, from start to page"
         table("study", title, ["", "wall [s]", "processor [s]", ""], rows)
         checks = [
             ("rows of one and two processes", same(folder, "one", "two")),
-            ("rows of Dask and two processes", same(folder, "dask", "two")),
             ("largest process [MB]", f"{memory:.0f}"),
             (f"answer to {LARGE:,} rows: memory [MB], time [s]", f"{peak:.0f}, {seconds:.0f}"),
             ("share that is met [%]", f"{100 * two['overall']['share']:.1f}"),

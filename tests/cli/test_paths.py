@@ -110,7 +110,6 @@ COMMANDS = {
             i["rig"],
             "--truth",
             i["truth"],
-            "--no-open",
             "--out",
             out,
         ],

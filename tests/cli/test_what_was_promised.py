@@ -14,7 +14,7 @@ from distal import diagnose, estimate, load_rig, simulate, write_log
 from distal.cli.console import table
 from distal.errors import OutputError
 from distal.logs import Episode, episodes_of
-from distal.logs.atomic_writes import write_together
+from distal.logs.outputs import write_together
 from distal.rig import shipped_rigs
 from distal.rig.files import rig_text
 from distal.units import rounded

@@ -18,7 +18,7 @@ from distal.errors import Content, ExportError, OutputError
 from distal.export import c_name, export_c
 from distal.export.c_text import TAKEN, checked_name, filled
 from distal.export.project import export_files
-from distal.logs import atomic_writes
+from distal.logs import outputs
 
 COMPILERS = [name for name in ("gcc", "clang", "arm-none-eabi-gcc") if shutil.which(name)]
 WORDS = """
@@ -160,7 +160,7 @@ def test_all_files_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     rig = load_rig("capstan-joint")
     export_c(rig, tmp_path, "ekf-2008", name="finger")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    real = atomic_writes.put
+    real = outputs.put
     for full in range(len(export_files("finger"))):
         opened = 0
 
@@ -171,10 +171,10 @@ def test_all_files_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
                 raise OSError(28, "No space left on device")
             real(path, content)
 
-        monkeypatch.setattr(atomic_writes, "put", limited)
+        monkeypatch.setattr(outputs, "put", limited)
         with pytest.raises(OutputError, match="No space left"):
             export_c(rig, tmp_path, "ekf-2008", single=True, name="finger")
-        monkeypatch.setattr(atomic_writes, "put", real)
+        monkeypatch.setattr(outputs, "put", real)
         assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
     for broken in range(1, len(before) + 1):
         moved, replace = 0, os.replace

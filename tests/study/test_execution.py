@@ -4,21 +4,17 @@ off.
 
 from __future__ import annotations
 
-import os
 import signal
-import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from distal.errors import Content, OutputError, StudyError
-from distal.logs import atomic_writes
+from distal.logs import outputs
 from distal.study import Plan, open_folder, run_study, space_of
 from distal.study.execution import Columns
 from tests.study.plans import RAW, small
@@ -44,9 +40,9 @@ def many(designs: int = MANY) -> Plan:
     return small(**changes(designs))
 
 
-def rows(plan: Plan, folder: Path, workers: int = 1, scheduler: str | None = None) -> Columns:
+def rows(plan: Plan, folder: Path, workers: int = 1) -> Columns:
     opened = open_folder(plan, folder)
-    run_study(plan, space_of(plan), opened, workers, scheduler)
+    run_study(plan, space_of(plan), opened, workers)
     return opened.gather()
 
 
@@ -116,7 +112,7 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
 def test_a_disk_that_is_full_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plan = many()
     folder, calls = open_folder(plan, tmp_path), list[int]()
-    put = atomic_writes.put
+    put = outputs.put
 
     def full(path: Path, content: Content) -> None:
         calls.append(1)
@@ -124,20 +120,10 @@ def test_a_disk_that_is_full_loses_nothing(tmp_path: Path, monkeypatch: pytest.M
             raise OSError(28, "No space left on device")
         put(path, content)
 
-    monkeypatch.setattr(atomic_writes, "put", full)
+    monkeypatch.setattr(outputs, "put", full)
     with pytest.raises(OutputError, match="No space left on device"):
         run_study(plan, space_of(plan), folder, 1)
     assert [file.name for file in (tmp_path / "rows").iterdir()] == ["000000.parquet"]
-
-
-def test_a_scheduler_that_is_not_there_is_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pytest.importorskip("distributed")
-    monkeypatch.setattr("distal.parallel.PATIENCE", 0.3)
-    plan = small()
-    with pytest.raises(StudyError, match=r"no scheduler answers at tcp://127\.0\.0\.1:9"):
-        run_study(plan, space_of(plan), open_folder(plan, tmp_path), scheduler="tcp://127.0.0.1:9")
 
 
 COMMAND = """
@@ -183,67 +169,6 @@ def until(there: object, seconds: float = 90.0) -> None:
     while not there():
         assert time.monotonic() < end
         time.sleep(0.05)
-
-
-@contextmanager
-def process(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
-    environment = {**os.environ, "DASK_DISTRIBUTED__WORKER__DAEMON": "False"}
-    made = subprocess.Popen(
-        [sys.executable, "-m", "distributed.cli." + arguments[0], *arguments[1:]],
-        env=environment,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    try:
-        yield made
-    finally:
-        made.kill()
-        made.wait()
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore")
-def test_dask_workers_that_die_and_come_late_give_the_same_rows(
-    whole: Columns, tmp_path: Path
-) -> None:
-    pytest.importorskip("distributed")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
-    worker = (
-        "dask_worker",
-        address,
-        "--nthreads",
-        "1",
-        "--no-nanny",
-        "--no-dashboard",
-        "--local-directory",
-    )
-    plan, folder = many(), open_folder(many(), tmp_path / "out")
-    scheduler = process(
-        "dask_scheduler",
-        "--host",
-        "127.0.0.1",
-        "--port",
-        address.rsplit(":", 1)[1],
-        "--no-dashboard",
-    )
-    with scheduler, process(*worker, str(tmp_path / "a")) as first:
-        late: list[object] = []
-
-        def watch(done: int, total: int) -> None:
-            if done and not late:
-                late.append(second.__enter__())
-                first.kill()
-
-        second = process(*worker, str(tmp_path / "b"))
-        try:
-            run_study(plan, space_of(plan), folder, scheduler=address, progress=watch)
-        finally:
-            if late:
-                second.__exit__(None, None, None)
-        assert late
-    assert_same(folder.gather(), whole)
 
 
 def test_other_processes_of_the_caller_go_on() -> None:

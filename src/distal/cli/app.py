@@ -15,7 +15,6 @@ from typer import Option
 from distal.cli import (
     control_commands,
     estimate_command,
-    export_command,
     fit_command,
     learn_command,
     page_commands,
@@ -23,8 +22,8 @@ from distal.cli import (
     simulation_commands,
     stream_command,
 )
-from distal.cli.console import TRACEBACK, fault, show_warnings
-from distal.errors import LONGEST_LINE, DistalError, OutputError, one_line
+from distal.cli.console import TRACEBACK, failure, fault, show_warnings
+from distal.errors import DistalError, OutputError
 
 # typer raises errors of the click that it uses, which is its own copy or the package; in both cases
 # ClickException is a base of BadParameter
@@ -53,8 +52,8 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "study": simulation_commands.study_command,
     "studies": simulation_commands.list_studies_command,
     "stream": stream_command.stream_command,
-    "export-c": export_command.export_command,
-    "export-fmu": export_command.fmu_command,
+    "export-c": page_commands.export_command,
+    "export-fmu": page_commands.fmu_command,
     "reproduce": page_commands.reproduce_command,
     "rigs": rig_commands.list_rigs_command,
     "scenarios": simulation_commands.list_scenarios_command,
@@ -131,7 +130,8 @@ def ended_by(problem: BaseException) -> object:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return NO_READER
     if isinstance(problem, (typer.Abort, KeyboardInterrupt)) or exit_code == STOPPED:
-        _say("stopped")
+        with suppress(OSError):
+            print("stopped", file=sys.stderr)
         return STOPPED
     if isinstance(problem, SystemExit):
         return exit_code
@@ -158,7 +158,8 @@ def ended_by(problem: BaseException) -> object:
     else:
         text = fault(problem)
         code = BUG
-    _say(f"error: {one_line(text, LONGEST_LINE - len('error: '))}")
+    with suppress(OSError):  # where nothing can be printed, only the exit code tells of the error
+        failure(text)
     return code
 
 
@@ -175,9 +176,3 @@ def _kept(problem: DistalError) -> str:
         return ""
     names = ", ".join(path.name for path in problem.unsaved)
     return f"; what was computed stands in {folder}: {names}"
-
-
-def _say(text: str) -> None:
-    """Print a line on stderr; where that is not possible, only the exit code tells of the error."""
-    with suppress(OSError):
-        print(text, file=sys.stderr, flush=True)

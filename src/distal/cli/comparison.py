@@ -95,16 +95,21 @@ def _explained(problem: DivergedError, log: Log, rig: Rig, home: float | None) -
     return DivergedError(f"{causes}: {problem}") if causes else problem
 
 
-def _row(result: Estimate) -> tuple[str, ...]:
-    """Return the cells of an estimate in the table of errors."""
+def half_of_band(result: Estimate) -> float:
+    """Return the median half-width of an estimate's band [°]."""
     import numpy as np
 
+    return degrees(result.stds_of_band * float(np.median(result.angle_stds)))
+
+
+def _row(result: Estimate) -> tuple[str, ...]:
+    """Return the cells of an estimate in the table of errors."""
     return (
         result.estimator,
         f"{degrees(result.rms_error()):.3f}",
         f"{degrees(result.max_error()):.3f}",
         f"{100 * result.inside_band():.0f} %",
-        f"±{degrees(result.stds_of_band * np.median(result.angle_stds)):.3f}",
+        f"±{half_of_band(result):.3f}",
     )
 
 

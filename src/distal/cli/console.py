@@ -18,7 +18,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from distal.errors import DistalError, one_line, printable
+from distal.errors import LONGEST_LINE, DistalError, one_line, printable
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -62,8 +62,8 @@ def warn(text: str) -> None:
 
 
 def failure(text: str) -> None:
-    """Print an error as one line on stderr; the command goes on after it."""
-    print(f"error: {one_line(text)}", file=sys.stderr)
+    """Print an error as one line on stderr."""
+    print(f"error: {one_line(text, LONGEST_LINE - len('error: '))}", file=sys.stderr)
 
 
 TRACEBACK = "DISTAL_TRACEBACK"
@@ -168,9 +168,9 @@ class _Activity(logging.Handler):
 
 
 @contextmanager
-def activity(doing: str) -> Iterator[_Activity]:
+def working(doing: str) -> Iterator[_Activity]:
     """Show what a command is doing and for how long, on a terminal; elsewhere print a line after a
-    while.
+    while. The context gives what takes a text on what comes next.
     """
     from rich.progress import (
         BarColumn,
@@ -201,18 +201,11 @@ def activity(doing: str) -> Iterator[_Activity]:
 
 
 @contextmanager
-def working(doing: str) -> Iterator[_Activity]:
-    """Show an `activity`; the context gives what takes a text on what comes next."""
-    with activity(doing) as shown:
-        yield shown
-
-
-@contextmanager
 def progress_bar(label: str, total: int | None = None) -> Iterator[Callable[..., None]]:
-    """Show an `activity`; the context gives a function that takes the number of steps done, and
-    their total where it was not known.
+    """Show what is done, see `working`; the context gives a function that takes the number of steps
+    done, and their total where it was not known.
     """
-    with activity(label) as shown:
+    with working(label) as shown:
 
         def show(done: int, of: int | None = total) -> None:
             shown(f"{label}: {done}" + (f" of {of}" if of else ""), done, of)
@@ -233,9 +226,11 @@ def time_left(passed: float, share: float) -> str:
 
 @contextmanager
 def fit_progress() -> Iterator[Callable[[Doing], None]]:
-    """Show an `activity`; the context gives a function that takes what a fit is doing."""
+    """Show what is done, see `working`; the context gives a function that takes what a fit is
+    doing.
+    """
     began = monotonic()
-    with activity("fitting") as shown:
+    with working("fitting") as shown:
 
         def show(doing: Doing) -> None:
             left = time_left(monotonic() - began, doing.share)

@@ -17,8 +17,7 @@ from distal.cli.shared_options import (
     SeedOption,
     SetOption,
     check_command_outputs,
-    check_ending,
-    newtons,
+    in_si,
     to_file,
     to_folder,
 )
@@ -143,10 +142,9 @@ def command_command(
     if plot is not None:
         plot_kind(plot)
     check_command_outputs(
-        [*to_file("--out", out), *to_file("--plot", plot)], logs=[desired], rig=rig
+        [*to_file("--out", out, "a table"), *to_file("--plot", plot)], logs=[desired], rig=rig
     )
-    check_ending(out, "a table")
-    inverse = Inverse(load_rig(rig, set_ or ()), least_tension=newtons(least_tension))
+    inverse = Inverse(load_rig(rig, set_ or ()), least_tension=in_si(least_tension, "N"))
     joints = inverse.rig.joint_names
     columns = {
         joint: name for joint, name in zip(joints, angle_names(joints)) if joint in inverse.joints

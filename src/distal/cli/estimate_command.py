@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from distal.cli.comparison import Comparison, compared, say_errors
+from distal.cli.comparison import Comparison, compared, half_of_band, say_errors
 from distal.cli.console import (
     continue_on_failure,
     failure,
@@ -32,7 +32,6 @@ from distal.cli.shared_options import (
     TruthOption,
     UnitOption,
     check_command_outputs,
-    check_ending,
     check_folder,
     estimators,
     homing_time,
@@ -188,9 +187,11 @@ def estimate_command(
     elif panels:
         raise EstimationError("--panel says what --plot draws; give --plot too")
     check_command_outputs(
-        [*to_file("--out", out), *to_file("--plot", plot)], logs=logs, rig=rig, truth=truth
+        [*to_file("--out", out, "a table"), *to_file("--plot", plot)],
+        logs=logs,
+        rig=rig,
+        truth=truth,
     )
-    check_ending(out, "a table")
     description = load_rig(rig, set_ or ())
     with working(f"reading {logs[0]}") as show:
         log = read_log(logs[0], description, truth, progress=show.share)
@@ -279,7 +280,7 @@ def _at_home(log: Log, rig: Rig, positions: list[str], home: float | None) -> tu
             "--homing-angle says where the joint stands while homing; give --homing too, e.g. 0.5s"
         )
     for position in positions:
-        joint, (angle, std) = joint_angle(position)
+        joint, angle, std = joint_angle(position)
         log, rig = at_known_angle(log, rig, home, angle, std, joint)
         say(
             f"home: {joint or 'the joint'} stands at {degrees(angle):g}° ± {degrees(std):g}° for "
@@ -412,8 +413,6 @@ def _estimate_many(
     Raises:
         EstimationError: the estimator is unknown.
     """
-    import numpy as np
-
     from distal.diagnosis import diagnose_estimate
     from distal.results import make_folder
     from distal.run import estimate_batch
@@ -441,7 +440,6 @@ def _estimate_many(
                     skip(str(path), problem)
                     continue
             result = replace(result, level=level)
-            half = degrees(result.stds_of_band * float(np.median(result.angle_stds)))
             known = ("–", "–")
             if result.truths is not None:
                 known = (
@@ -449,7 +447,9 @@ def _estimate_many(
                     f"{100 * result.inside_band():.0f} %",
                 )
             headline = diagnose_estimate(result).headline
-            rows.append((path.name, f"{len(result)}", f"±{half:.2f}", *known, headline))
+            rows.append(
+                (path.name, f"{len(result)}", f"±{half_of_band(result):.2f}", *known, headline)
+            )
     if rows:
         columns = ["log", "samples", "median band [°]", "RMS [°]", "inside the band", "innovations"]
         table(f"{estimator} over {len(rows)} logs", columns, rows)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import degrees, isnan, sqrt
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -20,17 +20,16 @@ from distal.cli.shared_options import (
     RigOption,
     SetOption,
     check_command_outputs,
-    check_ending,
     homing_time,
-    lag_time,
+    in_si,
     to_file,
     to_folder,
-    write_each,
 )
-from distal.errors import FitError
+from distal.errors import FitError, OutputError
 
 if TYPE_CHECKING:
     from distal.fitting import Fit, MapFit
+    from distal.logs import Log
     from distal.rig import Rig
 
 
@@ -113,11 +112,10 @@ def fit_command(
     from distal.fitting import fit as fitted_to
     from distal.fitting import groups_of
     from distal.logs import read_log
-    from distal.reports import FIT_PAGES, fit_report
+    from distal.reports import FIT_PAGES
     from distal.rig import edited_text, load_rig
 
-    check_ending(out, "a rig file")
-    outputs = [*to_file("--out", out), *to_folder("--report", report, FIT_PAGES)]
+    outputs = [*to_file("--out", out, "a rig file"), *to_folder("--report", report, FIT_PAGES)]
     check_command_outputs(
         outputs, logs=[*logs, *([start] if start is not None else [])], rig=rig, truth=truth
     )
@@ -147,22 +145,48 @@ def fit_command(
             start=start,
             progress=show,
             early=written_at_once(out, text),
-            lag=lag_time(reference_lag),
+            lag=None if reference_lag is None else in_si(reference_lag, "s"),
         )
     _say(result)
-
-    def save() -> None:
-        if out is not None:
-            result.save(out, text)
-            say(f"wrote {out}")
-
-    def save_report() -> None:
-        if report is not None:
-            say(f"wrote {fit_report(result, read, report)}")
-
-    write_each(save, save_report)
+    save_fit(result, read, text, out, report)
     if result.interrupted and minutes is None:
         raise typer.Exit(130)
+
+
+def save_fit(
+    result: Fit,
+    logs: Sequence[Log],
+    text: str,
+    out: Path | None,
+    folder: Path | None,
+    then: str = "",
+    of_page: str = "",
+) -> None:
+    """Write a fit's rig file and its page, also where the first of them fails; the error then lists
+    all that is unsaved.
+
+    Args:
+        text: of the rig file that the fit began with.
+        folder: of the page.
+        then: what is said behind the path of the rig file; `of_page`, behind that of the page.
+    """
+    from distal.reports import fit_report
+
+    failures = list[OutputError]()
+    try:
+        if out is not None:
+            result.save(out, text)
+            say(f"wrote {out}{then}")
+    except OutputError as problem:
+        failures.append(problem)
+    try:
+        if folder is not None:
+            say(f"wrote {fit_report(result, logs, folder)}{of_page}")
+    except OutputError as problem:
+        failures.append(problem)
+    if failures:
+        failures[0].unsaved |= failures[-1].unsaved
+        raise failures[0]
 
 
 def written_at_once(out: Path | None, text: str) -> Callable[[MapFit], None]:
@@ -253,9 +277,10 @@ def calibrate_command(
     from distal.rig import edited_text, load_rig
 
     check_command_outputs(
-        to_file("--out", out), logs=[log, *([] if since is None else [since])], rig=rig
+        to_file("--out", out, "a rig file"),
+        logs=[log, *([] if since is None else [since])],
+        rig=rig,
     )
-    check_ending(out, "a rig file")
     description = load_rig(rig, set_ or ())
     with working("calibrating"):
         found = calibrate(log, description)

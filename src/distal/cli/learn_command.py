@@ -16,19 +16,18 @@ from distal.cli.fit_command import (
     MOST_LINES,
     MinutesOption,
     is_mostly_noise,
+    save_fit,
     say_scores,
     written_at_once,
 )
-from distal.cli.rig_commands import app
+from distal.cli.rig_commands import OutOption, app, check_new_rig
 from distal.cli.shared_options import (
     LagOption,
     check_command_outputs,
-    check_ending,
     check_new,
-    lag_time,
+    in_si,
     to_file,
     to_folder,
-    write_each,
 )
 from distal.errors import RigError
 
@@ -102,7 +101,7 @@ def say_found(found: RigFromLogs) -> None:
 @app.command("from-logs")
 def from_logs_command(
     logs: LogsArgument,
-    out: Annotated[Path, Option(help="Where to write the rig file (.toml).")] = Path("rig.toml"),
+    out: OutOption = Path("rig.toml"),
     truth: JointsOption = None,
     drive: DrivesOption = None,
     ignore: IgnoreOption = None,
@@ -113,9 +112,7 @@ def from_logs_command(
     from distal.from_logs import rig_from_logs
     from distal.logs import sources_of, write_whole
 
-    check_command_outputs(to_file("--out", out), logs=list(logs))
-    check_ending(out, "a rig file")
-    check_new(out)
+    check_new_rig(out, *logs)
     roles = roles_of(truth, drive, ignore)
     found = rig_from_logs(sources_of(logs), **roles, name=out.stem)
     say_found(found)
@@ -149,13 +146,12 @@ def learn_command(
     from distal.fitting import fit
     from distal.from_logs import draft_columns, rig_from_logs
     from distal.logs import read_log, sources_of
-    from distal.reports import FIT_PAGES, fit_report
+    from distal.reports import FIT_PAGES
     from distal.rig import build_rig, edited_text, load_rig, parse_toml
 
     folder = report if report is not None else out.with_name(f"{out.stem}_page")
-    outputs = [*to_file("--out", out), *to_folder("--report", folder, FIT_PAGES)]
+    outputs = [*to_file("--out", out, "a rig file"), *to_folder("--report", folder, FIT_PAGES)]
     check_command_outputs(outputs, logs=list(logs), rig=None if rig is None else str(rig))
-    check_ending(out, "a rig file")
     check_new(out)
     say(f"reading {len(logs)} log{'s' if len(logs) > 1 else ''}")
     sources = sources_of(logs)
@@ -179,19 +175,12 @@ def learn_command(
             description,
             progress=show,
             early=written_at_once(out, text),
-            lag=lag_time(reference_lag),
+            lag=None if reference_lag is None else in_si(reference_lag, "s"),
             guessed=rig is None,
         )
     _answer(result, read)
-
-    def save() -> None:
-        result.save(out, text)
-        say(f"wrote {out}; next: distal estimate LOG --rig {out}, distal lab {out}, export-c")
-
-    def save_report() -> None:
-        say(f"wrote {fit_report(result, read, folder)}: the same as a page with curves")
-
-    write_each(save, save_report)
+    then = f"; next: distal estimate LOG --rig {out}, distal lab {out}, export-c"
+    save_fit(result, read, text, out, folder, then, ": the same as a page with curves")
     if result.interrupted and minutes is None:
         raise typer.Exit(130)
 

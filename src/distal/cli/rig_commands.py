@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -18,7 +17,6 @@ from distal.cli.shared_options import (
     RigArgument,
     SetOption,
     check_command_outputs,
-    check_ending,
     check_new,
     to_file,
 )
@@ -193,10 +191,9 @@ def _write(imported: Imported, out: Path, source: str) -> None:
     say(f"wrote {out}; look for 'not in the {source}' in it, then `distal rig check {out}`")
 
 
-def _check(out: Path, *inputs: Path | None) -> None:
-    given: Sequence[Path] = [path for path in inputs if path is not None]
-    check_command_outputs(to_file("--out", out), logs=list(given))
-    check_ending(out, "a rig file")
+def check_new_rig(out: Path, *inputs: Path | None) -> None:
+    """Raise an `OutputError` where a new rig file cannot be written beside what is read."""
+    check_command_outputs(to_file("--out", out, "a rig file"), logs=filter(None, inputs))
     check_new(out)
 
 
@@ -210,7 +207,7 @@ def from_table_command(
     """
     from distal.rig import from_table
 
-    _check(out, hand)
+    check_new_rig(out, hand)
     _write(from_table(hand), out, "table")
 
 
@@ -223,7 +220,7 @@ def from_orca_command(
     """Write the rig file of an ORCA hand from its own configuration and calibration."""
     from distal.rig import from_orca
 
-    _check(out, config, calibration)
+    check_new_rig(out, config, calibration)
     _write(from_orca(config, calibration), out, "config")
 
 
@@ -239,7 +236,7 @@ def from_aero_command(
     """
     from distal.rig import from_aero
 
-    _check(out)
+    check_new_rig(out)
     _write(from_aero(folder), out, "SDK")
 
 

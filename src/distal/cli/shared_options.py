@@ -122,8 +122,13 @@ UnitOption = Annotated[
 ]
 
 
-def _in_si(text: str, unit: str) -> float:
-    """Return a quantity in SI; a number without a unit is in SI already."""
+def in_si(text: str, unit: str) -> float:
+    """Return a quantity in SI, from a text such as ``500 mN``; a number without a unit is in SI
+    already.
+
+    Raises:
+        UnitError: the text is no such quantity.
+    """
     from distal.units import to_si
 
     try:
@@ -132,32 +137,24 @@ def _in_si(text: str, unit: str) -> float:
         return to_si(text, unit)
 
 
-def angle(text: str) -> tuple[float, float]:
-    """Return an angle and its standard deviation [rad], from a text.
+def joint_angle(text: str) -> tuple[str | None, float, float]:
+    """Return the name of a joint, or None, its angle and the standard deviation [rad], from a text.
 
-    The text is ``-40 deg``, ``0 deg ± 1 deg`` or ``0 deg +- 1 deg``; without a standard deviation
-    it is 0.
+    The text is ``pip: -40 deg``, ``0 deg ± 1 deg`` or ``0 deg +- 1 deg``; without a standard
+    deviation it is 0.
 
     Raises:
-        UnitError: the text is no angle.
+        UnitError: the text has no angle.
     """
     from distal.errors import UnitError
 
+    name, colon, position = text.rpartition(":")
+    text = position if colon else text
     parts = [part.strip() for part in re.split(r"±|\+-|\+/-", text)]
     if len(parts) > 2 or not all(parts):
         raise UnitError(f"an angle is written as '0 deg' or '0 deg ± 1 deg', {text!r} came")
-    mean, *stds = (_in_si(part, "rad") for part in parts)
-    return mean, stds[0] if stds else 0.0
-
-
-def joint_angle(text: str) -> tuple[str | None, tuple[float, float]]:
-    """Return the name of a joint, or None, and its `angle` with standard deviation [rad], from a
-    text.
-
-    The text is ``pip: 0 deg ± 1 deg``, or ``0 deg`` where no joint is named.
-    """
-    name, colon, position = text.partition(":")
-    return (name.strip(), angle(position)) if colon else (None, angle(text))
+    mean, *stds = (in_si(part, "rad") for part in parts)
+    return name.strip() if colon else None, mean, stds[0] if stds else 0.0
 
 
 def homing_time(text: str | None) -> float | None:
@@ -170,15 +167,10 @@ def homing_time(text: str | None) -> float | None:
 
     if text is None:
         return None
-    time = _in_si(text, "s")
+    time = in_si(text, "s")
     if not time > 0.0:
         raise UnitError(f"--homing is a time above 0 s, {text} came")
     return time
-
-
-def newtons(text: str) -> float:
-    """Return a force from a text such as ``2 N``, ``500 mN`` or a bare number [N]."""
-    return _in_si(text, "N")
 
 
 LagOption = Annotated[
@@ -191,41 +183,19 @@ LagOption = Annotated[
 ]
 
 
-def lag_time(text: str | None) -> float | None:
-    """Return a lag from a text such as ``40 ms`` or a bare number [s]; None stays None.
-
-    Raises:
-        UnitError: the text is no time.
-    """
-    return None if text is None else _in_si(text, "s")
-
-
 BAG = (".db3", ".mcap", ".bag", ".zstd", ".yaml")
 """Endings of the files of a ROS bag."""
 
 
-def write_each(*writes: Callable[[], object]) -> None:
-    """Call each function, also after one that failed, and then raise the first failure.
+def to_file(option: str, path: Path | None, kind: str = "") -> list[Output]:
+    """Return the file that an option asks for; none where the option was not given.
 
-    This failure lists all that is unsaved.
+    Args:
+        kind: kind of output, see `ENDINGS`.
     """
-    failures = []
-    for write in writes:
-        try:
-            write()
-        except OutputError as problem:
-            failures.append(problem)
-    if failures:
-        for other in failures[1:]:
-            failures[0].unsaved |= other.unsaved
-        raise failures[0]
-
-
-def to_file(option: str, path: Path | None) -> list[Output]:
-    """Return the file that an option asks for; none where the option was not given."""
     from distal.logs import Output
 
-    return [] if path is None else [Output(path, option)]
+    return [] if path is None else [Output(path, option, kind=kind)]
 
 
 def to_folder(option: str, folder: Path | None, names: Iterable[str]) -> list[Output]:
@@ -256,7 +226,8 @@ def check_command_outputs(
         stdin: whether standard input is read.
 
     Raises:
-        OutputError: see `distal.logs.check_outputs` and `distal.logs.check_format`.
+        OutputError: see `distal.logs.check_outputs` and `distal.logs.check_format`; or a path does
+            not end as its kind of output does.
     """
     from distal import logs as files
     from distal.rig import description_path
@@ -277,6 +248,10 @@ def check_command_outputs(
     files.check_outputs(outputs, inputs, streams)
     for output in outputs:
         files.check_format(output.path)
+        endings = ENDINGS.get(output.kind)
+        if endings is not None and output.path.suffix.lower() not in endings:
+            allowed = " or ".join(filter(None, endings))
+            raise OutputError(f"{output.path}: {output.kind} ends in {allowed}")
 
 
 def _files_of(log: Path) -> Iterator[Path]:
@@ -296,15 +271,6 @@ ENDINGS = {
     "a table": (".csv", ".txt", ".parquet", ".pq", ""),
 }
 """Kind of output → endings of its path; a table may go to a pipe, whose path has none."""
-
-
-def check_ending(path: Path | None, kind: str) -> None:
-    """Raise an `OutputError` where a path does not end as its kind of output does; see
-    `ENDINGS`.
-    """
-    if path is not None and path.suffix.lower() not in ENDINGS[kind]:
-        allowed = " or ".join(ending for ending in ENDINGS[kind] if ending)
-        raise OutputError(f"{path}: {kind} ends in {allowed}")
 
 
 def check_new(path: Path) -> None:

@@ -21,7 +21,6 @@ from distal.cli.shared_options import (
     SeedOption,
     SetOption,
     check_command_outputs,
-    check_ending,
     check_folder,
     rigs,
     studies,
@@ -84,16 +83,15 @@ def simulate_command(
     }
     settings = [f"--set {shlex.quote(f'{path}={_toml(value)}')}" for path, value in values.items()]
     names = {seed: out}
-    outputs = to_file("--out", out)
-    if runs is not None:
+    if runs is None:
+        outputs = to_file("--out", out, "a table")
+    else:
         check_folder(out, "with --runs")
         digits = len(str(seed + runs - 1))
         names = {n: out / f"run_{n:0{digits}d}.csv" for n in range(seed, seed + runs)}
         outputs = to_folder("--out", out, [path.name for path in names.values()])
     check_command_outputs(outputs, rig=description.rig, scenario=scenario)
-    if runs is None:
-        check_ending(out, "a table")
-    else:
+    if runs is not None:
         make_folder(out)
     jobs = [(description, number) for number in names]
     with progress_bar("simulating", len(jobs)) as advance:
@@ -230,10 +228,6 @@ def study_command(
     workers: Annotated[
         int | None, Option(min=1, max=1024, help="Processes here; default one per core.")
     ] = None,
-    scheduler: Annotated[
-        str | None,
-        Option(metavar="tcp://HOST:PORT", help="A Dask scheduler, whose workers run it instead."),
-    ] = None,
     suggest: Annotated[
         bool,
         Option(
@@ -261,7 +255,7 @@ def study_command(
     with stoppable():
         try:
             with progress_bar("runs") as show:
-                run_study(plan, space, folder, workers, scheduler, show)
+                run_study(plan, space, folder, workers, show)
         except KeyboardInterrupt:
             say(f"what is done is kept in {folder.path}; the same command goes on")
             raise

@@ -27,7 +27,6 @@ from distal.cli.shared_options import (
     SetOption,
     UnitOption,
     check_command_outputs,
-    check_ending,
     to_file,
 )
 from distal.errors import LogError, OutputError, printable
@@ -87,8 +86,7 @@ def stream_command(
         raise OutputError("standard input or output is closed")
     if udp is not None and udp == to_udp:
         raise OutputError(f"--to-udp {to_udp}: is the port that --udp reads; give another port")
-    check_command_outputs(to_file("--record", record), rig=rig, stdin=udp is None)
-    check_ending(record, "a recording")
+    check_command_outputs(to_file("--record", record, "a recording"), rig=rig, stdin=udp is None)
     described = load_rig(rig, set_ or ())
     with working("preparing the filter"):
         live = LiveEstimator(described, estimator)

@@ -20,8 +20,7 @@ from distal.hands.motors import TorqueLimited, motors_of
 from distal.hands.routine import Routine, RoutineOptions
 from distal.inverse import LiveInverse
 from distal.inverse.goal_gate import GoalGate
-from distal.logs import write_log
-from distal.logs.atomic_writes import check_writable
+from distal.logs import Output, check_outputs, write_log
 from distal.rig import Rig, as_rig
 from distal.rig.drive_range import KNOWN
 from distal.run import HEALTH, LiveEstimator, LogUnits, Monitor, Reading
@@ -372,7 +371,7 @@ class Hand:
                 writing fails afterwards, the notes of what is returned say so.
         """
         if record is not None:
-            check_writable(Path(record))
+            check_outputs([Output(Path(record), "the record")])
         routine = Routine(self._rig, options)
         shown = tuple[str, ...]()
         # the motors' travel is what the routine finds out: nothing is put into it

@@ -1,12 +1,9 @@
 """Read, check and write logs, which are time series of sensor readings."""
 
-from distal.logs.atomic_writes import keep_elsewhere, write_together, write_whole
-from distal.logs.cells import Column
+from distal.logs.cells import Column, header, name_and_unit
 from distal.logs.door import Door, Remark, decoded
 from distal.logs.encoders import FASTEST
-from distal.logs.episodes import Episode, episodes_of, is_dataset, sources_of
 from distal.logs.formats import TABLES, check_format, file_of
-from distal.logs.header_units import header, name_and_unit
 from distal.logs.log import (
     FROM_SENSOR,
     LARGEST_READING,
@@ -25,12 +22,34 @@ from distal.logs.log_files import (
     write_columns,
     write_log,
 )
-from distal.logs.messages import MessageReader
+from distal.logs.messages import (
+    ESTIMATE_TOPIC,
+    SAMPLE_TOPIC,
+    MessageReader,
+    Recorder,
+    estimate_schema,
+)
 from distal.logs.mujoco_recorder import mujoco_recorder
-from distal.logs.output_targets import Output, check_outputs, outputs_in, shown
-from distal.logs.recorder import ESTIMATE_TOPIC, SAMPLE_TOPIC, Recorder, estimate_schema
+from distal.logs.outputs import (
+    Output,
+    check_outputs,
+    keep_elsewhere,
+    outputs_in,
+    shown,
+    write_together,
+    write_whole,
+)
 from distal.logs.recordings import is_recording, open_recording, recorded_columns
-from distal.logs.tables import Source, open_table, read_table, table_of
+from distal.logs.tables import (
+    Episode,
+    Source,
+    episodes_of,
+    is_dataset,
+    open_table,
+    read_table,
+    sources_of,
+    table_of,
+)
 
 __all__ = [
     "ESTIMATE_TOPIC",

@@ -12,17 +12,16 @@ from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.errors import DistalWarning, LogError
-from distal.logs.atomic_writes import write_whole
+from distal.logs.cells import factor_of, scale, time_factor
 from distal.logs.door import Door, through
 from distal.logs.encoders import TURN
 from distal.logs.formats import TABLES, file_of
-from distal.logs.header_units import factor_of, scale, time_factor
-from distal.logs.log import NO_SOURCE, Log, TruthKind, TruthSource, check_stamps
+from distal.logs.log import NO_SOURCE, Log, TruthKind, TruthSource, check_stamps, doubts_of_units
+from distal.logs.outputs import write_whole
 from distal.logs.reader_process import read_apart
 from distal.logs.recordings import ROW_STAMPS, is_recording, recorded_cells
 from distal.logs.stamps import Clock, clock_of, in_order
 from distal.logs.tables import Source, Table, open_table, table_of
-from distal.logs.unit_doubts import doubts_of_units
 from distal.rig import REFERENCES, Rig, Sensor, angle_names, log_factor, torque_names
 from distal.units import unit_factor
 
@@ -110,8 +109,9 @@ def read_log(
             )
     known = angles | _known_torques(rig, table, readings)
     setpoints = {
-        name: _in_si(position, table, column)
-        for name, (column, position) in goals.items()
+        name: table.columns[column]
+        * (s.sign * factor_of(s, table.units.get(s.log_column), table.source))
+        for name, (column, s) in goals.items()
         if column in table.columns
     }
     log = Log(time, channels, known, table.source, origin, stamps, setpoints)
@@ -214,10 +214,8 @@ def _readings(
     stops = {joint.name: joint.stops for joint in rig.joints}
     for sensor in rig.sensors_of("angle"):
         ends = stops[sensor.of]
-        if sensor.name not in readings or ends is None:
-            continue
-        theta = readings[sensor.name]
-        if np.isfinite(theta).any():
+        theta = readings.get(sensor.name)
+        if ends is not None and theta is not None and np.isfinite(theta).any():
             away = float(np.nanmedian(theta)) - (ends[0] + ends[1]) / 2
             readings[sensor.name] = theta - TURN * round(away / TURN)
     return readings
@@ -296,21 +294,16 @@ def unit_of_angles(path: str | Path, names: Sequence[str]) -> str:
     return "deg" if units & {"deg", "°", "degrees", "degree"} else "rad"
 
 
-def _in_si(sensor: Sensor, table: Table, column: str | None = None) -> Floats:
-    """Return in SI what a sensor reads, or another `column` in its unit and sign."""
-    factor = factor_of(sensor, table.units.get(sensor.log_column), table.source)
-    values: Floats = sensor.sign * factor * table.columns[column or sensor.log_column]
-    return values
-
-
 def _goals_of(rig: Rig) -> dict[str, tuple[str, Sensor]]:
     """Return drive → the log column of its setpoint and its position sensor, for the drives whose
     rig names such a column.
     """
-    servos = {drive.name: drive.servo for drive in rig.drives}
     read = {sensor.of: sensor for sensor in rig.sensors_of("position")}
-    goals = {name: servo.goal for name, servo in servos.items() if servo and servo.goal}
-    return {name: (goal, read[name]) for name, goal in goals.items() if name in read}
+    return {
+        drive.name: (drive.servo.goal, read[drive.name])
+        for drive in rig.drives
+        if drive.servo is not None and drive.servo.goal and drive.name in read
+    }
 
 
 def write_log(log: Log, rig: Rig, path: str | Path) -> None:

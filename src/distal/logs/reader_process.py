@@ -6,8 +6,6 @@ small one can ask for more memory than there is. The process is used again for t
 
 from __future__ import annotations
 
-import atexit
-import io
 import json
 import os
 import subprocess
@@ -16,6 +14,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from importlib import import_module
+from io import BufferedReader
 from pathlib import Path
 from threading import Lock
 from typing import TypeAlias
@@ -25,7 +24,7 @@ from numpy.typing import NDArray
 
 from distal.errors import DistalWarning, LogError, UnitError
 from distal.logs.cells import Cells, Column, in_memory
-from distal.logs.output_targets import shown
+from distal.logs.outputs import shown
 from distal.units import to_si
 
 MOST = 2_000_000_000
@@ -44,8 +43,7 @@ start.
 """
 
 _BEGIN = (
-    "import sys, json; sys.path[:] = json.loads(sys.argv[1]); from distal.logs.reader_process "
-    "import serve; serve()"
+    "import sys; sys.path[:] = sys.argv[1:]; from distal.logs.reader_process import serve; serve()"
 )
 
 _LOCK = Lock()
@@ -221,30 +219,29 @@ class _Reader:
     @classmethod
     def current(cls) -> _Reader:
         """Return the running process, or start one; a forked caller starts its own."""
-        limit = memory_limit()
+        of = os.getpid(), memory_limit()
         now = cls._now
-        if now is None or now._of != (os.getpid(), limit) or now._process.poll() is not None:
+        if now is None or now._of != of or now._process.poll() is not None:
             if now is not None:
                 now.end()
-            cls._now = now = cls(limit)
+            cls._now = now = cls(of)
         return now
 
-    def __init__(self, limit: int) -> None:
-        self._of = (os.getpid(), limit)
+    def __init__(self, of: tuple[int, int]) -> None:
+        self._of = of
         # each thread reserves memory, and reading one file needs few threads; a pool of Arrow's own
         # keeps the memory of a file that was read
         few = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "2")
         few["ARROW_DEFAULT_MEMORY_POOL"] = "system"
         # in a session of its own, so that Ctrl-C reaches only the caller, who ends it
         self._process = subprocess.Popen(
-            [sys.executable, "-c", _BEGIN, json.dumps(sys.path)],
+            [sys.executable, "-c", _BEGIN, *sys.path],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             env={**os.environ, **few, "PYTHONWARNINGS": "ignore"},
             start_new_session=True,
         )
-        atexit.register(self.end)
 
     def ask(self, request: str, path: Path) -> tuple[Answer, list[Bytes]]:
         """Return the answer to a request and the bytes of its columns.
@@ -254,7 +251,7 @@ class _Reader:
         """
         process = self._process
         assert process.stdin is not None
-        assert isinstance(process.stdout, io.BufferedReader)
+        assert isinstance(process.stdout, BufferedReader)
         try:
             process.stdin.write(request.encode() + b"\n")
             process.stdin.flush()
@@ -279,18 +276,13 @@ class _Reader:
         """Stop the process, after `patience` [s] in which it may end by itself, and return its exit
         code.
         """
-        process = self._process
         if self._of[0] != os.getpid():
             return 0  # a forked process leaves its parent's reader alone
-        atexit.unregister(self.end)
         if _Reader._now is self:
             _Reader._now = None
         with suppress(subprocess.TimeoutExpired):
-            process.wait(patience)
-        process.kill()
-        code = process.wait()
-        for pipe in (process.stdin, process.stdout):
-            with suppress(OSError):
-                if pipe is not None:
-                    pipe.close()
-        return code
+            self._process.wait(patience)
+        self._process.kill()
+        with suppress(OSError), self._process:  # it closes the pipes and waits
+            pass
+        return self._process.returncode

@@ -80,7 +80,7 @@ def reproduce(
 
     Args:
         out: the folder, which is made where it does not exist.
-        advance: called after each test (`distal.paper.series.series_count` times), then after each
+        advance: called after each test (`distal.paper.series.TESTS`), then after each
             closed loop, then after each figure.
         lab: a page of `distal lab`, which is copied beside the page and linked from it; or None.
 

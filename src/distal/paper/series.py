@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from itertools import product
 
 import numpy as np
 
@@ -193,14 +194,12 @@ def hung_weights(log: Log, scenario: Scenario) -> Log:
     return replace(log, channels=channels)
 
 
+TESTS = tuple(product(PLANTS, (*SERIES_1, *SERIES_2)))
+"""The tests of the reproduction: a plant and a scenario each."""
+
+
 def all_runs(advance: Callable[[], None]) -> Iterator[SeriesRun]:
-    """Yield all runs of the reproduction; `advance` is called after each test of a plant."""
-    for plant in PLANTS:
-        for series in (*SERIES_1, *SERIES_2):
-            yield from run_series(series, plant)
-            advance()
-
-
-def series_count() -> int:
-    """Return how many times `all_runs` calls `advance`."""
-    return len(PLANTS) * (len(SERIES_1) + len(SERIES_2))
+    """Yield all runs of the reproduction; `advance` is called after each of its `TESTS`."""
+    for plant, series in TESTS:
+        yield from run_series(series, plant)
+        advance()

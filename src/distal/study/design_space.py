@@ -286,9 +286,6 @@ class Space:
     def chunks(self, runs_per_design: int, size: int = 48) -> list[tuple[int, ...]]:
         """Return the indices of the designs in chunks of about `size` runs; designs with the same
         choices are next to each other.
-
-        Raises:
-            StudyError: there would be more than `MOST_CHUNKS` chunks.
         """
         columns = [i for i, axis in enumerate(self.axes) if axis.choices]
         counts = np.array([len(self.axes[i].choices) for i in columns])

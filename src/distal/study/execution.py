@@ -1,5 +1,4 @@
-"""The folder of a study's rows, and the runs that fill it: by processes of this computer or by a
-Dask cluster, which both call the same function on the same chunks.
+"""The folder of a study's rows, and the runs that fill it, by processes of this computer.
 
 The folder holds a small Parquet file for each chunk, written whole when the chunk ends.
 """
@@ -25,7 +24,6 @@ from numpy.typing import NDArray
 
 from distal.errors import StudyError
 from distal.logs import write_whole
-from distal.parallel import on_cluster
 from distal.results import make_folder
 from distal.study.description import Plan
 from distal.study.design_space import Space
@@ -133,20 +131,16 @@ def run_study(
     space: Space,
     folder: Folder,
     workers: int | None = None,
-    scheduler: str | None = None,
     progress: Progress | None = None,
 ) -> None:
     """Run those chunks of a study whose rows its folder lacks; rows are written as chunks end.
 
     Args:
         workers: number of processes on this computer; default one per core.
-        scheduler: address of a Dask scheduler, ``tcp://host:8786``, whose workers run the chunks
-            instead.
         progress: called with the number of runs that are done and of all.
 
     Raises:
-        StudyError: all runs of the first chunk failed by the same error, a worker ended, or the
-            scheduler is not there or has another version.
+        StudyError: all runs of the first chunk failed by the same error, or a worker ended.
         OutputError: rows cannot be written.
     """
     runs_per_design = plan.study.seeds * len(plan.scenarios)
@@ -163,13 +157,7 @@ def run_study(
     count = (os.cpu_count() or 1) if workers is None else workers
     # a grid begins in a corner of the space, where all runs may fail
     is_first = done == 0 and plan.study.fill != "grid"
-    if scheduler:
-        tasks = {number: (plan, designs) for number, designs in chunks}
-        kept = "the rows so far are kept: the same command goes on"
-        runs = on_cluster(run_chunk, tasks, scheduler, StudyError, kept)
-    else:
-        runs = _by_processes(plan, chunks, count)
-    for number, rows in runs:
+    for number, rows in _by_processes(plan, chunks, count):
         problem, *others = set(map(str, rows["problem"]))
         if is_first and problem and not others:
             raise StudyError(

@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 
 from distal.errors import LogError
-from distal.logs.cells import Cells, Column, in_memory
+from distal.logs.cells import WIDEST_VECTOR, Cells, Column, in_memory, needed, numbered
 from distal.logs.formats.format import Format
-from distal.logs.header_units import needed
 from distal.logs.reader_process import COPIES, check_memory
-from distal.logs.vectors import WIDEST_VECTOR, numbered
 
 
 def read_hdf5(path: Path, columns: Sequence[str] | None) -> Cells:

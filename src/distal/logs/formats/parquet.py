@@ -12,11 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import LogError
-from distal.logs.cells import Cells, Column, in_memory
+from distal.logs.cells import Cells, Column, component_names_in, in_memory, needed, numbered
 from distal.logs.formats.format import Format
-from distal.logs.header_units import needed
 from distal.logs.reader_process import check_rows
-from distal.logs.vectors import component_names_in, numbered
 
 TEXTS = ("string", "large_string", "string_view")
 """Names of Arrow's types of text."""

@@ -1,4 +1,6 @@
-"""Outputs are compared as files, not as names, and tried before they are needed."""
+"""Outputs are compared as files, not as names, and tried before they are needed; files are written
+whole or not at all.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +11,8 @@ import pytest
 
 from distal.errors import OutputError
 from distal.logs import Output, Recorder, check_outputs, outputs_in, shown, write_whole
-from distal.logs.output_targets import ROOM
-from distal.logs.recorder import SAMPLE_TOPIC
+from distal.logs.messages import SAMPLE_TOPIC
+from distal.logs.outputs import ROOM
 
 
 def one(path: Path) -> list[Output]:
@@ -110,3 +112,42 @@ def test_what_is_shown_is_one_line() -> None:
     assert shown("plain é.csv") == "plain é.csv"
     assert shown("a\nb\x1b\udce9") == r"a\nb\x1b\udce9"
     assert len(shown("x" * 5000)) < 100
+
+
+def test_a_failure_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "out.csv"
+    path.write_text("precious")
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(OutputError, match="No space left"):
+        write_whole(path, "new")
+    assert path.read_text() == "precious"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_it_replaces_and_keeps_the_mode(tmp_path: Path) -> None:
+    path = tmp_path / "out.csv"
+    write_whole(path, "one")
+    path.chmod(0o640)
+    write_whole(path, b"two")
+    assert path.read_text() == "two"
+    assert path.stat().st_mode & 0o777 == 0o640
+
+
+def test_links_are_followed(tmp_path: Path) -> None:
+    target, link = tmp_path / "target", tmp_path / "link"
+    target.write_text("old")
+    link.symlink_to(target)
+    write_whole(link, "new")
+    assert link.is_symlink()
+    assert target.read_text() == "new"
+
+
+def test_where_it_cannot_write(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="is a folder"):
+        write_whole(tmp_path, "x")
+    with pytest.raises(OutputError, match="does not exist"):
+        write_whole(tmp_path / "none" / "out.csv", "x")
