@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from distal import Rig
+from distal import Log, Rig
 from distal.errors import CommandError
 from distal.estimators import RegressionEstimator, make_estimator, usual_estimator
 from distal.fitting.candidates import Candidate, answer_maps
@@ -48,8 +48,14 @@ def test_shares_go_by_squared_errors_and_the_band_by_the_pool(line: MapFit) -> N
     target = np.full((4, 1), np.sqrt(0.3))
     target[0] = np.nan  # the filter's first seconds do not count
     data = {i: replace(of_log, targets=target) for i in range(2)}
-    alone, both = pooled(beside, line, data)
+    # the encoder's own offset, 0.05, is off the filter's targets
+    truth = {"theta": np.full(4, 0.05 + np.sqrt(0.3))}
+    logs = [Log(TIME, {"x": np.zeros(4)}, truth)] * 2
+    alone, both = pooled(beside, line, data, logs)
     assert alone.maps[0].share == pytest.approx((0.75,))
+    moved = line.maps[0].arrays["mean"] - alone.maps[0].arrays["mean"]
+    np.testing.assert_allclose(moved[:, 0], 0.05)
+    np.testing.assert_array_equal(moved[:, 1:], 0.0)
     for log, a, b, spread in zip(both.errors[joint], (0.1, 0.2), (0.2, -0.4), (0.04, 0.09)):
         np.testing.assert_array_equal(log.time, TIME[1:])
         np.testing.assert_allclose(log.errors, 0.25 * a + 0.75 * b)

@@ -247,7 +247,7 @@ def answer_maps(candidate: Candidate, training: Training, line: MapFit) -> tuple
     if homing is not None:
         return line, beside
     beside = with_its_reference_error(beside, training.logs)
-    return pooled(beside, line, candidate.data)
+    return pooled(beside, line, candidate.data, training.logs)
 
 
 def _surest(run: _Run, training: Training, parameters: ParameterEstimates | None) -> _Run:

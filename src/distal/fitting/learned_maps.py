@@ -269,7 +269,9 @@ def with_its_reference_error(of_kind: MapFit, logs: Sequence[Log]) -> MapFit:
     return replace(of_kind, maps=tuple(maps), errors=errors)
 
 
-def pooled(beside: MapFit, alone: MapFit, data: Mapping[int, Samples]) -> tuple[MapFit, MapFit]:
+def pooled(
+    beside: MapFit, alone: MapFit, data: Mapping[int, Samples], logs: Sequence[Log]
+) -> tuple[MapFit, MapFit]:
     """Return maps on readings alone with their shares of each angle, and the maps beside a filter
     with the errors of both together.
 
@@ -282,6 +284,7 @@ def pooled(beside: MapFit, alone: MapFit, data: Mapping[int, Samples]) -> tuple[
         beside: the maps beside the filter.
         alone: the maps on readings alone.
         data: the filter's samples along the logs, by the index of the log.
+        logs: of known angle.
     """
     errors = dict[str, list[HeldOut]]()
     shares = dict[str, float]()
@@ -301,20 +304,33 @@ def pooled(beside: MapFit, alone: MapFit, data: Mapping[int, Samples]) -> tuple[
         learned.model_copy(update=scores_of([errors[joint] for joint in learned.joints]))
         for learned in beside.maps
     ]
-    return with_shares(alone, shares), replace(beside, maps=tuple(scored), errors=errors)
+    joints = beside.start.joint_names
+    first = next(iter(data))
+    known = true_angles(logs[first], joints)
+    assert known is not None
+    # what is taken for the encoder's own offset is off the targets of the filter's map
+    offsets = np.nanmean(known - data[first].angles - data[first].targets, axis=0)
+    zeros = dict(zip(joints, offsets.tolist()))
+    return with_shares(alone, shares, zeros), replace(beside, maps=tuple(scored), errors=errors)
 
 
-def with_shares(alone: MapFit, shares: Mapping[str, float]) -> MapFit:
+def with_shares(
+    alone: MapFit, shares: Mapping[str, float], zeros: Mapping[str, float] | None = None
+) -> MapFit:
     """Return maps on readings alone with their share of each angle.
 
     Args:
         alone: the maps.
         shares: joint → share [1].
+        zeros: joint → angle at the filter's zero [rad], which is taken off; None: nothing is.
     """
-    maps = (
-        learned.model_copy(update={"share": tuple(shares[joint] for joint in learned.joints)})
-        for learned in alone.maps
-    )
+    maps = []
+    for learned in alone.maps:
+        mean = learned.arrays["mean"].copy()
+        mean[:, 0] -= [zeros[joint] if zeros else 0.0 for joint in learned.joints]
+        arrays = MapArrays(**{**learned.arrays.by_name, "mean": mean})
+        share = tuple(shares[joint] for joint in learned.joints)
+        maps.append(learned.model_copy(update={"share": share, "arrays": arrays}))
     return replace(alone, maps=tuple(maps))
 
 
