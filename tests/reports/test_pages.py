@@ -61,15 +61,15 @@ def test_text_is_never_markup() -> None:
 
 def test_the_figures_of_a_fit(logs: list[Log], rig: Rig) -> None:
     results = [estimate(log, rig) for log in logs]
-    traces = draw_traces(logs[0], [results[0], results[0]], rig)
+    traces = draw_traces(logs[0], results[0], rig)
     labels = ["joint angle θ [°]", "error [°]", "innovation [σ]", "measured [N]", "health"]
     assert [axes.get_ylabel() for axes in traces.axes] == labels
     legend = [text.get_text() for text in traces.axes[0].get_legend().get_texts()]
-    assert legend == ["truth", "after, 95 % band", "before, 95 % band"]
+    assert legend == ["truth", "adaptive, 95 % band"]
     assert legends_lie_beside(traces)
     blind = [replace(log, truth={}) for log in logs]
     unknown = [replace(result, truths=None) for result in results]
-    assert [a.get_ylabel() for a in draw_traces(blind[0], unknown[:1], rig).axes][
+    assert [a.get_ylabel() for a in draw_traces(blind[0], unknown[0], rig).axes][
         1
     ] == "95 % band ± [°]"
 

@@ -306,10 +306,10 @@ def pooled(
     ]
     joints = beside.start.joint_names
     first = next(iter(data))
-    known = true_angles(logs[first], joints)
-    assert known is not None
+    true = true_angles(logs[first], joints)
+    assert true is not None
     # what is taken for the encoder's own offset is off the targets of the filter's map
-    offsets = np.nanmean(known - data[first].angles - data[first].targets, axis=0)
+    offsets = np.nanmean(true - data[first].angles - data[first].targets, axis=0)
     zeros = dict(zip(joints, offsets.tolist()))
     return with_shares(alone, shares, zeros), replace(beside, maps=tuple(scored), errors=errors)
 

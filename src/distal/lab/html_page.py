@@ -17,7 +17,6 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.confidence import BAND
-from distal.estimators import usual_estimator
 from distal.estimators.read_channels import DEAD
 from distal.export.c_text import filled
 from distal.export.plant_source import ExportedPlant, resting_inputs
@@ -110,12 +109,11 @@ def lab_page(rig: Rig, path: str | Path, estimator: str | None = None, source: s
         EstimationError: the estimator cannot run on this rig.
         OutputError: the file cannot be written.
     """
-    estimator = estimator or usual_estimator(rig)
     module = lab_module(rig, estimator)
-    constants = _constants(rig, module, estimator, source)
+    constants = _constants(rig, module, source)
     parts = [
         f"<style>{resource('lab.css', 'distal.lab')}</style>",
-        _body(rig, module, constants, estimator),
+        _body(rig, module, constants),
         script_with(
             "lab-data",
             constants,
@@ -133,7 +131,7 @@ def lab_page(rig: Rig, path: str | Path, estimator: str | None = None, source: s
     return Path(path)
 
 
-def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict[str, Any]:
+def _constants(rig: Rig, module: LabModule, source: str) -> dict[str, Any]:
     """Return the data of a rig that the page's script reads."""
     plant = module.plant
     mechanism = module.plant.plant
@@ -185,7 +183,8 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
         "scales": [*scales, *[1.0] * nj],
         "commanded": list(module.commanded),
         "zeros": [zeros.get(drive.name, 0.0) for drive in rig.drives],
-        "command": f"distal estimate lab.csv --rig {source} -e {estimator} gives the same angles.",
+        "command": f"distal estimate lab.csv --rig {source} -e {module.filter.estimator.name} "
+        "gives the same angles.",
     }
 
 
@@ -267,7 +266,7 @@ def _largest_load(rig: Rig, tensions: Floats) -> float:
     return float(f"{max(0.5 * max(held, default=0.0), 1e-3):.1g}")
 
 
-def _body(rig: Rig, module: LabModule, constants: dict[str, Any], estimator: str) -> str:
+def _body(rig: Rig, module: LabModule, constants: dict[str, Any]) -> str:
     """Return the page's HTML."""
     most = constants["loadMost"]
     joints = [escape(joint.name) for joint in rig.joints]
@@ -309,7 +308,7 @@ def _body(rig: Rig, module: LabModule, constants: dict[str, Any], estimator: str
             for j, name in enumerate(joints)
         ),
         "blue": COLOURS[0],
-        "estimator": escape(estimator),
+        "estimator": escape(module.filter.estimator.name),
         "plain": plain if module.inextensible else "",
         "torque": torque if constants["torques"] else "",
         "sliders": "".join(sliders),

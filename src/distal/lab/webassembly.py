@@ -53,7 +53,7 @@ def check_ziglang() -> list[str]:
     return command
 
 
-def lab_module(rig: Rig, estimator: str) -> LabModule:
+def lab_module(rig: Rig, estimator: str | None) -> LabModule:
     """Return the plant, sensors and filters of a rig as a WebAssembly module; the plant begins with
     the rig's parameters.
 
@@ -72,7 +72,11 @@ def lab_module(rig: Rig, estimator: str) -> LabModule:
         plain: Exported | None = c_filter(rig, "inextensible", name="plain")
     except EstimationError:
         plain = None  # it needs the positions of the drives
-    command = c_command(rig, "command", "filter", Plain()) if estimator == "adaptive" else None
+    command = (
+        c_command(rig, "command", "filter", Plain())
+        if filter_.estimator.name == "adaptive"
+        else None
+    )
     outputs = [part for field in filter_.fields for part in (field.name, field.std)]
     angles = [field.name for field in plain.fields] if plain is not None else []
     values = {

@@ -1,6 +1,6 @@
-"""The page on a fit: the fitted parameters, their standard errors, and the errors before and after.
+"""The page on a fit: the fitted parameters, their standard errors, and the errors of the angle.
 
-Its figures show each log before and after the fit.
+Its figures show each log with the fitted rig.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from distal.errors import DivergedError
 from distal.estimators import DEFAULT, usual_estimator
 from distal.fitting import WRITTEN, Fit, Observability, observability
 from distal.logs import Log, check_outputs, outputs_in, shown, write_whole
@@ -57,27 +56,22 @@ def fit_report(fit: Fit, logs: Sequence[Log], out: str | Path) -> Path:
     """
     check_outputs(outputs_in(out, FIT_PAGES, "the report"))
     folder = make_folder(out)
-    after = [estimate(log, fit.rig, homing=fit.homing) for log in logs]
-    try:
-        before = [estimate(log, fit.start, homing=fit.homing) for log in logs]
-    except DivergedError:  # a draft may be far from the rig
-        before = []
+    estimates = [estimate(log, fit.rig, homing=fit.homing) for log in logs]
     parts = [
         picture(rig_svg(fit.rig), "The rig as fitted."),
         *_doubts(fit),
         *_left_out(fit),
         *_parameters(fit),
-        *_errors(logs, before, after),
+        *_errors(logs, estimates),
         heading("Along the logs"),
     ]
     caption = (
-        f"Estimate with the fitted rig{' and with the rig as it came' if before else ''}, 95 % "
-        "bands shaded; errors; innovations "
-        "of the fitted one, of which 95 % should be within ±2; what was measured; a stream's word "
+        "Estimate with the fitted rig, 95 % band shaded; errors; innovations, "
+        "of which 95 % should be within ±2; what was measured; a stream's word "
         "on its health."
     )
-    for log, *estimates in list(zip(logs, after, *([before] if before else [])))[:MOST_TRACES]:
-        parts.append(picture(svg_of(draw_traces(log, estimates, fit.rig)), caption))
+    for log, result in list(zip(logs, estimates))[:MOST_TRACES]:
+        parts.append(picture(svg_of(draw_traces(log, result, fit.rig)), caption))
     longest = max(logs, key=len)
     if usual_estimator(fit.rig) == DEFAULT:
         parts += _seen(longest, observability(longest, fit.rig, homing=fit.homing))
@@ -155,22 +149,16 @@ def _error(rms: float, inside: float) -> tuple[str, str]:
     return f"{np.rad2deg(rms):.3f}", "–" if np.isnan(inside) else f"{100 * inside:.0f} %"
 
 
-def _errors(
-    logs: Sequence[Log], before: Sequence[Estimate], after: Sequence[Estimate]
-) -> list[str]:
+def _errors(logs: Sequence[Log], estimates: Sequence[Estimate]) -> list[str]:
     rows = [
-        (
-            shown(Path(log.source).name),
-            *_error(nominal.rms_error(), nominal.inside_band()),
-            *_error(fitted.rms_error(), fitted.inside_band()),
-        )
-        for log, nominal, fitted in zip(logs, before, after)
-        if fitted.truths is not None
+        (shown(Path(log.source).name), *_error(result.rms_error(), result.inside_band()))
+        for log, result in zip(logs, estimates)
+        if result.truths is not None
     ]
     if not rows:
         return []
-    columns = ("log", "RMS before [°]", "in the band", "RMS after [°]", "in the band")
-    return [heading("Errors on the logs that were fitted"), html_table(columns, rows, range(1, 5))]
+    table = html_table(("log", "RMS [°]", "in the band"), rows, range(1, 3))
+    return [heading("Errors on the logs that were fitted"), table]
 
 
 def _doubts(fit: Fit) -> list[str]:
@@ -236,28 +224,20 @@ layout.
 """
 
 
-def draw_traces(log: Log, estimates: Sequence[Estimate], rig: Rig) -> Figure:
-    """Return a figure over one log: truth, estimates after the fit and before it, if there is one,
-    their errors, innovations, forces and health.
-    """
+def draw_traces(log: Log, estimate: Estimate, rig: Rig) -> Figure:
+    """Return a figure over one log: truth, estimate, its errors, innovations, forces and health."""
     # fewer points keep a page with a dozen logs small; a printed line shows no more
     rows = slice(None, None, max(1, len(log) // POINTS))
     words = log_health(log, rig)
-    drawn = [_thinned(*pair, rows) for pair in zip(estimates, ("after", "before"))]
-    # any name of a file can be drawn: what is not printable is escaped
-    title = shown(Path(log.source).name)
-    return plot_estimates(
-        drawn, title=title, panels=PANELS, log=log.select(rows), rig=rig, health=words[rows]
-    )
-
-
-def _thinned(estimate: Estimate, name: str, rows: slice) -> Estimate:
-    """Return an estimate with some of its rows only, under another name."""
     columns = ("time", "means", "variances", "innovations", "innovation_variances")
     truths = None if estimate.truths is None else estimate.truths[rows]
-    return replace(
-        estimate,
-        estimator=name,
-        truths=truths,
-        **{key: getattr(estimate, key)[rows] for key in columns},
+    thinned = {key: getattr(estimate, key)[rows] for key in columns}
+    return plot_estimates(
+        [replace(estimate, truths=truths, **thinned)],
+        # any name of a file can be drawn: what is not printable is escaped
+        title=shown(Path(log.source).name),
+        panels=PANELS,
+        log=log.select(rows),
+        rig=rig,
+        health=words[rows],
     )
