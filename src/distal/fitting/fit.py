@@ -194,16 +194,12 @@ def _failure(rig: Rig, log: Log, learned: Learned, options: Options) -> str | No
     errors = result.errors().reshape(len(log), -1)[late]
     rms = float(np.sqrt(np.nanmean(errors**2)))
     half = BAND * float(np.mean(result.angle_stds[late]))
-    if rms > PROMISED * promised:
-        what, now, before = "errs by ", rms, score.rms
-    elif half > PROMISED * max(of_log.half for of_log in every):
-        what, now, before = "knows the angle to ±", half, score.half
-    else:
+    wide = half > PROMISED * max(of_log.half for of_log in every)
+    if rms <= PROMISED * promised and not wide:
         return None
-    return (
-        f"{what}{np.rad2deg(now):.2g}° on {shown(log.source)}, where left out it had "
-        f"{np.rad2deg(before):.2g}°"
-    )
+    now, before = np.rad2deg((half, score.half) if wide else (rms, score.rms))
+    what = "knows the angle to ±" if wide else "errs by "
+    return f"{what}{now:.2g}° on {shown(log.source)}, where left out it had {before:.2g}°"
 
 
 def _lag(logs: Sequence[Log], rig: Rig, units: str | None) -> ReferenceLag:

@@ -339,10 +339,11 @@ def _pooled_errors(beside: HeldOut, alone: HeldOut, share: float) -> HeldOut:
     `distal.regression.reported_map`.
     """
     time, at, of_alone = np.intersect1d(beside.time, alone.time, return_indices=True)
-    first, second = beside.errors[at], alone.errors[of_alone]
-    variances = share * beside.variances[at] + (1 - share) * alone.variances[of_alone]
-    variances += share * (1 - share) * (first - second) ** 2
-    return HeldOut(time, share * first + (1 - share) * second, variances)
+    weights = np.array([share, 1 - share])
+    errors = np.array([beside.errors[at], alone.errors[of_alone]])
+    variances = np.array([beside.variances[at], alone.variances[of_alone]])
+    mean = weights @ errors
+    return HeldOut(time, mean, weights @ (variances + errors**2) - mean**2)
 
 
 def logs_read(
