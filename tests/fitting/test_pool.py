@@ -50,7 +50,8 @@ def test_shares_go_by_squared_errors_and_the_band_by_the_pool(line: MapFit) -> N
     data = {i: replace(of_log, targets=target) for i in range(2)}
     # the encoder's own offset, 0.05, is off the filter's targets
     truth = {"theta": np.full(4, 0.05 + np.sqrt(0.3))}
-    logs = [Log(TIME, {"x": np.zeros(4)}, truth)] * 2
+    channels = {sensor.name: np.zeros(4) for sensor in line.start.sensors}
+    logs = [Log(TIME, channels, truth)] * 2
     alone, both = pooled(beside, line, data, logs)
     assert alone.maps[0].share == pytest.approx((0.75,))
     moved = line.maps[0].arrays["mean"] - alone.maps[0].arrays["mean"]

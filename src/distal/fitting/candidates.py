@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from distal.estimators import samples_of_angles
 from distal.fitting.fit_options import Options
 from distal.fitting.free_parameter import assignments, described
 from distal.fitting.learned_maps import (
@@ -160,11 +161,10 @@ class Training:
         """RMS deviation of the known angles from their mean [rad], what a filter that knows nothing
         errs by; infinite where some joint's angle is known in none.
         """
-        angles = [true_angles(log, self.rig.joint_names) for log in self.logs]
-        of_logs = [of_log for of_log in angles if of_log is not None]
-        if not of_logs or self.unknown:
+        if not self.judges:
             return np.inf
-        return float(np.sqrt(np.mean(np.nanvar(np.concatenate(of_logs), axis=0))))
+        angles = [samples_of_angles(log, self.rig).targets for log in self.logs]
+        return float(np.sqrt(np.mean(np.nanvar(np.concatenate(angles), axis=0))))
 
     @property
     def folds(self) -> list[int]:

@@ -306,8 +306,7 @@ def pooled(
     ]
     joints = beside.start.joint_names
     first = next(iter(data))
-    true = true_angles(logs[first], joints)
-    assert true is not None
+    true = samples_of_angles(logs[first], beside.start).targets
     # what is taken for the encoder's own offset is off the targets of the filter's map
     offsets = np.nanmean(true - data[first].angles - data[first].targets, axis=0)
     zeros = dict(zip(joints, offsets.tolist()))

@@ -70,7 +70,7 @@ def fit_report(fit: Fit, logs: Sequence[Log], out: str | Path) -> Path:
         "of which 95 % should be within ±2; what was measured; a stream's word "
         "on its health."
     )
-    for log, result in list(zip(logs, estimates))[:MOST_TRACES]:
+    for log, result in zip(logs[:MOST_TRACES], estimates):
         parts.append(picture(svg_of(draw_traces(log, result, fit.rig)), caption))
     longest = max(logs, key=len)
     if usual_estimator(fit.rig) == DEFAULT:
