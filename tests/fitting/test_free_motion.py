@@ -269,6 +269,18 @@ def test_a_filter_and_readings_alone_are_pooled_by_their_shares() -> None:
         assert pooled[1] ** 2 * own + pooled[2] == pytest.approx(second - mean**2)
 
 
+def test_while_touched_filter_and_readings_count_the_same() -> None:
+    """No log of free motion tells which of them is right then."""
+    inner, learned = drawn_filter()
+    alone = drawn_map(beside_filter=False, seed=3).model_copy(update={"share": (0.2,)})
+    a, _, _ = reported(inner, [learned], [0.2, 0.0])
+    b, _, _ = reported(inner, [alone], [0.2, 0.0])
+    for touch in (0.0, 0.4, 1.0):
+        value, _, _ = reported(inner, [learned, alone], [0.2, touch], touched=(1,))
+        share = 0.2 * (1 - touch) + 0.5 * touch
+        assert value == pytest.approx((1 - share) * a + share * b)
+
+
 def test_how_a_fit_did_is_said(rig: Rig) -> None:
     """In a line, with what the file has."""
     assert rig.free_motion is not None

@@ -37,7 +37,7 @@ def line(pulley_rig: Rig) -> MapFit:
 
 
 def test_shares_go_by_squared_errors_and_the_band_by_the_pool(line: MapFit) -> None:
-    """r² = (0.2² + 0.4²)/2 = 0.1 and f² = 0.3, so that the filter has a quarter of the angle."""
+    """r² = (0.2² + 0.4²)/2 = 0.1 and f² = 0.025, so that the filter has 0.8 of the angle."""
     joint = line.start.joint_names[0]
     learned = drawn_map((joint,), line.maps[0].channels)
     errors = {joint: [held_out(0.1, 0.01, 1), held_out(0.2, 0.01, 1)]}
@@ -53,16 +53,16 @@ def test_shares_go_by_squared_errors_and_the_band_by_the_pool(line: MapFit) -> N
     channels = {sensor.name: np.zeros(4) for sensor in line.start.sensors}
     logs = [Log(TIME, channels, truth)] * 2
     alone, both = pooled(beside, line, data, logs)
-    assert alone.maps[0].share == pytest.approx((0.75,))
+    assert alone.maps[0].share == pytest.approx((0.2,))
     moved = line.maps[0].arrays["mean"] - alone.maps[0].arrays["mean"]
     np.testing.assert_allclose(moved[:, 0], 0.05)
     np.testing.assert_array_equal(moved[:, 1:], 0.0)
     for log, a, b, spread in zip(both.errors[joint], (0.1, 0.2), (0.2, -0.4), (0.04, 0.09)):
         np.testing.assert_array_equal(log.time, TIME[1:])
-        np.testing.assert_allclose(log.errors, 0.25 * a + 0.75 * b)
-        square = 0.25 * (0.01 + a**2) + 0.75 * (spread + b**2)
-        np.testing.assert_allclose(log.variances, square - (0.25 * a + 0.75 * b) ** 2)
-    assert both.maps[0].rms == pytest.approx((np.sqrt((0.175**2 + 0.25**2) / 2),))
+        np.testing.assert_allclose(log.errors, 0.8 * a + 0.2 * b)
+        square = 0.8 * (0.01 + a**2) + 0.2 * (spread + b**2)
+        np.testing.assert_allclose(log.variances, square - (0.8 * a + 0.2 * b) ** 2)
+    assert both.maps[0].rms == pytest.approx((np.sqrt((0.12**2 + 0.08**2) / 2),))
 
 
 def test_without_a_filter_readings_alone_answer(line: MapFit) -> None:

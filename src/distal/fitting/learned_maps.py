@@ -277,8 +277,8 @@ def pooled(
 
     The shares go by the inverse of the mean squared errors on logs left out (Bates and Granger,
     Operational Research Quarterly 20, 1969): that of readings alone is f²/(r² + f²), with their r²
-    and f² of the filter without its map, which hides what the filter lacks beyond the logs. Both
-    have the random error of the reference, which draws the shares towards one half.
+    and f² of the filter with its map. Both have the random error of the reference, which draws the
+    shares towards one half.
 
     Args:
         beside: the maps beside the filter.
@@ -288,14 +288,11 @@ def pooled(
     """
     errors = dict[str, list[HeldOut]]()
     shares = dict[str, float]()
-    for j, joint in enumerate(beside.start.joint_names):
+    for joint in beside.start.joint_names:
         of_alone = [alone.errors[joint][i] for i in data]
         square, of_filter = (
-            max(float(np.mean([np.nanmean(of_log**2) for of_log in of_logs])), 1e-300)
-            for of_logs in (
-                [log.errors for log in of_alone],
-                [samples.targets[:, j] for samples in data.values()],
-            )
+            max(float(np.mean([np.mean(log.errors**2) for log in logs_left_out])), 1e-300)
+            for logs_left_out in (of_alone, beside.errors[joint])
         )
         shares[joint] = of_filter / (square + of_filter)
         pairs = zip(beside.errors[joint], of_alone)

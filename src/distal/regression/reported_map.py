@@ -72,7 +72,8 @@ def reporting_function(
 
     A map beside the filter was learned in free motion. Where touches have shares of the joints, of
     which s is the largest, the filter's own error and what the map adds, a, count as unknown:
-    gain⁺ = (1 − s) gain + s, variance⁺ = variance + s a².
+    gain⁺ = (1 − s) gain + s, variance⁺ = variance + s a². Its share of a pool goes towards one
+    half, since the shares are of free motion too.
 
     Args:
         inner: the filter's function; the first states are the joints' own.
@@ -132,6 +133,7 @@ def reporting_function(
         else:
             gains = ca.MX.zeros(len(placed.states))
         share = map_layout(placed.shape, placed.joints).part(parameters, "share")
+        share = (1 - opened) * share + opened / 2
         answers.setdefault(placed.states, []).append((values, gains, spreads, share))
         memories.append(after)
         at += placed.size
