@@ -13,8 +13,11 @@ import pytest
 from distal import Log, Rig, load_rig
 from distal.confidence import BAND
 from distal.errors import DivergedError
+from distal.fitting.candidates import Training
+from distal.fitting.fit_options import Options
 from distal.fitting.learn_free_motion import untouched
 from distal.fitting.scores import WRITTEN, Compared, Score
+from distal.rig.validation import angle_names
 
 FIT = sys.modules["distal.fitting.fit"]
 LOG = Log(np.arange(3.0), {"x": np.zeros(3)}, source="one.csv")
@@ -50,11 +53,11 @@ def written(
     monkeypatch: pytest.MonkeyPatch,
     error: float = 0.0,
     half: float = 0.02,
-    spread: float = 1.0,
+    line: float = 1.0,
 ) -> Learned:
     """Return what is written where the filters of some rigs leave all bounds, and the first errs by
-    `error` with a band of ±`half`; logs left out had an error of 0.01 and a band of ±0.02, and the
-    angles vary by `spread`.
+    `error` with a band of ±`half`; logs left out had an error of 0.01 and a band of ±0.02, and a
+    straight line errs by `line`.
     """
 
     def estimate(log: Log, rig: Rig, **_: object) -> SimpleNamespace:
@@ -73,7 +76,7 @@ def written(
         FIT, "_with_free_motion", lambda learned, *_: replace(learned, doubts=("whole",))
     )
     options = SimpleNamespace(compiled=False, homing=None)
-    training = SimpleNamespace(options=options, spread=spread)
+    training = SimpleNamespace(options=options, line_error=line)
     judged = SimpleNamespace(candidates=candidates, training=training, chosen=candidates[0])
     return FIT._followed(judged, [LOG])
 
@@ -134,14 +137,37 @@ def test_a_rig_whose_band_is_twice_what_was_promised_is_not_written(
     assert (line in result.doubts) == said
 
 
-def test_a_filter_that_errs_by_more_than_the_angles_vary_is_not_written(
+def test_a_filter_that_errs_twice_as_much_as_a_straight_line_is_not_written(
     candidates: list[Candidate], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The mean of the angles errs less; the next ones do too, so that readings alone are left."""
-    result = written(candidates, [], monkeypatch, spread=0.015)
+    """The next ones do too, so that readings alone are left."""
+    result = written(candidates, [], monkeypatch, line=0.0051)
     assert result.rig == candidates[0].rig
-    result = written(candidates, [], monkeypatch, spread=0.005)
+    result = written(candidates, [], monkeypatch, line=0.0049)
     assert result.doubts[0] == (
-        "the filter of first errs by 0.57° on logs left out, where the angles vary by 0.29°"
+        "the filter of first errs by 0.57° on logs left out, a straight line of the readings by "
+        "0.28°"
     )
     assert len(result.doubts) == 5
+
+
+def test_the_straight_line_is_judged_on_logs_left_out(pulley_rig: Rig) -> None:
+    """Angles that are a line of the readings are known by it, others are not."""
+    rig = pulley_rig
+    time = np.linspace(0, 2, 201)
+    names = [sensor.name for sensor in rig.sensors]
+    options = Options()
+
+    def line_error(bend: float) -> float:
+        logs = []
+        for k in range(3):
+            reading = np.sin((k + 1) * time)
+            channels = {name: (i + 1) * 0.01 * reading for i, name in enumerate(names)}
+            angles = 0.3 * reading + bend * reading**2
+            truth = dict.fromkeys(angle_names(rig.joint_names), angles)
+            logs.append(Log(time, channels, truth, source=f"{k}.csv"))
+        return Training.of(logs, rig, options).line_error
+
+    assert line_error(0.0) < 1e-9
+    # 0.1 s² less its mean over each sine has an RMS near 0.1 / √8
+    assert 0.03 < line_error(0.1) < 0.06

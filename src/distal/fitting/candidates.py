@@ -30,7 +30,7 @@ from distal.fitting.map_samples import filtered, mean_rms
 from distal.fitting.missing_terms import NAMED, MissingTerm
 from distal.fitting.parameter_estimates import ParameterEstimates, fitted_parameters
 from distal.logs import Log, true_angles
-from distal.regression import Samples, folds_of, groups_of, splits
+from distal.regression import Samples, folds_of, groups_of, splits, yardstick_error
 from distal.rig import Rig
 
 NEWTON_STEPS = 1
@@ -157,14 +157,21 @@ class Training:
         return bool(self.logs) and not self.unknown
 
     @property
-    def spread(self) -> float:
-        """RMS deviation of the known angles from their mean [rad], what a filter that knows nothing
-        errs by; infinite where some joint's angle is known in none.
+    def line_error(self) -> float:
+        """Mean over logs of the RMS error of a straight line of the readings by the other logs
+        [rad]; infinite where some joint's angle is known in too few.
         """
-        if not self.judges:
+        folds = self.folds
+        if not self.judges or len(set(folds)) < 2:
             return np.inf
-        angles = [samples_of_angles(log, self.rig).targets for log in self.logs]
-        return float(np.sqrt(np.mean(np.nanvar(np.concatenate(angles), axis=0))))
+        samples = [samples_of_angles(log, self.rig) for log in self.logs]
+        errors = [
+            yardstick_error("least squares", [samples[i] for i in remaining], samples[k])
+            for out, remaining in splits(folds)
+            for k in out
+        ]
+        mean = float(np.mean(errors))
+        return mean if np.isfinite(mean) else np.inf
 
     @property
     def folds(self) -> list[int]:

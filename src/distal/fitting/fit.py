@@ -36,7 +36,8 @@ from distal.run import estimate
 
 PROMISED = 2.0
 """Ratio of a rig's error, or of its band, on a log that it was learned from to that on logs left
-out, above which it is not written [1]. Source: definition (of what a fit promises).
+out, and of a filter's error to that of a straight line of the readings, above which it is not
+written [1]. Source: definition (of what a fit promises).
 """
 
 TRUSTED = 0.8
@@ -150,14 +151,14 @@ def _followed(judged: Judged, logs: Sequence[Log]) -> Learned:
     """
     best = judged.chosen
     ranked = sorted(judged.candidates, key=lambda candidate: candidate.error)
-    spread = judged.training.spread
+    line = judged.training.line_error
     doubts = list[str]()
     with suppress(KeyboardInterrupt):  # what was learned stands
         for candidate in (best, *(candidate for candidate in ranked if candidate is not best)):
-            if spread < candidate.error < np.inf:
+            if PROMISED * line < candidate.error < np.inf:
                 doubts.append(
                     f"the filter of {candidate.name} errs by {np.rad2deg(candidate.error):.2g}° on "
-                    f"logs left out, where the angles vary by {np.rad2deg(spread):.2g}°"
+                    f"logs left out, a straight line of the readings by {np.rad2deg(line):.2g}°"
                 )
                 continue
             learned = _with_free_motion(learned_by(judged, candidate), candidate, judged)
