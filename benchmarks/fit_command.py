@@ -120,9 +120,9 @@ def judged(folder: Path, name: str) -> Outcome:
     kinds = ("held_out", "plant") if any(folder.glob("plant_*.csv")) else ("held_out",)
     for kind in kinds:
         for log in sorted(folder.glob(f"{kind}_*.csv")):
-            words = ("estimate", log.name, "--rig", "fitted.toml", "-e", "adaptive")
+            words = ("estimate", log.name, "--rig", "fitted.toml")
             said = command(folder, *words, "--no-what-if")
-            row = re.search(r"^\s*adaptive\s+([\d.]+)\s+[\d.]+\s+(\d+) %", said.stdout, re.M)
+            row = re.search(r"^\s*(?:adaptive|regression)\s+([\d.]+)\s+[\d.]+\s+(\d+) %", said.stdout, re.M)
             if row is None:
                 outcome.message = said.stderr.strip()[-300:] or "no error was printed"
                 outcome.ended = False

@@ -163,6 +163,24 @@ def test_a_wrap_is_no_sign_of_a_register(rig: Rig, counts: int, tmp_path: Path) 
     np.testing.assert_allclose(came[:, 0], position * 2 * pi / counts, atol=1e-9)
 
 
+def test_a_jump_of_more_than_half_a_turn_leaves_no_turn_behind(rig: Rig) -> None:
+    """It looks like a wrap until the encoder reads more than a turn."""
+    geared = with_encoder(rig, unit="deg", counts_per_turn=None, gear=30, resolution=0.0)
+    steps = np.zeros(N)
+    steps[10:20] = 228.0
+    steps[300:310] = -228.0
+    steps[600:] = 0.3 * np.sin(np.arange(N - 600))
+    position = np.cumsum(steps)
+    units = LogUnits(geared, CHANNELS)
+    came = np.array(
+        [
+            units.sample(float(t), np.array([x, 100.0 * np.cos(0.1 * k)]))[0]
+            for k, (t, x) in enumerate(zip(TIME, position))
+        ]
+    )
+    np.testing.assert_allclose(came[15:], np.radians(position[15:]) / 30, atol=1e-9)
+
+
 @pytest.mark.parametrize(("counts", "gear"), [(48, 298), (512, 100), (4096, 50)])
 def test_behind_a_gear_nothing_is_lost_and_nothing_begins_anew(
     rig: Rig, counts: int, gear: int
