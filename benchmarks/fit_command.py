@@ -122,7 +122,9 @@ def judged(folder: Path, name: str) -> Outcome:
         for log in sorted(folder.glob(f"{kind}_*.csv")):
             words = ("estimate", log.name, "--rig", "fitted.toml")
             said = command(folder, *words, "--no-what-if")
-            row = re.search(r"^\s*(?:adaptive|regression)\s+([\d.]+)\s+[\d.]+\s+(\d+) %", said.stdout, re.M)
+            row = re.search(
+                r"^\s*(?:adaptive|regression)\s+([\d.]+)\s+[\d.]+\s+(\d+) %", said.stdout, re.M
+            )
             if row is None:
                 outcome.message = said.stderr.strip()[-300:] or "no error was printed"
                 outcome.ended = False
