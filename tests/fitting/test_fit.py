@@ -410,6 +410,7 @@ def test_the_shipped_instrument(data: Path) -> None:
         assert half < 3.0 * errors.mean()  # and not by width alone
 
 
+@pytest.mark.more
 @pytest.mark.slow
 def test_on_another_simulator() -> None:
     """Fitted to one servo log, two others of the same sensors are right to 0.25°."""

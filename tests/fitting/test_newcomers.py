@@ -33,6 +33,7 @@ def finger() -> tuple[Drawn, Rig, list[Log], Fit]:
     return described, rig, logs, fit(logs[:FITTED], rig)
 
 
+@pytest.mark.more
 def test_a_finger_without_inertia_converges(finger: tuple[Drawn, Rig, list[Log], Fit]) -> None:
     """Nine of ten told numbers within two standard errors, and the angle on logs that were not
     seen.

@@ -47,6 +47,7 @@ def test_without_an_angle_there_is_nothing_to_learn() -> None:
         learn_map([Log(log.time, log.channels, {}, "bare")], finger_rig())
 
 
+@pytest.mark.more
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::distal.errors.DistalWarning")
 def test_units_are_left_out_as_a_whole() -> None:

@@ -161,6 +161,7 @@ def test_the_numbers_are_pythons(page: Page, rig: Rig, folder: Path) -> None:
     compare_numbers(page, rig, 5.0, 1e-9, folder)
 
 
+@pytest.mark.more
 def test_the_numbers_are_pythons_after_a_minute(page: Page, rig: Rig, folder: Path) -> None:
     compare_numbers(page, rig, 60.0, 1e-6, folder)
 
@@ -277,6 +278,7 @@ def compare(page: Page, rig: Rig, folder: Path, first: str, joint: int) -> dict[
     return dict(found["settings"])
 
 
+@pytest.mark.more
 @of_a_chain_too
 def test_what_is_drawn_is_pythons_in_all_experiments_in_turn(
     page: Page, rig: Rig, folder: Path
@@ -310,6 +312,7 @@ def test_what_is_drawn_is_pythons_in_all_experiments_in_turn(
             assert [one == "true" for one in pressed] == [i == k for i in range(len(pressed))]
 
 
+@pytest.mark.more
 def test_each_control_changes_what_is_true(page: Page, rig: Rig, folder: Path) -> None:
     """Each slider alone, to one of its ends, against Python; what is set by hand is said and is no
     experiment any more.
@@ -347,6 +350,7 @@ def test_an_experiment_leaves_nothing_to_the_next_one(page: Page, rig: Rig) -> N
     assert page.value(run) == fresh
 
 
+@pytest.mark.more
 def test_the_band_holds_where_the_rig_file_allows_for_what_is_done(page: Page, rig: Rig) -> None:
     """At least 88 % of the first 15 s after a click, and of those after the first 3 s, for each
     joint and three seeds.

@@ -171,6 +171,7 @@ def test_it_narrows_the_band_of_a_chain_and_finds_how_it_is_mounted(
     assert "bias_imu_rate_y" in result.state_names
 
 
+@pytest.mark.more
 def test_live_and_smoothed(rig: Rig, logs: list[Log]) -> None:
     log, live = logs[0], LiveEstimator(rig)
     offline, samples = estimate(log, rig), samples_of(log, live.channels)

@@ -104,6 +104,7 @@ def test_without_covariances_an_estimate_is_the_same_and_takes_little_memory() -
     assert peak < 100e6
 
 
+@pytest.mark.more
 def test_of_all_states_the_ends_are_enough_for_words_and_diagnosis() -> None:
     """What is written and said is the same, and takes a tenth of the memory; each share that is
     done is told.

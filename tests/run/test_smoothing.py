@@ -138,6 +138,7 @@ def test_it_is_the_expectation_given_the_whole_log() -> None:
     assert np.abs((result.theta - estimate(log, rig).theta) / result.theta_std).max() > 0.05
 
 
+@pytest.mark.more
 @pytest.mark.slow
 def test_it_is_no_less_sure_and_no_worse() -> None:
     rig = paper_rig("as the rig")
@@ -175,6 +176,7 @@ def test_shipped_scenarios(name: str) -> None:
     assert min(smallest_eigenvalue(result, scale) for result in smoothed) > -1e-12
 
 
+@pytest.mark.more
 @pytest.mark.slow
 @pytest.mark.parametrize("kinds", [MID_RANGE, INTO_STOPS], ids=["mid-range", "stops"])
 def test_spoiled_logs(kinds: tuple[str, ...]) -> None:
@@ -216,6 +218,7 @@ def test_a_capstan_with_hysteresis() -> None:
     assert min(smallest_eigenvalue(result, scale) for result in smoothed) > -1e-12
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("name", ["template", "lab-bench"])
 def test_where_hardly_anything_is_known_the_band_holds(name: str) -> None:
     """One plant within a wide prior: which of two estimates is nearer to it is chance, that the
