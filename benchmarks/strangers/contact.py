@@ -31,6 +31,16 @@ HOMING = 3.0
 PUSH = 0.07
 """Torque of the push [N m]."""
 
+LOAD_CELL = {
+    "name": "tau_true",
+    "measures": "torque",
+    "of": "jaw",
+    "column": "tau_true_Nm",
+    "noise": 1e-4,
+    "rate": 100.0,
+}
+"""What measured the torque on the jaw in these logs."""
+
 CLASSES = ("run_0", "run_2", "run_4")
 """Classes of motion with the wrist straight; each is left out once."""
 
@@ -65,7 +75,8 @@ def torques(case: str, name: str, log: Log, rig: Rig) -> list[Record]:
 
 def jaw(case: str, learned_from: list[tuple[str, Path]], judged: list[Path]) -> list[Record]:
     """Learn from some runs, each with its unit, judge on others."""
-    rig = load_rig("da-vinci-grasper").bare()
+    raw = load_rig("da-vinci-grasper").bare().model_dump()
+    rig = build_rig({**raw, "sensors": [*raw["sensors"], LOAD_CELL]}, "da-vinci-grasper")
     logs = [read_log(path, rig) for _, path in learned_from]
     units = [unit for unit, _ in learned_from]
     taught = learn_map(logs, rig, "torque", homing=HOMING, groups=units).rig
