@@ -294,7 +294,7 @@ class Judged:
 
 def torque_squares(result: Estimate) -> tuple[float, float]:
     """Return the sums of squares of the torques' errors while touched, and of the torques."""
-    if result.torque_truths is None:
+    if result.torque_truths is None or result.estimator == "regression":
         return 0.0, 0.0
     true = result.torque_truths.reshape(len(result.time), -1)
     touched = np.abs(true) > TOUCHED

@@ -177,7 +177,6 @@ TABLES: dict[str, Callable[[], str]] = {
     "strangers-foreign": lambda: strangers(
         "strangers-foreign", names=("adaptive", "regression", "adaptive, rig as it came")
     ),
-    "strangers-lacking": lambda: part("strangers-lacking"),
     **{
         name: partial(bench, name)
         for name in (

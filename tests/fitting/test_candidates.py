@@ -13,9 +13,7 @@ from distal import Log, Rig, load_rig, simulate
 from distal.fitting.candidates import (
     AS_GIVEN,
     BY_EQUATIONS,
-    Candidate,
     Training,
-    best_of,
     filter_candidate,
     parameters_without,
 )
@@ -169,16 +167,6 @@ def test_logs_of_other_arms_make_no_rig_worse() -> None:
     errors = {candidate.name: candidate.error for candidate in found.candidates}
     assert found.candidates[0].error <= 1.05 * errors[AS_GIVEN]
     assert any(line.startswith("contradictory logs: arm") for line in found.doubts)
-
-
-def test_the_filter_that_errs_least_is_taken_and_equal_ones_in_their_order() -> None:
-    def candidate(name: str, error: float) -> Candidate:
-        return Candidate(name, finger_rig(), None, False, error, {})
-
-    one, other = candidate(BY_EQUATIONS, 0.02), candidate(AS_GIVEN, 0.02)
-    assert best_of([one, other]) is one
-    assert best_of([one, candidate(AS_GIVEN, 0.0199)]).name == AS_GIVEN
-    assert best_of([candidate(BY_EQUATIONS, np.inf), other]) is other
 
 
 def test_a_rig_as_it_came_keeps_its_numbers(others: list[Log]) -> None:

@@ -30,7 +30,7 @@ from distal.fitting.map_samples import filtered, mean_rms
 from distal.fitting.missing_terms import NAMED, MissingTerm
 from distal.fitting.parameter_estimates import ParameterEstimates, fitted_parameters
 from distal.logs import Log, true_angles
-from distal.regression import Samples, folds_of, groups_of, splits, yardstick_error
+from distal.regression import Samples, folds_of, groups_of, line_errors, splits
 from distal.rig import Rig
 
 NEWTON_STEPS = 1
@@ -159,19 +159,12 @@ class Training:
     @property
     def line_error(self) -> float:
         """Mean over logs of the RMS error of a straight line of the readings by the other logs
-        [rad]; infinite where some joint's angle is known in too few.
+        [rad]; infinite without other logs, NaN where some joint's angle is known in too few.
         """
-        folds = self.folds
-        if not self.judges or len(set(folds)) < 2:
+        if len(set(self.folds)) < 2:
             return np.inf
         samples = [samples_of_angles(log, self.rig) for log in self.logs]
-        errors = [
-            yardstick_error("least squares", [samples[i] for i in remaining], samples[k])
-            for out, remaining in splits(folds)
-            for k in out
-        ]
-        mean = float(np.mean(errors))
-        return mean if np.isfinite(mean) else np.inf
+        return float(np.mean(line_errors(samples, self.folds)))
 
     @property
     def folds(self) -> list[int]:
@@ -294,11 +287,3 @@ def _run(training: Training, parameters: ParameterEstimates | None, hold: bool) 
             "quick" if training.options.compiled else False,
         ),
     )
-
-
-def best_of(candidates: Sequence[Candidate]) -> Candidate:
-    """Return the candidate that errs least on held-out logs; of equals the first.
-
-    It is judged without a map, since within the logs a map hides what the filter lacks beyond them.
-    """
-    return min(candidates, key=lambda candidate: candidate.error)

@@ -150,11 +150,10 @@ def _followed(judged: Judged, logs: Sequence[Log]) -> Learned:
     Candidates are judged without touches. So a rig that looks for none comes before another one.
     """
     best = judged.chosen
-    ranked = sorted(judged.candidates, key=lambda candidate: candidate.error)
     line = judged.training.line_error
     doubts = list[str]()
     with suppress(KeyboardInterrupt):  # what was learned stands
-        for candidate in (best, *(candidate for candidate in ranked if candidate is not best)):
+        for candidate in sorted(judged.candidates, key=lambda way: way.error) or [best]:
             if PROMISED * line < candidate.error < np.inf:
                 doubts.append(
                     f"the filter of {candidate.name} errs by {np.rad2deg(candidate.error):.2g}° on "

@@ -17,7 +17,6 @@ from distal.fitting.candidates import (
     Candidate,
     Training,
     answer_maps,
-    best_of,
     filter_candidate,
     groups_among,
 )
@@ -155,7 +154,9 @@ def judge(
             candidates.append(filter_candidate(name, way, parameters))
     except KeyboardInterrupt:
         stopped = True
-    chosen = best_of(candidates) if candidates else _alone(solutions[-1], rig)
+    # judged without a map: within the logs a map hides what the filter lacks beyond them
+    best = min(candidates, key=lambda candidate: candidate.error, default=None)
+    chosen = best or _alone(solutions[-1], rig)
     return Judged(logs, training, line, solutions, models, chosen, candidates, stopped)
 
 

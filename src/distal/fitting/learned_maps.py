@@ -22,7 +22,7 @@ from distal.fitting.map_search import HeldOut, clearly_gains, learned_map, score
 from distal.homing import check_homing
 from distal.logs import Log, Source, read_log, true_angles, true_torques
 from distal.parallel import one_blas_thread
-from distal.regression import Samples, folds_of, splits, yardstick_error
+from distal.regression import Samples, folds_of, line_errors
 from distal.rig import LearnedMap, MapArrays, Rig, as_rig
 
 Part = dict[str, tuple[str, ...]]
@@ -239,15 +239,8 @@ def _tells_more(wide: Sequence[Samples], narrow: Sequence[Samples], folds: Seque
     """Return whether the readings of all parts tell a part's joints better than its own do: least
     squares err less on logs left out, since a description may lack what joins two parts.
     """
-    gains = []
-    for out, remaining in splits(folds):
-        for i in out:
-            errors = [
-                yardstick_error("least squares", [logs[k] for k in remaining], logs[i])
-                for logs in (narrow, wide)
-            ]
-            gains.append(np.log(errors[0] / max(errors[1], 1e-300)))
-    return clearly_gains(gains)
+    before, after = (line_errors(logs, folds) for logs in (narrow, wide))
+    return clearly_gains(np.log(np.divide(before, np.maximum(after, 1e-300))).tolist())
 
 
 def with_its_reference_error(of_kind: MapFit, logs: Sequence[Log]) -> MapFit:

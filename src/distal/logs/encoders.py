@@ -78,9 +78,8 @@ class Encoder:
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
         self.ahead = 0.0
-        # of the positions ahead of the readings, what are turns of an encoder that seemed to wrap
+        # of that, what are turns of an encoder that seemed to wrap
         self._unwrapped = 0.0
-        self._first = nan
         self._last = self._seen = nan
         self._speed = self._wrong = 0.0
         self._changed = -inf
@@ -149,19 +148,15 @@ class Encoder:
         if was_wrong or not is_believed:
             kind = kind or "left out"
         self._speed = 0.0 if kind == "jumped" or gap == inf else (position - self._last) / gap
-        if kind != "restarted":
+        if kind != "restarted" and isfinite(self._last):
             self._unwrapped += position - reading - self.ahead
         if within and self._counts(reading):
-            # no turn was gone that it did not count
-            position = reading + self._first if limits.wraps else position - self._unwrapped
-            self._unwrapped = 0.0
+            position -= self._unwrapped  # no turn was gone that it did not count
         if position != self._last:
             self._changed = time
         self._last = position
         self._seen = time
         self.ahead = position - reading
-        if not isfinite(self._first):
-            self._first = self.ahead
         return (position if is_believed else nan), kind, size
 
     def _counts(self, reading: float) -> bool:

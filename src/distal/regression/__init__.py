@@ -30,7 +30,7 @@ from distal.regression.posterior import (
 from distal.regression.reported_map import ReportedMap, reporting_function
 from distal.regression.samples import FEWEST_LOGS, Samples, folds_of, groups_of, played, splits
 from distal.regression.servos import servos_of
-from distal.regression.yardsticks import YARDSTICKS, yardstick_error
+from distal.regression.yardsticks import YARDSTICKS, line_errors, yardstick_error
 
 __all__ = [
     "FEWEST_LOGS",
@@ -54,6 +54,7 @@ __all__ = [
     "given",
     "groups_of",
     "homed_memory",
+    "line_errors",
     "map_function",
     "map_layout",
     "map_parameters",

@@ -13,7 +13,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from distal.arrays import Floats
-from distal.regression.samples import Samples, played
+from distal.regression.samples import Samples, played, splits
 
 LAGS = (0.05, 0.2, 0.8)
 """Delays of the earlier readings that "with lags" uses too [s]. Source: judgement."""
@@ -104,6 +104,17 @@ def yardstick_error(name: str, training: Sequence[Samples], held_out: Samples) -
         error = regressor(phi, angles, test) - held_out.targets[:, joint]
         squares.append(error[np.isfinite(error)] ** 2)
     return float(np.sqrt(np.mean(np.concatenate(squares))))
+
+
+def line_errors(logs: Sequence[Samples], folds: Sequence[int]) -> list[float]:
+    """Return the RMS errors of least squares on logs, by the logs of the other folds [rad]; NaN as
+    by `yardstick_error`.
+    """
+    return [
+        yardstick_error("least squares", [logs[i] for i in remaining], logs[k])
+        for out, remaining in splits(folds)
+        for k in out
+    ]
 
 
 def _design(

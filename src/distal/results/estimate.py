@@ -315,9 +315,8 @@ class Estimate:
         for joint in self.joint_names:
             if joint not in columns:
                 raise EstimationError(
-                    f"the rig says that nothing touches '{joint}', so {self.estimator} has no "
-                    "torque of it; say how large "
-                    f"it may be: --set 'joints.{joint}.external_torque.std=\"0.05 N m\"'"
+                    f"{self.estimator} has no torque on '{joint}'; adaptive has, if the rig says "
+                    f"how large it may be: --set 'joints.{joint}.external_torque.std=\"0.05 N m\"'"
                 )
         return list(columns.values())
 
