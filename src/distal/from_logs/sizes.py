@@ -22,6 +22,7 @@ from distal.from_logs.least_squares import (
     BETTER,
     CLEAR,
     OF_SPEED,
+    left_out,
     length_of,
     relative_errors,
     scaled_solution,
@@ -107,23 +108,22 @@ def is_reversed(logs: Sequence[MotionData], drive: int, structure: DriveStructur
 
 def odd_sign(logs: Sequence[MotionData], drive: int, structure: DriveStructure) -> int | None:
     """Return the index of the log in which a drive's effort is read with another sign than in the
-    others, so that all efforts together are explained clearly better with the other sign there;
-    None where there is no such log, or too few to tell.
+    others, so that these predict it clearly better than its mean does with the other sign; None
+    where there is no such log, or too few to tell.
     """
     if len(logs) < FEWEST_LOGS:
         return None
-    parts = [_rows(log, drive, structure) for log in logs]
-    matrix = np.delete(np.vstack([rows for rows, _ in parts]), len(structure.joints), axis=1)
-    if len(matrix) < matrix.shape[1]:
-        return None
-
-    def left(odd: int | None) -> float:
-        efforts = [-effort if k == odd else effort for k, (_, effort) in enumerate(parts)]
-        return scaled_solution(matrix, np.concatenate(efforts))[1]
-
-    changed = [left(k) for k in range(len(logs))]
-    best = int(np.argmin(changed))
-    return best if changed[best] < BETTER * left(None) else None
+    rows = [_rows(log, drive, structure) for log in logs]
+    parts = [
+        (np.delete(matrix, len(structure.joints), axis=1), efforts) for matrix, efforts in rows
+    ]
+    lengths = [
+        (np.linalg.norm(errors - 2.0 * efforts), np.linalg.norm(efforts))
+        for errors, (_, efforts) in zip(left_out(parts), parts)
+    ]
+    left, whole = np.array(lengths).T
+    odd = np.flatnonzero(left < BETTER * whole)
+    return int(odd[np.argmin(left[odd] / whole[odd])]) if len(odd) else None
 
 
 def _by_effort(
