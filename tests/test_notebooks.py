@@ -19,6 +19,7 @@ def cells(path: Path, kind: str) -> list[dict]:
     ]
 
 
+@pytest.mark.more
 @pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

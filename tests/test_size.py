@@ -48,6 +48,7 @@ def test_one_statement_is_one_assignment() -> None:
     assert sum(packed(module.read_text(encoding="utf-8")) for module in modules) <= 20
 
 
+@pytest.mark.more
 def test_one_line_too_many_is_seen() -> None:
     """`make lint` fails on it; the numbers of the package itself are `tools/size.txt`'s."""
     limits = read_limits()

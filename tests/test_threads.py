@@ -66,6 +66,7 @@ def test_limits_come_back_after_two_that_overlap(main_last: bool) -> None:
     assert threads() == before
 
 
+@pytest.mark.more
 def test_a_fit_runs_with_one_and_gives_the_limits_back() -> None:
     before, seen = threads(), list[int]()
 

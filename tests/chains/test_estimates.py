@@ -220,6 +220,7 @@ def test_homing_of_some_joints(rig: Rig, log: Log) -> None:
         at_known_angle(log, rig, 0.5, 0.0)
 
 
+@pytest.mark.more
 @pytest.mark.slow
 def test_a_fit_of_logs_in_which_one_joint_has_an_encoder(rig: Rig) -> None:
     """The friction of both joints is off by 30 %; mcp alone is known: no narrow band comes of

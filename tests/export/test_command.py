@@ -151,6 +151,7 @@ def test_commands_are_for_adaptive(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.more
 @pytest.mark.slow
 @pytest.mark.skipif(bool(missing_tools()), reason=f"not installed: {missing_tools()}")
 def test_on_a_cortex_m4f_a_step_takes_few_instructions(tmp_path: Path) -> None:

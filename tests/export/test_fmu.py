@@ -108,6 +108,7 @@ def test_outputs_are_those_of_a_steps_end(path: Path, made: Fmu, rig: Rig, log: 
     assert np.mean(np.abs(found["angle"] - truth) < 1.96 * found["angle_std"]) > 0.95
 
 
+@pytest.mark.more
 def test_a_chain(tmp_path: Path) -> None:
     scenario = load_scenario("wrist", ['duration="2 s"'])
     rig = scenario_rig(scenario)

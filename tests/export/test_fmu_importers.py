@@ -157,6 +157,7 @@ def test_with_a_learned_map(tmp_path: Path) -> None:
     one.slave.free_instance()
 
 
+@pytest.mark.more
 @pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="needs ziglang")
 @pytest.mark.slow  # ziglang builds its own C libraries the first time
 def test_binaries_for_all_platforms(tmp_path: Path, rig: Rig) -> None:

@@ -65,6 +65,7 @@ def test_a_fit_goes_on_from_a_fitted_rig(rig: Rig, tmp_path: Path) -> None:
         assert other.start == one.start
 
 
+@pytest.mark.more
 @pytest.mark.slow
 def test_without_truth_the_next_log_is_estimated_as_with_the_true_rig(rig: Rig) -> None:
     plant, _ = drawn_plant(4)
@@ -391,6 +392,7 @@ def test_a_real_instrument(data: Path, tmp_path: Path) -> None:
     assert load_rig(tmp_path / "fitted.toml").drives[0].hysteresis is not None
 
 
+@pytest.mark.more
 @pytest.mark.slow
 def test_the_shipped_instrument(data: Path) -> None:
     """Of the kind of instrument: homing move 0.28° in the mean; 0.8° in the one run whose torque

@@ -69,6 +69,7 @@ def test_other_starts_end_no_lower() -> None:
         assert again.costs([found.z])[0] > other.cost - 0.5
 
 
+@pytest.mark.more
 def test_a_report_of_a_chain(finger: tuple[Drawn, Rig, list[Log], Fit], tmp_path: object) -> None:
     from pathlib import Path
 
@@ -80,6 +81,7 @@ def test_a_report_of_a_chain(finger: tuple[Drawn, Rig, list[Log], Fit], tmp_path
     assert page.count("<svg") >= 4
 
 
+@pytest.mark.more
 def test_a_joint_with_inertia_is_found() -> None:
     described, rig, logs = drawn(1)
     found = fit(logs[:FITTED], rig)

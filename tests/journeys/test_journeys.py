@@ -112,6 +112,7 @@ def test_a_researcher_with_logs_of_a_rig(seed: int, shell: Shell) -> None:
     goes_on(shell, "fitted.toml", "run_3.csv", "theta")
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_builder_with_a_table(seed: int, shell: Shell) -> None:
     """A hand of two motors from a table with counts; its plant is looser and rubs more."""
@@ -177,6 +178,7 @@ def test_the_rig_of_the_paper(seed: int, shell: Shell) -> None:
     assert rms_of(identified) < rms_of(identified, "inextensible")
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_dataset_of_robot_learning(seed: int, shell: Shell) -> None:
     pytest.importorskip("pyarrow")

@@ -391,6 +391,7 @@ def test_the_band_holds_where_the_rig_file_allows_for_what_is_done(page: Page, r
     assert tried >= 3 * len(rig.joints)
 
 
+@pytest.mark.more
 def test_a_screen_reader_is_spoken_to_every_five_seconds_at_most(page: Page) -> None:
     """Clicks and sliders without pause for 12 s of the page's clock: one live region, whose text
     changes at most every 5 s.

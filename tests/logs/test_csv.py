@@ -109,6 +109,7 @@ def test_what_never_ends_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
         read_table("/dev/zero")
 
 
+@pytest.mark.more
 def test_a_long_file_is_never_in_memory_as_text(tmp_path: Path, pulley_rig: Rig) -> None:
     """Of a row of 60 bytes its five numbers are held, and a copy of them while they are read."""
     count = 20_000

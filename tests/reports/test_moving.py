@@ -102,6 +102,7 @@ def test_it_is_played_and_scrubbed_by_keys(page: Page) -> None:
     )
 
 
+@pytest.mark.more
 @pytest.mark.slow
 def test_frames_are_quick_and_nothing_is_cut_off(path: Path) -> None:
     """30 frames a second leave 33 ms for each; half of that is for the browser itself."""

@@ -55,6 +55,7 @@ def test_same_seed_same_log_other_seed_same_truth() -> None:
     np.testing.assert_array_equal(one.truth["theta"], three.truth["theta"])
 
 
+@pytest.mark.more
 def test_shipped_scenarios_fit_their_rigs() -> None:
     assert "series-2" in shipped_scenarios()
     for name in shipped_scenarios():

@@ -39,6 +39,7 @@ def test_suggestions_need_a_covariance() -> None:
         suggestions(small(estimator="inextensible"))
 
 
+@pytest.mark.more
 @pytest.mark.slow
 def test_options_come_by_their_band_and_a_calibration_helps() -> None:
     base, found = suggestions(small(duration="4 s"))

@@ -61,6 +61,7 @@ def changed(log: Log, **channels: np.ndarray) -> Log:
 # -------------------------------------------------------
 
 
+@pytest.mark.more
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("kinds", "bound"), [(MID_RANGE, 0.35), (INTO_STOPS, 0.6)], ids=["mid-range", "stops"]
