@@ -186,3 +186,20 @@ def test_an_effort_of_another_sign_in_one_log_is_named(odd: int, tmp_path: Path)
     changed[odd]["b current [mA]"] *= -1.0
     with pytest.raises(distal.DistalError, match=rf"run_{odd}.csv: b current \[mA\] has another"):
         rig_from_logs(written(changed, tmp_path))
+
+
+@pytest.mark.parametrize("seed", [0, 22, 24, 35])
+def test_an_effort_that_nothing_explains_has_no_other_sign(seed: int, tmp_path: Path) -> None:
+    """By chance it looks in one of the logs as if it were turned."""
+    rng = np.random.default_rng(seed)
+    changed = []
+    for k in range(3):
+        log = finger(k)
+        for name in "abc":
+            log[f"m_{name} [deg]"] = 10.0 * log.pop(f"x_{name}_mm")
+            log[f"{name} current [mA]"] = 8.0 * log.pop(f"F_{name}")
+        share = np.arange(len(log["a current [mA]"])) / len(log["a current [mA]"])
+        wave = np.sin(2.0 * np.pi * (rng.uniform(1.0, 3.0) * share + rng.uniform()))
+        log["b current [mA]"] = 100.0 * wave + rng.normal(0.0, 1.0, len(share))
+        changed.append(log)
+    assert rig_from_logs(written(changed, tmp_path)).rig.drives

@@ -108,22 +108,22 @@ def is_reversed(logs: Sequence[MotionData], drive: int, structure: DriveStructur
 
 def odd_sign(logs: Sequence[MotionData], drive: int, structure: DriveStructure) -> int | None:
     """Return the index of the log in which a drive's effort is read with another sign than in the
-    others, so that these predict it clearly better than its mean does with the other sign; None
-    where there is no such log, or too few to tell.
+    others: with the other sign there, and not as it is, the efforts of each log are clearly better
+    predicted by the other logs than by their mean; None where there is no such log, or too few.
     """
     if len(logs) < FEWEST_LOGS:
         return None
     rows = [_rows(log, drive, structure) for log in logs]
-    parts = [
-        (np.delete(matrix, len(structure.joints), axis=1), efforts) for matrix, efforts in rows
-    ]
-    lengths = [
-        (np.linalg.norm(errors - 2.0 * efforts), np.linalg.norm(efforts))
-        for errors, (_, efforts) in zip(left_out(parts), parts)
-    ]
-    left, whole = np.array(lengths).T
-    odd = np.flatnonzero(left < BETTER * whole)
-    return int(odd[np.argmin(left[odd] / whole[odd])]) if len(odd) else None
+    columns = [np.delete(matrix, len(structure.joints), axis=1) for matrix, _ in rows]
+
+    def predicted(odd: int | None) -> bool:
+        efforts = [-values if k == odd else values for k, (_, values) in enumerate(rows)]
+        return all(
+            np.sum(errors**2) <= BETTER**2 * np.sum(values**2)
+            for errors, values in zip(left_out(list(zip(columns, efforts))), efforts)
+        )
+
+    return None if predicted(None) else next(filter(predicted, range(len(logs))), None)
 
 
 def _by_effort(
