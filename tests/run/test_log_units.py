@@ -236,6 +236,20 @@ def test_before_a_power_on_routine_the_range_changes_no_reading() -> None:
     assert after.sample(3.01, [0.0, 0.0])[0] == pytest.approx(6 * pi)
 
 
+def test_a_restart_stays_undone_when_readings_span_a_turn() -> None:
+    """A motor that counts from another turn reads more than a turn, and moved by a tenth."""
+    raw = rig_of().model_dump()
+    encoder, *others = raw["sensors"]
+    encoder = encoder | {"unit": "rad", "counts_per_turn": None}
+    units = LogUnits(build_rig({**raw, "sensors": [encoder, *others]}, "radians"))
+    units.sample(0.0, {"motor_angle": 0.3})
+    assert units.sample(0.2, {"motor_angle": 0.4 + 2 * pi})[0] == pytest.approx(0.4)
+    assert units.restarts == ("motor",)
+    for k in range(1, 20):
+        came = units.sample(0.2 + 0.01 * k, {"motor_angle": 0.4 + 0.01 * k + 2 * pi})[0]
+        assert came == pytest.approx(0.4 + 0.01 * k)
+
+
 @pytest.mark.parametrize(("gap", "restarted"), [(0.01, False), (0.2, True)])
 def test_a_motor_that_was_not_silent_did_not_restart(gap: float, restarted: bool) -> None:
     """What leaps by a turn between two samples is a wrong reading, and no goal may follow it."""
