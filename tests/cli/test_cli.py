@@ -8,11 +8,14 @@ import json
 import os
 import re
 import shlex
+import signal
 import subprocess
 import sys
+import time
 from math import degrees, radians
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import polars as pl
 import pytest
@@ -22,6 +25,7 @@ import distal
 from distal.cli import app, main
 from distal.errors import EstimationError
 from distal.paper.claims import GROUPS
+from distal_command import interrupt
 
 
 class Ran:
@@ -674,6 +678,26 @@ def test_stopped_while_importing(
         distal_command.main()
     assert ended.value.code == 130
     assert capsys.readouterr().err == "stopped\n"
+
+
+def test_stopped_while_casadi_converts() -> None:
+    """What is raised in a conversion is lost, as is every second Ctrl-C while a model is built."""
+
+    class Pressed:
+        def __SX__(self) -> ca.SX:
+            signal.raise_signal(signal.SIGINT)
+            return ca.SX(1)
+
+    def built() -> None:
+        ca.vertcat(ca.SX.sym("x"), Pressed())
+        time.sleep(5.0)
+
+    before = signal.signal(signal.SIGINT, interrupt)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            built()
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @pytest.mark.slow  # processes of their own
