@@ -1,7 +1,7 @@
 """What positions predict of forces: how long to average, and how much one sample may count.
 
 `python -m benchmarks.redundancy FOLDER …` learns `LearnedMaps.efforts` of each folder's `*.toml`
-from its logs `calibration_*.csv`, with each time constant and each largest e²/σ². Then it judges
+from its logs `calibration_*.csv`, with each pair of time constants and each largest T², and judges
 the logs `free_*.csv` (no word is right), `touched_*.csv`, and the first free log spoiled as in
 `benchmarks.wrong_inputs`. Printed is the share of samples in which a force is not as in free
 motion. Without a folder it takes a finger with a Bowden cable.
@@ -27,7 +27,7 @@ from distal import Log, Rig, load_rig, read_log, write_log
 from distal.fitting import learn_free_motion
 from distal.run import redundancy
 
-TIMES = (0.3, 1.0, 3.0)
+TIMES = ((1.0, 1.0), (3.0, 3.0), (1.0, 30.0), (3.0, 30.0))
 LARGEST = (25.0, 1e6)
 SPOILED = ("stuck", "offset", "scaled", "sign", "swap", "unit", "late")
 
@@ -50,15 +50,13 @@ def logs_of(folder: Path, rig: Rig) -> dict[str, list[Log]]:
     return found
 
 
-def shares(folder: Path, time: float, largest: float) -> dict[str, list[float]]:
-    """Return the kind of log → the largest share of any force in each [%]."""
+def shares(folder: Path, times: tuple[float, float], largest: float) -> dict[str, list[float]]:
+    """Return the kind of log → the largest share of any forces in each [%]."""
     rig = load_rig(next(folder.glob("*.toml"))).bare()
     learned_from = [read_log(path, rig) for path in sorted(folder.glob("calibration_*.csv"))]
     with (
-        patch.object(redundancy, "AVERAGED", time),
+        patch.object(redundancy, "AVERAGED", times),
         patch.object(redundancy, "MOST", largest),
-        patch.object(learn_free_motion, "AVERAGED", time),
-        patch.object(learn_free_motion, "MOST", largest),
     ):
         maps = learn_free_motion.efforts_of(learned_from, rig, range(len(learned_from)))
         learned = rig.with_map(efforts=maps)
@@ -90,17 +88,17 @@ def main() -> None:
     with warnings.catch_warnings(), tempfile.TemporaryDirectory() as name:
         folders = asked or [drawn(Path(name))]
         warnings.simplefilter("ignore")
-        for time in TIMES:
+        for times in TIMES:
             for largest in LARGEST:
                 of_kind = defaultdict(list)
                 for folder in folders:
-                    for kind, found in shares(folder, time, largest).items():
+                    for kind, found in shares(folder, times, largest).items():
                         of_kind[kind] += found
                 means = (f"{np.mean(found or [np.nan]):.0f}" for found in of_kind.values())
                 free = f"{np.max(of_kind['free'], initial=0.0):.0f}"
-                rows.append((f"{time:g} s, {largest:g}", free, *means))
+                rows.append((f"{times[0]:g} and {times[1]:g} s, {largest:g}", free, *means))
     columns = (
-        "mean over, most",
+        "means over, most",
         "free, worst [%]",
         "free [%]",
         "touched [%]",

@@ -250,7 +250,7 @@ def _densities(log: Log, rig: Rig) -> list[np.ndarray]:
     redundancy = Redundancy.of(rig, list(log.channels))
     values = np.column_stack(list(log.channels.values()))
     mask = np.isfinite(values)
-    predicted = redundancy.along(log.time, np.where(mask, values, 0.0), mask)
+    predicted, _ = redundancy.along(log.time, np.where(mask, values, 0.0), mask)
     return [-np.nansum(squares, axis=1) / 2, -np.sum(np.minimum(predicted, MOST), axis=1) / 2]
 
 

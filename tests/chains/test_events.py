@@ -59,8 +59,6 @@ def context_of(name: str = "finger-2n", fitted: bool = False) -> FilterContext:
         channels=("u_mcp_f",),
         at_rest=(1.0,),
         moving=(0.0,),
-        squares=(1.0,),
-        correlations=(0.0,),
         rms=0.0,
         inside=0.95,
         felt=(0.01, 0.02),

@@ -281,19 +281,22 @@ def test_a_ratio_is_judged_by_how_many_values_it_is_a_mean_of() -> None:
     values = rng.normal(size=(10000, 2))
     values *= np.sqrt(1.82 / np.mean(values[50:] ** 2, axis=0))
     time = np.arange(10000) / 100.0
-    long = statistics_of(("u1", "u2"), values, time, ())
+    long = statistics_of(("u1", "u2"), values, time, is_taught=False)
     assert [one.kind for one in long.disagreeing()] == ["too large"]
-    assert statistics_of(("u1", "u2"), values[:100], time[:100], ()).disagreeing() == []
+    short = statistics_of(("u1", "u2"), values[:100], time[:100], is_taught=False)
+    assert short.disagreeing() == []
 
 
-def test_what_a_fit_has_learned_is_normal() -> None:
-    """Of its logs ν²/S was 4, and neighbours correlated by 0.6."""
+def test_innovations_of_a_rig_that_logs_taught_say_nothing() -> None:
+    """ν²/S is 4, and neighbours correlate by 0.5."""
     rng = np.random.default_rng(8)
     noise = rng.normal(size=(2001, 1))
     values = 2.0 * (noise[1:] + noise[:-1]) / np.sqrt(2.0)
     time = np.arange(2000) / 100.0
-    assert statistics_of(("u1",), values, time, ()).disagreeing()
-    assert statistics_of(("u1",), values, time, [(4.0, 0.6)]).disagreeing() == []
+    assert statistics_of(("u1",), values, time, is_taught=False).disagreeing()
+    taught = statistics_of(("u1",), values, time, is_taught=True)
+    assert taught.disagreeing() == taught.untested() == []
+    assert taught.tested == ("u1",)
 
 
 def test_the_correlation_of_neighbours() -> None:

@@ -18,7 +18,7 @@ from distal.fitting.learn_free_motion import efforts_of
 from distal.regression import features_along
 from distal.regression.features import Shape
 from distal.run.health import watch_of
-from distal.run.redundancy import AVERAGED, MOST, Redundancy, unlike_free_motion
+from distal.run.redundancy import AVERAGED, MOST, Redundancy, unlike_free_motion, whitening
 
 LOGS = [finger_log(seed, 20.0) for seed in range(4)]
 
@@ -131,9 +131,9 @@ def test_where_no_log_has_been_it_is_said(rig: Rig) -> None:
     assert (reading.health, reading.detail) == ("outside", f"{name} is where no log has been")
 
 
-def test_the_mean_is_that_of_the_errors_on_the_log(rig: Rig) -> None:
-    """m⁺ = m + dt/T (min(e²/σ², c) − m), with e by the features over the whole log; σ is larger
-    while nobody knows on which side of its play a drive is.
+def test_the_means_are_those_of_the_errors_on_the_log(rig: Rig) -> None:
+    """m⁺ = m + dt/min(T, T₁ + t) (min(T², c) − m), with e by the features over the whole log; its
+    variance is larger while nobody knows on which side of its play a drive is.
     """
     log = LOGS[0]
     [learned] = rig.map.efforts  # type: ignore[union-attr]
@@ -144,27 +144,38 @@ def test_the_mean_is_that_of_the_errors_on_the_log(rig: Rig) -> None:
     count = 1000
     for time, sample in zip(log.time[:count], samples):
         monitor.take(float(time), sample)
-    found = monitor._memory[watch.memory["unlike"]]
+    found = monitor._memory[watch.memory["learned"]][-len(AVERAGED) - 1 :]
     shape = Shape.of(learned)
     read = np.column_stack([log.channels[name] for name in learned.channels])[:count]
     along = features_along(shape, shape.flat(learned.arrays.by_name), log.time[:count], read)
     predicted = along["features"] @ learned.arrays["mean"].T
     forces = np.column_stack([log.channels[name] for name in learned.joints])[:count]
     redundancy = Redundancy.of(rig, monitor.channels)
-    squares = redundancy.along(log.time[:count], samples[:count], np.isfinite(samples[:count]))
+    squares, _ = redundancy.along(log.time[:count], samples[:count], np.isfinite(samples[:count]))
     plain = ((forces - predicted) / learned.rms) ** 2
     assert (squares <= plain * (1 + 1e-9)).all()
     assert np.sum(squares[:50]) < 0.9 * np.sum(plain[:50])
     np.testing.assert_allclose(squares[-100:], plain[-100:], rtol=0.05)
-    squares = np.minimum(squares, MOST)
     low, high = np.array(list(learned.reach.values())).T
     inside = np.all((read >= low) & (read <= high), axis=1)
-    mean = np.ones(len(learned.joints))
-    steps = np.diff(log.time[:count], prepend=log.time[0] - live.interval)
-    for step, square, is_inside in zip(steps, squares, inside):
-        mean = mean + is_inside * step / AVERAGED * (square - mean)
-    np.testing.assert_allclose(found, mean, rtol=1e-6)
+    mean, compared = np.ones(len(AVERAGED)), 0.0
+    steps = np.diff(log.time[:count], prepend=log.time[0])
+    for step, square, is_inside in zip(steps, np.minimum(squares[:, 0], MOST), inside):
+        compared += is_inside * step
+        memory = np.minimum(AVERAGED, AVERAGED[0] + compared)
+        mean = mean + is_inside * step / memory * (square - mean)
+    np.testing.assert_allclose(found, [*mean, compared], rtol=1e-6)
     assert not np.allclose(mean, 1.0, atol=0.05)
+
+
+def test_forces_are_tested_together() -> None:
+    """T² = eᵀ C⁻¹ e/n: of forces that err alike, two that differ are as improbable as they are."""
+    correlation = np.array([[1.0, 0.9], [0.9, 1.0]])
+    errors = np.array([[1.0, 1.0], [1.0, -1.0]])
+    squares = np.mean((whitening(correlation) @ errors.T) ** 2, axis=0)
+    expected = [e @ np.linalg.inv(correlation) @ e / 2 for e in errors]
+    np.testing.assert_allclose(squares, expected, rtol=1e-6)
+    assert squares[1] > 10 * squares[0]
 
 
 def test_it_is_kept_by_the_file_and_by_copies(rig: Rig, tmp_path: Path) -> None:

@@ -31,7 +31,7 @@ from distal.logs import Log
 from distal.results import Estimate
 from distal.rig import Rig, position_range
 from distal.run.offline import estimator_for
-from distal.run.redundancy import unlike_free_motion
+from distal.run.redundancy import Redundancy, unlike_free_motion
 from distal.units import rounded
 
 OUTSIDE_SHARE = 0.05
@@ -77,47 +77,47 @@ def diagnose(
         )
     if log is None or rig is None:
         return diagnose_estimate(result)
-    free = rig.free_motion
     truth = against_truth(result)
+    unlike = not_free(log, rig)
     further = [
         *truth,
         *elsewhere(log, rig),
         *stuck_positions(log, rig),
         *out_of_range(log, _learned_range(rig)),
-        *not_free(log, rig),
+        *unlike,
     ]
-    first = diagnose_estimate(result, further, is_fitted=free is not None)
+    first = diagnose_estimate(result, further)
     if result.estimator != "adaptive" or not what_if:
         return first
     runs = _runs(log, rig, homing, compiled=compiled)
     derivatives = derivatives_of(runs, _causes(runs))
     if not derivatives.base.bounded:
         return first
-    usual = _usual(runs)
-    test = derivatives.test(of_truth=False, usual=usual[:, 0])
+    test = derivatives.test(of_truth=False)
     channels = channels_of(result)
     ends = result.with_all_states
     if channels.disagreeing() and ends.state_names == runs.estimator.state_names:
         # what the filter learns within the rig's own stds contradicts nothing
         again = _channels(runs, runs.begun_with(ends.means[-1]))
         channels = channels if again.disagreeing() else again
+    disagrees = bool(unlike or channels.disagreeing())
     has_truths = result.truths is not None
-    wide = has_truths and not truth and free is None
+    wide = has_truths and not truth and not result.is_taught
     is_stuck = any(finding.kind == "stuck" for finding in further)
-    if not is_stuck and (truth or channels.disagreeing() or wide):
+    if not is_stuck and (truth or disagrees or wide):
         sized = _sized(runs, derivatives.causes)
         tests = [test]
         if has_truths and runs.truths is not None:
-            tests.append(derivatives.test(of_truth=True, usual=usual[:, 0]))
+            tests.append(derivatives.test(of_truth=True))
         changes = candidates(derivatives.causes, sized, tests)
         # what disagrees is explained, else an error that the band allows
-        ways = [True] * bool(truth) + [False] * bool(channels.disagreeing()) + [True] * wide
+        ways = [True] * bool(truth) + [False] * disagrees + [True] * wide
         trials = _explained(runs, derivatives.base, changes, ways)
-        kind: Kind = "looks like" if truth or channels.disagreeing() else "would explain"
+        kind: Kind = "looks like" if truth or disagrees else "would explain"
         further += _named(trials, kind, rig)
     if not any(finding.contradicts for finding in (*further, *channels.disagreeing())):
         further += _cannot_be_felt(unfelt(derivatives, test), rig)
-    return diagnose_estimate(result, further, channels, is_fitted=free is not None)
+    return diagnose_estimate(result, further, channels)
 
 
 def why_diverged(log: Log, rig: Rig, homing: float | None = None) -> list[Finding]:
@@ -144,12 +144,12 @@ def _explained(
     runs: PerturbedRuns, base: Outcome, changes: Sequence[Change], ways: Sequence[bool]
 ) -> list[Trial]:
     """Return the trials that explain something, by the first way that finds any: by known angles,
-    or by innovations, of which none may disagree then.
+    or by innovations; no sensor may disagree then.
     """
     for of_truth in ways:
         trials = Search(runs, base, of_truth=of_truth)(changes)
         if not of_truth:
-            trials = [trial for trial in trials if not _channels(runs, trial.outcome).disagreeing()]
+            trials = [trial for trial in trials if _agrees(runs, trial)]
         if trials:
             return trials
     return []
@@ -165,11 +165,10 @@ def _causes(runs: PerturbedRuns) -> list[Cause]:
     return causes_of(runs.estimator, float(np.median(np.diff(runs.log.time))))
 
 
-def _usual(runs: PerturbedRuns) -> Floats:
-    """Return for each channel the largest normal mean of ν²/S and its correlation, (m, 2)."""
-    free = runs.estimator.rig.free_motion
-    names = runs.estimator.measured
-    return np.array(free.usual(names) if free else [(1.0, 0.0)] * len(names)).reshape(-1, 2)
+def _agrees(runs: PerturbedRuns, trial: Trial) -> bool:
+    """Return whether no sensor disagrees with the rig in a trial."""
+    unlike = unlike_free_motion(runs.log_with(trial.change), runs.estimator.rig)
+    return not unlike and not _channels(runs, trial.outcome).disagreeing()
 
 
 def _sized(runs: PerturbedRuns, causes: Sequence[Cause]) -> dict[Cause, list[float]]:
@@ -177,9 +176,9 @@ def _sized(runs: PerturbedRuns, causes: Sequence[Cause]) -> dict[Cause, list[flo
 
 
 def _channels(runs: PerturbedRuns, outcome: Outcome) -> ChannelStatistics:
-    names = runs.estimator.measured
-    usual = [*map(tuple, _usual(runs))]
-    return statistics_of(names, outcome.normalized, runs.log.time, usual)
+    estimator = runs.estimator
+    is_taught = bool(Redundancy.of(estimator.rig, estimator.channels).maps)
+    return statistics_of(estimator.measured, outcome.normalized, runs.log.time, is_taught=is_taught)
 
 
 def _named(trials: Sequence[Trial], kind: Kind, rig: Rig) -> list[Finding]:
@@ -327,8 +326,8 @@ def not_free(log: Log, rig: Rig) -> list[Finding]:
         Finding(
             "not free",
             name,
-            f"{name} is not as in free motion for {100 * share:.0f} % of the log: something "
-            "touches a joint, or a sensor is wrong",
+            f"{name}: not as in free motion for {100 * share:.0f} % of the log; something touches "
+            "a joint, or a sensor is wrong",
         )
         for name, share in unlike_free_motion(log, rig).items()
     ]

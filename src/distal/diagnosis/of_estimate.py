@@ -17,8 +17,8 @@ from distal.estimators import StateKind
 from distal.results.estimate import Estimate
 
 LARGE_RATIO = 1.7
-"""Largest normal mean of ν²/S of a channel where no fit has learned it [1]; a filter is an
-approximation, and right rigs have up to that. Source: judgement.
+"""Largest normal mean of ν²/S of a channel [1]; a filter is an approximation, and right rigs have
+up to that. Source: judgement.
 """
 
 SELDOM = 0.5
@@ -60,9 +60,12 @@ NOTHING = (
 class ChannelStatistics:
     """Statistics of the innovations of each channel, all in the order of `names`.
 
+    Where logs taught what forces are normal, innovations tell nothing: the ratios are 1 then, the
+    correlations 0, and the limits infinite.
+
     Args:
         names: of the channels.
-        ratios: means of ν²/S over what is normal, NaN where nothing was compared.
+        ratios: means of ν²/S, NaN where nothing was compared.
         correlations: of neighbouring normalised innovations.
         since: time from which on a channel disagrees to the end [s], or NaN.
         shares: of the samples that were compared.
@@ -123,7 +126,7 @@ class ChannelStatistics:
 
 
 def statistics_of(
-    names: Sequence[str], scaled: Floats, time: Floats, usual: Sequence[tuple[float, float]]
+    names: Sequence[str], scaled: Floats, time: Floats, *, is_taught: bool
 ) -> ChannelStatistics:
     """Return the statistics of the innovations of channels.
 
@@ -134,13 +137,21 @@ def statistics_of(
         names: of the channels.
         scaled: ν/√S, (k, m), NaN where not compared.
         time: stamps [s], (k,).
-        usual: for each channel the largest normal mean of ν²/S and the correlation of neighbours,
-            as a fit has learned them; empty where none has.
+        is_taught: see `Estimate`.
     """
-    normal = np.array(usual or [(1.0, 0.0)] * len(names)).reshape(-1, 2)
     # in the first moments the filter still finds the parameters
     settled = time >= time[0] + min(0.5, 0.1 * float(np.ptp(time)))
-    columns = (scaled / np.sqrt(normal[:, 0])).T
+    columns = scaled.T
+    if is_taught:
+        compared = np.isfinite(scaled)
+        return ChannelStatistics(
+            tuple(names),
+            tuple(np.where(compared.any(axis=0), 1.0, np.nan).tolist()),
+            (0.0,) * len(names),
+            (np.nan,) * len(names),
+            tuple(compared.mean(axis=0).tolist()),
+            (np.inf,) * len(names),
+        )
     likely = [_neighbours(column[settled]) for column in columns]
     limits = []
     for column, correlation in zip(columns, likely):
@@ -151,7 +162,7 @@ def statistics_of(
     return ChannelStatistics(
         tuple(names),
         tuple(_mean(column[settled] ** 2) for column in columns),
-        tuple(rho * (1.0 - normal_rho) for rho, normal_rho in zip(likely, normal[:, 1])),
+        tuple(likely),
         tuple(_since(time, column, limit) for column, limit in zip(columns, limits)),
         tuple(float(np.mean(np.isfinite(column))) for column in columns),
         tuple(limits),
@@ -310,8 +321,6 @@ def diagnose_estimate(
     estimate: Estimate,
     further: Sequence[Finding] = (),
     channels: ChannelStatistics | None = None,
-    *,
-    is_fitted: bool = False,
 ) -> Diagnosis:
     """Return what the innovations and states of an estimate say, together with findings by other
     means; see `distal.diagnose`.
@@ -320,8 +329,6 @@ def diagnose_estimate(
         estimate: to be diagnosed.
         further: findings by other means.
         channels: statistics of the innovations; by default those of the estimate.
-        is_fitted: whether logs taught what forces are normal: numbers of a rig that lacks physics
-            then stray without end, and say nothing.
     """
     channels = channels_of(estimate) if channels is None else channels
     # the truth has the last word, so it is said first; causes come right after what they explain
@@ -331,7 +338,8 @@ def diagnose_estimate(
     findings = [
         *truth,
         *(looks + disagreeing if truth else disagreeing + looks),
-        *([] if is_fitted else _left(estimate.with_all_states)),
+        # numbers of a rig that lacks physics stray without end
+        *([] if estimate.is_taught else _left(estimate.with_all_states)),
         *_turning(estimate),
         *_friction(estimate.with_all_states),
         *(finding for finding in further if finding not in (*truth, *looks)),
@@ -344,7 +352,7 @@ def diagnose_estimate(
 def channels_of(estimate: Estimate) -> ChannelStatistics:
     """Return the statistics of the innovations of an estimate."""
     scaled = estimate.innovations / np.sqrt(estimate.innovation_variances)
-    return statistics_of(estimate.measured, scaled, estimate.time, estimate.usual)
+    return statistics_of(estimate.measured, scaled, estimate.time, is_taught=estimate.is_taught)
 
 
 def _joined(parts: Sequence[str], beyond: Sequence[str] = ()) -> str:

@@ -130,6 +130,12 @@ class PerturbedRuns:
         errors: Floats = outcome.angles - self.truths
         return errors
 
+    def log_with(self, change: Change) -> Log:
+        """Return the log with a change of its readings."""
+        _, samples, _ = self._changed(change)
+        channels = dict(zip(self.estimator.channels, samples.T, strict=False))
+        return replace(self.log, channels={**self.log.channels, **channels})
+
     def _outcomes(self, inputs: list[tuple[Belief, Floats, Floats]]) -> list[Outcome]:
         estimator = self.estimator
         (beliefs, samples, parameters) = zip(*inputs)
@@ -203,23 +209,22 @@ class Derivatives:
                 ]
             )
 
-    def test(self, *, of_truth: bool, usual: Floats) -> ScoreTest:
+    def test(self, *, of_truth: bool) -> ScoreTest:
         """Return the score test of the causes: of the innovations, or of the angles' errors in
         their stds.
 
         Args:
             of_truth: whether the errors are asked.
-            usual: largest normal mean of ν²/S of each channel, (m,).
         """
         stds = np.array([cause.std for cause in self.causes])
         time = self.runs.log.time
         if of_truth:
             spread = np.sqrt(self.base.variances)
             return ScoreTest(self.runs.errors(self.base) / spread, self.angles / spread, time, stds)
-        roots = np.sqrt(np.maximum(usual, 1.0))
-        limited = np.sqrt(OUTLIER) * roots
-        residuals = np.clip(self.base.normalized, -limited, limited) / roots
-        return ScoreTest(residuals, self.innovations / roots, time, stds)
+        residuals = self.base.normalized
+        counts = np.maximum(np.isfinite(residuals).sum(axis=0), 1)
+        limits = np.sqrt(OUTLIER * np.maximum(np.nansum(residuals**2, axis=0) / counts, 1.0))
+        return ScoreTest(np.clip(residuals, -limits, limits), self.innovations, time, stds)
 
 
 def derivatives_of(runs: PerturbedRuns, causes: Sequence[Cause]) -> Derivatives:

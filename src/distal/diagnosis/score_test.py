@@ -2,7 +2,8 @@
 likelier, by more than chance and by more than the rig's own stds allow.
 
 With residuals r of unit variance under the rig and their derivatives D by the causes x, each cause
-has the score s = −Dᵀ r and the information I = Dᵀ D (Rao, Proc. Camb. Phil. Soc. 44, 1948).
+has the score s = −Dᵀ r and the information I = Dᵀ D (Rao, Proc. Camb. Phil. Soc. 44, 1948). Where
+what a cause leaves of a channel has a larger variance, both are divided by that.
 Residuals are correlated: a value of a channel counts by the ratio of its plain to its long-run
 variance, that of sums over spans of time (Newey and West, Econometrica 55, 1987). The rig's own std
 σ of a cause adds (I σ)² to the variance of its score.
@@ -93,15 +94,17 @@ class ScoreTest:
         """
         residuals = np.nan_to_num(self.residuals)
         counts = np.maximum(np.isfinite(self.residuals).sum(axis=0), 1)
+        inverse = 1.0 / np.maximum(np.sum(residuals**2, axis=0) / counts, 1.0)
         sums = np.zeros((len(self.slopes), 3))
         for k, by_cause in enumerate(self.slopes):
             usable = np.isfinite(self.residuals) & (np.abs(by_cause) < UNBOUNDED)
             slopes = np.where(usable, by_cause, 0.0)
-            square = float(np.sum(slopes**2))
+            square = float(np.sum(inverse * slopes**2))
             if square > 0.0:
-                x = -float(np.sum(slopes * residuals)) / square
+                x = -float(np.sum(inverse * slopes * residuals)) / square
                 left = np.where(np.isfinite(self.residuals), residuals + slopes * x, np.nan)
-                weights = independent(left, self.time) / counts
+                variances = np.maximum(np.nansum(left**2, axis=0) / counts, 1.0)
+                weights = independent(left, self.time) / counts / variances
                 score = -float(np.sum(weights * slopes * residuals))
                 information = float(np.sum(weights * slopes**2))
                 sums[k] = score, information, x

@@ -18,36 +18,25 @@ from distal.estimators import AdaptiveFilter, channels_of, parts_of
 from distal.estimators.adaptive.drive_tracking import MOTION_TIME
 from distal.estimators.adaptive.touch import EVIDENCE_TIME, PACE_TIME
 from distal.fitting.map_samples import SETTLING
-from distal.fitting.map_search import HeldOut, learned_map
+from distal.fitting.map_search import learned_map
 from distal.logs import Log
 from distal.regression import FEWEST_LOGS, Samples
 from distal.rig import FreeMotion, LearnedMap, MapArrays, Rig
 from distal.run import estimate
-from distal.run.health import MEMORY
-from distal.run.redundancy import AVERAGED, MOST, NORMAL, recent_mean
+from distal.run.redundancy import NORMAL, means_along, whitening
 
 LEAST_AT_REST = 0.3
 """Least mean square innovation at rest, as a share of that over all speeds, since a log that rests
 seldom says little of rest [1]. Source: judgement.
 """
 
-USUAL_SPREAD = 0.5
-"""Spread over the logs of a rig of the natural logarithm of what a log needs [1]. Source: judgement
-(0.3 to 1.1 on the eight rigs of benchmarks/redundancy, most near 0.5).
+USUAL_SPREAD = 0.4
+"""Spread over the logs of a rig of the natural logarithm of what a log needs [1]. Source: benchmark
+(docs/results/reliability.md: 0.52 over a second, 0.27 over 30 s, on ten rigs).
 """
 
 USUAL_FREEDOM = 8
 """Degrees of freedom of that spread as a prior. Source: judgement (these rigs)."""
-
-LEAST_LIMIT = 3.0
-"""Least limit on the mean of e²/rms² [1]: logs of one kind of motion do not tell it better; another
-motion reached 2.6. Source: judgement (docs/tutorial.md).
-"""
-
-SMALLEST_SQUARE = 1e-6
-"""Least normal mean of ν²/S [1]. Source: rounding (the limit of a force without innovations is
-zero).
-"""
 
 NEVER = 1e6
 """Limit on mean innovations in standard deviations, which none reaches, so that no touch is found
@@ -74,7 +63,7 @@ def free_motion_of(
         return None
     positions = [[log.channels[of_drives[name]] for name in drives] for log in logs]
     spread = np.maximum(np.nanstd(np.hstack([np.array(rows) for rows in positions]), axis=1), 1e-9)
-    squares, paces, seconds, neighbours, variances = (list[Floats]() for _ in range(5))
+    squares, paces, variances = (list[Floats]() for _ in range(3))
     for taught, log, readings in zip(rigs, logs, positions):
         estimator = closed_filter(taught)
         result = estimate(log, taught, estimator)
@@ -83,9 +72,6 @@ def free_motion_of(
         shown = np.nan_to_num(result.innovations / stds)
         variances.append(result.innovation_variances[begun])
         squares.append(recent_mean(shown, log.time, EVIDENCE_TIME)[begun] ** 2)
-        seconds.append(recent_mean(shown**2, log.time, MEMORY)[begun])
-        both = np.maximum(np.mean(shown[begun] ** 2, axis=0), 1e-30)
-        neighbours.append(np.mean(shown[begun][1:] * shown[begun][:-1], axis=0) / both)
         paces.append(_pace(np.array(readings) / spread[:, None], log)[begun])
     square = np.vstack(squares)
     pace = np.concatenate(paces)
@@ -95,14 +81,10 @@ def free_motion_of(
     at = [names.index(name) for name in compared]
     ends = np.cumsum([len(log) for log in squares])[:-1].tolist()
     at_rest, moving = zip(*(_normal(square[:, k], pace, ends) for k in at))
-    largest = np.quantile(np.vstack(seconds), NORMAL, axis=0)[at]
-    correlations = np.clip(np.mean(neighbours, axis=0)[at], -1.0, 1.0)
     return FreeMotion(
         channels=tuple(compared),
         at_rest=tuple(at_rest),
         moving=tuple(moving),
-        squares=tuple(np.maximum(largest, SMALLEST_SQUARE).tolist()),
-        correlations=tuple(correlations.tolist()),
         rms=rms,
         inside=inside,
         felt=_felt(
@@ -142,7 +124,10 @@ def efforts_of(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> tuple[Lea
         arrays = dict(learned.arrays.by_name)
         # no variance is asked: the errors on logs left out are what is known of it
         arrays["covariance"] = np.zeros_like(arrays["covariance"])
-        update = {"arrays": MapArrays(**arrays), "normal": _largest_means(held_out, learned.rms)}
+        errors = [np.array([log.errors for log in logs]) for logs in zip(*held_out)]
+        scaled = [whitening(arrays["correlation"]) @ (e.T / learned.rms).T for e in errors]
+        times = [log.time for log in held_out[0]]
+        update = {"arrays": MapArrays(**arrays), "normal": _largest_means(times, scaled)}
         maps.append(learned.model_copy(update=update))
     return tuple(maps)
 
@@ -151,35 +136,47 @@ def _of_efforts(log: Log, forces: Sequence[str], positions: Sequence[str]) -> Sa
     readings, targets = (
         np.column_stack([log.channels[name] for name in names]) for names in (positions, forces)
     )
+    targets[~np.isfinite(targets).all(axis=1)] = np.nan  # their errors are asked together
     none = np.zeros((len(log), 0))
     time = log.time - log.time[0]
     return Samples(log.source, time, readings, none, targets, np.zeros(targets.shape))
 
 
-def _largest_means(
-    held_out: Sequence[Sequence[HeldOut]], rms: Sequence[float]
-) -> tuple[float, ...]:
-    """Return the largest mean of e²/rms² of each force that is normal on a further log: the bound
-    of 95 % by Student's distribution of the logarithms of what each log left out needs, with the
-    spread of all forces together and a prior from other rigs.
+def _largest_means(times: Sequence[Floats], errors: Sequence[Floats]) -> tuple[float, ...]:
+    """Return the largest means of T² that are normal on a further log: the bound of 95 % by
+    Student's distribution of the logarithms of what each log left out needs, with a prior of their
+    spread from other rigs.
+
+    Args:
+        times: stamps of each log [s].
+        errors: independent ones of unit variance of each log, (n_forces, k).
     """
-    squares = (
-        [(log.time, np.minimum((log.errors / size) ** 2, MOST)) for log in of_logs]
-        for of_logs, size in zip(held_out, rms, strict=True)
-    )
     needed = np.log(
         [
-            [np.quantile(recent_mean(values, time, AVERAGED), NORMAL) for time, values in of_logs]
-            for of_logs in squares
+            np.quantile(means_along(time, np.mean(of_log**2, axis=0)), NORMAL, axis=0)
+            for time, of_log in zip(times, errors, strict=True)
         ]
     )
-    forces, logs = needed.shape
-    freedom = forces * (logs - 1) + USUAL_FREEDOM
-    squares_about = np.sum(needed.var(axis=1)) * logs + USUAL_FREEDOM * USUAL_SPREAD**2
+    logs, means = needed.shape
+    freedom = means * (logs - 1) + USUAL_FREEDOM
+    squares_about = np.sum(needed.var(axis=0)) * logs + USUAL_FREEDOM * USUAL_SPREAD**2
     spread = np.sqrt(squares_about / freedom * (1 + 1 / logs))
-    # none of several forces is to be beyond (Bonferroni)
-    bound = stdtrit(freedom, 1 - (1 - COVERED) / (2 * forces))
-    return tuple(np.maximum(np.exp(needed.mean(axis=1) + bound * spread), LEAST_LIMIT).tolist())
+    # neither of the means is to be beyond (Bonferroni)
+    bound = stdtrit(freedom, 1 - (1 - COVERED) / (2 * means))
+    return tuple(np.exp(needed.mean(axis=0) + bound * spread).tolist())
+
+
+def recent_mean(values: Floats, stamps: Floats, time: float) -> Floats:
+    """Return exponentially fading means as a stream computes them.
+
+    Args:
+        values: what is averaged, (k,) or (k, m).
+        stamps: times of the samples [s], (n,), as far apart as the values.
+        time: time constant of the mean [s].
+    """
+    fade = exp(-float(np.median(np.diff(stamps))) / time)
+    means: Floats = lfilter([1 - fade], [1, -fade], values, axis=0)
+    return means
 
 
 def widest(first: FreeMotion, second: FreeMotion) -> FreeMotion:
@@ -188,7 +185,7 @@ def widest(first: FreeMotion, second: FreeMotion) -> FreeMotion:
     """
     larger = {
         name: tuple(map(max, getattr(first, name), getattr(second, name)))
-        for name in ("at_rest", "moving", "squares", "correlations", "felt")
+        for name in ("at_rest", "moving", "felt")
     }
     return first.model_copy(update=larger)
 
@@ -224,8 +221,6 @@ def untouched(rig: Rig) -> Rig:
         channels=forces,
         at_rest=(NEVER,) * len(forces),
         moving=(0.0,) * len(forces),
-        squares=(1.0,) * len(forces),
-        correlations=(0.0,) * len(forces),
         rms=0.0,
         inside=0.0,
         felt=(0.0,) * len(rig.joints),

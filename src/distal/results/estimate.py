@@ -62,9 +62,8 @@ class Estimate:
         state_parts: name of the joint, drive, tendon or sensor to which each state belongs, or the
             path of a parameter of the rig, (n,).
         state_units: SI unit of each state, (n,); by default the units follow from the kinds.
-        usual: for each measured channel, the largest normal mean of ν²/S over a second and the
-            correlation of its innovations, learned from the logs of a fit; empty where they are not
-            known.
+        is_taught: whether logs taught what forces are normal: not the innovations tell then what
+            disagrees, since the rig lacks physics, but the forces by the positions.
         level: share of the errors that the band is to hold.
         ends: the estimate at the first and the last sample with all states, where only some are
             here.
@@ -92,7 +91,7 @@ class Estimate:
     state_kinds: tuple[StateKind, ...] = ()
     state_parts: tuple[str, ...] = ()
     state_units: tuple[str, ...] = ()
-    usual: tuple[tuple[float, float], ...] = ()
+    is_taught: bool = False
     level: float = COVERED
     ends: Estimate | None = None
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import io
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cached_property
 from math import degrees
 from pathlib import Path
@@ -114,10 +114,7 @@ class LearnedMap(Description):
     rms: Row = Field((), description="error on logs left out")
     inside: Row = Field((), description="share inside the 95 % band")
     density: Row = Field((), description="mean ln of the errors' density")
-    normal: Row = Field(
-        (),
-        description="largest mean of squared errors over seconds, over their mean",
-    )
+    normal: Row = Field((), description="of `efforts`: largest normal means of T²")
     share: Row = Field(
         (), description="of `readings`: its share of each angle, the rest is the filter's"
     )
@@ -186,7 +183,7 @@ class LearnedMap(Description):
         for name in ("low", "high"):
             if len(getattr(self, name)) != self.count:
                 raise ValueError(f"{name} must have {self.count} entries")
-        for name in ("rms", "inside", "density", "normal", "share"):
+        for name in ("rms", "inside", "density", "share"):
             if len(getattr(self, name)) not in (0, len(self.joints)):
                 raise ValueError(f"{name} must have {len(self.joints)} entries or none")
         return self
@@ -326,10 +323,6 @@ class FreeMotion(Description):
     channels: tuple[str, ...] = Field(min_length=1)
     at_rest: Row = Field(description="a")
     moving: Row = Field(description="b")
-    squares: Row = Field(
-        description="largest normal mean over a second of ν²/S, of innovation ν and its variance S"
-    )
-    correlations: Row = Field(description="of neighbouring innovations")
     rms: float = Field(ge=0.0, description="error of the angles [rad]")
     inside: float = Field(ge=0.0, le=1.0, description="share inside the 95 % band")
     felt: Row = Field(
@@ -342,16 +335,16 @@ class FreeMotion(Description):
 
     @model_validator(mode="after")
     def _sizes_fit(self) -> Self:
-        of_channels = ("at_rest", "moving", "squares", "correlations")
-        sizes = {**dict.fromkeys(of_channels, len(self.channels)), "spread": len(self.drives)}
+        n = len(self.channels)
+        sizes = {"at_rest": n, "moving": n, "spread": len(self.drives)}
         for name, size in sizes.items():
             values = getattr(self, name)
             if len(values) != size:
                 raise ValueError(f"{name} must have {size} entries; {len(values)} came")
-            if name != "correlations" and min(values) < 0.0:
+            if min(values) < 0.0:
                 raise ValueError(f"{name} must not be negative")
-        if 0.0 in (*self.at_rest, *self.squares, *self.spread):
-            raise ValueError("at_rest, squares and spread must be positive")
+        if 0.0 in (*self.at_rest, *self.spread):
+            raise ValueError("at_rest and spread must be positive")
         return self
 
     def in_words(self) -> str:
@@ -374,14 +367,6 @@ class FreeMotion(Description):
             at_rest = self.at_rest[at]
             moving = self.moving[at]
         return {"at_rest": at_rest, "moving": moving, "fastest": self.fastest}
-
-    def usual(self, names: Sequence[str]) -> tuple[tuple[float, float], ...]:
-        """Return for each named sensor the largest normal mean of ν²/S over a second, and the
-        correlation of its neighbouring innovations. A sensor that the logs lacked gets 1 and 0, as
-        if the filter's model were exact.
-        """
-        by_name = dict(zip(self.channels, zip(self.squares, self.correlations)))
-        return tuple(by_name.get(name, (1.0, 0.0)) for name in names)
 
     def of_drive(self, name: str) -> float:
         """Return the spread of a drive's positions [SI]; a drive that the logs lacked gets the

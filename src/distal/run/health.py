@@ -66,8 +66,8 @@ intervals, it begins anew. Source: judgement.
 """
 
 LARGE = 2.5
-"""Mean of ν²/S beyond which a sensor disagrees [1]; for a fitted rig, the mean relative to the
-largest in its free motion. Source: judgement.
+"""Mean of ν²/S beyond which a sensor disagrees [1], where no log has taught what forces are normal.
+Source: judgement.
 """
 
 MEMORY = 1.0
@@ -122,17 +122,16 @@ class Watch:
     Args:
         memory: layout of what is remembered. For each channel: its last value, its age, and for how
             long it has been the same. For each drive's position: the share of time beyond its
-            range. For each compared sensor: the mean ν²/S. For each force that positions predict:
-            the mean of its squared errors. The pace of the stamps. For each of the
+            range. For each compared sensor: the mean ν²/S. The pace of the stamps. For each of the
             `ends`, in the current visit: its furthest reading, and how far the joint was beyond it
-            [deg]. Then what the maps of the `redundancy` remember.
+            [deg]. Then that of the `redundancy`.
         sample: layout of the input: whether it is the first sample, dt, values and mask of the
             channels, stds of the angles, innovations, their mask and their variances, the watched
             states and their variances, and the largest probability that a joint is
             touched.
         findings: layout of the output: the code of the reported word, then 1 where a finding holds:
             gap, hurried, nothing read, untested, unknown, touched by the filter; for each position
-            that predicts forces outside, for each of these forces unlike; for each
+            that predicts forces outside, for each part's forces unlike; for each
             channel dead, stuck, missing; for each position wrong; for each compared sensor large;
             for each watched state left. For each of the `ends` it is by how much the joint is
             beyond it [deg].
@@ -156,8 +155,7 @@ class Watch:
 def begun(watch: Watch) -> Floats:
     """Return the memory before the first sample: means are 1, no end was visited, all else is 0."""
     memory = np.zeros(watch.memory.size)
-    for name in ("ratio", "unlike"):
-        memory[watch.memory[name]] = 1.0
+    memory[watch.memory["ratio"]] = 1.0
     memory[watch.memory["furthest"]] = -NEVER
     return memory
 
@@ -175,11 +173,11 @@ def watch_of(estimator: KernelEstimator) -> Watch:
     no_prior = np.full(len(estimator.state_names), np.nan)
     means, stds = (no_prior if prior is None else prior for prior in priors_of(estimator))
     # of a fitted rig that lacks physics, numbers stray without end; its forces are tested instead
-    tested = (stds > 0.0) & (estimator.rig.free_motion is None)
+    redundancy = Redundancy.of(estimator.rig, estimator.channels)
+    tested = (stds > 0.0) & (not redundancy.maps)
     watched = tuple(np.flatnonzero(np.isfinite(means) & tested).tolist())
     roles = [measurand_of(sensor).role for sensor in chosen]
     placed = tuple(i for i, role in enumerate(roles) if role is Role.POSITION)
-    redundancy = Redundancy.of(estimator.rig, estimator.channels)
     # of what logs taught, they say where it may be and how often it repeats itself
     taught = redundancy.positions
     ends = tuple(
@@ -198,7 +196,6 @@ def watch_of(estimator: KernelEstimator) -> Watch:
         "same": n,
         "outside": p,
         "ratio": m,
-        "unlike": len(redundancy.efforts),
         "pace": 1,
         "furthest": len(ends),
         "found": len(ends),
@@ -226,7 +223,7 @@ def watch_of(estimator: KernelEstimator) -> Watch:
         unknown=1,
         touched=1,
         outside=len(redundancy.positions),
-        unlike=len(redundancy.efforts),
+        unlike=len(redundancy.maps),
         dead=n,
         stuck=n,
         missing=n,
@@ -237,7 +234,7 @@ def watch_of(estimator: KernelEstimator) -> Watch:
     )
     before = ca.SX.sym("memory", memory.size)
     current = ca.SX.sym("sample", sample.size)
-    squares = ca.SX.sym("squares", len(redundancy.efforts))
+    unlike = ca.SX.sym("unlike", len(redundancy.maps))
     was = memory.parts(before)
     came = sample.parts(current)
     first = came["first"]
@@ -276,17 +273,12 @@ def watch_of(estimator: KernelEstimator) -> Watch:
     )
     far = read * (ca.fabs(position - (low + high) / 2) > FAR * (high - low))
     wrong = ca.logic_or(outside > 0.5, far)
-    # for a fitted rig ν²/S is relative to that of its free motion; a touch is no disagreement,
-    # since the filter follows it
-    free = estimator.rig.free_motion
-    usual = [1.0] * m if free is None else [square for square, _ in free.usual(estimator.measured)]
-    square = ca.fmin(came["innovations"] ** 2 / (came["variances"] * _column(usual)), CAPPED)
+    # a touch is no disagreement, since the filter follows it
+    square = ca.fmin(came["innovations"] ** 2 / came["variances"], CAPPED)
     is_touched = came["touched"] > TOUCHED
     square = ca.if_else(is_touched, ca.fmin(square, 1), square)
     ratio = was["ratio"] + ca.if_else(came["compared"], share * (square - was["ratio"]), 0)
     beyond_logs = redundancy.outside(came["values"], mask)
-    predicted = redundancy.compared(mask, beyond_logs)
-    unlike = redundancy.means(was["unlike"], squares, since, predicted)
     prior = _column(means[list(watched)])
     allowed = LARGE_PRIOR * _column(stds[list(watched)])
     left = (
@@ -303,18 +295,18 @@ def watch_of(estimator: KernelEstimator) -> Watch:
         "hurried": ca.logic_and(ca.logic_not(first), pace < HURRIED),
         "nothing": ca.logic_not(_any(mask)),
         # where no log said what is normal, innovations may be too large, but never right
-        "untested": ca.SX(not redundancy.maps and (free is None or m == 0)),
+        "untested": ca.SX(not redundancy.maps),
         "unknown": ca.logic_and(ca.logic_not(first), _any(came["stds"] > UNKNOWN)),
     }
     flags |= {
         "touched": is_touched,
         "outside": beyond_logs,
-        "unlike": unlike > _column(redundancy.limits),
+        "unlike": unlike,
         "dead": dead,
         "stuck": stuck,
         "missing": missing,
         "wrong": wrong,
-        "large": ratio > LARGE,
+        "large": ca.logic_and(ratio > LARGE, not redundancy.maps),
         "left": left,
     }
     visits = [
@@ -334,13 +326,12 @@ def watch_of(estimator: KernelEstimator) -> Watch:
         same=same,
         outside=outside,
         ratio=ratio,
-        unlike=unlike,
         pace=pace,
         furthest=furthest,
         found=sizes,
     )
     outputs = [remembered, findings.joined(code=code, **flags | {"beyond": sizes})]
-    inputs = [before, current, *([squares] if redundancy.maps else [])]
+    inputs = [before, current, *([unlike] if redundancy.maps else [])]
     function = redundancy.around(ca.Function("judged", inputs, ca.cse(outputs)), sample)
     memory = Layout(**parts, learned=redundancy.memory)
     return Watch(memory, sample, findings, placed, ends, watched, redundancy, function)

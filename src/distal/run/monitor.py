@@ -294,7 +294,7 @@ class Monitor:
             "nothing": "all sensors",
             "outside": f"{named('outside', watch.redundancy.positions)} is where no log has been",
             "touched": "something touches a joint",
-            "unlike": f"{named('unlike', watch.redundancy.efforts)} is not as in free motion: "
+            "unlike": f"not as in free motion: {named('unlike', watch.redundancy.parts)}; "
             "something touches, or a sensor is wrong",
             "gap": f"{dt:.3g} s; the rig says every {interval:.3g} s",
             "hurried": f"samples {dt:.3g} s apart, the rig says {interval:.3g} s: unit of time?",

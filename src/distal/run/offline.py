@@ -35,6 +35,7 @@ from distal.logs import LARGEST_READING, Log, Source, frozen, read_log, true_ang
 from distal.logs.log import sealed
 from distal.results import Estimate
 from distal.rig import Rig, as_rig
+from distal.run.redundancy import Redundancy
 
 
 def samples_of(log: Log, channels: Sequence[str], name: str = "estimator") -> Floats:
@@ -361,7 +362,6 @@ def finished(
         innovations = innovations[:, columns]
         variances = variances[:, columns]
     measured = tuple(chosen.measured[i] for i in columns)
-    free = chosen.rig.free_motion
     units = chosen.state_units if isinstance(chosen, KernelEstimator) else state_units(chosen)
     kept = [*range(len(units))] if kept is None else list(kept)
     prior_means, prior_stds = (None if of is None else of[kept] for of in priors_of(chosen))
@@ -376,7 +376,7 @@ def finished(
         measured,
         frozen(innovations),
         frozen(variances),
-        usual=() if free is None else free.usual(measured),
+        is_taught=bool(Redundancy.of(chosen.rig, list(log.channels)).maps),
         truths=truths,
         covariances=None if covariances is None else frozen(covariances),
         joint_names=joints,

@@ -1,9 +1,9 @@
-"""What readings predict of each other: each force and tension by the positions of the drives and
-what these remember, as it is in free motion.
+"""What readings predict of each other: the forces and tensions of a part of the rig by the
+positions of its drives and what these remember, as they are in free motion.
 
-The squared prediction error of a force tells that something touches a joint, or that a sensor is
-wrong (Q statistic of process monitoring; Jackson and Mudholkar, Technometrics 21, 1979). It is the
-only test that no state of a filter can explain away.
+Their errors e tell together that something touches a joint, or that a sensor is wrong: T² = eᵀ Σ⁻¹
+e/n, with the covariance Σ of the errors of n forces on logs left out (Hotelling, in Techniques of
+Statistical Analysis, 1947). It is the only test that no state of a filter can explain away.
 """
 
 from __future__ import annotations
@@ -11,23 +11,24 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
-from math import exp
 
 import casadi as ca
 import numpy as np
 
 from distal.arrays import Bools, Floats
-from distal.expressions import Scalar, Vector, VectorNode
+from distal.expressions import Vector, VectorNode
 from distal.kernels import Feed, Kernel, Layout, advance
 from distal.logs import Log
 from distal.regression import Shape, begun_by, features_function, variance_beside
 from distal.rig import LearnedMap, Rig
 
-AVERAGED = 3.0
-"""Time constant of the mean of e²/σ² [s]. Source: benchmark (docs/results/reliability.md)."""
+AVERAGED = (1.0, 30.0)
+"""Time constants of the means of T² [s]: a touch is felt within the first, a wrong sensor within
+the second. Source: benchmark (docs/results/reliability.md).
+"""
 
 MOST = 25.0
-"""Upper limit of one e²/σ² [1], so that no single value decides. Source: benchmark
+"""Upper limit of one T² [1], so that no single value decides. Source: benchmark
 (docs/results/reliability.md).
 """
 
@@ -67,14 +68,14 @@ class Redundancy:
         return [name for learned in self.maps for name in learned.channels]
 
     @property
-    def limits(self) -> list[float]:
-        """Largest normal mean of e²/σ² of each force, e its prediction error of variance σ²."""
-        return [limit for learned in self.maps for limit in learned.normal]
+    def parts(self) -> list[str]:
+        """Names of the forces that are tested together."""
+        return [", ".join(learned.joints) for learned in self.maps]
 
     @property
     def memory(self) -> int:
-        """Length of what the maps remember."""
-        return sum(Shape.of(learned).memory.size for learned in self.maps)
+        """Length of what is remembered: for each map that of its features, then `MEANS`."""
+        return sum(Shape.of(learned).memory.size + MEANS.size for learned in self.maps)
 
     def outside(self, values: Vector, mask: Vector) -> Vector:
         """Return 1 for each of `positions` that is read where no log has been, else 0.
@@ -88,52 +89,23 @@ class Redundancy:
         low, high = (ca.DM([end[side] for end in ends]) for side in (0, 1))
         return mask[at] * ca.logic_or(values[at] < low, values[at] > high)
 
-    def compared(self, mask: Vector, outside: Vector) -> Vector:
-        """Return 1 for each of `efforts` that can be compared: it is read, and all positions are,
-        where the logs have been.
-
-        Args:
-            mask: whether each channel is read.
-            outside: see `outside`.
-        """
-        comparable = []
-        at = 0
-        for learned in self.maps:
-            read = [mask[self.channels.index(name)] for name in learned.channels]
-            inside = [1 - outside[at + i] for i in range(len(read))]
-            for name in learned.joints:
-                comparable.append(
-                    reduce(ca.fmin, (mask[self.channels.index(name)], *read, *inside))
-                )
-            at += len(read)
-        return ca.vertcat(ca.SX(0, 1), *comparable)
-
-    def means(self, before: Vector, squares: Vector, dt: Scalar, compared: Vector) -> Vector:
-        """Return the means of e²/σ² after a sample that comes `dt` [s] after the one before.
-
-        Args:
-            before: the means at that one.
-            squares: e²/σ² of each force.
-            dt: time since then [s].
-            compared: see `compared`.
-        """
-        return before + compared * ca.fmin(dt / AVERAGED, 1) * (ca.fmin(squares, MOST) - before)
-
     def around(self, judged: ca.Function, sample: Layout) -> ca.Function:
         """Return the function (memory, sample) → (memory⁺, findings) around one that also takes
-        e²/σ² of each force; what the maps remember is behind its own memory.
+        whether each of `parts` is unlike free motion; what is remembered of them is behind its own
+        memory.
         """
         if not self.maps:
             return judged
         own = judged.size1_in(0)
         memory = ca.MX.sym("memory", own + self.memory)
         x = ca.MX.sym("sample", sample.size)
-        after, squares = self._predicted(memory[own:], sample.parts(x))
-        left, findings = judged(memory[:own], x, squares)
+        after, _, unlike = self._step(memory[own:], sample.parts(x))
+        left, findings = judged(memory[:own], x, unlike)
         return ca.Function("judged_with_maps", [memory, x], [ca.vertcat(left, after), findings])
 
-    def along(self, time: Floats, values: Floats, mask: Bools) -> Floats:
-        """Return e²/σ² of each force over a log, (k, n_forces).
+    def along(self, time: Floats, values: Floats, mask: Bools) -> tuple[Floats, Floats]:
+        """Return T² of each of `parts` over a log, and whether its means are beyond what is normal,
+        both (k, n_parts).
 
         Args:
             time: stamps [s], (k,).
@@ -143,22 +115,21 @@ class Redundancy:
         sample = Layout(first=1, dt=1, values=len(self.channels), mask=len(self.channels))
         memory = ca.MX.sym("memory", self.memory)
         x = ca.MX.sym("sample", sample.size)
-        function = ca.Function(
-            "predicted",
-            [memory, x, ca.MX.sym("p", 0)],
-            [*self._predicted(memory, sample.parts(x))],
-        )
+        after, squares, unlike = self._step(memory, sample.parts(x))
         rows = np.column_stack(
             [np.arange(len(time)) == 0, np.diff(time, prepend=time[:1]), values, mask]
         )
-        feed = Feed(np.zeros(self.memory), rows.astype(np.float64), np.zeros(0))
-        return advance(Kernel(function), feed).ys
+        ys = _scanned(memory, x, after, ca.vertcat(squares, unlike), rows.astype(np.float64))
+        return ys[:, : len(self.maps)], ys[:, len(self.maps) :]
 
-    def _predicted(
+    def _step(
         self, memory: VectorNode, came: Mapping[str, VectorNode]
-    ) -> tuple[VectorNode, VectorNode]:
-        """Return what the maps remember, and e²/σ² of each force, at a sample."""
+    ) -> tuple[VectorNode, VectorNode, VectorNode]:
+        """Return what is remembered after a sample, T² of each part, and whether it is unlike free
+        motion.
+        """
         squares: list[VectorNode] = []
+        unlike: list[VectorNode] = []
         after: list[VectorNode] = []
         at = 0
         for learned in self.maps:
@@ -175,6 +146,7 @@ class Redundancy:
             frame = ca.MX(ca.DM(shape.flat(arrays.by_name)))
             outputs, left = features_function(shape)(was, came["dt"], positions, mask, frame)
             out = shape.outputs.parts(outputs)
+            errors = []
             for k, effort in enumerate(efforts):
                 mean = ca.MX(ca.DM(arrays["mean"][k]))
                 error = came["values"][effort] - ca.dot(mean, out["features"])
@@ -182,49 +154,97 @@ class Redundancy:
                 beside = variance_beside(
                     shape, mean, out, shape.frame.parts(frame), ca.MX.zeros(shape.channels)
                 )
-                squares.append(error**2 / (learned.rms[k] ** 2 + beside))
-            after.append(left)
+                errors.append(error / ca.sqrt(learned.rms[k] ** 2 + beside))
+            square = _mean_square(whitening(arrays["correlation"]), ca.vertcat(*errors))
+            low, high = (ca.DM([end[side] for end in learned.reach.values()]) for side in (0, 1))
+            inside = ca.vertcat(positions >= low, positions <= high)
+            compared = _every(ca.vertcat(came["mask"][[*efforts, *read]], inside))
             at += shape.memory.size
-        return ca.vertcat(*after), ca.vertcat(*squares)
+            means = MEANS.parts(memory[at : at + MEANS.size])
+            now = averaged(means, came["first"], square, came["dt"], compared)
+            at += MEANS.size
+            squares.append(square)
+            unlike.append(1 - _every(now["means"] <= ca.DM(learned.normal)))
+            after += [left, MEANS.joined(**now)]
+        return ca.vertcat(*after), ca.vertcat(*squares), ca.vertcat(*unlike)
+
+
+def _every(flags: VectorNode) -> VectorNode:
+    return reduce(ca.fmin, ca.vertsplit(flags))
+
+
+MEANS = Layout(means=len(AVERAGED), time=1)
+"""Means of T² of a part, and for how long it has been compared [s]."""
+
+
+def whitening(correlation: Floats) -> Floats:
+    """Return W with Wᵀ W = C⁻¹ for a correlation C, (n, n)."""
+    rounding = 1e-9 * np.eye(len(correlation))
+    return np.linalg.inv(np.linalg.cholesky(correlation + rounding))
+
+
+def _mean_square(whitener: Floats, errors: VectorNode) -> VectorNode:
+    independent = [ca.dot(ca.DM(row), errors) for row in whitener]
+    return sum((value**2 for value in independent), ca.MX(0)) / len(whitener)
+
+
+def averaged(
+    was: Mapping[str, VectorNode],
+    first: VectorNode,
+    square: VectorNode,
+    dt: VectorNode,
+    compared: VectorNode,
+) -> dict[str, VectorNode]:
+    """Return the means of T² after a sample, and for how long it has been compared: until that is
+    a mean's time constant, all samples count alike. The means begin at 1, which counts as much as
+    the shortest time constant.
+
+    Args:
+        was: both before, see `MEANS`.
+        first: whether it is the first sample.
+        square: T².
+        dt: time since the sample before [s].
+        compared: whether T² could be compared.
+    """
+    dt = ca.fmin(dt, AVERAGED[0])  # of a gap no more is known
+    time = ca.if_else(first, 0, was["time"]) + compared * dt
+    means = ca.if_else(first, 1, was["means"])
+    change = ca.fmin(square, MOST) - means
+    memory = ca.fmin(ca.DM(AVERAGED), AVERAGED[0] + time)
+    return {"means": means + compared * ca.fmin(dt / memory, 1) * change, "time": time}
+
+
+def means_along(time: Floats, squares: Floats) -> Floats:
+    """Return the means of T² over a log in which each sample is compared, (k, n_means).
+
+    Args:
+        time: stamps [s], (k,).
+        squares: T², (k,).
+    """
+    memory = ca.MX.sym("memory", MEANS.size)
+    x = ca.MX.sym("x", 3)
+    now = averaged(MEANS.parts(memory), x[0], x[1], x[2], ca.MX(1))
+    rows = np.column_stack([np.arange(len(time)) == 0, squares, np.diff(time, prepend=time[:1])])
+    return _scanned(memory, x, MEANS.joined(**now), now["means"], rows)
+
+
+def _scanned(
+    memory: VectorNode, x: VectorNode, after: VectorNode, y: VectorNode, rows: Floats
+) -> Floats:
+    function = ca.Function("step", [memory, x, ca.MX.sym("p", 0)], [after, y])
+    feed = Feed(np.zeros(memory.numel()), rows, np.zeros(0))
+    return advance(Kernel(function), feed).ys
 
 
 def unlike_free_motion(log: Log, rig: Rig) -> dict[str, float]:
-    """Return sensor → share of a log in which its force is not that of free motion at these
-    positions; those that are normal are left out.
+    """Return forces → share of a log in which they are not those of free motion at these positions;
+    those that are normal are left out.
     """
     redundancy = Redundancy.of(rig, list(log.channels))
     if not redundancy.maps:
         return {}
     values = np.column_stack(list(log.channels.values()))
     mask = np.isfinite(values)
-    names = redundancy.channels
-    squares = redundancy.along(log.time, np.where(mask, values, 0.0), mask)
-    unlike = dict[str, float]()
-    at = 0
-    for learned in redundancy.maps:
-        read = [names.index(name) for name in learned.channels]
-        low, high = np.array(list(learned.reach.values())).T
-        usable = np.all(mask[:, read] & (values[:, read] >= low) & (values[:, read] <= high), 1)
-        for name, limit in zip(learned.joints, learned.normal, strict=True):
-            compared = usable & mask[:, names.index(name)]
-            means = recent_mean(np.minimum(squares[compared, at], MOST), log.time, AVERAGED)
-            share = float(np.sum(means > limit)) / len(log)
-            if share > 1 - NORMAL:
-                unlike[name] = share
-            at += 1
-    return unlike
-
-
-def recent_mean(values: Floats, stamps: Floats, time: float) -> Floats:
-    """Return exponentially fading means as a stream computes them.
-
-    Args:
-        values: what is averaged, (k,) or (k, m).
-        stamps: times of the samples [s], (n,), as far apart as the values.
-        time: time constant of the mean [s].
-    """
-    from scipy.signal import lfilter  # takes as long to load as distal
-
-    fade = exp(-float(np.median(np.diff(stamps))) / time)
-    means: Floats = lfilter([1 - fade], [1, -fade], values, axis=0)
-    return means
+    _, unlike = redundancy.along(log.time, np.where(mask, values, 0.0), mask)
+    shares = dict(zip(redundancy.parts, np.mean(unlike, axis=0).tolist(), strict=True))
+    return {names: share for names, share in shares.items() if share > 1 - NORMAL}
