@@ -157,7 +157,7 @@ def changed(rule: str) -> None:
     where, name, value = RULES[rule]
     _, _, of = where.partition(".")
     if of == "Robustness":
-        kind = import_module("distal.estimators.adaptive.tuning").Robustness
+        kind = import_module("distal.estimators.adaptive.guards").Robustness
         usual = kind.usual.__func__
 
         def without(cls: Any, *arguments: Any) -> Any:

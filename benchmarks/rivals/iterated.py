@@ -13,8 +13,8 @@ import numpy as np
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive import StateVector
 from distal.estimators.adaptive.drive_tracking import MEMORY, TRACKED, Tracks, tracking
+from distal.estimators.adaptive.filter_inputs import Interval, Prediction
 from distal.estimators.adaptive.internal_motion import play
-from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.joint_motion import moved
 from distal.estimators.adaptive.measurement import ROW, SLOPED, Rows
 from distal.estimators.adaptive.prediction import predicted, revert

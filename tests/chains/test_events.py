@@ -22,7 +22,7 @@ from distal.estimators.adaptive.drive_tracking import (
     track_function,
 )
 from distal.estimators.adaptive.filter_context import FilterContext
-from distal.estimators.adaptive.interval import Interval, Prediction
+from distal.estimators.adaptive.filter_inputs import Interval, Prediction
 from distal.estimators.adaptive.prediction import revert, shifted_variance
 from distal.estimators.adaptive.touch import (
     CLOSING_TIME,

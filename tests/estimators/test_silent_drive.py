@@ -9,7 +9,7 @@ import pytest
 
 from distal import Log, estimate, load_scenario, scenario_rig, simulate
 from distal.estimators.adaptive.drive_tracking import MEMORY, track_function
-from distal.estimators.adaptive.tuning import Robustness
+from distal.estimators.adaptive.guards import Robustness
 from distal.kernels.layout import MISSING
 
 

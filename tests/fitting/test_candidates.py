@@ -17,12 +17,11 @@ from distal.fitting.candidates import (
     filter_candidate,
     parameters_without,
 )
-from distal.fitting.fit_options import Options
-from distal.fitting.judge import Learned, judge, learned_by
+from distal.fitting.choice_of_parameters import Options
+from distal.fitting.judge import REGRESSION, WRITTEN, Learned, judge, learned_by
 from distal.fitting.learn_free_motion import untouched
 from distal.fitting.map_samples import filtered
 from distal.fitting.parameter_estimates import ParameterEstimates
-from distal.fitting.scores import REGRESSION, WRITTEN
 from distal.regression import YARDSTICKS, Samples
 
 SECONDS = 3.0
@@ -130,7 +129,7 @@ def test_ctrl_c_is_not_taken_for_an_answer(
         return replace(found, interrupted=True)
 
     monkeypatch.setattr(module, name, stopped)
-    monkeypatch.setattr("distal.fitting.missing_terms.UNEXPLAINED", 0.0)
+    monkeypatch.setattr("distal.fitting.candidates.UNEXPLAINED", 0.0)
     found = learn(others, cable_rig(), OPTIONS)
     assert found.interrupted
     assert len(calls) == 1

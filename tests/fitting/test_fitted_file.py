@@ -14,14 +14,12 @@ from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 from distal import Rig, fit, load_rig
 from distal.errors import DistalWarning, RigError
 from distal.fitting import judge as judging
-from distal.fitting.candidates import Candidate, Training, filter_candidate
-from distal.fitting.fit_options import Options
+from distal.fitting.candidates import Candidate, MissingTerm, Training, filter_candidate, with_parts
+from distal.fitting.choice_of_parameters import Options
 from distal.fitting.fitted_file import MARK, plain_value
-from distal.fitting.judge import Judged, Learned, learned_by, readings_map
-from distal.fitting.missing_terms import MissingTerm, with_parts
+from distal.fitting.judge import WRITTEN, Compared, Judged, Learned, Score, learned_by, readings_map
 from distal.fitting.parameter_estimates import among_models, parameters_of, problem_of
 from distal.fitting.result import Fit
-from distal.fitting.scores import WRITTEN, Compared, Score
 from distal.rig import build_rig, parse_toml
 
 OPTIONS = Options(workers=1)

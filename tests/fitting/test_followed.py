@@ -14,9 +14,9 @@ from distal import Log, Rig, load_rig
 from distal.confidence import BAND
 from distal.errors import DivergedError
 from distal.fitting.candidates import Training
-from distal.fitting.fit_options import Options
+from distal.fitting.choice_of_parameters import Options
+from distal.fitting.judge import WRITTEN, Compared, Score
 from distal.fitting.learn_free_motion import untouched
-from distal.fitting.scores import WRITTEN, Compared, Score
 from distal.rig.validation import angle_names
 
 FIT = sys.modules["distal.fitting.fit"]

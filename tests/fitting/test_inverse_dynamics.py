@@ -14,7 +14,7 @@ from benchmarks.strangers.hands_plants import ropes_log, ropes_rig
 
 from distal import Log, Rig, load_rig, simulate
 from distal.fitting import Options
-from distal.fitting.candidates import parameters_without
+from distal.fitting.candidates import Tried, parameters_without, terms_of, tried_parts
 from distal.fitting.fit_filter import FitFilter
 from distal.fitting.inverse_dynamics import (
     INTERVAL,
@@ -23,7 +23,6 @@ from distal.fitting.inverse_dynamics import (
     InverseProblem,
     inverse_problem,
 )
-from distal.fitting.missing_terms import Tried, terms_of, tried_parts
 from distal.fitting.parameter_estimates import (
     ParameterEstimates,
     among_models,

@@ -9,8 +9,8 @@ import pytest
 from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 
 from distal import Log, Rig
+from distal.fitting.map_samples import ReferenceLag, reference_lag
 from distal.fitting.map_search import clearly_gains
-from distal.fitting.reference_lag import ReferenceLag, reference_lag
 
 
 @pytest.fixture(scope="module")

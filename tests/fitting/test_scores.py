@@ -11,11 +11,10 @@ from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 from distal.confidence import BAND
 from distal.estimators import samples_of_angles
 from distal.fitting.candidates import Training
-from distal.fitting.fit_options import Options
-from distal.fitting.judge import readings_map
+from distal.fitting.choice_of_parameters import Options
+from distal.fitting.judge import REGRESSION, WRITTEN, Score, comparisons, readings_map
 from distal.fitting.map_samples import SETTLING
 from distal.fitting.map_search import HeldOut
-from distal.fitting.scores import REGRESSION, WRITTEN, Score, comparisons
 from distal.regression import yardstick_error
 
 

@@ -11,7 +11,7 @@ from benchmarks.strangers.foreign_plants import finger_log, finger_rig, hand_log
 from distal import Log, estimate, fit, learn_map
 from distal.errors import FitError
 from distal.fitting.candidates import AS_GIVEN
-from distal.fitting.scores import REGRESSION, WRITTEN
+from distal.fitting.judge import REGRESSION, WRITTEN
 
 
 @pytest.mark.slow

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from distal.from_logs import rig_from_logs
-from distal.from_logs.least_squares import smoothed, window_of
-from distal.from_logs.motion_data import MotionData
+from distal.from_logs.motion_data import MotionData, smoothed, window_of
 from distal.from_logs.sizes import odd_sign
 from distal.from_logs.structure import DriveStructure
 from distal.rig import Capstan, step_of

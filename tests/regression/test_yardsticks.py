@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from distal.regression import YARDSTICKS, Samples, yardstick_error
-from distal.regression.yardsticks import LAGS, PLAYS
+from distal.regression.least_squares import LAGS, PLAYS
 
 
 def log_of(seed: int, count: int = 400) -> Samples:

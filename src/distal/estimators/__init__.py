@@ -15,9 +15,8 @@ from distal.estimators.estimator_protocol import (
     wild_problem,
 )
 from distal.estimators.full_state import FullStateFilter, Noise, paper_noise, rig_noise
-from distal.estimators.gaps import first_values
 from distal.estimators.kinematic import KinematicEstimator
-from distal.estimators.read_channels import Channels, channels_of
+from distal.estimators.read_channels import Channels, channels_of, first_values
 from distal.estimators.registry import (
     DEFAULT,
     ESTIMATORS,

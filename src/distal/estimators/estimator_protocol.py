@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from distal.arrays import Floats
 from distal.errors import EstimationError
 from distal.estimators.belief import NOTHING_REPORTED, Belief, Innovation, innovation
-from distal.estimators.gaps import first_values, rows_with_gaps
-from distal.estimators.read_channels import Channels
+from distal.estimators.read_channels import Channels, first_values, rows_with_gaps
 from distal.estimators.state_kinds import state_units
 from distal.kernels import (
     Advanced,
@@ -123,7 +122,7 @@ class KernelEstimator:
     x = (dt, values of the channels, mask of the channels); y = (innovations, variances) of the
     measured channels; p are the kernel's parameters. The first states are the joints' angles. A
     missing value (NaN) becomes a zero in the mask; long intervals are bridged, see
-    `distal.estimators.gaps`. The `kernel` is None for an estimator that gets one later.
+    `distal.estimators.read_channels`. The `kernel` is None for an estimator that gets one later.
     """
 
     def __init__(

@@ -17,7 +17,7 @@ from distal.estimators import (
     KernelEstimator,
     make_estimator,
 )
-from distal.estimators.gaps import MOST_BRIDGES, SPLIT
+from distal.estimators.read_channels import MOST_BRIDGES, SPLIT
 from distal.export.c_text import (
     Field,
     Translated,

@@ -4,16 +4,16 @@ can identify.
 
 from distal.fitting.angle_observability import Observability, observability
 from distal.fitting.candidates import AS_GIVEN
+from distal.fitting.choice_of_parameters import Doing, Options
 from distal.fitting.fit import fit, learn
-from distal.fitting.fit_options import Doing, Options
 from distal.fitting.free_parameter import FittedParameter
+from distal.fitting.judge import WRITTEN, Compared, Score
 from distal.fitting.learned_maps import (
     MapFit,
     learn_map,
 )
 from distal.fitting.map_samples import SETTLING
 from distal.fitting.result import Fit
-from distal.fitting.scores import WRITTEN, Compared, Score
 from distal.regression import groups_of
 
 __all__ = [

@@ -16,16 +16,14 @@ import numpy as np
 from distal.confidence import BAND
 from distal.errors import DistalWarning, DivergedError, EstimationError, FitError
 from distal.fitting.candidates import Candidate, groups_among
-from distal.fitting.doubts import far_from_priors
-from distal.fitting.fit_options import Options, Progress
-from distal.fitting.judge import Judged, Learned, judge, learned_by
+from distal.fitting.choice_of_parameters import Options, Progress
+from distal.fitting.judge import WRITTEN, Judged, Learned, judge, learned_by
 from distal.fitting.learn_free_motion import efforts_of, free_motion_of, untouched, widest
 from distal.fitting.learned_maps import MapFit, logs_read
 from distal.fitting.log_checks import check_logs, touched_logs
-from distal.fitting.map_samples import counted_from, reference_offset
-from distal.fitting.reference_lag import ReferenceLag, reference_lag
+from distal.fitting.map_samples import ReferenceLag, counted_from, reference_lag, reference_offset
 from distal.fitting.result import Fit
-from distal.fitting.scores import WRITTEN
+from distal.fitting.standard_errors import far_from_priors
 from distal.from_logs import rig_from_logs
 from distal.homing import check_homing
 from distal.logs import Log, Source, read_log, shown, true_angles

@@ -12,15 +12,22 @@ import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.errors import FitError, RigError
-from distal.fitting.choice_of_parameters import choose
-from distal.fitting.doubts import NOT_CONVERGED, doubts_of, nis_of, parameter_contradictions
+from distal.fitting.choice_of_parameters import Options, Progress, choose, searching
 from distal.fitting.fit_filter import FitFilter, steps_of
-from distal.fitting.fit_options import Options, Progress, searching
 from distal.fitting.free_parameter import FittedParameter, Free
 from distal.fitting.inverse_dynamics import SMOOTHED, Equations, inverse_problem
 from distal.fitting.likelihood_search import Optimum, coarse_start, hessian, most_likely, search
 from distal.fitting.problem import Problem
-from distal.fitting.standard_errors import CONFOUNDED, IDENTIFIED, Uncertainty, uncertainty_at
+from distal.fitting.standard_errors import (
+    CONFOUNDED,
+    IDENTIFIED,
+    NOT_CONVERGED,
+    Uncertainty,
+    doubts_of,
+    nis_of,
+    parameter_contradictions,
+    uncertainty_at,
+)
 from distal.homing import added_reference, with_references
 from distal.logs import Log, true_angles
 from distal.model import joint_frequency

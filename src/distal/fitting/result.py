@@ -14,14 +14,12 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import DistalError
 from distal.fitting.candidates import BY_EQUATIONS, Candidate
-from distal.fitting.choice_of_parameters import paths_of
-from distal.fitting.fit_options import Options
+from distal.fitting.choice_of_parameters import Options, paths_of
 from distal.fitting.fitted_file import MARK, plain_value, write_fitted
 from distal.fitting.free_parameter import FittedParameter, assignments
-from distal.fitting.judge import Learned
+from distal.fitting.judge import REGRESSION, WRITTEN, Compared, Learned
 from distal.fitting.learned_maps import MapFit
 from distal.fitting.map_samples import reference_offset, reference_std
-from distal.fitting.scores import REGRESSION, WRITTEN, Compared
 from distal.logs import Log, shown
 from distal.regression import YARDSTICKS
 from distal.results import BLACK, COLOURS, figure

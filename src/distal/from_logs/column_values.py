@@ -1,14 +1,179 @@
-"""What the values of columns say: noise, steps and wraps of each, and how much they move alike."""
+"""What the values of columns say: noise, steps and wraps of each, and how much they move alike; and
+what a column is, with its unit: as its header says it, else by its words and the range of values.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import pi
+from typing import Literal
 
 import numpy as np
 
 from distal.arrays import Floats
+from distal.errors import LogError
+from distal.from_logs.column_names import ROLES, SPELLED, NameEvidence, Role, dimension_of
+from distal.rig import COUNTS
+
+Sureness = Literal["sure", "likely", "a guess", "assumed"]
+"""How sure something is. An assumed unit is that of a scale that no log tells, as of a load in
+percent.
+"""
+
+USUAL_RANGE: Mapping[Role, Mapping[str, Mapping[str, float]]] = {
+    "time": {"": {"s": 10.0}},
+    "angle": {"": {"rad": 0.8, "deg": 46.0}},
+    "position": {
+        "symbol": {"m": 0.006, "rad": 1.7, "mm": 30.0, "count": 1000.0},
+        "travel": {"m": 0.016, "mm": 16.0, "count": 1000.0},
+        "": {"m": 0.006, "rad": 1.7, "deg": 97.0, "count": 1000.0},
+    },
+    "effort": {
+        "current": {"A": 0.3, "mA": 300.0},
+        "force": {"N": 10.0},
+        "torque": {"N m": 1.0},
+    },
+}
+"""Role → kind of a word, or none → unit → usual range of a column in it, where the header has no
+unit. The nearest one is taken, by the ratio. Source: judgement (fingers and their motors).
+"""
+
+TAKEN_FORCES = {"mA": "cN", "A": "daN"}
+"""Unit of a current → that of a force which is taken for it where a drive moves in a line, 10 N for
+an ampere. Source: judgement (small lead screws).
+"""
+
+
+@dataclass(frozen=True)
+class ColumnRole:
+    """What a column is.
+
+    Args:
+        header: as the logs have it.
+        role: time, position or effort of a drive, angle of a joint, command, or other.
+        part: name of the drive or joint, empty for time and other.
+        unit: of its values, as a rig file has it; empty where it has none.
+        si: SI unit of its dimension; "count" for an encoder's counts.
+        sureness: of the role.
+        unit_sureness: of the unit.
+        evidence: why, in a line.
+        values: what its values say.
+    """
+
+    header: str
+    role: Role
+    part: str
+    unit: str
+    si: str
+    sureness: Sureness
+    unit_sureness: Sureness
+    evidence: str
+    values: ValueEvidence
+
+    @property
+    def in_words(self) -> str:
+        """All of it in a line."""
+        of = f" of {self.part}" if self.part else ""
+        doubt = "" if self.unit_sureness == "sure" else f" ({self.unit_sureness})"
+        unit = f" in {self.unit}{doubt}" if self.unit else ""
+        unit = " of an assumed scale" if self.unit_sureness == "assumed" else unit
+        return f"{self.header}: {self.role}{of}{unit}, {self.sureness}: {self.evidence}"
+
+
+def with_units(
+    columns: Sequence[ColumnRole], names: Mapping[str, NameEvidence], drives: Mapping[str, str]
+) -> list[ColumnRole]:
+    """Return columns with their units: as a user or the header says, else by the words of the name
+    and the range of the values. The current of a drive that moves in a line becomes a force of a
+    taken scale; where a header gives its unit in brackets it stays, and cannot be used.
+
+    Args:
+        columns: with their roles and parts.
+        names: header → what its name says.
+        drives: header → the unit that a user gave.
+
+    Raises:
+        LogError: a user's unit is none of a length or an angle.
+    """
+    result = dict[str, ColumnRole]()
+    in_line = set[str]()
+    usual = {column.header: _usual_range(column.role, names[column.header]) for column in columns}
+    for column in sorted(columns, key=lambda column: ROLES.index(column.role)):
+        header = column.header
+        alike = [c for c in columns if c.role == column.role and usual[c.header] == usual[header]]
+        width = max(each.values.width for each in alike)
+        unit, si, sureness = _unit_by_size(column, usual[header], width, column.part in in_line)
+        if drives.get(header):
+            unit, si, sureness = _drive_unit(header, drives[header])
+        elif column.role != "other":
+            unit, si, sureness = _named_unit(column, names[header]) or (unit, si, sureness)
+        found = replace(column, unit=unit, si=si, unit_sureness=sureness)
+        if column.role == "position" and si == "m":
+            in_line.add(column.part)
+        if column.role == "effort" and unit in TAKEN_FORCES and column.part in in_line:
+            found = _as_force(found)
+        result[header] = found
+    return [result[column.header] for column in columns]
+
+
+def _as_force(column: ColumnRole) -> ColumnRole:
+    """Return a current of a drive that moves in a line as a force of a taken scale."""
+    is_sure = column.unit_sureness == "sure"
+    if is_sure and column.header.rstrip().endswith("]"):
+        return replace(column, role="other", part="")
+    sureness = "a guess" if is_sure else column.unit_sureness
+    return replace(column, unit=TAKEN_FORCES[column.unit], si="N", unit_sureness=sureness)
+
+
+def _named_unit(column: ColumnRole, name: NameEvidence) -> tuple[str, str, Sureness] | None:
+    """Return the unit that the name of a column says, its SI unit, and how sure that is."""
+    if column.role == "effort" and not name.has_scale:
+        return "A", "A", "assumed"
+    return None if name.unit is None else (name.unit, str(name.si), "sure")
+
+
+def _usual_range(role: Role, name: NameEvidence) -> Mapping[str, float]:
+    """Return unit → usual range of a column by its role and its words, empty where none has one."""
+    of_role = USUAL_RANGE.get("position" if role == "command" else role, {})
+    return next((of_role[kind] for kind in (*name.kinds, "") if kind in of_role), {})
+
+
+def _unit_by_size(
+    column: ColumnRole, usual: Mapping[str, float], width: float, in_line: bool
+) -> tuple[str, str, Sureness]:
+    """Return the unit whose usual range is nearest to a `width`, its SI unit, and how sure that is;
+    an effort of unknown kind is a force of a drive that moves `in_line`, else a torque.
+    """
+    if column.role == "other":
+        return "", "", "a guess"
+    if not usual:
+        return ("N", "N", "a guess") if in_line else ("N m", "N m", "a guess")
+    units = [unit for unit in usual if unit != "count" or column.values.is_whole]
+    unit = min(units, key=lambda unit: abs(np.log(max(width, 1e-300) / usual[unit])))
+    is_likely = len(units) == 1 or unit == "count"
+    return unit, SPELLED[unit.replace(" ", "").lower()][1], "likely" if is_likely else "a guess"
+
+
+def _drive_unit(header: str, unit: str) -> tuple[str, str, Sureness]:
+    """Return the unit of a drive's position that a user gave, and its SI unit."""
+    if unit in COUNTS:
+        return "count", "count", "sure"
+    si = dimension_of(unit, ("m", "rad"))
+    if si is None:
+        raise LogError(
+            f"--drive '{header}={unit}': a drive is read in a length or an angle, such as mm or "
+            f"deg, or in ticks; '{unit}' is none of these"
+        )
+    return unit, si, "sure"
+
+
+def in_si(column: ColumnRole, values: Floats, factor: float) -> Floats:
+    """Return a column's values without wraps, times the factor of its unit."""
+    if column.values.turn is not None:
+        values = unwrapped(values, column.values.turn)
+    return values * factor
+
 
 NORMAL_MAD = 1.4826
 """Standard deviation per median of absolute values of a normal error. Source: definition (its

@@ -17,13 +17,15 @@ from distal.from_logs.column_names import (
     Role,
     name_evidence,
 )
-from distal.from_logs.column_units import ColumnRole, Sureness, with_units
 from distal.from_logs.column_values import (
     LONGEST_LAG,
+    ColumnRole,
+    Sureness,
     ValueEvidence,
     explained,
     lagged_correlations,
     value_evidence,
+    with_units,
 )
 from distal.from_logs.raw_log import RawLog, time_column
 from distal.logs import name_and_unit

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from distal.arrays import Bools, Floats
-from distal.from_logs.column_units import ColumnRole
-from distal.from_logs.least_squares import speed_of
-from distal.from_logs.motion_data import SLOW, MotionData, factor_of_column
+from distal.from_logs.column_values import ColumnRole
+from distal.from_logs.motion_data import SLOW, MotionData, factor_of_column, speed_of
 from distal.from_logs.sizes import DriveSizes
 from distal.from_logs.structure import DriveStructure
 

@@ -16,10 +16,8 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import RigError
-from distal.from_logs.column_units import ColumnRole
-from distal.from_logs.column_values import longest_run
-from distal.from_logs.least_squares import scaled_solution
-from distal.from_logs.motion_data import MotionData
+from distal.from_logs.column_values import ColumnRole, longest_run
+from distal.from_logs.motion_data import MotionData, scaled_solution
 from distal.from_logs.raw_log import RawLog
 from distal.logs import Log
 

@@ -1,4 +1,9 @@
-"""The columns of some logs as drives, efforts and joints in SI, at a common lower rate."""
+"""The columns of some logs as drives, efforts and joints in SI, at a common lower rate; and least
+squares by columns of one size, with how well each coefficient is told.
+
+Angles, speeds and accelerations of a log are those of local cubics (Savitzky and Golay 1964), all
+smoothed alike.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +12,150 @@ from dataclasses import dataclass
 from math import pi
 
 import numpy as np
+from scipy.ndimage import convolve1d
+from scipy.signal import savgol_coeffs, savgol_filter
 
 from distal.arrays import Bools, Floats
-from distal.from_logs.column_units import ColumnRole, in_si
-from distal.from_logs.least_squares import speed_of
+from distal.from_logs.column_values import ColumnRole, in_si
 from distal.from_logs.raw_log import RawLog
 from distal.regression import played
 from distal.rig.hand_tables.described import ASSUMED
 from distal.units import unit_factor
+
+WINDOWS = (0.02, 0.04, 0.08, 0.12, 0.2)
+"""Times over which derivatives may be taken [s]. Source: judgement (steps of a finger take 0.1)."""
+
+OF_SPEED = 0.04
+"""Time over which speeds, and accelerations of drives, are taken [s]. Source: judgement."""
+
+NOISE = 0.2
+"""Noise of an acceleration per its RMS, above which it is taken over a longer time. Source:
+judgement.
+"""
+
+FEWEST = 5
+"""Least number of samples in a window [1]. Source: definition (a cubic needs four)."""
+
+
+def length_of(time: float, step: float) -> int:
+    """Return the number of samples of a window, for a time and a `step` between samples [s]."""
+    return max(FEWEST, 2 * round(time / step / 2) + 1)
+
+
+def window_of(angles: Floats, step: float, noise: float) -> int:
+    """Return the number of samples of the shortest window in which the noise of an acceleration is
+    small.
+
+    Args:
+        angles: evenly sampled [rad], (k,).
+        step: time between samples [s].
+        noise: standard deviation of an angle [rad].
+    """
+    lengths = [length_of(time, step) for time in WINDOWS]
+    for length in lengths:
+        if length > len(angles):
+            break
+        gain = float(np.sqrt(np.sum(savgol_coeffs(length, 3, deriv=2, delta=step) ** 2)))
+        acceleration = savgol_filter(angles, length, 3, deriv=2, delta=step)
+        if gain * noise < NOISE * float(np.std(acceleration)):
+            return length
+    return lengths[-1]
+
+
+def speed_of(values: Floats, time: Floats) -> Floats:
+    """Return the speed of samples over `OF_SPEED`, (k,).
+
+    Args:
+        values: (k,), NaN in gaps, which are bridged.
+        time: their stamps [s], (k,).
+    """
+    has_value = np.flatnonzero(np.isfinite(values))
+    step = float(np.median(np.diff(time)))
+    window = length_of(OF_SPEED, step)
+    if len(has_value) < 2 or window > len(values):
+        return np.zeros(len(values))
+    bridged = np.interp(time, time[has_value], values[has_value])
+    return smoothed(bridged, window, step, 1)
+
+
+def smoothed(values: Floats, window: int, step: float, order: int = 0) -> Floats:
+    """Return the derivative of samples along their first axis; every order is smoothed alike.
+
+    The second derivative g of local cubics is that of the samples after they were smoothed by a
+    kernel K, g = K * (1, −2, 1)/dt². K smooths the values and first differences too: by filters of
+    their own they would keep fast motions that the acceleration has lost, and inertia would come
+    out too large.
+
+    Args:
+        values: evenly sampled, (k,) or (k, n).
+        window: number of samples over which it is taken.
+        step: time between samples [s].
+        order: of the derivative, 0, 1 or 2; 0 smooths.
+    """
+    second = savgol_coeffs(window, 3, deriv=2, delta=step, use="conv")
+    kernel = step**2 * np.cumsum(np.cumsum(second))[:-2]
+    if order == 2:
+        return np.asarray(savgol_filter(values, window, 3, deriv=2, delta=step, axis=0))
+    rates = np.gradient(values, step, axis=0) if order == 1 else values
+    return np.asarray(convolve1d(rates, kernel, axis=0, mode="nearest"))
+
+
+CLEAR = 4.0
+"""Inertia, damping and friction count that are so many standard errors above zero [1]. Source:
+benchmark (`benchmarks.from_logs rigs`, seeds 7301 to 7304: 4 to 27 with inertia in the plant, else
+below 2.5).
+"""
+
+
+BETTER = 0.9
+"""Terms and drives are told that bring the RMS error on other logs below this share [1]. Source:
+benchmark (docs/results/from-logs.md: links of fingers 0.6 to 0.8, of a light wrist 0.95 to 1.02;
+growth and stiffening 0.5 to 0.86 in plants that have them, else 0.93).
+"""
+
+WITHIN = 2.0
+"""Numbers differ clearly that are so many standard errors apart [1]. Source: reference (Hastie,
+Tibshirani and Friedman 2009, section 7.10, with two in place of one).
+"""
+
+
+def scaled_solution(matrix: Floats, target: Floats) -> tuple[Floats, float]:
+    """Return the solution of least squares, (n,), by columns that are scaled to one size, and the
+    RMS of what it leaves.
+
+    Args:
+        matrix: columns, (n_samples, n).
+        target: (n_samples,).
+    """
+    size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
+    solution = np.linalg.lstsq(matrix / size, target, rcond=1e-9)[0] / size
+    return solution, float(np.sqrt(np.mean((target - matrix @ solution) ** 2)))
+
+
+def left_out(parts: Sequence[tuple[Floats, Floats]]) -> list[Floats]:
+    """Return what each of several logs has left of its target, (k,) each, by the solution of all
+    others; of a single log by its own. Each log is a matrix, (k, n), and a target, (k,).
+    """
+    residuals = []
+    for k, (matrix, target) in enumerate(parts):
+        training = [part for i, part in enumerate(parts) if i != k] or parts
+        solution, _ = scaled_solution(
+            np.vstack([columns for columns, _ in training]),
+            np.concatenate([values for _, values in training]),
+        )
+        residuals.append(target - matrix @ solution)
+    return residuals
+
+
+def relative_errors(matrix: Floats, window: int) -> Floats:
+    """Return the standard errors of the coefficients of a `matrix`, (n,), per RMS of what is left,
+    where the samples of a `window`, over which both sides are smoothed, count as one.
+    """
+    size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
+    scaled = matrix / size
+    covariance = np.linalg.pinv(scaled.T @ scaled / window)
+    return np.asarray(np.sqrt(np.diag(covariance)) / size)
+
 
 MOST_SAMPLES = 1500
 """Samples of a log that are used: more say nothing new of sizes. Source: judgement."""

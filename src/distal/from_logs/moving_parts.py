@@ -12,10 +12,9 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import RigError
-from distal.from_logs.column_units import ColumnRole
+from distal.from_logs.column_values import ColumnRole
 from distal.from_logs.found_parts import FoundDrive, FoundJoint
-from distal.from_logs.least_squares import BETTER, left_out
-from distal.from_logs.motion_data import MotionData
+from distal.from_logs.motion_data import BETTER, MotionData, left_out
 from distal.from_logs.sizes import drive_sizes, odd_sign
 from distal.from_logs.structure import (
     EXPLAINED,

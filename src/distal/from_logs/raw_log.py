@@ -14,7 +14,7 @@ from scipy.signal import medfilt
 from distal.arrays import Bools, Floats
 from distal.errors import LogError, RigError
 from distal.from_logs.column_names import SURE, NameEvidence
-from distal.from_logs.column_units import ColumnRole
+from distal.from_logs.column_values import ColumnRole
 from distal.logs import (
     Column,
     Episode,

@@ -9,9 +9,9 @@ from math import degrees, isfinite, pi
 
 import numpy as np
 
-from distal.from_logs.column_units import ColumnRole
+from distal.from_logs.column_values import ColumnRole
 from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulled_both_ways, pulls_of
-from distal.from_logs.joint_balance import JointBalance, joint_balance
+from distal.from_logs.link_masses import JointBalance, joint_balance
 from distal.from_logs.motion_data import MotionData, counts_of
 from distal.from_logs.sizes import DriveSizes
 from distal.from_logs.stops import joint_stops

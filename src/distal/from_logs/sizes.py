@@ -17,18 +17,18 @@ from math import exp, isfinite
 import numpy as np
 
 from distal.arrays import Floats
-from distal.from_logs.column_units import ColumnRole
-from distal.from_logs.least_squares import (
+from distal.from_logs.column_values import ColumnRole
+from distal.from_logs.motion_data import (
     BETTER,
     CLEAR,
     OF_SPEED,
+    MotionData,
     left_out,
     length_of,
     relative_errors,
     scaled_solution,
     smoothed,
 )
-from distal.from_logs.motion_data import MotionData
 from distal.from_logs.structure import EXPLAINED, DriveStructure
 from distal.model.plays import STEEPEST
 from distal.regression import FEWEST_LOGS

@@ -24,8 +24,7 @@ from itertools import combinations
 import numpy as np
 
 from distal.arrays import Bools, Floats
-from distal.from_logs.least_squares import BETTER, WITHIN, left_out, scaled_solution
-from distal.from_logs.motion_data import MotionData
+from distal.from_logs.motion_data import BETTER, WITHIN, MotionData, left_out, scaled_solution
 from distal.from_logs.raw_log import FEWEST_ROWS
 
 BLOCKS = 5

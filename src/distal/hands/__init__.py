@@ -1,10 +1,9 @@
 """Robot hands with their own SDKs: power-on calibration, joint angles and goals, live."""
 
 from distal.hands.calibrate import Calibrated, calibrate
-from distal.hands.findings import Fault, FaultKind
+from distal.hands.findings import Fault, FaultKind, moved_since
 from distal.hands.hand import Hand, HandHealth
 from distal.hands.motors import AeroMotors, Motors, OrcaMotors
-from distal.hands.moved import moved_since
 from distal.hands.routine import Routine, RoutineOptions
 
 __all__ = [

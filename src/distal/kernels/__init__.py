@@ -2,7 +2,7 @@
 interpreter.
 """
 
-from distal.kernels.cache import cache_folder
+from distal.kernels.cache import Recipe, Structure, cache_folder, structure_of
 from distal.kernels.compiler import c_source, find_compiler
 from distal.kernels.driver import (
     Indices,
@@ -33,7 +33,6 @@ from distal.kernels.layout import (
     mean_of,
     variances_of,
 )
-from distal.kernels.structure import Recipe, Structure, structure_of
 
 __all__ = [
     "AT_ONCE",

@@ -22,8 +22,16 @@ from typing import cast
 import casadi as ca
 
 from distal.codegen import CodeError, Emitter, Lanes, Plain
-from distal.kernels.cache import Cache, Library, cache_folder, check_own, cpu, digest
-from distal.kernels.structure import Recipe, Structure
+from distal.kernels.cache import (
+    Cache,
+    Library,
+    Recipe,
+    Structure,
+    cache_folder,
+    check_own,
+    cpu,
+    digest,
+)
 
 # with 512-bit vectors GCC 12 makes wrong code of some filters: a covariance is no longer symmetric
 NARROW = ("-mprefer-vector-width=256",) if platform.machine() in ("x86_64", "AMD64") else ()

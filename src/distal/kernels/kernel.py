@@ -19,6 +19,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import KernelWarning
+from distal.kernels.cache import Recipe, Structure
 from distal.kernels.compiler import (
     OPTIMISED,
     QUICK,
@@ -31,7 +32,6 @@ from distal.kernels.compiler import (
 )
 from distal.kernels.lanes import LaneKernel, begin_lanes
 from distal.kernels.layout import Feed, Sizes
-from distal.kernels.structure import Recipe, Structure
 
 AT_ONCE = 1 << 20
 """Numbers of whole kernel states in memory, where few of them are kept [1]: 8 MB. Source:

@@ -12,7 +12,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.codegen import Lanes
-from distal.kernels.cache import cpu
+from distal.kernels.cache import Recipe, cpu
 from distal.kernels.compiler import (
     OPTIMISED_LANES,
     begin_library,
@@ -21,7 +21,6 @@ from distal.kernels.compiler import (
     loaded,
 )
 from distal.kernels.layout import Advanced, Feed
-from distal.kernels.structure import Recipe
 
 _BATCH = """
 /* {lanes} runs of {name}: of each sample's kernel_state the numbers `keep` are kept, and y; a run

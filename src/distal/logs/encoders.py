@@ -9,7 +9,7 @@ from math import ceil, exp, floor, inf, isfinite, nan, pi
 from typing import Literal
 
 from distal.rig import Rig, Sensor, drive_travel, motor_range, step_of
-from distal.rig.sensors.motions import AngleSensor
+from distal.rig.sensors.base import AngleSensor
 
 Kind = Literal["turn", "unknown turn", "restarted", "decoded", "left out", "jumped", "repeated"]
 """What the door did with a reading: its turn may be another one, or is a guess; it counts from

@@ -11,6 +11,7 @@ from distal.regression.known_window import (
     from_window,
     given,
 )
+from distal.regression.least_squares import YARDSTICKS, line_errors, servos_of, yardstick_error
 from distal.regression.map_function import (
     begun_by,
     map_function,
@@ -29,8 +30,6 @@ from distal.regression.posterior import (
 )
 from distal.regression.reported_map import ReportedMap, reporting_function
 from distal.regression.samples import FEWEST_LOGS, Samples, folds_of, groups_of, played, splits
-from distal.regression.servos import servos_of
-from distal.regression.yardsticks import YARDSTICKS, line_errors, yardstick_error
 
 __all__ = [
     "FEWEST_LOGS",

@@ -53,8 +53,7 @@ from distal.rig.plausibility import (
 )
 from distal.rig.quantities import Description, In, Parameter
 from distal.rig.rig import Rig, parameters_below
-from distal.rig.sensors.base import COUNTS, Motion, Role
-from distal.rig.sensors.motions import drive_travel
+from distal.rig.sensors.base import COUNTS, Motion, Role, drive_travel
 from distal.rig.sensors.registry import (
     REFERENCES,
     Sensor,

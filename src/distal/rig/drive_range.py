@@ -8,7 +8,7 @@ from math import inf, radians, sqrt
 
 from distal.rig.drives import Capstan
 from distal.rig.rig import Rig
-from distal.rig.sensors.motions import drive_travel
+from distal.rig.sensors.base import drive_travel
 from distal.rig.sensors.registry import Sensor
 
 BEYOND = 0.05

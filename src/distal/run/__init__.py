@@ -2,11 +2,17 @@
 health of a stream.
 """
 
-from distal.run.estimate_batch import estimate_batch
+from distal.run.batch import (
+    Hour,
+    PieceEstimate,
+    by_hour,
+    estimate_batch,
+    estimate_pieces,
+    plot_hours,
+)
 from distal.run.health import HEALTH
 from distal.run.live_estimator import JointContact, LiveEstimator
 from distal.run.log_units import LiveInLogUnits, LogUnits
-from distal.run.long_logs import Hour, PieceEstimate, by_hour, estimate_pieces, plot_hours
 from distal.run.monitor import LOST, Monitor, Reading, log_health
 from distal.run.offline import estimate, samples_of, with_channel
 from distal.run.smoothing import smooth

@@ -24,7 +24,7 @@ from distal.model import Mechanism
 from distal.parallel import one_blas_thread
 from distal.results import Estimate
 from distal.rig import Rig, named
-from distal.run.estimate_batch import run_all
+from distal.run.batch import run_all
 from distal.run.offline import Run, estimator_for, prepared
 from distal.simulation import Scenario
 from distal.simulation.plant import plant_kernel

@@ -13,7 +13,7 @@ import pytest
 from distal import Log, Rig, estimate, load_rig
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive.drive_tracking import REMEMBERED, Tracks
-from distal.estimators.adaptive.interval import Interval
+from distal.estimators.adaptive.filter_inputs import Interval
 from distal.estimators.adaptive.slack_pairs import slack_pair_function, slack_pairs, within_play
 from distal.rig.hand_tables.described import hand_of
 from distal.rig.hand_tables.rows import Row

@@ -4,6 +4,7 @@ all its steps in order.
 
 from distal.estimators.adaptive.estimator import AdaptiveFilter, state_vector
 from distal.estimators.adaptive.filter_context import FilterContext
+from distal.estimators.adaptive.guards import Robustness
 from distal.estimators.adaptive.states import (
     KINDS,
     Kind,
@@ -11,7 +12,6 @@ from distal.estimators.adaptive.states import (
     StateVector,
     uncertain_parameters,
 )
-from distal.estimators.adaptive.tuning import Robustness
 
 __all__ = [
     "KINDS",

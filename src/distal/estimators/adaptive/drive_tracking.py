@@ -12,18 +12,18 @@ from typing import Generic
 import casadi as ca
 
 from distal.estimators.adaptive.filter_context import FilterContext
+from distal.estimators.adaptive.filter_inputs import mechanics_function
 from distal.estimators.adaptive.guards import (
     SETTLED_TIME,
     SOONEST_STOP,
+    Robustness,
     chance_of_jump,
     is_far,
     jump_evidence,
     kept_shift,
     zero_jumped,
 )
-from distal.estimators.adaptive.interval import mechanics_function
 from distal.estimators.adaptive.states import StateVector
-from distal.estimators.adaptive.tuning import Robustness
 from distal.estimators.read_channels import DEAD_INTERVALS, UNKNOWN_POSITION
 from distal.expressions import Expression, Scalar
 from distal.kernels.layout import Layout, is_bridge, is_read, is_there, rows_left

@@ -15,9 +15,9 @@ from distal.estimators.adaptive.drive_tracking import remembered_position
 from distal.estimators.adaptive.filter_function import adaptive_function, adaptive_layout
 from distal.estimators.adaptive.filter_inputs import states_of_rig
 from distal.estimators.adaptive.first_sample import prior_function
+from distal.estimators.adaptive.guards import Robustness
 from distal.estimators.adaptive.states import KINDS, Kind, StateVector
 from distal.estimators.adaptive.touch import TORQUE
-from distal.estimators.adaptive.tuning import Robustness
 from distal.estimators.belief import Report
 from distal.estimators.directions import directions
 from distal.estimators.estimator_protocol import KernelEstimator

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import casadi as ca
 
 from distal.estimators.adaptive.drive_tracking import Tracks
-from distal.estimators.adaptive.interval import Interval, Prediction
+from distal.estimators.adaptive.filter_inputs import Interval, Prediction
 from distal.estimators.adaptive.prediction import set_row
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.state_kinds import StateKind

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered_position
-from distal.estimators.adaptive.interval import Interval
+from distal.estimators.adaptive.filter_inputs import Interval
 from distal.estimators.adaptive.joint_slopes import doubted_frictions, friction_stds, moving
 from distal.estimators.adaptive.states import StateVector
 from distal.expressions import Matrix, MatrixNode, Scalar, Vector, VectorNode

@@ -13,8 +13,8 @@ import casadi as ca
 
 from distal.estimators.adaptive.drive_tracking import Tracks
 from distal.estimators.adaptive.filter_context import FilterContext
+from distal.estimators.adaptive.filter_inputs import mechanics_function
 from distal.estimators.adaptive.guards import extra_variance
-from distal.estimators.adaptive.interval import mechanics_function
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector, VectorNode

@@ -10,7 +10,7 @@ import casadi as ca
 
 from distal.estimators.adaptive.drive_tracking import Tracks
 from distal.estimators.adaptive.filter_context import FilterContext
-from distal.estimators.adaptive.interval import Interval, mechanics_function
+from distal.estimators.adaptive.filter_inputs import Interval, mechanics_function
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.touch import SURE
 from distal.estimators.kalman import Downdate, along

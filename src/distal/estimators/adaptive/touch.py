@@ -18,7 +18,7 @@ import casadi as ca
 
 from distal.estimators.adaptive.drive_tracking import Tracks
 from distal.estimators.adaptive.filter_context import FilterContext
-from distal.estimators.adaptive.interval import Interval
+from distal.estimators.adaptive.filter_inputs import Interval
 from distal.estimators.adaptive.states.vector import StateVector
 from distal.estimators.estimator_protocol import TOUCHED
 from distal.expressions import ScalarNode, VectorNode

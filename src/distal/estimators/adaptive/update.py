@@ -9,8 +9,8 @@ import numpy as np
 
 from distal.estimators.adaptive.drive_friction import Comparison, Residual, compared
 from distal.estimators.adaptive.drive_tracking import TRACKED, Drive, Tracks
-from distal.estimators.adaptive.guards import robust_variance
-from distal.estimators.adaptive.interval import Interval, Prediction
+from distal.estimators.adaptive.filter_inputs import Interval, Prediction
+from distal.estimators.adaptive.guards import Robustness, robust_variance
 from distal.estimators.adaptive.measurement import ROW, SLOPED, MeasurementRow, Rows
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.touch import (
@@ -21,7 +21,6 @@ from distal.estimators.adaptive.touch import (
     open_torques,
     paced,
 )
-from distal.estimators.adaptive.tuning import Robustness
 from distal.estimators.kalman import Downdate, along
 from distal.expressions import MatrixNode, ScalarNode, VectorNode
 from distal.kernels.layout import Layout, is_there, share_used

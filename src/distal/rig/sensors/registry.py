@@ -13,10 +13,19 @@ from pydantic import Field
 from distal.errors import UnitError, did_you_mean
 from distal.rig.drives import Capstan
 from distal.rig.quantities import ONE, Parameter
-from distal.rig.sensors.base import COUNTS, Measurand, Part, Parts, Role
+from distal.rig.sensors.base import (
+    ANGLE,
+    COUNTS,
+    POSITION,
+    AngleSensor,
+    LengthSensor,
+    Measurand,
+    Part,
+    Parts,
+    Role,
+)
 from distal.rig.sensors.forces import FORCE, TENSION, TORQUE, ForceSensor, TorqueSensor
 from distal.rig.sensors.imu import IMU, VALUES, Accelerometer, Gyroscope
-from distal.rig.sensors.motions import ANGLE, POSITION, AngleSensor, LengthSensor
 from distal.units import unit_factor
 
 MEASURANDS: dict[str, Measurand] = {

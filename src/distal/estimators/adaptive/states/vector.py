@@ -8,13 +8,14 @@ import casadi as ca
 import numpy as np
 
 from distal.estimators.adaptive.filter_context import FilterContext
-from distal.estimators.adaptive.states.drive import (
+from distal.estimators.adaptive.states.internal import inside
+from distal.estimators.adaptive.states.motion import (
+    external_torques,
+    motions,
     transmissions,
     unknown_frictions,
     unmeasured_positions,
 )
-from distal.estimators.adaptive.states.internal import inside
-from distal.estimators.adaptive.states.joint import external_torques, motions
 from distal.estimators.adaptive.states.parameter import uncertain_parameters
 from distal.estimators.adaptive.states.reading import (
     linearities,
