@@ -1,4 +1,6 @@
-"""Faults of tendons and spools that a power-on routine shows, and what changed between two of them."""
+"""Faults of tendons and spools that a power-on routine shows, and what changed between two of
+them.
+"""
 
 from __future__ import annotations
 

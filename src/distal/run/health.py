@@ -306,7 +306,7 @@ def watch_of(estimator: KernelEstimator) -> Watch:
         "stuck": stuck,
         "missing": missing,
         "wrong": wrong,
-        "large": ca.logic_and(ratio > LARGE, not redundancy.maps),
+        "large": (ratio > LARGE) * float(not redundancy.maps),
         "left": left,
     }
     visits = [

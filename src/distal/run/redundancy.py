@@ -174,7 +174,9 @@ def _every(flags: VectorNode) -> VectorNode:
 
 
 MEANS = Layout(means=len(AVERAGED), time=1)
-"""Means of T² of a part, and for how long it has been compared [s]."""
+"""Means of T² of a part, and for how long it has been compared [s]. Source: definition (layout of a
+vector).
+"""
 
 
 def whitening(correlation: Floats) -> Floats:

@@ -18,7 +18,7 @@ from distal.rig import (
     parse_toml,
 )
 from distal.rig.mjcf.bodies import _roll_pitch_yaw, carried_by, parent_of
-from distal.rig.mjcf.excursion import _fitted, fit_excursion
+from distal.rig.mjcf.loading import _fitted, fit_excursion
 from distal.rig.mjcf.spatial_tendons import _as_spring
 from tests.rig.mjcf.models import FINGER, written_as_mjcf
 

@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import Content, LogError, OutputError
-from distal.logs.formats.bags import MCAP, ROSBAG
 from distal.logs.formats.csv import CSV
 from distal.logs.formats.format import Format
 from distal.logs.formats.hdf5 import HDF5
+from distal.logs.formats.mcap import MCAP
 from distal.logs.formats.parquet import PARQUET
+from distal.logs.formats.rosbag import ROSBAG
 
 FORMATS = (CSV, PARQUET, HDF5, MCAP, ROSBAG)
 """All formats of logs, in the order in which a path is compared with them."""

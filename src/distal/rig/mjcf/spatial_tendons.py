@@ -11,12 +11,13 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.rig.mjcf.bodies import Units, joint_name, tendon_name
-from distal.rig.mjcf.excursion import ENOUGH, fit_excursion
 from distal.rig.mjcf.loading import (
     ASSUMED,
+    ENOUGH,
     POSES,
     Poses,
     at_poses,
+    fit_excursion,
     over_ranges,
     range_of,
     rest_lengths,

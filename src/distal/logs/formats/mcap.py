@@ -1,4 +1,4 @@
-"""MCAP files, and bags of ROS 1, which are files, and of ROS 2, which are folders."""
+"""MCAP files: recordings of messages in JSON or of ROS 2."""
 
 from __future__ import annotations
 
@@ -102,28 +102,3 @@ def _of_ros(path: Path, stores: dict[int, Any], schema: Any, data: bytes) -> obj
 
 
 MCAP = Format(endings=(".mcap",), messages=read_mcap)
-
-
-def read_rosbag(path: Path, topics: set[str]) -> Iterator[Message]:
-    """Yield the messages of a bag.
-
-    Args:
-        path: the bag, or the database (``.db3``) in the folder of a ROS 2 bag.
-        topics: a set, into which the names of the topics are put.
-    """
-    path = path.parent if path.suffix.lower() == ".db3" else path
-    try:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError:
-        raise LogError(
-            f"{path}: ROS bags need the package rosbags (pip install '.[ros]')"
-        ) from None
-    with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
-        topics.update(connection.topic for connection in reader.connections)
-        for connection, recorded, raw in reader.messages():
-            decode = partial(reader.deserialize, raw, connection.msgtype)
-            yield Message(path, connection.topic, recorded, decode)
-
-
-ROSBAG = Format(endings=(".bag", ".db3"), messages=read_rosbag, folder="metadata.yaml")
