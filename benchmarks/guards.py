@@ -36,7 +36,6 @@ WITHOUT: dict[str, float] = {
     "real_jump": 0.0,
     "bend_share": 0.0,
     "follow_time": inf,
-    "followed_variance": 0.0,
     "wild_force": inf,
     "sticking_time": 0.0,
     "turning_time": 0.0,

@@ -24,7 +24,6 @@ from tests.support.cases import (
     WITHIN,
     paper_log,
     paper_rig,
-    spoiled,
 )
 
 from benchmarks.report import table
@@ -35,25 +34,17 @@ from distal.estimators import AdaptiveFilter, Robustness
 SEEDS = 5
 PRIORS = ((0.7, 0.5), (0.7, 0.6), (0.7, 1.0), (1.0, 1.0), (1.0, 2.0))
 """Standard deviation and random walk per √s of unknown friction, in σ of the force sensor."""
-FOLLOWED = (0.0, 5.0, 20.0, 100.0)
-"""How often the variance of a lost place is added to its force."""
 RATES = (1, 2, 5, 10)
-SPOILED = tuple((kind, plant) for kind in (*MID_RANGE, *INTO_STOPS) for plant in WITHIN[:3])
 
 
 @lru_cache(maxsize=16)
-def _filter(prior: tuple[float, float], followed: float) -> AdaptiveFilter:
+def _filter(prior: tuple[float, float]) -> AdaptiveFilter:
     std, walk = prior
-    guards = Robustness(
-        unknown_friction=std, unknown_friction_walk=walk, followed_variance=followed
-    )
+    guards = Robustness(unknown_friction=std, unknown_friction_walk=walk)
     return AdaptiveFilter(paper_rig("as the rig"), robustness=guards)
 
 
-USUAL = (
-    (Robustness().unknown_friction, Robustness().unknown_friction_walk),
-    Robustness().followed_variance,
-)
+USUAL = Robustness().unknown_friction, Robustness().unknown_friction_walk
 
 
 def every(log: Log, n: int) -> Log:
@@ -79,17 +70,17 @@ def _declared() -> AdaptiveFilter:
 
 
 def run(
-    job: tuple[str, str, str, int, tuple[float, float], float, int],
+    job: tuple[str, str, str, int, tuple[float, float], int],
 ) -> tuple[float, float, float, float]:
     """Return mean square error, the same after 1 s, share inside the band, median std of one
     log.
     """
-    what, kind, plant, seed, prior, followed, n = job
+    what, kind, plant, seed, prior, n = job
     log = paper_log(kind, plant, seed)
     if what in ("every", "x2"):
         log = every(log, n) if what == "every" else one_slow(log, n)
-    used = _declared() if what == "declared" else _filter(prior, followed)
-    result: Estimate = estimate(spoiled(log, seed) if what == "spoiled" else log, used.rig, used)
+    used = _declared() if what == "declared" else _filter(prior)
+    result: Estimate = estimate(log, used.rig, used)
     squares = result.errors() ** 2
     late = float(np.mean(squares[result.time > 1.0]))
     return float(np.mean(squares)), late, result.inside_band(), float(np.median(result.theta_std))
@@ -114,29 +105,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=SEEDS)
     seeds = range(parser.parse_args().seeds)
-    prior, followed = USUAL
+    prior = USUAL
     jobs = [
-        ("whole", kind, plant, seed, pair, followed, 1)
+        ("whole", kind, plant, seed, pair, 1)
         for pair in PRIORS
         for kind in SCENARIOS
         for plant in (*WITHIN, *HARD)
         for seed in seeds
     ]
     jobs += [
-        ("spoiled", *case, seed, prior, a, 1)
-        for a in FOLLOWED
-        for case in SPOILED
-        for seed in seeds
-    ]
-    jobs += [
-        (what, kind, "as the rig", seed, prior, followed, n)
+        (what, kind, "as the rig", seed, prior, n)
         for what in ("every", "x2")
         for n in RATES
         for kind in MID_RANGE
         for seed in seeds
     ]
     jobs += [
-        ("declared", kind, plant, seed, prior, followed, 1)
+        ("declared", kind, plant, seed, prior, 1)
         for kind in MID_RANGE
         for plant in HARD
         for seed in seeds
@@ -148,7 +133,7 @@ def main() -> None:
     scores = dict(zip(jobs, results))
 
     def chosen(**desired: object) -> list[tuple[float, float, float, float]]:
-        names = ("what", "kind", "plant", "seed", "prior", "followed", "n")
+        names = ("what", "kind", "plant", "seed", "prior", "n")
         return [
             score
             for job, score in scores.items()
@@ -190,16 +175,6 @@ def main() -> None:
             [how, plant, *said(chosen(what=what, prior=prior, kind=list(MID_RANGE), plant=plant))]
             for what, how in (("whole", "none"), ("declared", "0.5 ± 0.5 N"))
             for plant in HARD
-        ],
-    )
-    table(
-        "sensitivity-lost",
-        "Spoiled logs: variance added to the force of a lost place, in variances of the place",
-        ["added", "scenario", *cells],
-        [
-            [f"{a:g}", kind, *said(chosen(what="spoiled", followed=a, kind=kind))]
-            for a in FOLLOWED
-            for kind in (*MID_RANGE, *INTO_STOPS)
         ],
     )
     table(

@@ -19,6 +19,7 @@ import tempfile
 import warnings
 from collections import defaultdict
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -28,10 +29,12 @@ from scipy.stats import ttest_1samp
 from benchmarks.report import table
 from distal import (
     DistalError,
+    Estimate,
     LiveEstimator,
     Log,
     Monitor,
     Rig,
+    diagnose,
     estimate,
     load_rig,
     load_scenario,
@@ -250,7 +253,7 @@ def _densities(log: Log, rig: Rig) -> list[np.ndarray]:
     redundancy = Redundancy.of(rig, list(log.channels))
     values = np.column_stack(list(log.channels.values()))
     mask = np.isfinite(values)
-    predicted, _ = redundancy.along(log.time, np.where(mask, values, 0.0), mask)
+    predicted, _, _ = redundancy.along(log.time, np.where(mask, values, 0.0), mask)
     return [-np.nansum(squares, axis=1) / 2, -np.sum(np.minimum(predicted, MOST), axis=1) / 2]
 
 
@@ -263,11 +266,36 @@ def _shows(spoiled: Log, good: list[np.ndarray], rig: Rig) -> bool:
     return False
 
 
-Row = tuple[str, str, float, float, float, bool]
+NAMED = {
+    "stuck": "is it stuck",
+    "offset": "off: its zero",
+    "scaled": "gear",
+    "sign": "its sign",
+    "swap": "swapped",
+    "unit": "1000 times too small",
+    "late": "s late",
+}
+"""Kind → what the diagnosis says of it first."""
+
+
+def _names(log: Log, rig: Rig, result: Estimate, kind: str) -> float:
+    """Return whether the diagnosis, which does not know the truth, names the kind first; NaN of a
+    kind that has no name.
+    """
+    if kind not in NAMED:
+        return np.nan
+    findings = diagnose(replace(result, truths=None), replace(log, truth={}), rig).findings
+    causes = [f.text for f in findings if f.kind in ("looks like", "stuck")]
+    return float(bool(causes) and NAMED[kind] in causes[0])
+
+
+Row = tuple[str, str, float, float, float, bool, float]
 
 
 def results(folders: list[Path]) -> dict[str, list[Row]]:
-    """Return kind → (rig, entry point, share hidden, share off, share not ok, whether it shows)."""
+    """Return kind → (rig, entry point, share hidden, share off, share not ok, whether it shows,
+    whether it is named).
+    """
     found = defaultdict(list)
     with tempfile.TemporaryDirectory() as name, warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -291,13 +319,15 @@ def results(folders: list[Path]) -> dict[str, list[Row]]:
                 except DistalError:  # it ends with a sentence
                     shares = 0.0, 1.0, 1.0
                     shows = True
+                    named = np.nan
                 else:
                     shows = _shows(log, densities, rig)
                     words = list(log_health(log, rig))
                     shares = _hidden(result.angles, result.angle_stds, words, truth)
-                found[kind].append((rig_name, "estimate", *shares, shows))
+                    named = _names(log, rig, result, kind)
+                found[kind].append((rig_name, "estimate", *shares, shows, named))
                 streamed = _hidden(*_streamed(file, rig), truth)
-                found[kind].append((rig_name, "stream", *streamed, shows))
+                found[kind].append((rig_name, "stream", *streamed, shows, np.nan))
     return found
 
 
@@ -312,6 +342,7 @@ def main() -> None:
         worst = entries[int(np.argmax(hidden))]
         means = [f"{100 * np.mean([entry[i] for entry in entries]):.1f}" for i in (2, 3, 4)]
         shown = [entry[2] for entry in entries if entry[5]]
+        named = [entry[6] for entry in entries if entry[5] and not np.isnan(entry[6])]
         silent = sorted({entry[0] for entry in entries if not entry[5]})
         rows.append(
             (
@@ -319,6 +350,7 @@ def main() -> None:
                 *means,
                 f"{100 * worst[2]:.0f} ({worst[0]}, {worst[1]})",
                 f"{100 * np.mean(shown):.1f}" if shown else "",
+                f"{100 * np.mean(named):.0f} of {len(named)}" if named else "",
                 ", ".join(silent),
             )
         )
@@ -329,6 +361,7 @@ def main() -> None:
         "not ok [%]",
         "worst: off, but ok [%]",
         "off, but ok, where it shows [%]",
+        "named first, where it shows [%]",
         "shows not on",
     )
     table("wrong_inputs", "Readings that go wrong", columns, rows)

@@ -151,7 +151,8 @@ def test_the_means_are_those_of_the_errors_on_the_log(rig: Rig) -> None:
     predicted = along["features"] @ learned.arrays["mean"].T
     forces = np.column_stack([log.channels[name] for name in learned.joints])[:count]
     redundancy = Redundancy.of(rig, monitor.channels)
-    squares, _ = redundancy.along(log.time[:count], samples[:count], np.isfinite(samples[:count]))
+    there = np.isfinite(samples[:count])
+    squares, _, _ = redundancy.along(log.time[:count], samples[:count], there)
     plain = ((forces - predicted) / learned.rms) ** 2
     assert (squares <= plain * (1 + 1e-9)).all()
     assert np.sum(squares[:50]) < 0.9 * np.sum(plain[:50])

@@ -14,7 +14,7 @@ from distal.confidence import BAND, COVERED
 from distal.diagnosis.causes import Cause, causes_of
 from distal.diagnosis.finding import COMPLIANCE, SCALE, ZERO, Finding, Kind, named_cause
 from distal.diagnosis.known_motion import sizes
-from distal.diagnosis.naming import Search, Trial, candidates, unfelt
+from distal.diagnosis.naming import Search, candidates, unfelt, wrong_readings
 from distal.diagnosis.of_estimate import (
     ChannelStatistics,
     Diagnosis,
@@ -57,9 +57,10 @@ def diagnose(
 
     The result alone gives its innovations, and states that left their priors. With log and rig
     there are also: a reference angle outside the band; displacements beyond the range of their
-    drive, or stuck. One pass of `adaptive` over copies in which
-    one thing each is perturbed tells which causes the log would show; where something disagrees,
-    two more passes without the likeliest causes tell which explains it.
+    drive, or stuck. Of a rig whose logs taught what forces are normal, `wrong_readings` says which
+    reading is wrong. Else one pass of `adaptive` over copies in which one thing each is perturbed
+    tells which causes the log would show; where something disagrees, two more passes without the
+    likeliest causes tell which explains it.
 
     Args:
         result: the estimate.
@@ -79,18 +80,25 @@ def diagnose(
         return diagnose_estimate(result)
     truth = against_truth(result)
     unlike = not_free(log, rig)
+    outside = out_of_range(log, _learned_range(rig))
     further = [
         *truth,
         *elsewhere(log, rig),
         *stuck_positions(log, rig),
-        *out_of_range(log, _learned_range(rig)),
+        *outside,
         *unlike,
     ]
     first = diagnose_estimate(result, further)
     if result.estimator != "adaptive" or not what_if:
         return first
     runs = _runs(log, rig, homing, compiled=compiled)
-    derivatives = derivatives_of(runs, _causes(runs))
+    causes = _causes(runs)
+    is_stuck = any(finding.kind == "stuck" for finding in further)
+    if result.is_taught and (unlike or outside) and not is_stuck:
+        named = _named(wrong_readings(runs.log, rig, causes), "looks like", rig)
+        if named:
+            return diagnose_estimate(result, further + named)
+    derivatives = derivatives_of(runs, causes)
     if not derivatives.base.bounded:
         return first
     test = derivatives.test(of_truth=False)
@@ -100,10 +108,9 @@ def diagnose(
         # what the filter learns within the rig's own stds contradicts nothing
         again = _channels(runs, runs.begun_with(ends.means[-1]))
         channels = channels if again.disagreeing() else again
-    disagrees = bool(unlike or channels.disagreeing())
+    disagrees = bool(channels.disagreeing())
     has_truths = result.truths is not None
     wide = has_truths and not truth and not result.is_taught
-    is_stuck = any(finding.kind == "stuck" for finding in further)
     if not is_stuck and (truth or disagrees or wide):
         sized = _sized(runs, derivatives.causes)
         tests = [test]
@@ -142,16 +149,16 @@ def why_diverged(log: Log, rig: Rig, homing: float | None = None) -> list[Findin
 
 def _explained(
     runs: PerturbedRuns, base: Outcome, changes: Sequence[Change], ways: Sequence[bool]
-) -> list[Trial]:
-    """Return the trials that explain something, by the first way that finds any: by known angles,
-    or by innovations; no sensor may disagree then.
+) -> list[tuple[Change, float]]:
+    """Return the changes that explain something, with their gains, by the first way that finds
+    any: by known angles, or by innovations, of which none may disagree then.
     """
     for of_truth in ways:
         trials = Search(runs, base, of_truth=of_truth)(changes)
         if not of_truth:
-            trials = [trial for trial in trials if _agrees(runs, trial)]
+            trials = [trial for trial in trials if not _channels(runs, trial.outcome).disagreeing()]
         if trials:
-            return trials
+            return [(trial.change, trial.gain) for trial in trials]
     return []
 
 
@@ -165,12 +172,6 @@ def _causes(runs: PerturbedRuns) -> list[Cause]:
     return causes_of(runs.estimator, float(np.median(np.diff(runs.log.time))))
 
 
-def _agrees(runs: PerturbedRuns, trial: Trial) -> bool:
-    """Return whether no sensor disagrees with the rig in a trial."""
-    unlike = unlike_free_motion(runs.log_with(trial.change), runs.estimator.rig)
-    return not unlike and not _channels(runs, trial.outcome).disagreeing()
-
-
 def _sized(runs: PerturbedRuns, causes: Sequence[Cause]) -> dict[Cause, list[float]]:
     return {} if runs.truths is None else sizes(runs.estimator, runs.log, runs.truths, causes)
 
@@ -181,18 +182,23 @@ def _channels(runs: PerturbedRuns, outcome: Outcome) -> ChannelStatistics:
     return statistics_of(estimator.measured, outcome.normalized, runs.log.time, is_taught=is_taught)
 
 
-def _named(trials: Sequence[Trial], kind: Kind, rig: Rig) -> list[Finding]:
+def _named(changes: Sequence[tuple[Change, float]], kind: Kind, rig: Rig) -> list[Finding]:
     """Return the likeliest causes in words: one, two that are wrong together, or two that cannot be
     told apart.
+
+    Args:
+        changes: with their gains in −2 ln p, the likeliest first.
+        kind: of the findings.
+        rig: of the log.
     """
-    if not trials:
+    if not changes:
         return []
-    named = [[named_cause(kind, rig, *pair) for pair in t.change.items()] for t in trials]
+    named = [[named_cause(kind, rig, *pair) for pair in change.items()] for change, _ in changes]
+    best = changes[0][1]
     alternatives = [
         findings_of[0]
-        for trial, findings_of in zip(trials, named)
-        if trials[0].gain - trial.gain < quantile(1) ** 2
-        and findings_of[0].subject != named[0][0].subject
+        for (_, gain), findings_of in zip(changes, named)
+        if best - gain < quantile(1) ** 2 and findings_of[0].subject != named[0][0].subject
     ]
     other = [
         replace(finding, text=f"or {finding.text} (these cannot be told apart)")

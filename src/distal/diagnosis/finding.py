@@ -90,7 +90,7 @@ def named_cause(kind: Kind, rig: Rig, cause: Cause, x: float) -> Finding:
     """Return the finding that a cause explains a disagreement, by the change `x` that takes it
     off.
     """
-    verb = "look" if cause.kind == "swap" else "looks"
+    verb = "look" if len(cause.channels) > 1 else "looks"
     named = {"friction": "friction of ", "damping": "damping of "}.get(cause.kind, "")
     subject = f"{named}{cause.subject}"
     return Finding(kind, subject, f"{subject} {verb} {_like(rig, cause, x)}")

@@ -1,19 +1,30 @@
 """Which cause explains what a log says against its rig: sizes by known motion and by the score
 test, then the filter itself, run without each likely cause.
+
+Of a rig whose logs taught what forces are normal, it is the change of a reading after which the
+forces are those of free motion at their positions (`wrong_readings`). Each change costs k Σ min(T²,
+c) + 2 ln(1 + δ²): T² of `distal.run.redundancy` in the mean of the log, c where a position is where
+no log has been; k spans of time that count as independent; and the distance δ of the change from
+what the rig says, in its stds, with Cauchy's prior.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from distal.arrays import Floats
 from distal.confidence import BAND
-from distal.diagnosis.causes import Cause
+from distal.diagnosis.causes import UNITS, Cause
 from distal.diagnosis.perturbed_runs import Change, Derivatives, Outcome, PerturbedRuns
-from distal.diagnosis.score_test import ScoreTest, independent, quantile
+from distal.diagnosis.score_test import SPAN, ScoreTest, independent, quantile
+from distal.logs import Log
+from distal.rig import Rig
+from distal.run.redundancy import MOST, Redundancy
 
 NEARER = (0.6, 0.85, 1.15, 1.4)
 """Shares of a change that are tried beside it [1]. Source: judgement."""
@@ -226,3 +237,97 @@ def unfelt(derivatives: Derivatives, test: ScoreTest) -> list[Cause]:
         if cause.kind in ("scale", "zero", "arm", "stiffness") and hidden.any():
             chosen += [cause] if np.any(change * by[hidden] > band[hidden]) else []
     return chosen
+
+
+SAMPLES = 400
+"""Number of samples of a log that are looked at. Source: layout (they take half a second)."""
+
+POINTS = 9
+"""Number of sizes of a change that are tried at first. Source: layout."""
+
+LARGEST_FACTOR = 3.0
+"""Largest factor of a reading that is no unit [1]. Source: layout."""
+
+LATEST = 0.3
+"""Largest delay of a reading [s]. Source: layout."""
+
+
+def wrong_readings(log: Log, rig: Rig, causes: Sequence[Cause]) -> list[tuple[Change, float]]:
+    """Return the changes of readings that take off most of what is not as in free motion, each with
+    its gain in −2 ln p, the likeliest first.
+
+    Args:
+        log: of the rig.
+        rig: with `LearnedMaps.efforts`.
+        causes: all that may be wrong; those of the rig itself are left out.
+    """
+    redundancy = Redundancy.of(rig, list(log.channels))
+    names = redundancy.channels
+    rows = slice(None, None, max(len(log) // SAMPLES, 1))
+    time = log.time[rows]
+    readings = np.column_stack(list(log.channels.values()))[rows]
+    spans = max(float(np.ptp(time)) / SPAN, 1.0)
+    weights = np.array([len(learned.joints) for learned in redundancy.maps])
+
+    def judged(cause: Cause | None, x: float) -> tuple[float, float]:
+        """Return the cost of a change, and the share of the log that is not as in free motion."""
+        samples = readings.copy()
+        if cause is not None:
+            cause.apply(x, samples, [names.index(name) for name in cause.channels], time)
+        there = np.isfinite(samples)
+        squares, unlike, outside = redundancy.along(time, np.where(there, samples, 0.0), there)
+        squares = np.where(outside > 0.0, MOST, np.minimum(squares, MOST))
+        far = 0.0 if cause is None else 2.0 * float(np.log1p(cause.distance(x) ** 2))
+        share = float(np.mean((outside + unlike).any(axis=1)))
+        return spans * float(np.mean(squares @ weights)) + far, share
+
+    before, share = judged(None, 0.0)
+    read = [cause for cause in causes if cause.channels and {*cause.channels} <= {*names}]
+    tried = list[tuple[Cause, float, float]]()
+    for cause in [*read, *_of_all(rig, redundancy.efforts)]:
+        sizes = [*cause.tried, *_sizes(cause, readings, names)]
+        costs = [judged(cause, x)[0] for x in sizes]
+        best = int(np.argmin(costs))
+        tried.append((cause, sizes[best], costs[best]))
+    trials = list[tuple[Change, float]]()
+    for cause, size, cost in sorted(tried, key=lambda one: one[2])[:POINTS]:
+        if size not in cause.tried:
+            size, cost = _nearest(partial(judged, cause), size, _sizes(cause, readings, names))
+        if judged(cause, size)[1] < HALF * share:
+            trials.append(({cause: size}, before - cost))
+    return sorted(trials, key=lambda trial: -trial[1])
+
+
+def _of_all(rig: Rig, efforts: Sequence[str]) -> Iterator[Cause]:
+    """Yield the units in which all forces may be read together."""
+    for unit, factors in UNITS.items():
+        names = tuple(s.name for s in rig.sensors if s.name in efforts and s.si == unit)
+        if len(names) > 1:
+            sizes = tuple(factor - 1.0 for factor in factors)
+            yield Cause("scale", ", ".join(names), names, tried=sizes, unit=unit)
+
+
+def _sizes(cause: Cause, readings: Floats, names: Sequence[str]) -> list[float]:
+    """Return the sizes of a change that are tried at first, as far apart as they are wide."""
+    if len(cause.channels) > 1:
+        return []
+    if cause.kind == "scale":
+        return [*np.geomspace(1.0 / LARGEST_FACTOR, LARGEST_FACTOR, POINTS) - 1.0]
+    if cause.kind == "delay":
+        return [*np.linspace(-LATEST, LATEST, POINTS)]
+    largest = float(np.nanmax(np.abs(readings[:, names.index(cause.channels[0])])))
+    return [*np.linspace(-largest, largest, 2 * POINTS + 1)]
+
+
+def _nearest(
+    judged: Callable[[float], tuple[float, float]], size: float, sizes: Sequence[float]
+) -> tuple[float, float]:
+    """Return the size with the least cost around one of some sizes, and its cost."""
+    step = min(abs(other - size) for other in sizes if other != size)
+    found = minimize_scalar(
+        lambda x: judged(float(x))[0],
+        bounds=(size - step, size + step),
+        method="bounded",
+        options={"maxiter": 2 * POINTS},
+    )
+    return float(found.x), float(found.fun)

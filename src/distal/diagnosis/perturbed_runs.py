@@ -130,12 +130,6 @@ class PerturbedRuns:
         errors: Floats = outcome.angles - self.truths
         return errors
 
-    def log_with(self, change: Change) -> Log:
-        """Return the log with a change of its readings."""
-        _, samples, _ = self._changed(change)
-        channels = dict(zip(self.estimator.channels, samples.T, strict=False))
-        return replace(self.log, channels={**self.log.channels, **channels})
-
     def _outcomes(self, inputs: list[tuple[Belief, Floats, Floats]]) -> list[Outcome]:
         estimator = self.estimator
         (beliefs, samples, parameters) = zip(*inputs)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import lru_cache, reduce
 
 import casadi as ca
 import numpy as np
@@ -99,37 +99,33 @@ class Redundancy:
         own = judged.size1_in(0)
         memory = ca.MX.sym("memory", own + self.memory)
         x = ca.MX.sym("sample", sample.size)
-        after, _, unlike = self._step(memory[own:], sample.parts(x))
+        after, _, unlike, _ = self._step(memory[own:], sample.parts(x))
         left, findings = judged(memory[:own], x, unlike)
         return ca.Function("judged_with_maps", [memory, x], [ca.vertcat(left, after), findings])
 
-    def along(self, time: Floats, values: Floats, mask: Bools) -> tuple[Floats, Floats]:
-        """Return T² of each of `parts` over a log, and whether its means are beyond what is normal,
-        both (k, n_parts).
+    def along(self, time: Floats, values: Floats, mask: Bools) -> tuple[Floats, Floats, Floats]:
+        """Return T² of each of `parts` over a log, whether its means are beyond what is normal, and
+        whether a position is where no log has been, all (k, n_parts).
 
         Args:
             time: stamps [s], (k,).
             values: of the channels, zero where missing, (k, n).
             mask: whether each is there, (k, n).
         """
-        sample = Layout(first=1, dt=1, values=len(self.channels), mask=len(self.channels))
-        memory = ca.MX.sym("memory", self.memory)
-        x = ca.MX.sym("sample", sample.size)
-        after, squares, unlike = self._step(memory, sample.parts(x))
         rows = np.column_stack(
             [np.arange(len(time)) == 0, np.diff(time, prepend=time[:1]), values, mask]
         )
-        ys = _scanned(memory, x, after, ca.vertcat(squares, unlike), rows.astype(np.float64))
-        return ys[:, : len(self.maps)], ys[:, len(self.maps) :]
+        ys = advance(_kernel(self), Feed(np.zeros(self.memory), rows.astype(np.float64), NONE)).ys
+        squares, unlike, outside = np.hsplit(ys, 3)
+        return squares, unlike, outside
 
     def _step(
         self, memory: VectorNode, came: Mapping[str, VectorNode]
-    ) -> tuple[VectorNode, VectorNode, VectorNode]:
-        """Return what is remembered after a sample, T² of each part, and whether it is unlike free
-        motion.
-        """
+    ) -> tuple[VectorNode, VectorNode, VectorNode, VectorNode]:
+        """Return what is remembered after a sample, and what `along` returns."""
         squares: list[VectorNode] = []
         unlike: list[VectorNode] = []
+        outside: list[VectorNode] = []
         after: list[VectorNode] = []
         at = 0
         for learned in self.maps:
@@ -157,8 +153,10 @@ class Redundancy:
                 errors.append(error / ca.sqrt(learned.rms[k] ** 2 + beside))
             square = _mean_square(whitening(arrays["correlation"]), ca.vertcat(*errors))
             low, high = (ca.DM([end[side] for end in learned.reach.values()]) for side in (0, 1))
-            inside = ca.vertcat(positions >= low, positions <= high)
+            reached = ca.logic_and(positions >= low, positions <= high)
+            inside = _every(ca.logic_or(reached, ca.logic_not(mask)))
             compared = _every(ca.vertcat(came["mask"][[*efforts, *read]], inside))
+            outside.append(1 - inside)
             at += shape.memory.size
             means = MEANS.parts(memory[at : at + MEANS.size])
             now = averaged(means, came["first"], square, came["dt"], compared)
@@ -166,7 +164,7 @@ class Redundancy:
             squares.append(square)
             unlike.append(1 - _every(now["means"] <= ca.DM(learned.normal)))
             after += [left, MEANS.joined(**now)]
-        return ca.vertcat(*after), ca.vertcat(*squares), ca.vertcat(*unlike)
+        return ca.vertcat(*after), *(ca.vertcat(*of) for of in (squares, unlike, outside))
 
 
 def _every(flags: VectorNode) -> VectorNode:
@@ -227,15 +225,27 @@ def means_along(time: Floats, squares: Floats) -> Floats:
     x = ca.MX.sym("x", 3)
     now = averaged(MEANS.parts(memory), x[0], x[1], x[2], ca.MX(1))
     rows = np.column_stack([np.arange(len(time)) == 0, squares, np.diff(time, prepend=time[:1])])
-    return _scanned(memory, x, MEANS.joined(**now), now["means"], rows)
+    kernel = _step_kernel(memory, x, MEANS.joined(**now), now["means"])
+    return advance(kernel, Feed(np.zeros(MEANS.size), rows, NONE)).ys
 
 
-def _scanned(
-    memory: VectorNode, x: VectorNode, after: VectorNode, y: VectorNode, rows: Floats
-) -> Floats:
-    function = ca.Function("step", [memory, x, ca.MX.sym("p", 0)], [after, y])
-    feed = Feed(np.zeros(memory.numel()), rows, np.zeros(0))
-    return advance(Kernel(function), feed).ys
+NONE = np.zeros(0)
+"""Parameters of a kernel that has none. Source: definition."""
+
+
+def _step_kernel(memory: VectorNode, x: VectorNode, after: VectorNode, y: VectorNode) -> Kernel:
+    return Kernel(ca.Function("step", [memory, x, ca.MX.sym("p", 0)], [after, y]))
+
+
+@lru_cache(maxsize=4)
+def _kernel(redundancy: Redundancy) -> Kernel:
+    """Return the kernel (memory, sample) → (memory⁺, what `Redundancy.along` returns)."""
+    count = len(redundancy.channels)
+    sample = Layout(first=1, dt=1, values=count, mask=count)
+    memory = ca.MX.sym("memory", redundancy.memory)
+    x = ca.MX.sym("sample", sample.size)
+    after, *found = redundancy._step(memory, sample.parts(x))
+    return _step_kernel(memory, x, after, ca.vertcat(*found))
 
 
 def unlike_free_motion(log: Log, rig: Rig) -> dict[str, float]:
@@ -247,6 +257,6 @@ def unlike_free_motion(log: Log, rig: Rig) -> dict[str, float]:
         return {}
     values = np.column_stack(list(log.channels.values()))
     mask = np.isfinite(values)
-    _, unlike = redundancy.along(log.time, np.where(mask, values, 0.0), mask)
+    _, unlike, _ = redundancy.along(log.time, np.where(mask, values, 0.0), mask)
     shares = dict(zip(redundancy.parts, np.mean(unlike, axis=0).tolist(), strict=True))
     return {names: share for names, share in shares.items() if share > 1 - NORMAL}

@@ -224,7 +224,6 @@ def test_the_guards_have_the_numbers_of_the_paper() -> None:
         persistence_alone=0.05,
         bend_share=0.12,  # (6)
         follow_time=0.05,  # (12)
-        followed_variance=20.0,  # (16)
         wild_force=9.0,  # (23)
         sticking_time=0.5,  # δ
         turning_time=0.1,
@@ -242,7 +241,6 @@ def test_the_guards_have_the_numbers_of_the_paper() -> None:
     assert paper == Robustness()
     nothing = {
         "bend_share": 0.0,
-        "followed_variance": 0.0,
         "sticking_time": 0.0,
         "turning_time": 0.0,
     }
@@ -279,8 +277,6 @@ GUARDS = {
     ),
     "bend": (UNDECLARED, {"bend_share": 0.12}, ()),
     "follow time": (UNDECLARED, {"follow_time": 0.02}, LOST),
-    "force of a lost place": (UNDECLARED, {"followed_variance": 20.0}, LOST),
-    "force of a lost place with hysteresis": (PLAY, {"followed_variance": 20.0}, LOST),
     "learning, friction declared": (DECLARED, {"learning_time": 0.3}, ()),
     "learning, friction not declared": (UNDECLARED, {"learning_time_guarded": 0.03}, ()),
     "wild force": (UNDECLARED, {"wild_force": 9.0}, ("wild force",)),

@@ -172,15 +172,6 @@ MISTAKES: dict[str, tuple[Any, str, str, str, Any, Robustness, float]] = {
         NONE,
         0.3,
     ),
-    "force of a lost place": (
-        twin_update,
-        "force_row",
-        "+= (tracked[i].variance + lost)",
-        "+= tracked[i].variance",
-        UNDECLARED,
-        DEFAULT,
-        2.0,
-    ),
     "joint of a lost drive": (
         twin.Twin,
         "followed",

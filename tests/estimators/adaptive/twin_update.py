@@ -174,12 +174,11 @@ def force_row(
     error = twin.at("error", i)
     if error is not None:
         added, added_x[error] = -m[error], -1.0
-    lost = twin.guards.followed_variance * twin.g(twin.drives[i].t) * twin.drives[i].u  # (16)
     counts = there and not near_stop(twin, i, tracked[i].s)
     transmitted = twin.at("transmitted", i)
     if transmitted is not None:
         value, by_x, by_s = total("elastic", i)
-        spread = 0.3**2 * variance(sensor) + (tracked[i].variance + lost) * by_s[i] ** 2
+        spread = 0.3**2 * variance(sensor) + tracked[i].variance * by_s[i] ** 2
         r_x = -by_x - added_x
         r_x[transmitted] += 1.0
         return Row(i, m[transmitted] - value - added, r_x, spread, counts, sensor=index)
@@ -192,7 +191,7 @@ def force_row(
         spread = variance(sensor)
     else:
         spread = drive.nominal_force.filter_std**2 * 2.0 / max(dt, 1e-6)
-    spread += (tracked[i].variance + lost) * by_s[i] ** 2
+    spread += tracked[i].variance * by_s[i] ** 2
     row = Row(
         i, reading - value - added - offset, -by_x - added_x - bias_x, spread, counts, friction=True
     )

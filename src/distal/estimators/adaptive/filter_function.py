@@ -88,7 +88,7 @@ def adaptive_function(
             )  # (14), (15)
     follow(states, prediction, interval)  # (15b)
     before = [ca.MX(prediction.state), ca.vec(prediction.covariance), ca.vec(prediction.transition)]
-    mean, covariance, y = updated(states, prediction, motion.rates, kept, interval)  # (16) to (32)
+    mean, covariance, y = updated(states, prediction, motion.rates, kept, interval)  # (16b) to (32)
     mean, covariance = within_play(states, mean, covariance, interval)  # (26b)
     _bounded(states, mean, covariance, tracks, p)
     remembered = Tracks(tracks).memory

@@ -30,8 +30,6 @@ class Robustness:
         persistence_alone: the same where no force can [s].
         bend_share: share of the bend between samples that a straight line may miss [1].
         follow_time: time in which the joint follows a drive whose position is not known [s].
-        followed_variance: factor with which the variance of a lost position is added to its force
-            [1].
         wild_force: squared innovation, in its variances, beyond which an innovation counts less
             [1].
         sticking_time: time for which friction of a drive that sticks stays the same [s].
@@ -81,8 +79,6 @@ class Robustness:
     """
     follow_time: float = 0.05
     """docs/results/guards.md: without it the band is too narrow where samples are missing"""
-    followed_variance: float = 20.0
-    """docs/results/guards.md, and `python -m benchmarks.sensitivity`, table sensitivity-lost"""
     wild_force: float = 9.0
     """3 σ; docs/results/guards.md: without it one wild force throws the filter off"""
     sticking_time: float = 0.5
@@ -151,7 +147,6 @@ class Robustness:
         return cls(
             wild_displacement=inf,
             bend_share=0.0,
-            followed_variance=0.0,
             wild_force=inf,
             sticking_time=0.0,
             turning_time=0.0,
@@ -265,18 +260,6 @@ def followed_share(robustness: Robustness, lost: Scalar) -> Scalar:
     was `lost` for a time [s]: (12).
     """
     return (lost / (lost + robustness.follow_time)) ** STILL_LOST
-
-
-def extra_variance(robustness: Robustness, lost: Scalar, unknown: Scalar) -> Scalar:
-    """Return the variance to add to a position that has been lost for long, so that its force does
-    not correct the joint: (16).
-
-    The joint went where the drive went: both positions have the same error, which cancels in the
-    tension. The filter takes these errors as independent and would otherwise divide the residual
-    between them. The position has been `lost` for so long [s], and has the variance `unknown` [m²,
-    rad²].
-    """
-    return robustness.followed_variance * followed_share(robustness, lost) * unknown
 
 
 def robust_variance(robustness: Robustness, variance: Scalar, innovation: Scalar) -> Scalar:

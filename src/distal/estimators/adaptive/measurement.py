@@ -1,5 +1,5 @@
 """The comparison of measured forces, tensions and angles with those that follow from the state.
-Equations (16) and (17).
+Equations (16b) and (17).
 
 A sensor of any other kind gives its own expected reading, see `distal.rig.sensors`.
 """
@@ -14,7 +14,6 @@ import casadi as ca
 from distal.estimators.adaptive.drive_tracking import Tracks
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.filter_inputs import mechanics_function
-from distal.estimators.adaptive.guards import extra_variance
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector, VectorNode
@@ -104,8 +103,7 @@ def measurement_rows_of(
         sensor = context.force_sensor(i)
         body = nj + i
         track = tracks[i]
-        unsure = track.variance + extra_variance(context.robustness, track.lost, track.unknown)
-        spread = unsure * pull_slopes[body, body] ** 2
+        spread = track.variance * pull_slopes[body, body] ** 2
         free = away_from_stops(context, i, track.position)
         expected = pulls[body] - states.added(("lacking force", i), state)
         friction = (limits[body] + states.added(("friction", i), state), asymmetries[body], i)

@@ -25,11 +25,6 @@ from distal.estimators.kalman import Downdate, along
 from distal.expressions import MatrixNode, ScalarNode, VectorNode
 from distal.kernels.layout import Layout, is_there, share_used
 
-UNSURE = 2.0
-"""Distance of a joint before a stop, in stds of its angle, below which the stop may hold it, (24b)
-[1]. Source: judgement.
-"""
-
 
 def depths_in_stops(states: StateVector, mean: VectorNode, p: VectorNode) -> dict[int, ScalarNode]:
     """Return joint → depth of its angle in its stop, negative before it [rad]; joints without stops
@@ -45,33 +40,6 @@ def depths_in_stops(states: StateVector, mean: VectorNode, p: VectorNode) -> dic
             low, high = (p[names.index(f"joints.{j}.stops.{end}")] for end in ("low", "high"))
             depths[j] = ca.fmax(mean[j] - high, low - mean[j])
     return depths
-
-
-def sure_of_stops(
-    states: StateVector, mean: VectorNode, covariance: MatrixNode, p: VectorNode
-) -> list[ScalarNode]:
-    """Return for each drive 0 where it is uncertain whether a stop holds a joint that the drive
-    moves, else 1.
-
-    It is uncertain where a joint is before its stop by less than `UNSURE` stds. With a single joint
-    it is always 1. It is at a `mean`, (n,), and `covariance`, (n, n), with the kernel's parameters
-    p.
-    """
-    rig = states.context.mechanism.rig
-    sure = [ca.MX(1.0) for _ in rig.joints]
-    for j, depth in depths_in_stops(states, mean, p).items():
-        if len(rig.joints) > 1:
-            sure[j] = 1 - ca.logic_and(-depth > 0, -depth < UNSURE * ca.sqrt(covariance[j, j]))
-    products = list[ScalarNode]()
-    for drive in rig.drives:
-        moved = {
-            name for tendon in rig.tendons if tendon.drive == drive.name for name in tendon.joints
-        }
-        product = ca.MX(1.0)
-        for joint, is_sure in zip(rig.joints, sure):
-            product = product * is_sure if joint.name in moved else product
-        products.append(product)
-    return products
 
 
 SINCE = Layout(residual=1, limit=1, asymmetry=1, residual_variance=1, limit_variance=1, memory=1)
@@ -124,7 +92,6 @@ def updated(
     watch = evidence_function(states.context)
     touched = kept.touched
     fixed = np.flatnonzero(states.lasting).tolist()
-    sure = sure_of_stops(states, prior, prediction.covariance, p)
     for at in rows:
         row = at.row
         slopes = at.slopes
@@ -161,9 +128,7 @@ def updated(
         if kept.torques and not row.trusted:
             # parameters learn nothing from forces while something may touch the joints
             shares = {at: (1 - touched) * share for at, share in shares.items()}
-        # nothing is learned by a drive's force while a joint that it moves may be held by a stop or
-        # not, (24b)
-        taken = ca.vertcat(*shares.values()) * (1 if row.drive is None else sure[row.drive])
+        taken = ca.vertcat(*shares.values())
         if shares:
             change[list(shares)] *= taken
         if row.drive is not None:

@@ -1,0 +1,68 @@
+"""Of a rig whose logs taught what forces are normal, the reading that is wrong is named, and none
+on good logs or where something touches a joint.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from benchmarks.strangers.contact import finger, finger_rig
+
+from distal import Log, Rig, diagnose, estimate
+from distal.fitting.learn_free_motion import efforts_of
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    bare = finger_rig().bare()
+    logs = [finger(seed, 12.0, None)[0] for seed in range(4)]
+    return bare.with_map(efforts=efforts_of(logs, bare, range(4)))
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    good = finger(9, 12.0, None)[0]
+    return replace(good, truth={})
+
+
+def first(log: Log, rig: Rig) -> tuple[str, str]:
+    """Return subject and text of the first cause."""
+    findings = diagnose(estimate(log, rig), log, rig).findings
+    looks = [finding for finding in findings if finding.kind == "looks like"]
+    return (looks[0].subject, looks[0].text) if looks else ("", "")
+
+
+def changed(log: Log, **columns: np.ndarray) -> Log:
+    return replace(log, channels={**log.channels, **columns})
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        ("zero", "off: its zero"),
+        ("scale", "times too large: gear"),
+        ("sign", "as if its sign"),
+        ("swap", "look swapped"),
+        ("unit", "look 1000 times too small"),
+    ],
+)
+def test_a_wrong_reading_is_named(kind: str, said: str, log: Log, rig: Rig) -> None:
+    flexor, extensor = log.channels["x_flexor"], log.channels["x_extensor"]
+    spoilt = {
+        "zero": {"x_flexor": flexor + 4e-3},
+        "scale": {"x_flexor": 2.0 * flexor},
+        "sign": {"x_flexor": -flexor},
+        "swap": {"x_flexor": extensor, "x_extensor": flexor},
+        "unit": {name: log.channels[name] / 1000 for name in ("u_flexor", "u_extensor")},
+    }
+    subject, text = first(changed(log, **spoilt[kind]), rig)
+    assert said in text
+    assert set(subject.replace(" and ", ", ").split(", ")) == set(spoilt[kind])
+
+
+def test_nothing_is_named_without_a_reason(log: Log, rig: Rig) -> None:
+    assert first(log, rig) == ("", "")
+    pushed = replace(finger(7, 10.0, 6.0)[0], truth={})
+    assert first(pushed, rig) == ("", "")
