@@ -14,7 +14,7 @@ from distal.confidence import BAND, COVERED
 from distal.diagnosis.causes import Cause, causes_of
 from distal.diagnosis.finding import COMPLIANCE, SCALE, ZERO, Finding, Kind, named_cause
 from distal.diagnosis.known_motion import sizes
-from distal.diagnosis.naming import Search, candidates, unfelt, wrong_readings
+from distal.diagnosis.naming import UNFELT, Search, candidates, unfelt, wrong_readings
 from distal.diagnosis.of_estimate import (
     ChannelStatistics,
     Diagnosis,
@@ -98,10 +98,6 @@ def diagnose(
         named = _named(wrong_readings(runs.log, rig, causes), "looks like", rig)
         if named:
             return diagnose_estimate(result, further + named)
-    derivatives = derivatives_of(runs, causes)
-    if not derivatives.base.bounded:
-        return first
-    test = derivatives.test(of_truth=False)
     channels = channels_of(result)
     ends = result.with_all_states
     if channels.disagreeing() and ends.state_names == runs.estimator.state_names:
@@ -111,7 +107,14 @@ def diagnose(
     disagrees = bool(channels.disagreeing())
     has_truths = result.truths is not None
     wide = has_truths and not truth and not result.is_taught
-    if not is_stuck and (truth or disagrees or wide):
+    is_searched = not is_stuck and bool(truth or disagrees or wide)
+    derivatives = derivatives_of(
+        runs, causes if is_searched else [cause for cause in causes if cause.kind in UNFELT]
+    )
+    if not derivatives.base.bounded:
+        return first
+    test = derivatives.test(of_truth=False)
+    if is_searched:
         sized = _sized(runs, derivatives.causes)
         tests = [test]
         if has_truths and runs.truths is not None:

@@ -218,6 +218,10 @@ class Search:
         return 2.0 * (likelier - far)
 
 
+UNFELT = ("scale", "zero", "arm", "stiffness")
+"""Kinds of causes that may move an angle before any innovation shows it. Source: definition."""
+
+
 def unfelt(derivatives: Derivatives, test: ScoreTest) -> list[Cause]:
     """Return the causes that no innovation shows before the angle leaves its band: the smallest
     change that the score test would notice, or of a factor the whole, moves an angle by more than
@@ -234,7 +238,7 @@ def unfelt(derivatives: Derivatives, test: ScoreTest) -> list[Cause]:
     for cause, least, by in zip(derivatives.causes, noticed, moved):
         change = min(least, 1.0) if cause.is_factor else least
         hidden = by > 0.0
-        if cause.kind in ("scale", "zero", "arm", "stiffness") and hidden.any():
+        if cause.kind in UNFELT and hidden.any():
             chosen += [cause] if np.any(change * by[hidden] > band[hidden]) else []
     return chosen
 
