@@ -105,8 +105,7 @@ def diagnose(
         again = _channels(runs, runs.begun_with(ends.means[-1]))
         channels = channels if again.disagreeing() else again
     disagrees = bool(channels.disagreeing())
-    has_truths = result.truths is not None
-    wide = has_truths and not truth and not result.is_taught
+    wide = not (result.truths is None or truth or result.is_taught)
     is_searched = not is_stuck and bool(truth or disagrees or wide)
     derivatives = derivatives_of(
         runs, causes if is_searched else [cause for cause in causes if cause.kind in UNFELT]
@@ -117,7 +116,7 @@ def diagnose(
     if is_searched:
         sized = _sized(runs, derivatives.causes)
         tests = [test]
-        if has_truths and runs.truths is not None:
+        if runs.truths is not None:
             tests.append(derivatives.test(of_truth=True))
         changes = candidates(derivatives.causes, sized, tests)
         # what disagrees is explained, else an error that the band allows

@@ -11,6 +11,12 @@ from distal.model.mechanism import Mechanism
 from distal.model.stepping import Kick, kick_and_drift, last_kick, responses
 
 
+def _kick_symbols(n: int) -> list[Matrix]:
+    """Return the symbols of a `Kick` of n bodies: q, v, effort, response, length and drift."""
+    shapes = {"q": [n], "v": [n], "effort": [n], "response": [n, 4], "length": [], "drift": []}
+    return [ca.SX.sym(name, *shape) for name, shape in shapes.items()]
+
+
 def interval_step(
     mechanism: Mechanism, count: int, rebounds: bool = True, with_servo: bool = False
 ) -> ca.Function:
@@ -30,12 +36,8 @@ def interval_step(
     """
     n = mechanism.n_bodies
     p = mechanism.parameters.symbols
-    q = ca.SX.sym("q", n)
-    v = ca.SX.sym("v", n)
-    effort = ca.SX.sym("effort", n)
-    response = ca.SX.sym("response", n, 4)
-    length = ca.SX.sym("length")
-    drift = ca.SX.sym("drift")
+    symbols = _kick_symbols(n)
+    q, v, _, _, length, drift = symbols
     servo = ca.SX.sym("servo", n, 3)
     implicit = None
     if with_servo:
@@ -43,8 +45,8 @@ def interval_step(
         target = servo[:, 1]
         damping = servo[:, 2]
         implicit = ca.horzcat(stiffness * (target - q), stiffness * drift + damping)
-    kick = Kick(q, v, effort, response, length, drift, implicit)
-    arguments = [q, v, effort, response, length, drift, servo, p]
+    kick = Kick(*symbols, implicit=implicit)
+    arguments = [*symbols, servo, p]
     moving = ca.Function(
         "substep", arguments, ca.cse(list(kick_and_drift(mechanism, kick, rebounds)))
     )
@@ -93,15 +95,11 @@ def tangent_step(mechanism: Mechanism, count: int) -> ca.Function:
     n = mechanism.n_bodies
     columns = 2 * mechanism.n_bodies + mechanism.n_drives
     p = mechanism.parameters.symbols
-    q = ca.SX.sym("q", n)
-    v = ca.SX.sym("v", n)
-    effort = ca.SX.sym("effort", n)
-    response = ca.SX.sym("response", n, 4)
-    length = ca.SX.sym("length")
-    drift = ca.SX.sym("drift")
-    kick = Kick(q, v, effort, response, length, drift)
+    symbols = _kick_symbols(n)
+    _, _, _, _, length, drift = symbols
+    kick = Kick(*symbols)
     q_moved, v_moved = kick_and_drift(mechanism, kick, rebounds=False)
-    symbols = [q, v, effort, response, length, drift, p]
+    symbols = [*symbols, p]
     moving = _step(
         "substep", mechanism, _linearised("kick", mechanism, symbols, v_moved, q_moved), True
     )
