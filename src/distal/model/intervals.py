@@ -6,15 +6,15 @@ from __future__ import annotations
 
 import casadi as ca
 
-from distal.expressions import Matrix, MatrixNode, Vector
+from distal.expressions import Matrix, MatrixNode, Scalar, Vector
 from distal.model.mechanism import Mechanism
 from distal.model.stepping import Kick, kick_and_drift, last_kick, responses
 
 
-def _kick_symbols(n: int) -> list[Matrix]:
+def _kick_symbols(n: int) -> tuple[Vector, Vector, Vector, Matrix, Scalar, Scalar]:
     """Return the symbols of a `Kick` of n bodies: q, v, effort, response, length and drift."""
-    shapes = {"q": [n], "v": [n], "effort": [n], "response": [n, 4], "length": [], "drift": []}
-    return [ca.SX.sym(name, *shape) for name, shape in shapes.items()]
+    q, v, effort = (ca.SX.sym(name, n) for name in ("q", "v", "effort"))
+    return q, v, effort, ca.SX.sym("response", n, 4), ca.SX.sym("length"), ca.SX.sym("drift")
 
 
 def interval_step(
@@ -99,14 +99,14 @@ def tangent_step(mechanism: Mechanism, count: int) -> ca.Function:
     _, _, _, _, length, drift = symbols
     kick = Kick(*symbols)
     q_moved, v_moved = kick_and_drift(mechanism, kick, rebounds=False)
-    symbols = [*symbols, p]
+    inputs = [*symbols, p]
     moving = _step(
-        "substep", mechanism, _linearised("kick", mechanism, symbols, v_moved, q_moved), True
+        "substep", mechanism, _linearised("kick", mechanism, inputs, v_moved, q_moved), True
     )
     closing = _step(
         "last_kick",
         mechanism,
-        _linearised("half_kick", mechanism, symbols, last_kick(mechanism, kick)),
+        _linearised("half_kick", mechanism, inputs, last_kick(mechanism, kick)),
         False,
     )
     prepared = ca.Function(
