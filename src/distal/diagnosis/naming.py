@@ -278,8 +278,8 @@ def wrong_readings(log: Log, rig: Rig, causes: Sequence[Cause]) -> list[tuple[Ch
         samples = readings.copy()
         if cause is not None:
             cause.apply(x, samples, [names.index(name) for name in cause.channels], time)
-        there = np.isfinite(samples)
-        squares, unlike, outside = redundancy.along(time, np.where(there, samples, 0.0), there)
+        is_read = np.isfinite(samples)
+        squares, unlike, outside = redundancy.along(time, np.where(is_read, samples, 0.0), is_read)
         squares = np.where(outside > 0.0, MOST, np.minimum(squares, MOST))
         far = 0.0 if cause is None else 2.0 * float(np.log1p(cause.distance(x) ** 2))
         share = float(np.mean((outside + unlike).any(axis=1)))
@@ -294,7 +294,7 @@ def wrong_readings(log: Log, rig: Rig, causes: Sequence[Cause]) -> list[tuple[Ch
         best = int(np.argmin(costs))
         tried.append((cause, sizes[best], costs[best]))
     trials = list[tuple[Change, float]]()
-    for cause, size, cost in sorted(tried, key=lambda one: one[2])[:POINTS]:
+    for cause, size, cost in sorted(tried, key=lambda trial: trial[2])[:POINTS]:
         if size not in cause.tried:
             size, cost = _nearest(partial(judged, cause), size, _sizes(cause, readings, names))
         if judged(cause, size)[1] < HALF * share:
@@ -328,10 +328,10 @@ def _nearest(
 ) -> tuple[float, float]:
     """Return the size with the least cost around one of some sizes, and its cost."""
     step = min(abs(other - size) for other in sizes if other != size)
-    found = minimize_scalar(
+    nearest = minimize_scalar(
         lambda x: judged(float(x))[0],
         bounds=(size - step, size + step),
         method="bounded",
         options={"maxiter": 2 * POINTS},
     )
-    return float(found.x), float(found.fun)
+    return float(nearest.x), float(nearest.fun)

@@ -244,8 +244,8 @@ def _kernel(redundancy: Redundancy) -> Kernel:
     sample = Layout(first=1, dt=1, values=count, mask=count)
     memory = ca.MX.sym("memory", redundancy.memory)
     x = ca.MX.sym("sample", sample.size)
-    after, *found = redundancy._step(memory, sample.parts(x))
-    return _step_kernel(memory, x, after, ca.vertcat(*found))
+    after, *outputs = redundancy._step(memory, sample.parts(x))
+    return _step_kernel(memory, x, after, ca.vertcat(*outputs))
 
 
 def unlike_free_motion(log: Log, rig: Rig) -> dict[str, float]:
