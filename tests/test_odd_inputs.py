@@ -283,6 +283,7 @@ def test_nothing_is_written_by_a_command_that_fails(run, log: Path, tmp_path: Pa
 
 
 @pytest.mark.slow
+@pytest.mark.more
 def test_names_that_are_too_long(log: Path) -> None:
     long = "x" * 400
     for words in (
@@ -326,6 +327,7 @@ def test_odd_compilers(log: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.more
 def test_titles_are_plain_text(log: Path, tmp_path: Path) -> None:
     for i, name in enumerate(("cost $x^$", "日本語", "a" * 3000)):
         plot = tmp_path / f"{i}.png"

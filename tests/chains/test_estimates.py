@@ -191,6 +191,7 @@ def test_in_c_it_is_the_same(rig: Rig, log: Log, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.more
 def test_homing_of_some_joints(rig: Rig, log: Log) -> None:
     """An encoder of pip alone for half a second; then pip at a mark, and then both."""
     only = replace(log, truth={"theta_pip": log.truth["theta_pip"]})

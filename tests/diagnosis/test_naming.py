@@ -222,6 +222,7 @@ def test_nothing_is_said_of_a_right_log(joint: Rig, log: Log) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.more
 def test_a_rig_that_was_fitted_to_its_own_logs_is_not_accused(
     data: Path, joint: Rig, tmp_path: Path
 ) -> None:

@@ -22,6 +22,7 @@ from distal.fitting.judge import REGRESSION, WRITTEN
     ("log_of", "rig_of"),
     [pytest.param(finger_log, finger_rig, marks=pytest.mark.more), (hand_log, hand_rig)],
 )
+@pytest.mark.more
 def test_a_rig_with_other_physics(log_of: object, rig_of: object) -> None:
     """On logs that nothing has seen: not clearly worse than `regression`, 88 % or more inside, a
     band of at most 5 errors.

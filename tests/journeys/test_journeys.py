@@ -149,6 +149,7 @@ def test_a_builder_with_a_table(seed: int, shell: Shell) -> None:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.more
 def test_a_model_of_mujoco(seed: int, shell: Shell) -> None:
     pytest.importorskip("mujoco")
     from tests.rig.mjcf.models import FINGER

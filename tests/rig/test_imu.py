@@ -126,6 +126,7 @@ def built(rig: Rig, scenario: str, seed: int) -> Log:
         pytest.param("wrist-instrument", WRIST, (1.0, 1.0, 1.05), marks=pytest.mark.more),
     ],
 )
+@pytest.mark.more
 def test_it_tells_more_on_average_and_is_as_right_as_without(
     name: str, table: str, most: tuple[float, ...]
 ) -> None:

@@ -84,6 +84,7 @@ def test_plants_within_the_rigs_stds(kinds: tuple[str, ...], bound: float) -> No
 
 
 @pytest.mark.slow
+@pytest.mark.more
 def test_plants_beyond_the_rigs_stds_are_better_than_every_baseline() -> None:
     cases = [
         (kind, plant, seed)

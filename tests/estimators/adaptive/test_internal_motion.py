@@ -82,6 +82,7 @@ def errors(result: Estimate) -> tuple[float, float]:
         for name in NAMES
     ],
 )
+@pytest.mark.more
 def test_the_angle_is_right_and_its_band_holds(name: str) -> None:
     """0.03 to 0.05° is what such sensors give (docs/results/fits.md); the number itself is not
     given, and a gap of a joint, which the joint crosses in a moment, is learned last.
