@@ -66,3 +66,15 @@ def test_nothing_is_named_without_a_reason(log: Log, rig: Rig) -> None:
     assert first(log, rig) == ("", "")
     pushed = replace(finger(7, 10.0, 6.0)[0], truth={})
     assert first(pushed, rig) == ("", "")
+
+
+@pytest.mark.parametrize("value", [0.0, np.nan])
+def test_a_reading_that_says_nothing_ends_no_diagnosis(value: float, log: Log, rig: Rig) -> None:
+    column = np.full(len(log), value)
+    column[:2] = log.channels["x_flexor"][:2] * np.isnan(value)
+    odd = changed(log, x_flexor=column, x_extensor=log.channels["x_extensor"] + 1e-2)
+    diagnose(estimate(odd, rig), odd, rig)
+    short = replace(
+        odd, time=odd.time[:3], channels={name: v[:3] for name, v in odd.channels.items()}
+    )
+    diagnose(estimate(short, rig), short, rig)

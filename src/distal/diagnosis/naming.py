@@ -289,10 +289,9 @@ def wrong_readings(log: Log, rig: Rig, causes: Sequence[Cause]) -> list[tuple[Ch
     read = [cause for cause in causes if cause.channels and {*cause.channels} <= {*names}]
     tried = list[tuple[Cause, float, float]]()
     for cause in [*read, *_of_all(rig, redundancy.efforts)]:
-        sizes = [*cause.tried, *_sizes(cause, readings, names)]
-        costs = [judged(cause, x)[0] for x in sizes]
-        best = int(np.argmin(costs))
-        tried.append((cause, sizes[best], costs[best]))
+        costs = {x: judged(cause, x)[0] for x in (*cause.tried, *_sizes(cause, readings, names))}
+        if costs:
+            tried.append((cause, *min(costs.items(), key=lambda pair: pair[1])))
     trials = list[tuple[Change, float]]()
     for cause, size, cost in sorted(tried, key=lambda trial: trial[2])[:POINTS]:
         if size not in cause.tried:
@@ -319,8 +318,8 @@ def _sizes(cause: Cause, readings: Floats, names: Sequence[str]) -> list[float]:
         return [*np.geomspace(1.0 / LARGEST_FACTOR, LARGEST_FACTOR, POINTS) - 1.0]
     if cause.kind == "delay":
         return [*np.linspace(-LATEST, LATEST, POINTS)]
-    largest = float(np.nanmax(np.abs(readings[:, names.index(cause.channels[0])])))
-    return [*np.linspace(-largest, largest, 2 * POINTS + 1)]
+    largest = np.nan_to_num(np.abs(readings[:, names.index(cause.channels[0])])).max()
+    return [*np.linspace(-largest, largest, 2 * POINTS + 1)] if largest > 0.0 else []
 
 
 def _nearest(
