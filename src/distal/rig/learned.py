@@ -96,6 +96,10 @@ class MapArrays:
         return core_schema.is_instance_schema(cls)
 
 
+UNLIMITED = 1e300
+"""A limit that nothing reaches. Source: definition (no limit)."""
+
+
 class LearnedMap(Description):
     """What logs taught of some joints: y = φ(x)ᵀ b + e with b ~ N(mean, covariance), e ~ N(0, σ²).
 
@@ -114,7 +118,9 @@ class LearnedMap(Description):
     rms: Row = Field((), description="error on logs left out")
     inside: Row = Field((), description="share inside the 95 % band")
     density: Row = Field((), description="mean ln of the errors' density")
-    normal: Row = Field((), description="of `efforts`: largest normal means of T²")
+    normal: tuple[float, float] = Field(
+        (UNLIMITED, UNLIMITED), description="of `efforts`: largest normal means of T²"
+    )
     share: Row = Field(
         (), description="of `readings`: its share of each angle, the rest is the filter's"
     )
@@ -303,9 +309,6 @@ def _among(arrays: Mapping[str, Floats], prefix: str) -> MapArrays:
         **{name.removeprefix(prefix): a for name, a in arrays.items() if name.startswith(prefix)}
     )
 
-
-UNLIMITED = 1e300
-"""Squared speed v² that no drive reaches [1/s²]. Source: definition (no limit)."""
 
 NOTHING_NORMAL = {"at_rest": 1.0, "moving": 0.0, "fastest": UNLIMITED}
 """What stands in place of `FreeMotion.of_channel` for a rig without [free_motion]."""
