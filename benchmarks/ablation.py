@@ -74,7 +74,7 @@ RULES: dict[str, tuple[str, str, Any]] = {
     "unseen friction": ("states.parameter", "UNSEEN", 0.0),
     "speed at first": ("states.joint", "START_SPEED", 1e-3),
     "position walks": ("states.drive", "POSITION_WALK", 0.0),
-    "least tension": ("states.internal", "LEAST_TENSION", 0.0),
+    "least tension": ("states.internal", "START_TENSION", 0.0),
     "calm effort": ("states.drive", "CALM", 1e-3),
     "dead time": ("guards.Robustness", "dead_time", 0.0),
     "bend": ("guards.Robustness", "bend_share", 0.0),

@@ -27,7 +27,7 @@ from distal.study.design_space import built_values, draws_of, scores
 
 Observation = NDArray[np.float32]
 
-LARGEST = 20.0
+LARGEST_EFFORT = 20.0
 """Effort at an action of 1 of a drive whose rig gives no limit [N, N m]. Source: judgement."""
 
 
@@ -97,7 +97,7 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
         """Names of the numbers in an observation."""
         self.acted = tuple(described.drive_names)
         """Names of the drives, in the order of an action."""
-        self._largest = np.array([drive.limit or LARGEST for drive in described.drives])
+        self._largest = np.array([drive.limit or LARGEST_EFFORT for drive in described.drives])
         low = np.array(
             [0.0 if drive.kind == "slider" else -1.0 for drive in described.drives],
             dtype=np.float32,

@@ -15,7 +15,7 @@ from pettingzoo.test import parallel_api_test, parallel_seed_test
 from distal import load_rig, load_scenario
 from distal.control import ControlledPlant
 from distal.errors import ControlError
-from distal.gym import LARGEST, TendonEnv
+from distal.gym import LARGEST_EFFORT, TendonEnv
 from distal.simulation import Scenario
 
 
@@ -186,7 +186,9 @@ def test_an_action_is_a_share_of_a_drives_limit(scenario: Scenario) -> None:
     for _ in range(60):
         observation, *_ = env.step(np.array([0.2, 0.1], dtype=np.float32))
     forces = [k for k, sensor in enumerate(env._rig.sensors) if sensor.measures == "force"]
-    assert observation[forces] == pytest.approx([0.2 * LARGEST, 0.1 * LARGEST], abs=1.0)
+    assert observation[forces] == pytest.approx(
+        [0.2 * LARGEST_EFFORT, 0.1 * LARGEST_EFFORT], abs=1.0
+    )
 
 
 def test_an_action_outside_of_the_space_is_clipped_to_it(env: TendonEnv) -> None:

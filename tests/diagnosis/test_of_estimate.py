@@ -12,7 +12,13 @@ from distal import Estimate, Log, Rig, diagnose, estimate
 from distal.confidence import LARGE_PRIOR, SMALL
 from distal.diagnosis import Finding
 from distal.diagnosis import diagnose_estimate as of_estimate
-from distal.diagnosis.of_estimate import LARGE_RATIO, LONGEST, _neighbours, _since, statistics_of
+from distal.diagnosis.of_estimate import (
+    LARGE_RATIO,
+    LONGEST_LINE,
+    _neighbours,
+    _since,
+    statistics_of,
+)
 from distal.diagnosis.score_test import SPAN
 from distal.errors import EstimationError
 from distal.estimators import StateKind
@@ -157,14 +163,14 @@ class TestConstructed:
     def test_the_line_stays_one_line(self) -> None:
         many = [Finding("cannot test", f"insertion radius of tendon t{i}", "…") for i in range(20)]
         text = of_estimate(made(), many).text
-        assert len(text) <= LONGEST
+        assert len(text) <= LONGEST_LINE
         assert text.endswith("; …")
         loud = [
             Finding("looks like", f"u{i}", f"u{i} looks like pounds, and so on and so forth")
             for i in range(20)
         ]
         text = of_estimate(made(), loud).text
-        assert len(text) <= LONGEST + len("; and 20 more (--findings)")
+        assert len(text) <= LONGEST_LINE + len("; and 20 more (--findings)")
         assert "more" in text
 
 

@@ -18,7 +18,7 @@ from distal.fitting.candidates import Tried, parameters_without, terms_of, tried
 from distal.fitting.fit_filter import FitFilter
 from distal.fitting.inverse_dynamics import (
     INTERVAL,
-    MEMORY,
+    TURNING_SHARE,
     Equations,
     InverseProblem,
     inverse_problem,
@@ -170,7 +170,9 @@ def test_rows_are_those_of_a_textbook_twin() -> None:
     assert (found.variances == 1.0).all()
     assert np.median(np.diff(known.time)) == pytest.approx(INTERVAL)
     spans = np.subtract(*np.percentile(q, (95, 5), axis=0))
-    np.testing.assert_allclose(np.abs(turned[5]), np.abs(q[5] - q[4]) / (MEMORY * spans), rtol=0.05)
+    np.testing.assert_allclose(
+        np.abs(turned[5]), np.abs(q[5] - q[4]) / (TURNING_SHARE * spans), rtol=0.05
+    )
 
 
 def test_an_encoders_noise_makes_no_stiffness_too_small() -> None:

@@ -12,7 +12,7 @@ import pytest
 from distal.errors import OutputError
 from distal.logs import Output, Recorder, check_outputs, outputs_in, shown, write_whole
 from distal.logs.messages import SAMPLE_TOPIC
-from distal.logs.outputs import ROOM
+from distal.logs.outputs import NAME_ROOM
 
 
 def one(path: Path) -> list[Output]:
@@ -23,7 +23,7 @@ def test_the_longest_name_that_is_allowed_can_be_written(tmp_path: Path) -> None
     """The limit is that of the file system less the room for a temporary name, so the longest name
     is really written.
     """
-    most = os.pathconf(tmp_path, "PC_NAME_MAX") - ROOM
+    most = os.pathconf(tmp_path, "PC_NAME_MAX") - NAME_ROOM
     for letter in ("x", "é"):
         path = tmp_path / (letter * ((most - 5) // len(letter.encode())) + ".mcap")
         check_outputs(one(path))

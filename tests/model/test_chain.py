@@ -323,7 +323,7 @@ def test_one_joint_as_a_chain_of_one_gives_the_same_numbers(
     """Motion with stops, adaptive with and without an external torque, ekf: 1e-10; also moved as a
     chain is moved.
     """
-    monkeypatch.setattr(distal.model.mechanism, "FEWEST", fewest)
+    monkeypatch.setattr(distal.model.mechanism, "SMALLEST_CHAIN", fewest)
     more = {"external_torque": {"std": touched}}
     lumped, chain = pendulum(False, **more), pendulum(True, **more)
     logs = [simulate(rig, build_scenario(SWING), seed=1) for rig in (lumped, chain)]

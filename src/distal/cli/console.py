@@ -94,14 +94,14 @@ def continue_on_failure(part: str) -> Iterator[None]:
         failure(f"{part} failed; the rest holds: {reason}")
 
 
-LONGEST = 60
+LONGEST_CELL = 60
 """Length up to which a table's first column stays on one line [characters]. Source: layout."""
 
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], text: int = 1) -> None:
     """Print a table; nothing in it is cut off.
 
-    A first column that is longer than `LONGEST` goes on in the next line.
+    A first column that is longer than `LONGEST_CELL` goes on in the next line.
 
     Args:
         text: how many columns, from the first one, are text; the others are numbers.
@@ -110,7 +110,7 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], tex
     for i, name in enumerate(columns):
         cells = [len(row[i]) for row in rows]
         if i == 0:
-            grid.add_column(name, no_wrap=max(cells, default=0) <= LONGEST)
+            grid.add_column(name, no_wrap=max(cells, default=0) <= LONGEST_CELL)
         elif i < text:
             grid.add_column(name)
         else:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-SETTLED = float(np.deg2rad(2.0))
+SETTLED_ERROR = float(np.deg2rad(2.0))
 """Largest deviation of a joint that has settled from its reference [rad]: 5 % of a step of 40°.
 Source: judgement.
 """
@@ -112,7 +112,7 @@ def _step(
     """
     error = angle[begin:end] - reference[begin]
     way = np.sign(reference[begin] - (reference[begin - 1] if begin else angle[0]))
-    away = np.flatnonzero(np.abs(error) > SETTLED)
+    away = np.flatnonzero(np.abs(error) > SETTLED_ERROR)
     over = max(float(np.max(way * error)), 0.0)
     if not len(away):
         return over, 0.0

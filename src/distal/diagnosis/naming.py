@@ -34,7 +34,7 @@ LIKELIEST = 4
 Source: judgement.
 """
 
-FARTHEST = 0.7
+LARGEST_CHANGE = 0.7
 """Largest change of a factor by the score test alone [1]: it is linear. Source: judgement."""
 
 FRICTIONS = (-0.6, 1.5)
@@ -47,7 +47,7 @@ HALF = 0.5
 little. Source: judgement.
 """
 
-NOISE = 0.3
+NOISE_SHARE = 0.3
 """Share ε of the band's std that is noise, and not an error of the rig [1]: smaller errors are not
 explained. Source: judgement.
 """
@@ -84,7 +84,7 @@ def candidates(
         tried = [*cause.tried, *(FRICTIONS if cause.kind in ("friction", "damping") else ())]
         for x in sized.get(cause, ()):
             tried += [x, float(np.sqrt(1.0 + x)) - 1.0] if cause.is_factor and x > -1.0 else [x]
-        limit = FARTHEST if cause.is_factor else np.inf
+        limit = LARGEST_CHANGE if cause.is_factor else np.inf
         tried += [
             float(np.clip(test.estimates[i], -limit, limit))
             for test in tests
@@ -196,7 +196,7 @@ class Search:
             return 0.0
         variances = np.mean(outcome.variances, axis=0)
         usual = np.mean(self._base.variances, axis=0) if self._base.bounded else variances
-        noise = NOISE**2 * np.minimum(variances, usual)
+        noise = NOISE_SHARE**2 * np.minimum(variances, usual)
         spread = self._squares(outcome) + noise + np.maximum(HALF**2 * variances - usual, 0.0)
         return self._count * float(np.sum(np.log(spread)))
 
@@ -246,13 +246,13 @@ def unfelt(derivatives: Derivatives, test: ScoreTest) -> list[Cause]:
 SAMPLES = 400
 """Number of samples of a log that are looked at. Source: layout (they take half a second)."""
 
-POINTS = 9
+SIZES = 9
 """Number of sizes of a change that are tried at first. Source: layout."""
 
 LARGEST_FACTOR = 3.0
 """Largest factor of a reading that is no unit [1]. Source: layout."""
 
-LATEST = 0.3
+LONGEST_DELAY = 0.3
 """Largest delay of a reading [s]. Source: layout."""
 
 
@@ -293,7 +293,7 @@ def wrong_readings(log: Log, rig: Rig, causes: Sequence[Cause]) -> list[tuple[Ch
         if costs:
             tried.append((cause, *min(costs.items(), key=lambda pair: pair[1])))
     trials = list[tuple[Change, float]]()
-    for cause, size, cost in sorted(tried, key=lambda trial: trial[2])[:POINTS]:
+    for cause, size, cost in sorted(tried, key=lambda trial: trial[2])[:SIZES]:
         if size not in cause.tried:
             size, cost = _nearest(partial(judged, cause), size, _sizes(cause, readings, names))
         if judged(cause, size)[1] < HALF * share:
@@ -315,11 +315,11 @@ def _sizes(cause: Cause, readings: Floats, names: Sequence[str]) -> list[float]:
     if len(cause.channels) > 1:
         return []
     if cause.kind == "scale":
-        return [*np.geomspace(1.0 / LARGEST_FACTOR, LARGEST_FACTOR, POINTS) - 1.0]
+        return [*np.geomspace(1.0 / LARGEST_FACTOR, LARGEST_FACTOR, SIZES) - 1.0]
     if cause.kind == "delay":
-        return [*np.linspace(-LATEST, LATEST, POINTS)]
+        return [*np.linspace(-LONGEST_DELAY, LONGEST_DELAY, SIZES)]
     largest = np.nan_to_num(np.abs(readings[:, names.index(cause.channels[0])])).max()
-    return [*np.linspace(-largest, largest, 2 * POINTS + 1)] if largest > 0.0 else []
+    return [*np.linspace(-largest, largest, 2 * SIZES + 1)] if largest > 0.0 else []
 
 
 def _nearest(
@@ -331,6 +331,6 @@ def _nearest(
         lambda x: judged(float(x))[0],
         bounds=(size - step, size + step),
         method="bounded",
-        options={"maxiter": 2 * POINTS},
+        options={"maxiter": 2 * SIZES},
     )
     return float(nearest.x), float(nearest.fun)

@@ -47,7 +47,7 @@ LARGEST_TRAVEL = float(np.deg2rad(270.0))
 by 180° at most. Source: judgement.
 """
 
-LONGEST = 200
+LONGEST_LINE = 200
 """Largest number of characters of the line, roughly. Source: layout."""
 
 NOTHING = (
@@ -361,12 +361,12 @@ def _joined(parts: Sequence[str], beyond: Sequence[str] = ()) -> str:
     """
     line = parts[0]
     for k, part in enumerate(parts[1:]):
-        if len(line) + len(part) + 2 > LONGEST:
+        if len(line) + len(part) + 2 > LONGEST_LINE:
             return f"{line}; and {len(parts) - 1 - k} more (--findings)"
         line = f"{line}; {part}"
     for k, subject in enumerate(beyond):
         added = f"; {subject}" if k else f"; cannot be felt: {subject}"
-        if len(line) + len(added) > LONGEST - 3:
+        if len(line) + len(added) > LONGEST_LINE - 3:
             return f"{line}; …"
         line += added
     return line

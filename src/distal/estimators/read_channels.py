@@ -156,7 +156,7 @@ SPLIT = 1.25
 judgement.
 """
 
-ROUNDING = 1e-9
+STAMP_ROUNDING = 1e-9
 """Share of an interval by which a stamp may be off without another prediction [1]. Source: rounding
 (of stamps).
 """
@@ -176,7 +176,7 @@ def predictions(dt: float, interval: float) -> int:
 
     It is at most twice `MOST_BRIDGES`, also for an infinite `dt`.
     """
-    parts = dt / (SPLIT * interval) - ROUNDING
+    parts = dt / (SPLIT * interval) - STAMP_ROUNDING
     return (
         max(1, ceil(parts)) if parts < 2 * MOST_BRIDGES else 2 * MOST_BRIDGES
     )  # dt may be infinite
@@ -234,7 +234,7 @@ def rows_with_gaps(
         len(steps) and predictions(float(steps.max()), interval) == 1
     ):  # no gaps, as most logs: a row for each sample
         return np.column_stack([steps, filled, is_finite]), np.arange(len(steps))
-    parts = np.maximum(1.0, np.ceil(steps / (SPLIT * interval) - ROUNDING))
+    parts = np.maximum(1.0, np.ceil(steps / (SPLIT * interval) - STAMP_ROUNDING))
     if parts.max(initial=1.0) > MOST_BRIDGES:
         raise EstimationError(
             f"{name}: a gap of {steps.max():g} s is too long to bridge "

@@ -35,13 +35,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-LOST = np.deg2rad(10.0)
+START_STD = np.deg2rad(10.0)
 """Standard deviation of the angle that is assumed at the start of each window [rad]. Source:
 judgement.
 """
 
 SEEN = 0.2
-"""Ratio of the std at a window's end to `LOST`, below which the angle is seen. Source:
+"""Ratio of the std at a window's end to `START_STD`, below which the angle is seen. Source:
 judgement.
 """
 
@@ -58,8 +58,8 @@ class Observability:
 
     Args:
         time: stamps [s], (k,).
-        found: std of the angle that was `LOST` at the start of a window, as the window's sensors
-            find it again [rad], (k,).
+        found: std of the angle that was `START_STD` at the start of a window, as the window's
+            sensors find it again [rad], (k,).
         std: std of the angle along the whole log [rad], (k,).
         window: length of the windows [s].
         estimate: the estimate along the log.
@@ -88,7 +88,7 @@ class Observability:
             part = (self.time >= low) & (self.time <= high)
             inside = [i for i in ends if low <= self.time[i] <= high]
             regained = float(np.median(self.found[inside if inside else part]))
-            share = regained / LOST
+            share = regained / START_STD
             word = "seen" if share < SEEN else "hardly seen" if share < HARDLY else "not seen"
             lines.append(
                 (float(low), float(high), float(np.median(self.std[part])), regained, word)
@@ -115,7 +115,7 @@ class Observability:
             angle.plot(since, theta, color=COLOURS[0], lw=1.2, label="estimate")
             angle.set_ylabel("joint angle θ [°]")
             legend_above(angle)
-            label = f"lost by {np.rad2deg(LOST):g}° every {self.window:g} s, and found again"
+            label = f"lost by {np.rad2deg(START_STD):g}° every {self.window:g} s, and found again"
             spread.semilogy(
                 since, np.rad2deg(self.found), color=COLOURS[1], ls=DASHES[1], lw=1.2, label=label
             )
@@ -139,11 +139,11 @@ def observability(
 ) -> Observability:
     """Return how well the sensors show the angle of a joint along a log.
 
-    At the start of each window the angle's variance is set to `LOST`², uncorrelated with everything
-    else, and the filter's own covariance recursion goes on. At the window's end, 1/P − 1/LOST² is
-    the angle's entry in the window's observability Gramian, with process noise and the other
-    unknowns taken into account (Krener and Ide, CDC 2009). Where the angle is not found again,
-    friction, slack or stops hide the joint, and only the model's memory holds the angle.
+    At the start of each window the angle's variance is set to `START_STD`², uncorrelated with
+    everything else, and the filter's own covariance recursion goes on. At the window's end, 1/P −
+    1/START_STD² is the angle's entry in the window's observability Gramian, with process noise and
+    the other unknowns taken into account (Krener and Ide, CDC 2009). Where the angle is not found
+    again, friction, slack or stops hide the joint, and only the model's memory holds the angle.
 
     Args:
         window: length of the windows [s].
@@ -197,7 +197,7 @@ def observability(
         kernel_state = np.array(kernel_states[start - 1] if start else belief.kernel_state)
         covariance = covariance_of(kernel_state, n)
         covariance[at, :] = covariance[:, at] = 0.0
-        covariance[at, at] = LOST**2
+        covariance[at, at] = START_STD**2
         after = advance(
             estimator.kernel,
             Feed(kernel_state, rows[start : last[inside[-1]] + 1], estimator.parameters),

@@ -207,7 +207,7 @@ def _residual(parameters: ParameterEstimates) -> float:
     return float(np.exp(np.mean(0.5 * np.log(ratios))))
 
 
-NEWTON_STEPS = 1
+JACKKNIFE_STEPS = 1
 """Number of Newton steps from the parameters of all logs, where the slopes of each log are known
 (the infinitesimal jackknife). Source: reference (Giordano et al., AISTATS 2019).
 """
@@ -245,7 +245,7 @@ def without(parameters: ParameterEstimates, logs: Sequence[Log]) -> ParameterEst
     again = search(
         remaining,
         optimum.z[columns],
-        most=NEWTON_STEPS,
+        most=JACKKNIFE_STEPS,
         fixed=parameters.left[columns],
         at_start=at,
     )

@@ -47,7 +47,7 @@ SMOOTHED = 0.12
 speeds (Savitzky and Golay, 1964) [s]. Source: judgement.
 """
 
-MEMORY = 0.01
+TURNING_SHARE = 0.01
 """Share of a body's range (its 5 to 95 % quantiles) over which its direction of motion turns.
 Source: judgement.
 """
@@ -57,7 +57,7 @@ SLOW = 0.03
 (docs/results/from-logs.md).
 """
 
-FEWEST = 100
+FEWEST_SAMPLES = 100
 """Least number of samples with all angles and positions that every log needs, so that the equations
 are asked. Source: judgement.
 """
@@ -252,13 +252,13 @@ class Equations:
 
         step = float(np.median(np.diff(time)))
         window = max(5, round(SMOOTHED / step) | 1)
-        if np.count_nonzero(complete) < max(FEWEST, 3 * window):
+        if np.count_nonzero(complete) < max(FEWEST_SAMPLES, 3 * window):
             return None
         filled = np.column_stack(
             [np.interp(time, time[complete], column[complete]) for column in q.T]
         )
         q, v, a = (savgol_filter(filled, window, 3, k, step, axis=0) for k in range(3))
-        width = MEMORY * np.subtract(*np.percentile(q[complete], (95, 5), axis=0)) + 1e-12
+        width = TURNING_SHARE * np.subtract(*np.percentile(q[complete], (95, 5), axis=0)) + 1e-12
         every = max(1, round(INTERVAL / step))
         at = slice(None, None, every)
         # smoothing leaves this share of the noise's variance of each angle and position

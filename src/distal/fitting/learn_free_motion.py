@@ -38,7 +38,7 @@ USUAL_SPREAD = 0.4
 USUAL_FREEDOM = 8
 """Degrees of freedom of that spread as a prior. Source: judgement (these rigs)."""
 
-NEVER = 1e6
+UNTOUCHED = 1e6
 """Limit on mean innovations in standard deviations, which none reaches, so that no touch is found
 [1]. Source: judgement.
 """
@@ -220,7 +220,7 @@ def untouched(rig: Rig) -> Rig:
     drives = tuple(rig.drive_names)
     never = FreeMotion(
         channels=forces,
-        at_rest=(NEVER,) * len(forces),
+        at_rest=(UNTOUCHED,) * len(forces),
         moving=(0.0,) * len(forces),
         rms=0.0,
         inside=0.0,

@@ -22,7 +22,7 @@ from distal.rig import REFERENCES, Capstan, Rig, Sensor
 from distal.run import estimate
 from distal.sensor_errors import variance
 
-FAR = 2.5
+UNLIKE_OTHERS = 2.5
 """Ratio of a log's error to the median error of the other logs, above which the log is unlike them
 [1]. Source: benchmark (docs/results/touch.md).
 """
@@ -41,9 +41,9 @@ def touched_logs(logs: Sequence[Log], rig: Rig) -> list[int]:
 
     The log on which least squares from the others err most is set aside, again and again, until
     half of the logs are left, or `FEWEST_LOGS`. Logs that were set aside count as touched where two
-    things hold. Least squares from the rest err `FAR` times as much on them as on the rest. Least
-    squares from the rest and them together err `SPOILT` times as much on the rest. A log of fast
-    motions is far off too, but spoils nothing.
+    things hold. Least squares from the rest err `UNLIKE_OTHERS` times as much on them as on the
+    rest. Least squares from the rest and them together err `SPOILT` times as much on the rest. A
+    log of fast motions is far off too, but spoils nothing.
     """
     joints = rig.joint_names
     with_angles = [i for i, log in enumerate(logs) if true_angles(log, joints) is not None]
@@ -69,7 +69,7 @@ def touched_logs(logs: Sequence[Log], rig: Rig) -> list[int]:
         kept.remove(worst)
     by_kept = errors(with_angles, kept)
     usual = float(np.median([by_kept[i] for i in kept]))
-    far = [i for i in aside if by_kept[i] > FAR * usual]
+    far = [i for i in aside if by_kept[i] > UNLIKE_OTHERS * usual]
     spoilt = errors(kept, [*kept, *far])
     return sorted(far) if np.median(list(spoilt.values())) > SPOILT * usual else []
 

@@ -33,7 +33,7 @@ from distal.logs import Log, true_angles
 from distal.model import joint_frequency
 from distal.rig import Rig, Sensor, number
 
-FOLLOWS = 10.0
+FOLLOWS_DRIVES = 10.0
 """Angle of a joint's own oscillation in the time of smoothing [rad], above which the joint follows
 the drives (6 to 8 with inertia, above 15 without). Source: benchmark (benchmarks/strangers/drawn).
 """
@@ -44,7 +44,7 @@ DIVERGED = (
     "(distal estimate)"
 )
 
-EXPLAINED = 2.0
+REFERENCE_RATIO = 2.0
 """Largest mean ν²/S of a channel with which the reference may become one more sensor. Source:
 judgement.
 """
@@ -101,7 +101,10 @@ def parameters_of(
         FitError: the filter leaves all bounds on the logs.
     """
     equations = by_equations(problem, options, progress)
-    slow = joint_frequency(problem.filter.estimator.states.context.mechanism) * SMOOTHED < FOLLOWS
+    slow = (
+        joint_frequency(problem.filter.estimator.states.context.mechanism) * SMOOTHED
+        < FOLLOWS_DRIVES
+    )
     if equations is not None and (not slow or equations.optimum.interrupted):
         return [equations]
     return [
@@ -327,7 +330,7 @@ def _with_reference(
     """
     if (
         problem.homing is not None
-        or float(np.max(problem.scales(problem.at(optimum.z)))) > EXPLAINED
+        or float(np.max(problem.scales(problem.at(optimum.z)))) > REFERENCE_RATIO
     ):
         return problem, optimum
     parameters = np.flatnonzero([not part.noise for part, _ in problem.parts])

@@ -187,7 +187,7 @@ SAME = 1e-9
 """Values whose range is below this share of their size are one value. Source: rounding.
 """
 
-HALF = 0.5
+HALF_TURN = 0.5
 """Share of a turn above which a step between neighbours is a wrap. Source: definition (Nyquist: the
 shorter way round is taken).
 """
@@ -276,14 +276,14 @@ def _turn(columns: Sequence[Floats], width: float) -> float | None:
     usual steps are small, and beside them a wrap is a whole turn.
     """
     steps = np.concatenate([np.abs(np.diff(values)) for values in columns])
-    wraps = steps[steps > HALF * width]
+    wraps = steps[steps > HALF_TURN * width]
     if len(wraps) < 2:
         return None
     usual = float(np.quantile(steps, 0.95))
     # a step across the wrap is shorter than the turn by what it would be elsewhere
     seen = float(np.median(wraps)) + usual / 2.0
     turn = float(TURNS[np.argmin(np.abs(TURNS - seen))])
-    return turn if abs(turn - seen) <= usual and usual < HALF * width else None
+    return turn if abs(turn - seen) <= usual and usual < HALF_TURN * width else None
 
 
 def unwrapped(values: Floats, turn: float) -> Floats:

@@ -20,6 +20,7 @@ from distal.from_logs.column_values import ColumnRole, longest_run
 from distal.from_logs.motion_data import MotionData, scaled_solution
 from distal.from_logs.raw_log import RawLog
 from distal.logs import Log
+from distal.regression import FEWEST_LOGS
 
 OTHER_UNIT = 1000.0**0.5
 """Ratio of the sampling rates of two logs from which on a unit of time is wrong [1]. Source:
@@ -40,9 +41,6 @@ OF_ANOTHER_RIG = 0.1
 """Residual of a log by the others, per RMS of a drive's motion, from which on nothing is learned
 from it [1]. Source: judgement (moment arms that differ by a tenth).
 """
-
-FEWEST_LOGS = 3
-"""With fewer logs nobody knows which of them is odd. Source: definition."""
 
 FACTORS = {
     -1.0: "counts the other way than in the others",

@@ -33,13 +33,13 @@ NOISE = 0.2
 judgement.
 """
 
-FEWEST = 5
+SMALLEST_WINDOW = 5
 """Least number of samples in a window [1]. Source: definition (a cubic needs four)."""
 
 
 def length_of(time: float, step: float) -> int:
     """Return the number of samples of a window, for a time and a `step` between samples [s]."""
-    return max(FEWEST, 2 * round(time / step / 2) + 1)
+    return max(SMALLEST_WINDOW, 2 * round(time / step / 2) + 1)
 
 
 def window_of(angles: Floats, step: float, noise: float) -> int:
@@ -157,7 +157,7 @@ def relative_errors(matrix: Floats, window: int) -> Floats:
     return np.asarray(np.sqrt(np.diag(covariance)) / size)
 
 
-MOST_SAMPLES = 1500
+SAMPLES_OF_LOG = 1500
 """Samples of a log that are used: more say nothing new of sizes. Source: judgement."""
 
 TURNED = 0.01
@@ -219,7 +219,7 @@ def motion_data(log: RawLog, columns: Sequence[ColumnRole]) -> MotionData:
     drives = [column for column in columns if column.role == "position"]
     joints = [column for column in columns if column.role == "angle"]
     efforts = {column.part: column for column in columns if column.role == "effort"}
-    stride = max(1, log.rows // MOST_SAMPLES)
+    stride = max(1, log.rows // SAMPLES_OF_LOG)
     time = log.columns[stamp.header] * factor_of_column(stamp)
 
     def smooth(column: ColumnRole | None) -> Floats:

@@ -51,10 +51,10 @@ judgement.
 BRAKING = 0.1
 """The same for friction and goals that are reached [s]. Source: judgement."""
 
-SETTLED = (0.1, 0.3)
+REST_TIMES = (0.1, 0.3)
 """Time after a turning point in which a joint that stays there rests [s]. Source: judgement."""
 
-FEWEST = 3
+FEWEST_OF_TIME = 3
 """Least ratio of these times in samples, below which they tell nothing [1]. Source: judgement."""
 
 
@@ -151,9 +151,9 @@ def _turns_of(log: MotionData, joint: int, drives: Sequence[int], line: Floats) 
     time = log.time[rows]
     step = float(np.median(np.diff(time)))
     near, far = (max(1, round(time_around / step)) for time_around in (ARRIVAL, BRAKING))
-    if far < FEWEST * near:
+    if far < FEWEST_OF_TIME * near:
         return []
-    begin, end = (round(time_after / step) for time_after in SETTLED)
+    begin, end = (round(time_after / step) for time_after in REST_TIMES)
     speed = np.gradient(angle, time)
     usual = float(np.sqrt(np.mean(speed**2)))
     by_drives = line[0] + log.positions[rows][:, list(drives)] @ line[1:]

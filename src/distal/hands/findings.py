@@ -14,7 +14,7 @@ import numpy as np
 from distal.confidence import CLEARLY
 from distal.errors import FitError, RigError
 from distal.fitting.free_parameter import COMMON
-from distal.hands.sweeps import FEWEST, STRONGEST, Sweep, contacts, is_pair, needed, unsure
+from distal.hands.sweeps import FEWEST_SWEEPS, STRONGEST, Sweep, contacts, is_pair, needed, unsure
 from distal.rig import Rig, in_words, number, parameters_below
 
 FaultKind = Literal["side", "slack", "broken", "slipped", "stopped"]
@@ -61,7 +61,7 @@ def faults_of(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Fault, ...
     def fault(kind: FaultKind, sentence: str) -> tuple[Fault, ...]:
         return (Fault(kind, drive, f"{drive} ({names}): {sentence}"),)
 
-    if len(sweeps) < FEWEST:
+    if len(sweeps) < FEWEST_SWEEPS:
         return fault("slipped", FREE)
     full = sweeps[1:]
     resisted = {way: [sweep.resisted for sweep in full if sweep.way == way] for way in (1, -1)}

@@ -11,7 +11,7 @@ from math import isfinite, nan
 import numpy as np
 
 from distal.errors import CommandError, did_you_mean
-from distal.hands.sweeps import FEWEST, STRONGEST, is_pair, needed, sweep_channels_of
+from distal.hands.sweeps import FEWEST_SWEEPS, STRONGEST, is_pair, needed, sweep_channels_of
 from distal.inverse.goal_gate import GoalGate
 from distal.logs import Log
 from distal.rig import Capstan, Rig, check_scales, independent_parts
@@ -30,14 +30,15 @@ HELD = 0.03
 Source: judgement.
 """
 
-BEYOND = 1.3
+LONGEST_SWEEP = 1.3
 """Travel after which a sweep that meets no end turns back, in multiples of what the joints' ranges
 need [1]; `MARGIN` is added. Source: judgement.
 """
 
 MARGIN = 0.5
-"""Travel of a sweep that meets no end, beyond `BEYOND` times what the ranges need, and of a motor
-that lets its one tendon out, beyond the ranges [rad]: the tendon is loose there. Source: judgement.
+"""Travel of a sweep that meets no end, beyond `LONGEST_SWEEP` times what the ranges need, and of a
+motor that lets its one tendon out, beyond the ranges [rad]: the tendon is loose there. Source:
+judgement.
 """
 
 SLOWS = 1.2
@@ -70,7 +71,7 @@ FELT = 0.1
 Source: judgement.
 """
 
-LARGEST = 3.0
+LARGEST_TORQUE = 3.0
 """Torque at which a motor's routine ends, in multiples of its limit [1]. Source: judgement."""
 
 
@@ -105,7 +106,7 @@ class _Motor:
         self.limit = limit
         self.pair = is_pair(rig, name)
         need = needed(rig, name) / radius
-        self.most = BEYOND * need + MARGIN
+        self.most = LONGEST_SWEEP * need + MARGIN
         self.loose = need + MARGIN
         self.way = 1
         self.done = 0
@@ -319,7 +320,7 @@ class Routine:
             return self.fail(name, f"nothing to go by for {self._silent[name]:.1f} s ({why})")
         if not (isfinite(position) and isfinite(torque)):
             return None
-        if abs(torque) > LARGEST * motor.limit:
+        if abs(torque) > LARGEST_TORQUE * motor.limit:
             why = f"a torque of {abs(torque):.2f} N m; its limit is {motor.limit:.2f}"
             return self.fail(name, why)
         if motor.done < self._options.sweeps and (why := motor.blind(dt, position, torque)):
@@ -372,7 +373,7 @@ def _checked_limits(rig: Rig, options: RoutineOptions) -> dict[str, float]:
             )
     for what, value, least, most in (
         ("speed [rad/s]", options.speed, 0.05, 20.0),
-        ("sweeps", options.sweeps, FEWEST, 1000),
+        ("sweeps", options.sweeps, FEWEST_SWEEPS, 1000),
         ("longest [s]", options.longest, 1.0, 3600.0),
     ):
         if (

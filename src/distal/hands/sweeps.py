@@ -20,7 +20,7 @@ TURNED = 0.05
 joints' ranges need it [1]. Source: judgement.
 """
 
-FEWEST = 3
+FEWEST_SWEEPS = 3
 """Least number of sweeps of a motor. Source: definition (one each way after the first, which begins
 anywhere).
 """
@@ -66,7 +66,8 @@ def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
     no end either way may have two.
 
     Raises:
-        LogError: its angle or torque is not in the log, or it sweeps less than `FEWEST` times.
+        LogError: its angle or torque is not in the log, or it sweeps less than `FEWEST_SWEEPS`
+        times.
     """
     position, torque = sweep_channels_of(rig, drive)
     positions = log.channels[position]
@@ -87,11 +88,11 @@ def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
             np.nanmax(positions) - np.nanmin(positions)
         ):
             sweeps = sweeps[:-1]  # it went to rest
-    if len(sweeps) < FEWEST and (len(sweeps) < 2 or any(sweep.resisted for sweep in sweeps)):
+    if len(sweeps) < FEWEST_SWEEPS and (len(sweeps) < 2 or any(sweep.resisted for sweep in sweeps)):
         raise LogError(
             f"{log.source}: motor '{drive}' sweeps {len(sweeps)} times to an end of its travel; a "
             "power-on routine has at "
-            f"least {FEWEST} sweeps of each (see distal.hands.Routine)"
+            f"least {FEWEST_SWEEPS} sweeps of each (see distal.hands.Routine)"
         )
     return tuple(sweeps)
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-NAMED = 3
+NAMED_JOINTS = 3
 """Number of joints that are named as not at their desired angles. Source: layout."""
 
 TINY = 1e-9
@@ -224,9 +224,9 @@ def not_reached(
         return []
     each = [
         f"{joints[k]} {rounded(np.rad2deg(away[:, k].max()))}° ({_first(time, away[:, k] > TURNS)})"
-        for k in far[:NAMED]
+        for k in far[:NAMED_JOINTS]
     ]
-    more = f" and {len(far) - NAMED} more" if len(far) > NAMED else ""
+    more = f" and {len(far) - NAMED_JOINTS} more" if len(far) > NAMED_JOINTS else ""
     names = [model.rig.drives[i].name for i in np.flatnonzero(cut.any(axis=0))]
     why = (
         f"{', '.join(names)} cannot do what is wanted, which leaves joints off by up to"

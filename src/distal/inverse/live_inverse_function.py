@@ -34,7 +34,7 @@ RESPONDS = 0.1
 up for a wrong position [s]. Source: judgement.
 """
 
-BEYOND = 1e-9
+AT_END = 1e-9
 """Distance beyond a drive's range from which on the drive counts as at its end [m, rad]. Source:
 rounding (positions that are equal).
 """
@@ -137,7 +137,7 @@ class LiveModel:
         )
         command, y = model.function()(command, row, parameters)
         sent = model.y.parts(y)
-        at_end = ca.fabs(model.kernel_state.part(command, "positions") - sent["positions"]) > BEYOND
+        at_end = ca.fabs(model.kernel_state.part(command, "positions") - sent["positions"]) > AT_END
         forces = self._within_limits(sent["forces"], parameters)
         positions = read_function(states)(sent["positions"], came["state"], own)
         # servos give way: by their stiffness, and by their dead band in the direction of motion

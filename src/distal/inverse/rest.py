@@ -26,7 +26,7 @@ from distal.inverse.torques import limited, solved
 from distal.kernels import Layout
 from distal.rig import Rig
 
-LARGEST = float(np.deg2rad(2.0))
+LARGEST_TURN = float(np.deg2rad(2.0))
 """Largest turn of a joint in one of Newton's steps; within it, a joint that was left behind counts
 as back at its desired angle [rad]. Source: judgement.
 """
@@ -70,7 +70,7 @@ class RestModel(CommandModel):
         for _ in range(STEPS):
             step = self._step(angles, came["positions"], parameters)
             angles = self.within_stops(angles + step, parameters)
-        away = ca.fabs(angles - came["angles"]) > LARGEST
+        away = ca.fabs(angles - came["angles"]) > LARGEST_TURN
         stays = ca.logic_and(was_behind > 0, ca.dot(away, away) > 0)
         behind = ca.logic_or(came["cut"] > 0, stays)
         angles = ca.if_else(behind, angles, came["angles"])
@@ -89,7 +89,7 @@ class RestModel(CommandModel):
         """
         lacks, friction = self.lacking(free, positions, ca.SX.zeros(self.nf))
         beyond = lacks - limited(lacks, friction)
-        return [limited(-solved(self._slopes(lacks, free), beyond), LARGEST)]
+        return [limited(-solved(self._slopes(lacks, free), beyond), LARGEST_TURN)]
 
     def _slopes(self, lacks: Vector, free: Vector) -> Matrix:
         """Return the derivatives of the residual torques by the angles."""

@@ -24,7 +24,7 @@ IMPROBABLE = 1e-6
 read as another, before a log is seen. Source: definition (level of the test).
 """
 
-FINE = 0.02
+REPEATS_AT_REST = 0.02
 """Probability of a repetition at rest below which a reading alone counts as old: its noise is 14
 steps wide [1]. Source: judgement.
 """
@@ -331,7 +331,7 @@ class _Noise:
     @property
     def is_fine(self) -> bool:
         """Whether its noise is many steps wide, so that it cannot repeat at rest either."""
-        return 0.0 < self._coincidence() < FINE
+        return 0.0 < self._coincidence() < REPEATS_AT_REST
 
     @property
     def chance(self) -> float:

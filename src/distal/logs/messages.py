@@ -23,7 +23,7 @@ from distal.errors import LogError, OutputError
 from distal.logs.cells import MISSING, factor_of, time_factor, units_of
 from distal.logs.door import Door, Remark
 from distal.logs.outputs import as_output_error, beside, target_of
-from distal.logs.stamps import LATEST
+from distal.logs.stamps import LATEST_DATE
 from distal.rig import Rig, angle_names, log_factor, std_name
 from distal.units import unit_factor
 
@@ -312,7 +312,7 @@ class Recorder:
         clean = {
             k: None if isinstance(v, float) and not isfinite(v) else v for k, v in message.items()
         }
-        stamp = max(0, round(time * 1e9)) if isfinite(time) and abs(time) < LATEST else 0
+        stamp = max(0, round(time * 1e9)) if isfinite(time) and abs(time) < LATEST_DATE else 0
         self._count += 1
         with as_output_error(self._path):
             self._writer.add_message(

@@ -18,7 +18,7 @@ from unicodedata import category, normalize
 
 from distal.errors import Content, OutputError
 
-ROOM = 10
+NAME_ROOM = 10
 """Bytes by which the name of the temporary file of `write_whole` is longer than the name of the
 file itself. Source: definition (names of temporary files in Python: two dots, eight characters).
 """
@@ -108,7 +108,7 @@ def _check_name(path: Path) -> None:
         most = 255
         with suppress(OSError, ValueError):
             most = os.pathconf(_nearest_folder(part), "PC_NAME_MAX")
-        most -= ROOM if part is path else 0
+        most -= NAME_ROOM if part is path else 0
         size = len(part.name.encode())
         if size > most:
             raise OutputError(

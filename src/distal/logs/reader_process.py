@@ -27,7 +27,7 @@ from distal.logs.cells import Cells, Column, in_memory
 from distal.logs.outputs import shown
 from distal.units import to_si
 
-MOST = 2_000_000_000
+MOST_MEMORY = 2_000_000_000
 """Memory that reading a log may take, unless the user sets another limit [bytes]. Source:
 judgement.
 """
@@ -51,14 +51,14 @@ _LOCK = Lock()
 
 def memory_limit() -> int:
     """Return the memory that reading one log may take [bytes]: $DISTAL_MAX_MEMORY where it is set,
-    such as ``8 GB``, else `MOST`.
+    such as ``8 GB``, else `MOST_MEMORY`.
 
     Raises:
         LogError: $DISTAL_MAX_MEMORY holds no size, or one below 1 MB.
     """
     text = os.environ.get(MEMORY_VARIABLE)
     if not text:
-        return MOST
+        return MOST_MEMORY
     quantity: float | str = text
     with suppress(ValueError):
         quantity = float(text)  # a bare number is in bytes

@@ -23,7 +23,7 @@ from distal.logs.cells import Cells, in_memory
 from distal.logs.formats import Message, UndecodableError, check_is_content, format_of
 from distal.logs.messages import STAMPS, number_of
 from distal.logs.stamps import (
-    LATEST,
+    LATEST_DATE,
     REWOUND,
     longest_part,
     say_wild,
@@ -31,7 +31,7 @@ from distal.logs.stamps import (
     wild_stamps,
 )
 
-NEAR = 0.1
+SAME_ROW = 0.1
 """Share of the busiest topic's interval within which messages belong to one row. Source:
 judgement.
 """
@@ -46,7 +46,7 @@ LONGEST = 64
 points. Source: judgement.
 """
 
-NO_TIME = round(LATEST * 1e9)
+NO_TIME = round(LATEST_DATE * 1e9)
 """Stamp in place of one that is no time [ns]. Source: definition (unit conversion)."""
 
 ROW_STAMPS = "stamps [ns]"
@@ -177,7 +177,7 @@ def _json_stamp(path: Path, message: Message, time: str, unit: float) -> int | N
         if cell is None:
             continue
         seconds = _number(path, cell, name) * factor
-        return round(seconds * 1e9) if abs(seconds) < LATEST else NO_TIME
+        return round(seconds * 1e9) if abs(seconds) < LATEST_DATE else NO_TIME
     return None
 
 
@@ -204,8 +204,8 @@ def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, Stampe
         wild_in[_named(column)[0]] = wild
         if (stamps[~wild] == NO_TIME).any():
             raise LogError(
-                f"{path}: a stamp of '{column}' is beyond {LATEST:g} s, which is no time; what "
-                "unit has it? (log.time.unit)"
+                f"{path}: a stamp of '{column}' is beyond {LATEST_DATE:g} s, which is no time; "
+                "what unit has it? (log.time.unit)"
             )
         stamped[column] = stamps[~wild], np.array([number for _, _, number in samples])[~wild]
         recorded[column] = np.array([at for _, at, _ in samples])[~wild]
@@ -303,10 +303,10 @@ def _shortest_interval(stamps: list[NDArray[np.int64]]) -> float:
 def _merged(stamps: list[NDArray[np.int64]]) -> NDArray[np.int64]:
     """Return the stamps of the rows [ns], (n,).
 
-    Stamps that are nearer to a row's first stamp than `NEAR` times the busiest column's interval
-    belong to this row.
+    Stamps that are nearer to a row's first stamp than `SAME_ROW` times the busiest column's
+    interval belong to this row.
     """
-    near = NEAR * _shortest_interval(stamps)
+    near = SAME_ROW * _shortest_interval(stamps)
     rows: list[np.int64] = []
     for stamp in np.unique(np.concatenate(stamps)):
         if not rows or stamp - rows[-1] > near:

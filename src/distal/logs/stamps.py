@@ -28,7 +28,7 @@ EPOCH = 1e8
 start of their own. Source: judgement.
 """
 
-LATEST = 9e9
+LATEST_DATE = 9e9
 """Latest stamp that is taken for a date, in 2255 [s since 1970]. Source: judgement."""
 
 REWOUND = 3
@@ -123,15 +123,15 @@ def _counted(values: NDArray[Any], unit: float, name: str, path: Path) -> Clock:
     usual = float(np.median(finite)) if len(finite) else 0.0
     if usual * unit < EPOCH:
         return Clock(values.astype(np.float64) * unit)
-    if usual * unit >= LATEST:
-        fits = [candidate for candidate in UNITS if EPOCH <= usual * candidate < LATEST]
+    if usual * unit >= LATEST_DATE:
+        fits = [candidate for candidate in UNITS if EPOCH <= usual * candidate < LATEST_DATE]
         if not fits:
             raise LogError(
                 f"{path}: '{name}' is {values[0]}, {values[0] * unit:g} s, which is no time; what "
                 "unit has it? (log.time.unit)"
             )
         unit = fits[0]
-    far = ~(np.abs(values.astype(np.float64)) * unit < LATEST) & np.isfinite(values)
+    far = ~(np.abs(values.astype(np.float64)) * unit < LATEST_DATE) & np.isfinite(values)
     values = np.where(far, values[~far][0], values)
     if values.dtype == np.int64:
         clock = _clock(values * np.int64(round(unit * 1e9)))
@@ -155,7 +155,7 @@ def _dates(column: Column, path: Path, name: str, first_row: int) -> Stamps:
     else:
         seconds = column.astype("datetime64[s]").astype(np.int64)
         dates = column.astype("datetime64[ns]")
-        dates[np.abs(seconds) >= LATEST] = "NaT"
+        dates[np.abs(seconds) >= LATEST_DATE] = "NaT"
     bad = np.flatnonzero(np.isnat(dates))
     if len(bad):
         raise LogError(
@@ -187,7 +187,7 @@ def _one_date(cell: str) -> int | None:
         seconds = (date if date.tzinfo is not None else date.replace(tzinfo=UTC)).timestamp()
     except (ValueError, OverflowError):
         return None
-    return round(seconds) * 10**9 + int(f"{digits:0<9}"[:9]) if abs(seconds) < LATEST else None
+    return round(seconds) * 10**9 + int(f"{digits:0<9}"[:9]) if abs(seconds) < LATEST_DATE else None
 
 
 @np.errstate(invalid="ignore")

@@ -159,7 +159,7 @@ SWEEPS = 2
 Source: benchmark (python -m benchmarks.chains stick-slip).
 """
 
-NEVER = 2.0
+NO_EVENT = 2.0
 """Share of the load's change that stands for an event that does not come: any number above 1.
 Source: definition (the change ends at a share of 1).
 """
@@ -290,7 +290,7 @@ def _event(n: int) -> ca.Function:
         rate = dv[j] + dg[j]
         happens = ca.logic_or(signs[j] * dv[j] < 0, dg[j] != 0)
         time = ca.fmax(distance / (rate + (rate == 0)), 0)
-        times.append(NEVER + happens * (time - NEVER))
+        times.append(NO_EVENT + happens * (time - NO_EVENT))
         soonest = ca.fmin(soonest, times[-1])
     after = list[Scalar]()
     assigned = ca.SX(soonest >= left)

@@ -22,7 +22,7 @@ from distal.model.chain import Slip, slipping, solver
 from distal.model.mechanism import Mechanism
 from distal.model.stops import Flight, bounce, met, restitution
 
-SHORTEST = 1e-15
+SHORTEST_KICK = 1e-15
 """Least length of a kick, by which changes of velocities are divided [s]. Source: rounding (a
 division by zero).
 """
@@ -136,7 +136,7 @@ def residual(
     speeds = ca.mtimes(spread, after)
     change = speeds - v
     # where no time passes inertia alone is left
-    passed = ca.fmax(h, SHORTEST)
+    passed = ca.fmax(h, SHORTEST_KICK)
     needed = mechanism.inertias()[:nj] * change
     if mechanism.chain is not None:
         needed = passed * mechanism.chain.torques(q, v, change / passed) + needed

@@ -17,7 +17,7 @@ from distal.model.plays import extension_torque, polynomial_torque
 from distal.model.tendons import Tendons
 from distal.rig import Joint, Motion, Rig, Sensor, measurand_of, part_of
 
-FEWEST = 2
+SMALLEST_CHAIN = 2
 """Number of joints from which on joints with links are a chain, in which they move one another. The
 link of one joint alone is a constant inertia and a weight. Source: physics (one joint has no other
 that it could move).
@@ -56,7 +56,7 @@ class Mechanism(Tendons):
     ) -> None:
         super().__init__(rig, inputs, remembers, derived)
         links = Chain(rig, self.parameters) if rig.is_chain else None
-        carried = self.n_joints >= FEWEST
+        carried = self.n_joints >= SMALLEST_CHAIN
         self.chain = links if carried else None
         self._lone = None if carried else links
         self.free = [i for i, joint in enumerate(rig.joints) if joint.coupled is None]

@@ -52,7 +52,7 @@ def polynomial_torque(away: Scalar, stiffness: Scalar, quadratic: Scalar, cubic:
     return -away * (stiffness + away * (quadratic + away * cubic))
 
 
-SHORTEST = 1e-6
+SHORTEST_SPRING = 1e-6
 """Least length of an extension spring [m]; at length zero it has no direction. Source: rounding (a
 division by zero).
 """
@@ -75,7 +75,7 @@ def extension_torque(
     the points on the link and on the base are `radius` r and `distance` R [m].
     """
     length = ca.sqrt(
-        ca.fmax(radius**2 + distance**2 - 2 * radius * distance * ca.cos(away), SHORTEST**2)
+        ca.fmax(radius**2 + distance**2 - 2 * radius * distance * ca.cos(away), SHORTEST_SPRING**2)
     )
     force = ca.fmax(preload + stiffness * (length - free_length), 0)
     return -force * radius * distance * ca.sin(away) / length

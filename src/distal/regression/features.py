@@ -18,7 +18,7 @@ from distal.kernels import Feed, Kernel, Layout, advance
 from distal.kernels.layout import is_read, is_there, rows_left
 from distal.rig import HALF_WIDTHS, IN_RADIAL, TIME_CONSTANTS, LearnedMap
 
-NEVER = 1e6
+NEVER_READ = 1e6
 """Age of a reading before its first value [s]. Source: definition (older than any reading)."""
 
 
@@ -225,7 +225,7 @@ def first_function(shape: Shape) -> ca.Function:
     z = (begun - centre) / scale
     memory = shape.memory.joined(
         last=begun,
-        age=ca.if_else(is_read(mask), 0, NEVER),
+        age=ca.if_else(is_read(mask), 0, NEVER_READ),
         low=ca.vertcat(*(z - half for half in HALF_WIDTHS)),
         high=ca.vertcat(*(z + half for half in HALF_WIDTHS)),
         lags=ca.repmat(z, len(TIME_CONSTANTS), 1),

@@ -85,7 +85,7 @@ def homed_function(shape: Shape, joints: int) -> ca.Function:
     for j in range(joints):
         mean, covariance = was["mean"][:, j], was[f"covariance_{j}"]
         cross = ca.mtimes(covariance, phi)
-        variance = of["noise"][j] * (1 + of["error_time"][j] / ca.fmax(since[j], SHORTEST))
+        variance = of["noise"][j] * (1 + of["error_time"][j] / ca.fmax(since[j], SHORTEST_INTERVAL))
         variance += of["radial"][j] * out["far"] + of["filter"][j] ** 2 * beside[j]
         variance += ca.dot(ca.fabs(mean[slips]), out["doubt"]) ** 2 / 3
         innovation = targets[j] - ca.dot(phi, mean)
@@ -116,7 +116,7 @@ def homed_function(shape: Shape, joints: int) -> ca.Function:
     )
 
 
-SHORTEST = 1e-9
+SHORTEST_INTERVAL = 1e-9
 """Least interval for the number of independent samples [s]. Source: rounding (the first sample has
 none, and tells nothing).
 """

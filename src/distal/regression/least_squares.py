@@ -138,13 +138,13 @@ TRIMMED = 3.0
 Source: judgement.
 """
 
-CLEARLY = 3.0
+LEAST_RATIO = 3.0
 """Ratio of an estimate to its standard error, above which it is written. Source: judgement."""
 
 INDEPENDENT = 0.25
 """Time after which residuals count as independent [s]. Source: judgement."""
 
-FEWEST = 100
+FEWEST_OF_DRIVE = 100
 """Least number of samples of a drive for an estimate. Source: judgement."""
 
 
@@ -161,13 +161,13 @@ def servos_of(logs: Sequence[Log], rig: Rig) -> dict[str, object]:
             continue
         matrix, left = (np.concatenate(each) for each in zip(*((m, y) for m, y, _ in parts)))
         count = sum(seconds for _, _, seconds in parts) / INDEPENDENT
-        if len(left) < FEWEST:
+        if len(left) < FEWEST_OF_DRIVE:
             continue
         values, errors = _trimmed(matrix, left, count)
         path = f"drives.{drive.name}.servo"
-        if values[0] > CLEARLY * errors[0]:
+        if values[0] > LEAST_RATIO * errors[0]:
             servos[f"{path}.stiffness"] = float(f"{1.0 / values[0]:.6g}")
-        if values[1] > CLEARLY * errors[1]:
+        if values[1] > LEAST_RATIO * errors[1]:
             servos[f"{path}.dead_band"] = float(f"{values[1]:.6g}")
     return servos
 

@@ -18,7 +18,7 @@ from distal.confidence import BAND
 from distal.regression.features import Shape, empty_frame, features_along
 from distal.regression.samples import Samples
 
-MOST_SAMPLES = 300
+LEARNED_SAMPLES = 300
 """Number of samples to which a log is thinned for learning. Source: benchmark (python -m
 benchmarks.one_map).
 """
@@ -306,7 +306,7 @@ def evidence_of(
     has_target = np.flatnonzero(np.isfinite(log.targets[:, joint]))
     # maps that begin later on a log learn from some of the same samples
     step = 1
-    while len(has_target) > step * MOST_SAMPLES:
+    while len(has_target) > step * LEARNED_SAMPLES:
         step *= 2
     rows = has_target[::-1][::step][::-1]
     time = log.time[rows]

@@ -218,7 +218,7 @@ def _seen(log: Log, seen: Observability) -> list[str]:
     ]
 
 
-POINTS = 1200
+DRAWN_POINTS = 1200
 """Number of points that are drawn along a log, about; up to twice as many may be. Source:
 layout.
 """
@@ -227,7 +227,7 @@ layout.
 def draw_traces(log: Log, estimate: Estimate, rig: Rig) -> Figure:
     """Return a figure over one log: truth, estimate, its errors, innovations, forces and health."""
     # fewer points keep a page with a dozen logs small; a printed line shows no more
-    rows = slice(None, None, max(1, len(log) // POINTS))
+    rows = slice(None, None, max(1, len(log) // DRAWN_POINTS))
     words = log_health(log, rig)
     columns = ("time", "means", "variances", "innovations", "innovation_variances")
     truths = None if estimate.truths is None else estimate.truths[rows]

@@ -48,7 +48,7 @@ HEIGHTS = (320, 170, 135, 135, 85)
 [pixels]. Source: layout.
 """
 
-GAP = 28
+CURVE_GAP = 28
 """Height of the gaps between the curves [pixels]. Source: layout."""
 
 FILL = "rgba({}, {}, {}, {})".format(
@@ -87,9 +87,9 @@ def view_page(
         names += ["joint angle [°]" if joints == 1 else f"{_text(name)} [°]", below]
     names += ["innovation [σ]", "measured", "health"]
     heights = [*(HEIGHTS[:2] * joints), *HEIGHTS[2:]]
-    total = sum(heights) + GAP * (len(heights) - 1)
+    total = sum(heights) + CURVE_GAP * (len(heights) - 1)
     figure = make_subplots(
-        rows=len(names), shared_xaxes="all", vertical_spacing=GAP / total, row_heights=heights
+        rows=len(names), shared_xaxes="all", vertical_spacing=CURVE_GAP / total, row_heights=heights
     )
     last = len(names)
     curves = _Curves(figure, from_start(estimate.time)[rows])

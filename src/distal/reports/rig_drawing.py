@@ -51,7 +51,7 @@ LINE = 0.0185
 GAP = 0.16
 """Distance between the parts of a drawing [in]. Source: layout."""
 
-ROUNDING = 1.06
+TEXT_ROUNDING = 1.06
 """Largest width of a text as drawn over its true width; letters are moved to whole pixels. Source:
 layout.
 """
@@ -181,7 +181,7 @@ def _width(lines: Sequence[str], size: float = FONT) -> float:
 
     bold = FontProperties(size=size, weight="bold")
     extents = (text_to_path.get_text_width_height_descent(line, bold, False) for line in lines)
-    return ROUNDING * float(max(width for width, _, _ in extents)) / 72.0
+    return TEXT_ROUNDING * float(max(width for width, _, _ in extents)) / 72.0
 
 
 def _height(lines: Sequence[str], size: float = FONT) -> float:

@@ -140,7 +140,7 @@ class CrossedPinned(Crossed, Pinned):
     """A pin as one of several crossings."""
 
 
-NEWTON_STEPS = 6
+INVERSION_STEPS = 6
 """Number of Newton's iterations that invert the excursion, which is nearly linear [1]. Source:
 rounding (of 200,000 random linkages whose arm varies fourfold, none is off by more than 2e-15 rad).
 """
@@ -203,7 +203,7 @@ class Linkage(Description):
         slope = size("slope")
         curvature = size("curvature")
         angle = centre + (desired - self.excursion(size, centre)) / radius
-        for _ in range(NEWTON_STEPS):
+        for _ in range(INVERSION_STEPS):
             u = angle - centre
             # the arm is kept away from zero, where no angle fits
             arm = radius * ca.fmax(growth(u, slope, curvature), 0.2)

@@ -33,7 +33,7 @@ from distal.units import rounded
 CASES = 3
 """Number of worst cases that are shown [1]. Source: layout."""
 
-POINTS = 500
+CURVE_POINTS = 500
 """Number of points to which a curve is thinned out; fewer than twice as many remain [1]. Source:
 layout.
 """
@@ -204,7 +204,7 @@ def _worst(plan: Plan, space: Space, columns: Columns) -> tuple[Case, ...]:
         curves = curves_of(outcome, plan.joint)
         if curves is None:
             continue
-        time, *angles = (curve[:: max(1, len(curves[0]) // POINTS)] for curve in curves)
+        time, *angles = (curve[:: max(1, len(curves[0]) // CURVE_POINTS)] for curve in curves)
         settings = (
             setting_in_words(words_of(plan, axis.path), task.design[axis.path], axis.unit)
             for axis in space.axes

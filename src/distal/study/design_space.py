@@ -117,7 +117,7 @@ FEEDBACK = "feedback"
 an estimator.
 """
 
-POINTS = 5
+GRID_POINTS = 5
 """Default number of points of a range in a grid, its ends and quarters [1]; an answer tells the
 parts between them apart. Source: definition (quarters).
 """
@@ -152,7 +152,7 @@ class Axis:
     low: float = 0.0
     high: float = 0.0
     scale: Literal["linear", "log"] = "linear"
-    points: int = POINTS
+    points: int = GRID_POINTS
 
     def at(self, share: float) -> Value:
         """Return the value [SI] at a `share` of the way along the axis, from 0 (low end, first
@@ -245,7 +245,7 @@ def _range(path: str, raw: Mapping[str, object], unit: str) -> Axis:
     low = to_si(raw["from"], unit)
     high = to_si(raw["to"], unit)
     scale = raw.get("scale", "linear")
-    points = raw.get("points", POINTS)
+    points = raw.get("points", GRID_POINTS)
     if not low < high:
         raise StudyError(
             f"vary.{path}: the range is empty: from {low:g} {unit} must be below to {high:g} {unit}"

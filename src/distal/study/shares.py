@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 from distal.arrays import Bools
 from distal.rig import in_words
 from distal.study.description import Plan
-from distal.study.design_space import ESTIMATOR, FEEDBACK, POINTS, Axis, Space, Value, sensor_of
+from distal.study.design_space import (
+    ESTIMATOR,
+    FEEDBACK,
+    GRID_POINTS,
+    Axis,
+    Space,
+    Value,
+    sensor_of,
+)
 from distal.study.execution import Columns
 from distal.study.runs import BUILT
 from distal.units import quantity
@@ -84,7 +92,7 @@ def parts_of(plan: Plan, axis: Axis, values: NDArray[np.generic]) -> list[tuple[
         return [
             (setting_in_words(name, choice, axis.unit), values == choice) for choice in axis.choices
         ]
-    edges = [float(axis.at(share)) for share in np.linspace(0.0, 1.0, POINTS)]
+    edges = [float(axis.at(share)) for share in np.linspace(0.0, 1.0, GRID_POINTS)]
     part = np.searchsorted(edges[1:-1], values.astype(np.float64), side="right")
     return [
         (f"{name} {quantity(low, axis.unit)} to {quantity(high, axis.unit)}", part == k)

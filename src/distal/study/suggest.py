@@ -18,7 +18,7 @@ from distal.study.description import Plan
 from distal.study.design_space import draws_of
 from distal.study.runs import Task, run_tasks
 
-KNOWN = 2.0
+KNOWN_TIME = 2.0
 """Time at the start for which the joint's angle is known in a calibration [s]. Source:
 judgement.
 """
@@ -44,7 +44,7 @@ class Option:
 @dataclass(frozen=True)
 class Suggestion:
     """What an option brings, over rigs as built in all scenarios, by the samples after the first
-    `KNOWN` seconds.
+    `KNOWN_TIME` seconds.
 
     Args:
         band: mean half-width of the 95 % band by the filter's covariance [rad].
@@ -111,7 +111,7 @@ def options_of(rig: Rig, noise: float) -> list[Option]:
         if errors:
             options.append(Option(f"{kind} sensors twice as good", rig.with_values(errors)))
     options += _with_sensors(rig, noise)
-    return [*options, Option(f"the angle known for the first {KNOWN:g} s", rig, KNOWN)]
+    return [*options, Option(f"the angle known for the first {KNOWN_TIME:g} s", rig, KNOWN_TIME)]
 
 
 def _with_sensors(rig: Rig, noise: float) -> list[Option]:
@@ -157,7 +157,7 @@ def _judged(plan: Plan, option: Option) -> Suggestion:
     for outcome in outcomes:
         if isinstance(outcome, Estimate) and outcome.truths is not None:
             # a calibration is judged by what comes after it, and so are all other options
-            late = outcome.time - outcome.time[0] >= KNOWN
+            late = outcome.time - outcome.time[0] >= KNOWN_TIME
             bands.append(np.mean(BAND * outcome.angle_stds[late, plan.joint]))
             squares.append(np.mean((outcome.angles - outcome.truths)[late, plan.joint] ** 2))
     if not bands:

@@ -39,7 +39,7 @@ CLOSING_TIME = 0.3
 (docs/results/touch.md).
 """
 
-CLEARLY = 3.0
+CLEAR_TORQUE = 3.0
 """Number of times the smallest torque that is felt, beyond which a torque is clear and may come
 back [1]. Source: benchmark (docs/results/touch.md).
 """
@@ -288,7 +288,7 @@ def opening_function(count: int) -> ca.Function:
     z_square = ca.sum1(used * explained**2 / least)
     pushed = (1 - was["share"]) * OPENED**2 * ca.sum1(excess / square)
     held = ca.if_else(lost, 0, smallest * ca.fmax(z_square - 1, 0))
-    clearly = ca.if_else(lost, 0, smallest * ca.fmax(z_square - CLEARLY**2, 0))
+    clearly = ca.if_else(lost, 0, smallest * ca.fmax(z_square - CLEAR_TORQUE**2, 0))
     largest = ca.sum1(ca.sqrt(most / square)) ** 2
     clear = ca.fmax(ca.exp(-2 * dt / LASTING_TIME) * was["clear"], ca.fmin(clearly, largest))
     fade = ca.exp(-2 * dt / CLOSING_TIME)

@@ -235,7 +235,7 @@ def turned_by(poses: Poses, tendon: int) -> list[int]:
     return [k for k, arm in enumerate(size) if arm > CROSSED * max(float(size.max()), 1e-12)]
 
 
-ENOUGH = 0.01
+LARGEST_ARM_ERROR = 0.01
 """A polynomial is accepted where its RMS error of each moment arm, over poses to which it was not
 fitted, is at most this share of the largest arm [1]. Source: judgement.
 """
@@ -249,8 +249,8 @@ in five joints. Time and memory grow with its square. Source: definition.
 """
 
 NEARLY = 1.25
-"""Where no degree reaches `ENOUGH`, the lowest one and the fewest terms are taken whose error is at
-most so many times the least one [1]. Source: judgement.
+"""Where no degree reaches `LARGEST_ARM_ERROR`, the lowest one and the fewest terms are taken whose
+error is at most so many times the least one [1]. Source: judgement.
 """
 
 
@@ -281,8 +281,8 @@ class Excursion:
 
 
 def fit_excursion(angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
-    """Return the polynomial of lowest degree that reaches `ENOUGH`; where none does, the lowest
-    that is nearly the best.
+    """Return the polynomial of lowest degree that reaches `LARGEST_ARM_ERROR`; where none does, the
+    lowest that is nearly the best.
 
     Lengths and moment arms are fitted together, each as a share of its size, by least squares. Then
     only the terms that the accuracy needs are kept: one by one, the term that explains most of what
@@ -299,8 +299,8 @@ def fit_excursion(angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
         if comb(joints + degree, degree) > MOST_TERMS:
             break
         fits.append(_fitted(_powers(joints, degree), angles, lengths, arms))
-        if fits[-1].arm_rms.max() <= ENOUGH:
-            return _shortened(fits[-1], ENOUGH, angles, lengths, arms)
+        if fits[-1].arm_rms.max() <= LARGEST_ARM_ERROR:
+            return _shortened(fits[-1], LARGEST_ARM_ERROR, angles, lengths, arms)
     least = min(fit.arm_rms.max() for fit in fits)
     lowest = next(fit for fit in fits if fit.arm_rms.max() <= NEARLY * least)
     return _shortened(lowest, NEARLY * least, angles, lengths, arms)

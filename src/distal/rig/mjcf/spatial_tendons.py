@@ -13,7 +13,7 @@ from distal.arrays import Floats
 from distal.rig.mjcf.bodies import Units, joint_name, tendon_name
 from distal.rig.mjcf.loading import (
     ASSUMED,
-    ENOUGH,
+    LARGEST_ARM_ERROR,
     POSES,
     Poses,
     at_poses,
@@ -27,7 +27,7 @@ from distal.rig.mjcf.loading import (
 if TYPE_CHECKING:
     import mujoco
 
-FARTHEST = 100.0
+FARTHEST_REST = 100.0
 """Largest distance from the middle of a joint's range at which its spring is relaxed, in ranges
 [1]. Source: rounding (roots of a nearly constant torque).
 """
@@ -96,7 +96,7 @@ def _as_spring(angles: Floats, torque: Floats) -> dict[str, float]:
             if abs(root.imag) < 1e-9 and -slope(root.real) > 0.0
         ]
         # further away it is rounding that bends the curve
-        roots = [root for root in relaxed if abs(root - middle) <= FARTHEST * span]
+        roots = [root for root in relaxed if abs(root - middle) <= FARTHEST_REST * span]
         if roots:
             zero = min(roots, key=lambda root: abs(root - middle))
             second = fitted.deriv(2)(zero) / 2
@@ -114,7 +114,7 @@ def _as_spring(angles: Floats, torque: Floats) -> dict[str, float]:
             }
     # the torque does not fall over the range: a weak spring that is relaxed far away
     mean = float(np.mean(torque))
-    weak = abs(mean) / (FARTHEST * span)
+    weak = abs(mean) / (FARTHEST_REST * span)
     return {"stiffness": weak, "rest_angle": float(middle + mean / weak)}
 
 
@@ -155,7 +155,7 @@ def described_crossings(
     length [m], and a note where its moment arms are not exact.
 
     The std of the polynomial's `scale`, or of the pulleys' radii, is what 92 % of the errors of its
-    moment arms stay below, at least `ENOUGH`. The `poses` are those of the `hinges`.
+    moment arms stay below, at least `LARGEST_ARM_ERROR`. The `poses` are those of the `hinges`.
     """
     crossed = turned_by(poses, tendon)
     joints = [hinges[k] for k in crossed]
@@ -163,10 +163,10 @@ def described_crossings(
     lengths = poses.lengths[:, tendon] - rest_lengths(model, hinges)[tendon]
     excursion = fit_excursion(angles, lengths, poses.arms[:, tendon, crossed])
     names = [joint_name(model, j) for j in joints]
-    std = max(ENOUGH, float(np.ceil(1e3 * excursion.arm_most)) / 1e3)
+    std = max(LARGEST_ARM_ERROR, float(np.ceil(1e3 * excursion.arm_most)) / 1e3)
     notes = list[str]()
     switches = len(np.unique(poses.wraps[:, tendon])) > 1
-    if switches or excursion.arm_rms.max() > ENOUGH:
+    if switches or excursion.arm_rms.max() > LARGEST_ARM_ERROR:
         left = zip(names, excursion.arm_rms)
         shares = ", ".join(f"{100 * share:.2g} % at {name}" for name, share in left)
         notes.append(

@@ -17,7 +17,7 @@ from distal.expressions import Scalar
 from distal.model import Mechanism
 from distal.rig import Rig
 
-LEAST_TENSION = 1.0
+START_TENSION = 1.0
 """Smallest tension that is assumed at the start [N]; it only sets the uncertainty of the start.
 Source: judgement.
 """
@@ -138,7 +138,7 @@ def _tension(context: FilterContext, tendon: int, begin: Begin) -> Scalar:
         tension = share + context.number(f"{path}.pretension") * (1 - 1 / count)
     if tension is None:
         return context.number(f"{path}.likely_tension")
-    return ca.fmax(tension, LEAST_TENSION)
+    return ca.fmax(tension, START_TENSION)
 
 
 def likely_tension(rig: Rig, tendon: int) -> float:
