@@ -267,9 +267,9 @@ def wrong_readings(log: Log, rig: Rig, causes: Sequence[Cause]) -> list[tuple[Ch
     """
     redundancy = Redundancy.of(rig, list(log.channels))
     names = redundancy.channels
-    rows = slice(None, None, max(len(log) // SAMPLES, 1))
-    time = log.time[rows]
-    readings = np.column_stack(list(log.channels.values()))[rows]
+    log = log.select(slice(None, None, max(len(log) // SAMPLES, 1)))
+    time = log.time
+    readings = np.column_stack(list(log.channels.values()))
     spans = max(float(np.ptp(time)) / SPAN, 1.0)
     weights = np.array([len(learned.joints) for learned in redundancy.maps])
 
@@ -306,8 +306,8 @@ def _of_all(rig: Rig, efforts: Sequence[str]) -> Iterator[Cause]:
     for unit, factors in UNITS.items():
         names = tuple(s.name for s in rig.sensors if s.name in efforts and s.si == unit)
         if len(names) > 1:
-            sizes = tuple(factor - 1.0 for factor in factors)
-            yield Cause("scale", ", ".join(names), names, tried=sizes, unit=unit)
+            tried = tuple(np.array(factors) - 1.0)
+            yield Cause("scale", ", ".join(names), names, tried=tried, unit=unit)
 
 
 def _sizes(cause: Cause, readings: Floats, names: Sequence[str]) -> list[float]:
