@@ -142,7 +142,7 @@ def _of_efforts(log: Log, forces: Sequence[str], positions: Sequence[str]) -> Sa
     return Samples(log.source, time, readings, none, targets, np.zeros(targets.shape))
 
 
-def _largest_means(times: Sequence[Floats], errors: Sequence[Floats]) -> tuple[float, float]:
+def _largest_means(times: Sequence[Floats], errors: Sequence[Floats]) -> tuple[float, ...]:
     """Return the largest means of T² that are normal on a further log: the bound of 95 % by
     Student's distribution of the logarithms of what each log left out needs, with a prior of their
     spread from other rigs.
@@ -163,8 +163,7 @@ def _largest_means(times: Sequence[Floats], errors: Sequence[Floats]) -> tuple[f
     spread = np.sqrt(squares_about / freedom * (1 + 1 / logs))
     # neither of the means is to be beyond (Bonferroni)
     bound = stdtrit(freedom, 1 - (1 - COVERED) / (2 * means))
-    briefly, lasting = np.exp(needed.mean(axis=0) + bound * spread).tolist()
-    return briefly, lasting
+    return tuple(np.exp(needed.mean(axis=0) + bound * spread).tolist())
 
 
 def recent_mean(values: Floats, stamps: Floats, time: float) -> Floats:
