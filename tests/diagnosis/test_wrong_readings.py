@@ -62,6 +62,13 @@ def test_a_wrong_reading_is_named(kind: str, said: str, log: Log, rig: Rig) -> N
     assert set(subject.replace(" and ", ", ").split(", ")) == set(spoilt[kind])
 
 
+def test_with_a_known_angle_the_size_is_that_of_the_error(rig: Rig) -> None:
+    """Forces alone tell the least change after which they are normal."""
+    good = finger(9, 12.0, None)[0]
+    _, text = first(changed(good, x_flexor=2.0 * good.channels["x_flexor"]), rig)
+    assert float(text.split(" looks ")[1].split()[0]) == pytest.approx(2.0, abs=0.05)
+
+
 def test_nothing_is_named_without_a_reason(log: Log, rig: Rig) -> None:
     assert first(log, rig) == ("", "")
     pushed = replace(finger(7, 10.0, 6.0)[0], truth={})

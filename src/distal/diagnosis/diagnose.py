@@ -79,25 +79,28 @@ def diagnose(
     if log is None or rig is None:
         return diagnose_estimate(result)
     truth = against_truth(result)
+    stuck = stuck_positions(log, rig)
     unlike = not_free(log, rig)
     outside = out_of_range(log, _learned_range(rig))
     further = [
         *truth,
         *elsewhere(log, rig),
-        *stuck_positions(log, rig),
+        *stuck,
         *outside,
         *unlike,
     ]
-    first = diagnose_estimate(result, further)
     if result.estimator != "adaptive" or not what_if:
-        return first
+        return diagnose_estimate(result, further)
     runs = _runs(log, rig, homing, compiled=compiled)
     causes = _causes(runs)
-    is_stuck = any(finding.kind == "stuck" for finding in further)
-    if result.is_taught and (unlike or outside) and not is_stuck:
-        named = _named(wrong_readings(runs.log, rig, causes), "looks like", rig)
-        if named:
+    named = list[Finding]()
+    if result.is_taught and (unlike or outside) and not stuck:
+        wrong = wrong_readings(runs.log, rig, causes)
+        named = _named(wrong, "looks like", rig)
+        if named and not truth:
             return diagnose_estimate(result, further + named)
+        # known angles tell the size
+        causes = [cause for cause in causes if any(cause in c for c, _ in wrong)] or causes
     channels = channels_of(result)
     ends = result.with_all_states
     if channels.disagreeing() and ends.state_names == runs.estimator.state_names:
@@ -106,12 +109,12 @@ def diagnose(
         channels = channels if again.disagreeing() else again
     disagrees = bool(channels.disagreeing())
     wide = not (result.truths is None or truth or result.is_taught)
-    is_searched = not is_stuck and bool(truth or disagrees or wide)
+    is_searched = not stuck and bool(truth or disagrees or wide)
     derivatives = derivatives_of(
         runs, causes if is_searched else [cause for cause in causes if cause.kind in UNFELT]
     )
     if not derivatives.base.bounded:
-        return first
+        return diagnose_estimate(result, further + named)
     test = derivatives.test(of_truth=False)
     if is_searched:
         sized = _sized(runs, derivatives.causes)
@@ -123,7 +126,7 @@ def diagnose(
         ways = [True] * bool(truth) + [False] * disagrees + [True] * wide
         trials = _explained(runs, derivatives.base, changes, ways)
         kind: Kind = "looks like" if truth or disagrees else "would explain"
-        further += _named(trials, kind, rig)
+        further += _named(trials, kind, rig) or named
     if not any(finding.contradicts for finding in (*further, *channels.disagreeing())):
         further += _cannot_be_felt(unfelt(derivatives, test), rig)
     return diagnose_estimate(result, further, channels)

@@ -273,20 +273,19 @@ def wrong_readings(log: Log, rig: Rig, causes: Sequence[Cause]) -> list[tuple[Ch
     spans = max(float(np.ptp(time)) / SPAN, 1.0)
     weights = np.array([len(learned.joints) for learned in redundancy.maps])
 
-    def judged(cause: Cause | None, x: float) -> tuple[float, float]:
+    def judged(cause: Cause, x: float) -> tuple[float, float]:
         """Return the cost of a change, and the share of the log that is not as in free motion."""
         samples = readings.copy()
-        if cause is not None:
-            cause.apply(x, samples, [names.index(name) for name in cause.channels], time)
+        cause.apply(x, samples, [names.index(name) for name in cause.channels], time)
         is_read = np.isfinite(samples)
         squares, unlike, outside = redundancy.along(time, np.where(is_read, samples, 0.0), is_read)
         squares = np.where(outside > 0.0, MOST, np.minimum(squares, MOST))
-        far = 0.0 if cause is None else 2.0 * float(np.log1p(cause.distance(x) ** 2))
+        far = 2.0 * float(np.log1p(cause.distance(x) ** 2))
         share = float(np.mean((outside + unlike).any(axis=1)))
         return spans * float(np.mean(squares @ weights)) + far, share
 
-    before, share = judged(None, 0.0)
     read = [cause for cause in causes if cause.channels and {*cause.channels} <= {*names}]
+    before, share = judged(read[0], 0.0)
     tried = list[tuple[Cause, float, float]]()
     for cause in [*read, *_of_all(rig, redundancy.efforts)]:
         costs = {x: judged(cause, x)[0] for x in (*cause.tried, *_sizes(cause, readings, names))}
@@ -306,8 +305,9 @@ def _of_all(rig: Rig, efforts: Sequence[str]) -> Iterator[Cause]:
     for unit, factors in UNITS.items():
         names = tuple(s.name for s in rig.sensors if s.name in efforts and s.si == unit)
         if len(names) > 1:
-            tried = tuple(np.array(factors) - 1.0)
-            yield Cause("scale", ", ".join(names), names, tried=tried, unit=unit)
+            yield Cause(
+                "scale", ", ".join(names), names, tried=tuple(np.array(factors) - 1.0), unit=unit
+            )
 
 
 def _sizes(cause: Cause, readings: Floats, names: Sequence[str]) -> list[float]:
@@ -328,9 +328,8 @@ def _nearest(
     """Return the size with the least cost around one of some sizes, and its cost."""
     step = min(abs(other - size) for other in sizes if other != size)
     nearest = minimize_scalar(
-        lambda x: judged(float(x))[0],
+        lambda x: judged(x)[0],
         bounds=(size - step, size + step),
         method="bounded",
-        options={"maxiter": 2 * SIZES},
     )
-    return float(nearest.x), float(nearest.fun)
+    return nearest.x, nearest.fun
