@@ -1,6 +1,6 @@
 """`python -m distal`: the command line."""
 
-from distal.cli import main
+from distal_command import main
 
 if __name__ == "__main__":
     main()
