@@ -104,27 +104,30 @@ def test_maps_learn_from_numbers_that_have_not_seen_the_log(
 
 
 @pytest.mark.parametrize(
-    "where",
+    ("where", "name"),
     [
-        "candidates",
-        pytest.param("doubts", marks=pytest.mark.more),
-        pytest.param("missing_terms", marks=pytest.mark.more),
+        ("candidates", "search"),
+        pytest.param("standard_errors", "search", marks=pytest.mark.more),
+        pytest.param("candidates", "by_equations", marks=pytest.mark.more),
     ],
 )
 def test_ctrl_c_is_not_taken_for_an_answer(
-    where: str, monkeypatch: pytest.MonkeyPatch, others: list[Log], with_cable: Learned
+    where: str,
+    name: str,
+    monkeypatch: pytest.MonkeyPatch,
+    others: list[Log],
+    with_cable: Learned,
 ) -> None:
     """A search that is stopped ends with the best so far: wherever it was, the fit ends there too,
     with its numbers.
     """
     module = import_module(f"distal.fitting.{where}")
-    name = "by_equations" if where == "missing_terms" else "search"
     whole, calls = getattr(module, name), list[int]()
 
     def stopped(*arguments: object, **named: object) -> object:
         calls.append(1)
         found = whole(*arguments, **named)
-        if where == "missing_terms":
+        if name == "by_equations":
             return replace(found, optimum=replace(found.optimum, interrupted=True))
         return replace(found, interrupted=True)
 
