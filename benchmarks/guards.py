@@ -47,13 +47,13 @@ WITHOUT: dict[str, float] = {
 """Guard → its value where it does nothing."""
 
 CONSTANTS: dict[str, tuple[str, float]] = {
-    "SHARP_BEND": ("stick_slip", 1e9),
-    "TURNING_DECLARED": ("stick_slip", 1.0),
-    "STICK_STD": ("stick_slip", 0.0),
-    "MEAN_TIME": ("stick_slip", 1e-3),
-    "CLEAR_STICK": ("stick_slip", 0.5),
-    "TURNING": ("stick_slip", 0.0),
-    "CREST": ("play", 0.0),
+    "SHARP_BEND": ("drive_friction", 1e9),
+    "TURNING_DECLARED": ("drive_friction", 1.0),
+    "STICK_STD": ("drive_friction", 0.0),
+    "MEAN_TIME": ("drive_friction", 1e-3),
+    "CLEAR_STICK": ("drive_friction", 0.5),
+    "TURNING": ("drive_friction", 0.0),
+    "CREST": ("internal_motion", 0.0),
     "TIE": ("measurement", 1.0),
 }
 """Constant of the algorithm → its module, and its value where it does nothing (or little)."""
