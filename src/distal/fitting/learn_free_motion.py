@@ -31,8 +31,8 @@ seldom says little of rest [1]. Source: judgement.
 """
 
 USUAL_SPREAD = 0.4
-"""Spread over the logs of a rig of the natural logarithm of what a log needs [1]. Source: benchmark
-(docs/results/reliability.md: 0.52 over a second, 0.27 over 30 s, on ten rigs).
+"""Std over the logs of a rig of the natural logarithm of a log's largest mean of T² [1]. Source:
+benchmark (docs/results/reliability.md: 0.52 over a second, 0.27 over 30 s, on ten rigs).
 """
 
 USUAL_FREEDOM = 8
@@ -144,8 +144,8 @@ def _of_efforts(log: Log, forces: Sequence[str], positions: Sequence[str]) -> Sa
 
 def _largest_means(times: Sequence[Floats], errors: Sequence[Floats]) -> tuple[float, ...]:
     """Return the largest means of T² that are normal on a further log: the bound of 95 % by
-    Student's distribution of the logarithms of what each log left out needs, with a prior of their
-    spread from other rigs.
+    Student's distribution of the logarithms of each left-out log's largest means, with a prior of
+    their std from other rigs.
 
     Args:
         times: stamps of each log [s].
