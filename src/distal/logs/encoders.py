@@ -123,7 +123,7 @@ class Encoder:
             gap = self._limits.interval  # the clock was set back, or the stamp is none
         limits = self._limits
         # of what was read bit by bit: a wrong reading does not make a counter of it
-        within = self._read[1] - self._read[0] < limits.turn
+        within = self._is_within(*self._read)
         if limits.wraps and within:
             position, kind = self._within_turn(reading, gap)
         else:
@@ -170,7 +170,11 @@ class Encoder:
         if is_beyond and self._beyond <= OFTEN:
             return False
         self._read = min(least, reading), max(most, reading)
-        return self._read[1] - self._read[0] >= turn
+        return not self._is_within(*self._read)
+
+    def _is_within(self, least: float, most: float) -> bool:
+        """Return whether readings are within one turn; rounded, both of its ends may be read."""
+        return most - least <= self._limits.turn + SMALLEST
 
     def _learn(self, position: float) -> None:
         """Follow the median of the motion in two samples, which two sources in turn do not show."""
@@ -261,7 +265,7 @@ class Encoder:
         # without a range nothing speaks for one turn
         is_inside = isfinite(limits.low) and limits.low <= position <= limits.high
         if isfinite(self._last):
-            within = max(self._read[1], reading) - min(self._read[0], reading) < limits.turn
+            within = self._is_within(min(self._read[0], reading), max(self._read[1], reading))
             near = reading + limits.turn * round((self._last - reading) / limits.turn)
             soon = limits.fastest * gap < limits.turn / 2
             if within and (soon or not is_inside) and limits.low <= near <= limits.high:
