@@ -67,7 +67,7 @@ def _positions(rig: Rig) -> list[str]:
     return [sensor.log_column for sensor in rig.sensors_of("position")]
 
 
-def _sensors(rig: Rig, table: pd.DataFrame) -> list[str]:
+def sensors_of(rig: Rig, table: pd.DataFrame) -> list[str]:
     columns = [s.log_column for s in rig.sensors if s.measures not in ("angle", "torque")]
     return [column for column in columns if column in table]
 
@@ -90,7 +90,7 @@ def _stuck(table: pd.DataFrame, rig: Rig, rng: np.random.Generator) -> pd.DataFr
 
 
 def _repeated(table: pd.DataFrame, rig: Rig, rng: np.random.Generator) -> pd.DataFrame:
-    names = _sensors(rig, table)
+    names = sensors_of(rig, table)
     count = int(0.5 / np.median(np.diff(_time(table, rig))))
     for first in rng.integers(len(table) // 5, len(table) - count, 3):
         table.loc[first : first + count, names] = table.loc[first, names].to_numpy()
@@ -99,7 +99,7 @@ def _repeated(table: pd.DataFrame, rig: Rig, rng: np.random.Generator) -> pd.Dat
 
 def _zeros(table: pd.DataFrame, rig: Rig, rng: np.random.Generator) -> pd.DataFrame:
     hit = rng.random(len(table)) < 0.01
-    table.loc[hit, _sensors(rig, table)] = 0
+    table.loc[hit, sensors_of(rig, table)] = 0
     return table
 
 
@@ -150,7 +150,7 @@ def _two_sources(table: pd.DataFrame, rig: Rig, rng: np.random.Generator) -> pd.
 
 
 def _unit(table: pd.DataFrame, rig: Rig, rng: np.random.Generator) -> pd.DataFrame:
-    efforts = [name for name in _sensors(rig, table) if name not in _positions(rig)]
+    efforts = [name for name in sensors_of(rig, table) if name not in _positions(rig)]
     table[efforts] /= 1000.0
     return table
 
@@ -168,7 +168,7 @@ def _late(table: pd.DataFrame, rig: Rig, rng: np.random.Generator) -> pd.DataFra
 
 
 def _unsigned(table: pd.DataFrame, rig: Rig, rng: np.random.Generator) -> pd.DataFrame:
-    for name in _sensors(rig, table):
+    for name in sensors_of(rig, table):
         values = table[name].to_numpy()
         if (values == np.round(values)).all() and (values < 0).any():
             table[name] = np.where(values < 0, values + 65536, values)
@@ -243,7 +243,7 @@ def _hidden(
     return float(np.mean(off & is_ok)), float(np.mean(off)), float(np.mean(~is_ok))
 
 
-def _densities(log: Log, rig: Rig) -> list[np.ndarray]:
+def densities_of(log: Log, rig: Rig) -> list[np.ndarray]:
     """Return the log densities of a log's samples: of its innovations, and of its forces by what
     positions predict of them.
     """
@@ -257,9 +257,9 @@ def _densities(log: Log, rig: Rig) -> list[np.ndarray]:
     return [-np.nansum(squares, axis=1) / 2, -np.sum(np.minimum(predicted, MOST), axis=1) / 2]
 
 
-def _shows(spoiled: Log, good: list[np.ndarray], rig: Rig) -> bool:
+def shows(spoiled: Log, good: list[np.ndarray], rig: Rig) -> bool:
     """Return whether the samples of a log are clearly less likely than the `good` ones."""
-    for as_is, right in zip(_densities(spoiled, rig), good, strict=True):
+    for as_is, right in zip(densities_of(spoiled, rig), good, strict=True):
         lost = [part.mean() for part in np.array_split(right - as_is, BLOCKS)]
         if np.any(lost) and ttest_1samp(lost, 0.0, alternative="greater").pvalue < LEVEL:
             return True
@@ -304,10 +304,10 @@ def results(folders: list[Path]) -> dict[str, list[Row]]:
             good: Log = read_log(path, rig)
             truth = true_angles(good, rig.joint_names)
             assert truth is not None
-            densities = _densities(good, rig)
+            densities = densities_of(good, rig)
             for kind, change in KINDS.items():
                 given = pd.read_csv(path)
-                columns = dict.fromkeys(_sensors(rig, given), float)
+                columns = dict.fromkeys(sensors_of(rig, given), float)
                 spoiled = change(given.astype(columns), rig, np.random.default_rng(7))
                 if kind != "none" and spoiled.equals(given.astype(columns)):
                     continue
@@ -318,16 +318,16 @@ def results(folders: list[Path]) -> dict[str, list[Row]]:
                     result = estimate(log, rig)
                 except DistalError:  # it ends with a sentence
                     shares = 0.0, 1.0, 1.0
-                    shows = True
+                    is_shown = True
                     named = np.nan
                 else:
-                    shows = _shows(log, densities, rig)
+                    is_shown = shows(log, densities, rig)
                     words = list(log_health(log, rig))
                     shares = _hidden(result.angles, result.angle_stds, words, truth)
                     named = _names(log, rig, result, kind)
-                found[kind].append((rig_name, "estimate", *shares, shows, named))
+                found[kind].append((rig_name, "estimate", *shares, is_shown, named))
                 streamed = _hidden(*_streamed(file, rig), truth)
-                found[kind].append((rig_name, "stream", *streamed, shows, np.nan))
+                found[kind].append((rig_name, "stream", *streamed, is_shown, np.nan))
     return found
 
 

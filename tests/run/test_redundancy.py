@@ -10,15 +10,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 from benchmarks.strangers.foreign_plants import finger_log, finger_rig
+from benchmarks.strangers.hands_plants import ropes_log, ropes_rig
 
 from distal import LiveEstimator, Log, Monitor, Rig, diagnose, estimate, load_rig, log_health
 from distal.errors import RigError
 from distal.fitting.fitted_file import write_fitted
 from distal.fitting.learn_free_motion import efforts_of
+from distal.kernels import Feed, advance
 from distal.regression import features_along
 from distal.regression.features import Shape
 from distal.run.health import watch_of
-from distal.run.redundancy import AVERAGED, MOST, Redundancy, unlike_free_motion, whitening
+from distal.run.redundancy import (
+    AVERAGED,
+    INDEPENDENT,
+    LAGS,
+    LATE,
+    LATER,
+    MOST,
+    Redundancy,
+    _kernel,
+    unlike_free_motion,
+    whitening,
+)
 
 LOGS = [finger_log(seed, 20.0) for seed in range(4)]
 
@@ -144,7 +157,9 @@ def test_the_means_are_those_of_the_errors_on_the_log(rig: Rig) -> None:
     count = 1000
     for time, sample in zip(log.time[:count], samples):
         monitor.take(float(time), sample)
-    found = monitor._memory[watch.memory["learned"]][-len(AVERAGED) - 1 :]
+    [part] = watch.redundancy._parts
+    remembered = monitor._memory[watch.memory["learned"]]
+    found = [*part.memory.view(remembered, "means"), remembered[part.memory["time"]][0]]
     shape = Shape.of(learned)
     read = np.column_stack([log.channels[name] for name in learned.channels])[:count]
     along = features_along(shape, shape.flat(learned.arrays.by_name), log.time[:count], read)
@@ -167,6 +182,80 @@ def test_the_means_are_those_of_the_errors_on_the_log(rig: Rig) -> None:
         mean = mean + is_inside * step / memory * (square - mean)
     np.testing.assert_allclose(found, [*mean, compared], rtol=1e-6)
     assert not np.allclose(mean, 1.0, atol=0.05)
+
+
+@pytest.fixture(scope="module")
+def ropes() -> Rig:
+    bare = ropes_rig().bare()
+    return bare.with_map(efforts=efforts_of([ropes_log(s, 15.0) for s in range(4)], bare, range(4)))
+
+
+def along(redundancy: Redundancy, time: np.ndarray, values: np.ndarray) -> list[np.ndarray]:
+    return [part[:, 0] for part in redundancy.along(time, values, np.isfinite(values))]
+
+
+def test_the_evidence_is_that_of_each_hypothesis_alone(ropes: Rig) -> None:
+    """ln p⁺ = max(ln p + n/2 (min(T²₀, c) − min(T²ₕ, c)) min(dt, τ)/τ, ln p₀); each sample asks one
+    hypothesis: two positions are exchanged, or all but one are earlier, by a cascade of lags.
+    """
+    log = ropes_log(11, 6.0)
+    redundancy = Redundancy.of(ropes, list(log.channels))
+    [part] = redundancy._parts
+    values = np.column_stack(list(log.channels.values()))
+    plain = replace(redundancy, supposes=False)
+    squares, _, outside = along(plain, log.time, values)
+    first, second = part.read[:2]
+    steps = np.diff(log.time, prepend=log.time[0])
+    behind = values
+    for _ in range(LAGS):
+        lagged = behind.copy()
+        for k in range(1, len(values)):
+            share = 1.0 - np.exp(-steps[k] * LAGS / LATE)
+            lagged[k] = lagged[k - 1] + share * (behind[k] - lagged[k - 1])
+        behind = lagged
+    supposed = [values.copy(), behind.copy(), behind.copy()]
+    supposed[0][:, [first, second]] = values[:, [second, first]]
+    supposed[1][:, first] = values[:, first]
+    supposed[2][:, second] = values[:, second]
+    evidence = np.zeros(3)
+    for h, readings in enumerate(supposed):
+        theirs, _, beyond = along(plain, log.time[h::3], readings[h::3])
+        waits = np.diff(log.time[h::3], prepend=log.time[h])
+        gains = np.minimum(squares[h::3], MOST) - np.where(
+            beyond > 0.0, MOST, np.minimum(theirs, MOST)
+        )
+        gains *= np.minimum(waits / INDEPENDENT, 1.0) * (1.0 - outside[h::3])
+        for gain in gains:
+            evidence[h] = max(evidence[h] + len(part.learned.joints) / 2 * gain, np.log(LATER))
+    rows = np.column_stack(
+        [np.arange(len(values)) == 0, steps, values, np.ones_like(values)]
+    ).astype(float)
+    feed = Feed(np.zeros(redundancy.memory), rows, np.zeros(0))
+    memory = advance(_kernel(redundancy), feed).kernel_states[-1]
+    np.testing.assert_allclose(part.memory.view(memory, "evidence"), evidence, rtol=1e-6)
+    assert (evidence < 0.0).all()
+
+
+@pytest.mark.parametrize("begins", [0, 1500])
+def test_a_late_position_and_exchanged_ones_are_felt(ropes: Rig, begins: int) -> None:
+    """From the beginning, and where they go wrong later."""
+    log = ropes_log(12, 30.0)
+    first, second = (log.channels[name] for name in ("flexor_angle", "extensor_angle"))
+    interval = float(np.median(np.diff(log.time)))
+    late = np.roll(first, round(0.15 / interval))
+    late[: round(0.15 / interval)] = first[0]
+    wrong = {
+        "late": {"flexor_angle": late},
+        "exchanged": {"flexor_angle": second, "extensor_angle": first},
+    }
+    assert "touched" not in log_health(log, ropes)
+    is_wrong = np.arange(len(log.time)) >= begins
+    for kind, columns in wrong.items():
+        spoilt = changed(
+            log, **{n: np.where(is_wrong, c, log.channels[n]) for n, c in columns.items()}
+        )
+        words = log_health(spoilt, ropes)[begins:]
+        assert share(words[len(words) // 3 :], "touched", "outside") > 0.9, (kind, begins)
 
 
 def test_forces_are_tested_together() -> None:

@@ -11,7 +11,7 @@ what the rig says, in its stds, with Cauchy's prior.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -265,7 +265,7 @@ def wrong_readings(log: Log, rig: Rig, causes: Sequence[Cause]) -> list[tuple[Ch
         rig: with `LearnedMaps.efforts`.
         causes: all that may be wrong; those of the rig itself are left out.
     """
-    redundancy = Redundancy.of(rig, list(log.channels))
+    redundancy = replace(Redundancy.of(rig, list(log.channels)), supposes=False)
     names = redundancy.channels
     log = log.select(slice(None, None, max(len(log) // SAMPLES, 1)))
     time = log.time

@@ -5,7 +5,7 @@ wrong for a sample.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import ceil, exp, floor, inf, isfinite, nan, pi
+from math import ceil, exp, floor, inf, isfinite, nan, pi, remainder
 from typing import Literal
 
 from distal.rig import Rig, Sensor, drive_travel, motor_range, step_of
@@ -173,8 +173,13 @@ class Encoder:
         return not self._is_within(*self._read)
 
     def _is_within(self, least: float, most: float) -> bool:
-        """Return whether readings are within one turn; rounded, both of its ends may be read."""
-        return most - least <= self._limits.turn + SMALLEST
+        """Return whether readings are within one turn; rounded, both of its ends may be read, 0 and
+        a turn or half a turn either way.
+        """
+        turn = self._limits.turn
+        if most - least < turn:
+            return True
+        return most - least <= turn + SMALLEST and abs(remainder(least, turn / 2)) <= SMALLEST
 
     def _learn(self, position: float) -> None:
         """Follow the median of the motion in two samples, which two sources in turn do not show."""

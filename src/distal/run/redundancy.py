@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, reduce
+from itertools import combinations
 
 import casadi as ca
 import numpy as np
@@ -32,6 +33,29 @@ MOST = 25.0
 (docs/results/reliability.md).
 """
 
+LATE = 0.2
+"""Delay of a position that is supposed [s]. Source: benchmark (docs/results/reliability.md)."""
+
+LAGS = 2
+"""Number of lags in a row that make the delay [1]. Source: benchmark (docs/results/reliability.md).
+"""
+
+INDEPENDENT = 0.5
+"""Time over which errors of forces are independent [s]. Source: benchmark
+(docs/results/reliability.md).
+"""
+
+PRIOR = 1e-3
+"""Probability that a reading is wrong from the beginning [1]. Source: definition (level)."""
+
+LATER = 1e-9
+"""Least probability that a reading is wrong [1]: a good one may become wrong. Source: definition
+(level).
+"""
+
+HYPOTHESES = ("turn", "supposed", "since", "evidence", "lagged")
+"""Names of what is remembered of wrong readings that are supposed. Source: definition."""
+
 NORMAL = 0.997
 """Share of the time in which a force in free motion is normal [1]. Source: benchmark
 (docs/results/touch.md).
@@ -45,10 +69,12 @@ class Redundancy:
     Args:
         maps: `LearnedMaps.efforts` of those parts whose sensors are all among the channels.
         channels: names of the sensors in a sample.
+        supposes: whether it is asked if a position is late, or two are exchanged.
     """
 
     maps: tuple[LearnedMap, ...]
     channels: tuple[str, ...]
+    supposes: bool = True
 
     @classmethod
     def of(cls, rig: Rig, channels: Sequence[str]) -> Redundancy:
@@ -74,8 +100,13 @@ class Redundancy:
 
     @property
     def memory(self) -> int:
-        """Length of what is remembered: for each map that of its features, then `MEANS`."""
-        return sum(Shape.of(learned).memory.size + MEANS.size for learned in self.maps)
+        """Length of what is remembered: that of each part."""
+        return sum(part.memory.size for part in self._parts)
+
+    @property
+    def _parts(self) -> list[_Part]:
+        at = self.channels.index
+        return [_Part(m, [at(name) for name in (*m.channels, *m.joints)]) for m in self.maps]
 
     def outside(self, values: Vector, mask: Vector) -> Vector:
         """Return 1 for each of `positions` that is read where no log has been, else 0.
@@ -128,47 +159,150 @@ class Redundancy:
         outside: list[VectorNode] = []
         after: list[VectorNode] = []
         at = 0
-        for learned in self.maps:
-            shape = Shape.of(learned)
-            arrays = learned.arrays
-            efforts, read = (
-                [self.channels.index(name) for name in names]
-                for names in (learned.joints, learned.channels)
+        for part in self._parts:
+            was = part.memory.parts(memory[at : at + part.memory.size])
+            at += part.memory.size
+            read, mask = came["values"][part.read], came["mask"][part.read]
+            square, beyond, left = part.compared(
+                was["features"], came["first"], came["dt"], read, mask
             )
-            positions, mask = came["values"][read], came["mask"][read]
-            begun = begun_by(learned, positions, mask)
-            was = memory[at : at + shape.memory.size]
-            was = was + came["first"] * (begun - was)
-            frame = ca.MX(ca.DM(shape.flat(arrays.by_name)))
-            outputs, left = features_function(shape)(was, came["dt"], positions, mask, frame)
-            out = shape.outputs.parts(outputs)
-            errors = []
-            for k, effort in enumerate(efforts):
-                mean = ca.MX(ca.DM(arrays["mean"][k]))
-                error = came["values"][effort] - ca.dot(mean, out["features"])
-                # at first nobody knows on which side of its play a drive is
-                beside = variance_beside(
-                    shape, mean, out, shape.frame.parts(frame), ca.MX.zeros(shape.channels)
-                )
-                errors.append(error / ca.sqrt(learned.rms[k] ** 2 + beside))
-            square = _mean_square(whitening(arrays["correlation"]), ca.vertcat(*errors))
-            low, high = (ca.DM([end[side] for end in learned.reach.values()]) for side in (0, 1))
-            reached = ca.logic_and(positions >= low, positions <= high)
-            inside = _every(ca.logic_or(reached, ca.logic_not(mask)))
-            compared = _every(ca.vertcat(came["mask"][[*efforts, *read]], inside))
-            outside.append(1 - inside)
-            at += shape.memory.size
-            means = MEANS.parts(memory[at : at + MEANS.size])
-            now = averaged(means, came["first"], square, came["dt"], compared)
-            at += MEANS.size
+            judged = _every(ca.vertcat(mask, 1 - beyond))
+            now = averaged(was, came["first"], square, came["dt"], judged)
+            supposed = {name: was[name] for name in HYPOTHESES}
+            if self.supposes:
+                supposed = part.supposed(was, came, read, mask, square, judged)
+            is_unlike = 1 - _every(now["means"] <= ca.DM(part.learned.normal))
+            is_wrong = _any(supposed["evidence"] > -np.log(PRIOR))
             squares.append(square)
-            unlike.append(1 - _every(now["means"] <= ca.DM(learned.normal)))
-            after += [left, MEANS.joined(**now)]
+            outside.append(beyond)
+            unlike.append(ca.fmax(is_unlike, is_wrong))
+            after.append(part.memory.joined(features=left, **now, **supposed))
         return ca.vertcat(*after), *(ca.vertcat(*of) for of in (squares, unlike, outside))
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A part of the rig: its map, and where its readings are in a sample, forces last."""
+
+    learned: LearnedMap
+    read: list[int]
+
+    @property
+    def shape(self) -> Shape:
+        """The shape of its map."""
+        return Shape.of(self.learned)
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Pairs of positions that may be exchanged."""
+        return list(combinations(range(len(self.learned.channels)), 2))
+
+    @property
+    def memory(self) -> Layout:
+        """What is remembered: by the features; `MEANS`; of the hypotheses, whose turn is next, what
+        their features remember, how long ago they were asked [s], negative before, and the
+        evidence for them; and the readings behind each lag.
+        """
+        count = len(self.pairs) + len(self.learned.channels)
+        size = self.shape.memory.size
+        return Layout(
+            features=size,
+            means=len(AVERAGED),
+            time=1,
+            turn=1,
+            supposed=(size, count),
+            since=count,
+            evidence=count,
+            lagged=(len(self.read), LAGS),
+        )
+
+    def compared(
+        self, was: VectorNode, first: VectorNode, dt: VectorNode, read: VectorNode, mask: VectorNode
+    ) -> tuple[VectorNode, VectorNode, VectorNode]:
+        """Return T² of the forces, whether a position is where no log has been, and what the
+        features remember.
+        """
+        shape = self.shape
+        arrays = self.learned.arrays
+        positions, given = read[: shape.channels], mask[: shape.channels]
+        begun = begun_by(self.learned, positions, given)
+        frame = ca.MX(ca.DM(shape.flat(arrays.by_name)))
+        asked = was + first * (begun - was), dt, positions, given, frame
+        outputs, left = features_function(shape)(*asked)
+        out = shape.outputs.parts(outputs)
+        errors = []
+        for k in range(len(self.learned.joints)):
+            mean = ca.MX(ca.DM(arrays["mean"][k]))
+            error = read[shape.channels + k] - ca.dot(mean, out["features"])
+            # at first nobody knows on which side of its play a drive is
+            beside = variance_beside(
+                shape, mean, out, shape.frame.parts(frame), ca.MX.zeros(shape.channels)
+            )
+            errors.append(error / ca.sqrt(self.learned.rms[k] ** 2 + beside))
+        low, high = (ca.DM([end[side] for end in self.learned.reach.values()]) for side in (0, 1))
+        inside = ca.logic_and(positions >= low, positions <= high)
+        beyond = 1 - _every(ca.logic_or(inside, ca.logic_not(given)))
+        square = _mean_square(whitening(arrays["correlation"]), ca.vertcat(*errors))
+        return square, beyond, left
+
+    def supposed(
+        self,
+        was: Mapping[str, VectorNode],
+        came: Mapping[str, VectorNode],
+        read: VectorNode,
+        mask: VectorNode,
+        square: VectorNode,
+        judged: VectorNode,
+    ) -> dict[str, VectorNode]:
+        """Return what is remembered of the hypotheses, of which each sample asks one."""
+        dt = came["dt"]
+        # until each sensor has been read there is nothing to compare
+        begins = ca.logic_or(came["first"], was["turn"] < 0)
+        follows = ca.if_else(begins, 1, (1 - ca.exp(-dt * LAGS / LATE)) * _every(mask))
+        behind = [read]
+        for k in range(LAGS):
+            behind.append(was["lagged"][:, k] + follows * (behind[-1] - was["lagged"][:, k]))
+        readings = []
+        for i, j in self.pairs:
+            order = list(range(len(self.read)))
+            order[i], order[j] = j, i
+            readings.append(read[order])
+        for k in range(self.shape.channels):
+            readings.append(ca.vertcat(behind[-1][:k], read[k], behind[-1][k + 1 :]))
+        count = len(readings)
+        turn = ca.if_else(begins, 0, was["turn"])
+        chosen = ca.DM(range(count)) == turn
+        since = ca.if_else(begins, -1, was["since"])
+        own = ca.dot(chosen, since)
+        waited = ca.fmax(own, 0) + dt
+        theirs, beyond, left = self.compared(
+            ca.mtimes(was["supposed"], chosen),
+            own < 0,
+            waited,
+            ca.mtimes(ca.horzcat(*readings), chosen),
+            mask,
+        )
+        gain = ca.fmin(square, MOST) - ca.fmin(ca.fmax(theirs, beyond * MOST), MOST)
+        spans = ca.fmin(waited / INDEPENDENT, 1) * (own >= 0) * judged
+        evidence = ca.if_else(begins, 0, was["evidence"])
+        evidence += chosen * spans * gain * len(self.learned.joints) / 2
+        waits = ca.logic_and(begins, _every(mask) < 1)
+        changed = left - ca.mtimes(was["supposed"], chosen)
+        return {
+            "turn": ca.if_else(waits, -1, ca.if_else(turn + 1 < count, turn + 1, 0)),
+            "supposed": was["supposed"] + ca.mtimes(changed, chosen.T),
+            "since": ca.if_else(chosen, 0, ca.if_else(since < 0, since, since + dt)),
+            "evidence": ca.fmax(evidence, np.log(LATER)),
+            "lagged": ca.horzcat(*behind[1:]),
+        }
 
 
 def _every(flags: VectorNode) -> VectorNode:
     return reduce(ca.fmin, ca.vertsplit(flags))
+
+
+def _any(flags: VectorNode) -> VectorNode:
+    return reduce(ca.fmax, ca.vertsplit(flags))
 
 
 MEANS = Layout(means=len(AVERAGED), time=1)
