@@ -183,34 +183,3 @@ def test_a_likelihood_of_half_the_worth_knows_half_as_much() -> None:
     )
     np.testing.assert_allclose(half.information, 0.5 * whole.information, rtol=1e-12)
     np.testing.assert_allclose(half.gradient, 0.5 * whole.gradient, rtol=1e-12)
-
-
-def test_how_slopes_change_along_a_step() -> None:
-    """Of r = f ν with ν quadratic in z, r'' along d is f dᵀ A d, whatever the share of the step
-    that is tried.
-    """
-    rng = np.random.default_rng(5)
-    first, second = rng.normal(size=(COUNT, 2)), rng.normal(size=(COUNT, 2, 2))
-
-    def bent(z: Floats) -> Innovations:
-        values = np.column_stack([first @ z, np.einsum("kij,i,j->k", second, z, z)])
-        values[7] = np.nan
-        return Innovations(values, np.full((COUNT, 2), 0.8))
-
-    z, step, width = np.array([0.4, -0.2]), np.array([0.3, 0.7]), 1e-5
-    ends = [(bent(z + each), bent(z - each)) for each in 0.5 * width * np.eye(2)]
-    made = derivatives_of(bent(z), ends, np.full(2, width), weighing(np.full(2, COUNT - 1)))
-    assert made.slopes is not None
-    slopes = np.einsum("kij,j->ki", second + second.transpose(0, 2, 1), z)
-    expected = (
-        np.delete(2.0 * np.einsum("kij,i,j->k", second, step, step), 7)
-        @ np.delete(slopes, 7, axis=0)
-        * 0.5
-        / 0.8
-    )
-    for share in (0.3, 0.01):
-        np.testing.assert_allclose(
-            made.slopes.bend(bent(z + share * step), step, share), expected, rtol=1e-4
-        )
-    wild = Innovations(np.full((COUNT, 2), 1e200), np.full((COUNT, 2), 0.8))
-    assert not made.slopes.bend(wild, step, 0.3).any()

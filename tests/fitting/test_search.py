@@ -6,20 +6,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from distal.fitting import likelihood_search as search_module
 from distal.fitting.free_parameter import Free
 from distal.fitting.likelihood import Derivatives
 from distal.fitting.likelihood_search import (
-    MOST_BENT,
-    Optimum,
-    _bent,
     first_widths,
     hessian,
     search,
@@ -70,16 +64,6 @@ class Curve:
                 for step in 1e-6 * np.eye(self.size)
             ]
         )
-
-    def bends(self, z: Floats, of_logs: Sequence[Derivatives], steps: Sequence[Floats]) -> Floats:
-        self.calls += len(steps)
-        found = []
-        for step in steps:
-            ahead, here, behind = (
-                self._residuals(z + share * step) for share in (1e-3, 0.0, -1e-3)
-            )
-            found.append(self.slopes(z).T @ (ahead - 2.0 * here + behind) / 1e-6)
-        return np.array(found)
 
     def derivatives(self, z: Floats, widths: Floats) -> Derivatives:
         base, jacobian = self._residuals(z), self.slopes(z) * (widths > 0.0)
@@ -137,22 +121,6 @@ def test_a_bent_valley_is_followed_to_its_end() -> None:
     found = search(problem, np.array([-1.2, 1.0]))  # type: ignore[arg-type]
     assert found.converged
     np.testing.assert_allclose(found.z, [1.0, 1.0], atol=0.03)
-
-
-def test_steps_follow_the_bend_of_a_product(monkeypatch: pytest.MonkeyPatch) -> None:
-    """z₀ z₁ = 1 is known far better than z₀ = 5: straight steps take many times as long."""
-
-    def found() -> tuple[Optimum, int]:
-        problem = Curve(lambda z: np.array([1e3 * (z[0] * z[1] - 1.0), 3.0 * (z[0] - 5.0)]), 2)
-        return search(problem, np.array([1.0, 1.0]), most=200), problem.calls  # type: ignore[arg-type]
-
-    bent, calls = found()
-    assert bent.converged
-    np.testing.assert_allclose(bent.z, [5.0, 0.2], rtol=0.1 / 15.0)  # a tenth of a standard error
-    monkeypatch.setattr("distal.fitting.likelihood_search._bent", lambda *_: [])
-    straight, more = found()
-    assert straight.iterations > 3 * bent.iterations
-    assert more > 2 * calls
 
 
 def test_it_stops_where_it_is_told_and_where_the_user_does() -> None:
@@ -220,25 +188,3 @@ def test_a_filters_search_ends_where_its_kinks_begin() -> None:
         ends.append(search(curve, np.array([-3.0])))  # type: ignore[arg-type]
     assert ends[0].converged
     assert ends[1].iterations > ends[0].iterations
-
-
-@pytest.mark.parametrize(("size", "share"), [(0.1, 1.0), (1.5, 0.5), (100.0, 0.0075)])
-def test_a_step_is_bent_by_three_quarters_of_its_own_length_at_most(
-    size: float, share: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Lengths are in standard deviations: half the correction is added, scaled down where it is
-    longer than 0.75 of it.
-    """
-    stds, step = np.array([0.1, 10.0]), np.array([0.06, 8.0])  # of length 1 in stds, as is the next
-    correction = size * stds * np.array([0.8, -0.6])
-    monkeypatch.setattr(search_module, "hessian", lambda *arguments: np.diag(1 / stds**2))
-    monkeypatch.setattr(search_module, "damped_step", lambda *arguments: (correction, 0.0))
-    problem: Any = SimpleNamespace(bends=lambda z, logs, steps: [np.zeros(2)] * len(steps))
-    derivatives = Derivatives(0.0, np.zeros(2), np.eye(2), np.eye(2), 1)
-    ((damping, bent),) = _bent(
-        problem, np.zeros(2), derivatives, np.ones(2, dtype=bool), [(0.5, step)]
-    )
-    assert damping == 0.5
-    np.testing.assert_allclose(bent, step + 0.5 * share * correction)
-    if share < 1.0:
-        assert np.linalg.norm((bent - step) / stds) == pytest.approx(0.5 * MOST_BENT)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from distal.arrays import Bools, Floats
+from distal.arrays import Floats
 
 FEWEST_SHARE = 0.05
 """Least share of a channel's values that counts as compared, so that one value stands for at most
@@ -80,34 +80,6 @@ class Weighing:
 
 
 @dataclass(frozen=True)
-class Slopes:
-    """The weighted innovations r = f ν, f² = w/(c S), of a log at a point, and their slopes J by
-    the coordinates.
-
-    Of the values, (k, m), N were `compared`; the factors f and the values r are (N,), the slopes J
-    (n, N).
-    """
-
-    compared: Bools
-    factor: Floats
-    values: Floats
-    slopes: Floats
-
-    def bend(self, moved: Innovations, step: Floats, share: float) -> Floats:
-        """Return Jᵀ r'', (n,), from the second derivative of r along a `step` d: r'' = 2/h ((r(z +
-        h d) − r(z))/h − J d).
-
-        The run `moved` is at z + h d, where h is the `share`. The result is zero where that run
-        left all bounds.
-        """
-        if not moved.bounded:
-            return np.zeros(len(step))
-        change = self.factor * np.nan_to_num(moved.values[self.compared]) - self.values
-        bend: Floats = 2.0 / share * (self.slopes @ (change / share - step @ self.slopes))
-        return bend
-
-
-@dataclass(frozen=True)
 class Derivatives:
     """−ln p, less constants, and its derivatives at a point.
 
@@ -119,7 +91,6 @@ class Derivatives:
             right.
         spans: number of spans of time that `meat` is summed over.
         of_logs: for a sum over logs, the derivatives of each log alone, without the prior.
-        slopes: for a single log, its weighted innovations and their slopes.
     """
 
     cost: float
@@ -128,7 +99,6 @@ class Derivatives:
     meat: Floats
     spans: int
     of_logs: tuple[Derivatives, ...] = ()
-    slopes: Slopes | None = None
 
 
 def scales_of(runs: Sequence[Innovations], tolerance: Floats) -> Floats:
@@ -239,17 +209,13 @@ def derivatives_of(
     weight = np.broadcast_to(weighing.share * evened(base, weighing), shape)[compared]
     influence = np.where(inlier, nu / spread, 1.0 / np.where(nu == 0.0, 1.0, nu))
     scores = weight * (slopes * influence + 0.5 * log_slopes * np.where(inlier, 1.0 - ratio, 0.0))
-    factor = np.sqrt(weight / (spread * inflation))
-    root = slopes * factor
+    root = slopes * np.sqrt(weight / (spread * inflation))
     spreads = np.sqrt(0.5 * weight) * log_slopes * inlier
     meat, spans = long_run_covariance(
         scores, np.broadcast_to(weighing.times[:, None], shape)[compared]
     )
     information = root @ root.T + spreads @ spreads.T
-    weighted = Slopes(compared, factor, factor * nu, root)
-    return Derivatives(
-        cost_of(base, weighing), scores.sum(axis=1), information, meat, spans, (), weighted
-    )
+    return Derivatives(cost_of(base, weighing), scores.sum(axis=1), information, meat, spans)
 
 
 def long_run_covariance(scores: Floats, times: Floats) -> tuple[Floats, int]:

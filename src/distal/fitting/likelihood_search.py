@@ -4,7 +4,7 @@ tried side by side.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,11 +34,6 @@ equations. Source: judgement.
 MOST_OF_EQUATIONS = 50
 """Largest number of iterations where the rig's equations are asked. Source: judgement."""
 
-WIDER = 4.0
-"""Factor on the width of the differences that give the slopes, after a step that gained too little.
-Source: judgement.
-"""
-
 DAMPINGS = (1 / 8, 1.0, 8.0, 64.0)
 """Factors on the damping of the last step: steps with these dampings are tried side by side, beside
 the undamped one. Source: judgement.
@@ -58,16 +53,6 @@ MOST_DAMPING = 100.0
 STRIDE = 0.5
 """Share of the undamped step that is tried too, since the whole step is too long across a kink.
 Source: judgement.
-"""
-
-STRAIGHT = 1.0
-"""Difference of −ln p between the gain that the undamped step predicts and the best gain, above
-which the valley is taken as bent. Source: judgement.
-"""
-
-MOST_BENT = 0.75
-"""Largest length of a bend, as a share of the step's own length. Source: reference (Transtrum and
-Sethna 2012).
 """
 
 FIRST_WIDTH = 1e-2
@@ -195,11 +180,8 @@ def search(
     Each step solves (H + λ diag H) d = −g within the bounds, with Fisher's information H and the
     gradient g (Levenberg 1944, Marquardt 1963; Gupta and Mehra, IEEE TAC 19, 1974). Steps with
     several λ are tried at once, and the best is taken; the next iteration tries λ around its λ.
-    Where the best step gains far less than the undamped one predicts, −ln p is a bent valley; then
-    steps that follow the bend are tried too, d + a/2 with (H + λ diag H) a = −Jᵀ r'' (Transtrum and
-    Sethna, arXiv:1201.5885, 2012). Slopes are differences over a share of each parameter's std,
-    wider than the kinks of −ln p. An interruption (Ctrl-C) ends the search with the best point so
-    far.
+    Slopes are differences over a share of each parameter's std, wider than the kinks of −ln p. An
+    interruption (Ctrl-C) ends the search with the best point so far.
 
     Args:
         problem: what is minimised.
@@ -218,9 +200,8 @@ def search(
     optimum = Optimum(
         z, np.inf, Derivatives(np.inf, np.zeros(n), np.zeros((n, n)), np.zeros((n, n)), 0)
     )
-    wider = 1.0
     damping = FIRST_DAMPING
-    bent = False
+    has_stalled = False
     try:
         derivatives = (
             problem.derivatives(z, np.where(free, widths, 0.0)) if at_start is None else at_start
@@ -244,8 +225,6 @@ def search(
                 (0.0, STRIDE * steps[0][0]),
                 *((share, step) for share, (step, _) in zip(dampings, steps)),
             ]
-            if bent:
-                tried += _bent(problem, optimum.z, derivatives, free, tried[2:])
             points = [_inside(problem, optimum.z + step) for _, step in tried]
             costs = problem.costs(points)
             best = int(np.argmin(costs))
@@ -254,10 +233,9 @@ def search(
                 progress(iteration, min(float(costs[best]), optimum.cost))
             if gained > 0.0:
                 optimum = replace(optimum, z=points[best], cost=float(costs[best]))
-            if gained < enough and wider > 1.0:
+            if gained < enough and has_stalled:
                 return replace(optimum, converged=True)
-            wider = WIDER if gained < enough else 1.0
-            bent = predicted > gained + STRAIGHT
+            has_stalled = gained < enough
             following = (
                 max(tried[best][0], damping * DAMPINGS[0])
                 if gained > 0.0
@@ -265,35 +243,12 @@ def search(
             )
             damping = min(max(following, LEAST_DAMPING), MOST_DAMPING)
             if iteration < last:
-                widths = wider * widths_at(problem, optimum.z, derivatives)
+                widths = widths_at(problem, optimum.z, derivatives)
                 derivatives = problem.derivatives(optimum.z, np.where(free, widths, 0.0))
                 optimum = replace(optimum, derivatives=derivatives)
     except KeyboardInterrupt:
         return replace(optimum, interrupted=True)
     return optimum
-
-
-def _bent(
-    problem: Problem,
-    z: Floats,
-    derivatives: Derivatives,
-    free: Bools,
-    tried: Sequence[tuple[float, Floats]],
-) -> list[tuple[float, Floats]]:
-    """Return for each damped step, (n,), its damping and the step with half its bend added."""
-    scale = np.sqrt(np.maximum(np.diag(hessian(problem, derivatives)), 1e-12))
-    bent_steps = []
-    bends = problem.bends(z, derivatives.of_logs, [step for _, step in tried])
-    for (damping, step), bend in zip(tried, bends):
-        correction = damped_step(
-            problem, z + step, replace(derivatives, gradient=bend), free, damping
-        )[0]
-        length = float(np.linalg.norm(correction * scale))
-        along = float(np.linalg.norm(step * scale))
-        bent_steps.append(
-            (damping, step + 0.5 * min(1.0, MOST_BENT * along / max(length, 1e-300)) * correction)
-        )
-    return bent_steps
 
 
 def hessian(problem: Problem, derivatives: Derivatives) -> Floats:

@@ -29,9 +29,6 @@ from distal.fitting.likelihood import (
 from distal.kernels import Feed, Kernel, advance, advance_all, covariance_of, mean_of
 from distal.kernels.layout import COMPARED_ONLY
 
-PROBED = 0.3
-"""Share of a step after which its bend is found. Source: judgement."""
-
 
 @dataclass(frozen=True)
 class Weight:
@@ -325,23 +322,6 @@ class Problem:
         are as in `of_logs`.
         """
         return self.summed(self.of_logs(z, widths), z)
-
-    def bends(self, z: Floats, of_logs: Sequence[Derivatives], steps: Sequence[Floats]) -> Floats:
-        """Return Jᵀ r'' summed over all logs, along each of some `steps` from z, (k, size): see
-        `Slopes.bend`.
-        """
-        logs = range(len(self.data))
-        runs = iter(
-            self.run([(j, (z + PROBED * step)[self.columns(j)]) for j in logs for step in steps])
-        )
-        bends = np.zeros((len(steps), self.size))
-        for j, of_log in enumerate(of_logs):
-            for k, step in enumerate(steps):
-                positions = self.columns(j)
-                run = next(runs)
-                if of_log.slopes is not None:
-                    bends[k, positions] += of_log.slopes.bend(run, step[positions], PROBED)
-        return bends
 
     def summed(self, of_logs: Sequence[Derivatives], z: Floats) -> Derivatives:
         """Return the derivatives of all logs and the prior at z, from the derivatives of each log

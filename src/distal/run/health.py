@@ -299,7 +299,7 @@ def watch_of(estimator: KernelEstimator) -> Watch:
         "unknown": ca.logic_and(ca.logic_not(first), _any(came["stds"] > UNKNOWN)),
     }
     flags |= {
-        "touched": is_touched,
+        "touched": is_touched * float(not redundancy.maps),
         "outside": beyond_logs,
         "unlike": unlike,
         "dead": dead,
