@@ -22,7 +22,7 @@ import pandas as pd
 from benchmarks.report import table
 from benchmarks.shell import write_rig
 from benchmarks.strangers.foreign_plants import finger_log, finger_rig
-from benchmarks.wrong_inputs import KINDS, _sensors
+from benchmarks.wrong_inputs import KINDS, sensors_of
 from distal import Log, Rig, load_rig, read_log, write_log
 from distal.fitting import learn_free_motion
 from distal.run import redundancy
@@ -43,7 +43,7 @@ def logs_of(folder: Path, rig: Rig) -> dict[str, list[Log]]:
         file = Path(name) / "spoiled.csv"
         for kind in SPOILED:
             given = pd.read_csv(first)
-            columns = dict.fromkeys(_sensors(rig, given), float)
+            columns = dict.fromkeys(sensors_of(rig, given), float)
             changed = KINDS[kind](given.astype(columns), rig, np.random.default_rng(7))
             changed.to_csv(file, index=False)
             found[kind] = [read_log(file, rig)]

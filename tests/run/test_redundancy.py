@@ -23,7 +23,7 @@ from distal.run.health import watch_of
 from distal.run.redundancy import (
     AVERAGED,
     INDEPENDENT,
-    LAGS,
+    KEPT,
     LATE,
     LATER,
     MOST,
@@ -196,7 +196,7 @@ def along(redundancy: Redundancy, time: np.ndarray, values: np.ndarray) -> list[
 
 def test_the_evidence_is_that_of_each_hypothesis_alone(ropes: Rig) -> None:
     """ln p⁺ = max(ln p + n/2 (min(T²₀, c) − min(T²ₕ, c)) min(dt, τ)/τ, ln p₀); each sample asks one
-    hypothesis: two positions are exchanged, or all but one are earlier, by a cascade of lags.
+    hypothesis: two positions are exchanged, or all but one are earlier, by what is kept of them.
     """
     log = ropes_log(11, 6.0)
     redundancy = Redundancy.of(ropes, list(log.channels))
@@ -206,13 +206,13 @@ def test_the_evidence_is_that_of_each_hypothesis_alone(ropes: Rig) -> None:
     squares, _, outside = along(plain, log.time, values)
     first, second = part.read[:2]
     steps = np.diff(log.time, prepend=log.time[0])
-    behind = values
-    for _ in range(LAGS):
-        lagged = behind.copy()
-        for k in range(1, len(values)):
-            share = 1.0 - np.exp(-steps[k] * LAGS / LATE)
-            lagged[k] = lagged[k - 1] + share * (behind[k] - lagged[k - 1])
-        behind = lagged
+    kept = [0] * (KEPT + 1)
+    behind = values.copy()
+    for k in range(1, len(values)):
+        if log.time[k] - log.time[kept[0]] >= LATE / KEPT - 1e-12:
+            kept = [k, *kept[:-1]]
+        share = min((log.time[k] - log.time[kept[0]]) * KEPT / LATE, 1.0)
+        behind[k] = (1.0 - share) * values[kept[-1]] + share * values[kept[-2]]
     supposed = [values.copy(), behind.copy(), behind.copy()]
     supposed[0][:, [first, second]] = values[:, [second, first]]
     supposed[1][:, first] = values[:, first]

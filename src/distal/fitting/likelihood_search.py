@@ -34,9 +34,14 @@ equations. Source: judgement.
 MOST_OF_EQUATIONS = 50
 """Largest number of iterations where the rig's equations are asked. Source: judgement."""
 
-DAMPINGS = (1 / 8, 1.0, 8.0, 64.0)
+WIDER = 4.0
+"""Factor on the width of the differences that give the slopes, after a step that gained too little.
+Source: benchmark (`benchmarks.searches`).
+"""
+
+DAMPINGS = (1 / 8, 8.0)
 """Factors on the damping of the last step: steps with these dampings are tried side by side, beside
-the undamped one. Source: judgement.
+the undamped one. Source: benchmark (`benchmarks.searches`).
 """
 
 FIRST_DAMPING = 1e-2
@@ -49,11 +54,6 @@ LEAST_DAMPING = 1e-6
 
 MOST_DAMPING = 100.0
 """Largest such damping. Source: judgement."""
-
-STRIDE = 0.5
-"""Share of the undamped step that is tried too, since the whole step is too long across a kink.
-Source: judgement.
-"""
 
 FIRST_WIDTH = 1e-2
 """Width of the differences that give the first slopes, as a share of a value, or of its scale where
@@ -200,8 +200,8 @@ def search(
     optimum = Optimum(
         z, np.inf, Derivatives(np.inf, np.zeros(n), np.zeros((n, n)), np.zeros((n, n)), 0)
     )
+    wider = 1.0
     damping = FIRST_DAMPING
-    has_stalled = False
     try:
         derivatives = (
             problem.derivatives(z, np.where(free, widths, 0.0)) if at_start is None else at_start
@@ -221,11 +221,7 @@ def search(
             predicted = steps[0][1]
             if predicted < SETTLED:
                 return replace(optimum, converged=True)
-            tried = [
-                (0.0, STRIDE * steps[0][0]),
-                *((share, step) for share, (step, _) in zip(dampings, steps)),
-            ]
-            points = [_inside(problem, optimum.z + step) for _, step in tried]
+            points = [_inside(problem, optimum.z + step) for step, _ in steps]
             costs = problem.costs(points)
             best = int(np.argmin(costs))
             gained = optimum.cost - float(costs[best])
@@ -233,17 +229,17 @@ def search(
                 progress(iteration, min(float(costs[best]), optimum.cost))
             if gained > 0.0:
                 optimum = replace(optimum, z=points[best], cost=float(costs[best]))
-            if gained < enough and has_stalled:
+            if gained < enough and wider > 1.0:
                 return replace(optimum, converged=True)
-            has_stalled = gained < enough
+            wider = WIDER if gained < enough else 1.0
             following = (
-                max(tried[best][0], damping * DAMPINGS[0])
+                max(dampings[best], damping * DAMPINGS[0])
                 if gained > 0.0
                 else damping * DAMPINGS[-1]
             )
             damping = min(max(following, LEAST_DAMPING), MOST_DAMPING)
             if iteration < last:
-                widths = widths_at(problem, optimum.z, derivatives)
+                widths = wider * widths_at(problem, optimum.z, derivatives)
                 derivatives = problem.derivatives(optimum.z, np.where(free, widths, 0.0))
                 optimum = replace(optimum, derivatives=derivatives)
     except KeyboardInterrupt:

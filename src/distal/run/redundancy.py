@@ -36,8 +36,9 @@ MOST = 25.0
 LATE = 0.2
 """Delay of a position that is supposed [s]. Source: benchmark (docs/results/reliability.md)."""
 
-LAGS = 2
-"""Number of lags in a row that make the delay [1]. Source: benchmark (docs/results/reliability.md).
+KEPT = 4
+"""Number of readings that are kept over that delay [1]. Source: benchmark
+(docs/results/reliability.md).
 """
 
 INDEPENDENT = 0.5
@@ -53,7 +54,7 @@ LATER = 1e-9
 (level).
 """
 
-HYPOTHESES = ("turn", "supposed", "since", "evidence", "lagged")
+HYPOTHESES = ("turn", "supposed", "since", "evidence", "clock", "kept")
 """Names of what is remembered of wrong readings that are supposed. Source: definition."""
 
 NORMAL = 0.997
@@ -201,7 +202,7 @@ class _Part:
     def memory(self) -> Layout:
         """What is remembered: by the features; `MEANS`; of the hypotheses, whose turn is next, what
         their features remember, how long ago they were asked [s], negative before, and the
-        evidence for them; and the readings behind each lag.
+        evidence for them; and the readings before, with the time since the last of them [s].
         """
         count = len(self.pairs) + len(self.learned.channels)
         size = self.shape.memory.size
@@ -213,7 +214,8 @@ class _Part:
             supposed=(size, count),
             since=count,
             evidence=count,
-            lagged=(len(self.read), LAGS),
+            clock=1,
+            kept=(len(self.read), KEPT + 1),
         )
 
     def compared(
@@ -258,32 +260,34 @@ class _Part:
         dt = came["dt"]
         # until each sensor has been read there is nothing to compare
         begins = ca.logic_or(came["first"], was["turn"] < 0)
-        follows = ca.if_else(begins, 1, (1 - ca.exp(-dt * LAGS / LATE)) * _every(mask))
-        behind = [read]
-        for k in range(LAGS):
-            behind.append(was["lagged"][:, k] + follows * (behind[-1] - was["lagged"][:, k]))
+        clock = ca.if_else(begins, 0, was["clock"] + dt)
+        is_next = ca.logic_and(clock >= LATE / KEPT, _every(mask))
+        kept = ca.if_else(begins, ca.horzcat(*[read] * (KEPT + 1)), was["kept"])
+        kept = ca.if_else(is_next, ca.horzcat(read, kept[:, :-1]), kept)
+        clock = ca.if_else(is_next, 0, clock)
+        earlier = kept[:, -1] + ca.fmin(clock * KEPT / LATE, 1) * (kept[:, -2] - kept[:, -1])
         readings = []
         for i, j in self.pairs:
             order = list(range(len(self.read)))
             order[i], order[j] = j, i
             readings.append(read[order])
         for k in range(self.shape.channels):
-            readings.append(ca.vertcat(behind[-1][:k], read[k], behind[-1][k + 1 :]))
+            readings.append(ca.vertcat(earlier[:k], read[k], earlier[k + 1 :]))
         count = len(readings)
         turn = ca.if_else(begins, 0, was["turn"])
         chosen = ca.DM(range(count)) == turn
         since = ca.if_else(begins, -1, was["since"])
-        own = ca.dot(chosen, since)
-        waited = ca.fmax(own, 0) + dt
+        age = ca.dot(chosen, since)
+        waited = ca.fmax(age, 0) + dt
         theirs, beyond, left = self.compared(
             ca.mtimes(was["supposed"], chosen),
-            own < 0,
+            age < 0,
             waited,
             ca.mtimes(ca.horzcat(*readings), chosen),
             mask,
         )
         gain = ca.fmin(square, MOST) - ca.fmin(ca.fmax(theirs, beyond * MOST), MOST)
-        spans = ca.fmin(waited / INDEPENDENT, 1) * (own >= 0) * judged
+        spans = ca.fmin(waited / INDEPENDENT, 1) * (age >= 0) * judged
         evidence = ca.if_else(begins, 0, was["evidence"])
         evidence += chosen * spans * gain * len(self.learned.joints) / 2
         waits = ca.logic_and(begins, _every(mask) < 1)
@@ -293,7 +297,8 @@ class _Part:
             "supposed": was["supposed"] + ca.mtimes(changed, chosen.T),
             "since": ca.if_else(chosen, 0, ca.if_else(since < 0, since, since + dt)),
             "evidence": ca.fmax(evidence, np.log(LATER)),
-            "lagged": ca.horzcat(*behind[1:]),
+            "clock": clock,
+            "kept": kept,
         }
 
 

@@ -223,7 +223,7 @@ class Twin:
             u = max(d.u, d.square * tau**2 + noise)
             self.taken["led on, briefly" if tau < 1.5 / sensor.rate else "led on, for long"] += 1
         elif far:
-            u = (1 - p) * (p if judged else max(p, 0.25)) * jump**2
+            u = (1 - p) * p * jump**2
             self.taken["a jump that is real" if p > 0.5 else "wild displacement"] += 1
             self.taken["judged by its force" if judged else "not judged"] += 1
         else:

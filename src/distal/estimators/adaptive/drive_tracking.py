@@ -15,7 +15,6 @@ from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.filter_inputs import mechanics_function
 from distal.estimators.adaptive.guards import (
     SETTLED_TIME,
-    SOONEST_STOP,
     Robustness,
     chance_of_jump,
     is_far,
@@ -41,11 +40,6 @@ angle [1]. Source: judgement.
 WANDERING = 1.0
 """Time in which the std of a drive's position grows by `UNKNOWN_POSITION` where no reading comes
 back [s]. Source: judgement.
-"""
-
-LEAST_DOUBT = 0.25
-"""After a jump that no force judges, smallest share of (1 − Π) times the squared jump that is added
-to the variance of the position [1]. Source: judgement.
 """
 
 
@@ -286,8 +280,6 @@ def track_function(robustness: Robustness, judged: bool, follows: bool) -> ca.Fu
     if robustness.zeros_jump and judged:
         first = ca.logic_and(ca.logic_and(far, judges), ca.logic_and(doubt <= 0, real < 0.5))
         jumped = ca.logic_and(first, zero_jumped(force_now - effort, pull, variance))
-        if follows:  # at once: in a short interval no drive starts, moves far and stops
-            jumped = ca.logic_and(jumped, time <= SOONEST_STOP)
         shift += ca.if_else(jumped, jump, 0)
         if follows:
             shift_std = ca.if_else(jumped, ca.fabs(jump) / 2, shift_std)
@@ -308,7 +300,7 @@ def track_function(robustness: Robustness, judged: bool, follows: bool) -> ca.Fu
     astray = ca.fmax(unknown, square * time * time + noise)
     # whatever it did before, it may have begun to move
     astray = ca.fmax(astray, (wandering * ca.fmax(time - dead, 0)) ** 2)
-    doubted = (1 - real) * ca.if_else(judges, real, ca.fmax(real, LEAST_DOUBT)) * jump**2
+    doubted = (1 - real) * real * jump**2
     unknown = ca.if_else(
         bridged, moved * moved, ca.if_else(read, ca.if_else(far, doubted, 0), astray)
     )

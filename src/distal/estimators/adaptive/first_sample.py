@@ -9,7 +9,7 @@ import casadi as ca
 from distal.estimators.adaptive.drive_tracking import MEMORY, remembered_position
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.states import Begin, StateVector
-from distal.estimators.adaptive.touch import FORCE, touch_layout
+from distal.estimators.adaptive.touch import touch_layout
 from distal.estimators.read_channels import UNKNOWN_POSITION
 from distal.expressions import Scalar, Vector
 from distal.kernels.layout import is_read
@@ -22,11 +22,6 @@ from distal.regression import (
     map_parameters,
 )
 from distal.rig import LearnedMap, Sensor
-
-UNEXPLAINED_AT_FIRST = 0.25
-"""Mean square of a force's mean innovation, in stds, before anything is known of it [1]. Source:
-judgement.
-"""
 
 Read = Callable[[Sensor, Scalar], Scalar]
 """Function that returns a sensor's first value, or its second argument where that value
@@ -150,9 +145,9 @@ def _memory(context: FilterContext, read: Read, is_there: Callable[[Sensor], Sca
             memory[remembered_position(i, "unknown")] = ca.if_else(is_there(position), 0.0, unknown)
         if effort is not None:
             memory[remembered_position(i, "effort")] = read(effort, 0.0)
-    force = FORCE.joined(mean=ca.SX(0), force=ca.SX(0), usual=ca.SX(UNEXPLAINED_AT_FIRST))
-    evidence = ca.repmat(force, lengths["evidence"] // FORCE.size, 1)
-    forces, torques = (ca.SX.zeros(lengths[name]) for name in ("forces", "torques"))
+    forces, evidence, torques = (
+        ca.SX.zeros(lengths[name]) for name in ("forces", "evidence", "torques")
+    )
     return ca.vertcat(memory, forces, evidence, torques)
 
 

@@ -281,8 +281,6 @@ LONGEST_SLIP = 3.0
 stiffness [1]. Source: judgement.
 """
 
-SOONEST_STOP = 0.01
-"""Longest interval in which no drive starts, moves far and stops [s]. Source: judgement."""
 
 SETTLED_TIME = 1.2
 """Time constant with which the doubt whether zero or drive jumped fades [s]: had the drive moved,

@@ -17,11 +17,6 @@ from distal.expressions import Scalar
 from distal.model import Mechanism
 from distal.rig import Rig
 
-START_TENSION = 1.0
-"""Smallest tension that is assumed at the start [N]; it only sets the uncertainty of the start.
-Source: judgement.
-"""
-
 UNKNOWN_TENSION = 10.0
 """Tension that is assumed at the start where neither sensor nor pre-tension nor nominal force gives
 one [N]. Source: judgement.
@@ -138,7 +133,7 @@ def _tension(context: FilterContext, tendon: int, begin: Begin) -> Scalar:
         tension = share + context.number(f"{path}.pretension") * (1 - 1 / count)
     if tension is None:
         return context.number(f"{path}.likely_tension")
-    return ca.fmax(tension, START_TENSION)
+    return ca.fmax(tension, 0)
 
 
 def likely_tension(rig: Rig, tendon: int) -> float:
