@@ -28,7 +28,7 @@ from benchmarks.strangers.chain_plants import make_log
 from benchmarks.strangers.coupled_finger import JOINTS, Touch, finger_log, postures
 from distal import Estimate, LiveEstimator, Log, Rig, estimate, load_rig, read_log
 from distal.estimators import samples_of_angles
-from distal.fitting.learn_free_motion import free_motion_of
+from distal.fitting.learn_free_motion import efforts_of
 from distal.logs import write_columns
 from distal.regression import YARDSTICKS, Samples, yardstick_error
 from distal.run import Monitor
@@ -439,8 +439,7 @@ def figure(path: Path) -> None:
 
     described = finger_rig().with_values({"joints.finger.external_torque.std": 0.0})
     calm = [finger(seed, 12.0, None)[0] for seed in range(3)]
-    free = free_motion_of([described] * len(calm), calm, 0.0, 1.0)
-    rig = described.model_copy(update={"free_motion": free})
+    rig = described.with_map(efforts=efforts_of(calm, described, range(len(calm))))
     log = finger(7, 11.0, 6.0)[0]
     result = estimate(log, rig)
     never = estimate(log, rig.with_values({"joints.finger.touch": "never"}))

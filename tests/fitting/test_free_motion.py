@@ -12,24 +12,13 @@ from benchmarks.strangers.hands_plants import bowden_log, bowden_rig
 
 from distal import LiveEstimator, Log, Rig, diagnose, estimate, load_rig, log_health
 from distal.arrays import Floats
-from distal.errors import RigError
 from distal.estimators import AdaptiveFilter
-from distal.estimators.adaptive.filter_function import adaptive_layout
-from distal.estimators.adaptive.touch import DRIVE, FORCE
-from distal.fitting.learn_free_motion import (
-    NORMAL,
-    SETTLING,
-    _pace,
-    closed_filter,
-    efforts_of,
-    free_motion_of,
-    widest,
-)
+from distal.fitting.learn_free_motion import efforts_of
 from distal.fitting.log_checks import touched_logs
 from distal.kernels import Feed, advance
 from distal.kernels.layout import READ
 from distal.regression import ReportedMap, map_parameters, reporting_function
-from distal.rig import FreeMotion, LearnedMap, felt_in_words
+from distal.rig import LearnedMap, LeftOut, felt_in_words
 from distal.run import JointContact, Monitor
 from distal.run.health import watch_of
 from tests.learned_maps import drawn_map
@@ -42,9 +31,6 @@ def rig() -> Rig:
     """Return a finger with load cells that says nothing of touches, with its free motion."""
     described = finger_rig().with_values({"joints.finger.external_torque.std": 0.0})
     logs = [finger(seed, 12.0, None)[0] for seed in range(3)]
-    free = free_motion_of([described] * len(logs), logs, np.deg2rad(0.3), 0.95)
-    assert free is not None
-    described = described.model_copy(update={"free_motion": free})
     return described.with_map(efforts=efforts_of(logs, described, range(len(logs))))
 
 
@@ -91,46 +77,6 @@ def test_nothing_is_felt_in_free_motion(rig: Rig) -> None:
     assert not any(one.since for one in found)
 
 
-def test_the_fit_counts_as_the_filter_does(rig: Rig) -> None:
-    """Mean innovations and pace as the kernel remembers them are those that say what is normal."""
-    from distal.fitting import learn_free_motion as module
-
-    log, estimator = finger(1, 4.0, None)[0], closed_filter(rig)
-    samples = np.column_stack([log.channels[name] for name in estimator.channels])
-    rows, _ = estimator.rows(np.diff(log.time, prepend=log.time[0]), samples)
-    begun = estimator.initial(float(log.time[0]), samples[0])
-    run = advance(estimator.kernel, Feed(begun.kernel_state, rows, estimator.parameters))
-    layout, count = adaptive_layout(estimator.states), len(estimator.measured)
-    kept = layout.view(run.kernel_states, "evidence").reshape(len(log), -1, FORCE.size)
-    paces = layout.view(run.kernel_states, "forces").reshape(len(log), -1, DRIVE.size)
-    shown = np.nan_to_num(run.ys[:, :count] / np.sqrt(run.ys[:, count : 2 * count]))
-    means = module.recent_mean(shown, log.time, 0.05)
-    np.testing.assert_allclose(kept[50:, :, 0], means[50:], rtol=1e-2, atol=5e-3)
-    positions = np.array([log.channels[name] for name in ("x_flexor", "x_extensor")])
-    total = paces[:, :, DRIVE["pace"].start].sum(axis=1)
-    assert np.corrcoef(total[50:], module._pace(positions, log)[50:])[0, 1] > 0.95
-
-
-def test_normal_is_what_nearly_all_samples_are(rig: Rig) -> None:
-    """Of z̄² = a² + b² v² exactly, a and b; of samples, `NORMAL` are below."""
-    from distal.fitting.learn_free_motion import _normal
-
-    pace = np.linspace(0.0, 4.0, 2000)
-    a, b = _normal(0.25 + 0.09 * pace, pace, [])
-    np.testing.assert_allclose([a, b], [0.5, 0.3], rtol=1e-6)
-    square = (0.25 + 0.09 * pace) * np.random.default_rng(0).chisquare(1, 2000)
-    a, b = _normal(square, pace, [])
-    assert np.mean(square < a**2 + b**2 * pace) == pytest.approx(NORMAL, abs=2e-3)
-    # of two logs the one that needs more decides
-    square[1000:] *= 4.0
-    a, b = _normal(square, pace, [1000])
-    shares = [np.mean(part < 0) for part in np.split(square - a**2 - b**2 * pace, [1000])]
-    assert min(shares) == pytest.approx(NORMAL, abs=2e-3)
-    assert SETTLING > 0.0
-    wide = rig.free_motion.model_copy(update={"at_rest": (9.0, 0.01)})
-    assert widest(rig.free_motion, wide).at_rest == (9.0, rig.free_motion.at_rest[1])
-
-
 def test_logs_that_are_touched_are_found() -> None:
     rig = bowden_rig()
     free = [bowden_log(seed, "calibration", 20.0) for seed in range(4)]
@@ -141,31 +87,13 @@ def test_logs_that_are_touched_are_found() -> None:
 
 def test_what_can_be_felt_is_said(rig: Rig) -> None:
     (line,) = felt_in_words(rig)
-    assert line.startswith("finger: a torque from about 0.")
-    assert line.endswith("N m on is felt by u_flexor, u_extensor")
+    assert line == "finger: a touch is felt by u_flexor, u_extensor"
     said = list(felt_in_words(load_rig("finger-underactuated")))
     assert "together with pip, dip" in said[0]
     unread = rig.model_copy(update={"sensors": rig.sensors_of("position")})
     assert "not observable" in next(iter(felt_in_words(unread)))
     never = rig.with_values({"joints.finger.touch": "never"})
     assert "nothing touches it" in next(iter(felt_in_words(never)))
-
-
-def test_free_motion_is_checked(rig: Rig) -> None:
-    raw = rig.free_motion.model_dump()
-    for key, value, said in (
-        ("at_rest", [1.0], "at_rest must have 2 entries; 1 came"),
-        ("moving", [-1.0, 0.0], "moving must not be negative"),
-        ("spread", [0.0, 1.0], "must be positive"),
-    ):
-        with pytest.raises(RigError, match=said):
-            rig.with_values({"free_motion": {**raw, key: value}})
-    free = FreeMotion(**raw)
-    assert free.of_channel("none") == {
-        "at_rest": max(free.at_rest),
-        "moving": max(free.moving),
-        "fastest": free.fastest,
-    }
 
 
 def test_innovations_do_not_accuse_a_rig_that_logs_taught(rig: Rig) -> None:
@@ -278,31 +206,8 @@ def test_while_touched_filter_and_readings_count_the_same() -> None:
         assert value == pytest.approx((1 - share) * a + share * b)
 
 
-def test_how_a_fit_did_is_said(rig: Rig) -> None:
-    """In a line, with what the file has."""
-    assert rig.free_motion is not None
-    said = rig.free_motion.model_copy(update={"rms": np.deg2rad(0.5), "inside": 0.93, "logs": 4})
+def test_how_a_fit_did_is_said() -> None:
+    said = LeftOut(logs=4, rms=np.deg2rad(0.5), inside=0.93)
     assert said.in_words() == (
         "on 4 logs left out of its fit the rig errs by 0.5°, 93 % inside the 95 % band"
     )
-
-
-def test_the_fastest_motion_of_the_logs_is_kept(rig: Rig) -> None:
-    """Σ of the squared speeds over the spreads, against differences of what is read."""
-    described = rig.with_values({"joints.finger.external_torque.std": 0.0})
-    log = finger(0, 12.0, None)[0]
-    free = free_motion_of([described], [log], 0.0, 1.0)
-    assert free is not None
-    places = [log.channels[f"x_{name}"] / s for name, s in zip(free.drives, free.spread)]
-    speeds = np.array([np.gradient(place, log.time) for place in places])
-    smooth = np.apply_along_axis(lambda v: np.convolve(v, np.ones(10) / 10, "same"), 1, speeds)
-    assert free.fastest == pytest.approx(float(np.max(np.sum(smooth**2, axis=0))), rel=0.5)
-
-
-def test_the_pace_of_positions_that_come_in_every_third_row() -> None:
-    time = 0.01 * np.arange(600)
-    moved = np.sin(2.0 * time)[None]
-    seldom = np.where(np.arange(600) % 3 == 0, moved, np.nan)
-    log = Log(time, {}, {}, "seldom")
-    whole, found = (_pace(positions, log) for positions in (moved, seldom))
-    assert np.max(found) == pytest.approx(np.max(whole), rel=0.05)

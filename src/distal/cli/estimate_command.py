@@ -341,8 +341,8 @@ def _describe(log: Log, rig: Rig) -> None:
 
     span = f"{log.time[0]:g} to {log.time[-1]:g} s, {log.rate:.4g} Hz"
     say(f"read {log.source}: {len(log)} samples, {span}; rig: {rig.name}")
-    if rig.free_motion is not None:
-        say(f"  {rig.free_motion.in_words()}")
+    if rig.left_out is not None:
+        say(f"  {rig.left_out.in_words()}")
     if rig.taken:
         say(f"  {scales_in_words(rig)}")
     if log.stamps is not None:

@@ -91,8 +91,8 @@ def check_command(rig: RigArgument, set_: SetOption = None) -> None:
     for name, each in {} if description.map is None else description.map.named().items():
         source = "a homing move" if each.logs == 0 else f"{each.logs} log{'s' * (each.logs > 1)}"
         say(f"  map.{name}: {', '.join(each.joints)} by {', '.join(each.channels)}, from {source}")
-    if description.free_motion is not None:
-        say(f"  {description.free_motion.in_words()}")
+    if description.left_out is not None:
+        say(f"  {description.left_out.in_words()}")
     for line in felt_in_words(description):
         say(f"  {line}")
     say(f"  uncertain: {in_words(description, *uncertain) or 'nothing (no parameter has a std)'}")

@@ -358,7 +358,6 @@ class Candidate:
         error: RMS error of the angle on held-out logs [rad]; infinite where it cannot run.
         data: the filter's estimates along the logs, with parameters that have not seen them, by the
             index of the log.
-        rigs: the rigs with these parameters, by the index of the log.
         refused: sentences on logs that its filter could not follow.
         part: the term of the physics that was added to the original description, if any.
     """
@@ -369,7 +368,6 @@ class Candidate:
     hold: bool
     error: float
     data: Mapping[int, Samples]
-    rigs: tuple[Rig, ...] = ()
     refused: tuple[str, ...] = ()
     part: MissingTerm | None = None
 
@@ -381,7 +379,6 @@ class _Run:
     """
 
     rig: Rig
-    rigs: tuple[Rig, ...]
     hold: bool
     data: Mapping[int, Samples]
     refused: Sequence[str]
@@ -398,9 +395,7 @@ def filter_candidate(
     judged = bool(run.data) and len(set(training.folds)) > 1
     error = mean_rms(run.data, training.options.homing) if judged else np.inf
     refused = tuple(run.refused)
-    return Candidate(
-        name, run.rig, parameters, run.hold, error, run.data, run.rigs, refused, training.part
-    )
+    return Candidate(name, run.rig, parameters, run.hold, error, run.data, refused, training.part)
 
 
 def answer_maps(candidate: Candidate, training: Training, line: MapFit) -> tuple[MapFit, ...]:
@@ -452,7 +447,6 @@ def _run(training: Training, parameters: ParameterEstimates | None, hold: bool) 
         rigs = tuple(fold_rigs[fold] for fold in training.folds)
     return _Run(
         rig,
-        rigs,
         hold,
         *filtered(
             training.logs,

@@ -15,10 +15,10 @@ import numpy as np
 
 from distal.confidence import BAND
 from distal.errors import DistalWarning, DivergedError, EstimationError, FitError
-from distal.fitting.candidates import Candidate, groups_among
+from distal.fitting.candidates import groups_among
 from distal.fitting.choice_of_parameters import Options, Progress
 from distal.fitting.judge import WRITTEN, Judged, Learned, judge, learned_by
-from distal.fitting.learn_free_motion import efforts_of, free_motion_of, untouched, widest
+from distal.fitting.learn_free_motion import efforts_of, untouched
 from distal.fitting.learned_maps import MapFit, logs_read
 from distal.fitting.log_checks import check_logs, touched_logs
 from distal.fitting.map_samples import ReferenceLag, counted_from, reference_lag, reference_offset
@@ -29,18 +29,13 @@ from distal.homing import check_homing
 from distal.logs import Log, Source, read_log, shown, true_angles
 from distal.parallel import one_blas_thread
 from distal.regression import FEWEST_LOGS, folds_of, groups_of, servos_of
-from distal.rig import Rig, as_rig, load_rig
+from distal.rig import LeftOut, Rig, as_rig, load_rig
 from distal.run import estimate
 
 PROMISED = 2.0
 """Ratio of a rig's error, or of its band, on a log that it was learned from to that on logs left
 out, and of a filter's error to that of a straight line of the readings, above which it is not
 written [1]. Source: definition (of what a fit promises).
-"""
-
-TRUSTED = 0.8
-"""Share of the samples of held-out logs that the 95 % band must hold, so that the normal forces of
-free motion are recorded [1]. Source: judgement.
 """
 
 
@@ -158,7 +153,7 @@ def _followed(judged: Judged, logs: Sequence[Log]) -> Learned:
                     f"logs left out, a straight line of the readings by {np.rad2deg(line):.2g}°"
                 )
                 continue
-            learned = _with_free_motion(learned_by(judged, candidate), candidate, judged)
+            learned = _with_free_motion(learned_by(judged, candidate), judged)
             for rig in dict.fromkeys((learned.rig, untouched(learned.rig))):
                 failures = (_failure(rig, log, learned, judged.training.options) for log in logs)
                 failure = next(filter(None, failures), None)
@@ -168,7 +163,7 @@ def _followed(judged: Judged, logs: Sequence[Log]) -> Learned:
                 doubts.append(f"the filter of {candidate.name}{touches} {failure}")
         doubts.append("no filter is written: the angles are those of the map on readings alone")
         best = replace(best, data={})
-        learned = _with_free_motion(learned_by(judged, best), best, judged)
+        learned = _with_free_motion(learned_by(judged, best), judged)
         return replace(learned, doubts=(*doubts, *learned.doubts))
     return learned_by(judged, best)
 
@@ -222,30 +217,20 @@ def _touched(aside: Sequence[Log]) -> list[str]:
     ]
 
 
-def _with_free_motion(learned: Learned, candidate: Candidate, judged: Judged) -> Learned:
-    """Return what was learned, with the normal forces of free motion: by positions alone
-    (`efforts_of`), and beside the filter (`FreeMotion`) where the held-out logs are not few and the
-    band holds enough of their samples.
+def _with_free_motion(learned: Learned, judged: Judged) -> Learned:
+    """Return what was learned, with the normal forces of free motion (`efforts_of`), and how well
+    the rig did on logs left out, where these are not few.
     """
     folds = folds_of(groups_among(judged.logs, judged.training.options.units))
-    efforts = efforts_of(judged.logs, learned.rig, folds)
-    learned = replace(learned, rig=learned.rig.with_map(efforts=efforts))
+    rig = learned.rig.with_map(efforts=efforts_of(judged.logs, learned.rig, folds))
     scores = [log.scores[WRITTEN] for log in learned.compared]
     ran = [score for score in scores if score is not None]
-    inside = float(np.mean([score.inside for score in ran])) if ran else 0.0
-    if inside < TRUSTED or len(ran) < FEWEST_LOGS or not candidate.data:
-        return learned
-    logs = [judged.training.logs[i] for i in candidate.data]
-    rms = float(np.sqrt(np.mean([score.rms**2 for score in ran])))
-    try:
-        free = free_motion_of([candidate.rigs[i] for i in candidate.data], logs, rms, inside)
-        in_sample = free_motion_of([learned.rig] * len(logs), logs, rms, inside)
-    except EstimationError:
-        return learned  # a filter that fails on a log shows no normal forces
-    if free is None or in_sample is None:
-        return learned
-    free = widest(free, in_sample)
-    return replace(learned, rig=learned.rig.model_copy(update={"free_motion": free}))
+    if len(ran) >= FEWEST_LOGS:
+        rms = float(np.sqrt(np.mean([score.rms**2 for score in ran])))
+        inside = float(np.mean([score.inside for score in ran]))
+        left_out = LeftOut(logs=len(ran), rms=rms, inside=inside)
+        rig = rig.model_copy(update={"left_out": left_out})
+    return replace(learned, rig=rig)
 
 
 def _read(

@@ -315,7 +315,7 @@ def learned_by(judged: Judged, chosen: Candidate) -> Learned:
         hold=chosen.hold,
         maps=by_kind,
         part=chosen.part,
-        candidates=tuple(replace(candidate, data={}, rigs=()) for candidate in ranked),
+        candidates=tuple(replace(candidate, data={}) for candidate in ranked),
         compared=compared,
         interrupted=judged.interrupted,
         doubts=(

@@ -342,9 +342,13 @@ class Fit:
         """Return path → value (with its std, where it had one) of all that the fit changed, as for
         `Rig.with_values`.
         """
-        learned = {}
-        if self.rig.free_motion is not None:
-            learned["free_motion"] = plain_value(self.rig.free_motion.model_dump())
+        learned: dict[str, object] = {
+            f"joints.{joint.name}.touch": joint.touch
+            for joint, before in zip(self.rig.joints, self.start.joints, strict=True)
+            if joint.touch != before.touch
+        }
+        if self.rig.left_out is not None:
+            learned["left_out"] = plain_value(self.rig.left_out.model_dump())
         return {
             **self.added,
             **assignments(self.fitted, self.model, self.hold),

@@ -71,7 +71,7 @@ APART = frozenset(
         "when_lost",
         "stepping",
         "map",
-        "free_motion",
+        "left_out",
         "touch",
     }
 )

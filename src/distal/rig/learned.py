@@ -1,5 +1,5 @@
 """What was learned from logs: maps, and what forces are like while nothing touches the joints. The
-tables `[map]` and `[free_motion]` of a rig file describe them; the numbers of maps are in a file
+tables `[map]` and `[left_out]` of a rig file describe them; the numbers of maps are in a file
 beside it.
 """
 
@@ -310,69 +310,16 @@ def _among(arrays: Mapping[str, Floats], prefix: str) -> MapArrays:
     )
 
 
-NOTHING_NORMAL = {"at_rest": 1.0, "moving": 0.0, "fastest": UNLIMITED}
-"""What stands in place of `FreeMotion.of_channel` for a rig without [free_motion]."""
+class LeftOut(Description):
+    """How well a rig did on logs that were left out of its fit."""
 
-
-class FreeMotion(Description):
-    """The innovations that are normal in free motion, on logs that the fit had not seen.
-
-    The mean innovation of a force stays below √(a² + b² v²) standard deviations for 99.7 % of the
-    time, with v² = Σ (ẋ_i/spread_i)² over all drives that move with it. A larger one is a touch, or
-    a change of the rig. Where v² is above `fastest`, the largest of the logs, the limit is
-    multiplied by v/√fastest, since nothing was learned there.
-    """
-
-    channels: tuple[str, ...] = Field(min_length=1)
-    at_rest: Row = Field(description="a")
-    moving: Row = Field(description="b")
+    logs: int = Field(gt=0)
     rms: float = Field(ge=0.0, description="error of the angles [rad]")
     inside: float = Field(ge=0.0, le=1.0, description="share inside the 95 % band")
-    felt: Row = Field(
-        description="median torque of each joint where a touch is felt [N m]; 0: none is"
-    )
-    fastest: float = Field(UNLIMITED, gt=0.0, description="largest v² [1/s²]")
-    drives: tuple[str, ...] = Field(min_length=1)
-    spread: Row = Field(description="standard deviation of positions [SI]")
-    logs: int = Field(gt=0)
-
-    @model_validator(mode="after")
-    def _sizes_fit(self) -> Self:
-        n = len(self.channels)
-        sizes = {"at_rest": n, "moving": n, "spread": len(self.drives)}
-        for name, size in sizes.items():
-            values = getattr(self, name)
-            if len(values) != size:
-                raise ValueError(f"{name} must have {size} entries; {len(values)} came")
-            if min(values) < 0.0:
-                raise ValueError(f"{name} must not be negative")
-        if 0.0 in (*self.at_rest, *self.spread):
-            raise ValueError("at_rest and spread must be positive")
-        return self
 
     def in_words(self) -> str:
-        """Return a line on the errors of the angles on logs that the fit had not seen."""
+        """Return a line on the errors of the angles."""
         return (
             f"on {self.logs} logs left out of its fit the rig errs by "
             f"{rounded(degrees(self.rms))}°, {100 * self.inside:.0f} % inside the 95 % band"
         )
-
-    def of_channel(self, name: str) -> dict[str, float]:
-        """Return what is normal of a sensor: `at_rest` a [1], `moving` b [s], and `fastest`, the
-        largest v² in the logs [1/s²]. A sensor that the logs lacked gets the largest a and b of the
-        others.
-        """
-        if name not in self.channels:
-            at_rest = max(self.at_rest)
-            moving = max(self.moving)
-        else:
-            at = self.channels.index(name)
-            at_rest = self.at_rest[at]
-            moving = self.moving[at]
-        return {"at_rest": at_rest, "moving": moving, "fastest": self.fastest}
-
-    def of_drive(self, name: str) -> float:
-        """Return the spread of a drive's positions [SI]; a drive that the logs lacked gets the
-        smallest one.
-        """
-        return self.spread[self.drives.index(name)] if name in self.drives else min(self.spread)

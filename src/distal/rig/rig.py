@@ -10,7 +10,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from distal.errors import RigError, did_you_mean
 from distal.rig.drives import Drive
 from distal.rig.joints import BASE, Base, Joint
-from distal.rig.learned import KINDS, FreeMotion, LearnedMap, LearnedMaps
+from distal.rig.learned import KINDS, LearnedMap, LearnedMaps, LeftOut
 from distal.rig.overrides import set_value
 from distal.rig.quantities import Description, Duration, Parameter
 from distal.rig.sensors.registry import MEASURED, Sensor, checked_parts, log_factor
@@ -82,7 +82,7 @@ class Rig(Description):
         description="what a fit has not done yet; commands repeat it",
     )
     map: LearnedMaps | None = None
-    free_motion: FreeMotion | None = None
+    left_out: LeftOut | None = None
 
     @field_validator("joints", mode="after")
     @classmethod
@@ -275,11 +275,16 @@ class Rig(Description):
         counts = ((len(components), kind) for kind, components in self.components.items())
         return ", ".join(f"{n} {kind if n != 1 else kind[:-1]}" for n, kind in counts)
 
+    @property
+    def is_taught(self) -> bool:
+        """Whether logs taught what forces are normal in free motion."""
+        return self.map is not None and bool(self.map.efforts)
+
     def bare(self) -> Rig:
-        """Return a copy without what was learned from logs (`map`, `free_motion`), without
+        """Return a copy without what was learned from logs (`map`, `left_out`), without
         `provisional` too.
         """
-        return self.model_copy(update={"map": None, "free_motion": None, "provisional": ""})
+        return self.model_copy(update={"map": None, "left_out": None, "provisional": ""})
 
     def with_map(self, **kinds: Sequence[LearnedMap]) -> Rig:
         """Return a copy with the maps of some kinds replaced, as in `LearnedMaps`."""

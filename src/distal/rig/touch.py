@@ -75,11 +75,9 @@ def _felt(rig: Rig, j: int, joint: Joint) -> str:
     others = [other.name for other in rig.joints if set(forces_of(rig, other.name)) & set(forces)]
     together = f", together with {', '.join(n for n in others if n != joint.name)}"
     by = f"by {', '.join(forces)}{together if len(others) > len(forces) else ''}"
-    if rig.free_motion is None and len(rig.joints) == 1:
+    if not rig.is_taught and len(rig.joints) == 1:
         return f"a touch is looked for {by} once a fit has said what is normal (distal fit)"
-    if rig.free_motion is None or not rig.free_motion.felt[j]:
-        return f"a touch is felt {by}; from which torque on, only a fit can tell"
-    return f"a torque from about {rounded(rig.free_motion.felt[j])} N m on is felt {by}"
+    return f"a touch is felt {by}"
 
 
 def forces_of(rig: Rig, joint: str) -> list[str]:

@@ -50,7 +50,6 @@ static void plain(const float* restrict a0, const float* restrict a1, const floa
   const float v51 = (v49 != 0.0f ? a0[1] : 0.0f);
   r2[8] = v51;
   r2[9] = 0.0f;
-  r2[10] = 0.0f;
   r3[0] = a0[0];
   r3[1] = a0[1];
 }
@@ -944,12 +943,6 @@ static void adaptive(float* restrict state, const float* restrict a1, const floa
   w[0] = 0.0f;
   for (k = 0; k < 5; ++k) w[0] += w[148 + k] * w[80 + t4[k]];
   w[89] = w[89] + w[0];
-  w[0] = (-2.0f) * a1[0];
-  w[0] = w[0] / 0.1f;
-  w[0] = expf(w[0]);
-  state[82] = state[82] * w[0];
-  w[0] = w[108] * w[108];
-  state[82] = larger(state[82], w[0]);
   r1[0] = w[91];
   w[90] = w[90] + w[88];
   r1[1] = w[90];

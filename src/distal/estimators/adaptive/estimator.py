@@ -51,7 +51,7 @@ def state_vector(
         EstimationError: the sensors do not suffice.
     """
     if guards is None:
-        guards = Robustness.usual(len(rig.joints), rig.free_motion is not None)
+        guards = Robustness.usual(len(rig.joints), rig.is_taught)
     channels = channels_of(rig, "adaptive", references, others=True)
     return states_of_rig(rig, inputs, channels, guards, kinds, folded)
 
@@ -252,7 +252,6 @@ class AdaptiveFilter(KernelEstimator):
             friction_declared=tuple(map(context.declares_friction, range(context.n_drives))),
             joints_follow_a_jump=context.joints_follow,
             joints_settle=context.joints_settle,
-            free_motion_known=context.mechanism.rig.free_motion is not None,
             sub_steps=self.substeps,
             guards=context.robustness,
             smoothing=trace,

@@ -19,7 +19,7 @@ from distal.estimators.read_channels import Channels
 from distal.expressions import MatrixNode, VectorNode
 from distal.model import Mechanism
 from distal.model.parameters import Derived
-from distal.rig import NOTHING_NORMAL, Rig, Sensor, drive_travel, gain_of, step_of
+from distal.rig import Rig, Sensor, drive_travel, gain_of, step_of
 from distal.sensor_errors import quantisation_variance
 
 
@@ -56,12 +56,7 @@ def parameters_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
     """
     rig = context.mechanism.rig
     channels = context.channels
-    free = rig.free_motion
     yield "interval", channels.interval
-    for sensor in context.forces:
-        normal = NOTHING_NORMAL if free is None else free.of_channel(sensor.name)
-        for name, limit in normal.items():
-            yield f"{context.path(sensor)}.normal.{name}", limit
     for sensor in (*channels.proximal, *channels.others, *channels.angles):
         yield from _of_sensor(context, sensor)
     for i, joint in enumerate(rig.joints):
@@ -86,7 +81,6 @@ def parameters_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
                 yield name, by_contact[sensor.name]
     for i, drive in enumerate(rig.drives):
         path = f"drives.{i}"
-        yield f"{path}.spread", 1.0 if free is None else free.of_drive(drive.name)
         low, high = drive_travel(rig, i)
         yield f"{path}.travel.low", low
         yield f"{path}.travel.high", high

@@ -2,7 +2,7 @@
 
 Equations (13b), (29), (30), (32) and (33).
 
-The mean innovation of each force is compared with what is normal in free motion. The part beyond
+The mean innovation of each force is compared with what is usual. The part beyond
 that opens the variance of an external torque on the joints that the force moves (a test of the
 innovations against a jump of a state: Willsky and Jones, IEEE TAC 21, 1976). Then the size of the
 torque itself keeps the variance open, so that a light touch and a wall are both followed.
@@ -16,7 +16,6 @@ from functools import reduce
 
 import casadi as ca
 
-from distal.estimators.adaptive.drive_tracking import Tracks
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.filter_inputs import Interval
 from distal.estimators.adaptive.states.vector import StateVector
@@ -49,23 +48,18 @@ LASTING_TIME = 2.4
 (docs/results/touch.md).
 """
 
-PACE_TIME = 0.1
-"""Time constant with which a fast motion is forgotten, after which forces are less certain [s].
-Source: judgement.
-"""
-
 USUAL_TIME = 2.5
-"""Time constant of the mean square of a force's mean innovation, where no log says what is normal
+"""Time constant of the mean square of a force's mean innovation, which says what is normal
 [s]. Source: judgement.
 """
 
 UNEXPLAINED = 0.7
-"""Smallest mean innovation, in stds, that is not normal where no log says what is [1]. Source:
+"""Smallest mean innovation, in stds, that is not normal [1]. Source:
 benchmark (docs/results/chains.md, "Something happens").
 """
 
 UNUSUAL = 4.0
-"""Mean innovation, in those that are usual, that is not normal where no log says what is [1].
+"""Mean innovation, in those that are usual, that is not normal [1].
 Source: benchmark (docs/results/chains.md, "Something happens").
 """
 
@@ -84,13 +78,9 @@ Source: judgement.
 SMALLEST_TORQUE = 1e-30
 """Square of a torque that counts as zero [(N m)²]. Source: rounding (division by zero)."""
 
-NORMAL = ("at_rest", "moving", "fastest")
-"""Names of the values that say what is normal of a force in free motion, see `FreeMotion`."""
-
-DRIVE = Layout(friction=1, pace=1)
-"""Layout of what is remembered of a drive's force: of its friction (see `Comparison`), and the
-largest recent square of its speed over the spread of its positions [1/s²]. Source: definition
-(layout of a vector).
+DRIVE = Layout(friction=1)
+"""Layout of what is remembered of a drive's force: of its friction (see `Comparison`). Source:
+definition (layout of a vector).
 """
 
 FORCE = Layout(mean=1, force=1, usual=1)
@@ -174,37 +164,19 @@ def compared_forces(context: FilterContext) -> tuple[Sensor, ...]:
     return context.forces if context.touchable else ()
 
 
-def paced(states: StateVector, kept: Remembered, interval: Interval) -> ScalarNode:
-    """Return Σ of the largest recent squares of the drives' speeds over their spreads, (29); the
-    square of each drive changes in place.
-    """
-    fade = ca.exp(-2 * interval.x[0] / PACE_TIME)
-    total = ca.MX(0)
-    tracks = Tracks(interval.tracks)
-    for i, memory in enumerate(kept.drives):
-        spread = states.context.parameters(interval.p, [f"drives.{i}.spread"])
-        memory["pace"] = ca.fmax(memory["pace"] * fade, (tracks[i].speed / spread) ** 2)
-        total += memory["pace"]
-    return total
-
-
-def evidence_function(context: FilterContext) -> ca.Function:
-    """Return the function (kept, ν, S, used, pace, U, σ, normal, dt) → what is remembered of a
+def evidence_function() -> ca.Function:
+    """Return the function (kept, ν, S, used, U, σ, dt) → what is remembered of a
     force, `FORCE`, and the evidence of a touch in it, `WEIGHED`: (30).
 
-    The mean z̄ of ν/√S over `EVIDENCE_TIME` is compared with z_w of (29), which follows from
-    `normal` = (z_a, z_b, n_m), learned from logs in free motion. Each ν/√S is limited, so that at
-    intervals below 35 ms one sample alone never exceeds z_w.
+    The mean z̄ of ν/√S over `EVIDENCE_TIME` is compared with z_w of (29). Each ν/√S is limited, so
+    that at intervals below 35 ms one sample alone never exceeds z_w.
     """
-    names = ("innovation", "variance", "is_used", "pace", "reading", "noise", "dt")
-    sizes = {"kept": FORCE.size, "normal_by": len(NORMAL), **dict.fromkeys(names, 1)}
+    names = ("innovation", "variance", "is_used", "reading", "noise", "dt")
+    sizes = {"kept": FORCE.size, **dict.fromkeys(names, 1)}
     given = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
-    kept, normal, innovation, variance, used, speed, reading, noise, dt = given.values()
+    kept, innovation, variance, used, reading, noise, dt = given.values()
     memory = FORCE.parts(kept)
-    beyond = ca.fmax(1, speed / normal[2])
-    threshold = ca.sqrt((normal[0] ** 2 + normal[1] ** 2 * speed) * beyond)
-    if context.mechanism.rig.free_motion is None:
-        threshold = ca.fmax(UNEXPLAINED, UNUSUAL * ca.sqrt(memory["usual"]))
+    threshold = ca.fmax(UNEXPLAINED, UNUSUAL * ca.sqrt(memory["usual"]))
     fade = ca.exp(-dt / EVIDENCE_TIME)
     std = ca.sqrt(ca.fmax(variance, SMALLEST_TORQUE))
     most = threshold * ca.fmax(2, 1 / ca.fmax(1 - fade, 1e-6))

@@ -15,11 +15,9 @@ from distal.estimators.adaptive.measurement import ROW, SLOPED, MeasurementRow, 
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.touch import (
     FORCE,
-    NORMAL,
     Remembered,
     evidence_function,
     open_torques,
-    paced,
 )
 from distal.estimators.kalman import Downdate, along
 from distal.expressions import MatrixNode, ScalarNode, VectorNode
@@ -87,9 +85,8 @@ def updated(
     innovations = list[ScalarNode]()
     spreads = list[ScalarNode]()
     nominal = states.context.parameters(p, ["interval"])
-    pace = paced(states, kept, interval)
     evidence = dict[str, dict[str, ScalarNode]]()
-    watch = evidence_function(states.context)
+    watch = evidence_function()
     touched = kept.touched
     fixed = np.flatnonzero(states.lasting).tolist()
     for at in rows:
@@ -146,12 +143,8 @@ def updated(
                 innovation=comparison.innovation,
                 variance=spread + variance,
                 is_used=share_used(ROW.part(at.values, "mask")) * position_is_read,
-                pace=pace,
                 reading=states.context.reading(x, row.name),
                 noise=states.context.parameters(p, [f"{path}.noise"]),
-                normal_by=states.context.parameters(
-                    p, [f"{path}.normal.{name}" for name in NORMAL]
-                ),
                 dt=dt,
             )
             evidence[row.name] = outputs
