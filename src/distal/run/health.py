@@ -24,7 +24,7 @@ from distal.expressions import Scalar, Vector
 from distal.kernels import Layout
 from distal.rig import FAR, RangeEnd, Role, measurand_of, position_range, range_ends, step_of
 from distal.run.offline import priors_of
-from distal.run.redundancy import Redundancy
+from distal.run.redundancy import MOST, Redundancy
 
 Health = Literal[
     "ok",
@@ -92,10 +92,6 @@ OVERDUE = 2.5
 judgement.
 """
 
-CAPPED = 25.0
-"""Upper limit of one ν²/S [1], so that a single wild value does not make a sensor disagree. Source:
-judgement.
-"""
 
 ROUNDING = 1e-9
 """Possible error of an age [s]. Source: rounding (an age is a sum of intervals)."""
@@ -274,7 +270,7 @@ def watch_of(estimator: KernelEstimator) -> Watch:
     far = read * (ca.fabs(position - (low + high) / 2) > FAR * (high - low))
     wrong = ca.logic_or(outside > 0.5, far)
     # a touch is no disagreement, since the filter follows it
-    square = ca.fmin(came["innovations"] ** 2 / came["variances"], CAPPED)
+    square = ca.fmin(came["innovations"] ** 2 / came["variances"], MOST)
     is_touched = came["touched"] > TOUCHED
     square = ca.if_else(is_touched, ca.fmin(square, 1), square)
     ratio = was["ratio"] + ca.if_else(came["compared"], share * (square - was["ratio"]), 0)

@@ -20,7 +20,7 @@ from distal.kernels.layout import is_read
 
 SLOW_DECLARED = 60.0
 """Speed, in stds of the position sensor, at which a drive with declared friction counts as half
-stuck [1/s]: 0.6 stds in a sample at 100 Hz. Source: judgement.
+stuck [1/s]: 0.6 stds in a sample at 100 Hz. Source: benchmark (benchmarks.ablation).
 """
 
 SLOW_UNKNOWN = 80.0

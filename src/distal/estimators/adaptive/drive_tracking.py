@@ -34,12 +34,12 @@ judgement.
 
 PULL_STD = 0.1
 """Share of a drive's pull that is not known when a jump is judged by it, because of stiffness and
-angle [1]. Source: judgement.
+angle [1]. Source: benchmark (benchmarks.ablation).
 """
 
 WANDERING = 1.0
 """Time in which the std of a drive's position grows by `UNKNOWN_POSITION` where no reading comes
-back [s]. Source: judgement.
+back [s]. Source: benchmark (benchmarks.ablation).
 """
 
 

@@ -27,7 +27,7 @@ MOST_TRAVELS = 20.0
 
 FOLLOWS = 2.0
 """Phase of a joint's own oscillation in one interval, above which the joint follows a jump within
-it [rad]; a quarter turn is π/2. Source: judgement.
+it [rad]; a quarter turn is π/2. Source: benchmark (benchmarks.ablation).
 """
 
 SETTLES = 30.0

@@ -193,7 +193,7 @@ class Robustness:
 
 STILL_LOST = 3
 """Power in (12) with which a lost position moves its joint [1], so that one missing sample does no
-harm. Source: judgement.
+harm. Source: benchmark (benchmarks.ablation).
 """
 
 
@@ -273,12 +273,12 @@ def robust_variance(robustness: Robustness, variance: Scalar, innovation: Scalar
 
 SHOWS = 0.25
 """Smallest change of its force by which a drive shows its jump, as a share of that with its joint
-at rest [1]. Source: judgement.
+at rest [1]. Source: benchmark (benchmarks.ablation).
 """
 
 LONGEST_SLIP = 3.0
 """Longest jump of a drive that sticks and slips, in stds of its force, friction included, over its
-stiffness [1]. Source: judgement.
+stiffness [1]. Source: benchmark (benchmarks.ablation).
 """
 
 

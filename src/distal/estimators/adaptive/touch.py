@@ -25,7 +25,7 @@ from distal.kernels.layout import Layout
 from distal.rig import Sensor
 
 EVIDENCE_TIME = 0.05
-"""Time constant of the mean innovation of a force [s]. Source: judgement."""
+"""Time constant of the mean innovation of a force [s]. Source: benchmark (benchmarks.ablation)."""
 
 OPENED = 3.0
 """Std of the torque that is opened, per part of a force that is not normal [1], so that a torque
@@ -49,8 +49,8 @@ LASTING_TIME = 2.4
 """
 
 USUAL_TIME = 2.5
-"""Time constant of the mean square of a force's mean innovation, which says what is normal
-[s]. Source: judgement.
+"""Time constant of the mean square of a force's mean innovation, which says what is normal [s].
+Source: benchmark (benchmarks.ablation).
 """
 
 UNEXPLAINED = 0.7

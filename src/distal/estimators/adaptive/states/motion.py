@@ -20,7 +20,7 @@ from distal.sensor_errors import variance
 
 START_SPEED = 0.3
 """Standard deviation of a joint's speed at the first sample [rad/s]: a log may begin within a
-motion. Source: judgement.
+motion. Source: benchmark (benchmarks.ablation).
 """
 
 
