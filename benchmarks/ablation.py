@@ -62,6 +62,7 @@ RULES: dict[str, tuple[str, str, Any]] = {
     "pace": ("touch", "PACE_TIME", 1e-6),
     "usual time": ("touch", "USUAL_TIME", INF),
     "evidence time": ("touch", "EVIDENCE_TIME", 1e-6),
+    "still": ("touch", "STILL", 0.5),
     "largest torque": ("touch", "SURE", 1e6),
     "clear torque lasts": ("touch", "LASTING_TIME", 1e-6),
     "closing": ("touch", "CLOSING_TIME", 1e-6),

@@ -68,7 +68,7 @@ def test_a_force_beyond_what_is_normal_is_evidence_of_a_touch() -> None:
     variance, fade, slowly = 0.8, exp(-dt / 0.05), exp(-dt / 2.5)
     for k, innovation in enumerate(innovations):
         used = float(k % 11 != 0)
-        normal = max(0.7, 4.0 * sqrt(usual))
+        normal = max(1.0, 4.0 * sqrt(usual))
         most = normal * max(2.0, 1 / (1 - fade))
         shown = float(np.clip(innovation / sqrt(variance), -most, most))
         if used:

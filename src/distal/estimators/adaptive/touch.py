@@ -53,9 +53,9 @@ USUAL_TIME = 2.5
 Source: benchmark (benchmarks.ablation).
 """
 
-UNEXPLAINED = 0.7
-"""Smallest mean innovation, in stds, that is not normal [1]. Source:
-benchmark (docs/results/chains.md, "Something happens").
+UNEXPLAINED = 1.0
+"""Smallest mean innovation, in stds, that is not normal [1]. Source: benchmark
+(docs/results/touch.md).
 """
 
 UNUSUAL = 4.0
@@ -69,6 +69,10 @@ a finger reports 46 touches in 10 min of free motion, with 4 none. Source: bench
 (benchmarks/false_touches).
 """
 
+STILL = 0.06
+"""Probability below which a touch ends [1]: that of twice the smallest torque that is felt. Source:
+judgement.
+"""
 
 SURE = 3.0
 """Number of stds of its sensor that is added to a force to have its largest possible value [1].
@@ -264,7 +268,7 @@ def opening_function(count: int) -> ca.Function:
     share = ca.if_else(lost, fade * was["share"], opened / (opened + smallest))
     times = torque**4 / ca.fmax(smallest**2, SMALLEST_TORQUE)
     probability = ca.if_else(lost, was["probability"], times / (times + TOUCHING**4))
-    touches = probability > TOUCHED
+    touches = probability > ca.if_else(was["since"] > 0, STILL, TOUCHED)
     since = ca.if_else(touches, was["since"] + dt, 0)
     after = TORQUE.joined(
         opened=opened, clear=clear, share=share, probability=probability, since=since
