@@ -170,7 +170,8 @@ def watch_of(estimator: KernelEstimator) -> Watch:
     means, stds = (no_prior if prior is None else prior for prior in priors_of(estimator))
     # of a fitted rig that lacks physics, numbers stray without end; its forces are tested instead
     redundancy = Redundancy.of(estimator.rig, estimator.channels)
-    tested = (stds > 0.0) & (not redundancy.maps)
+    is_untaught = not redundancy.maps
+    tested = (stds > 0.0) & is_untaught
     watched = tuple(np.flatnonzero(np.isfinite(means) & tested).tolist())
     roles = [measurand_of(sensor).role for sensor in chosen]
     placed = tuple(i for i, role in enumerate(roles) if role is Role.POSITION)
@@ -291,18 +292,18 @@ def watch_of(estimator: KernelEstimator) -> Watch:
         "hurried": ca.logic_and(ca.logic_not(first), pace < HURRIED),
         "nothing": ca.logic_not(_any(mask)),
         # where no log said what is normal, innovations may be too large, but never right
-        "untested": ca.SX(not redundancy.maps),
+        "untested": ca.SX(is_untaught),
         "unknown": ca.logic_and(ca.logic_not(first), _any(came["stds"] > UNKNOWN)),
     }
     flags |= {
-        "touched": is_touched * float(not redundancy.maps),
+        "touched": is_touched * is_untaught,
         "outside": beyond_logs,
         "unlike": unlike,
         "dead": dead,
         "stuck": stuck,
         "missing": missing,
         "wrong": wrong,
-        "large": (ratio > LARGE) * float(not redundancy.maps),
+        "large": (ratio > LARGE) * is_untaught,
         "left": left,
     }
     visits = [

@@ -54,8 +54,6 @@ LATER = 1e-9
 (level).
 """
 
-HYPOTHESES = ("turn", "supposed", "since", "evidence", "clock", "kept")
-"""Names of what is remembered of wrong readings that are supposed. Source: definition."""
 
 NORMAL = 0.997
 """Share of the time in which a force in free motion is normal [1]. Source: benchmark
@@ -169,15 +167,15 @@ class Redundancy:
             )
             judged = _every(ca.vertcat(mask, 1 - beyond))
             now = averaged(was, came["first"], square, came["dt"], judged)
-            supposed = {name: was[name] for name in HYPOTHESES}
+            remembered = {**was, "features": left, **now}
             if self.supposes:
-                supposed = part.supposed(was, came, read, mask, square, judged)
+                remembered |= part.supposed(was, came, read, mask, square, judged)
             is_unlike = 1 - _every(now["means"] <= ca.DM(part.learned.normal))
-            is_wrong = _any(supposed["evidence"] > -np.log(PRIOR))
+            is_wrong = _any(remembered["evidence"] > -np.log(PRIOR))
             squares.append(square)
             outside.append(beyond)
             unlike.append(ca.fmax(is_unlike, is_wrong))
-            after.append(part.memory.joined(features=left, **now, **supposed))
+            after.append(part.memory.joined(**remembered))
         return ca.vertcat(*after), *(ca.vertcat(*of) for of in (squares, unlike, outside))
 
 
