@@ -163,21 +163,26 @@ def test_a_wrap_is_no_sign_of_a_register(rig: Rig, counts: int, tmp_path: Path) 
     np.testing.assert_allclose(came[:, 0], position * 2 * pi / counts, atol=1e-9)
 
 
+@pytest.mark.parametrize("least", [0.0, -180.0])
 @pytest.mark.parametrize("counts", [None, 3600])
 def test_a_rounded_encoder_may_read_both_ends_of_its_turn(
-    rig: Rig, counts: int | None, tmp_path: Path
+    rig: Rig, counts: int | None, least: float, tmp_path: Path
 ) -> None:
-    """Of 359.97 and 0.02 it makes 360.0 and 0.0."""
+    """Of 359.97 and 0.02 it makes 360.0 and 0.0, of 179.97 and −179.98 180.0 and −180.0."""
     unit = {"unit": "deg"} if counts is None else {}
     step = np.radians(0.1)
     rounded = with_encoder(rig, counts_per_turn=counts, resolution=step, **unit)
-    position = 3.0 * np.sin(2.0 * TIME) + 0.01
+    position = 3.0 * np.sin(2.0 * TIME) + 0.01 + least
     factor = 1.0 if counts is None else 10.0
-    read = np.round((position % 360.0) * factor, 1 if counts is None else 0)
-    assert {0.0, 360.0 * factor} <= {*read}
+    turned = (position - least) % 360.0 + least
+    read = np.round(turned * factor, 1 if counts is None else 0)
+    assert {least * factor, (least + 360.0) * factor} <= {*read}
     current = np.round(100.0 * np.cos(0.1 * np.arange(N)))
     came = one_by_one(rounded, np.column_stack([read, current]), tmp_path)
-    np.testing.assert_allclose(came[:, 0], np.radians(position), atol=0.51 * step)
+    turns = (came[:, 0] - np.radians(position)) / (2 * pi)
+    np.testing.assert_allclose(
+        came[:, 0] - np.round(turns[0]) * 2 * pi, np.radians(position), atol=0.51 * step
+    )
 
 
 def test_a_jump_of_more_than_half_a_turn_leaves_no_turn_behind(rig: Rig) -> None:

@@ -52,8 +52,6 @@ Source: judgement.
 LEAST_DAMPING = 1e-6
 """Least such damping. Source: judgement."""
 
-MOST_DAMPING = 100.0
-"""Largest such damping. Source: judgement."""
 
 FIRST_WIDTH = 1e-2
 """Width of the differences that give the first slopes, as a share of a value, or of its scale where
@@ -237,7 +235,7 @@ def search(
                 if gained > 0.0
                 else damping * DAMPINGS[-1]
             )
-            damping = min(max(following, LEAST_DAMPING), MOST_DAMPING)
+            damping = max(following, LEAST_DAMPING)
             if iteration < last:
                 widths = wider * widths_at(problem, optimum.z, derivatives)
                 derivatives = problem.derivatives(optimum.z, np.where(free, widths, 0.0))

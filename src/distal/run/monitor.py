@@ -232,8 +232,16 @@ class Monitor:
             detail,
             tuple(torques),
             tuple(torque_stds),
-            live.contacts,
+            self._contacts(problems),
         )
+
+    def _contacts(self, problems: Sequence[tuple[Health, str]]) -> tuple[JointContact, ...]:
+        """Return the contacts of the joints; where logs taught what forces are normal, there are
+        none while these are.
+        """
+        if not self._watch.redundancy.maps or any(word == "touched" for word, _ in problems):
+            return self._live.contacts
+        return tuple(replace(each, probability=0.0, since=0.0) for each in self._live.contacts)
 
     def _problems(self, dt: float, sample: Floats) -> list[tuple[Health, str]]:
         """Return what is wrong with a sample that comes `dt` [s] after the one before, as word and

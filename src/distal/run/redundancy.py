@@ -259,7 +259,7 @@ class _Part:
         # until each sensor has been read there is nothing to compare
         begins = ca.logic_or(came["first"], was["turn"] < 0)
         clock = ca.if_else(begins, 0, was["clock"] + dt)
-        is_next = ca.logic_and(clock >= LATE / KEPT, _every(mask))
+        is_next = ca.logic_and(clock + dt / 2 >= LATE / KEPT, _every(mask))
         kept = ca.if_else(begins, ca.horzcat(*[read] * (KEPT + 1)), was["kept"])
         kept = ca.if_else(is_next, ca.horzcat(read, kept[:, :-1]), kept)
         clock = ca.if_else(is_next, 0, clock)
