@@ -566,8 +566,8 @@ def test_the_command(tmp_path: Path) -> None:
     names = sorted(path.name for path in out.iterdir())
     stem = "pulley_antagonist_adaptive"
     assert names == sorted(["CMakeLists.txt", "README.md", "replay.c", f"{stem}.c", f"{stem}.h"])
-    assert "1,460 bytes" in done.output
-    assert "1,460 bytes" in (out / "README.md").read_text()
+    assert "1,452 bytes" in done.output
+    assert "1,452 bytes" in (out / "README.md").read_text()
 
 
 @needs_compiler

@@ -241,7 +241,7 @@ class Monitor:
         """
         if not self._watch.redundancy.maps or any(word == "touched" for word, _ in problems):
             return self._live.contacts
-        return tuple(replace(each, probability=0.0, since=0.0) for each in self._live.contacts)
+        return tuple(replace(c, probability=0.0, since=0.0) for c in self._live.contacts)
 
     def _problems(self, dt: float, sample: Floats) -> list[tuple[Health, str]]:
         """Return what is wrong with a sample that comes `dt` [s] after the one before, as word and
