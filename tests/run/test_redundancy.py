@@ -217,8 +217,8 @@ def along(redundancy: Redundancy, time: np.ndarray, values: np.ndarray) -> list[
 
 
 def test_the_evidence_is_that_of_each_hypothesis_alone(ropes: Rig) -> None:
-    """ln p⁺ = max(ln p + n/2 (min(T²₀, c) − min(T²ₕ, c)) min(dt, τ)/τ, ln p₀); each sample asks one
-    hypothesis: two positions are exchanged, or all but one are earlier, by what is kept of them.
+    """ln o⁺ = ln o + n/2 (min(T²₀, c) − min(T²ₕ, c)) min(dt, τ)/τ, from ln p₀ to −ln p₀; each sample
+    asks one hypothesis: two positions are exchanged, or all but one are earlier, by what is kept.
     """
     log = ropes_log(11, 6.0)
     log = changed(log, flexor_angle=late(log, "flexor_angle", 0.2))
@@ -240,7 +240,7 @@ def test_the_evidence_is_that_of_each_hypothesis_alone(ropes: Rig) -> None:
     supposed[0][:, [first, second]] = values[:, [second, first]]
     supposed[1][:, first] = values[:, first]
     supposed[2][:, second] = values[:, second]
-    evidence = np.zeros(3)
+    evidence = np.zeros((len(values), 3))
     for h, readings in enumerate(supposed):
         theirs, _, beyond = along(plain, log.time[h::3], readings[h::3])
         waits = np.diff(log.time[h::3], prepend=log.time[h])
@@ -248,15 +248,18 @@ def test_the_evidence_is_that_of_each_hypothesis_alone(ropes: Rig) -> None:
             beyond > 0.0, MOST, np.minimum(theirs, MOST)
         )
         gains *= np.minimum(waits / INDEPENDENT, 1.0) * (1.0 - outside[h::3])
-        for gain in gains:
-            evidence[h] = max(evidence[h] + len(part.learned.joints) / 2 * gain, np.log(LATER))
+        now, most = 0.0, -np.log(LATER)
+        for k, gain in enumerate(gains):
+            now = float(np.clip(now + len(part.learned.joints) / 2 * gain, -most, most))
+            evidence[h + 3 * k : h + 3 * k + 3, h] = now
     rows = np.column_stack(
         [np.arange(len(values)) == 0, steps, values, np.ones_like(values)]
     ).astype(float)
     feed = Feed(np.zeros(redundancy.memory), rows, np.zeros(0))
-    memory = advance(_kernel(redundancy), feed).kernel_states[-1]
-    np.testing.assert_allclose(part.memory.view(memory, "evidence"), evidence, rtol=1e-6)
-    assert evidence[1] > -np.log(PRIOR)
+    states = advance(_kernel(redundancy), feed).kernel_states
+    found = part.memory.view(states[:, : part.memory.size], "evidence")
+    np.testing.assert_allclose(found, evidence, rtol=1e-6, atol=1e-9)
+    assert evidence[-1, 1] > -np.log(PRIOR)
 
 
 @pytest.mark.parametrize("begins", [0, 1500])

@@ -50,7 +50,7 @@ PRIOR = 1e-3
 """Probability that a reading is wrong from the beginning [1]. Source: definition (level)."""
 
 LATER = 1e-9
-"""Least probability that a reading is wrong [1]: a good one may become wrong. Source: definition
+"""Least probability that a reading is wrong, or right [1]: it may change. Source: definition
 (level).
 """
 
@@ -294,7 +294,7 @@ class _Part:
             "turn": ca.if_else(waits, -1, ca.if_else(turn + 1 < count, turn + 1, 0)),
             "supposed": was["supposed"] + ca.mtimes(changed, chosen.T),
             "since": ca.if_else(chosen, 0, ca.if_else(since < 0, since, since + dt)),
-            "evidence": ca.fmax(evidence, np.log(LATER)),
+            "evidence": ca.fmin(ca.fmax(evidence, np.log(LATER)), -np.log(LATER)),
             "clock": clock,
             "kept": kept,
         }
