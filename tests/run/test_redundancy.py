@@ -217,8 +217,9 @@ def along(redundancy: Redundancy, time: np.ndarray, values: np.ndarray) -> list[
 
 
 def test_the_evidence_is_that_of_each_hypothesis_alone(ropes: Rig) -> None:
-    """ln o⁺ = ln o + n/2 (min(T²₀, c) − min(T²ₕ, c)) min(dt, τ)/τ, from ln p₀ to −ln p₀; each sample
-    asks one hypothesis: two positions are exchanged, or all but one are earlier, by what is kept.
+    """ln o⁺ = ln o + n/2 (min(T²₀, c) − min(T²ₕ, c)) min(dt, τ)/τ, from ln p₀ to −ln p₀; each
+    sample asks one hypothesis: two positions are exchanged, or all but one are earlier,
+    by what is kept.
     """
     log = ropes_log(11, 6.0)
     log = changed(log, flexor_angle=late(log, "flexor_angle", 0.2))
