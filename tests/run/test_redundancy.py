@@ -19,7 +19,8 @@ from distal.fitting.learn_free_motion import efforts_of
 from distal.kernels import Feed, advance
 from distal.regression import features_along
 from distal.regression.features import Shape
-from distal.run.health import begun, watch_of
+from distal.run import JointContact
+from distal.run.health import Health, begun, watch_of
 from distal.run.redundancy import (
     AVERAGED,
     INDEPENDENT,
@@ -139,6 +140,19 @@ def test_of_what_logs_taught_a_touch_is_what_its_forces_say(rig: Rig) -> None:
         sample[watch.sample["touched"]] = 1.0
         _, findings = watch.function(begun(watch), sample)
         assert float(findings[watch.findings["touched"]]) == is_said
+
+
+@pytest.mark.parametrize(("word", "is_felt"), [("touched", True), ("missing", False)])
+def test_contacts_of_what_logs_taught_are_those_that_its_forces_say(
+    rig: Rig, word: Health, is_felt: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    contact = JointContact("finger", 0.9, 0.1, 0.02, 1.5)
+    for described, expected in ((rig, is_felt), (rig.bare(), True)):
+        monitor = Monitor(LiveEstimator(described))
+        monkeypatch.setattr(type(monitor._live), "contacts", (contact,))
+        (said,) = monitor._contacts([(word, "")])
+        assert (said.probability, said.since) == ((0.9, 1.5) if expected else (0.0, 0.0))
+        assert (said.torque, said.torque_std) == (0.1, 0.02)
 
 
 def test_where_no_log_has_been_it_is_said(rig: Rig) -> None:

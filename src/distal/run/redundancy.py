@@ -161,7 +161,8 @@ class Redundancy:
         for part in self._parts:
             was = part.memory.parts(memory[at : at + part.memory.size])
             at += part.memory.size
-            read, mask = came["values"][part.read], came["mask"][part.read]
+            read = came["values"][part.read]
+            mask = came["mask"][part.read]
             square, beyond, left = part.compared(
                 was["features"], came["first"], came["dt"], read, mask
             )
@@ -224,11 +225,12 @@ class _Part:
         """
         shape = self.shape
         arrays = self.learned.arrays
-        positions, given = read[: shape.channels], mask[: shape.channels]
+        positions = read[: shape.channels]
+        given = mask[: shape.channels]
         begun = begun_by(self.learned, positions, given)
         frame = ca.MX(ca.DM(shape.flat(arrays.by_name)))
-        asked = was + first * (begun - was), dt, positions, given, frame
-        outputs, left = features_function(shape)(*asked)
+        was += first * (begun - was)
+        outputs, left = features_function(shape)(was, dt, positions, given, frame)
         out = shape.outputs.parts(outputs)
         errors = []
         for k in range(len(self.learned.joints)):
