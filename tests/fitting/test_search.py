@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from distal.fitting.free_parameter import Free
-from distal.fitting.likelihood import Derivatives
+from distal.fitting.likelihood import Derivatives, SearchSettings
 from distal.fitting.likelihood_search import (
     first_widths,
     hessian,
@@ -21,13 +21,6 @@ from distal.fitting.likelihood_search import (
 )
 
 Floats = NDArray[np.float64]
-
-
-@pytest.fixture(autouse=True)
-def _exact(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let searches go on to the answer: these functions have no kinks."""
-    monkeypatch.setattr("distal.fitting.likelihood_search.ENOUGH_OF_EQUATIONS", 1e-3)
-    monkeypatch.setattr("distal.fitting.likelihood_search.MOST_OF_EQUATIONS", 60)
 
 
 class Curve:
@@ -42,7 +35,9 @@ class Curve:
         std: float = 1e3,
         low: float = -np.inf,
     ) -> None:
-        self._residuals, self.size, self.calls, self.asks_equations = residuals, size, 0, True
+        self._residuals, self.size, self.calls = residuals, size, 0
+        # functions without kinks: searches go on to the answer
+        self.settings = SearchSettings(enough=1e-3, iterations=60)
         free = Free("x", ("x",), (1.0,), std, 1.0, low, np.inf)
         self.parts = tuple((free, None) for _ in range(size))
         self.prior_stds = np.full(size, std)
@@ -182,9 +177,9 @@ def test_a_filters_search_ends_where_its_kinks_begin() -> None:
     equations one of 1e-3 is.
     """
     ends = []
-    for equations in (False, True):
+    for settings in (SearchSettings(), SearchSettings(enough=1e-3, iterations=60)):
         curve = Curve(lambda z: 3.0 * np.exp(-z), 1, std=1e9)
-        curve.asks_equations = equations
+        curve.settings = settings
         ends.append(search(curve, np.array([-3.0])))  # type: ignore[arg-type]
     assert ends[0].converged
     assert ends[1].iterations > ends[0].iterations

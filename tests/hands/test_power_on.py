@@ -16,7 +16,6 @@ from distal import estimate
 from distal.errors import CommandError, FitError, LogError
 from distal.hands import Calibrated, Routine, RoutineOptions, calibrate, moved_since
 from distal.hands.findings import faults_of, slack_of
-from distal.hands.routine import OF_PAIR
 from distal.hands.sweeps import sweeps_of
 from distal.logs import Log
 from distal.rig import Capstan, Rig
@@ -234,7 +233,7 @@ def test_without_a_current_no_motor_pushes_into_its_stop(read: float) -> None:
         positions = (state["positions"] * signs)[0]
         torques.append(0.5 * np.abs(state["currents"])[0])
     assert set(routine.failed) == {"m1", "m2"}
-    pushed = 0.01 * np.count_nonzero(np.array(torques) > OF_PAIR, axis=0)
+    pushed = 0.01 * np.count_nonzero(np.array(torques) > RoutineOptions.of_pair, axis=0)
     assert pushed.max() < 0.2
 
 

@@ -30,7 +30,7 @@ import numpy as np
 from distal.arrays import Bools, Floats
 from distal.expressions import Scalar
 from distal.fitting.fit_filter import Data, FitFilter
-from distal.fitting.likelihood import Innovations
+from distal.fitting.likelihood import Innovations, SearchSettings
 from distal.fitting.problem import Problem
 from distal.kernels import Feed, Kernel, kernel_of, structure_of
 from distal.model import Mechanism
@@ -372,4 +372,6 @@ def inverse_problem(problem: Problem, compiled: bool = True) -> InverseProblem |
         equations=equations,
         motions=motions,
         noises=noises,
+        # an iteration with a filter takes as long as a hundred of these, which have hardly a kink
+        settings=SearchSettings(enough=0.02, iterations=50),
     )

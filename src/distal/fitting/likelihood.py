@@ -37,6 +37,58 @@ rounding (squares that overflow).
 """
 
 
+@dataclass(frozen=True, kw_only=True)
+class SearchSettings:
+    """How a search for the least −ln p goes, and when it ends; `benchmarks.searches` compares.
+
+    Args:
+        settled: predicted gain of −ln p in the next step, below which the search ends: that of a
+            tenth of a standard error.
+        enough: gain of −ln p, below which two steps in a row end the search: the kinks of a
+            filter's −ln p have the default's size.
+        iterations: largest number of iterations.
+        first_iterations: number after which the weights of the channels' values are found again.
+        first_damping: damping of the first iteration, the share of the information's diagonal that
+            is added to it.
+        least_damping: least such damping.
+        dampings: factors on the damping of the last step: steps with these dampings are tried side
+            by side, beside the undamped one.
+        first_width: width of the differences that give the first slopes, as a share of a value, or
+            of its scale where it may be zero.
+        slope_width: width of the later ones, as a share of the std that a parameter would have if
+            all others were known: over less, kinks of friction look like information
+            (docs/explanation/learning.md).
+        smallest_width: least width, as a share of a parameter's value.
+        smallest_noise_width: the same for the size of a noise, which also changes where a joint
+            slips.
+        wider: factor on the width after a step that gained too little.
+        coarse_share: share of each log, its beginning, with which the start is searched.
+        coarse_least: least number of samples of each log for that search.
+        coarse_iterations: largest number of its iterations.
+        starts: number of points drawn from the priors that are tried as starts, beside their mean.
+        unknown_spread: std of those points where there is no prior, in units of the coordinate, of
+            which one is a tenth of the value.
+    """
+
+    settled: float = 5e-3
+    enough: float = 0.3
+    iterations: int = 30
+    first_iterations: int = 3
+    first_damping: float = 1e-2
+    least_damping: float = 1e-6
+    dampings: tuple[float, float] = (1 / 8, 8.0)
+    first_width: float = 1e-2
+    slope_width: float = 0.3
+    smallest_width: float = 1e-3
+    smallest_noise_width: float = 0.05
+    wider: float = 4.0
+    coarse_share: float = 0.25
+    coarse_least: int = 400
+    coarse_iterations: int = 8
+    starts: int = 16
+    unknown_spread: float = 2.0
+
+
 @dataclass(frozen=True)
 class Innovations:
     """The innovations ν of a run of the filter over a log, NaN where nothing is compared, and their

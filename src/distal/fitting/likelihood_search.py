@@ -13,89 +13,6 @@ from distal.arrays import Bools, Floats
 from distal.fitting.likelihood import Derivatives
 from distal.fitting.problem import Problem
 
-SETTLED = 5e-3
-"""Predicted gain of −ln p in the next step, below which the search ends: that of a tenth of a
-standard error. Source: judgement.
-"""
-
-ENOUGH = 0.3
-"""Gain of −ln p of a filter, below which two steps in a row end the search: its kinks have this
-size. Source: judgement.
-"""
-
-ENOUGH_OF_EQUATIONS = 0.02
-"""The same gain where the rig's equations are asked. Source: judgement."""
-
-MOST_ITERATIONS = 30
-"""Largest number of iterations with a filter; each takes as long as a hundred with a rig's
-equations. Source: judgement.
-"""
-
-MOST_OF_EQUATIONS = 50
-"""Largest number of iterations where the rig's equations are asked. Source: judgement."""
-
-WIDER = 4.0
-"""Factor on the width of the differences that give the slopes, after a step that gained too little.
-Source: benchmark (`benchmarks.searches`).
-"""
-
-DAMPINGS = (1 / 8, 8.0)
-"""Factors on the damping of the last step: steps with these dampings are tried side by side, beside
-the undamped one. Source: benchmark (`benchmarks.searches`).
-"""
-
-FIRST_DAMPING = 1e-2
-"""Damping of the first iteration: the share of the information's diagonal that is added to it.
-Source: judgement.
-"""
-
-LEAST_DAMPING = 1e-6
-"""Least such damping. Source: judgement."""
-
-
-FIRST_WIDTH = 1e-2
-"""Width of the differences that give the first slopes, as a share of a value, or of its scale where
-it may be zero. Source: judgement.
-"""
-
-SLOPE_WIDTH = 0.3
-"""Width of the later differences, as a share of the std that a parameter would have if all others
-were known: over less, kinks of friction look like information (docs/explanation/learning.md).
-Source: judgement.
-"""
-
-SMALLEST_WIDTH = 1e-3
-"""Least width of the differences, as a share of a parameter's value. Source: judgement."""
-
-SMALLEST_NOISE_WIDTH = 0.05
-"""The same least width for the size of a noise, which also changes where a joint slips. Source:
-judgement.
-"""
-
-COARSE_SHARE = 0.25
-"""Share of each log, its beginning, with which the start is searched. Source: judgement."""
-
-COARSE_LEAST = 400
-"""Least number of samples of each log for that search. Source: judgement."""
-
-COARSE_ITERATIONS = 8
-"""Largest number of iterations of that search. Source: judgement."""
-
-STARTS = 16
-"""Number of points drawn from the priors that are tried as starts, beside the priors' mean. Source:
-judgement.
-"""
-
-UNKNOWN_SPREAD = 2.0
-"""Standard deviation of those points where there is no prior, in units of the coordinate, of which
-one is a tenth of the value. Source: judgement.
-"""
-
-FIRST_ITERATIONS = 3
-"""Number of iterations after which the weights of the channels' values are found again. Source:
-judgement.
-"""
-
 Progress = Callable[[int, float], None]
 """A function that is called with the iteration and −ln p after each step."""
 
@@ -129,21 +46,27 @@ def coarse_start(
     The short search begins at the coordinates `begin`, (n,). Where these are the priors' mean, it
     begins at the likeliest of that mean and some points drawn from the priors.
     """
+    settings = problem.settings
     zero = _inside(problem, begin)
-    coarse = problem.beginning(COARSE_SHARE, COARSE_LEAST).assessed(zero)
+    coarse = problem.beginning(settings.coarse_share, settings.coarse_least).assessed(zero)
     noise = np.array([part.noise for part, _ in problem.parts])
     spreads = np.where(
-        noise, 0.0, np.where(np.isfinite(problem.prior_stds), problem.prior_stds, UNKNOWN_SPREAD)
+        noise,
+        0.0,
+        np.where(np.isfinite(problem.prior_stds), problem.prior_stds, settings.unknown_spread),
     )
     rng = np.random.default_rng(seed)
     drawn = (
         []
         if begin.any()
-        else [_inside(problem, spreads * rng.normal(size=problem.size)) for _ in range(STARTS)]
+        else [
+            _inside(problem, spreads * rng.normal(size=problem.size))
+            for _ in range(settings.starts)
+        ]
     )
     points = [zero, *drawn]
     likeliest = points[int(np.argmin(coarse.costs(points)))]
-    return search(coarse.assessed(likeliest), likeliest, progress, most=COARSE_ITERATIONS)
+    return search(coarse.assessed(likeliest), likeliest, progress, most=settings.coarse_iterations)
 
 
 def most_likely(
@@ -155,7 +78,7 @@ def most_likely(
     The search begins at `start`, (n,).
     """
     problem = problem.assessed(start)
-    begun = search(problem, start, progress, most=FIRST_ITERATIONS)
+    begun = search(problem, start, progress, most=problem.settings.first_iterations)
     if begun.interrupted:
         return problem, begun
     problem = problem.assessed(begun.z)
@@ -185,11 +108,12 @@ def search(
         problem: what is minimised.
         start: coordinates, (n,).
         progress: called with the iteration and −ln p after each step.
-        most: largest number of iterations; default that of a filter, or of equations.
+        most: largest number of iterations; default `SearchSettings.iterations`.
         fixed: which coordinates stay as they are, (n,).
         near: derivatives near the start, which give the widths of the first differences.
         at_start: derivatives at the start, where they are known already.
     """
+    settings = problem.settings
     free = np.ones(problem.size, dtype=bool) if fixed is None else ~fixed
     z = _inside(problem, start)
     near_by = near if at_start is None else at_start
@@ -199,7 +123,7 @@ def search(
         z, np.inf, Derivatives(np.inf, np.zeros(n), np.zeros((n, n)), np.zeros((n, n)), 0)
     )
     wider = 1.0
-    damping = FIRST_DAMPING
+    damping = settings.first_damping
     try:
         derivatives = (
             problem.derivatives(z, np.where(free, widths, 0.0)) if at_start is None else at_start
@@ -207,17 +131,15 @@ def search(
         # derivatives may have scales of other logs too: the cost is this problem's own
         cost = derivatives.cost if at_start is None else float(problem.costs([z])[0])
         optimum = Optimum(z, cost, derivatives)
-        equations = problem.asks_equations
-        last = (MOST_OF_EQUATIONS if equations else MOST_ITERATIONS) if most is None else most
-        enough = ENOUGH_OF_EQUATIONS if equations else ENOUGH
+        last = settings.iterations if most is None else most
         for iteration in range(1, last + 1):
-            dampings = [0.0, *(damping * times for times in DAMPINGS)]
+            dampings = [0.0, *(damping * times for times in settings.dampings)]
             steps = [
                 damped_step(problem, optimum.z, derivatives, free, share) for share in dampings
             ]
             optimum = replace(optimum, iterations=iteration)
             predicted = steps[0][1]
-            if predicted < SETTLED:
+            if predicted < settings.settled:
                 return replace(optimum, converged=True)
             points = [_inside(problem, optimum.z + step) for step, _ in steps]
             costs = problem.costs(points)
@@ -227,15 +149,15 @@ def search(
                 progress(iteration, min(float(costs[best]), optimum.cost))
             if gained > 0.0:
                 optimum = replace(optimum, z=points[best], cost=float(costs[best]))
-            if gained < enough and wider > 1.0:
+            if gained < settings.enough and wider > 1.0:
                 return replace(optimum, converged=True)
-            wider = WIDER if gained < enough else 1.0
+            wider = settings.wider if gained < settings.enough else 1.0
             following = (
-                max(dampings[best], damping * DAMPINGS[0])
+                max(dampings[best], damping * settings.dampings[0])
                 if gained > 0.0
-                else damping * DAMPINGS[-1]
+                else damping * settings.dampings[-1]
             )
-            damping = max(following, LEAST_DAMPING)
+            damping = max(following, settings.least_damping)
             if iteration < last:
                 widths = wider * widths_at(problem, optimum.z, derivatives)
                 derivatives = problem.derivatives(optimum.z, np.where(free, widths, 0.0))
@@ -257,22 +179,25 @@ def hessian(problem: Problem, derivatives: Derivatives) -> Floats:
 
 def first_widths(problem: Problem) -> Floats:
     """Return the width of the differences that give the first slopes, (n,)."""
-    return np.array([FIRST_WIDTH * part.unit(0.0) for part, _ in problem.parts])
+    return np.array([problem.settings.first_width * part.unit(0.0) for part, _ in problem.parts])
 
 
 def widths_at(problem: Problem, z: Floats, derivatives: Derivatives) -> Floats:
-    """Return the width of the differences that give the slopes at z, (n,): `SLOPE_WIDTH` of each
-    parameter's std if all others were known.
+    """Return the width of the differences that give the slopes at z, (n,): the settings'
+    `slope_width` of each parameter's std if all others were known.
 
     As a share of the value it is rounded to a power of two, so that two parameters that show only
     as a product meet the same kinks.
     """
+    settings = problem.settings
     units = np.array([part.unit(float(at)) for (part, _), at in zip(problem.parts, z)])
     alone = 1.0 / np.sqrt(np.maximum(np.diag(hessian(problem, derivatives)), 1e-300))
     least = np.where(
-        [part.noise for part, _ in problem.parts], SMALLEST_NOISE_WIDTH, SMALLEST_WIDTH
+        [part.noise for part, _ in problem.parts],
+        settings.smallest_noise_width,
+        settings.smallest_width,
     )
-    share = np.clip(SLOPE_WIDTH * alone / units, least, FIRST_WIDTH * 8)
+    share = np.clip(settings.slope_width * alone / units, least, settings.first_width * 8)
     widths: Floats = units * 2.0 ** np.round(np.log2(share))
     return widths
 

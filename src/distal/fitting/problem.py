@@ -7,7 +7,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -20,6 +20,7 @@ from distal.fitting.free_parameter import Free
 from distal.fitting.likelihood import (
     Derivatives,
     Innovations,
+    SearchSettings,
     Weighing,
     cost_of,
     derivatives_of,
@@ -67,6 +68,7 @@ class Problem:
         weight: weights of the channels' values; None before they are assessed, when every value
             counts in full.
         noises: free noises that are not varied.
+        settings: how a search for the least −ln p goes.
     """
 
     asks_equations: ClassVar[bool] = False
@@ -80,6 +82,7 @@ class Problem:
     workers: int = 2
     weight: Weight | None = None
     noises: tuple[Free, ...] = ()
+    settings: SearchSettings = field(default_factory=SearchSettings)
 
     def beginning(self, share: float, least: int) -> Problem:
         """Return the problem of the beginnings of the logs: a `share` of each, at least `least`

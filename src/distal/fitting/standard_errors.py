@@ -13,7 +13,7 @@ import numpy as np
 from distal.arrays import Bools, Floats
 from distal.fitting.free_parameter import FittedParameter, Free
 from distal.fitting.likelihood import Derivatives, Innovations
-from distal.fitting.likelihood_search import FIRST_ITERATIONS, Optimum, hessian, search
+from distal.fitting.likelihood_search import Optimum, hessian, search
 from distal.fitting.problem import Problem
 
 IDENTIFIED = 0.9
@@ -317,7 +317,8 @@ def parameter_contradictions(problem: Problem, optimum: Optimum) -> list[str]:
         at = problem.columns(j)
         start = optimum.z[[at[problem.free.index(part)] for part, _ in alone.parts]]
         noise = np.array([part.noise for part, _ in alone.parts])
-        alone_optimum = search(alone.assessed(start), start, most=FIRST_ITERATIONS, fixed=noise)
+        most = problem.settings.first_iterations
+        alone_optimum = search(alone.assessed(start), start, most=most, fixed=noise)
         if alone_optimum.interrupted:
             raise KeyboardInterrupt  # the caller has the parameters of all logs
         with np.errstate(invalid="ignore", divide="ignore"):

@@ -16,98 +16,75 @@ from distal.inverse.goal_gate import GoalGate
 from distal.logs import Log
 from distal.rig import Capstan, Rig, check_scales, independent_parts
 
-OF_PAIR = 0.15
-"""Torque at which a sweep turns back, of a motor with a pair of tendons [N m]. Source: judgement.
-"""
-
-OF_SINGLE = 0.35
-"""Torque at which a sweep turns back, of a motor with one tendon against springs [N m]. Source:
-judgement.
-"""
-
-HELD = 0.03
-"""Time for which a motor's torque has to stay above its limit until the sweep turns back [s].
-Source: judgement.
-"""
-
-LONGEST_SWEEP = 1.3
-"""Travel after which a sweep that meets no end turns back, in multiples of what the joints' ranges
-need [1]; `MARGIN` is added. Source: judgement.
-"""
-
-MARGIN = 0.5
-"""Travel of a sweep that meets no end, beyond `LONGEST_SWEEP` times what the ranges need, and of a
-motor that lets its one tendon out, beyond the ranges [rad]: the tendon is loose there. Source:
-judgement.
-"""
-
-SLOWS = 1.2
-"""Speed of a motor, as a share of the routine's speed, is `SLOWS` − torque/limit, at most 1 [1]: a
-motor slows down near its limit. Source: judgement.
-"""
-
-SLOWEST = 0.25
-"""Least speed of a motor near its limit, as a share of the routine's [1]. Source: judgement."""
-
-LEAD = 0.35
-"""Largest distance of a goal from its motor [rad]. Source: judgement."""
-
-SILENT = 0.5
-"""Longest time without an angle or a torque of a motor; after it the motor's routine ends [s].
-Source: judgement.
-"""
-
-STILL = 0.2
-"""Time after which a motor stands [s]. Where it stands though its goal is as far ahead as allowed
-and its torque is below the limit, its routine ends, since it may push with an unknown force.
-Source: judgement.
-"""
-
-CREEPS = 0.01
-"""Motion below which a motor stands still [rad]. Source: judgement."""
-
-FELT = 0.1
-"""Travel after which a motor whose torque still reads 0 has no working torque reading [rad].
-Source: judgement.
-"""
-
-LARGEST_TORQUE = 3.0
-"""Torque at which a motor's routine ends, in multiples of its limit [1]. Source: judgement."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class RoutineOptions:
-    """How a routine moves the motors.
+    """How a routine moves the motors, and when it stops them.
 
     Args:
         order: groups of motors or joints; those of a group move at one time. None moves one motor
             after the other, in the rig's order.
         limits: torque at which a sweep turns back [N m], for all motors or by motor; None takes
-            `OF_PAIR` and `OF_SINGLE`.
+            `of_pair` and `of_single`.
+        of_pair: the usual limit of a motor with a pair of tendons [N m].
+        of_single: that of a motor with one tendon against springs [N m].
         speed: of a motor [rad/s].
+        slows: share of that speed is `slows` − torque/limit, at most 1 [1]: a motor slows down near
+            its limit.
+        slowest: least such share [1].
         sweeps: number of sweeps of each motor.
         longest: time for a sweep [s]; the routine of a motor ends where one takes longer.
+        held: time for which a motor's torque has to stay above its limit until the sweep turns back
+            [s].
+        longest_sweep: travel after which a sweep that meets no end turns back, in multiples of what
+            the joints' ranges need [1]; `margin` is added.
+        margin: travel of such a sweep beyond that, and of a motor that lets its one tendon out,
+            beyond the ranges [rad]: the tendon is loose there.
+        lead: largest distance of a goal from its motor [rad].
+        silent: longest time without an angle or a torque of a motor; after it the motor's routine
+            ends [s].
+        still: time after which a motor stands [s]. Where it stands though its goal is as far ahead
+            as allowed and its torque is below the limit, its routine ends, since it may push with
+            an unknown force.
+        creeps: motion below which a motor stands still [rad].
+        felt: travel after which a motor whose torque still reads 0 has no working torque reading
+            [rad].
+        largest_torque: torque at which a motor's routine ends, in multiples of its limit [1].
     """
 
     order: Sequence[Sequence[str]] | None = None
     limits: float | Mapping[str, float] | None = None
+    of_pair: float = 0.15
+    of_single: float = 0.35
     speed: float = 1.2
+    slows: float = 1.2
+    slowest: float = 0.25
     sweeps: int = 5
     longest: float = 30.0
+    held: float = 0.03
+    longest_sweep: float = 1.3
+    margin: float = 0.5
+    lead: float = 0.35
+    silent: float = 0.5
+    still: float = 0.2
+    creeps: float = 0.01
+    felt: float = 0.1
+    largest_torque: float = 3.0
 
 
 class _Motor:
     """One motor's sweeps: where its goal is, which way it goes, and what ended the last sweep."""
 
-    def __init__(self, rig: Rig, name: str, limit: float) -> None:
+    def __init__(self, rig: Rig, name: str, limit: float, options: RoutineOptions) -> None:
         drive = next(part for part in rig.drives if part.name == name)
         radius = drive.radius.value if isinstance(drive, Capstan) else 1.0
         self.name = name
         self.limit = limit
+        self.options = options
         self.pair = is_pair(rig, name)
         need = needed(rig, name) / radius
-        self.most = LONGEST_SWEEP * need + MARGIN
-        self.loose = need + MARGIN
+        self.most = options.longest_sweep * need + options.margin
+        self.loose = need + options.margin
         self.way = 1
         self.done = 0
         self.over = 0.0
@@ -123,10 +100,9 @@ class _Motor:
         self.felt = False
         self.first = nan
 
-    def step(
-        self, time: float, dt: float, position: float, torque: float, options: RoutineOptions
-    ) -> None:
+    def step(self, time: float, dt: float, position: float, torque: float) -> None:
         """Go on by one period."""
+        options = self.options
         if not isfinite(self.goal):
             self.goal = self.begin = position
             self.started = time
@@ -146,12 +122,11 @@ class _Motor:
             if self.pair or self.way > 0
             else self.loose
         )
-        if self.over >= HELD or gone > most + self.beyond:
-            met = self.over >= HELD
+        if self.over >= options.held or gone > most + self.beyond:
+            met = self.over >= options.held
             if not met and self.beyond > 0.0:
-                self.done = (
-                    options.sweeps
-                )  # it meets no end either way and would only go on turning
+                # it meets no end either way and would only go on turning
+                self.done = options.sweeps
             # the way back is longer by what it went without meeting an end
             self.beyond = 0.0 if met else gone
             self.ends[self.way] = self.goal = self.begin = position
@@ -159,17 +134,18 @@ class _Motor:
             self.done = self.done + 1
             self.started = time
             self.over = 0.0
-        speed = options.speed * float(np.clip(SLOWS - self.way * torque / self.limit, SLOWEST, 1.0))
+        share = options.slows - self.way * torque / self.limit
+        speed = options.speed * float(np.clip(share, options.slowest, 1.0))
         ahead = self.goal + self.way * speed * dt
-        self.goal = float(np.clip(ahead, position - LEAD, position + LEAD))
+        self.goal = float(np.clip(ahead, position - options.lead, position + options.lead))
 
     def blind(self, dt: float, position: float, torque: float) -> str:
         """Return why no torque reading says how hard the motor pushes; empty where one does."""
         self.felt = self.felt or torque != 0.0
         self.first = self.first if isfinite(self.first) else position
-        if not self.felt and abs(position - self.first) > FELT:
+        if not self.felt and abs(position - self.first) > self.options.felt:
             return "its current reads 0 while it moves"
-        if self.way * (self.goal - position) < LEAD - CREEPS:
+        if self.way * (self.goal - position) < self.options.lead - self.options.creeps:
             self.stood_at = nan
         if not self._stands(dt, position) or self.way * torque > self.limit:
             return ""
@@ -180,13 +156,13 @@ class _Motor:
         )
 
     def _stands(self, dt: float, position: float) -> bool:
-        """Return whether the motor has stood for `STILL`."""
-        if not abs(position - self.stood_at) < CREEPS:
+        """Return whether the motor has stood for as long as `still` says."""
+        if not abs(position - self.stood_at) < self.options.creeps:
             self.still = 0.0
             self.stood_at = position
             return False
         self.still += dt
-        return self.still >= STILL
+        return self.still >= self.options.still
 
     @property
     def rest(self) -> float:
@@ -224,7 +200,7 @@ class Routine:
         self._options = options = RoutineOptions() if options is None else options
         limits = _checked_limits(rig, options)
         self._channels = {drive.name: sweep_channels_of(rig, drive.name) for drive in rig.drives}
-        self._motors = {name: _Motor(rig, name, limit) for name, limit in limits.items()}
+        self._motors = {name: _Motor(rig, name, limit, options) for name, limit in limits.items()}
         self._groups = _groups(rig, options.order)
         self._gate = GoalGate(rig, calibrated=False)
         parts = [part.rig.drive_names for part in independent_parts(rig)]
@@ -315,17 +291,17 @@ class Routine:
 
     def _move(self, name: str, time: float, dt: float, position: float, torque: float) -> None:
         motor = self._motors[name]
-        if self._silent[name] > SILENT:
+        if self._silent[name] > self._options.silent:
             why = self._gate.note or "its angle or its current is missing"
             return self.fail(name, f"nothing to go by for {self._silent[name]:.1f} s ({why})")
         if not (isfinite(position) and isfinite(torque)):
             return None
-        if abs(torque) > LARGEST_TORQUE * motor.limit:
+        if abs(torque) > self._options.largest_torque * motor.limit:
             why = f"a torque of {abs(torque):.2f} N m; its limit is {motor.limit:.2f}"
             return self.fail(name, why)
         if motor.done < self._options.sweeps and (why := motor.blind(dt, position, torque)):
             return self.fail(name, why)
-        motor.step(time, dt, position, torque, self._options)
+        motor.step(time, dt, position, torque)
         self._goals[name] = motor.goal
         if not motor.rested and time - motor.started > self._options.longest:
             longest = self._options.longest
@@ -382,7 +358,7 @@ def _checked_limits(rig: Rig, options: RoutineOptions) -> dict[str, float]:
             or not least <= value <= most
         ):
             raise CommandError(f"{what} must be from {least:g} to {most:g}, {value!r} came")
-    usual = {name: OF_PAIR if is_pair(rig, name) else OF_SINGLE for name in motors}
+    usual = {name: options.of_pair if is_pair(rig, name) else options.of_single for name in motors}
     return usual | limits
 
 
