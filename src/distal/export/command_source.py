@@ -25,7 +25,7 @@ from distal.inverse.live_inverse_function import LiveModel
 from distal.inverse.motor_readings import MotorReadings
 from distal.inverse.setpoint_function import ROUNDS
 from distal.rig import Rig
-from distal.run import LOST
+from distal.run.health import LIMITS
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,9 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
     fields = fields_of(estimator)
     state = layout.x["state"].start
     trusted = (
-        f"out->{field.std} <= {real.constant(LOST)}" for field in fields if field.unit == "rad"
+        f"out->{field.std} <= {real.constant(LIMITS.lost)}"
+        for field in fields
+        if field.unit == "rad"
     )
     values = shared_blanks(checked_name(name), rig, emitter) | {
         "filter": filter_name,

@@ -38,7 +38,7 @@ from distal.homing import homing_filter
 from distal.kernels.layout import MISSING, READ
 from distal.logs import LARGEST_READING
 from distal.rig import Rig
-from distal.run.monitor import ANYWHERE
+from distal.run.health import LIMITS
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ def c_filter(
         "n_bridged": chosen.bridged,
         "n_joints": len(rig.joints),
         "reach": [joint.travel for joint in rig.joints],
-        "anywhere": ANYWHERE**2,
+        "anywhere": LIMITS.anywhere**2,
         "health": health_codes(name),
         "outputs": members(fields_of(chosen), name),
         "angles": outputs(chosen),

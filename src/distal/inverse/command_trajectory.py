@@ -35,7 +35,7 @@ from distal.kernels import (
     variances_of,
 )
 from distal.rig import Rig, as_rig
-from distal.run import LOST
+from distal.run.health import LIMITS
 from distal.simulation.plant import inside_function
 
 
@@ -214,7 +214,7 @@ class Inverse:
         variances = estimator.report.variances_of(spreads.copy(), ys) - spreads
         joints = slice(len(self.rig.joints))
         unsure = np.maximum(variances[:, joints], 0.0)
-        known = np.sqrt(unsure) <= LOST
+        known = np.sqrt(unsure) <= LIMITS.lost
         return np.where(known, added[:, joints], 0.0), np.where(known, unsure, 0.0)
 
     def _desired(self, time: Floats, angles: Floats | Mapping[str, Floats]) -> Floats:

@@ -23,7 +23,7 @@ from distal.inverse.torques import LEAST_TENSION, Feedback, least_tension_of
 from distal.kernels import Layout, kernel_of
 from distal.rig import Rig, as_rig
 from distal.run import LiveEstimator, Monitor, Reading
-from distal.run.health import OVERDUE
+from distal.run.health import LIMITS
 
 ACROSS = 0.25
 """Time in which a joint goes through its whole range with the default of the largest speed [s].
@@ -260,7 +260,7 @@ class LiveInverse:
             self._rest(stands | self._stood)
             x["desired"][:] = np.where(stands, self._kernel_state["reference"], self._asked)
             # after a pause the reference goes on from where it was, and does not jump
-            x["dt"][0] = min(max(time - self._time, SHORTEST), OVERDUE * self._live.interval)
+            x["dt"][0] = min(max(time - self._time, SHORTEST), LIMITS.overdue * self._live.interval)
             self._loop.step()
         self._time = time
         self._stood = stands

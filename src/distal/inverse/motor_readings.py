@@ -17,7 +17,7 @@ import numpy as np
 from distal.arrays import Bools, Floats
 from distal.logs import FASTEST
 from distal.rig import Rig
-from distal.run.health import OVERDUE
+from distal.run.health import LIMITS
 
 NOISES = 5.0
 """Change of a torque, in standard deviations of its noise, below which it counts as unchanged [1].
@@ -95,7 +95,9 @@ class MotorReadings:
             [drive.servo.fastest or FASTEST if drive.servo else FASTEST for drive in drives]
         )
         rates = {sensor.of: sensor.rate for sensor in rig.sensors_of("position")}
-        self.oldest = np.maximum([OVERDUE / rates.get(name, inf) for name in names], caution.oldest)
+        self.oldest = np.maximum(
+            [LIMITS.overdue / rates.get(name, inf) for name in names], caution.oldest
+        )
         self.has_sensor = np.array([name in rates for name in names])
         # a stale reading is looked for among those that are young enough
         samples = self.oldest * [rates.get(name, 0.0) for name in names]

@@ -10,16 +10,16 @@ from distal.run.batch import (
     estimate_pieces,
     plot_hours,
 )
-from distal.run.health import HEALTH
+from distal.run.health import HEALTH, HealthLimits
 from distal.run.live_estimator import JointContact, LiveEstimator
 from distal.run.log_units import LiveInLogUnits, LogUnits
-from distal.run.monitor import LOST, Monitor, Reading, log_health
+from distal.run.monitor import Monitor, Reading, log_health
 from distal.run.offline import estimate, samples_of, with_channel
 from distal.run.smoothing import smooth
 
 __all__ = [
     "HEALTH",
-    "LOST",
+    "HealthLimits",
     "Hour",
     "JointContact",
     "LiveEstimator",

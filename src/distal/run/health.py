@@ -60,38 +60,10 @@ HEALTH: dict[Health, str] = {
 }
 """Each health word and its meaning. Where several apply, the last one in this order is reported."""
 
-LONGEST_GAP = 0.5
-"""Longest gap that the filter bridges [s]; after a longer one, and longer than three nominal
-intervals, it begins anew. Source: judgement.
-"""
-
-LARGE = 2.5
-"""Mean of ν²/S beyond which a sensor disagrees [1], where no log has taught what forces are normal.
-Source: judgement.
-"""
-
-MEMORY = 1.0
-"""Time constant of the mean of ν²/S, and of the share of time beyond the stops [s]. Source:
-judgement.
-"""
-
-UNKNOWN = 1.0
-"""Standard deviation beyond which the angle is not known [rad]. Source: judgement."""
-
 HURRIED = 1000**-0.5
 """Share of the rig's nominal interval below which the unit of time is probably wrong [1]: half way,
 in logarithms, from s to ms. Source: definition.
 """
-
-WAITING = 1.5
-"""Number of usual intervals without a sample after which there is a gap [1]. Source: judgement.
-"""
-
-OVERDUE = 2.5
-"""Number of its own intervals without a value after which a sensor is missing [1]. Source:
-judgement.
-"""
-
 
 ROUNDING = 1e-9
 """Possible error of an age [s]. Source: rounding (an age is a sum of intervals)."""
@@ -101,14 +73,40 @@ NEVER = 1e30
 definition (of the exported C).
 """
 
-NEAR = 2.0
-"""Distance before the end of its range from which on a joint counts as being there [deg]. Source:
-judgement.
-"""
 
-AWAY = 10.0
-"""Distance before the end of its range beyond which a joint has left it [deg]. Source: judgement.
-"""
+@dataclass(frozen=True, kw_only=True)
+class HealthLimits:
+    """What a `Monitor` says a word about; exported filters have the defaults.
+
+    Args:
+        longest_gap: longest gap that the filter bridges [s]; after a longer one, and longer than
+            three nominal intervals, it begins anew.
+        waiting: usual intervals without a sample after which there is a gap [1].
+        overdue: a sensor's own intervals without a value after which it is missing [1].
+        memory: time constant of the mean of ν²/S, and of the share of time beyond the stops [s].
+        large: mean of ν²/S beyond which a sensor disagrees [1], where no log has taught what forces
+            are normal.
+        unknown: std beyond which the angle is not known [rad].
+        lost: std above which nothing is controlled with an angle [rad].
+        anywhere: std of the joint's angle where the filter begins anew [rad].
+        near: distance before the end of its range from which on a joint counts as being there
+            [deg].
+        away: distance beyond which it has left it [deg].
+    """
+
+    longest_gap: float = 0.5
+    waiting: float = 1.5
+    overdue: float = 2.5
+    memory: float = 1.0
+    large: float = 2.5
+    unknown: float = 1.0
+    lost: float = 0.35
+    anywhere: float = 0.5
+    near: float = 2.0
+    away: float = 10.0
+
+
+LIMITS = HealthLimits()
 
 
 @dataclass(frozen=True)
@@ -161,7 +159,7 @@ def word_code(word: Health) -> int:
     return list(HEALTH).index(word)
 
 
-def watch_of(estimator: KernelEstimator) -> Watch:
+def watch_of(estimator: KernelEstimator, limits: HealthLimits = LIMITS) -> Watch:
     """Return the function that judges the samples of an estimator, with its layouts."""
     sensors = {sensor.name: sensor for sensor in estimator.rig.sensors}
     chosen = [sensors[name] for name in estimator.channels]
@@ -237,12 +235,15 @@ def watch_of(estimator: KernelEstimator) -> Watch:
     first = came["first"]
     dt = came["dt"]
     mask = came["mask"]
-    since = ca.if_else(ca.logic_and(dt > 0, dt < LONGEST_GAP), dt, interval)
-    share = ca.fmin(since / MEMORY, 1)
+    since = ca.if_else(ca.logic_and(dt > 0, dt < limits.longest_gap), dt, interval)
+    share = ca.fmin(since / limits.memory, 1)
     # a sensor without a first value is missing from the beginning; a known angle, which homes,
     # never is
     overdue = _column(
-        [NEVER if role is Role.REFERENCE else OVERDUE / s.rate for s, role in zip(chosen, roles)]
+        [
+            NEVER if role is Role.REFERENCE else limits.overdue / s.rate
+            for s, role in zip(chosen, roles)
+        ]
     )
     silence = _column(
         [NEVER if role is Role.REFERENCE else dead_after(s) for s, role in zip(chosen, roles)]
@@ -285,15 +286,17 @@ def watch_of(estimator: KernelEstimator) -> Watch:
     usual_pace = ca.if_else(was["pace"] > 0, was["pace"], ca.fmax(dt / interval, 1))
     change = ca.fmin(dt / interval, 2 * usual_pace) - usual_pace
     pace = ca.if_else(
-        first, was["pace"], usual_pace + ca.fmin(ca.fmax(dt, interval) / MEMORY, 1) * change
+        first, was["pace"], usual_pace + ca.fmin(ca.fmax(dt, interval) / limits.memory, 1) * change
     )
     flags: dict[str, Vector] = {
-        "gap": ca.logic_and(ca.logic_not(first), dt > WAITING * interval * ca.fmax(usual_pace, 1)),
+        "gap": ca.logic_and(
+            ca.logic_not(first), dt > limits.waiting * interval * ca.fmax(usual_pace, 1)
+        ),
         "hurried": ca.logic_and(ca.logic_not(first), pace < HURRIED),
         "nothing": ca.logic_not(_any(mask)),
         # where no log said what is normal, innovations may be too large, but never right
         "untested": ca.SX(is_untaught),
-        "unknown": ca.logic_and(ca.logic_not(first), _any(came["stds"] > UNKNOWN)),
+        "unknown": ca.logic_and(ca.logic_not(first), _any(came["stds"] > limits.unknown)),
     }
     flags |= {
         "touched": is_touched * is_untaught,
@@ -303,11 +306,11 @@ def watch_of(estimator: KernelEstimator) -> Watch:
         "stuck": stuck,
         "missing": missing,
         "wrong": wrong,
-        "large": (ratio > LARGE) * is_untaught,
+        "large": (ratio > limits.large) * is_untaught,
         "left": left,
     }
     visits = [
-        _at_end(end, was["furthest"][k], was["found"][k], came["values"], mask)
+        _at_end(end, was["furthest"][k], was["found"][k], came["values"], mask, limits)
         for k, end in enumerate(ends)
     ]
     furthest, sizes = (
@@ -335,7 +338,12 @@ def watch_of(estimator: KernelEstimator) -> Watch:
 
 
 def _at_end(
-    end: RangeEnd, furthest: Scalar, found: Scalar, values: Vector, mask: Vector
+    end: RangeEnd,
+    furthest: Scalar,
+    found: Scalar,
+    values: Vector,
+    mask: Vector,
+    limits: HealthLimits,
 ) -> tuple[Scalar, Scalar]:
     """Return the furthest reading of this visit to an end, and how much further the joint is than
     it can be [deg], or 0.
@@ -346,10 +354,10 @@ def _at_end(
     read = mask[end.position] * mask[end.torque]
     reading = end.way * values[end.position]
     before = degrees(end.joint) * (reading - end.contact)
-    further = ca.logic_and(read, ca.logic_and(before > -NEAR, reading > furthest + end.same))
+    further = ca.logic_and(read, ca.logic_and(before > -limits.near, reading > furthest + end.same))
     over = before - degrees(end.joint * end.give) * ca.fabs(values[end.torque])
     found = ca.if_else(ca.logic_and(further, over > degrees(end.room)), ca.fmax(found, over), found)
-    left = ca.logic_and(read, before < -AWAY)
+    left = ca.logic_and(read, before < -limits.away)
     return ca.if_else(left, -NEVER, ca.if_else(further, reading, furthest)), ca.if_else(
         left, 0, found
     )

@@ -19,16 +19,8 @@ from distal.kernels import Evaluation
 from distal.logs import LARGEST_READING, Log, Remark
 from distal.logs.stamps import REWOUND
 from distal.rig import Rig
-from distal.run.health import LONGEST_GAP, WORDS, Health, begun, watch_of, word_code
+from distal.run.health import LIMITS, WORDS, Health, HealthLimits, begun, watch_of, word_code
 from distal.run.live_estimator import LATEST, JointContact, LiveEstimator, only
-
-ANYWHERE = 0.5
-"""Standard deviation of the joint's angle where the filter begins anew [rad]. Source: judgement."""
-
-LOST = 0.35
-"""Standard deviation above which an angle is not known, so that nothing is controlled with it
-[rad]. Source: judgement.
-"""
 
 OF_REMARKS: dict[str, Health] = {
     "turn": "restarted",
@@ -92,21 +84,21 @@ class Reading:
         """Why a controller must not use this reading; empty where all angles are known well."""
         if isnan(self.angles[0]):
             return f"no angle: {self.health}"
-        lost = f"the angle is not known to ±{np.rad2deg(2 * LOST):.0f}°"
+        lost = f"the angle is not known to ±{np.rad2deg(2 * LIMITS.lost):.0f}°"
         if self.health in UNUSABLE:
             return self.detail or lost
-        return "" if max(self.angle_stds) <= LOST else lost
+        return "" if max(self.angle_stds) <= LIMITS.lost else lost
 
 
 class Monitor:
     """Feeds a stream to a `LiveEstimator` and judges its health; no sample can make it raise an
     error.
-
     """
 
-    def __init__(self, live: LiveEstimator) -> None:
+    def __init__(self, live: LiveEstimator, limits: HealthLimits = LIMITS) -> None:
         self._live = live
-        self._watch = watch = watch_of(live.estimator)
+        self._limits = limits
+        self._watch = watch = watch_of(live.estimator, limits)
         self._check = Evaluation(watch.function)
         self._sample = np.zeros(watch.sample.size)
         self._came = {name: self._sample[watch.sample[name]] for name in watch.sample.names}
@@ -128,13 +120,13 @@ class Monitor:
 
     def clone(self, live: LiveEstimator) -> Monitor:
         """Return a monitor with the same memory for `live`, a clone of its estimator."""
-        return _with_memory(live, self._remembered())
+        return _with_memory(live, self._limits, self._remembered())
 
     def __reduce__(self) -> tuple[object, ...]:
         """Return how to make this monitor again, also in another process: its estimator and its
         memory.
         """
-        return _with_memory, (self._live, self._remembered())
+        return _with_memory, (self._live, self._limits, self._remembered())
 
     def _remembered(self) -> dict[str, object]:
         names = ("_anew", "_fresh", "_late", "_last_late", "_time")
@@ -196,7 +188,7 @@ class Monitor:
                 return skipped
             if self._late >= REWOUND:
                 self._restart(f"the clock was set back by {-gap:.3g} s")
-            elif gap > max(LONGEST_GAP, 3 * live.interval):
+            elif gap > max(self._limits.longest_gap, 3 * live.interval):
                 self._restart(
                     f"no sample for {gap:.3g} s; the rig says every {live.interval:.3g} s"
                 )
@@ -342,7 +334,7 @@ class Monitor:
         angles = self._live.angles
         has_angles = self._live.samples and bool(np.all(np.abs(angles) <= LARGEST_ANGLE))
         reached = np.clip(angles, *self._reach)
-        self._live.reset(tuple(reached.tolist()) if has_angles else None, ANYWHERE)
+        self._live.reset(tuple(reached.tolist()) if has_angles else None, self._limits.anywhere)
         self._anew = why
         pace = self._watch.memory["pace"]
         memory = begun(self._watch)
@@ -354,8 +346,10 @@ class Monitor:
         return ", ".join(name for name, is_chosen in zip(self._live.channels, chosen) if is_chosen)
 
 
-def _with_memory(live: LiveEstimator, remembered: Mapping[str, object]) -> Monitor:
-    monitor = Monitor(live)
+def _with_memory(
+    live: LiveEstimator, limits: HealthLimits, remembered: Mapping[str, object]
+) -> Monitor:
+    monitor = Monitor(live, limits)
     for name, value in remembered.items():
         setattr(monitor, name, copy(value))
     return monitor
