@@ -118,28 +118,16 @@ def test_time_counts_from_the_first_sample(result: Estimate) -> None:
 
 
 def test_a_short_event_does_not_flatten_the_errors(result: Estimate) -> None:
-    """An error of 40° for 5 of 800 samples: the axis shows the rest, marks the event, and says how
-    large it was.
-    """
+    """An error of 40° for 5 of 800 samples: the axis shows the rest."""
     means = np.array(result.means)
     means[400:405, 0] += np.deg2rad(40.0)
     usual = result.plot().axes[1].get_ylim()[1]
     axes = replace(result, means=means).plot().axes[1]
     assert axes.get_ylim()[1] < 1.5 * usual < 10.0
-    marks = [line for line in axes.lines if line.get_marker() == "^"]
-    assert len(marks) == 1
-    # at the edge, but within the axis
-    assert (np.array(marks[0].get_ydata()) / axes.get_ylim()[1] > 0.9).all()
-    assert (np.array(marks[0].get_ydata()) < axes.get_ylim()[1]).all()
-    np.testing.assert_allclose(marks[0].get_xdata()[-5:], result.time[400:405], atol=1e-9)
-    share = float(np.mean(np.abs(np.rad2deg(means[:, 0] - result.truth)) <= axes.get_ylim()[1]))
-    said = f"ekf: {100 * share:.1f} % of the time shown, largest error 40.2° (marked)"
-    assert axes.get_title(loc="right") == said
-    assert 0.98 < share < 0.995
 
 
 def test_bands_are_seen_at_any_width(result: Estimate) -> None:
-    """A narrow band has edges and its own scale below; one beyond the axis is said."""
+    """A narrow band has edges and its own scale below; the axis of errors holds a wide one."""
     blind = replace(result, truths=None)
     width = blind.plot().axes[1]
     assert width.get_ylabel() == "95 % band ± [°]"
@@ -148,8 +136,7 @@ def test_bands_are_seen_at_any_width(result: Estimate) -> None:
     half = np.rad2deg(BAND * result.theta_std)
     np.testing.assert_allclose(edges[1].get_ydata() - edges[0].get_ydata(), 2 * half)
     wide = replace(result, variances=result.variances * 1e6).plot().axes[1]
-    assert wide.get_title(loc="right").startswith("band ±")
-    assert wide.get_title(loc="right").endswith("beyond the axis")
+    assert wide.get_ylim()[1] > 1000.0 * np.median(half)
 
 
 def test_an_estimate_in_words_and_as_a_table(result: Estimate) -> None:

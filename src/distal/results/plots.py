@@ -32,7 +32,6 @@ from distal.results.style import (
     time_label,
 )
 from distal.rig import Rig, Sensor
-from distal.units import rounded
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -121,14 +120,7 @@ PANELS = ("innovations", "forces", "health")
 """Names of the panels that a plot has on request; see `plot_estimates`."""
 
 SHARE = 0.98
-"""Share of the samples whose errors an error axis shows at least; errors beyond the axis are marked
-at its edge. Source: layout.
-"""
-
-SHORT = 2.5
-"""Ratio of the largest error to the usual one from which the axis leaves the largest errors out;
-the usual one is the quantile `SHARE`. Source: layout.
-"""
+"""Share of the errors and bands that an error axis shows. Source: layout."""
 
 
 class PlotOptions(TypedDict, total=False):
@@ -269,66 +261,18 @@ def _draw_errors(axes: Axes, estimates: Sequence[Curves], joint: int) -> None:
     """Draw a joint's errors with the bands about zero, on an axis that a short large error does not
     stretch.
     """
-    curves = []
+    drawn = []
     for i, estimate in enumerate(estimates):
         time = from_start(estimate.time)
         error = _error(estimate, joint)
         half = _half_width(estimate, joint)
         _shade(axes, time, -half, half, i)
         axes.plot(time, error, linewidth=1.0, **curve_style(i))
-        curves.append((estimate.estimator, time, error))
+        drawn += [np.abs(error), half]
     axes.axhline(0.0, color=BLACK, linewidth=0.6)
     axes.set_ylabel("error [°]")
-    _limit_errors(axes, curves, _half_width(estimates[0], joint))
-
-
-def _limit_errors(axes: Axes, errors: Sequence[tuple[str, Floats, Floats]], half: Floats) -> None:
-    """Choose the limits of an error axis so that at least the share `SHARE` of the first estimate's
-    errors is visible, and mark the errors beyond.
-
-    A band that is much wider than the errors is cut off at the limits.
-    """
-    sizes = [np.abs(error[np.isfinite(error)]) for _, _, error in errors]
-    if not any(len(size) for size in sizes):
-        return
-    # the plot is about the first estimate: errors of the others widen the axis up to eight times
-    # its own
-    desired = [_usual(size) for size in sizes if len(size)]
-    shown = min(max(desired), 8.0 * desired[0])
-    band = 1.1 * float(np.quantile(half, 0.9))
-    limit = max(shown, min(band, 4.0 * shown))
+    limit = 1.3 * float(np.nanquantile(drawn, SHARE))
     axes.set_ylim(-limit, limit)
-    remarks = []
-    for i, ((name, time, error), size) in enumerate(zip(errors, sizes)):
-        beyond = np.flatnonzero(np.abs(error) > limit)
-        if not len(beyond):
-            continue
-        some = beyond[:: max(1, len(beyond) // 30)]
-        for sign, marker in ((1, "^"), (-1, "v")):
-            rows = some[np.sign(error[some]) == sign]
-            edge = np.full(len(rows), sign * 0.94 * limit)
-            axes.plot(
-                time[rows], edge, linestyle="none", marker=marker, markersize=4, color=colour(i)
-            )
-        share = 100.0 * float(np.mean(size <= limit))
-        remarks.append(
-            f"{name}: {share:.1f} % of the time shown, largest error "
-            f"{rounded(float(size.max()), 3)}° "
-            "(marked)"
-        )
-    if band > limit:
-        remarks.append(f"band ±{rounded(float(np.median(half)), 3)}° (median), beyond the axis")
-    if remarks:
-        axes.set_title("\n".join(remarks), fontsize=7, loc="right", pad=2)
-
-
-def _usual(size: Floats) -> float:
-    """Return the limit of an axis for errors of the given magnitudes [°]; short large errors are
-    left out.
-    """
-    largest = float(size.max())
-    usual = max(float(np.quantile(size, SHARE)), 0.02)
-    return 1.3 * usual if largest > SHORT * usual else 1.1 * max(largest, 0.02)
 
 
 def _truth_of(estimate: Curves, joint: int) -> Floats | None:
