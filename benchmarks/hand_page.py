@@ -91,14 +91,13 @@ def main() -> None:
             lambda: run("rig", "from-table", "hand.csv", "--out", "hand.toml"),
         )
         hand = distal.hands.Hand(motors, root / "hand.toml")
-        found = timed(
+        timed(
             "power_on, its clock as fast as the plant",
             lambda: hand.power_on(sleep=tick, now=lambda: now[0]),
         )
-        found.save(root / "yesterday.toml")
         header = ",".join(["time", *motors.read()])
         np.savetxt(root / "routine.csv", record, delimiter=",", header=header, comments="")
-        options = "--rig", "hand.toml", "--out", "calibrated.toml", "--since", "yesterday.toml"
+        options = "--rig", "hand.toml", "--out", "calibrated.toml"
         timed("distal calibrate", lambda: run("calibrate", "routine.csv", *options))
         live = timed(
             "Hand, first kernel", lambda: distal.hands.Hand(motors, root / "calibrated.toml")

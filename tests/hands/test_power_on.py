@@ -14,7 +14,7 @@ from benchmarks.strangers.servo_hands import Hands, Known, orca_like
 
 from distal import estimate
 from distal.errors import CommandError, FitError, LogError
-from distal.hands import Calibrated, Routine, RoutineOptions, calibrate, moved_since
+from distal.hands import Calibrated, Routine, RoutineOptions, calibrate
 from distal.hands.findings import faults_of, slack_of
 from distal.hands.sweeps import sweeps_of
 from distal.logs import Log
@@ -320,30 +320,6 @@ def test_slack_that_was_found_is_said_where_the_travel_says_little() -> None:
 def test_a_rig_of_sliders_is_refused() -> None:
     with pytest.raises(FitError, match="left, right are sliders"):
         calibrate(Log(0.01 * np.arange(3), {}, {}, "none"), "paper-2008")
-
-
-def test_what_moved_since_another_day_is_said_with_both_numbers() -> None:
-    found, _ = routine_log()
-    position = found.rig.sensors_of("position")[0]
-    path = f"sensors.{position.name}.bias"
-    later = found.rig.with_values(
-        {path: {"value": position.bias.value + 0.5, "std": position.bias.std}}
-    )
-    (line,) = moved_since(found.rig, later)
-    assert position.name in line
-    assert f"{np.rad2deg(position.bias.value):.4g}" in line
-    assert moved_since(found.rig, found.rig) == ()
-    tendon = found.rig.tendons[0].name
-    taut = {
-        f"tendons.{tendon}.slack": {"value": 0.0, "std": 0.0},
-        f"tendons.{tendon}.pretension": {"value": 2.0, "std": 1.0},
-    }
-    slack = {
-        f"tendons.{tendon}.pretension": {"value": 0.0, "std": 0.0},
-        f"tendons.{tendon}.slack": {"value": 1e-4, "std": 1e-5},
-    }
-    one, other = found.rig.with_values(slack), found.rig.with_values(taut)
-    assert f"{tendon}: was slack, is under tension" in moved_since(one, other)
 
 
 @pytest.mark.parametrize(

@@ -264,23 +264,15 @@ def calibrate_command(
     ],
     rig: RigOption,
     out: Annotated[Path, Option(help="Where to write the calibrated rig file.")],
-    *,
-    since: Annotated[
-        Path | None, Option(help="An earlier calibration: say what moved since.")
-    ] = None,
     set_: SetOption = None,
 ) -> None:
     """Calibrate a hand by its power-on routine: zeros, play or tension, stiffness, friction, and
     what is broken.
     """
-    from distal.hands import calibrate, moved_since
+    from distal.hands import calibrate
     from distal.rig import edited_text, load_rig
 
-    check_command_outputs(
-        to_file("--out", out, "a rig file"),
-        logs=[log, *([] if since is None else [since])],
-        rig=rig,
-    )
+    check_command_outputs(to_file("--out", out, "a rig file"), logs=[log], rig=rig)
     description = load_rig(rig, set_ or ())
     with working("calibrating"):
         found = calibrate(log, description)
@@ -289,9 +281,6 @@ def calibrate_command(
         warn(fault.sentence)
     for note in found.notes:
         warn(note)
-    if since is not None:
-        lines = moved_since(load_rig(since), found.rig)
-        say(f"since {since}: " + ("; ".join(lines) if lines else "nothing moved clearly"))
     found.save(out, log.name, edited_text(rig, set_ or ()))
     say(f"wrote {out}")
 

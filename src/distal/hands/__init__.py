@@ -1,7 +1,7 @@
 """Robot hands with their own SDKs: power-on calibration, joint angles and goals, live."""
 
 from distal.hands.calibrate import Calibrated, calibrate
-from distal.hands.findings import Fault, FaultKind, moved_since
+from distal.hands.findings import Fault, FaultKind
 from distal.hands.hand import Hand, HandHealth
 from distal.hands.motors import AeroMotors, Motors, OrcaMotors
 from distal.hands.routine import Routine, RoutineOptions
@@ -18,5 +18,4 @@ __all__ = [
     "Routine",
     "RoutineOptions",
     "calibrate",
-    "moved_since",
 ]
