@@ -23,12 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 from tests.hand_rigs import hand
 
+from benchmarks.control import constant_parts
 from benchmarks.report import table
 from benchmarks.shell import written
 from benchmarks.strangers.servo_plants import PERIOD, PLANTS, Servos
 from distal import Inverse, LiveEstimator, LiveInverse, Log, Monitor, Rig, load_rig
 from distal.confidence import BAND
-from distal.control.tracking import constant_parts
 from distal.errors import DistalWarning
 from distal.inverse import Command, Commands, Feedback
 from distal.inverse.command_inputs import sent

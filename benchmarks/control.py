@@ -15,6 +15,7 @@ import time
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import pairwise
 
 import mujoco
 import numpy as np
@@ -26,7 +27,6 @@ from benchmarks.strangers.chain_plants import PLANTS, STEP, build_model, draw_tr
 from benchmarks.strangers.random_rigs import drawn_plant
 from distal import Log, Rig, load_scenario, scenario_rig
 from distal.control import PID, ClosedLoop, closed_loop, run_controller, trackings_of
-from distal.control.tracking import constant_parts
 from distal.run import by_hour, estimate_pieces
 from distal.simulation import Scenario, simulate_pieces
 
@@ -75,6 +75,16 @@ def limit_cycles(run: ClosedLoop) -> int:
             motions = np.ptp(run.angles[begin:end, joints][late], axis=0)
             count += int(np.sum(motions > np.deg2rad(0.3)))
     return count
+
+
+def constant_parts(time: Floats, *references: Floats) -> list[tuple[int, int]]:
+    """Return (begin, end), indices with the end excluded, of the parts of `time` in which all
+    `references` are constant for at least 1 s.
+    """
+    moves = [np.abs(np.diff(reference)) > 1e-9 for reference in references]
+    changes = np.flatnonzero(np.any(moves, axis=0)) + 1
+    edges = [0, *changes.tolist(), len(time)]
+    return [(a, b) for a, b in pairwise(edges) if b > a and time[b - 1] - time[a] >= 1.0]
 
 
 def with_plant(

@@ -232,18 +232,6 @@ def test_the_inverse_as_feedback_leads_the_joint_along_a_smooth_reference() -> N
         closed_loop(rig, described, feedback="comand")
 
 
-def test_a_loop_whose_angle_is_lost_says_when(rig: Rig) -> None:
-    """With a filter that begins 60° unsure, and forces that tell nothing, the commands are held at
-    first.
-    """
-    blind = {"sensors.u1.noise": "500 N", "sensors.u2.noise": "500 N"}
-    unsure = rig.with_values({"joints.link.initial": {"value": 0.0, "std": "60 deg"}, **blind})
-    run = closed_loop(unsure, scenario(control=PID))
-    assert run.held
-    assert run.held[0].begin == 0.0
-    assert "the angle is not known" in run.held[0].why
-
-
 def test_a_controlled_scenario_is_no_open_loop(rig: Rig) -> None:
     """What does not close loops says so, instead of leaving the drives without commands."""
     described = scenario(control={**PID, "feedback": "encoder"})

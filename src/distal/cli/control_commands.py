@@ -4,7 +4,7 @@ desired joint angles to the setpoints of the drives.
 
 from __future__ import annotations
 
-from math import degrees, isinf, isnan
+from math import degrees
 from pathlib import Path
 from typing import Annotated
 
@@ -64,41 +64,17 @@ def control_command(
     rows = []
     for run in runs:
         for score in trackings_of(run):
-            settled = (
-                "–"
-                if isnan(score.settling)
-                else "never"
-                if isinf(score.settling)
-                else f"{score.settling:.2f}"
-            )
-            angles = [
-                "–" if isnan(angle) else f"{degrees(angle):.2f}"
-                for angle in (score.rms, score.overshoot, score.at_rest)
-            ]
-            wrong_by = f"{degrees(score.estimate_rms):.2f}"
             rows.append(
                 (
                     run.feedback,
                     score.joint,
-                    *angles,
-                    settled,
+                    f"{degrees(score.rms):.2f}",
                     f"{score.effort:.3g}",
-                    wrong_by,
+                    f"{degrees(score.estimate_rms):.2f}",
                 )
             )
-        for span in run.held:
-            warn(f"{run.feedback}: {span}")
     unit = {"slider": "N", "capstan": "N m"}[rig.drives[0].kind]
-    columns = [
-        "feedback",
-        "joint",
-        "RMS [°]",
-        "overshoot [°]",
-        "at rest [°]",
-        "settled [s]",
-        f"effort [{unit}]",
-    ]
-    columns.append("told wrong by [°]")
+    columns = ["feedback", "joint", "RMS [°]", f"effort [{unit}]", "told wrong by [°]"]
     table(f"{description.name or scenario}: true angle against reference", columns, rows, text=2)
     say(f"wrote {picture} and {', '.join(path.name for path in logs)}")
 

@@ -13,7 +13,7 @@ from distal.control.closed_loop import (
     simulate,
 )
 from distal.control.controlled_plant import ControlledPlant, SteppedPlant
-from distal.control.controllers import PID, Held
+from distal.control.controllers import PID
 from distal.control.tracking import Tracking, plot_control, trackings_of
 
 __all__ = [
@@ -24,7 +24,6 @@ __all__ = [
     "ClosedLoop",
     "ControlledPlant",
     "Controller",
-    "Held",
     "SteppedPlant",
     "Tracking",
     "closed_loop",

@@ -11,7 +11,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.control.controlled_plant import ControlledPlant, SteppedPlant
-from distal.control.controllers import PID, CommandedForces, Held
+from distal.control.controllers import PID, CommandedForces
 from distal.errors import ControlError, did_you_mean
 from distal.estimators import ESTIMATORS, usual_estimator
 from distal.logs import Log
@@ -60,7 +60,6 @@ class ClosedLoop:
         commands: by drive [N or N m], (k,) each.
         references: desired angles by joint [rad], (k,) each; empty where the controller has its
             own.
-        held: times in which the shipped controller held its last commands.
     """
 
     rig: Rig
@@ -72,7 +71,6 @@ class ClosedLoop:
     stds: Floats
     commands: Mapping[str, Floats]
     references: Mapping[str, Floats]
-    held: tuple[Held, ...] = ()
 
     def __repr__(self) -> str:
         return f"ClosedLoop({self.feedback}, {len(self.time)} commands in {self.time[-1]:g} s)"
@@ -160,7 +158,6 @@ def closed_loop(
     else:
         pid = PID(rig, control.joints, length, control.co_contraction)
         run = run_controller(plant, pid, feedback, seed, encoder_step=control.encoder_resolution)
-        run = replace(run, held=pid.held)
     return replace(
         run,
         references={name: joint.reference.at(run.time) for name, joint in control.joints.items()},

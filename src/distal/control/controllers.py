@@ -5,7 +5,6 @@ of the drives, and the rig's inverse, which adds the forces that the reference's
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from math import inf
 
 import casadi as ca
@@ -30,21 +29,6 @@ KEPT = 0.75
 """Share of the co-contraction below which no tension falls; a torque may use the rest. Source:
 judgement.
 """
-
-
-@dataclass(frozen=True)
-class Held:
-    """A time from `begin` to `end` [s] in which the last commands were held because the angle was
-    not known; `why` is the reason that the estimate gave.
-    """
-
-    begin: float
-    end: float
-    why: str
-
-    def __str__(self) -> str:
-        """Return it in words."""
-        return f"commands held from {self.begin:g} to {self.end:g} s: {self.why}"
 
 
 def allocated(mechanism: Mechanism, angles: Vector, torques: Vector, tension: float) -> Vector:
@@ -88,7 +72,7 @@ class PID:
 
     The torques of `feedback_torques`, with the error of each joint's angle and the smoothed speed
     of the joint, become commands by `allocated`. While an angle is missing or not known the last
-    commands are held, which is noted in `held`.
+    commands are held.
 
     Args:
         joints: reference and gains by joint.
@@ -106,7 +90,6 @@ class PID:
         self._layout = Layout(effort=n, speed=n, last=n, rests=n, begun=1, commands=len(rig.drives))
         self._law = Evaluation(self._function(co_contraction))
         self._memory = np.zeros(self._layout.size)
-        self.held: tuple[Held, ...] = ()
 
     def _function(self, co_contraction: float) -> ca.Function:
         """Return the function (angles, memory, reference) → memory⁺, of which the commands are a
@@ -154,19 +137,10 @@ class PID:
         """Return the commands by drive at a `time` [s] from the `estimate`. What is `measured` is
         not used.
         """
-        if estimate.unusable:
-            self._hold(time, estimate.unusable)
-        else:
+        if not estimate.unusable:
             desired = references_at(self._joints, time)
             (self._memory,) = self._law(estimate.angles, self._memory, [*desired.values()])
         return dict(zip(self._rig.drive_names, self.part("commands").tolist()))
-
-    def _hold(self, time: float, why: str) -> None:
-        last = self.held[-1] if self.held else None
-        if last is not None and last.why == why and time - last.end < 1.5 * self._period:
-            self.held = (*self.held[:-1], Held(last.begin, time, why))
-        else:
-            self.held = (*self.held, Held(time, time, why))
 
 
 class CommandedForces:
