@@ -176,34 +176,6 @@ def test_kinematics(estimator: str, scenario: str, tmp_path: Path) -> None:
 
 
 @needs_compiler
-def test_a_board_that_is_too_slow_is_told(rig: Rig, plain: Log, tmp_path: Path) -> None:
-    """Half of a step's interval is told by nothing, one and a half of it by a line."""
-    short = plain.select(slice(0, 60))
-    write_log(short, rig, tmp_path / "log.csv")
-    for taken, said in (
-        (0.005, ""),
-        (0.015, "59 of 60 steps took longer than their interval, at most 0.015 s"),
-    ):
-        (tmp_path / "timer.h").write_text(
-            f"static double timer_now;\n#define CLOCK() (timer_now += {taken})\n"
-        )
-        program = build(
-            c_filter(rig, "ekf-2008"),
-            tmp_path,
-            "-O1",
-            "-include",
-            "timer.h",
-            "-Wno-unused-variable",
-        )
-        done = subprocess.run(
-            [str(program), str(tmp_path / "log.csv")], capture_output=True, text=True, check=False
-        )
-        assert done.returncode == 0
-        assert said in done.stderr
-        assert bool(said) == bool(done.stderr)
-
-
-@needs_compiler
 def test_what_moves_inside(tmp_path: Path) -> None:
     """Backlash, creep, a sheath, cogging, a torque sensor's gain: the same in C."""
     rig = load_rig("capstan-joint").with_values(
@@ -475,19 +447,14 @@ def test_what_cannot_be_exported_is_said(rig: Rig, tmp_path: Path) -> None:
 
 @needs_compiler
 def test_replay_reads_what_estimate_reads(rig: Rig, plain: Log, tmp_path: Path) -> None:
-    """Separators, quotes, the mark of UTF-8, empty lines; and refuses what it refuses, with the
-    row.
-    """
+    """Any order of columns, ends and empty lines; and refuses what it refuses, with the row."""
     short = plain.select(slice(0, 60))
     write_log(short, rig, tmp_path / "log.csv")
     rows = [line.split(",")[:5] for line in (tmp_path / "log.csv").read_text().splitlines()]
     program = build(c_filter(rig, "ekf-2008"), tmp_path, "-O1")
     known = estimate(short, rig, "ekf-2008").theta
     good = {
-        "spaces": "\n".join(" , ".join(row) for row in rows) + "\n\n\n",
-        "semicolons": "\n".join(";".join(row) for row in rows),
-        "tabs": "\r\n".join("\t".join(row) for row in rows),
-        "quotes": "\ufeff" + "\n".join(",".join(f'"{cell}"' for cell in row) for row in rows),
+        "ends": "\r\n".join(",".join(row) for row in rows) + "\n\n\n",
         "order": "\n".join(
             ",".join([*row[::-1], "NA"]) if i else ",".join([*row[::-1], "x"])
             for i, row in enumerate(rows)
@@ -503,16 +470,9 @@ def test_replay_reads_what_estimate_reads(rig: Rig, plain: Log, tmp_path: Path) 
             lines[30].replace(rows[30][1], "oops"),
             *lines[31:],
         ],
-        "row 31: not a number: 0x1": [
-            *lines[:30],
-            lines[30].replace(rows[30][1], "0x1"),
-            *lines[31:],
-        ],
         "row 31: more or fewer cells": [*lines[:30], lines[30] + ",3", *lines[31:]],
         "row 32: the stamp repeats": [*lines[:31], lines[30], *lines[31:]],
-        "a column is there twice: x1": [lines[0] + ",x1", *(line + ",0" for line in lines[1:])],
         "a column is missing: x1": [lines[0].replace("x1", "y1"), *lines[1:]],
-        "at least two rows": lines[:2],
     }
     for said, text in bad.items():
         (tmp_path / "bad.csv").write_text("\n".join(text))

@@ -239,7 +239,7 @@ cmake -B build && cmake --build build
 build/replay log.csv > angle.csv
 ```
 
-`log.csv` has the columns that `distal estimate` reads, separated by commas, semicolons or tabs; a
-name with a separator in it cannot be read. Without CMake:
+`log.csv` has the columns that `distal estimate` reads, separated by commas, without quotes; an
+empty cell is a missing value. Without CMake:
 `cc -std=c99 -O2 -fno-math-errno replay.c $name$.c -lm -o replay`.
 """

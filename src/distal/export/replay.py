@@ -58,19 +58,15 @@ _PROGRAM = """\
  * $header$ on stdout.
  *
  * Written by `distal export-c`. What a sample needs is in take(): values in the header's order and
- * units, NAN where one is missing. The rest reads CSV.
+ * units, NAN where one is missing. The rest reads CSV: commas, no quotes, an empty cell is missing.
  */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "$name$.h"
 
-#ifndef CLOCK
-#define CLOCK() ((double)clock() / CLOCKS_PER_SEC) /* time [s]; on a board, define its timer */
-#endif
 #define COLUMNS (1 + $NAME$_CHANNELS)
 
 static const char* const columns[COLUMNS] = {$columns$};
@@ -79,36 +75,22 @@ static const char* const headers[COLUMNS] = {$headers$};
 static const double factors[COLUMNS] = {$factors$}; /* to SI, with the sensor's sign */
 /* the others are missing at all times where there is no such column */
 static const char needed[COLUMNS] = {$needed$};
-static const char* const missing[] = {"", "nan", "na", "n/a", "null", "none", "-"};
 
-static char separator = ',';
-
-/* Cut the next cell off a line, without spaces and quotes about it; NULL at its end. */
+/* Cut the next cell off a line; NULL at its end. */
 static char* cell(char** rest) {
-  char *start = *rest, *end;
+  char* start = *rest;
   if (!start) return NULL;
-  *rest = strchr(start, separator);
-  end = *rest ? (*rest)++ : start + strlen(start);
-  while (end > start && strchr(" \\t\\r\\n\\"", end[-1])) --end;
-  *end = 0;
-  while (*start == ' ' || *start == '\\t' || *start == '"') ++start;
+  *rest = strchr(start, ',');
+  if (*rest) *(*rest)++ = 0;
   return start;
 }
 
-/* Return whether a cell is a number or missing, and set it. */
-static int number(const char* text, double* value) {
-  char lower[8] = "", *end;
-  size_t i;
-  for (i = 0; i < 7 && text[i]; ++i) {
-    const int capital = text[i] >= 'A' && text[i] <= 'Z';
-    lower[i] = (char)(capital ? text[i] + 32 : text[i]);
-  }
-  *value = (double)NAN;
-  for (i = 0; i < sizeof missing / sizeof *missing; ++i)
-    if (!strcmp(lower, missing[i])) return 1;
-  if (strpbrk(text, "xXpP")) return 0; /* strtod would read hexadecimal numbers */
-  *value = strtod(text, &end);
-  return *end == 0 && !isinf(*value);
+/* Read the next row and cut off its end; NULL at the end of the file. */
+static char* next_row(FILE* log) {
+  static char line[1 << 20];
+  if (!fgets(line, sizeof line, log)) return NULL;
+  line[strcspn(line, "\\r\\n")] = 0;
+  return line;
 }
 
 static int fail(const char* file, long row, const char* what, const char* which) {
@@ -116,37 +98,30 @@ static int fail(const char* file, long row, const char* what, const char* which)
   return 1;
 }
 
-/* One sample, now[0] being its stamp. */
-static int take($name$_state* state, const double* now, double before, int first,
-                $name$_output* out) {
+/* One sample, now[0] being its stamp; the first has no stamp before. */
+static int take($name$_state* state, const double* now, double before, $name$_output* out) {
   $name$_real values[$NAME$_CHANNELS];
   int i;
   for (i = 1; i < COLUMNS; ++i) values[i - 1] = ($name$_real)now[i];
-  return $name$_step(state, ($name$_real)(first ? 0.0 : now[0] - before), values, out);
+  return $name$_step(state, ($name$_real)(isnan(before) ? 0.0 : now[0] - before), values, out);
 }
 
 int main(int argc, char** argv) {
-  static char line[1 << 20];
   static $name$_state state;
   int at[COLUMNS], i, k, width, pass;
-  double now[COLUMNS], before = 0.0, first[COLUMNS];
-  double slowest = 0.0;
-  long row, samples = 0, slow = 0;
-  char *rest = line, *text;
+  double now[COLUMNS], before = (double)NAN, first[COLUMNS];
+  long row;
+  char *rest = NULL, *text, *end;
   FILE* log = argc == 2 ? fopen(argv[1], "r") : NULL;
-  if (!log || !fgets(line, sizeof line, log)) {
+  if (log) rest = next_row(log);
+  if (!rest) {
     fprintf(stderr, "usage: %s LOG.csv (with a header; it must be readable)\\n", argv[0]);
     return 2;
   }
-  if (!memcmp(line, "\\357\\273\\277", 3)) rest += 3; /* the mark of UTF-8 */
-  if (!strchr(rest, ',')) separator = strchr(rest, ';') ? ';' : strchr(rest, '\\t') ? '\\t' : ',';
   for (i = 0; i < COLUMNS; ++i) at[i] = -1;
   for (width = 0; (text = cell(&rest)); ++width)
     for (i = 0; i < COLUMNS; ++i)
-      if (!strcmp(text, columns[i]) || !strcmp(text, headers[i])) {
-        if (at[i] >= 0) return fail(argv[1], 1, "a column is there twice: ", columns[i]);
-        at[i] = width;
-      }
+      if (!strcmp(text, columns[i]) || !strcmp(text, headers[i])) at[i] = width;
   for (i = 0; i < COLUMNS; ++i)
     if (at[i] < 0 && needed[i]) return 1 + fail(argv[1], 1, "a column is missing: ", columns[i]);
   /* the first value of each channel fills what has no prior, as when a whole log is estimated */
@@ -159,14 +134,14 @@ int main(int argc, char** argv) {
       printf("$header$\\n");
     }
     rewind(log);
-    for (row = 1; fgets(line, sizeof line, log); ++row) {
-      if (row == 1 || line[strspn(line, " \\t\\r\\n")] == 0) continue;
-      rest = line;
+    for (row = 1; (rest = next_row(log)); ++row) {
+      if (row == 1 || !*rest) continue;
       for (k = 0; (text = cell(&rest)); ++k)
         for (i = 0; i < COLUMNS; ++i)
           if (at[i] == k) {
-            if (!number(text, &now[i])) return fail(argv[1], row, "not a number: ", text);
-            now[i] *= factors[i];
+            now[i] = *text ? strtod(text, &end) * factors[i] : (double)NAN;
+            if (*text && (*end || isinf(now[i])))
+              return fail(argv[1], row, "not a number: ", text);
             if (i && fabs(now[i]) > $wild$) now[i] = (double)NAN; /* a wild value is missing */
           }
       if (k != width) return fail(argv[1], row, "more or fewer cells than the header", "");
@@ -175,29 +150,19 @@ int main(int argc, char** argv) {
           if (isnan(first[i])) first[i] = now[i];
       } else {
         $name$_output out;
-        const double started = CLOCK();
-        const int code = take(&state, now, before, samples == 0, &out);
-        const double taken = CLOCK() - started;
+        const int code = take(&state, now, before, &out);
         if (code == $NAME$_LATE)
           return fail(argv[1], row, "the stamp repeats, goes back, or is missing", "");
         if (code == $NAME$_GAP)
           return fail(argv[1], row, "the gap before is too long to bridge", "");
         if (code != $NAME$_OK)
           return fail(argv[1], row, "the filter left all bounds; are the units right?", "");
-        /* the first sample has no interval */
-        slow += samples && taken > now[0] - before;
-        if (taken > slowest) slowest = taken;
         before = now[0];
-        ++samples;
         printf("$format$\\n", now[0], $fields$);
       }
     }
   }
   fclose(log);
-  if (slow)
-    fprintf(stderr, "%ld of %ld steps took longer than their interval, at most %g s\\n", slow,
-            samples, slowest);
-  if (samples < 2) return fail(argv[1], row, "an estimate over time needs at least two rows", "");
   return 0;
 }
 """
