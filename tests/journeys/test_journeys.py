@@ -60,7 +60,7 @@ def goes_on(shell: Shell, rig: str, log: str, name: str) -> None:
     """Command, stream, export and run the C, with a rig file and a log."""
     shell.run(
         f"""
-        distal command wanted.csv --rig {rig} --out commands.csv --plot commands.png
+        distal command wanted.csv --rig {rig} --out commands.csv
         distal estimate {log} --rig {rig} -e adaptive --no-what-if --out estimate.csv --unit rad
         distal stream --rig {rig} --unit rad < {log} > stream.csv
         distal export-c {rig} --out firmware --name joint

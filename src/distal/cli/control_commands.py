@@ -99,9 +99,6 @@ def command_command(
             help="Tension that every tendon keeps where the drives can choose it.",
         ),
     ] = "1 N",
-    plot: Annotated[
-        Path | None, Option("--plot", help="Draw a picture (PNG, SVG or PDF) of angles and drives.")
-    ] = None,
     set_: SetOption = None,
 ) -> None:
     """Write what the drives have to do for desired angles, and the angles that they then reach with
@@ -112,14 +109,9 @@ def command_command(
     from distal.confidence import BAND
     from distal.inverse import Inverse
     from distal.logs import read_angles, unit_of_angles
-    from distal.results import plot_kind
     from distal.rig import angle_names, load_rig
 
-    if plot is not None:
-        plot_kind(plot)
-    check_command_outputs(
-        [*to_file("--out", out, "a table"), *to_file("--plot", plot)], logs=[desired], rig=rig
-    )
+    check_command_outputs(to_file("--out", out, "a table"), logs=[desired], rig=rig)
     inverse = Inverse(load_rig(rig, set_ or ()), least_tension=in_si(least_tension, "N"))
     joints = inverse.rig.joint_names
     columns = {
@@ -140,6 +132,4 @@ def command_command(
         say(f"{joint}: reaches what is wanted{off}, 95 % band ± {rounded(band)}° in an open loop")
     for note in commands.notes:
         warn(note)
-    if plot is not None:
-        commands.plot(plot)
-    say(f"wrote {out}" + (f" and {plot}" if plot is not None else ""))
+    say(f"wrote {out}")

@@ -5,28 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from distal.arrays import Bools, Floats
-from distal.confidence import BAND
 from distal.inverse.setpoint_function import TURNS, CommandModel
 from distal.logs import write_columns
-from distal.results import (
-    BAND_ALPHA,
-    COLOURS,
-    curve_style,
-    figure,
-    legend_above,
-    save_figure,
-)
 from distal.rig import Rig, angle_names, effort_unit, gain_of, log_factor, position_unit, std_name
 from distal.units import rounded, unit_factor
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 NAMED_JOINTS = 3
 """Number of joints that are named as not at their desired angles. Source: layout."""
@@ -114,48 +100,6 @@ class Commands:
             OutputError: the file cannot be written.
         """
         write_columns(self.columns(unit), path)
-
-    def plot(
-        self, path: str | Path | None = None, truth: Mapping[str, Floats] | None = None
-    ) -> Figure:
-        """Draw the desired and the reached angles with their 95 % band, then the drives' positions.
-
-        Args:
-            path: file of the figure; None writes none.
-            truth: joint → its true angle, (k,) [rad], which is drawn too.
-        """
-        names = self.rig.joint_names
-        rows = len(names) + 1
-        with figure(rows, 1, (6.5, 1.6 + 1.6 * rows), sharex=True) as (drawing, axes):
-            for j, (name, axis) in enumerate(zip(names, axes)):
-                desired, angle, half = (
-                    np.rad2deg(part[:, j]) for part in (self.desired, self.angles, BAND * self.stds)
-                )
-                axis.fill_between(
-                    self.time, angle - half, angle + half, alpha=BAND_ALPHA, lw=0, color=COLOURS[0]
-                )
-                curves = {"reached by the commands, 95 % band": angle, "desired": desired}
-                if truth is not None:
-                    curves["true"] = np.rad2deg(truth[name])
-                _draw(axis, self.time, curves)
-                axis.set_ylabel(f"{name} [°]")
-            legend_above(axes[0])
-            scales = {"slider": (1e3, "mm"), "capstan": (180 / np.pi, "°")}
-            positions = {}
-            for drive, at in zip(self.rig.drives, self.positions.T):
-                scale, unit = scales[drive.kind]
-                positions[f"{drive.name} [{unit}]"] = scale * at
-            _draw(axes[-1], self.time, positions)
-            axes[-1].set_ylabel("position")
-            axes[-1].set_xlabel("time [s]")
-            legend_above(axes[-1])
-        return save_figure(drawing, path)
-
-
-def _draw(axis: Axes, time: Floats, curves: Mapping[str, Floats]) -> None:
-    """Draw curves over time by their labels, each in a look of its own."""
-    for k, (label, values) in enumerate(curves.items()):
-        axis.plot(time, values, lw=1.0, label=label, **curve_style(k))
 
 
 def expected_readings(
