@@ -64,7 +64,7 @@ class Observability:
         window: length of the windows [s].
         estimate: the estimate along the log.
         joint: index of the joint.
-        directions: directions of joint space that the sensors see, and those that they miss.
+        directions: directions of joint space that the sensors miss.
     """
 
     time: Floats
