@@ -16,7 +16,7 @@ import pytest
 
 from distal import Rig, load_scenario, make_estimator, scenario_rig, simulate
 from distal.errors import KernelWarning
-from distal.kernels import Kernel, Recipe, Structure, c_source, find_compiler, kernel, probe
+from distal.kernels import Kernel, c_source, find_compiler, kernel
 from distal.kernels.cache import Cache, digest
 from distal.run import samples_of
 
@@ -239,14 +239,3 @@ def test_a_loop_takes_as_many_parameters_as_there_are(compiled: bool) -> None:
     """Compiled code would read beyond the end of a vector that is too short."""
     with pytest.raises(ValueError, match="reshape"):
         Kernel(small_function(), compiled).loop(np.zeros(0))
-
-
-def test_lanes_are_built_ahead_once(fresh: Path) -> None:
-    """What begins in the background is waited for, not built again."""
-    structure = Structure("small", (("case", "ahead"),))
-    kernel = Kernel(Recipe(small_function, structure), "lanes")
-    kernel.begin_lanes()
-    assert kernel.lanes() is not None
-    assert len(list(fresh.glob("*.so"))) == 1
-    kernel.begin_lanes()  # it is there
-    assert len(list(fresh.glob("*.so"))) == 1

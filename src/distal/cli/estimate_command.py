@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import replace
 from math import degrees
 from pathlib import Path
@@ -129,7 +129,7 @@ def estimate_command(
     estimators with it.
     """
     from distal.confidence import half_width
-    from distal.estimators import AdaptiveFilter, usual_estimator
+    from distal.estimators import usual_estimator
     from distal.logs import (
         file_of,
         read_log,
@@ -201,10 +201,6 @@ def estimate_command(
     origin = log.truth_source
     if homing_angle:
         log, description = _at_home(log, description, homing_angle, home)
-    if what_if and home is None and "adaptive" in names:
-        # the diagnosis's kernel is compiled while the estimate runs; errors come from the estimate
-        with suppress(DistalError):
-            AdaptiveFilter(description, "lanes").kernel.begin_lanes()
     comparison = compared(log, description, names, home, level, estimator is None, smooth, every)
     results = comparison.results
     files = dict[Path, Content]()

@@ -11,9 +11,8 @@ import shlex
 import shutil
 import subprocess
 import sys
-import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -199,27 +198,6 @@ def library_of(
             with _written(cache):
                 cache.note(_kept_as(recipe.structure, form, level), library)
     return library
-
-
-def begin_library(
-    recipe: Recipe, form: str, source: Callable[[ca.Function], str], level: str = OPTIMISED
-) -> None:
-    """Begin to build a library in the background if it is not in the cache; `library_of` waits for
-    it.
-
-    The C is written before this returns, because CasADi does not count its symbols safely over
-    threads. The arguments are those of `library_of`, which also raises the errors that are passed
-    over here.
-    """
-    with suppress(CompileError):
-        if _kept(recipe, form, level) is None:
-            text = recipe.written(source)
-
-            def build() -> None:
-                with suppress(CompileError):
-                    compiled_source(text, level)
-
-            threading.Thread(target=build, daemon=True).start()
 
 
 def _kept(recipe: Recipe, form: str, level: str) -> Library | None:

@@ -30,7 +30,7 @@ from distal.kernels.compiler import (
     library_of,
     loaded,
 )
-from distal.kernels.lanes import LaneKernel, begin_lanes
+from distal.kernels.lanes import LaneKernel
 from distal.kernels.layout import Feed, Sizes
 
 AT_ONCE = 1 << 20
@@ -137,10 +137,6 @@ class Kernel:
         """
         call = self.function if self._external is None else self._external
         return Loop(call, np.array(p, dtype=np.float64).reshape(self.sizes.p))
-
-    def begin_lanes(self) -> None:
-        """Begin to build the kernel that `lanes` returns, in the background."""
-        begin_lanes(self._recipe)
 
     def lanes(self) -> LaneKernel | None:
         """Return the same kernel for several runs at once, or None where it cannot be built. It is

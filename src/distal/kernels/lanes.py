@@ -15,7 +15,6 @@ from distal.codegen import Lanes
 from distal.kernels.cache import Recipe, cpu
 from distal.kernels.compiler import (
     OPTIMISED_LANES,
-    begin_library,
     emitted,
     library_of,
     loaded,
@@ -68,11 +67,6 @@ def lanes_here() -> int:
 def _source(function: ca.Function) -> str:
     lanes = lanes_here()
     return emitted(function, Lanes(lanes), _BATCH, lanes=lanes)
-
-
-def begin_lanes(recipe: Recipe) -> None:
-    """Begin to build the kernel of a recipe for vector lanes, in the background."""
-    begin_library(recipe, f"{lanes_here()} lanes", _source, OPTIMISED_LANES)
 
 
 class LaneKernel:
