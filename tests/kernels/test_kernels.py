@@ -136,7 +136,6 @@ def test_no_compiler(fresh: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("CC", raising=False)
     monkeypatch.setenv("PATH", str(fresh))
     falls_back("no C compiler was found")
-    assert probe()[0] == "interpreted"
 
 
 def test_a_compiler_that_fails(

@@ -192,10 +192,10 @@ _EXTRAS = {
 
 
 def doctor_command() -> None:
-    """Say which versions and which kernels are in use, and why."""
+    """Say which versions are in use, and with which compiler and where kernels are built."""
     from importlib.metadata import PackageNotFoundError, version
 
-    from distal.kernels import cache_folder, find_compiler, lanes_here, probe
+    from distal.kernels import cache_folder, find_compiler
 
     say(
         f"distal {__version__}, Python {platform.python_version()}, {platform.system()} "
@@ -217,11 +217,6 @@ def doctor_command() -> None:
     else:
         say(f"C compiler: {compiler.version} ({compiler.command[0]})")
     say(f"kernel cache: {cache_folder()}")
-    backend, reason, difference = probe()
-    say(f"kernels: {backend} ({reason})")
-    if backend == "compiled":
-        say(f"compiled against interpreted: largest difference {difference:.1e}")
-        say(f"batches: {lanes_here()} runs in the vector lanes of each core")
 
 
 def lab_command(

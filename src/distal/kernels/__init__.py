@@ -21,7 +21,6 @@ from distal.kernels.kernel import (
     forget,
     function_of,
     kernel_of,
-    probe,
 )
 from distal.kernels.lanes import LaneKernel, lanes_here
 from distal.kernels.layout import (
@@ -61,7 +60,6 @@ __all__ = [
     "kernel_state_layout",
     "lanes_here",
     "mean_of",
-    "probe",
     "side_by_side",
     "structure_of",
     "variances_of",
