@@ -71,6 +71,7 @@ def made(
         prior_stds=np.array([np.nan, 0.1, np.nan]) if priors else None,
         state_kinds=(StateKind.ANGLE, StateKind.PARAMETER, StateKind.FRICTION),
         state_parts=("joint", "factor", "left"),
+        state_units=("rad", "1", "N"),
     )
 
 

@@ -31,10 +31,8 @@ from distal.estimators.regression_estimator import (
     samples_of_angles,
 )
 from distal.estimators.state_kinds import (
-    UNITS_OF_JOINTS,
     StateKind,
     external_torques_of,
-    kinds_by_joint,
     kinds_of,
     state_units,
     states_of,
@@ -46,7 +44,6 @@ __all__ = [
     "LARGEST_ANGLE",
     "SHORTEST",
     "TOUCHED",
-    "UNITS_OF_JOINTS",
     "WILD",
     "AdaptiveFilter",
     "Belief",
@@ -66,7 +63,6 @@ __all__ = [
     "directions",
     "external_torques_of",
     "first_values",
-    "kinds_by_joint",
     "kinds_of",
     "make_estimator",
     "of_part",

@@ -7,7 +7,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from functools import cached_property
 from typing import Protocol, runtime_checkable
 
 import casadi as ca
@@ -18,7 +17,6 @@ from distal.arrays import Floats
 from distal.errors import EstimationError
 from distal.estimators.belief import NOTHING_REPORTED, Belief, Innovation, innovation
 from distal.estimators.read_channels import Channels, first_values, rows_with_gaps
-from distal.estimators.state_kinds import state_units
 from distal.kernels import (
     Advanced,
     Evaluation,
@@ -364,11 +362,6 @@ class KernelEstimator:
                 self.name, times[i] - steps[i], times[i], bool(i == 0 and belief.samples == 0)
             )
         return self.rows(steps, samples)
-
-    @cached_property
-    def state_units(self) -> tuple[str, ...]:
-        """SI units of the estimator's states, (n,)."""
-        return state_units(self)
 
     @property
     def angles(self) -> slice:

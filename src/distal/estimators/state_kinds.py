@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import Enum
-from typing import Protocol
 
+from distal.estimators.estimator_protocol import Estimator
 from distal.rig import (
     Rig,
     angle_names,
@@ -38,22 +38,16 @@ class StateKind(Enum):
     OTHER = "anything else"
 
 
-class NamesStates(Protocol):
-    """Anything with a rig and names of states, as estimators have them."""
+def kinds_of(estimator: Estimator) -> tuple[tuple[StateKind, ...], tuple[str, ...]]:
+    """Return the kind of each state of an estimator, (n,), and the component of the rig that it
+    belongs to, (n,).
 
-    rig: Rig
-    state_names: tuple[str, ...]
-
-
-def kinds_by_joint(
-    names: Sequence[str], joints: Sequence[str]
-) -> tuple[tuple[StateKind, ...], tuple[str, ...]]:
-    """Return kind and component of each state by its name alone, for an estimator that does not
-    give them.
-
-    States of the joints are known by their names; all others are `StateKind.OTHER`, and their
-    component is their name.
+    Where the estimator does not give them, states of the joints are known by their names; all
+    others are `StateKind.OTHER`, and their component is their name.
     """
+    if hasattr(estimator, "state_kinds") and hasattr(estimator, "state_parts"):
+        return estimator.state_kinds, estimator.state_parts
+    joints = estimator.rig.joint_names
     every = (
         (StateKind.ANGLE, angle_names),
         (StateKind.SPEED, speed_names),
@@ -62,20 +56,13 @@ def kinds_by_joint(
     of_joints = {
         name: (kind, joint) for kind, named in every for name, joint in zip(named(joints), joints)
     }
-    kinds_and_parts = [of_joints.get(name, (StateKind.OTHER, name)) for name in names]
+    kinds_and_parts = [
+        of_joints.get(name, (StateKind.OTHER, name)) for name in estimator.state_names
+    ]
     return tuple(kind for kind, _ in kinds_and_parts), tuple(part for _, part in kinds_and_parts)
 
 
-def kinds_of(estimator: NamesStates) -> tuple[tuple[StateKind, ...], tuple[str, ...]]:
-    """Return the kind of each state of an estimator, (n,), and the component of the rig that it
-    belongs to, (n,).
-    """
-    if hasattr(estimator, "state_kinds") and hasattr(estimator, "state_parts"):
-        return estimator.state_kinds, estimator.state_parts
-    return kinds_by_joint(estimator.state_names, estimator.rig.joint_names)
-
-
-UNITS_OF_JOINTS = {
+_OF_JOINT = {
     StateKind.ANGLE: "rad",
     StateKind.SPEED: "rad/s",
     StateKind.EXTERNAL_TORQUE: "N m",
@@ -91,7 +78,7 @@ _OF_DRIVE = {
 }
 
 
-def state_units(estimator: NamesStates) -> tuple[str, ...]:
+def state_units(estimator: Estimator) -> tuple[str, ...]:
     """Return the SI units of an estimator's states, (n,): ``1`` for a plain number, empty where the
     unit is not known.
     """
@@ -117,9 +104,7 @@ def state_units(estimator: NamesStates) -> tuple[str, ...]:
         if kind in _OF_DRIVE:
             return _OF_DRIVE[kind](drives[part])
         return (
-            "1"
-            if kind is StateKind.SENSOR_GAIN
-            else UNITS_OF_JOINTS.get(kind) or by_name.get(name, "")
+            "1" if kind is StateKind.SENSOR_GAIN else _OF_JOINT.get(kind) or by_name.get(name, "")
         )
 
     return tuple(unit(*state) for state in zip(estimator.state_names, *kinds_of(estimator)))
@@ -147,7 +132,7 @@ def states_of(
     return {part: indices[part] for part in parts if part in indices}
 
 
-def external_torques_of(estimator: NamesStates) -> dict[str, int]:
+def external_torques_of(estimator: Estimator) -> dict[str, int]:
     """Return joint → index of the state that is the external torque on it, in the order of the
     joints.
     """

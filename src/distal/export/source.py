@@ -16,6 +16,7 @@ from distal.estimators import (
     FullStateFilter,
     KernelEstimator,
     make_estimator,
+    state_units,
 )
 from distal.estimators.read_channels import MOST_BRIDGES, SPLIT
 from distal.export.c_text import (
@@ -131,7 +132,7 @@ def c_filter(
     watching = health_source(chosen, name, emitter)
     n = len(chosen.state_names)
     m = len(chosen.measured)
-    units = (f" [{unit}]" * bool(unit) for unit in chosen.state_units)
+    units = (f" [{unit}]" * bool(unit) for unit in state_units(chosen))
     # the prior's spread is a covariance, or its diagonal only
     is_dense = prior.numel_out(1) > n
     values = shared_blanks(name, rig, emitter) | {

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from distal.arrays import Floats
 from distal.confidence import COVERED, half_width, in_percent
 from distal.errors import EstimationError, did_you_mean
-from distal.estimators import UNITS_OF_JOINTS, StateKind, kinds_by_joint, states_of
+from distal.estimators import StateKind, states_of
 from distal.logs import header
 from distal.results.plots import PlotOptions, plot_estimates
 from distal.results.style import SummaryRow, html_table
@@ -58,10 +58,10 @@ class Estimate:
             known.
         unseen: a sentence on joint motions that the sensors cannot observe, which is also in
             `notes`; None where there is no such motion, as far as is known.
-        state_kinds: kind of each state, (n,); by default the kinds follow from the states' names.
+        state_kinds: kind of each state, (n,).
         state_parts: name of the joint, drive, tendon or sensor to which each state belongs, or the
             path of a parameter of the rig, (n,).
-        state_units: SI unit of each state, (n,); by default the units follow from the kinds.
+        state_units: SI unit of each state, (n,), empty where it is not known.
         is_taught: whether logs taught what forces are normal: not the innovations tell then what
             disagrees, since the rig lacks physics, but the forces by the positions.
         level: share of the errors that the band is to hold.
@@ -88,25 +88,12 @@ class Estimate:
     stamps: NDArray[np.int64] | None = None
     torque_truths: Floats | None = None
     unseen: str | None = None
-    state_kinds: tuple[StateKind, ...] = ()
-    state_parts: tuple[str, ...] = ()
-    state_units: tuple[str, ...] = ()
+    state_kinds: tuple[StateKind, ...]
+    state_parts: tuple[str, ...]
+    state_units: tuple[str, ...]
     is_taught: bool = False
     level: float = COVERED
     ends: Estimate | None = None
-
-    def __post_init__(self) -> None:
-        """Fill in kinds, parts and units of the states where the estimator has none."""
-        if not self.state_kinds:
-            kinds, parts = kinds_by_joint(self.state_names, self.joint_names)
-            object.__setattr__(self, "state_kinds", kinds)
-            object.__setattr__(self, "state_parts", parts)
-        if not self.state_units:
-            object.__setattr__(
-                self,
-                "state_units",
-                tuple(UNITS_OF_JOINTS.get(kind, "") for kind in self.state_kinds),
-            )
 
     def __len__(self) -> int:
         return len(self.time)

@@ -362,7 +362,7 @@ def finished(
         innovations = innovations[:, columns]
         variances = variances[:, columns]
     measured = tuple(chosen.measured[i] for i in columns)
-    units = chosen.state_units if isinstance(chosen, KernelEstimator) else state_units(chosen)
+    units = state_units(chosen)
     kept = [*range(len(units))] if kept is None else list(kept)
     prior_means, prior_stds = (None if of is None else of[kept] for of in priors_of(chosen))
     kinds, parts = kinds_of(chosen)
