@@ -111,8 +111,6 @@ def export_command(
         ("states", f"{len(exported.estimator.state_names)}"),
         ("state, the caller's", f"{exported.state_bytes:,} bytes"),
         ("arrays on the stack in a step", f"{exported.scratch_bytes:,} bytes"),
-        ("arithmetic operations in a step", f"{exported.operations:,}"),
-        ("calls of the mathematics library", f"{sum(exported.library.values())}"),
     ]
     title = f"{estimator} for {exported.estimator.rig.name}, in {exported.real.type}"
     table(title, ["what", "how much"], rows)

@@ -14,9 +14,8 @@ from itertools import chain, count
 import casadi as ca
 
 from distal.codegen.memory import Memory, Value, for_each
-from distal.codegen.number_types import BINARY, CALLED, INLINE, CodeError, Dialect
+from distal.codegen.number_types import BINARY, CodeError, Dialect
 from distal.codegen.workspace import (
-    Cost,
     Dataflow,
     Placement,
     Step,
@@ -109,7 +108,6 @@ def unused(name: str, taken: Container[str]) -> str:
 def elementwise(work: Workspace, step: Step) -> list[str]:
     """Write an operation of scalars for each element of its operands."""
     n = int(step.node.nnz())
-    work.cost.operations += n
     to = work.placement.over_an_input(step.k, n)
     used = step.inputs if step.operation in BINARY else step.inputs[:1]
     memory = work.memory
@@ -125,7 +123,6 @@ def call(work: Workspace, step: Step) -> list[str]:
     """Write the call of another function."""
     called = step.node.which_function()
     written = work.written(called, False)
-    work.cost.add(written.cost)
     results = []
     for i, number in enumerate(step.makes):
         size = int(called.nnz_out(i))
@@ -188,7 +185,7 @@ def write_matrices(
     size = memory.scratch.size
     arrays = [f"  {dialect.type} w[{size}];"] if size else []
     text = framed(function, name, in_place, dialect, [*memory.tables.lines, *arrays], lines)
-    return Written(name, text, work.cost, size)
+    return Written(name, text, size)
 
 
 def _new_state(work: Workspace, state: list[tuple[Value, int]]) -> list[str]:
@@ -228,7 +225,6 @@ def write_scalars(
     lines = list[str]()
     new_state = list[str]()
     names = dict[int, str]()
-    cost = Cost()
     for k in range(function.n_instructions()):
         operation = function.instruction_id(k)
         inputs = function.instruction_input(k)
@@ -250,18 +246,14 @@ def write_scalars(
                 f"v{k}_{i}[{j}]" for i in range(called.n_out()) for j in range(called.nnz_out(i))
             ]
             names.update(zip(outputs, results))
-            cost.add(callee.cost)
         elif operation == ca.OP_CONST:
             names[outputs[0]] = dialect.constant(function.instruction_constant(k))
         else:
-            cost.operations += 1
-            if operation in CALLED and operation not in INLINE:
-                cost.library[CALLED[operation]] += 1
             operands = [names[i] for i in inputs] if operation in BINARY else [names[inputs[0]]]
             value = dialect.operation(operation, *operands)
             lines.append(f"  const {dialect.type} v{k} = {value};")
             names[outputs[0]] = f"v{k}"
-    return Written(name, framed(function, name, in_place, dialect, [], [*lines, *new_state]), cost)
+    return Written(name, framed(function, name, in_place, dialect, [], [*lines, *new_state]))
 
 
 def _called(function: ca.Function, n_in: int, n_out: int) -> ca.Function:

@@ -42,11 +42,6 @@ CALLED: dict[int, str] = {getattr(ca, f"OP_{name.upper()}"): name for name in _L
 CALLED[ca.OP_CONSTPOW] = "pow"
 """Operations that are functions of C's library."""
 
-INLINE = frozenset([ca.OP_FABS, ca.OP_FMIN, ca.OP_FMAX, ca.OP_SQRT, ca.OP_COPYSIGN])
-"""Those operations of `CALLED` that processors with a floating-point unit have as one instruction,
-or do in a few.
-"""
-
 _FUNCTIONS = (
     ca.OP_ATAN2,
     ca.OP_FMIN,

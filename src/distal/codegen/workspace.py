@@ -10,9 +10,8 @@ a result does not depend on its slot.
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import casadi as ca
 
@@ -222,21 +221,6 @@ def framed(
     )
 
 
-@dataclass
-class Cost:
-    """The arithmetic operations of a function, those of the functions that it calls included, and
-    its calls of the mathematics library by name.
-    """
-
-    operations: int = 0
-    library: Counter[str] = field(default_factory=Counter)
-
-    def add(self, cost: Cost) -> None:
-        """Add the cost of a called function to this one."""
-        self.operations += cost.operations
-        self.library.update(cost.library)
-
-
 @dataclass(frozen=True)
 class Written:
     """A function as C.
@@ -244,13 +228,11 @@ class Written:
     Args:
         name: in C.
         text: its definition.
-        cost: of one call.
         scratch: how many numbers its array for intermediates has.
     """
 
     name: str
     text: str
-    cost: Cost
     scratch: int = 0
 
 
@@ -290,7 +272,6 @@ class Workspace:
     placement: Placement
     written: WriteFunction
     in_place: bool
-    cost: Cost = field(default_factory=Cost)
 
     def step(self, k: int) -> Step:
         """Return instruction `k`."""

@@ -69,9 +69,7 @@ def put(work: Workspace, step: Step) -> list[str]:
     values = step.inputs[1]
     at = _mapping(step)
     memory = work.memory
-    adds = step.operation == ca.OP_ADDNONZEROS
-    sign = "+=" if adds else "="
-    work.cost.operations += len(at) if adds else 0
+    sign = "+=" if step.operation == ca.OP_ADDNONZEROS else "="
     to, lines = work.placement.over_the_first(step.k)
     target = _index(work, at)
     return lines + for_each(
@@ -177,7 +175,6 @@ def product(work: Workspace, step: Step) -> list[str]:
         return _called(
             work, step, _product(*(tuple(factor.sparsity().compress()) for factor in (x, y)))
         )
-    work.cost.operations += 2 * multiplications
     if x.is_dense() and y.is_dense():
         return _dense(work, step, rows, inner, columns)
     if y.is_dense():
@@ -207,7 +204,6 @@ def _called(work: Workspace, step: Step, function: ca.Function) -> list[str]:
     which it does not know of parts of scratch.
     """
     written = work.written(function, True)
-    work.cost.operations += written.cost.operations
     to, lines = work.placement.over_the_first(step.k)
     addresses = ", ".join(work.memory.address(value) for value in (to, *step.inputs[1:]))
     return [*lines, f"  {written.name}({addresses});"]
@@ -219,7 +215,6 @@ def rank_one(work: Workspace, step: Step) -> list[str]:
     rows = step.node.size1()
     columns = step.node.size2()
     at = work.memory.at
-    work.cost.operations += 2 * rows * columns
     to, lines = work.placement.over_the_first(step.k)
     sign = "-=" if alpha.home is None and alpha.ids[0] == -1.0 else f"+= {at(alpha, 0)} *"
     loops = f"for (j = 0; j < {columns}; ++j) for (i = 0; i < {rows}; ++i)"
@@ -231,7 +226,6 @@ def dot(work: Workspace, step: Step) -> list[str]:
     x, y = step.inputs
     at = work.memory.at
     dialect = work.memory.dialect
-    work.cost.operations += 2 * x.size
     to = work.placement.new(step.k, step.makes[0], 1)
     total = f"s += {at(x, 'i')} * {at(y, 'i')};"
     start = f"{dialect.type} s = {dialect.constant(0.0)};"

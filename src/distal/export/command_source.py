@@ -33,11 +33,9 @@ class ExportedCommand(Translated):
     """The live inverse of a rig as C.
 
     Args:
-        operations: arithmetic operations of a step.
         joints: indices of the joints that have desired angles.
     """
 
-    operations: int
     joints: tuple[int, ...]
 
 
@@ -100,7 +98,6 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
         name,
         filled(_HEADER, values, real),
         filled(_SOURCE, values, real),
-        emitter.functions[advance].cost.operations,
         tuple(model.free),
     )
 

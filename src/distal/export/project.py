@@ -141,7 +141,6 @@ def readme(exported: Exported, use: str) -> str:
     jumps = "" if not real.single or not exported.jumps else _JUMPS
     estimator = exported.estimator
     channels = enumerate(estimator.channels)
-    calls = (f"{count} {name}{'f' * real.single}" for name, count in exported.library.items())
     values = {
         "name": exported.name,
         "rig": comment(estimator.rig.name),
@@ -153,8 +152,6 @@ def readme(exported: Exported, use: str) -> str:
         "state_bytes": f"{exported.state_bytes:,}",
         "scratch_bytes": f"{exported.scratch_bytes:,}",
         "kernel_state": f"{estimator.kernel.sizes.kernel_state} x {real.size}",
-        "operations": f"{exported.operations:,}",
-        "calls": ", ".join(calls) or "none",
     }
     return filled(_README + use, values)
 
@@ -226,8 +223,6 @@ nothing is changed.
 | states | $n_states$ |
 | state, the caller's | $state_bytes$ bytes ($kernel_state$ and a counter) |
 | arrays on the stack in a step | $scratch_bytes$ bytes, and what the compiler spills |
-| arithmetic operations in a step | $operations$ |
-| calls of the mathematics library in a step | $calls$ |
 """
 
 _REPLAY = """\

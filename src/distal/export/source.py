@@ -50,15 +50,11 @@ class Exported(Translated):
         estimator: the filter in Python.
         real: number type, float or double.
         scratch: how many numbers a step has on the stack.
-        operations: arithmetic operations of a step.
-        library: name of a mathematical function → its calls in a step.
     """
 
     estimator: KernelEstimator
     real: Plain
     scratch: int
-    operations: int
-    library: dict[str, int]
 
     @property
     def fields(self) -> list[Field]:
@@ -127,7 +123,6 @@ def c_filter(
     prior = chosen.prior_function()
     begin = emitter.add(prior)
     advance = emitter.add(chosen.kernel.function, in_place=True)
-    cost = emitter.functions[advance].cost
     scratch = sum(written.scratch for written in emitter.functions.values())
     watching = health_source(chosen, name, emitter)
     n = len(chosen.state_names)
@@ -180,8 +175,6 @@ def c_filter(
         chosen,
         real,
         scratch,
-        cost.operations,
-        dict(sorted(cost.library.items())),
     )
 
 
