@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from distal import Rig, load_rig
 from distal.inverse.goal_gate import GoalGate
-from distal.inverse.motor_readings import USUAL, Caution
+from distal.inverse.motor_readings import USUAL
 from distal.logs import FASTEST
 
 PERIOD = 0.01
@@ -63,17 +63,6 @@ def test_a_goal_stays_within_the_range_and_the_speed() -> None:
     free.read(0.01, np.zeros(4))
     sent = free.passed(0.01, np.full(4, 5.0))
     np.testing.assert_allclose(sent, FASTEST * 0.01 + USUAL.agrees * FINGER)
-
-
-def test_how_long_a_reading_is_believed_can_be_said() -> None:
-    """On a bus that is slow a reading of 0.25 s ago still tells; by default it does not."""
-    for oldest, stands in ((0.1, True), (0.3, False)):
-        gate = GoalGate(two_motors(), caution=Caution(oldest=oldest))
-        time = moved(gate, 0.0, 0.2)
-        for k in range(25):
-            gate.read(time + k * PERIOD, np.full(4, nan))
-            gate.passed(time + k * PERIOD, np.zeros(4))
-        assert gate.stopped.all() == stands
 
 
 def test_one_lost_read_changes_nothing() -> None:

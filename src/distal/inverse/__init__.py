@@ -3,7 +3,6 @@
 from distal.inverse.command_trajectory import Inverse
 from distal.inverse.commands import Commands
 from distal.inverse.live_inverse import Command, LiveInverse
-from distal.inverse.motor_readings import Caution
 from distal.inverse.torques import Feedback
 
-__all__ = ["Caution", "Command", "Commands", "Feedback", "Inverse", "LiveInverse"]
+__all__ = ["Command", "Commands", "Feedback", "Inverse", "LiveInverse"]

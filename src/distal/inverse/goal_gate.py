@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
-from distal.inverse.motor_readings import USUAL, Caution, MotorReadings
+from distal.inverse.motor_readings import USUAL, MotorReadings
 from distal.logs.stamps import REWOUND
 from distal.rig import Rig, motor_range, position_range
 from distal.rig.drives import Drive
@@ -49,16 +49,14 @@ class GoalGate:
         calibrated: whether the ranges of the joints are known: then goals stay within them, and
             motors that stop hold their force. In a power-on routine they are not, and motors that
             stop let go of their force.
-        caution: how much of what motors read is believed.
     """
 
-    def __init__(self, rig: Rig, *, calibrated: bool = True, caution: Caution = USUAL) -> None:
+    def __init__(self, rig: Rig, *, calibrated: bool = True) -> None:
         self._rig = rig
         self._names = rig.drive_names
-        self._caution = caution
-        self._motors = MotorReadings(rig, caution, calibrated)
+        self._motors = MotorReadings(rig, calibrated)
         servos = [drive.servo for drive in rig.drives]
-        self._lag = np.array([caution.lag if servo is None else servo.lag for servo in servos])
+        self._lag = np.array([USUAL.lag if servo is None else servo.lag for servo in servos])
         self._low, self._high = np.array([_ends(rig, drive, calibrated) for drive in rig.drives]).T
         crossed = crossed_joints(rig)
         self._together = (crossed @ crossed.T) | np.eye(len(crossed), dtype=bool)
@@ -207,7 +205,7 @@ class GoalGate:
         lost = self._lost
         failing = self._is_failing
         eased = stopped & (self._share < 1.0)
-        oldest = f"{self._caution.oldest:g} s: stands"
+        oldest = f"{USUAL.oldest:g} s: stands"
         parts = [
             ("no goal is sent to {}: where it is, is in doubt; power_on tells", doubted),
             (f"no goal arrives at {{}} for {oldest}", failing),
@@ -263,12 +261,12 @@ class GoalGate:
         moves.
         """
         motors = self._motors
-        most = motors.fastest * min(since, self._caution.oldest) + motors.agrees
+        most = motors.fastest * min(since, USUAL.oldest) + motors.agrees
         low = np.fmin(before - most, motors.position)
         high = np.fmax(before + most, motors.position)
         goals = np.clip(self._in_range(goals, before), low, high)
         rests = motors.position + motors.holds_ahead
-        little = 2 * self._caution.arrived
+        little = 2 * USUAL.arrived
         return np.where(motors.stands, np.clip(goals, rests - little, rests + little), goals)
 
     def confirm(self, arrived: bool) -> None:
@@ -301,14 +299,14 @@ class GoalGate:
         # how far it gives way is not known yet
         gives_way = ~np.isfinite(motors.ahead) & motors.calibrated
         away = np.abs(self._sent - motors.position)
-        gives_way &= ~motors.is_motor | (away <= near + self._caution.arrived)
+        gives_way &= ~motors.is_motor | (away <= near + USUAL.arrived)
         return np.where(np.isfinite(self._sent) & (agrees | gives_way), self._sent, coming)
 
     def _left(self) -> Floats:
         """Return the share of its force that each motor may still hold."""
-        patience = np.where(self._hot, 0.0, self._caution.patience)
+        patience = np.where(self._hot, 0.0, USUAL.patience)
         waited = self._time - self._stopped_at - patience
-        eased = np.clip(waited / self._caution.eases, 0.0, 1.0)
+        eased = np.clip(waited / USUAL.eases, 0.0, 1.0)
         left = np.zeros(len(eased))
         if not self._relaxes:
             torques = np.maximum(np.abs(self._motors.torque), 1e-12)

@@ -17,7 +17,6 @@ from distal.errors import CommandError
 from distal.estimators import SHORTEST, AdaptiveFilter, sample_problem
 from distal.inverse.goal_gate import GoalGate, columns_of, crossed_joints
 from distal.inverse.live_inverse_function import LiveModel
-from distal.inverse.motor_readings import USUAL, Caution
 from distal.inverse.setpoint_function import ROUNDS
 from distal.inverse.torques import LEAST_TENSION, Feedback, least_tension_of
 from distal.kernels import Layout, kernel_of
@@ -119,7 +118,6 @@ class LiveInverse:
             object that is grasped is pressed no harder because it pushes back.
         gate: a gate that has taken in the samples before they come here; by default the inverse has
             its own.
-        caution: of its own gate: how much of what motors read is believed.
 
     Raises:
         CommandError: an argument is out of its range, or names an unknown joint.
@@ -136,7 +134,6 @@ class LiveInverse:
         compensates: bool = False,
         compiled: bool = True,
         gate: GoalGate | None = None,
-        caution: Caution = USUAL,
     ) -> None:
         self._rig = as_rig(rig)
         estimator = AdaptiveFilter(self._rig, compiled)
@@ -150,7 +147,7 @@ class LiveInverse:
         )
         self._monitor = Monitor(self._live)
         self._has_map = bool(estimator.report.states)
-        self._gate = GoalGate(self._rig, caution=caution) if gate is None else gate
+        self._gate = GoalGate(self._rig) if gate is None else gate
         self._is_believed = gate is not None
         self._positions = columns_of(self._rig, estimator.channels, "position")
         self._moves = crossed_joints(self._rig) @ (np.array(live.model.mechanism.spread) != 0.0)

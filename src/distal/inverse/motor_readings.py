@@ -55,7 +55,7 @@ class Caution:
 
 
 USUAL = Caution()
-"""What is used unless another one is given."""
+"""What all motors go by."""
 
 
 class MotorReadings:
@@ -63,7 +63,6 @@ class MotorReadings:
 
     Args:
         rig: the description.
-        caution: how much is believed.
         calibrated: whether the ranges of the joints are known.
 
     Attributes:
@@ -86,17 +85,16 @@ class MotorReadings:
         stale: whether the last reading is an old one.
     """
 
-    def __init__(self, rig: Rig, caution: Caution = USUAL, calibrated: bool = True) -> None:
+    def __init__(self, rig: Rig, calibrated: bool = True) -> None:
         drives = rig.drives
         names = [drive.name for drive in drives]
-        self.caution = caution
         self.calibrated = calibrated
         self.fastest = np.array(
             [drive.servo.fastest or FASTEST if drive.servo else FASTEST for drive in drives]
         )
         rates = {sensor.of: sensor.rate for sensor in rig.sensors_of("position")}
         self.oldest = np.maximum(
-            [LIMITS.overdue / rates.get(name, inf) for name in names], caution.oldest
+            [LIMITS.overdue / rates.get(name, inf) for name in names], USUAL.oldest
         )
         self.has_sensor = np.array([name in rates for name in names])
         # a stale reading is looked for among those that are young enough
@@ -110,7 +108,7 @@ class MotorReadings:
             for name in names
         ]
         self.scale = np.where(self.is_motor, 1.0, ways)
-        self.agrees = caution.agrees * self.scale
+        self.agrees = USUAL.agrees * self.scale
         noise = {sensor.of: sensor.noise for sensor in rig.sensors_of("force")}
         self._quiet = NOISES * np.array([noise.get(name, 0.0) for name in names])
         self.reset()
@@ -149,9 +147,9 @@ class MotorReadings:
         self._raw_at = np.where(known, time, self._raw_at)
         self.position = np.where(sound, positions, self.position)
         self.at = np.where(sound, time, self.at)
-        slow = np.abs(self.speed) * self.caution.patience < self.agrees
+        slow = np.abs(self.speed) * USUAL.patience < self.agrees
         self.stands = slow & self.is_motor
-        near = ~(np.abs(sent - self.position) > self.caution.arrived)
+        near = ~(np.abs(sent - self.position) > USUAL.arrived)
         acts = self._acts(slow, near, torques)
         self._followed_at = np.where(near | acts, time, self._followed_at)
         self.deaf = (self.deaf | (time - self._followed_at > self.oldest)) & ~acts
@@ -183,12 +181,11 @@ class MotorReadings:
 
     def _in_doubt(self, time: float, positions: Floats, known: Bools, sent: Floats) -> Bools:
         """Return which positions are in doubt."""
-        caution = self.caution
         moved = np.abs(positions - self._raw)
-        leaps = known & (moved > self.fastest * (time - self._raw_at) + caution.jump)
+        leaps = known & (moved > self.fastest * (time - self._raw_at) + USUAL.jump)
         silent = self.fastest * np.minimum(time - self.at, self.oldest)
-        is_back = leaps & (np.abs(positions - self.position) <= silent + caution.jump)
-        arrived = known & (np.abs(positions - sent) <= caution.arrived)
+        is_back = leaps & (np.abs(positions - self.position) <= silent + USUAL.jump)
+        arrived = known & (np.abs(positions - sent) <= USUAL.arrived)
         doubted: Bools = (self.doubted | leaps) & ~(self.doubted & is_back) & ~arrived
         return doubted
 
