@@ -106,16 +106,17 @@ def swapped(log: dict[str, np.ndarray], a: str, b: str) -> dict[str, np.ndarray]
 
 
 MISTAKES = {
-    "x_a_mm and x_b_mm are swapped": lambda log: swapped(log, "x_a_mm", "x_b_mm"),
-    "mcp_deg and pip_deg are swapped": lambda log: swapped(log, "mcp_deg", "pip_deg"),
-    "x_c_mm counts the other way": lambda log: log | {"x_c_mm": -log["x_c_mm"]},
     "t_ms steps by 0.01": lambda log: log | {"t_ms": log["t_ms"] / 1e3},
-    "in radians, where the others are in degrees": lambda log: (
-        log | {name: np.deg2rad(log[name]) for name in ("mcp_deg", "pip_deg")}
-    ),
-    "mcp_deg is in radians": lambda log: log | {"mcp_deg": np.deg2rad(log["mcp_deg"])},
     "x_a_mm never changes": lambda log: log | {"x_a_mm": 0.0 * log["x_a_mm"] + 1.0},
-    "is it of another rig": lambda log: finger(1, ((6e-3, 8e-3), (9e-3, -3e-3), (-5e-3, -7e-3))),
+}
+
+UNLIKE = {
+    "swapped drives": lambda log: swapped(log, "x_a_mm", "x_b_mm"),
+    "swapped joints": lambda log: swapped(log, "mcp_deg", "pip_deg"),
+    "mirrored": lambda log: log | {"x_c_mm": -log["x_c_mm"]},
+    "radians": lambda log: log | {name: np.deg2rad(log[name]) for name in ("mcp_deg", "pip_deg")},
+    "one in radians": lambda log: log | {"mcp_deg": np.deg2rad(log["mcp_deg"])},
+    "another rig": lambda log: finger(1, ((6e-3, 8e-3), (9e-3, -3e-3), (-5e-3, -7e-3))),
 }
 
 
@@ -124,6 +125,16 @@ def test_a_mistake_in_one_log_is_named_and_nothing_is_written(tmp_path: Path, wo
     logs = [finger(k) for k in range(3)]
     logs[1] = MISTAKES[words](logs[1])
     with pytest.raises(distal.DistalError, match=words):
+        rig_from_logs(written(logs, tmp_path))
+
+
+@pytest.mark.parametrize("change", list(UNLIKE))
+def test_a_log_unlike_the_others_is_named_and_nothing_is_written(
+    tmp_path: Path, change: str
+) -> None:
+    logs = [finger(k) for k in range(3)]
+    logs[1] = UNLIKE[change](logs[1])
+    with pytest.raises(distal.DistalError, match=r"run_1.csv does not agree .* swapped, mirrored"):
         rig_from_logs(written(logs, tmp_path))
 
 

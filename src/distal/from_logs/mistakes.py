@@ -2,15 +2,12 @@
 
 A log may be unlike the others: swapped or mirrored columns, another unit, another rig. All drives
 are regressed on all joints; where one log is left out and the others then agree far better, that
-log is odd. The change that makes it like the others says why.
+log is odd.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
-from itertools import combinations
-from math import pi
 
 import numpy as np
 
@@ -33,23 +30,13 @@ judgement.
 """
 
 ODD = 3.0
-"""Ratio of the residuals with a log and without it, from which on it is odd; a change after which
-it is smaller explains that [1]. Source: judgement.
+"""Ratio of the residuals with a log and without it, from which on it is odd [1]. Source: judgement.
 """
 
 OF_ANOTHER_RIG = 0.1
 """Residual of a log by the others, per RMS of a drive's motion, from which on nothing is learned
 from it [1]. Source: judgement (moment arms that differ by a tenth).
 """
-
-FACTORS = {
-    -1.0: "counts the other way than in the others",
-    180.0 / pi: "is in degrees, where the others are in radians",
-    pi / 180.0: "is in radians, where the others are in degrees",
-    1000.0: "is a thousand times as large as in the others",
-    0.001: "is a thousandth of what it is in the others",
-}
-"""Factor of a column → what it says. Source: definition (units)."""
 
 
 def left_columns(
@@ -77,20 +64,19 @@ def left_columns(
     return notes
 
 
-def mistakes(
-    raw: Sequence[RawLog], columns: Sequence[ColumnRole], data: Sequence[MotionData]
-) -> list[str]:
-    """Return a sentence for each mistake because of which no rig can be written."""
-    sentences = [*_other_rates(raw, columns)]
-    for log in raw:
-        sentences += _still(log, columns)
-    return sentences or [text for text, stops in odd_logs(data, columns) if stops]
-
-
 def remarks(
     raw: Sequence[RawLog], columns: Sequence[ColumnRole], data: Sequence[MotionData]
 ) -> list[str]:
-    """Return a sentence for each thing in the logs that a rig can be written in spite of."""
+    """Return a sentence for each thing in the logs that a rig can be written in spite of.
+
+    Raises:
+        RigError: no rig can be written because of a mistake, or of several.
+    """
+    wrong = [*_other_rates(raw, columns)]
+    for log in raw:
+        wrong += _still(log, columns)
+    if wrong:
+        raise RigError("; ".join(wrong))
     (name,) = _headers(columns, "time")
     headers = _headers(columns, "position", "effort", "angle")
     lines = []
@@ -103,7 +89,7 @@ def remarks(
             for header, count in log.wild.items()
             if header in headers
         ]
-    return [*lines, *(text for text, _ in odd_logs(data, columns))]
+    return [*lines, *odd_log(data)]
 
 
 def _headers(columns: Sequence[ColumnRole], *roles: str) -> list[str]:
@@ -142,44 +128,31 @@ def _still(log: RawLog, columns: Sequence[ColumnRole]) -> Iterator[str]:
             )
 
 
-def odd_logs(
-    logs: Sequence[MotionData], columns: Sequence[ColumnRole]
-) -> Iterator[tuple[str, bool]]:
-    """Yield a sentence on the log that is not like the others, and whether no rig must be learned
-    from all of them; nothing where all are alike.
+def odd_log(logs: Sequence[MotionData]) -> list[str]:
+    """Return a sentence on the log that is a little unlike the others; none where all are alike.
 
-    Args:
-        logs: with known angles.
-        columns: of the drives and the joints.
+    Raises:
+        RigError: it is so unlike that no rig must be learned from all of them.
     """
     usable = [log for log in logs if np.isfinite(log.angles).all(axis=1).sum() > 1]
     if len(usable) < FEWEST_LOGS:
-        return
+        return []
     rests = [[log for log in usable if log is not left] for left in usable]
     alone = np.array([_residual(rest, rest) for rest in rests])
     worst = int(np.argmin(np.max(alone, axis=1)))
-    limit = ODD * np.maximum(alone[worst], 1e-12)
-    if (_residual(usable, usable) < limit).all():
-        return
+    if (_residual(usable, usable) < ODD * np.maximum(alone[worst], 1e-12)).all():
+        return []
     log = usable[worst]
-    rest = rests[worst]
-    for text, changed in _changes(log, columns):
-        if (_residual(rest, [changed]) < limit).all():
-            yield f"{log.source}: {text}; correct the file", True
-            return
-    unlike = float(np.max(_residual(rest, [log])))
-    if unlike < OF_ANOTHER_RIG:
-        yield (
-            f"{log.source} differs from the other logs by {100 * unlike:.0f} % of a drive's "
-            "motion: slack, a load, or a changed tendon",
-            False,
+    unlike = float(np.max(_residual(rests[worst], [log])))
+    if unlike >= OF_ANOTHER_RIG:
+        raise RigError(
+            f"{log.source} does not agree with the other logs: are columns swapped, mirrored or in "
+            "another unit there, or is it of another rig? Correct the file, or leave it out"
         )
-        return
-    yield (
-        f"{log.source} does not agree with the other logs: is it of another rig, or was a tendon "
-        "changed? Leave it out",
-        True,
-    )
+    return [
+        f"{log.source} differs from the other logs by {100 * unlike:.0f} % of a drive's motion: "
+        "slack, a load, a changed tendon, or forces in other columns"
+    ]
 
 
 def _regression(log: MotionData, drive: int) -> tuple[Floats, Floats]:
@@ -208,34 +181,3 @@ def _residual(training: Sequence[MotionData], tested: Sequence[MotionData]) -> F
         scale = max(float(np.std(target)), 1e-300)
         residuals.append(np.sqrt(np.mean(np.concatenate(errors) ** 2)) / scale)
     return np.array(residuals)
-
-
-def _changes(log: MotionData, columns: Sequence[ColumnRole]) -> Iterator[tuple[str, MotionData]]:
-    """Yield what may be wrong with a log, the simplest first, and the log without it."""
-    drives = _headers(columns, "position")
-    joints = _headers(columns, "angle")
-    for factor, text in FACTORS.items():
-        for d, name in enumerate(drives):
-            factors = np.where(np.arange(len(drives)) == d, factor, 1.0)
-            directions = log.directions * np.sign(factors)
-            changed = replace(log, positions=log.positions / factors, directions=directions)
-            yield f"{name} {text}", changed
-        for j, name in enumerate(joints):
-            factors = np.where(np.arange(len(joints)) == j, factor, 1.0)
-            yield f"{name} {text}", replace(log, angles=log.angles / factors)
-        yield f"{', '.join(joints)}: each {text}", replace(log, angles=log.angles / factor)
-    for a, b in combinations(range(len(drives)), 2):
-        order = _swapped(len(drives), a, b)
-        moved = replace(log, positions=log.positions[:, order], directions=log.directions[:, order])
-        efforts = log.efforts[:, order]
-        these = f"{drives[a]} and {drives[b]}"
-        yield f"{these} are swapped", moved
-        yield f"all columns of {these} are swapped", replace(moved, efforts=efforts)
-        yield f"the forces beside {these} are swapped", replace(log, efforts=efforts)
-    for a, b in combinations(range(len(joints)), 2):
-        angles = log.angles[:, _swapped(len(joints), a, b)]
-        yield f"{joints[a]} and {joints[b]} are swapped", replace(log, angles=angles)
-
-
-def _swapped(n: int, a: int, b: int) -> list[int]:
-    return [{a: b, b: a}.get(i, i) for i in range(n)]

@@ -19,7 +19,7 @@ from distal.from_logs.column_values import TAKEN_FORCES, ColumnRole
 from distal.from_logs.columns import Overrides, column_roles
 from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulls_of
 from distal.from_logs.link_masses import MASS, Links, links_of
-from distal.from_logs.mistakes import left_columns, mistakes, remarks
+from distal.from_logs.mistakes import left_columns, remarks
 from distal.from_logs.motion_data import MotionData, motion_data
 from distal.from_logs.moving_parts import (
     check_arms,
@@ -280,9 +280,6 @@ def rig_from_logs(
         notes.append(f"{repeats} rows have the stamp of the row before: they are left out")
     raw = distinct
     data = [motion_data(log, columns) for log in raw]
-    wrong = mistakes(raw, columns, data)
-    if wrong:
-        raise RigError("; ".join(wrong))
     notes += remarks(raw, columns, data)
     joints = joints_of(references, data)
     free = [j for j, joint in enumerate(joints) if joint.follows is None]
