@@ -322,14 +322,6 @@ OTHER_STYLES: dict[str, Style] = {
         ("tendon {n} tension", "N"),
         ("knuckle {n} flexion", "rad"),
     ),
-    "without names": _style(
-        ("c0", "s"),
-        ("a{n}", "rad"),
-        ("a{n}", "m"),
-        ("b{n}", "N m"),
-        ("b{n}", "N"),
-        ("d{n}", "rad"),
-    ),
 }
 """Other ways, which no word list was made from; `columns --other`."""
 

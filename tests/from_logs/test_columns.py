@@ -184,46 +184,13 @@ def test_the_unit_of_an_effort_without_one_is_that_of_its_word(header: str, unit
     assert found[header].unit == {"A": "daN"}.get(unit, unit)  # of a drive in a line: a force
 
 
-def nameless(forces: bool, later: int) -> list[RawLog]:
-    """Return logs of a finger whose columns have no names; its angles are so many samples later."""
+def test_columns_whose_names_say_nothing_stay_a_guess() -> None:
     logs = []
     for k in range(2):
         log = finger(k)
-        rows = slice(later, None), slice(None, -later if later else None)
-        columns = {"c0": log["t_ms"][rows[0]]}
-        columns |= {f"d{j}": log[f"{n}_deg"][rows[1]] for j, n in enumerate(("mcp", "pip"))}
-        columns |= {f"b{d}": log[f"F_{n}"][rows[0]] for d, n in enumerate("abc") if forces}
-        columns |= {f"a{d}": log[f"x_{n}_mm"][rows[0]] for d, n in enumerate("abc")}
+        columns = {"c0": log["t_ms"]}
+        columns |= {f"d{j}": log[f"{n}_deg"] for j, n in enumerate(("mcp", "pip"))}
+        columns |= {f"a{d}": log[f"x_{n}_mm"] for d, n in enumerate("abc")}
         logs.append(RawLog(f"{k}", columns))
-    return logs
-
-
-@pytest.mark.parametrize(("forces", "later"), [(True, 0), (False, 3)])
-def test_columns_without_names_are_told_apart_by_their_values(forces: bool, later: int) -> None:
-    """Forces are what motion explains least; drives are as many as forces, or lead the joints."""
-    found = column_roles(nameless(forces, later), NO_OVERRIDES)
-    letters = {"a": "position", "b": "effort", "c": "time", "d": "angle"}
-    assert [c.role for c in found] == [letters[c.header[0]] for c in found]
-    assert {c.sureness for c in found if c.role != "time"} == {"likely"}
-    assert all("its name says nothing" in c.in_words for c in found if c.role != "time")
-
-
-def test_what_neither_counts_nor_lags_tell_stays_a_guess() -> None:
-    found = column_roles(nameless(False, 0), NO_OVERRIDES)
-    assert {c.sureness for c in found if c.role != "time"} == {"a guess"}
-
-
-def test_commands_without_a_name_are_not_taken_for_forces() -> None:
-    """A third family that moves as the drives do may be their commands, or they the joints'."""
-    logs = nameless(False, 3)
-    for log in logs:
-        log.columns.update({f"e{d}": log.columns[f"a{d}"] + 1e-3 for d in range(3)})
     found = column_roles(logs, NO_OVERRIDES)
-    assert "effort" not in {c.role for c in found}
     assert {c.sureness for c in found if c.role != "time"} == {"a guess"}
-
-
-def test_a_user_overrules_what_families_say() -> None:
-    chosen = Overrides(truth=("a0",), drives={})
-    found = {c.header: c for c in column_roles(nameless(True, 0), chosen)}
-    assert (found["a0"].role, found["a0"].sureness) == ("angle", "sure")

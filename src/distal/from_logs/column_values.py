@@ -1,5 +1,5 @@
-"""What the values of columns say: noise, steps and wraps of each, and how much they move alike; and
-what a column is, with its unit: as its header says it, else by its words and the range of values.
+"""What the values of columns say: noise, steps and wraps of each; and what a column is, with its
+unit: as its header says it, else by its words and the range of values.
 """
 
 from __future__ import annotations
@@ -197,9 +197,6 @@ TURNS = np.array([2.0 * pi, 360.0, *2.0 ** np.arange(6, 33)])
 have whole numbers of bits).
 """
 
-LONGEST_LAG = 40
-"""Samples by which one column may follow another. Source: judgement."""
-
 
 @dataclass(frozen=True)
 class ValueEvidence:
@@ -295,44 +292,3 @@ def unwrapped(values: Floats, turn: float) -> Floats:
     result = values.copy()
     result[present] = np.unwrap(values[present], period=turn)
     return result
-
-
-def lagged_correlations(columns: Sequence[Floats]) -> Floats:
-    """Return the correlations among columns so many samples before, and these as they are, from lag
-    −`LONGEST_LAG` to `LONGEST_LAG`, (2 LONGEST_LAG + 1, 2 n, 2 n); 0 of columns that are constant.
-
-    Args:
-        columns: of one log, (n_samples,) each, more than 2 `LONGEST_LAG`.
-    """
-    matrix = np.column_stack([_filled(values) for values in columns])
-    inner = slice(LONGEST_LAG, len(matrix) - LONGEST_LAG)
-    lags = range(-LONGEST_LAG, LONGEST_LAG + 1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        stacked = [np.hstack([np.roll(matrix, lag, axis=0), matrix])[inner] for lag in lags]
-        return np.nan_to_num([np.corrcoef(each, rowvar=False) for each in stacked])
-
-
-def _filled(values: Floats) -> Floats:
-    """Return values, missing ones between their neighbours."""
-    present = np.isfinite(values)
-    rows = np.arange(len(values))
-    if not present.any():
-        return np.zeros(len(values))
-    return np.asarray(np.interp(rows, rows[present], values[present]))
-
-
-def explained(correlations: Floats, causes: Sequence[int], effects: Sequence[int]) -> Floats:
-    """Return the least share of the variance of one of the `effects` that the `causes` explain at
-    each lag, (2 LONGEST_LAG + 1,): r C⁻¹ rᵀ with correlations r of an effect, and C of the causes
-    (Draper and Smith 1998).
-
-    Args:
-        correlations: by lag (`lagged_correlations`).
-        causes: indices of columns.
-        effects: the same.
-    """
-    now = np.array(effects) + correlations.shape[1] // 2
-    inverse = np.linalg.pinv(correlations[:, causes][:, :, causes], hermitian=True)
-    across = correlations[:, now][:, :, causes]
-    shares: Floats = np.einsum("lec,lcd,led->le", across, inverse, across).min(axis=1)
-    return shares

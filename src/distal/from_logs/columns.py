@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import combinations, permutations
-
-import numpy as np
 
 from distal.errors import LogError, did_you_mean
 from distal.from_logs.column_names import (
@@ -18,12 +15,9 @@ from distal.from_logs.column_names import (
     name_evidence,
 )
 from distal.from_logs.column_values import (
-    LONGEST_LAG,
     ColumnRole,
     Sureness,
     ValueEvidence,
-    explained,
-    lagged_correlations,
     value_evidence,
     with_units,
 )
@@ -33,16 +27,6 @@ from distal.rig import name_of
 
 CERTAIN = 99.0
 """How much a user's word speaks for a role [1]. Source: definition (more than any name)."""
-
-MOVES = 0.8
-"""Share of the variance that drives and joints explain of each other, at least: of a force they
-explain less. Source: benchmark (benchmarks/from_logs columns, rigs drawn from 7000 on).
-"""
-
-FAMILIES = (2, 3)
-"""So many families of columns without names are told apart: positions and angles, and forces.
-Source: definition (what a log needs to show a rig).
-"""
 
 
 @dataclass(frozen=True)
@@ -83,10 +67,7 @@ def column_roles(logs: Sequence[RawLog], overrides: Overrides) -> list[ColumnRol
     for header, role in known.items():
         scores[header][role] = CERTAIN
     open_headers = [header for header in headers if header not in known]
-    log = max(logs, key=lambda log: log.rows)
-    by_family = _tell_families(log, scores, open_headers, names)
-    if not by_family:
-        _tell_joints(scores, open_headers, names)
+    _tell_joints(scores, open_headers, names)
     found = []
     for header in headers:
         column = _role(header, scores[header], names[header], values[header])
@@ -98,9 +79,6 @@ def column_roles(logs: Sequence[RawLog], overrides: Overrides) -> list[ColumnRol
             )
         if header in roles_by_name:
             column = replace(column, sureness="sure")
-        if by_family and header in open_headers:
-            reason = "by its values beside those of the others, as its name says nothing"
-            column = replace(column, sureness="likely", evidence=f"{column.evidence}, {reason}")
         found.append(column)
     return with_units(_with_parts(found, names), names, drives)
 
@@ -115,51 +93,6 @@ def _header(name: str, headers: Sequence[str]) -> str:
         if name in (header, name_and_unit(header)[0]):
             return header
     raise LogError(f"there is no column '{name}' in these logs{did_you_mean(name, headers)}")
-
-
-def _tell_families(
-    log: RawLog,
-    scores: Mapping[str, dict[Role, float]],
-    headers: Sequence[str],
-    names: Mapping[str, NameEvidence],
-) -> bool:
-    """Tell columns such as a0, a1, b0, b1 by families, where no name says anything, and return
-    whether they are told; `scores` are changed in place.
-
-    Drives and joints explain each other, and a force is the family that they explain less. Drives
-    are as many as forces, or lead the joints. Where neither tells, or a third family moves as these
-    do, nothing is changed.
-    """
-    families = dict[str, list[int]]()
-    for i, header in enumerate(headers):
-        families.setdefault(header.rstrip("0123456789"), []).append(i)
-    if (
-        len(families) not in FAMILIES
-        or not all(names[header].says_nothing for header in headers)
-        or log.rows <= 2 * LONGEST_LAG + len(headers)
-    ):
-        return False
-    correlations = lagged_correlations([log.columns[header] for header in headers])
-    shares = {
-        (a, b): explained(correlations, families[a], families[b])
-        for a, b in permutations(families, 2)
-    }
-    now = {pair: share[LONGEST_LAG] for pair, share in shares.items()}
-    mutual = {(a, b): min(now[a, b], now[b, a]) for a, b in combinations(families, 2)}
-    pair, *others = sorted(mutual, key=lambda pair: -mutual[pair])
-    if mutual[pair] < MOVES or any(mutual[other] > MOVES for other in others):
-        return False
-    forces = [stem for stem in families if stem not in pair]
-    lag = int(np.argmax(shares[pair])) - LONGEST_LAG
-    alike = [stem for stem in pair if forces and len(families[stem]) == len(families[forces[0]])]
-    if len(alike) != 1 and lag == 0:
-        return False
-    drives = alike[0] if len(alike) == 1 else pair[0] if lag > 0 else pair[1]
-    for stem, of in families.items():
-        role: Role = "effort" if stem in forces else "position" if stem == drives else "angle"
-        for i in of:
-            scores[headers[i]][role] = CERTAIN
-    return True
 
 
 def _tell_joints(
