@@ -167,39 +167,3 @@ def test_repeated_stamps_an_empty_file_and_ignoring_the_time(tmp_path: Path) -> 
     with pytest.raises(distal.DistalError, match="a drive is read in a length or an angle"):
         rig_from_logs(written(logs(), tmp_path), drives={"x_a_mm": "bananas"})
     assert write(finger(0), tmp_path / "a b (c).csv").exists()
-
-
-@pytest.mark.parametrize("odd", [0, pytest.param(2, marks=pytest.mark.more)])
-def test_an_effort_of_another_sign_in_one_log_is_named(odd: int, tmp_path: Path) -> None:
-    """A current that friction alone needs grows with motion; in one log it is read negative."""
-    changed = []
-    for k in range(3):
-        log = finger(k)
-        for name in "abc":
-            position = log.pop(f"x_{name}_mm")
-            log[f"m_{name} [deg]"] = 10.0 * position
-            moves = np.sign(np.gradient(position))
-            noise = np.random.default_rng(k).normal(0.0, 10.0, len(position))
-            log[f"{name} current [mA]"] = 8.0 * log.pop(f"F_{name}") + 30.0 * moves + noise
-        changed.append(log)
-    assert rig_from_logs(written(changed, tmp_path)).rig.drives
-    changed[odd]["b current [mA]"] *= -1.0
-    with pytest.raises(distal.DistalError, match=rf"run_{odd}.csv: b current \[mA\] has another"):
-        rig_from_logs(written(changed, tmp_path))
-
-
-@pytest.mark.parametrize("seed", [0, 22, 24, 35])
-def test_an_effort_that_nothing_explains_has_no_other_sign(seed: int, tmp_path: Path) -> None:
-    """By chance it looks in one of the logs as if it were turned."""
-    rng = np.random.default_rng(seed)
-    changed = []
-    for k in range(3):
-        log = finger(k)
-        for name in "abc":
-            log[f"m_{name} [deg]"] = 10.0 * log.pop(f"x_{name}_mm")
-            log[f"{name} current [mA]"] = 8.0 * log.pop(f"F_{name}")
-        share = np.arange(len(log["a current [mA]"])) / len(log["a current [mA]"])
-        wave = np.sin(2.0 * np.pi * (rng.uniform(1.0, 3.0) * share + rng.uniform()))
-        log["b current [mA]"] = 100.0 * wave + rng.normal(0.0, 1.0, len(share))
-        changed.append(log)
-    assert rig_from_logs(written(changed, tmp_path)).rig.drives

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import cast
 
 import numpy as np
 import pytest
 
 from distal.from_logs import rig_from_logs
-from distal.from_logs.motion_data import MotionData, smoothed, window_of
-from distal.from_logs.sizes import odd_sign
-from distal.from_logs.structure import DriveStructure
+from distal.from_logs.motion_data import smoothed, window_of
 from distal.rig import Capstan, step_of
 from tests.from_logs.logs import RATE, Floats, written
 
@@ -326,21 +321,3 @@ def test_a_position_that_stays_at_a_value_has_no_noise_at_rest(tmp_path: Path) -
     rests, moves = rig.sensors_of("position")
     assert rests.noise == pytest.approx(step_of(rests))
     assert moves.noise > 2.0 * step_of(moves)
-
-
-def test_the_log_with_an_effort_of_another_sign_is_found() -> None:
-    """An effort of a spring and friction, in one of three logs turned."""
-    time = np.linspace(0.0, 10.0, 1001)
-    rng = np.random.default_rng(0)
-    logs = []
-    for k in range(3):
-        angle = np.sin((k + 1.0) * time)
-        way = np.sign(np.gradient(angle))
-        effort = 2.0 * angle + 0.3 * way + rng.normal(0.0, 0.05, len(time))
-        columns = [values[:, None] for values in (0.01 * angle, way, effort, angle)]
-        logs.append(MotionData(f"{k}.csv", time, *columns))
-    structure = cast(DriveStructure, SimpleNamespace(joints=(0,)))
-    assert odd_sign(logs, 0, structure) is None
-    logs[1] = replace(logs[1], efforts=-logs[1].efforts)
-    assert odd_sign(logs, 0, structure) == 1
-    assert odd_sign(logs[:2], 0, structure) is None

@@ -15,7 +15,7 @@ from distal.errors import RigError
 from distal.from_logs.column_values import ColumnRole
 from distal.from_logs.found_parts import FoundDrive, FoundJoint
 from distal.from_logs.motion_data import BETTER, MotionData, left_out
-from distal.from_logs.sizes import drive_sizes, odd_sign
+from distal.from_logs.sizes import drive_sizes
 from distal.from_logs.structure import (
     EXPLAINED,
     DriveStructure,
@@ -23,7 +23,6 @@ from distal.from_logs.structure import (
     drive_structure,
     with_joint,
 )
-from distal.logs import shown
 from distal.rig.plausibility import USUAL
 
 
@@ -209,17 +208,6 @@ def check_arms(joints: Sequence[FoundJoint], drives: Sequence[FoundDrive]) -> No
                     f"{joints[j].angle.header}; a hand's arms are {1e3 * shortest:g} to "
                     f"{1e3 * longest:g} mm. Is the unit of one of them right?"
                 )
-
-
-def check_efforts(drives: Sequence[FoundDrive], logs: Sequence[MotionData]) -> None:
-    """Raise a `RigError` where the effort of a drive is read with another sign in one log."""
-    for drive in drives:
-        odd = None if drive.effort is None else odd_sign(logs, drive.index, drive.structure)
-        if drive.effort is not None and odd is not None:
-            raise RigError(
-                f"{shown(logs[odd].source)}: {drive.effort.header} has another sign than in the "
-                "other logs; correct the file, or leave it or the column out"
-            )
 
 
 def check_moved(

@@ -23,7 +23,6 @@ from distal.from_logs.mistakes import left_columns, remarks
 from distal.from_logs.motion_data import MotionData, motion_data
 from distal.from_logs.moving_parts import (
     check_arms,
-    check_efforts,
     check_moved,
     drive_in_words,
     drives_of,
@@ -287,7 +286,6 @@ def rig_from_logs(
     notes += left
     check_moved(joints, free, moving)
     check_arms(joints, moving)
-    check_efforts(moving, data)
     rates = rates_of(raw, time, unit)
     description = raw_description(name, time, rates, joints, moving, data)
     if repeats:

@@ -19,11 +19,9 @@ import numpy as np
 from distal.arrays import Floats
 from distal.from_logs.column_values import ColumnRole
 from distal.from_logs.motion_data import (
-    BETTER,
     CLEAR,
     OF_SPEED,
     MotionData,
-    left_out,
     length_of,
     relative_errors,
     scaled_solution,
@@ -31,7 +29,6 @@ from distal.from_logs.motion_data import (
 )
 from distal.from_logs.structure import EXPLAINED, DriveStructure
 from distal.model.plays import STEEPEST
-from distal.regression import FEWEST_LOGS
 from distal.rig.hand_tables.described import ASSUMED
 from distal.units import to_si
 
@@ -104,26 +101,6 @@ def is_reversed(logs: Sequence[MotionData], drive: int, structure: DriveStructur
         return False
     solution, left = scaled_solution(matrix, efforts)
     return bool(solution[-3] < -CLEAR * left * relative_errors(matrix, _window(logs))[-3])
-
-
-def odd_sign(logs: Sequence[MotionData], drive: int, structure: DriveStructure) -> int | None:
-    """Return the index of the log in which a drive's effort is read with another sign than in the
-    others: with the other sign there, and not as it is, the efforts of each log are clearly better
-    predicted by the other logs than by their mean; None where there is no such log, or too few.
-    """
-    if len(logs) < FEWEST_LOGS:
-        return None
-    rows = [_rows(log, drive, structure) for log in logs]
-    columns = [np.delete(matrix, len(structure.joints), axis=1) for matrix, _ in rows]
-
-    def predicted(odd: int | None) -> bool:
-        efforts = [-values if k == odd else values for k, (_, values) in enumerate(rows)]
-        return all(
-            np.sum(errors**2) <= BETTER**2 * np.sum(values**2)
-            for errors, values in zip(left_out(list(zip(columns, efforts))), efforts)
-        )
-
-    return None if predicted(None) else next(filter(predicted, range(len(logs))), None)
 
 
 def _by_effort(
