@@ -9,7 +9,7 @@ import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.from_logs.column_values import ColumnRole
-from distal.from_logs.motion_data import SLOW, MotionData, factor_of_column, speed_of
+from distal.from_logs.motion_data import THRESHOLDS, MotionData, factor_of_column, speed_of
 from distal.from_logs.sizes import DriveSizes
 from distal.from_logs.structure import DriveStructure
 
@@ -64,7 +64,7 @@ def sliding(joint: int, pulls: Sequence[tuple[FoundDrive, float]], log: MotionDa
     """
     angle = log.angles[:, joint]
     speed = np.abs(speed_of(angle, log.time))
-    moves = speed > SLOW * np.sqrt(np.mean(speed**2))
+    moves = speed > THRESHOLDS.slow * np.sqrt(np.mean(speed**2))
     for drive, _ in pulls:
         moves &= log.moves(drive.index)
     return np.asarray(moves & np.isfinite(angle))

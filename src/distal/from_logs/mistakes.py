@@ -14,7 +14,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import RigError
 from distal.from_logs.column_values import ColumnRole, longest_run
-from distal.from_logs.motion_data import MotionData, scaled_solution
+from distal.from_logs.motion_data import THRESHOLDS, MotionData, scaled_solution
 from distal.from_logs.raw_log import RawLog
 from distal.logs import Log
 from distal.regression import FEWEST_LOGS
@@ -22,20 +22,6 @@ from distal.regression import FEWEST_LOGS
 OTHER_UNIT = 1000.0**0.5
 """Ratio of the sampling rates of two logs from which on a unit of time is wrong [1]. Source:
 definition (nearer to that of two units than to one).
-"""
-
-STILL_MOVES = 0.5
-"""Share of its range that each drive moves while a stuck reference has one value [1]. Source:
-judgement.
-"""
-
-ODD = 3.0
-"""Ratio of the residuals with a log and without it, from which on it is odd [1]. Source: judgement.
-"""
-
-OF_ANOTHER_RIG = 0.1
-"""Residual of a log by the others, per RMS of a drive's motion, from which on nothing is learned
-from it [1]. Source: judgement (moment arms that differ by a tenth).
 """
 
 
@@ -120,7 +106,8 @@ def _still(log: RawLog, columns: Sequence[ColumnRole]) -> Iterator[str]:
         if count == len(there):
             yield f"{log.source}: {header} never changes there; leave this log out"
         elif all(
-            np.ptp(values[rows]) > STILL_MOVES * max(np.ptp(values), 1e-300) for values in drives
+            np.ptp(values[rows]) > THRESHOLDS.still_moves * max(np.ptp(values), 1e-300)
+            for values in drives
         ):
             yield (
                 f"{log.source}: {header} stays at {log.columns[header][rows.start]:g} for "
@@ -140,11 +127,11 @@ def odd_log(logs: Sequence[MotionData]) -> list[str]:
     rests = [[log for log in usable if log is not left] for left in usable]
     alone = np.array([_residual(rest, rest) for rest in rests])
     worst = int(np.argmin(np.max(alone, axis=1)))
-    if (_residual(usable, usable) < ODD * np.maximum(alone[worst], 1e-12)).all():
+    if (_residual(usable, usable) < THRESHOLDS.odd * np.maximum(alone[worst], 1e-12)).all():
         return []
     log = usable[worst]
     unlike = float(np.max(_residual(rests[worst], [log])))
-    if unlike >= OF_ANOTHER_RIG:
+    if unlike >= THRESHOLDS.of_another_rig:
         raise RigError(
             f"{log.source} does not agree with the other logs: are columns swapped, mirrored or in "
             "another unit there, or is it of another rig? Correct the file, or leave it out"

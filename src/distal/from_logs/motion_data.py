@@ -22,16 +22,58 @@ from distal.regression import played
 from distal.rig.hand_tables.described import ASSUMED
 from distal.units import unit_factor
 
-WINDOWS = (0.02, 0.04, 0.08, 0.12, 0.2)
-"""Times over which derivatives may be taken [s]. Source: judgement (steps of a finger take 0.1)."""
 
-OF_SPEED = 0.04
-"""Time over which speeds, and accelerations of drives, are taken [s]. Source: judgement."""
+@dataclass(frozen=True)
+class Thresholds:
+    """What logs are judged by where nothing but judgement says how.
 
-NOISE = 0.2
-"""Noise of an acceleration per its RMS, above which it is taken over a longer time. Source:
-judgement.
-"""
+    Args:
+        windows: times over which derivatives may be taken [s]; steps of a finger take 0.1 s.
+        of_speed: time over which speeds, and accelerations of drives, are taken [s].
+        noise: noise of an acceleration per its RMS, above which it is taken over a longer time [1].
+        samples: of a log that are used: more say nothing new of sizes [1].
+        turned: share of its range after which a drive has a direction [1].
+        slow: speed of a body, per its RMS speed, below which friction may hold any force [1].
+        clear_direction: magnitude of a direction from which on it is clear [1].
+        still_moves: share of its range that each drive moves while a stuck reference has one value
+            [1].
+        odd: ratio of the residuals with a log and without it, from which on it is odd [1].
+        of_another_rig: residual of a log by the others, per RMS of a drive's motion, from which on
+            nothing is learned from it [1]: moment arms that differ by a tenth.
+        rigid: what a line of another joint leaves, per a joint's range, below which it follows that
+            rigidly [1].
+        joints_at_once: joints tried together; of more, those that alone explain a drive best [1].
+        largest_ratio: turns of a drive per turn of a joint, above which it has a gear, behind which
+            spool and pulley are taken as alike [1].
+        usual_stiffness: least and largest stiffness of a usual tendon, of a braided line and of a
+            short steel rope [N/m].
+        share_of_pair: pre-tension of two tendons on one spool per usual difference of their
+            tensions [1]; both stay taut above a half.
+        start_std: least standard deviation of the angle at which logs begin [deg].
+        zero_std: least standard deviation of the zero of a drive with two tendons [rad].
+    """
+
+    windows: tuple[float, ...] = (0.02, 0.04, 0.08, 0.12, 0.2)
+    of_speed: float = 0.04
+    noise: float = 0.2
+    samples: int = 1500
+    turned: float = 0.01
+    slow: float = 0.03
+    clear_direction: float = 0.99
+    still_moves: float = 0.5
+    odd: float = 3.0
+    of_another_rig: float = 0.1
+    rigid: float = 0.01
+    joints_at_once: int = 5
+    largest_ratio: float = 4.0
+    usual_stiffness: tuple[float, float] = (2e3, 2e5)
+    share_of_pair: float = 1.5
+    start_std: float = 3.0
+    zero_std: float = 0.01
+
+
+THRESHOLDS = Thresholds()
+
 
 SMALLEST_WINDOW = 5
 """Least number of samples in a window [1]. Source: definition (a cubic needs four)."""
@@ -51,19 +93,19 @@ def window_of(angles: Floats, step: float, noise: float) -> int:
         step: time between samples [s].
         noise: standard deviation of an angle [rad].
     """
-    lengths = [length_of(time, step) for time in WINDOWS]
+    lengths = [length_of(time, step) for time in THRESHOLDS.windows]
     for length in lengths:
         if length > len(angles):
             break
         gain = float(np.sqrt(np.sum(savgol_coeffs(length, 3, deriv=2, delta=step) ** 2)))
         acceleration = savgol_filter(angles, length, 3, deriv=2, delta=step)
-        if gain * noise < NOISE * float(np.std(acceleration)):
+        if gain * noise < THRESHOLDS.noise * float(np.std(acceleration)):
             return length
     return lengths[-1]
 
 
 def speed_of(values: Floats, time: Floats) -> Floats:
-    """Return the speed of samples over `OF_SPEED`, (k,).
+    """Return the speed of samples over `Thresholds.of_speed`, (k,).
 
     Args:
         values: (k,), NaN in gaps, which are bridged.
@@ -71,7 +113,7 @@ def speed_of(values: Floats, time: Floats) -> Floats:
     """
     has_value = np.flatnonzero(np.isfinite(values))
     step = float(np.median(np.diff(time)))
-    window = length_of(OF_SPEED, step)
+    window = length_of(THRESHOLDS.of_speed, step)
     if len(has_value) < 2 or window > len(values):
         return np.zeros(len(values))
     bridged = np.interp(time, time[has_value], values[has_value])
@@ -157,22 +199,6 @@ def relative_errors(matrix: Floats, window: int) -> Floats:
     return np.asarray(np.sqrt(np.diag(covariance)) / size)
 
 
-SAMPLES_OF_LOG = 1500
-"""Samples of a log that are used: more say nothing new of sizes. Source: judgement."""
-
-TURNED = 0.01
-"""A drive has a direction after this share of its range. Source: judgement."""
-
-SLOW = 0.03
-"""Speed of a body, per its RMS speed, below which friction may hold any force. Source: judgement
-(docs/results/from-logs.md).
-"""
-
-
-SURE = 0.99
-"""Magnitude of a direction from which on it is clear [1]. Source: judgement."""
-
-
 def factor_of_column(column: ColumnRole) -> float:
     """Return the factor of a column to SI; counts become radians by an assumed or a seen turn."""
     if column.si == "count":
@@ -208,8 +234,8 @@ class MotionData:
     def moves(self, drive: int) -> Bools:
         """Return when a drive moves, so that friction acts against its direction, (n_samples,)."""
         speed = np.abs(speed_of(self.positions[:, drive], self.time))
-        fast = speed > SLOW * np.sqrt(np.mean(speed**2))
-        moving: Bools = fast & (np.abs(self.directions[:, drive]) > SURE)
+        fast = speed > THRESHOLDS.slow * np.sqrt(np.mean(speed**2))
+        moving: Bools = fast & (np.abs(self.directions[:, drive]) > THRESHOLDS.clear_direction)
         return moving
 
 
@@ -219,7 +245,7 @@ def motion_data(log: RawLog, columns: Sequence[ColumnRole]) -> MotionData:
     drives = [column for column in columns if column.role == "position"]
     joints = [column for column in columns if column.role == "angle"]
     efforts = {column.part: column for column in columns if column.role == "effort"}
-    stride = max(1, log.rows // SAMPLES_OF_LOG)
+    stride = max(1, log.rows // THRESHOLDS.samples)
     time = log.columns[stamp.header] * factor_of_column(stamp)
 
     def smooth(column: ColumnRole | None) -> Floats:
@@ -245,7 +271,7 @@ def motion_data(log: RawLog, columns: Sequence[ColumnRole]) -> MotionData:
         return np.asarray(np.convolve(padded, kernel, mode="valid")[::stride])
 
     positions = np.column_stack([smooth(column) for column in drives])
-    widths = [max(TURNED * float(np.ptp(values)), 1e-12) for values in positions.T]
+    widths = [max(THRESHOLDS.turned * float(np.ptp(values)), 1e-12) for values in positions.T]
     directions = np.column_stack(
         [(values - played(values, half)) / half for values, half in zip(positions.T, widths)]
     )

@@ -14,7 +14,7 @@ from distal.arrays import Floats
 from distal.errors import RigError
 from distal.from_logs.column_values import ColumnRole
 from distal.from_logs.found_parts import FoundDrive, FoundJoint
-from distal.from_logs.motion_data import BETTER, MotionData, left_out
+from distal.from_logs.motion_data import BETTER, THRESHOLDS, MotionData, left_out
 from distal.from_logs.sizes import drive_sizes
 from distal.from_logs.structure import (
     EXPLAINED,
@@ -73,12 +73,6 @@ def _centred(log: MotionData, drives: list[int]) -> tuple[Floats, Floats]:
     return columns - columns.mean(axis=0), angles - angles.mean(axis=0)
 
 
-RIGID = 0.01
-"""A joint follows another rigidly if what a line leaves is below this share of its range. Source:
-judgement.
-"""
-
-
 def joints_of(references: Sequence[ColumnRole], logs: Sequence[MotionData]) -> list[FoundJoint]:
     """Return the joints; one that is a line of another one before it follows that rigidly."""
     angles = np.vstack([log.angles for log in logs])
@@ -91,7 +85,7 @@ def joints_of(references: Sequence[ColumnRole], logs: Sequence[MotionData]) -> l
                 continue
             slope, offset = np.polyfit(angles[:, i], angles[:, j], 1)
             residuals = angles[:, j] - slope * angles[:, i] - offset
-            if np.sqrt(np.mean(residuals**2)) < RIGID * np.ptp(angles[:, j]):
+            if np.sqrt(np.mean(residuals**2)) < THRESHOLDS.rigid * np.ptp(angles[:, j]):
                 follows = FoundJoint(column.part, column, before.name, float(slope))
                 break
         joints.append(follows or FoundJoint(column.part, column))

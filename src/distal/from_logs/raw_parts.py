@@ -12,7 +12,7 @@ import numpy as np
 from distal.from_logs.column_values import ColumnRole
 from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulled_both_ways, pulls_of
 from distal.from_logs.link_masses import JointBalance, joint_balance
-from distal.from_logs.motion_data import MotionData, counts_of
+from distal.from_logs.motion_data import THRESHOLDS, MotionData, counts_of
 from distal.from_logs.sizes import DriveSizes
 from distal.from_logs.stops import joint_stops
 from distal.logs import name_and_unit
@@ -44,17 +44,11 @@ NO_STOP = 4.0
 file has both).
 """
 
-SURE_START = 3.0
-"""Logs that begin at one angle do so within this [deg]. Source: judgement."""
 
 AXLE = 2.0
 """Radius of a joint's axle [mm]; only its product with the coefficient of friction counts. Source:
 definition (pins of fingers).
 """
-
-
-SURE_ZERO = 0.01
-"""Least standard deviation of the zero of a drive with two tendons [rad]. Source: judgement."""
 
 
 def column_of(column: ColumnRole) -> str:
@@ -199,7 +193,7 @@ def raw_joint(
     angles = [log.angles[np.isfinite(log.angles[:, j]), j] for log in logs]
     first = np.degrees(np.concatenate([each[:1] for each in angles]))
     scatter = float(np.std(first, ddof=1)) if len(first) > 1 else 0.0
-    raw["initial"] = within(float(np.mean(first)), max(SURE_START, scatter), "deg")
+    raw["initial"] = within(float(np.mean(first)), max(THRESHOLDS.start_std, scatter), "deg")
     every = np.concatenate(angles)
     low = float(every.min())
     high = float(every.max())
@@ -312,7 +306,7 @@ def drive_sensors(drive: FoundDrive, rates: Mapping[str, float]) -> list[Raw]:
         position["gear"] = Guess(sizes.gear, "gears of motors")
     position |= {"sign": sizes.position_sign, **_errors(column, rates)}
     if sizes.is_pair:
-        spread = max(drive.structure.zero_spread / sizes.gear, SURE_ZERO)
+        spread = max(drive.structure.zero_spread / sizes.gear, THRESHOLDS.zero_std)
         position["bias"] = within(drive.structure.zero / sizes.gear, spread, "rad")
     effort = drive.effort
     if effort is None:

@@ -20,7 +20,7 @@ from distal.arrays import Floats
 from distal.from_logs.column_values import ColumnRole
 from distal.from_logs.motion_data import (
     CLEAR,
-    OF_SPEED,
+    THRESHOLDS,
     MotionData,
     length_of,
     relative_errors,
@@ -133,7 +133,7 @@ def _by_effort(
 
 def _window(logs: Sequence[MotionData]) -> int:
     """Return the number of samples over which both sides of the equations are smoothed."""
-    return max(length_of(OF_SPEED, float(np.median(np.diff(log.time)))) for log in logs)
+    return max(length_of(THRESHOLDS.of_speed, float(np.median(np.diff(log.time)))) for log in logs)
 
 
 def _system(
@@ -150,7 +150,7 @@ def _rows(log: MotionData, drive: int, structure: DriveStructure) -> tuple[Float
     """Return the columns of a log while the drive moves, and its efforts, both less their mean."""
     usable = np.isfinite(log.angles).all(axis=1)
     step = float(np.median(np.diff(log.time)))
-    window = length_of(OF_SPEED, step)
+    window = length_of(THRESHOLDS.of_speed, step)
     moves = log.moves(drive)[usable]
     if len(moves) < 2 * window or not moves.any():
         return np.empty((0, len(structure.joints) + 4)), np.empty(0)
@@ -164,25 +164,10 @@ def _rows(log: MotionData, drive: int, structure: DriveStructure) -> tuple[Float
     return matrix - matrix.mean(axis=0), efforts - efforts.mean()
 
 
-LARGEST_RATIO = 4.0
-"""A drive that turns more often than this per turn of a joint has a gear, behind which spool and
-pulley are taken as alike. Source: judgement.
-"""
-
 TWO_SIDED = 0.05
 """Efforts of both signs, the smaller above this share of the larger: two tendons on one spool.
 Source: benchmark (`benchmarks.from_logs structure`, seeds 9400 to 9519, 9626, 9645: drives of one
 tendon up to 0.02, of two from 0.09 on).
-"""
-
-SHARE_OF_PAIR = 1.5
-"""Pre-tension of two tendons on one spool per usual difference of their tensions [1]. Source:
-judgement (both stay taut above a half).
-"""
-
-USUAL_STIFFNESS = (2e3, 2e5)
-"""Least and largest stiffness of a usual tendon, of a braided line and of a short steel rope [N/m].
-Source: judgement.
 """
 
 
@@ -257,7 +242,7 @@ def drive_sizes(
     is_slider = position.si == "m"
     ratio = float(np.max(np.abs(structure.ratios)))
     gear = 1.0
-    if not is_slider and ratio > LARGEST_RATIO:
+    if not is_slider and ratio > THRESHOLDS.largest_ratio:
         gear = float(round(ratio))
     lever = 1.0 if is_slider else ASSUMED.radius
     efforts = np.concatenate([log.efforts[:, drive] for log in logs])
@@ -293,7 +278,7 @@ def drive_sizes(
     )
     if knows and effort is not None and effort.si == "A":
         # the scale of force is free: it is chosen so that the tendon is a usual one
-        usual = float(np.clip(stiffness, *USUAL_STIFFNESS))
+        usual = float(np.clip(stiffness, *THRESHOLDS.usual_stiffness))
         constant *= usual / stiffness
         pulls = pulls * usual / stiffness
         stiffness = usual
@@ -303,7 +288,7 @@ def drive_sizes(
     tension = float(np.quantile(np.abs(pulls), 0.9)) / lever if is_read else 10.0
     arms = position_sign * winding * structure.ratios / gear * lever
     zero = position_sign * winding * structure.zero / gear * lever
-    pretension = SHARE_OF_PAIR * tension if is_pair else max(-zero * stiffness, 0.0)
+    pretension = THRESHOLDS.share_of_pair * tension if is_pair else max(-zero * stiffness, 0.0)
     usual = abs(structure.effort) * constant / lever if is_read else tension
     load = lever * (2.0 * pretension if is_pair else max(usual, tension / 2.0))
     friction = None

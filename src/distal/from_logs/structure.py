@@ -24,17 +24,20 @@ from itertools import combinations
 import numpy as np
 
 from distal.arrays import Bools, Floats
-from distal.from_logs.motion_data import BETTER, WITHIN, MotionData, left_out, scaled_solution
+from distal.from_logs.motion_data import (
+    BETTER,
+    THRESHOLDS,
+    WITHIN,
+    MotionData,
+    left_out,
+    scaled_solution,
+)
 from distal.from_logs.raw_log import FEWEST_ROWS
 
 BLOCKS = 5
 """Parts of a log whose errors are compared in pairs, each left out in turn where there is one log
 only [1]. Source: reference (fivefold cross-validation; Breiman and Spector 1992).
 """
-
-
-MOST_JOINTS_AT_ONCE = 5
-"""With more joints, those are tried together that alone explain a drive best. Source: judgement."""
 
 
 SMALLEST_SHARE = 0.12
@@ -188,9 +191,9 @@ def _blocks(n: int, count: int) -> list[Bools]:
 def _candidates(folds: Sequence[_Fold], free: Sequence[int]) -> list[tuple[int, ...]]:
     """Return the sets of joints that a drive may move."""
     joints = list(free)
-    if len(joints) > MOST_JOINTS_AT_ONCE:
+    if len(joints) > THRESHOLDS.joints_at_once:
         alone = {j: float(np.mean(_block_errors(folds, (j,)))) for j in joints}
-        joints = sorted(sorted(joints, key=lambda j: alone[j])[:MOST_JOINTS_AT_ONCE])
+        joints = sorted(sorted(joints, key=lambda j: alone[j])[: THRESHOLDS.joints_at_once])
     return [chosen for size in range(1, len(joints) + 1) for chosen in combinations(joints, size)]
 
 
