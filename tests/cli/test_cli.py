@@ -36,9 +36,6 @@ class Ran:
 def run(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     def call(*words: object) -> Ran:
         monkeypatch.setattr(sys, "argv", ["distal", *map(str, words)])
-        monkeypatch.setattr(
-            "distal.cli.console.QUIET", 60.0
-        )  # a busy machine says no more than an idle one
         capfd.readouterr()
         with pytest.raises(SystemExit) as stopped:
             main()

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from distal import load_rig, write_log
-from distal.cli.console import time_left
 from tests.cli.test_cli import Ran, refused, run  # noqa: F401
 from tests.fitting.helpers import drawn_plant, logs_of, start_rig, without_truth
 
@@ -156,10 +155,3 @@ def test_homing_uses_the_reference_for_a_while(run, logs: list[Path], tmp_path: 
         run("estimate", logs[1], "--rig", "paper-2008-printed", *SET, "--homing", "1s", "--smooth"),
         "give one of them",
     )
-
-
-@pytest.mark.parametrize(
-    ("passed", "share", "said"), [(20.0, 0.25, "60 s"), (99.0, 0.5, "99 s"), (300.0, 0.2, "20 min")]
-)
-def test_the_time_that_is_left(passed: float, share: float, said: str) -> None:
-    assert time_left(passed, share) == said

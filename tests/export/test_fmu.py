@@ -21,7 +21,6 @@ from distal.cli.app import app
 from distal.errors import ExportError, OutputError
 from distal.estimators import first_values, make_estimator
 from distal.export import Fmu, export_fmu
-from distal.export.fmu import binaries_of
 from distal.kernels import find_compiler
 from distal.rig import build_rig
 from distal.run import HEALTH, samples_of
@@ -365,12 +364,3 @@ def test_the_command(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     assert "motor_angle, motor_torque" in done.output
     assert f"-{sys.platform}" in done.output
-
-
-@pytest.mark.skipif(isinstance(find_compiler(), str), reason="no C compiler")
-def test_each_platform_is_told_when_it_is_done(caplog: pytest.LogCaptureFixture) -> None:
-    """Those of other systems take minutes; `working` shows what is logged."""
-    caplog.set_level("INFO", logger="distal.kernels")
-    made, missing = binaries_of({"one.c": "int one(void) { return 1; }\n"}, everywhere=False)
-    assert not missing
-    assert [f"{platform} is done" for platform in made] == caplog.messages

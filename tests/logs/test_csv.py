@@ -115,17 +115,13 @@ def test_a_long_file_is_never_in_memory_as_text(tmp_path: Path, pulley_rig: Rig)
     count = 20_000
     rows = (f"{k / 100:.2f},{1e-3 + 1e-9 * k:.12f},{1e-3:.12f},2.0,2.1" for k in range(count))
     path = written(tmp_path / "log.csv", ["t,x1,x2,u1,u2", *rows])
-    shares = list[float]()
     read_log(path, pulley_rig)
     tracemalloc.start()
-    log = read_log(path, pulley_rig, progress=shares.append)
+    log = read_log(path, pulley_rig)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert len(log) == count
     assert peak < count * 8 * 5 * 3 + 2e6
-    assert shares == sorted(shares)
-    assert 0.9 < shares[-1] < 1.0
-    assert len(shares) > 50
 
 
 def test_a_file_without_a_header(tmp_path: Path) -> None:

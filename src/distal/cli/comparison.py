@@ -53,7 +53,7 @@ def compared(
         for name in names
     }
     if smooth:
-        runs = {"smoothing": lambda progress: smoothed(log, rig)} | runs
+        runs = {"smoothing": partial(smoothed, log, rig)} | runs
     # in a comparison by default, an estimator that cannot run is a row with what it needs
     has_map = rig.map is not None and rig.map.readings
     if unasked and not has_map and home is None and "regression" in runs:
@@ -64,7 +64,7 @@ def compared(
         for name, run in runs.items():
             show(f"estimating with {name}")
             try:
-                result = replace(run(progress=show.share), level=level)
+                result = replace(run(), level=level)
             except DistalError as problem:
                 # some errors have the name
                 found.failed[name] = f"{name}: {str(problem).removeprefix(f'{name}: ')}"

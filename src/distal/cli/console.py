@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import signal
 import sys
@@ -10,20 +9,13 @@ import warnings
 from _thread import interrupt_main
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from threading import Event, Thread, Timer, current_thread, main_thread
-from time import monotonic
-from typing import TYPE_CHECKING
+from threading import Timer, current_thread, main_thread
 
 from rich import box
 from rich.console import Console
 from rich.table import Table
 
 from distal.errors import LONGEST_LINE, DistalError, one_line, printable
-
-if TYPE_CHECKING:
-    from rich.progress import Progress
-
-    from distal.fitting import Doing
 
 
 def out() -> Console:
@@ -120,84 +112,20 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], tex
     out().print(grid)
 
 
-QUIET = 1.0
-"""Time of silence after which a command says what it does, where stderr is no terminal [s]; with
-the start of Python it is two seconds. Each time after that it is silent for twice as long. Source:
-reference (limit of an uninterrupted flow of thought; Nielsen, Usability Engineering, 1993).
-"""
-
-
-class _Activity(logging.Handler):
-    """What a command is doing: a bar on a terminal; elsewhere a line after `QUIET` seconds, and
-    after twice the silence the next.
-    """
-
-    def __init__(self, bar: Progress, doing: str) -> None:
-        super().__init__()
-        self._bar = bar
-        self._task = bar.add_task(doing, total=None)
-        self._doing = self._text = doing
-        self._ended = Event()
-        if bar.disable:
-            Thread(target=self._print_lines, daemon=True).start()
-
-    def __call__(self, doing: str, done: float | None = None, total: float | None = None) -> None:
-        """Say what the command does now, and how much of it is done."""
-        self._doing = self._text = doing
-        self._bar.update(self._task, description=doing, completed=done, total=total)
-
-    def share(self, done: float) -> None:
-        """Say which share of that is done."""
-        self._text = f"{self._doing}, {done:.0%}"
-        self._bar.update(self._task, description=self._text, completed=done, total=1.0)
-
-    def emit(self, record: logging.LogRecord) -> None:
-        detail = record.getMessage()  # what happens to a kernel; empty once it is done
-        self._text = f"{self._doing}: {detail}" if detail else self._doing
-        self._bar.update(self._task, description=self._text)
-
-    def _print_lines(self) -> None:
-        wait = QUIET
-        while not self._ended.wait(wait):
-            print(f"{self._text} …", file=sys.stderr, flush=True)
-            wait *= 2.0
-
-    def end(self) -> None:
-        """Print nothing from now on, whatever another thread still tells."""
-        self._ended.set()
-
-
 @contextmanager
-def working(doing: str) -> Iterator[_Activity]:
-    """Show what a command is doing and for how long, on a terminal; elsewhere print a line after a
-    while. The context gives what takes a text on what comes next.
+def working(doing: str) -> Iterator[Callable[[str], None]]:
+    """Show on a terminal what a command is doing. The context gives what takes a text on what comes
+    next.
     """
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
+    from rich.live import Live
+    from rich.spinner import Spinner
+    from rich.text import Text
 
-    console = err()
-    kernels = logging.getLogger("distal.kernels")
-    text = TextColumn("{task.description}", markup=False)
-    with Progress(
-        *(text, BarColumn(), TimeElapsedColumn(), TextColumn("time left"), TimeRemainingColumn()),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-        redirect_stdout=sys.stdout is not None and sys.stdout.isatty(),
-    ) as bar:
-        shown = _Activity(bar, doing)
-        kernels.addHandler(shown)
-        kernels.setLevel(logging.INFO)
-        try:
-            yield shown
-        finally:
-            kernels.removeHandler(shown)
-            shown.end()
+    shown = Spinner("dots", Text(doing))
+    is_terminal = sys.stdout is not None and sys.stdout.isatty()
+    # what is printed meanwhile goes where it goes without the spinner
+    with Live(shown, console=err(), transient=True, redirect_stdout=is_terminal):
+        yield lambda text: shown.update(text=Text(text))
 
 
 @contextmanager
@@ -205,39 +133,12 @@ def progress_bar(label: str, total: int | None = None) -> Iterator[Callable[...,
     """Show what is done, see `working`; the context gives a function that takes the number of steps
     done, and their total where it was not known.
     """
-    with working(label) as shown:
+    with working(label) as show:
 
-        def show(done: int, of: int | None = total) -> None:
-            shown(f"{label}: {done}" + (f" of {of}" if of else ""), done, of)
+        def count(done: int, of: int | None = total) -> None:
+            show(f"{label}: {done}" + (f" of {of}" if of else ""))
 
-        yield show
-
-
-def time_left(passed: float, share: float) -> str:
-    """Return in words how long a task will still take at its present pace.
-
-    Args:
-        passed: time that has passed [s].
-        share: share of the task that is done.
-    """
-    seconds = passed * (1.0 - share) / max(share, 0.01)
-    return f"{seconds:.0f} s" if seconds < 100.0 else f"{seconds / 60.0:.0f} min"
-
-
-@contextmanager
-def fit_progress() -> Iterator[Callable[[Doing], None]]:
-    """Show what is done, see `working`; the context gives a function that takes what a fit is
-    doing.
-    """
-    began = monotonic()
-    with working("fitting") as shown:
-
-        def show(doing: Doing) -> None:
-            left = time_left(monotonic() - began, doing.share)
-            text = f"{doing.stage}, about {100 * doing.share:.0f} % done, {left} left"
-            shown(text, doing.share, 1.0)
-
-        yield show
+        yield count
 
 
 @contextmanager

@@ -193,8 +193,8 @@ def estimate_command(
         truth=truth,
     )
     description = load_rig(rig, set_ or ())
-    with working(f"reading {logs[0]}") as show:
-        log = read_log(logs[0], description, truth, progress=show.share)
+    with working(f"reading {logs[0]}"):
+        log = read_log(logs[0], description, truth)
     _describe(log, description)
     is_known = true_angles(log, description.joint_names) is not None
     names = _names(estimator, description, is_known)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from distal.cli.console import fit_progress, say, stoppable, table, warn, working
+from distal.cli.console import say, stoppable, table, warn, working
 from distal.cli.shared_options import (
     LagOption,
     RigOption,
@@ -132,7 +132,7 @@ def fit_command(
     description = load_rig(rig, changes)
     read = [read_log(path, description, truth) for path in logs]
     text = edited_text(rig, changes)
-    with stoppable(minutes), fit_progress() as show:
+    with stoppable(minutes), working("fitting") as show:
         result = fitted_to(
             read,
             description,
@@ -143,7 +143,7 @@ def fit_command(
             seed=seed,
             units=units,
             start=start,
-            progress=show,
+            progress=lambda doing: show(f"{doing.stage}, about {doing.share:.0%} done"),
             early=written_at_once(out, text),
             lag=None if reference_lag is None else in_si(reference_lag, "s"),
         )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, TypedDict
 import typer
 from typer import Argument, Option
 
-from distal.cli.console import fit_progress, say, stoppable, table
+from distal.cli.console import say, stoppable, table, working
 from distal.cli.fit_command import (
     MOST_LINES,
     MinutesOption,
@@ -169,11 +169,11 @@ def learn_command(
     raw.pop("map", None)  # it is learned anew
     description = build_rig(raw, out.stem)
     read = [read_log(source, description) for source in sources]
-    with stoppable(minutes), fit_progress() as show:
+    with stoppable(minutes), working("fitting") as show:
         result = fit(
             read,
             description,
-            progress=show,
+            progress=lambda doing: show(f"{doing.stage}, about {doing.share:.0%} done"),
             early=written_at_once(out, text),
             lag=None if reference_lag is None else in_si(reference_lag, "s"),
             guessed=rig is None,

@@ -24,7 +24,7 @@ from distal.errors import ExportError
 from distal.export.c_text import comment, filled, sensors_of, spoken
 from distal.export.source import Exported, c_filter, outputs
 from distal.kernels import find_compiler
-from distal.kernels.compiler import LOG, SWITCHED_OFF, CompileError, run_compiler, zig_compiler
+from distal.kernels.compiler import SWITCHED_OFF, CompileError, run_compiler, zig_compiler
 from distal.logs import LARGEST_READING, write_whole
 from distal.rig import Rig
 from distal.run.health import HEALTH
@@ -100,7 +100,6 @@ def binaries_of(sources: Mapping[str, str], everywhere: bool) -> tuple[dict[str,
                 run_compiler(command, folder)
             except CompileError as problem:
                 return f"{where}: {problem}"
-            LOG.info("%s is done", where)
             return library.read_bytes()
 
         results = dict(zip(commands, pool.map(compiled, commands)))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import importlib.util
-import logging
 import os
 import platform
 import shlex
@@ -72,9 +71,6 @@ any optimisation. Source: judgement.
 
 UNOPTIMISED = "-O0"
 """Level of optimisation of C with more than `VERY_LONG` characters."""
-
-LOG = logging.getLogger("distal.kernels")
-"""Logs when a compiler begins, which may take minutes, and when it has ended (an empty message)."""
 
 _SCAN = """
 /* {name} over n samples: kernel_state and outputs of every sample are kept, the kernel_state of
@@ -226,12 +222,8 @@ def compiled_source(source: str, level: str = OPTIMISED) -> Path:
     with _written(cache), cache.alone(key):
         library = cache.find(key)  # another process may have built it meanwhile
         if library is None:
-            LOG.info("compiling, once: it is kept for the next time")
-            try:
-                with cache.work_folder() as folder:
-                    library = cache.keep(key, _build(source, level, Path(folder)))
-            finally:
-                LOG.info("")
+            with cache.work_folder() as folder:
+                library = cache.keep(key, _build(source, level, Path(folder)))
         return library.path
 
 

@@ -8,7 +8,7 @@ stream gave.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import floor, inf, log, log1p, nan, pi, sqrt
 
@@ -361,7 +361,6 @@ def through(
     time: Floats,
     logged: Sequence[Floats],
     columns: Sequence[str],
-    progress: Callable[[float], object],
 ) -> tuple[list[Floats], list[str]]:
     """Return the readings of each sensor over a log [SI], (k,) each, and a sentence on each thing
     that the door did.
@@ -370,16 +369,12 @@ def through(
         time: stamps [s], (k,).
         logged: numbers of each sensor, NaN where missing, (k,) each.
         columns: names of the columns by the sensors' order, as the log has them.
-        progress: called with the share that is done, at each hundredth.
     """
     samples = np.empty((len(logged), len(time)))
     counts = Counter[Remark]()
     firsts = dict[Remark, float]()
-    step = 1 + len(time) // 100
     # a view gives one number after the other, so that they are never all in memory as objects
     for k, (stamp, *row) in enumerate(zip(time.data, *(values.data for values in logged))):
-        if k % step == 0:
-            progress(k / len(time))
         samples[:, k] = door.take(stamp, row)
         for remark in door.remarks:
             # where a log begins it is taken as it is

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,7 +32,6 @@ def read_log(
     truth: str | Path | None = None,
     *,
     ranged: bool = True,
-    progress: Callable[[float], object] = lambda share: None,
 ) -> Log:
     """Read a log by the columns and units that a rig's sensors name.
 
@@ -49,7 +48,6 @@ def read_log(
             (rad, or the unit in its header).
         ranged: whether the ranges of the joints say in which turn a motor is; before a power-on
             routine they do not.
-        progress: called with the share of the readings that is done.
 
     Raises:
         LogError: see `read_table`; stamps repeat or go back; there are fewer than two rows; or the
@@ -93,7 +91,7 @@ def read_log(
     check_stamps(time, table.source, rows + table.first_row)
     if len(time) < 2:
         raise LogError(f"{table.source}: has one row; an estimate over time needs at least two")
-    readings = _readings(rig, table, time, column, ranged, progress)
+    readings = _readings(rig, table, time, column, ranged)
     channels = {sensor.name: readings[sensor.name] for sensor in needed}
     angles, origin = _known_angles(rig, table, readings, column, truth, Clock(time, stamps))
     if angles and not any(np.isfinite(theta).any() for theta in angles.values()):
@@ -186,7 +184,6 @@ def _readings(
     time: Floats,
     truth: str | None,
     ranged: bool,
-    progress: Callable[[float], object],
 ) -> dict[str, Floats]:
     """Return sensor → its readings in SI, of those in a table, as they pass through the door. A
     reference in a unit of something else is left out, unless its column is asked for as the
@@ -207,7 +204,7 @@ def _readings(
     columns = [sensor.log_column for sensor in factors]
     logged = [table.columns[column] for column in columns]
     door = Door(rig, [*factors], np.array([*factors.values()]), ranged=ranged)
-    samples, lines = through(door, time, logged, columns, progress)
+    samples, lines = through(door, time, logged, columns)
     for line in lines:
         warnings.warn(f"{table.source}: {line}", DistalWarning, stacklevel=3)
     readings = {sensor.name: values for sensor, values in zip(factors, samples)}

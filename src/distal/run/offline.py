@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -94,7 +94,6 @@ def estimate(
     homing: float | None = None,
     covariances: bool = True,
     every: bool = True,
-    progress: Callable[[float], object] = lambda share: None,
 ) -> Estimate:
     """Estimate the joint angle over a log.
 
@@ -117,7 +116,6 @@ def estimate(
             samples takes a gigabyte less.
         every: whether all states are kept; else, and without covariances, only angles and torques
             from outside are, and of the others the beginning and the end (`Estimate.ends`).
-        progress: called with the share of the samples that is done, without covariances.
 
     Raises:
         EstimationError: the log lacks a sensor, the estimator cannot run on this rig or diverges,
@@ -141,7 +139,7 @@ def estimate(
         )
     run = prepared(log, chosen, homing)
     if passes == 1 and not covariances:
-        return without_covariances(run, every=every, progress=progress)
+        return without_covariances(run, every=every)
     for _ in range(passes):
         means, matrices, innovations, variances = run.estimator.scan(
             run.start, log.time, run.samples
@@ -248,14 +246,12 @@ def without_covariances(
     pieces: Iterable[tuple[Floats, ...]] | None = None,
     *,
     every: bool = True,
-    progress: Callable[[float], object] = lambda share: None,
 ) -> Estimate:
     """Return the estimate of a run, of whose covariances only the variances are kept.
 
     Args:
         pieces: what `KernelEstimator.pieces` yields, where it is there already.
         every: whether all states are kept, or only angles and torques from outside.
-        progress: called with the share of the samples that is done.
 
     Raises:
         DivergedError: see `check_bounds`.
@@ -283,7 +279,6 @@ def without_covariances(
             array[part] = values
         ends.append([values[[0, -1]] for values in (means, spreads, *compared)])
         begin = part.stop
-        progress(begin / len(time))
     # nobody else holds these arrays, so that they need no copies
     means, spreads, innovations, variances = map(sealed, whole)
     made = finished(run, means, spreads, innovations, variances, kept=kept)
