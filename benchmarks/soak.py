@@ -14,6 +14,7 @@ import numpy as np
 from benchmarks.report import table
 from distal import LiveEstimator, Monitor, load_scenario, make_estimator, scenario_rig, simulate
 from distal.logs import MessageReader
+from distal.rig import log_factor
 from distal.run import samples_of
 
 CHUNK = 100_000
@@ -35,6 +36,10 @@ def main() -> None:
     log = simulate(rig, scenario)
     live, offline = LiveEstimator(rig), make_estimator("adaptive", rig)
     monitor, reader = Monitor(live), MessageReader(rig, live.channels)
+    sensors = {sensor.name: sensor for sensor in rig.sensors}
+    sent = [sensors[channel] for channel in live.channels]
+    columns = [rig.log.time.column, *(sensor.log_column for sensor in sent)]
+    factors = np.array([sensor.sign * log_factor(sensor) for sensor in sent])
     # there and back, so that the motion goes on without a jump
     samples = samples_of(log, live.channels)
     samples = np.vstack([samples, samples[::-1]])
@@ -45,7 +50,8 @@ def main() -> None:
         stamps = 0.01 * np.arange(done, done + count)
         block = samples[np.arange(done, done + count) % len(samples)]
         lines = [
-            json.dumps(reader.message(stamp, row)) for stamp, row in zip(stamps.tolist(), block)
+            json.dumps(dict(zip(columns, (stamp, *row))))
+            for stamp, row in zip(stamps.tolist(), (block / factors).tolist())
         ]
         angles = np.empty(count)
         start = time.perf_counter()

@@ -152,11 +152,6 @@ COMMANDS = {
             out,
         ],
     ),
-    "stream --record": Command(
-        ("rig",),
-        "run.mcap",
-        lambda i, out: ["stream", "--rig", i["rig"], "--udp", "9", "--record", out],
-    ),
     "export-c --out": Command(
         ("rig",),
         "out/README.md",
@@ -624,7 +619,6 @@ def test_streams_that_the_shell_opened(inputs: dict[str, str], tmp_path: Path) -
     log = tmp_path / "in" / "log.csv"
     command = f"'{sys.executable}' -m distal"
     for words in (
-        f"stream --rig paper-2008-printed --record '{log}' < '{log}'",
         f"stream --rig paper-2008-printed < '{log}' >> '{log}'",
         f"estimate '{log}' --rig paper-2008-printed >> '{log}'",
         "simulate series-2 --out new.csv > new.csv",

@@ -86,7 +86,6 @@ def test_a_homing_time_is_above_zero(run, log: Path, time: str) -> None:
         (("simulate", "template", "--out"), "a table ends in .csv"),
         (("estimate", "LOG", "--rig", "paper-2008", "--out"), "a table ends in .csv"),
         (("calibrate", "LOG", "--rig", "lab-bench", "--out"), "a rig file ends in .toml"),
-        (("stream", "--rig", "template", "--record"), "a recording ends in .mcap"),
     ],
 )
 def test_no_file_of_another_kind_is_replaced(

@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from distal.errors import OutputError
-from distal.logs import Output, Recorder, check_outputs, outputs_in, shown, write_whole
-from distal.logs.messages import SAMPLE_TOPIC
+from distal.logs import Output, check_outputs, outputs_in, shown, write_whole
 from distal.logs.outputs import NAME_ROOM
 
 
@@ -29,11 +28,6 @@ def test_the_longest_name_that_is_allowed_can_be_written(tmp_path: Path) -> None
         check_outputs(one(path))
         write_whole(path, "text")
         assert path.read_text() == "text"
-        pytest.importorskip("mcap")
-        recorder = Recorder(path)
-        recorder.add(SAMPLE_TOPIC, 0.0, {"t": 0.0})
-        assert recorder.close()
-        assert path.read_bytes().startswith(b"\x89MCAP")
         with pytest.raises(OutputError, match=f"at most {most} are allowed"):
             check_outputs(one(path.with_name("xx" + path.name)))
     assert len(list(tmp_path.iterdir())) == 2

@@ -214,7 +214,6 @@ def check_command_outputs(
     rig: str | None = None,
     scenario: str | None = None,
     truth: str | None = None,
-    stdin: bool = False,
 ) -> None:
     """Raise where an output would replace an input or another output, or cannot be written.
 
@@ -223,7 +222,6 @@ def check_command_outputs(
         rig: name of a shipped rig, or a path.
         scenario: name of a shipped scenario, or a path.
         truth: name of a column, or a path.
-        stdin: whether standard input is read.
 
     Raises:
         OutputError: see `distal.logs.check_outputs` and `distal.logs.check_format`; or a path does
@@ -241,8 +239,6 @@ def check_command_outputs(
         inputs.append(("scenario", description_path(scenario, "distal.simulation")))
     if truth is not None and (os.path.exists(truth) or Path(truth).suffix.lower() in files.TABLES):
         inputs.append(("truth", truth))
-    if stdin and sys.stdin is not None:
-        inputs.append(("standard input", 0))
     printed = (("standard output", sys.stdout, 1), ("standard error", sys.stderr, 2))
     streams = [(label, number) for label, stream, number in printed if stream is not None]
     files.check_outputs(outputs, inputs, streams)
@@ -267,7 +263,6 @@ def _files_of(log: Path) -> Iterator[Path]:
 ENDINGS = {
     "a rig file": (".toml",),
     "a page": (".html", ".htm"),
-    "a recording": (".mcap",),
     "a table": (".csv", ".txt", ".parquet", ".pq", ""),
 }
 """Kind of output → endings of its path; a table may go to a pipe, whose path has none."""

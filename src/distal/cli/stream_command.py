@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import select
-import signal
 import socket
 import sys
 from collections import Counter
@@ -13,11 +12,9 @@ from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, suppress
 from itertools import chain, starmap
 from math import degrees, isfinite, nan
-from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated
 
-import typer
 from typer import Option
 
 from distal.cli.console import warn, working
@@ -26,16 +23,13 @@ from distal.cli.shared_options import (
     RigOption,
     SetOption,
     UnitOption,
-    check_command_outputs,
-    to_file,
 )
 from distal.errors import LogError, OutputError, printable
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
-    from distal.arrays import Floats
-    from distal.logs import MessageReader, Recorder
+    from distal.logs import MessageReader
     from distal.run import Monitor, Reading
 
 LONGEST_LINE = csv.field_size_limit()
@@ -58,9 +52,6 @@ def stream_command(
     as_json: Annotated[
         bool, Option("--json", help="Write JSON lines; default: as the input is.")
     ] = False,
-    record: Annotated[
-        Path | None, Option(help="Write samples and estimates to this MCAP file.")
-    ] = None,
     idle: Annotated[
         float | None,
         Option(min=0.0, max=1e6, help="End after so many seconds without a message (UDP)."),
@@ -72,11 +63,11 @@ def stream_command(
     health.
 
     Columns and units are those that the rig's sensors name. CSV begins with a header. Each line is
-    answered at once: t, theta and theta_std in the unit of the log's angles (recordings are in
-    rad), where the rig's joint may be touched external_torque and external_torque_std in N m and
-    contact, how probable it is that something touches it, health, detail.
+    answered at once: t, theta and theta_std in the unit of the log's angles, where the rig's joint
+    may be touched external_torque and external_torque_std in N m and contact, how probable it is
+    that something touches it, health, detail.
     """
-    from distal.logs import MessageReader, Recorder
+    from distal.logs import MessageReader
     from distal.rig import angle_unit, load_rig
     from distal.run import LiveEstimator, Monitor
 
@@ -86,15 +77,11 @@ def stream_command(
         raise OutputError("standard input or output is closed")
     if udp is not None and udp == to_udp:
         raise OutputError(f"--to-udp {to_udp}: is the port that --udp reads; give another port")
-    check_command_outputs(to_file("--record", record, "a recording"), rig=rig, stdin=udp is None)
     described = load_rig(rig, set_ or ())
     with working("preparing the filter"):
         live = LiveEstimator(described, estimator)
     monitor = Monitor(live)
     reader = MessageReader(described, live.channels)
-    recorder = (
-        None if record is None else Recorder(record, described.joint_names, live.torque_names)
-    )
     with ExitStack() as stack:
         source = None if udp is None else stack.enter_context(_bound(udp))
         send = None
@@ -103,22 +90,15 @@ def stream_command(
             target.connect(("127.0.0.1", to_udp))
             send = target.send
         in_unit = unit or angle_unit(described.sensors)
-        session = Session(monitor, reader, recorder, in_unit, as_json or udp is not None, send)
+        session = Session(monitor, reader, in_unit, as_json or udp is not None, send)
         session.csv = None if source is None else False
-        stops = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-        for number in stops:
-            signal.signal(number, session.stop)
         try:
             for line in _lines() if source is None else _datagrams(source, idle):
                 session.take(line)
         finally:
-            for number in stops:
-                signal.signal(number, signal.SIG_IGN)  # no signal interrupts closing the recording
-            session.end(record)
+            session.end()
     if session.csv is None and session.no_header is not None:
         raise session.no_header
-    if session.lost:
-        raise typer.Exit(2)
 
 
 class Session:
@@ -128,7 +108,6 @@ class Session:
         self,
         monitor: Monitor,
         reader: MessageReader,
-        recorder: Recorder | None = None,
         unit: str = "rad",
         as_json: bool = False,
         send: Callable[[bytes], object] | None = None,
@@ -137,7 +116,6 @@ class Session:
 
         self._monitor = monitor
         self._reader = reader
-        self._recorder = recorder
         self._json = as_json
         self._send = send
         units = dict.fromkeys(angle_names(monitor.rig.joint_names), unit)
@@ -148,33 +126,14 @@ class Session:
         self._units |= dict.fromkeys(monitor.contact_names, "1")
         self.csv: bool | None = None  # not known before the first line
         self.no_header: LogError | None = None
-        self.lost = False
         self._counts: Counter[str] = Counter()
         self._started = monotonic()
-        self._busy = False
-        self._stopped = False
-
-    def stop(self, *_: object) -> None:
-        """End the stream after the present sample, so that a recording stays complete; a second
-        call ends it at once.
-        """
-        first = not self._stopped
-        self._stopped = True
-        if not first or not self._busy:  # a second signal does not wait for the sample
-            raise KeyboardInterrupt
 
     def take(self, line: bytes) -> None:
         """Read a line and write the answer to it.
 
         Where the header of a CSV stream is read, the answer is the header of the output.
         """
-        self._busy = True
-        self._take(line)
-        self._busy = False
-        if self._stopped:
-            raise KeyboardInterrupt
-
-    def _take(self, line: bytes) -> None:
         from distal.run import Reading
 
         # a tab at the end of a line may be an empty last cell
@@ -187,7 +146,6 @@ class Session:
             if self.csv:
                 self._begin(text)
                 return
-        sample = None
         try:
             if len(line) >= LONGEST_LINE:
                 raise LogError("the line is too long")
@@ -195,7 +153,7 @@ class Session:
             reading = self._monitor.take(time, sample, self._reader.remarks)
         except LogError as problem:
             reading = Reading(nan, (), (), "bad", str(problem))
-        self._answer(reading, sample)
+        self._answer(reading)
 
     def _begin(self, text: str) -> None:
         """Read the header of a CSV stream, and write that of the answers."""
@@ -215,7 +173,7 @@ class Session:
         if not self._json:
             self._write_row([*starmap(header, self._units.items()), "health", "detail"])
 
-    def _answer(self, reading: Reading, sample: Floats | None) -> None:
+    def _answer(self, reading: Reading) -> None:
         self._counts[reading.health] += 1
         values = chain(
             (reading.time,),
@@ -226,7 +184,6 @@ class Session:
         known = {name: float(v) for name, v in zip(self._units, values) if isfinite(v)}
         of_health = {"health": reading.health, "detail": printable(reading.detail)}
         nothing = dict.fromkeys(self._units)
-        self._record(reading, sample, {**nothing, **known, **of_health})
         in_degrees = {
             name: degrees(value) for name, value in known.items() if self._units[name] == "deg"
         }
@@ -240,40 +197,16 @@ class Session:
             with suppress(OSError):  # it is no error where no program listens
                 self._send(json.dumps({"timestamp": message["t"], **message}).encode())
 
-    def _record(
-        self, reading: Reading, sample: Floats | None, message: Mapping[str, object]
-    ) -> None:
-        """Record a sample and its estimate; where recording fails, a warning is printed and the
-        estimates go on.
-        """
-        from distal.logs import ESTIMATE_TOPIC, SAMPLE_TOPIC
-
-        if self._recorder is None or not isfinite(reading.time) or self.lost:
-            return
-        try:
-            if sample is not None and reading.health not in ("late", "duplicate", "bad"):
-                self._recorder.add(
-                    SAMPLE_TOPIC, reading.time, self._reader.message(reading.time, sample)
-                )
-            self._recorder.add(ESTIMATE_TOPIC, reading.time, message)
-        except OutputError as problem:
-            self.lost = True
-            warn(f"{problem}; recording ends here, estimates go on")
-
     def _write_row(self, cells: Iterable[object]) -> None:
         csv.writer(sys.stdout, lineterminator="\n").writerow(cells)
         sys.stdout.flush()
 
-    def end(self, path: Path | None) -> None:
-        """Close the recording, and print on stderr how many samples came in which time, with their
-        health words.
-        """
+    def end(self) -> None:
+        """Print on stderr how many samples came in which time, with their health words."""
         total = sum(self._counts.values())
         seconds = max(monotonic() - self._started, 1e-9)
         words = ", ".join(f"{count} {word}" for word, count in self._counts.most_common())
         print(f"{total} samples in {seconds:.1f} s{': ' + words if words else ''}", file=sys.stderr)
-        if self._recorder is not None and not self._recorder.close():
-            print(f"nothing was recorded: {path} is as it was", file=sys.stderr)
 
 
 def _lines() -> Iterator[bytes]:

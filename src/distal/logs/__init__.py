@@ -22,13 +22,7 @@ from distal.logs.log_files import (
     write_columns,
     write_log,
 )
-from distal.logs.messages import (
-    ESTIMATE_TOPIC,
-    SAMPLE_TOPIC,
-    MessageReader,
-    Recorder,
-    estimate_schema,
-)
+from distal.logs.messages import MessageReader
 from distal.logs.mujoco_recorder import mujoco_recorder
 from distal.logs.outputs import (
     Output,
@@ -52,11 +46,9 @@ from distal.logs.tables import (
 )
 
 __all__ = [
-    "ESTIMATE_TOPIC",
     "FASTEST",
     "FROM_SENSOR",
     "LARGEST_READING",
-    "SAMPLE_TOPIC",
     "TABLES",
     "Column",
     "Door",
@@ -64,7 +56,6 @@ __all__ = [
     "Log",
     "MessageReader",
     "Output",
-    "Recorder",
     "Remark",
     "Source",
     "TruthKind",
@@ -73,7 +64,6 @@ __all__ = [
     "check_outputs",
     "decoded",
     "episodes_of",
-    "estimate_schema",
     "file_of",
     "frozen",
     "header",
