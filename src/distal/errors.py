@@ -4,9 +4,8 @@ have meant by a name that is not known.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from difflib import get_close_matches
-from pathlib import Path
 from typing import BinaryIO, TypeAlias
 
 Content: TypeAlias = bytes | str | Callable[[BinaryIO], object]
@@ -67,15 +66,7 @@ class ExportError(DistalError):
 
 
 class OutputError(DistalError):
-    """A file could not be written; whatever stood there before is unchanged.
-
-    Args:
-        unsaved: what was to be written, by its path, so that a caller can keep it elsewhere.
-    """
-
-    def __init__(self, message: object = "", unsaved: Mapping[Path, Content] | None = None) -> None:
-        super().__init__(message)
-        self.unsaved = dict(unsaved or {})
+    """A file could not be written; whatever stood there before is unchanged."""
 
 
 class DistalWarning(UserWarning):

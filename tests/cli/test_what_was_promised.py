@@ -12,9 +12,7 @@ import pytest
 import distal
 from distal import diagnose, estimate, load_rig, simulate, write_log
 from distal.cli.console import table
-from distal.errors import OutputError
 from distal.logs import Episode, episodes_of
-from distal.logs.outputs import write_together
 from distal.rig import shipped_rigs
 from distal.rig.files import rig_text
 from distal.units import rounded
@@ -234,36 +232,6 @@ def test_large_numbers_have_no_exponent(value: float, digits: int, text: str) ->
 
 def test_the_help_of_fit_names_the_formats(run) -> None:
     assert all(name in run("fit", "--help").out for name in ("HDF5", "LeRobot"))
-
-
-def test_what_cannot_be_written_is_kept(
-    run, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A disk that is full at the end: the result stands elsewhere, the old file stays."""
-    out = tmp_path / "estimate.csv"
-    out.write_text("old")
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "elsewhere"))
-    (tmp_path / "elsewhere").mkdir()
-
-    def full(files: dict[Path, bytes | str]) -> None:
-        problem = OutputError("estimate.csv: cannot be written (No space left on device)")
-        problem.unsaved = dict(files)
-        raise problem
-
-    monkeypatch.setattr("distal.logs.write_together", full)
-    words = ("estimate", log, "--rig", "paper-2008", "-e", "adaptive", "--out", out)
-    ran = run(*words, "--no-what-if")
-    refused(ran, "what was computed stands in")
-    (kept,) = (tmp_path / "elsewhere").glob("distal-*/estimate.csv")
-    assert kept.read_text().startswith("t")
-    assert out.read_text() == "old"
-
-
-def test_a_failed_write_says_what_it_did_not_write(tmp_path: Path) -> None:
-    path = tmp_path / "missing" / "a.csv"
-    with pytest.raises(OutputError) as failed:
-        write_together({path: "text"})
-    assert failed.value.unsaved == {path: "text"}
 
 
 def test_a_long_name_in_a_table_hides_no_number(capsys: pytest.CaptureFixture[str]) -> None:

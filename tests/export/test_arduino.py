@@ -100,7 +100,7 @@ def test_titles_are_anything(tmp_path: Path) -> None:
         export_arduino(odd, tmp_path / "mine")
     assert (tmp_path / "mine" / "LICENSE").read_text() == "mine"
     (tmp_path / "file").write_text("mine")
-    with pytest.raises(OutputError, match="is a file; give the name of a folder"):
+    with pytest.raises(OutputError, match="which is a file"):
         export_arduino(odd, tmp_path / "file")
 
 

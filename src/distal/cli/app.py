@@ -23,7 +23,7 @@ from distal.cli import (
     stream_command,
 )
 from distal.cli.console import TRACEBACK, failure, fault, show_warnings
-from distal.errors import DistalError, OutputError
+from distal.errors import DistalError
 
 # typer raises errors of the click that it uses, which is its own copy or the package; in both cases
 # ClickException is a base of BadParameter
@@ -139,7 +139,7 @@ def ended_by(problem: BaseException) -> object:
         problem.show()  # type: ignore[attr-defined]
         return WRONG
     if isinstance(problem, DistalError):
-        text = f"{problem}{_kept(problem)}"
+        text = str(problem)
         code = WRONG
     elif isinstance(problem, _ClickError):
         text = problem.format_message()
@@ -161,18 +161,3 @@ def ended_by(problem: BaseException) -> object:
     with suppress(OSError):  # where nothing can be printed, only the exit code tells of the error
         failure(text)
     return code
-
-
-def _kept(problem: DistalError) -> str:
-    """Write results that could not be written to another folder, and return a text that says
-    where.
-    """
-    if not isinstance(problem, OutputError) or not problem.unsaved:
-        return ""
-    from distal.logs import keep_elsewhere
-
-    folder = keep_elsewhere(problem.unsaved)
-    if folder is None:
-        return ""
-    names = ", ".join(path.name for path in problem.unsaved)
-    return f"; what was computed stands in {folder}: {names}"

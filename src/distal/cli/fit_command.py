@@ -25,7 +25,7 @@ from distal.cli.shared_options import (
     to_file,
     to_folder,
 )
-from distal.errors import FitError, OutputError
+from distal.errors import FitError
 
 if TYPE_CHECKING:
     from distal.fitting import Fit, MapFit
@@ -162,8 +162,7 @@ def save_fit(
     then: str = "",
     of_page: str = "",
 ) -> None:
-    """Write a fit's rig file and its page, also where the first of them fails; the error then lists
-    all that is unsaved.
+    """Write a fit's rig file and its page.
 
     Args:
         text: of the rig file that the fit began with.
@@ -172,21 +171,11 @@ def save_fit(
     """
     from distal.reports import fit_report
 
-    failures = list[OutputError]()
-    try:
-        if out is not None:
-            result.save(out, text)
-            say(f"wrote {out}{then}")
-    except OutputError as problem:
-        failures.append(problem)
-    try:
-        if folder is not None:
-            say(f"wrote {fit_report(result, logs, folder)}{of_page}")
-    except OutputError as problem:
-        failures.append(problem)
-    if failures:
-        failures[0].unsaved |= failures[-1].unsaved
-        raise failures[0]
+    if out is not None:
+        result.save(out, text)
+        say(f"wrote {out}{then}")
+    if folder is not None:
+        say(f"wrote {fit_report(result, logs, folder)}{of_page}")
 
 
 def written_at_once(out: Path | None, text: str) -> Callable[[MapFit], None]:

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import os
 import re
-import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from glob import escape, glob
 from pathlib import Path
@@ -230,7 +229,7 @@ def check_command_outputs(
     from distal import logs as files
     from distal.rig import description_path
 
-    inputs: list[tuple[str, str | Path | int]] = [
+    inputs: list[tuple[str, str | Path]] = [
         ("log", file) for log in logs for file in _files_of(log)
     ]
     if rig is not None:
@@ -239,9 +238,7 @@ def check_command_outputs(
         inputs.append(("scenario", description_path(scenario, "distal.simulation")))
     if truth is not None and (os.path.exists(truth) or Path(truth).suffix.lower() in files.TABLES):
         inputs.append(("truth", truth))
-    printed = (("standard output", sys.stdout, 1), ("standard error", sys.stderr, 2))
-    streams = [(label, number) for label, stream, number in printed if stream is not None]
-    files.check_outputs(outputs, inputs, streams)
+    files.check_outputs(outputs, inputs)
     for output in outputs:
         files.check_format(output.path)
         endings = ENDINGS.get(output.kind)

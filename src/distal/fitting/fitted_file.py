@@ -115,8 +115,7 @@ def _anew(rig: Rig, table: Mapping[str, object] | None) -> str:
     written = tomlkit.dumps({**described, **({"map": plain_value(table)} if table else {})})
     if _read(written) != rig:
         raise OutputError(
-            f"{rig.name}: the fitted rig cannot be written so that it reads as the same",
-            {Path("fitted.toml"): written},
+            f"{rig.name}: the fitted rig cannot be written so that it reads as the same"
         )
     return written
 

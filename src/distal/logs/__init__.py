@@ -27,7 +27,6 @@ from distal.logs.mujoco_recorder import mujoco_recorder
 from distal.logs.outputs import (
     Output,
     check_outputs,
-    keep_elsewhere,
     outputs_in,
     shown,
     write_together,
@@ -69,7 +68,6 @@ __all__ = [
     "header",
     "is_dataset",
     "is_recording",
-    "keep_elsewhere",
     "mujoco_recorder",
     "name_and_unit",
     "open_recording",
