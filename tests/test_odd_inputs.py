@@ -292,7 +292,6 @@ def test_names_that_are_too_long(log: Path) -> None:
         ("estimate", log, "--rig", "paper-2008-printed", "--out", long),
         ("estimate", log, "--rig", "paper-2008-printed", "--truth", long),
         ("scenario", "show", long),
-        ("rig", "new", long),
     ):
         refused(cli(*words))
 

@@ -465,10 +465,6 @@ def test_rigs(run, tmp_path: Path) -> None:
     checked = run("rig", "check", "paper-2008-printed")
     assert checked.code == 0
     assert "15 sub-steps per sample at 100 Hz" in checked.out
-    new = tmp_path / "mine.toml"
-    assert run("rig", "new", new).code == 0
-    assert run("rig", "check", new).code == 0
-    refused(run("rig", "new", new), "exists already")
     shown = run(
         "rig", "show", "paper-2008-printed", "--set", "joints.0.friction.coefficient=0.4"
     ).out
@@ -510,7 +506,7 @@ def test_help_and_version(run) -> None:
 
 
 def test_a_rig_is_no_scenario(run, tmp_path: Path) -> None:
-    assert run("rig", "new", tmp_path / "mine.toml").code == 0
+    (tmp_path / "mine.toml").write_text(run("rig", "show", "template").out)
     ran = run("simulate", tmp_path / "mine.toml", "--out", tmp_path / "log.csv")
     assert ran.code == 2
     assert "is a rig file; simulate takes what is done to it" in ran.err
@@ -597,9 +593,9 @@ def test_an_estimator_that_fails_is_a_row(run, log: Path, tmp_path: Path) -> Non
 
 @pytest.mark.slow
 def test_the_first_steps_fit_each_other(run, tmp_path: Path) -> None:
-    """The file of `rig new` reads the log of `simulate template`, with nothing to set."""
+    """The shipped template reads the log of `simulate template`, with nothing to set."""
     rig, log = tmp_path / "mine.toml", tmp_path / "log.csv"
-    assert run("rig", "new", rig).code == 0
+    rig.write_text(run("rig", "show", "template").out)
     assert run("simulate", "template", "--out", log).code == 0
     ran = run("estimate", log, "--rig", rig, "-e", "adaptive", "--no-what-if")
     assert ran.code == 0

@@ -155,7 +155,6 @@ COMMANDS = {
         "out/README.md",
         lambda i, out: ["export-c", i["rig"], "--name", "joint", "--out", out],
     ),
-    "rig new": Command((), "new.toml", lambda i, out: ["rig", "new", out]),
     "reproduce --out": Command((), "out/index.html", lambda i, out: ["reproduce", "--out", out]),
 }
 PAIRS = [(name, read) for name, command in COMMANDS.items() for read in command.inputs]

@@ -155,25 +155,6 @@ def show_rig_command(name: RigArgument, set_: SetOption = None) -> None:
     print(edited_text(name, set_ or ()), end="")
 
 
-@app.command("new")
-def new_command(
-    out: Annotated[Path | None, Argument(help="Where to write it; default: print it.")] = None,
-) -> None:
-    """Write a commented template of a rig file."""
-    from distal.logs import write_whole
-    from distal.rig import rig_text
-
-    text, _ = rig_text("template")
-
-    if out is None:
-        print(text, end="")
-        return
-    check_command_outputs(to_file("OUT", out))
-    check_new(out)
-    write_whole(out, text)
-    say(f"wrote {out}; edit it, then `distal rig check {out}`")
-
-
 OutOption = Annotated[Path, Option(help="Where to write the rig file (.toml).")]
 """Option for the path of the new rig file."""
 
