@@ -215,23 +215,6 @@ class TestBadLogs:
         with pytest.raises(FitError, match="is constant while the drives move"):
             fit([self.changed(log, truth=np.zeros(len(log)))], rig)
 
-    def test_contradictory_logs(self, rig: Rig) -> None:
-        """The same rig with threads of half the stiffness is another rig."""
-        logs = [
-            *logs_of(rig, {}, 9, ("servo",), 2.5),
-            *logs_of(
-                rig,
-                {"tendons.0.stiffness": 403.0, "tendons.1.stiffness": 403.0},
-                10,
-                ("servo",),
-                2.5,
-            ),
-        ]
-        found = fit(logs, rig, FREE, noise=False)
-        assert any(
-            re.search(r"contradictory logs: servo .*--per-log", doubt) for doubt in found.doubts
-        )
-
     def test_nothing_to_fit(self, rig: Rig, log: Log) -> None:
         sure = rig.with_values(
             {

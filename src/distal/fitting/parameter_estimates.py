@@ -25,7 +25,6 @@ from distal.fitting.standard_errors import (
     Uncertainty,
     doubts_of,
     nis_of,
-    parameter_contradictions,
     uncertainty_at,
 )
 from distal.homing import added_reference, with_references
@@ -257,10 +256,6 @@ def _searched(
     if not optimum.interrupted:
         doubts += doubts_of(problem, optimum.z, after)
         doubts += [] if optimum.converged else [NOT_CONVERGED]
-        try:
-            doubts += parameter_contradictions(problem, optimum) if len(problem.data) > 1 else []
-        except KeyboardInterrupt:
-            optimum = replace(optimum, interrupted=True)
     fitted = tuple(fitted_parameters(problem, optimum, uncertainty, left, held))
     begun = float(problem.costs([zero])[0])
     return ParameterEstimates(

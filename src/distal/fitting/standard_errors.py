@@ -6,14 +6,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.fitting.free_parameter import FittedParameter, Free
-from distal.fitting.likelihood import Derivatives, Innovations
-from distal.fitting.likelihood_search import Optimum, hessian, search
+from distal.fitting.likelihood import Derivatives
+from distal.fitting.likelihood_search import hessian
 from distal.fitting.problem import Problem
 
 IDENTIFIED = 0.9
@@ -220,11 +219,6 @@ FAR_FROM_FACTOR = 2.0
 that factor is improbable. Source: judgement.
 """
 
-CONTRADICTORY = 2.0
-"""Ratio of a log's median innovation with the parameters of all logs to that with parameters of its
-own, above which the logs contradict each other. Source: judgement.
-"""
-
 ADVICE = (
     "the rig lacks physics that these logs have, or a column, unit or sign of a sensor is wrong "
     "(distal estimate says "
@@ -302,48 +296,3 @@ def far_from_priors(parameters: Sequence[FittedParameter], problem: Problem) -> 
                 "rig may be wrong"
             )
     return lines
-
-
-def parameter_contradictions(problem: Problem, optimum: Optimum) -> list[str]:
-    """Return a sentence on the log that contradicts the others most, or nothing.
-
-    Each log is fitted alone, from the optimum of all logs, with its noise as it is there. A log
-    contradicts the others where that makes its innovations much smaller.
-    """
-    worst = CONTRADICTORY
-    sentences = list[str]()
-    for j, data in enumerate(problem.data):
-        alone = problem.among([j])
-        at = problem.columns(j)
-        start = optimum.z[[at[problem.free.index(part)] for part, _ in alone.parts]]
-        noise = np.array([part.noise for part, _ in alone.parts])
-        most = problem.settings.first_iterations
-        alone_optimum = search(alone.assessed(start), start, most=most, fixed=noise)
-        if alone_optimum.interrupted:
-            raise KeyboardInterrupt  # the caller has the parameters of all logs
-        with np.errstate(invalid="ignore", divide="ignore"):
-            ratio = float(
-                np.nanmax(
-                    _sizes(alone.at(start)[0]) / _sizes(alone.at(alone_optimum.z)[0]), initial=0.0
-                )
-            )
-        if ratio > worst:
-            limits = np.where(np.isfinite(alone.prior_stds), alone.prior_stds, 1.0)
-            k = int(np.argmax(np.abs(alone_optimum.z - start) / limits))
-            part, _ = alone.parts[k]
-            worst = ratio
-            desired = f"{part.name} = {part.value(alone_optimum.z[k]):.4g} {part.si}".rstrip()
-            sentences = [
-                f"contradictory logs: {Path(data.log.source).name} fits {ratio:.1f} times better "
-                "with numbers of its own "
-                f"({desired}, all logs together {part.value(start[k]):.4g}); was something changed "
-                "between the logs? Fit "
-                "them apart, or give each its own with --per-log"
-            ]
-    return sentences
-
-
-def _sizes(run: Innovations) -> Floats:
-    """Return the median size of each channel's innovations, (m,), which outliers do not change."""
-    sizes = np.abs(run.values)
-    return np.array([np.nanmedian(c) if np.isfinite(c).any() else np.nan for c in sizes.T])
