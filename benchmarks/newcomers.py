@@ -189,7 +189,9 @@ def run(case: str, longer: bool) -> dict[str, Any]:
         found = fit(logs, rig, early=lambda _: first.append(time.perf_counter() - clock))
         children = os.times()
         taken = time.process_time() - begun + children.children_user + children.children_system
-        passes = counted.rows / (sum(len(log) for log in logs) * (len(found.correlated) + 1))
+        searched = (candidate.parameters for candidate in found.candidates)
+        size = next(each.problem.size for each in searched if each is not None)
+        passes = counted.rows / (sum(len(log) for log in logs) * (size + 1))
         parameters = [p for p in found.fitted if p.identified and not p.noise]
         return {
             "seconds": taken,

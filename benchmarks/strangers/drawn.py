@@ -186,18 +186,24 @@ def fitted(logs: Sequence[Log], rig: Rig, seed: int | None = None) -> Any:
     return fit(logs, rig) if seed is None else fit(logs, rig, seed=seed)
 
 
+def cost_of(found: Any) -> float:
+    """Return −ln p at the end of the best search of a fit."""
+    searched = (candidate.parameters for candidate in found.candidates)
+    return float(next(each.optimum.cost for each in searched if each is not None))
+
+
 def other_starts(logs: Sequence[Log], rig: Rig, found: Any, count: int) -> list[float]:
     """Return −ln p that fits from other starts end with, less that of the fit; none where a release
     does not offer it.
 
-    TO BE CHANGED WITH `distal.fit`: its starts are drawn by `seed`, and `Fit.cost_after` is −ln p.
+    TO BE CHANGED WITH `distal.fit`: its starts are drawn by `seed`, see `cost_of` for −ln p.
     """
-    if "seed" not in inspect.signature(fit).parameters or not hasattr(found, "cost_after"):
+    if "seed" not in inspect.signature(fit).parameters:
         return []
     costs = []
     for seed in range(1, count + 1):
         with suppress(DistalError):
-            costs.append(float(fitted(logs, rig, seed).cost_after - found.cost_after))
+            costs.append(cost_of(fitted(logs, rig, seed)) - cost_of(found))
     return costs
 
 

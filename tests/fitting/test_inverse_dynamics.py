@@ -209,7 +209,7 @@ def test_a_plants_numbers_are_found_in_seconds() -> None:
     assert found.optimum.converged
     noise, scale = (
         next(p for p in found.fitted if p.noise and p.name.endswith("sensor u")),
-        found.nis[1][0],
+        found.nis[0],
     )
     assert noise.value == pytest.approx(
         1e-3 * np.sqrt(found.problem.scales(found.problem.at(found.optimum.z))[0])
@@ -259,11 +259,11 @@ def ropes() -> tuple[list[Log], ParameterEstimates]:
 def test_what_moves_inside_is_stepped_along() -> None:
     """Creep and backlash of ropes: without either the equations lack more."""
     logs, found = ropes()
-    lacking = np.array(found.nis[1])
+    lacking = np.array(found.nis)
     bare = ropes_rig().with_values({f"tendons.{i}.creep": None for i in (0, 1)})
     without = by_equations(problem_of(logs, bare, Options()), Options(), None)
     assert without is not None
-    assert np.sum(np.log(without.nis[1])) > np.sum(np.log(lacking)) + 0.5
+    assert np.sum(np.log(without.nis)) > np.sum(np.log(lacking)) + 0.5
 
 
 def test_a_newton_step_leaves_a_log_out() -> None:
@@ -314,7 +314,7 @@ def test_the_part_that_a_rig_lacks_is_named() -> None:
     assert alone == pytest.approx(sorted(share for share in left if share < 0.85)[:2])
     assert sum(share >= 0.85 for share in left) >= 2
     assert tried_parts(logs, ropes_rig(), Options(), found).named == ()
-    quiet = replace(parameters, nis=(parameters.nis[0], tuple(0.5 for _ in parameters.nis[1])))
+    quiet = replace(parameters, nis=tuple(0.5 for _ in parameters.nis))
     assert tried_parts(logs, silent, Options(), quiet) == Tried()
     assert tried_parts(logs, silent, Options(free=("tendons.*.stiffness",)), parameters) == Tried()
     models_widen_errors(parameters, better)
@@ -325,7 +325,7 @@ def left_by(parameters: ParameterEstimates) -> float:
     sensors' noise.
     """
     return float(
-        np.prod([max(ratio, 1.0) for ratio in parameters.nis[1]]) ** (0.5 / len(parameters.nis[1]))
+        np.prod([max(ratio, 1.0) for ratio in parameters.nis]) ** (0.5 / len(parameters.nis))
     )
 
 

@@ -153,7 +153,7 @@ def _tried(
     """Return what comes of one term more; named are the terms that leave clearly smaller residuals,
     the smallest first.
     """
-    if max(parameters.nis[1], default=0.0) < UNEXPLAINED:
+    if max(parameters.nis, default=0.0) < UNEXPLAINED:
         return Tried()
     fits = with_parts(terms_of(rig), logs, rig, options, parameters)
     limit = NAMED * _residual(parameters)
@@ -203,7 +203,7 @@ def parameters_with(
 
 def _residual(parameters: ParameterEstimates) -> float:
     """Return the geometric mean over all rows of √(mean ν²/S), where a mean below 1 counts as 1."""
-    ratios = np.maximum([ratio for ratio in parameters.nis[1] if np.isfinite(ratio)], 1.0)
+    ratios = np.maximum([ratio for ratio in parameters.nis if np.isfinite(ratio)], 1.0)
     return float(np.exp(np.mean(0.5 * np.log(ratios))))
 
 

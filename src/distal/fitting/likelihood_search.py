@@ -25,7 +25,6 @@ class Optimum:
         z: the coordinates, (n,).
         cost: −ln p there, less constants.
         derivatives: derivatives of −ln p at the end or one step before it.
-        iterations: number of iterations.
         converged: whether the search ended by itself.
         interrupted: whether the user interrupted it.
     """
@@ -33,7 +32,6 @@ class Optimum:
     z: Floats
     cost: float
     derivatives: Derivatives
-    iterations: int = 0
     converged: bool = False
     interrupted: bool = False
 
@@ -82,8 +80,7 @@ def most_likely(
     if begun.interrupted:
         return problem, begun
     problem = problem.assessed(begun.z)
-    optimum = search(problem, begun.z, progress, near=begun.derivatives)
-    return problem, replace(optimum, iterations=begun.iterations + optimum.iterations)
+    return problem, search(problem, begun.z, progress, near=begun.derivatives)
 
 
 def search(
@@ -137,7 +134,6 @@ def search(
             steps = [
                 damped_step(problem, optimum.z, derivatives, free, share) for share in dampings
             ]
-            optimum = replace(optimum, iterations=iteration)
             predicted = steps[0][1]
             if predicted < settings.settled:
                 return replace(optimum, converged=True)

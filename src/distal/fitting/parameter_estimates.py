@@ -67,8 +67,7 @@ class ParameterEstimates:
         held: which of these the logs identify only together with others, (n,); filters are to take
             their values as exactly known.
         doubts: sentences with the reasons not to trust the fit.
-        nis: mean ν²/S per channel at the start and at the end.
-        begun: −ln p at the start.
+        nis: mean ν²/S per channel at the end; 1 is expected.
     """
 
     problem: Problem
@@ -78,8 +77,7 @@ class ParameterEstimates:
     left: Bools
     held: Bools
     doubts: tuple[str, ...]
-    nis: tuple[tuple[float, ...], tuple[float, ...]]
-    begun: float
+    nis: tuple[float, ...]
 
     @property
     def by_equations(self) -> bool:
@@ -247,20 +245,14 @@ def _searched(
         moved[~left] = -np.linalg.solve(
             information[np.ix_(~left, ~left)], (information @ moved)[~left]
         )
-        again = search(problem, optimum.z + moved, progress, fixed=left, near=optimum.derivatives)
-        optimum = replace(again, iterations=optimum.iterations + again.iterations)
-    zero = np.zeros(problem.size)
-    before = nis_of(problem, zero)
-    after = nis_of(problem, optimum.z)
+        optimum = search(problem, optimum.z + moved, progress, fixed=left, near=optimum.derivatives)
+    nis = nis_of(problem, optimum.z)
     doubts = list[str]()
     if not optimum.interrupted:
-        doubts += doubts_of(problem, optimum.z, after)
+        doubts += doubts_of(problem, optimum.z, nis)
         doubts += [] if optimum.converged else [NOT_CONVERGED]
     fitted = tuple(fitted_parameters(problem, optimum, uncertainty, left, held))
-    begun = float(problem.costs([zero])[0])
-    return ParameterEstimates(
-        problem, optimum, uncertainty, fitted, left, held, tuple(doubts), (before, after), begun
-    )
+    return ParameterEstimates(problem, optimum, uncertainty, fitted, left, held, tuple(doubts), nis)
 
 
 def problem_of(logs: Sequence[Log], rig: Rig, options: Options) -> Problem:
@@ -338,7 +330,7 @@ def _with_reference(
         parameters
     ):
         return problem, replace(optimum, interrupted=tried.interrupted)
-    return with_it, replace(tried, iterations=optimum.iterations + tried.iterations)
+    return with_it, tried
 
 
 def _next_held(

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from distal.arrays import Floats
 from distal.errors import DistalError
 from distal.fitting.candidates import BY_EQUATIONS, Candidate
 from distal.fitting.choice_of_parameters import Options, paths_of
@@ -54,15 +53,7 @@ class Fit:
         duration: total duration of the logs [s].
         samples: total number of samples.
         homing: for how long the reference was read [s]; None: see `fit`.
-        correlations: correlations of the coordinates' errors, (n, n), in the order of `correlated`.
-        correlated: name of each coordinate, (n,).
         combinations: sentences on parameters that the logs cannot separate.
-        channels: names of the channels that were compared.
-        nis_before: mean ν²/S per channel at the start; 1 is expected.
-        nis_after: the same at the end.
-        cost_before: −ln p at the start, less constants.
-        cost_after: the same at the end.
-        iterations: number of iterations of the search.
         converged: whether the search converged; if not, there are no standard errors.
         interrupted: whether the user interrupted the fit.
         maps: the learned maps by their kinds, see `LearnedMaps`.
@@ -87,15 +78,7 @@ class Fit:
     duration: float
     samples: int
     homing: float | None
-    correlations: Floats
-    correlated: tuple[str, ...]
     combinations: tuple[str, ...]
-    channels: tuple[str, ...]
-    nis_before: tuple[float, ...]
-    nis_after: tuple[float, ...]
-    cost_before: float
-    cost_after: float
-    iterations: int
     converged: bool
     interrupted: bool
     maps: Mapping[str, MapFit] = field(default_factory=dict)
@@ -129,7 +112,6 @@ class Fit:
         part = {} if learned.part is None else learned.part.values
         servos = {} if servos is None else servos
         parameters = learned.parameters
-        optimum = learned.parameters.optimum
         n_sensors = len(start.sensors)
 
         def of_rig(part: FittedParameter) -> bool:
@@ -147,16 +129,8 @@ class Fit:
             duration=float(sum(log.time[-1] - log.time[0] for log in logs)),
             samples=sum(len(log) for log in logs),
             homing=options.homing,
-            correlations=parameters.uncertainty.correlations,
-            correlated=tuple(part.name for part, _ in parameters.problem.parts),
             combinations=parameters.uncertainty.combinations,
-            channels=parameters.problem.measured,
-            nis_before=parameters.nis[0],
-            nis_after=parameters.nis[1],
-            cost_before=parameters.begun,
-            cost_after=optimum.cost,
-            iterations=optimum.iterations,
-            converged=optimum.converged,
+            converged=parameters.optimum.converged,
             interrupted=learned.interrupted,
             maps=learned.maps,
             compared=learned.compared,

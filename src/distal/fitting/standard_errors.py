@@ -72,13 +72,6 @@ class Uncertainty:
         """Standard errors of the coordinates, the others not being known, (n,)."""
         return np.sqrt(np.diag(self.covariance))
 
-    @property
-    def correlations(self) -> Floats:
-        """Correlations of the coordinates' errors, (n, n)."""
-        errors = np.maximum(self.errors, 1e-300)
-        correlations: Floats = self.covariance / np.outer(errors, errors)
-        return correlations
-
     def errors_holding(self, held: Bools) -> Floats:
         """Return the standard errors if the `held` coordinates are taken as known, (n,); 0 for
         those.

@@ -37,9 +37,6 @@ if TYPE_CHECKING:
 MOST_TRACES = 8
 """Number of logs whose curves are drawn at most; the table holds all logs. Source: layout."""
 
-MOST_PAIRS = 20
-"""Number of pairs of parameters whose correlation is shown at most. Source: layout."""
-
 FIT_PAGES = ("index.html",)
 """Names of the files that `fit_report` writes."""
 
@@ -114,34 +111,9 @@ def _parameters(fit: Fit) -> list[str]:
     ]
     if per_log:
         parts.append(html_table(("number", "log", "value", "unit"), per_log, values=(2,)))
-    strong = [
-        f"{fit.correlated[i]} and {fit.correlated[j]}: {fit.correlations[i, j]:+.2f}"
-        for i, j in np.argwhere(np.tril(np.abs(fit.correlations) > 0.8, -1))
-    ]
-    if strong and fit.converged:
-        sentences = "; ".join(strong[:MOST_PAIRS])
-        parts.append(paragraph(f"Errors that go together (correlation): {sentences}."))
-    ratios = [
-        (name, *(f"{nis:.2f}" if nis < 100 else f"{nis:.0f}" for nis in (before, after)))
-        for name, before, after in zip(fit.channels, fit.nis_before, fit.nis_after)
-        if np.isfinite(after)
-    ]
-    nis = (
-        "Normalised innovations, mean of ν²/S; 1 is expected, more means that the filter is too "
-        "sure of itself."
-    )
-    ended = (
-        "was interrupted"
-        if fit.interrupted
-        else "converged"
-        if fit.converged
-        else "stopped before it converged"
-    )
-    costs = (
-        f"−ln p from {fit.cost_before:.1f} to {fit.cost_after:.1f} in {fit.iterations} iterations"
-    )
-    table = html_table(("sensor", "before", "after"), ratios, values=(1, 2))
-    return [*parts, paragraph(nis), table, paragraph(f"{costs}; the search {ended}.")]
+    if fit.interrupted:
+        parts.append(paragraph("The search was interrupted: these are the best values so far."))
+    return parts
 
 
 def _error(rms: float, inside: float) -> tuple[str, str]:
