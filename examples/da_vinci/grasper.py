@@ -61,8 +61,6 @@ for part in found.fitted:
     print(
         f"{part.name:32} {part.start:10.5g} -> {part.value:10.5g} ± {part.error:.2g} {part.si}, {part.origin}"
     )
-for line in found.combinations:
-    print("these logs tell", line)
 text = Path(__file__).with_name("start.toml").read_text(encoding="utf-8")
 found.save(arguments.out / "fitted.toml", text)
 

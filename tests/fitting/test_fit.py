@@ -103,24 +103,6 @@ def test_what_the_logs_cannot_tell_stays_at_its_prior(rig: Rig, tmp_path: Path) 
 
 
 @pytest.mark.slow
-def test_a_product_is_named(rig: Rig) -> None:
-    """Stiffness and force sensor's scale show as a product: so do, here, friction coefficient and
-    axle radius.
-    """
-    described = rig.with_values({"joints.0.friction.radius": {"value": 3.18e-3, "std": 3e-4}})
-    plant, _ = drawn_plant(6)
-    found = fit(
-        logs_of(described, plant, 6, ("ramps",), 6.0),
-        described,
-        ("joints.0.friction.coefficient", "joints.0.friction.radius"),
-        noise=False,
-    )
-    assert any(
-        "only the product of" in line and "friction radius" in line for line in found.combinations
-    )
-
-
-@pytest.mark.slow
 def test_each_log_may_have_its_own(pulley_rig: Rig) -> None:
     from tests.fitting.helpers import logs_of as simulated
 

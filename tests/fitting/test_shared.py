@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from distal import Rig, load_rig
@@ -102,32 +101,3 @@ def test_a_file_drops_what_is_shared_where_each_was_varied_alone() -> None:
     after = rig.with_values(assignments(parts, rig))
     assert after.sharing() == {}
     assert [tendon.stiffness.std for tendon in after.tendons] == [36.0, 20.0]
-
-
-def test_parts_of_one_limit_are_told_as_a_sum() -> None:
-    """A constant and a share of the load add up; a coefficient and a radius are multiplied."""
-    from types import SimpleNamespace
-
-    from distal.fitting.standard_errors import _line
-
-    def part(name: str) -> SimpleNamespace:
-        return SimpleNamespace(
-            name=name,
-            paths=(name,),
-            has_prior=True,
-            spread=0.1,
-            slope=lambda _: 1.0,
-            value=lambda _: 0.5,
-        )
-
-    def identified(one: str, other: str, *changes: float) -> str:
-        return _line([part(one), part(other)], [0.0, 0.0], np.array(changes))  # type: ignore[list-item]
-
-    friction = "drives.0.friction"
-    assert "only the sum of" in identified(f"{friction}.constant", f"{friction}.load", 0.7, -0.7)
-    assert "only the product of" in identified(
-        "joints.0.friction.coefficient", "joints.0.friction.radius", 0.7, -0.7
-    )
-    assert "only the ratio of" in identified(
-        "tendons.0.stiffness", "tendons.0.insertion.radius", 0.7, 0.7
-    )

@@ -62,7 +62,6 @@ def test_what_shows_only_as_a_product_is_told_together() -> None:
     # each keeps 0.1/√2 of its prior: the product shares it out
     np.testing.assert_allclose(found.errors, 0.1 / np.sqrt(2.0), rtol=1e-3)
     assert found.together.all()
-    assert any("only the product of" in line for line in found.combinations)
     wide = identified([0.1, 1.0], information)
     assert list(wide.determined) == [False, True]
     assert list(wide.together) == [True, False]
@@ -75,7 +74,6 @@ def test_what_nothing_shows_is_left_and_not_held() -> None:
     found = identified([0.1, 0.1], np.diag([1e6, 1e-3]))
     assert list(found.determined) == [True, False]
     assert not found.together.any()
-    assert found.combinations == ()  # a number alone is no combination
 
 
 def test_the_least_told_is_held_until_the_rest_is_told() -> None:
@@ -101,68 +99,11 @@ def test_a_number_without_a_prior_is_judged_by_its_value() -> None:
     assert not vague.determined[0]
 
 
-def test_a_combination_is_named_where_logs_tell_half_of_what_the_priors_do() -> None:
-    """An amount of information 0.4 and 0.6 of the priors' along a − b, and plenty along a + b."""
-
-    def along_difference(amount: float) -> tuple[str, ...]:
-        plus, minus = np.array([1.0, 1.0]) / np.sqrt(2.0), np.array([1.0, -1.0]) / np.sqrt(2.0)
-        return identified(
-            [0.1, 0.1], 100.0 * (1e4 * np.outer(plus, plus) + amount * np.outer(minus, minus))
-        ).combinations
-
-    assert len(along_difference(0.4)) == 1
-    assert along_difference(0.6) == ()
-
-
-def test_two_numbers_of_which_the_logs_tell_nothing_are_one_line() -> None:
-    """Not one that only their product is told and one that only their ratio is."""
-    information = 100.0 * np.diag([0.2, 0.1, 1e4])
-    turned = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, np.sqrt(2.0)]]) / np.sqrt(2.0)
-    (line,) = identified([0.1] * 3, turned @ information @ turned.T).combinations
-    assert line.startswith(
-        ("nothing of a and b, which stay near", "nothing of b and a, which stay near")
-    )
-    three = np.array([[1.0, 1.0, 1.0], [1.0, -0.5, -0.5], [0.0, 1.0, -1.0]])
-    three /= np.linalg.norm(three, axis=1)[:, None]
-    (line,) = identified(
-        [0.1] * 3, three.T @ (100.0 * np.diag([1e4, 0.1, 0.2])) @ three
-    ).combinations
-    assert line.endswith(
-        "only together, none of them alone: turn the joint further, or vary the load"
-    )
-
-
-def test_what_is_told_only_together_is_named_by_its_kind_and_its_members() -> None:
-    """Where a up, b down changes nothing, their product is known; where both up do, their ratio;
-    one alone is no line.
-    """
-
-    def unidentified(direction: list[float]) -> tuple[str, ...]:
-        unit = np.array(direction) / np.linalg.norm(direction)
-        information = 1e6 * (np.eye(len(unit)) - np.outer(unit, unit))
-        return identified([0.1] * len(unit), information).combinations
-
-    (product,) = unidentified([1.0, -1.0])
-    assert product.startswith(
-        ("only the product of a and b, neither", "only the product of b and a, neither")
-    )
-    (ratio,) = unidentified([1.0, 1.0])
-    assert "only the ratio of" in ratio
-    (three,) = unidentified([1.0, 0.9, -0.8])
-    assert three.startswith("a, b and c only together")
-    # a share of 0.25 in it is none, one of 0.35 is
-    (two,) = unidentified([0.95, 0.9, 0.33])
-    assert "c" not in two.partition(" only")[0]
-    (three,) = unidentified([0.95, 0.9, 0.49])
-    assert "c" in three.partition(" only")[0]
-    assert unidentified([1.0, 0.0]) == unidentified([0.0, 1.0, 0.1]) == ()
-
-
 def test_numbers_that_go_with_each_other_exactly_have_errors_too() -> None:
     """Of a singular covariance: with one of two held, nothing is left of the other."""
     covariance = np.array([[4.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 9.0]])
     nothing = np.zeros(3, dtype=bool)
-    errors = Uncertainty(covariance, nothing, nothing, ()).errors_holding(
+    errors = Uncertainty(covariance, nothing, nothing).errors_holding(
         np.array([True, False, False])
     )
     assert errors == pytest.approx([0.0, 0.0, 3.0])

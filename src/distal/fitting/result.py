@@ -53,7 +53,6 @@ class Fit:
         duration: total duration of the logs [s].
         samples: total number of samples.
         homing: for how long the reference was read [s]; None: see `fit`.
-        combinations: sentences on parameters that the logs cannot separate.
         converged: whether the search converged; if not, there are no standard errors.
         interrupted: whether the user interrupted the fit.
         maps: the learned maps by their kinds, see `LearnedMaps`.
@@ -78,7 +77,6 @@ class Fit:
     duration: float
     samples: int
     homing: float | None
-    combinations: tuple[str, ...]
     converged: bool
     interrupted: bool
     maps: Mapping[str, MapFit] = field(default_factory=dict)
@@ -129,7 +127,6 @@ class Fit:
             duration=float(sum(log.time[-1] - log.time[0] for log in logs)),
             samples=sum(len(log) for log in logs),
             homing=options.homing,
-            combinations=parameters.uncertainty.combinations,
             converged=parameters.optimum.converged,
             interrupted=learned.interrupted,
             maps=learned.maps,
@@ -282,7 +279,6 @@ class Fit:
                     "does not include what it may hide; declare it only where something can touch "
                     "the joint"
                 )
-        lines += [f"these logs tell {line}" for line in self.combinations]
         return lines
 
     def __getitem__(self, name: str) -> FittedParameter:
@@ -354,7 +350,6 @@ class Fit:
             "#   " + "  ".join([*(row[i].ljust(widths[i]) for i in range(4)), row[4]])
             for row in rows
         ]
-        lines += [f"# These logs tell {line}." for line in self.combinations]
         lines += [f"# {line}" for map_fit in self.maps.values() for line in map_fit.notes]
         lines += [f"# {line}" for line in self.advice()]
         return "\n".join(lines) + "\n\n"

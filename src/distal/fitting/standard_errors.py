@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from distal.arrays import Bools, Floats
-from distal.fitting.free_parameter import FittedParameter, Free
+from distal.fitting.free_parameter import FittedParameter
 from distal.fitting.likelihood import Derivatives
 from distal.fitting.likelihood_search import hessian
 from distal.fitting.problem import Problem
@@ -35,19 +35,6 @@ SEEN_ALONE = 0.2
 the logs identify it together with others. Source: judgement.
 """
 
-WEAK = 0.5
-"""Ratio of the logs' information on a combination to the priors', below which the combination is
-reported. Source: judgement.
-"""
-
-PART = 0.3
-"""Least share of a parameter in a combination, from which on it belongs to it. Source:
-judgement.
-"""
-
-SUMMANDS = {"constant", "load", "preload"}
-"""Names of the parameters that add up to one friction limit."""
-
 
 @dataclass(frozen=True)
 class Uncertainty:
@@ -59,13 +46,11 @@ class Uncertainty:
             less than H⁻¹; the variances of `Free.coarse` are added.
         determined: whether the logs identify each coordinate, (n,).
         together: whether the logs identify it only together with others, (n,).
-        combinations: sentences on combinations that the logs do not identify.
     """
 
     covariance: Floats
     determined: Bools
     together: Bools
-    combinations: tuple[str, ...]
 
     @property
     def errors(self) -> Floats:
@@ -114,7 +99,7 @@ def uncertainty_at(problem: Problem, derivatives: Derivatives, z: Floats) -> Unc
     alone = np.minimum(errors, 1.0 / np.sqrt(np.maximum(precision, 1e-300)))
     together = (errors > CONFOUNDED * yardstick) & (alone < SEEN_ALONE * errors)
     determined = (errors < share * yardstick) & ~together
-    return Uncertainty(covariance, determined, together, _combinations(problem, derivatives, z))
+    return Uncertainty(covariance, determined, together)
 
 
 def yardsticks(problem: Problem, z: Floats) -> Floats:
@@ -126,70 +111,6 @@ def yardsticks(problem: Problem, z: Floats) -> Floats:
         for (part, _), c in zip(problem.parts, z)
     ]
     return np.where(np.isfinite(problem.prior_stds), problem.prior_stds, vague)
-
-
-def _combinations(problem: Problem, derivatives: Derivatives, z: Floats) -> tuple[str, ...]:
-    """Return sentences on combinations of two parameters or more on which the logs have less
-    information than the priors.
-    """
-    parameters = [k for k, (part, _) in enumerate(problem.parts) if not part.noise]
-    if len(parameters) < 2:
-        return ()
-    yardstick = yardsticks(problem, z)[parameters]
-    relative = derivatives.information[np.ix_(parameters, parameters)] * np.outer(
-        yardstick, yardstick
-    )
-    amounts, directions = np.linalg.eigh((relative + relative.T) / 2)
-    weak = directions.T[amounts < WEAK]
-    lines = []
-    groups: list[
-        tuple[set[int], list[int]]
-    ] = []  # parameters that weak directions have in common, and which directions
-    for k, direction in enumerate(weak):
-        members = set(np.flatnonzero(np.abs(direction) >= PART).tolist())
-        of = [k]
-        if len(members) > 1:
-            for group in [group for group in groups if group[0] & members]:
-                groups.remove(group)
-                members = members | group[0]
-                of = [*group[1], *of]
-            groups.append((members, of))
-    for members, of in groups:
-        at = sorted(members, key=lambda i: -abs(weak[of[0]][i]))
-        parts = [problem.parts[parameters[i]][0] for i in at]
-        z_of = [z[parameters[i]] for i in at]
-        lines.append(_line(parts, z_of, weak[of[0]][at], len(of)))
-    return tuple(lines)
-
-
-REMEDY = "turn the joint further, or vary the load"
-
-
-def _line(parts: Sequence[Free], z: Sequence[float], direction: Floats, count: int = 1) -> str:
-    """Return a sentence on parameters of which the logs identify a combination only, such as "only
-    the product of a and b".
-
-    The signs of `direction`, the change that no log shows, say whether it is a product, a ratio or
-    a sum. `count` is the number of such directions: with as many as parameters, none of these is
-    identified.
-    """
-    # a parameter of which each log has its own is one name
-    *names, last = dict.fromkeys(part.name for part in parts)
-    listed = f"{', '.join(names)} and {last}" if names else last
-    if count >= len(parts):
-        return f"nothing of {listed}, which stay near the rig file's values: {REMEDY}"
-    if not names:
-        return f"{listed} of one log only together with that of the others: {REMEDY}"
-    if len(parts) > 2:
-        return f"{listed} only together, none of them alone: {REMEDY}"
-    changes = [
-        step * part.slope(at) * (part.spread if part.has_prior else 1.0) / (part.value(at) or 1.0)
-        for part, at, step in zip(parts, z, direction)
-    ]
-    kind = "product" if changes[0] * changes[1] < 0 else "ratio"
-    if {part.paths[0].rpartition(".")[2] for part in parts} <= SUMMANDS:
-        kind = "sum"
-    return f"only the {kind} of {listed}, neither of them alone: {REMEDY}, or measure one"
 
 
 LARGEST_NIS = 5.0

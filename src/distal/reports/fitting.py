@@ -102,8 +102,6 @@ def _parameters(fit: Fit) -> list[str]:
     ]
     columns = ("number", "path", "rig file", "fitted ± standard error", "unit", "from")
     parts = [heading("What was found"), html_table(columns, rows, values=(2, 3))]
-    if fit.combinations:
-        parts.append(paragraph("These logs tell " + "; ".join(fit.combinations) + "."))
     per_log = [
         (part.name, Path(log).name, f"{number:.5g}", part.si)
         for part in fit.fitted
