@@ -180,13 +180,9 @@ def run(case: str, longer: bool) -> dict[str, Any]:
         warnings.simplefilter("ignore")
         rig, logs, others = CASES[case](Path(folder))
         before = loop()
-        counted, begun, clock, first = (
-            Counted(),
-            time.process_time(),
-            time.perf_counter(),
-            list[float](),
-        )
-        found = fit(logs, rig, early=lambda _: first.append(time.perf_counter() - clock))
+        counted = Counted()
+        begun = time.process_time()
+        found = fit(logs, rig)
         children = os.times()
         taken = time.process_time() - begun + children.children_user + children.children_system
         searched = (candidate.parameters for candidate in found.candidates)
@@ -196,7 +192,6 @@ def run(case: str, longer: bool) -> dict[str, Any]:
         return {
             "seconds": taken,
             "loops": 2 * taken / (before + loop()),
-            "first answer": first[0] if first else np.nan,
             "gradients": passes,
             "converged": found.converged,
             "chosen": found.candidates[0].name,
@@ -262,7 +257,6 @@ def main() -> None:
             case,
             f"{alone['seconds']:.1f}",
             f"{alone['loops']:.0f}",
-            f"{alone['first answer']:.1f}",
         ]
         row.append(f"{alone['gradients']:.0f}")
         row += ["yes" if alone["converged"] else "no", f"{alone['far']:.1f}", alone["chosen"]]
@@ -300,7 +294,6 @@ def main() -> None:
         "rig",
         "processor [s]",
         "in loops",
-        "first answer [s]",
         "gradients",
         "converged",
         "largest move [prior stds]",

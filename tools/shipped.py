@@ -15,6 +15,8 @@ import sys
 import warnings
 from pathlib import Path
 
+import numpy as np
+
 from distal import learn_map, load_rig, read_log
 from distal.fitting.fitted_file import write_fitted
 
@@ -56,7 +58,9 @@ def with_maps(path: Path, logs: list[Path]) -> None:
         warnings.simplefilter("ignore")
         read = [read_log(log, rig) for log in logs]
         maps = [learn_map(read, rig, kind, homing=HOMING) for kind in ("readings", "filter")]
-    print(*(found.text for found in maps), sep="\n")
+    for learned in (each for found in maps for each in found.maps):
+        errors = ", ".join(f"{np.rad2deg(rms):.3f}°" for rms in learned.rms)
+        print(f"map of {', '.join(learned.channels)}: on logs left out an RMS error of {errors}")
     account, _, _ = text.partition("\n\n")
     learned = rig.with_map(**{found.kind: found.maps for found in maps})
     write_fitted(path, learned, rig, {}, f"{account}\n\n", text)

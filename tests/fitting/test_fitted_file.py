@@ -16,7 +16,7 @@ from distal.errors import DistalWarning, RigError
 from distal.fitting import judge as judging
 from distal.fitting.candidates import Candidate, MissingTerm, Training, filter_candidate, with_parts
 from distal.fitting.choice_of_parameters import Options
-from distal.fitting.fitted_file import MARK, plain_value
+from distal.fitting.fitted_file import plain_value
 from distal.fitting.judge import WRITTEN, Compared, Judged, Learned, Score, learned_by, readings_map
 from distal.fitting.parameter_estimates import among_models, parameters_of, problem_of
 from distal.fitting.result import Fit
@@ -235,27 +235,6 @@ def test_what_does_not_fit_into_the_text_is_written_anew(
     with pytest.warns(DistalWarning, match="written anew"):
         result.save(tmp_path / "fitted.toml", text)
     assert load_rig(tmp_path / "fitted.toml") == result.rig
-
-
-def test_an_early_file_says_that_it_is_one(found: Found, text: str, tmp_path: Path) -> None:
-    path = tmp_path / "early.toml"
-    found.line.save(path, text, provisional="the fit has not ended")
-    assert path.read_text(encoding="utf-8").startswith(f"{MARK}fit`: the fit has not ended")
-    with pytest.warns(DistalWarning, match=r"early.toml: the fit has not ended"):
-        early = load_rig(path)
-    assert early.map is not None
-    assert early.map.readings
-    assert early.bare() == found.rig
-
-
-def test_a_fit_that_begins_with_an_early_file_ends_it(
-    found: Found, text: str, tmp_path: Path
-) -> None:
-    path = tmp_path / "early.toml"
-    found.line.save(path, text, provisional="the fit has not ended")
-    candidate = found.candidates[0]
-    written = check(found, found.learned(candidate), path.read_text(encoding="utf-8"), path)
-    assert "has not ended" not in written
 
 
 @pytest.mark.more  # by the command line: tests/cli/test_fit.py

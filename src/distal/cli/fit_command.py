@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import degrees, isnan, sqrt
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -28,7 +28,7 @@ from distal.cli.shared_options import (
 from distal.errors import FitError
 
 if TYPE_CHECKING:
-    from distal.fitting import Fit, MapFit
+    from distal.fitting import Fit
     from distal.logs import Log
     from distal.rig import Rig
 
@@ -37,12 +37,6 @@ MinutesOption = Annotated[
     float | None,
     Option("--minutes", min=0.01, help="End after so long, with the best so far [min]."),
 ]
-
-PROVISIONAL = (
-    "the fit that writes this file has not ended: it has the map of the logs, all other "
-    "parameters are as they came"
-)
-"""Note in a file that is written before the fit ends, and which the fit replaces."""
 
 MOST_ROWS = 14
 """Number of fitted parameters printed at most; the page shows all. Source: layout."""
@@ -144,7 +138,6 @@ def fit_command(
             units=units,
             start=start,
             progress=lambda doing: show(f"{doing.stage}, about {doing.share:.0%} done"),
-            early=written_at_once(out, text),
             lag=None if reference_lag is None else in_si(reference_lag, "s"),
         )
     _say(result)
@@ -176,20 +169,6 @@ def save_fit(
         say(f"wrote {out}{then}")
     if folder is not None:
         say(f"wrote {fit_report(result, logs, folder)}{of_page}")
-
-
-def written_at_once(out: Path | None, text: str) -> Callable[[MapFit], None]:
-    """Return the function that writes a rig file with the map on readings alone, while a fit goes
-    on; `text` is that of the rig.
-    """
-
-    def write(line: MapFit) -> None:
-        say(f"at once, {line.text}")
-        if out is not None:
-            line.save(out, text, provisional=PROVISIONAL)
-            say(f"wrote {out} with it; the fit replaces it")
-
-    return write
 
 
 def _say(result: Fit) -> None:

@@ -18,7 +18,6 @@ from distal.cli.fit_command import (
     is_mostly_noise,
     save_fit,
     say_scores,
-    written_at_once,
 )
 from distal.cli.rig_commands import OutOption, app, check_new_rig
 from distal.cli.shared_options import (
@@ -174,7 +173,6 @@ def learn_command(
             read,
             description,
             progress=lambda doing: show(f"{doing.stage}, about {doing.share:.0%} done"),
-            early=written_at_once(out, text),
             lag=None if reference_lag is None else in_si(reference_lag, "s"),
             guessed=rig is None,
         )

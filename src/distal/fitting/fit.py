@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +19,7 @@ from distal.fitting.candidates import groups_among
 from distal.fitting.choice_of_parameters import Options, Progress
 from distal.fitting.judge import WRITTEN, Judged, Learned, judge, learned_by
 from distal.fitting.learn_free_motion import efforts_of, untouched
-from distal.fitting.learned_maps import MapFit, logs_read
+from distal.fitting.learned_maps import logs_read
 from distal.fitting.log_checks import check_logs, touched_logs
 from distal.fitting.map_samples import ReferenceLag, counted_from, reference_lag, reference_offset
 from distal.fitting.result import Fit
@@ -55,7 +55,6 @@ def fit(
     progress: Progress | None = None,
     units: str | None = None,
     start: Rig | str | Path | None = None,
-    early: Callable[[MapFit], None] | None = None,
     lag: float | None = None,
     guessed: bool = False,
 ) -> Fit:
@@ -88,8 +87,6 @@ def fit(
             instrument, a pose, a day) in a log's name. The logs of a unit are held out together, so
             that the band is right for a new unit.
         start: a fitted rig whose values the search begins with; the priors are those of `rig`.
-        early: called with the map on readings alone within seconds, once the logs have passed all
-            checks.
         lag: by how much the true angles are later than the drives [s]; None: it is found, and taken
             off where it makes the logs more probable by more than its standard error. A joint that
             follows its drives late looks the same.
@@ -127,7 +124,7 @@ def fit(
     read = found_lag.taken_off(read, rig)
     servos = servos_of(read, rig)
     rig = rig.with_values(servos)
-    judged = judge(read, rig, options, progress, early)
+    judged = judge(read, rig, options, progress)
     learned = _followed(judged, read)
     doubts = (*found_lag.sentences, *_touched(aside), *learned.doubts)
     learned = replace(learned, doubts=doubts)
@@ -271,7 +268,6 @@ def learn(
     ignore: Sequence[str] = (),
     lag: float | None = None,
     progress: Progress | None = None,
-    early: Callable[[MapFit], None] | None = None,
 ) -> Fit:
     """Learn from logs alone how well the joints can be known from the motors: which columns are
     what, the structure of the rig, its parameters and its maps.
@@ -286,7 +282,6 @@ def learn(
         ignore: columns that are none of this.
         lag: by how much the true angles are later than the drives [s]; see `fit`.
         progress: called with what the fit is doing.
-        early: called with the map on readings alone within seconds.
 
     Raises:
         LogError: a log cannot be read, or has no time.
@@ -295,5 +290,5 @@ def learn(
     """
     draft = rig_from_logs(logs, truth=truth, drives=drives, ignore=ignore)
     read = [read_log(source, draft.rig) for source in logs]
-    result = fit(read, draft.rig, progress=progress, early=early, lag=lag, guessed=True)
+    result = fit(read, draft.rig, progress=progress, lag=lag, guessed=True)
     return replace(result, text=draft.text)

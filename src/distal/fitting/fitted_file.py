@@ -16,8 +16,8 @@ MARK = "# Fitted by `distal "
 """The first words of a fitted file; by them the head of an earlier fit is found and replaced."""
 
 
-LEARNED = ("map", "left_out", "provisional")
-"""Tables and keys that a fit writes; one that this fit did not learn is removed, since it belongs
+LEARNED = ("map", "left_out")
+"""Tables that a fit writes; one that this fit did not learn is removed, since it belongs
 to an earlier fit.
 """
 

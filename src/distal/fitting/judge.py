@@ -7,7 +7,7 @@ least squares are solved without the log.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,7 +36,6 @@ from distal.fitting.learned_maps import (
     map_of,
     parts_read,
     with_its_reference_error,
-    with_shares,
 )
 from distal.fitting.map_samples import counted_from
 from distal.fitting.map_search import HeldOut
@@ -235,7 +234,6 @@ def judge(
     rig: Rig,
     options: Options,
     progress: Progress | None = None,
-    early: Callable[[MapFit], None] | None = None,
 ) -> Judged:
     """Return the candidates for a description of some logs, each judged on held-out logs.
 
@@ -244,7 +242,6 @@ def judge(
         rig: the original rig, whose values and stds are the priors.
         options: those of `fit`.
         progress: called with what the fit is doing.
-        early: called with the map on readings alone as soon as the logs have passed all checks.
 
     Raises:
         FitError: the logs cannot be fitted.
@@ -252,8 +249,6 @@ def judge(
     training = Training.of(logs, rig, options)
     line = readings_map(training) if training.judges else None
     problem = problem_of(logs, rig, options)
-    if line is not None and early is not None:
-        early(with_shares(line, dict.fromkeys(rig.joint_names, 1.0)))
     solutions = parameters_of(problem, options, progress)
     stopped = solutions[-1].optimum.interrupted
     models = list(solutions)

@@ -12,7 +12,6 @@ import numpy as np
 
 from distal.errors import FitError
 from distal.estimators import channels_of, of_part, parts_of, samples_of_angles
-from distal.fitting.fitted_file import MARK, write_fitted
 from distal.fitting.map_samples import (
     filtered,
     reference_variances,
@@ -63,43 +62,6 @@ class MapFit:
     def rig(self) -> Rig:
         """The description with the maps in it."""
         return self.start.with_map(**{self.kind: self.maps})
-
-    @property
-    def rms(self) -> float:
-        """Mean over the joints of the RMS error on logs left out, in the unit of what is mapped."""
-        return float(np.mean([rms for learned in self.maps for rms in learned.rms]))
-
-    @property
-    def inside(self) -> float:
-        """Mean share of these errors inside the band."""
-        return float(np.mean([share for learned in self.maps for share in learned.inside]))
-
-    @property
-    def text(self) -> str:
-        """The scores in one line."""
-        logs = max(learned.logs for learned in self.maps)
-        factor, unit = (1e3, " mN m") if self.kind == "torque" else (np.rad2deg(1.0), "°")
-        what = "readings alone" if self.kind == "readings" else self.kind
-        return (
-            f"map of {what}, learned from {logs} log{'s' if logs != 1 else ''}: on logs left out "
-            f"an RMS error of {factor * self.rms:.3f}{unit}, {100 * self.inside:.0f} % inside the "
-            "band"
-        )
-
-    def save(self, path: str | Path, text: str | None = None, provisional: str = "") -> None:
-        """Write the rig file with the maps; if that fails, the old file is kept.
-
-        They are written into `text`, the TOML of the rig, so that its comments stay; without it the
-        file is written anew. The sentence `provisional`, if any, is written into the file and at
-        its head.
-
-        Raises:
-            OutputError: the file cannot be written.
-        """
-        values: dict[str, object] = {"provisional": provisional} if provisional else {}
-        rig = self.rig.model_copy(update=values)
-        head = f"{MARK}fit`: {provisional}\n\n" if provisional else ""
-        write_fitted(path, rig, self.start, values, head, text)
 
 
 @one_blas_thread()

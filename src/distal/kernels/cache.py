@@ -67,7 +67,6 @@ APART = frozenset(
     {
         "name",
         "log",
-        "provisional",
         "when_lost",
         "stepping",
         "map",

@@ -98,8 +98,6 @@ def load_rig(name: str | Path, assignments: Sequence[str] = ()) -> Rig:
         RigError: the rig is unknown, cannot be read, or its description is wrong.
     """
     _, source, changed, rig = _changed(name, assignments)
-    if rig.provisional:
-        warnings.warn(f"{source}: {rig.provisional}", DistalWarning, stacklevel=2)
     moved = [path for path, _ in changed if path.split(".")[0] in ("joints", "drives", "tendons")]
     if moved and rig.map is not None and rig.map.filter:
         is_torque = any(path.split(".")[2:3] == ["external_torque"] for path in moved)

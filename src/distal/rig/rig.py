@@ -77,10 +77,6 @@ class Rig(Description):
         (),
         description='"length", "force": scales that were assumed, as no log tells them',
     )
-    provisional: str = Field(
-        "",
-        description="what a fit has not done yet; commands repeat it",
-    )
     map: LearnedMaps | None = None
     left_out: LeftOut | None = None
 
@@ -281,10 +277,8 @@ class Rig(Description):
         return self.map is not None and bool(self.map.efforts)
 
     def bare(self) -> Rig:
-        """Return a copy without what was learned from logs (`map`, `left_out`), without
-        `provisional` too.
-        """
-        return self.model_copy(update={"map": None, "left_out": None, "provisional": ""})
+        """Return a copy without what was learned from logs (`map`, `left_out`)."""
+        return self.model_copy(update={"map": None, "left_out": None})
 
     def with_map(self, **kinds: Sequence[LearnedMap]) -> Rig:
         """Return a copy with the maps of some kinds replaced, as in `LearnedMaps`."""
