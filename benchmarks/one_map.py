@@ -27,9 +27,10 @@ from unittest.mock import patch
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.maps import with_learned_map
 from benchmarks.report import table
 from benchmarks.touch import CASES, fitted
-from distal import Log, Rig, estimate, learn_map, read_log
+from distal import Log, Rig, estimate, read_log
 from distal.fitting.learn_free_motion import untouched
 from distal.logs import true_angles
 from distal.regression import Prior
@@ -125,7 +126,7 @@ def main() -> None:
         alone = judged(drawn.rig, drawn.free)
         for kind, name in ways:
             with changed(name):
-                learned = learn_map(drawn.calibration, drawn.rig, kind).rig
+                learned = with_learned_map(drawn.calibration, drawn.rig, kind)
             found[kind, name].append(judged(learned, drawn.free))
         cells = [alone, *(found[kind, "as it is"][-1] for kind in ("readings", "filter"))]
         rows.append((drawn.name, *(f"{rms:.3f} ({100 * inside:.0f} %)" for rms, inside in cells)))

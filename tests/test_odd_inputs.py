@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+from benchmarks.maps import with_learned_map
 
-from distal import estimate, learn_map, load_rig, make_estimator, read_log, simulate
+from distal import estimate, load_rig, make_estimator, read_log, simulate
 from distal.errors import DistalError, DistalWarning, EstimationError, LogError, RigError
 from distal.rig import rig_text
 from distal.units import unit_factor
@@ -117,7 +118,7 @@ def test_a_filter_that_leaves_all_bounds_names_the_map_that_the_rig_has(
     log: Path, paper_rig
 ) -> None:
     rig = paper_rig.with_values({"drives.0.stops": None})
-    with_line = learn_map(simulate(rig, "series-2", 1), rig, "readings").rig
+    with_line = with_learned_map([simulate(rig, "series-2", 1)], rig, "readings")
     wild = pl.col("t").is_between(0.145, 0.175)
     frame = pl.read_csv(log).with_columns(x1=pl.when(wild).then(9e6).otherwise(pl.col("x1")))
     for described, words in (

@@ -16,8 +16,9 @@ import warnings
 from pathlib import Path
 
 import numpy as np
+from benchmarks.maps import with_learned_map
 
-from distal import learn_map, load_rig, read_log
+from distal import load_rig, read_log
 from distal.fitting.fitted_file import write_fitted
 
 ROOT = Path(__file__).parents[1]
@@ -53,16 +54,17 @@ def with_maps(path: Path, logs: list[Path]) -> None:
     """Put the maps that logs of all poses teach into a rig file."""
     text = introduced(path.read_text(encoding="utf-8"))
     path.write_text(text, encoding="utf-8")
-    rig = load_rig(path).bare()
+    learned = rig = load_rig(path).bare()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         read = [read_log(log, rig) for log in logs]
-        maps = [learn_map(read, rig, kind, homing=HOMING) for kind in ("readings", "filter")]
-    for learned in (each for found in maps for each in found.maps):
-        errors = ", ".join(f"{np.rad2deg(rms):.3f}°" for rms in learned.rms)
-        print(f"map of {', '.join(learned.channels)}: on logs left out an RMS error of {errors}")
+        for kind in ("readings", "filter"):
+            learned = with_learned_map(read, learned, kind, HOMING)
+    assert learned.map is not None
+    for name, found in learned.map.named().items():
+        errors = ", ".join(f"{np.rad2deg(rms):.3f}°" for rms in found.rms)
+        print(f"map.{name}: on logs left out an RMS error of {errors}")
     account, _, _ = text.partition("\n\n")
-    learned = rig.with_map(**{found.kind: found.maps for found in maps})
     write_fitted(path, learned, rig, {}, f"{account}\n\n", text)
     load_rig(path)
 

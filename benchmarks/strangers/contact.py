@@ -1,13 +1,8 @@
-"""The torque on a jaw from outside: a real instrument, other motions or poses; and a push on a
-simulated finger, seen.
-"""
+"""A push on a simulated finger, seen."""
 
 from __future__ import annotations
 
-import os
-import sys
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,69 +13,14 @@ from benchmarks.strangers.library import (
     build_rig,
     build_scenario,
     estimate,
-    load_rig,
-    read_log,
     simulate,
 )
-from benchmarks.strangers.poses import POSES
-from benchmarks.strangers.scoring import BAND, Job, Record, Table
-from distal import Estimate, learn_map
+from benchmarks.strangers.scoring import Job, Record, Table
+from distal import Estimate
 
 NAME = "contact"
-HOMING = 3.0
 PUSH = 0.07
 """Torque of the push [N m]."""
-
-LOAD_CELL = {
-    "name": "tau_true",
-    "measures": "torque",
-    "of": "jaw",
-    "column": "tau_true_Nm",
-    "noise": 1e-4,
-    "rate": 100.0,
-}
-"""What measured the torque on the jaw in these logs."""
-
-CLASSES = ("run_0", "run_2", "run_4")
-"""Classes of motion with the wrist straight; each is left out once."""
-
-
-def torques(case: str, name: str, log: Log, rig: Rig) -> list[Record]:
-    """Score the torque after homing [mN m], beside zero, which is the mean over the window."""
-    result = estimate(log, rig, homing=HOMING)
-    errors, stds, true = (
-        result.torque_errors(),
-        result.external_torque_std,
-        log.truth["external_torque"],
-    )
-    late = np.isfinite(errors)
-    away = true[late] - np.mean(true[log.time - log.time[0] < HOMING])
-    inside = float(np.mean(np.abs(errors[late]) <= BAND * stds[late]))
-    rms = 1e3 * float(np.sqrt(np.mean(errors[late] ** 2)))
-    none = 1e3 * float(np.sqrt(np.mean(away**2)))
-    return [
-        Record(
-            NAME,
-            case,
-            name,
-            "adaptive",
-            round(rms, 4),
-            round(inside, 4),
-            1e3 * BAND * float(stds[late].mean()),
-            None,
-        ),
-        Record(NAME, case, name, "zero", round(none, 4), 0.0, 0.0, None),
-    ]
-
-
-def jaw(case: str, learned_from: list[tuple[str, Path]], judged: list[Path]) -> list[Record]:
-    """Learn from some runs, each with its unit, judge on others."""
-    raw = load_rig("da-vinci-grasper").bare().model_dump()
-    rig = build_rig({**raw, "sensors": [*raw["sensors"], LOAD_CELL]}, "da-vinci-grasper")
-    logs = [read_log(path, rig) for _, path in learned_from]
-    units = [unit for unit, _ in learned_from]
-    taught = learn_map(logs, rig, "torque", homing=HOMING, groups=units).rig
-    return [one for path in judged for one in torques(case, path.stem, read_log(path, rig), taught)]
 
 
 def finger_rig() -> Rig:
@@ -240,51 +180,15 @@ def quiet(seed: int) -> list[Record]:
 
 
 def jobs(quick: bool, first: int) -> list[Job]:
-    """Return the jobs: classes and poses left out, 40 pushes, ten minutes without one."""
+    """Return the jobs: 40 pushes, ten minutes without one."""
     made: list[Job] = [partial(onset, first + seed) for seed in range(8 if quick else 40)]
     made += [partial(quiet, first + 1000 + seed) for seed in range(2 if quick else 10)]
-    folder = os.environ.get("DISTAL_DATA")
-    if not folder:
-        print("DISTAL_DATA is not set: the jaw is left out", file=sys.stderr)
-        return made
-    paths = {pose: sorted(Path(folder).glob(pattern)) for pose, pattern in POSES.items()}
-    straight = paths["wrist straight"]
-    for each in CLASSES:
-        rest = [(path.stem[:5], path) for path in straight if not path.stem.startswith(each)]
-        out = [path for path in straight if path.stem.startswith(each)]
-        made.append(partial(jaw, "jaw, motion class left out", rest, out))
-    for pose in [pose for pose in POSES if pose != "wrist straight"]:
-        rest = [(other, path) for other in POSES if other != pose for path in paths[other]]
-        made.append(partial(jaw, "jaw, pose left out", rest, paths[pose]))
     return made
 
 
 def tables(records: list[Record]) -> list[Table]:
-    """Return the table of torques, and that of onsets."""
-    rows: dict[tuple[str, ...], tuple[float, ...]] = {}
-    for case in dict.fromkeys(one.case for one in records if one.case.startswith("jaw")):
-        for name in ("adaptive", "zero"):
-            own = [one for one in records if one.case == case and one.estimator == name]
-            zero = {
-                one.log: one.rms for one in records if one.case == case and one.estimator == "zero"
-            }
-            better = 100.0 * float(np.mean([one.rms < zero[one.log] for one in own]))
-            rms, inside = (
-                [one.rms for one in own],
-                100.0 * float(np.mean([one.inside for one in own])),
-            )
-            nan = float("nan")
-            known = (inside, better) if name == "adaptive" else (nan, nan)
-            rows[(case, name)] = (float(len(own)), float(np.mean(rms)), max(rms), *known)
-    columns = (
-        ("logs", 0),
-        ("mean RMS [mN m]", 2),
-        ("worst log [mN m]", 2),
-        ("inside 95 % band [%]", 0),
-        ("better than zero [%]", 0),
-    )
-    title = "torque on the jaw from outside, its homing move of 3 s read; errors after it"
-    found = [Table(f"strangers-{NAME}", title, ("case", "estimate"), columns, rows)]
+    """Return the table of onsets."""
+    found = list[Table]()
     onsets: dict[tuple[str, ...], tuple[float, ...]] = {}
     pushes = [one for one in records if one.case.startswith("push")]
     calm = [one for one in records if one.case.startswith("a minute")]

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.strangers.library import learn_map, load_rig, read_log
+from benchmarks.maps import with_learned_map
+from benchmarks.strangers.library import load_rig, read_log
 from benchmarks.strangers.poses import POSES
 from benchmarks.strangers.scoring import Job, Record, Table, by_case, score
 from distal import Log
@@ -46,8 +47,8 @@ def run(case: str, learned_from: list[Path], judged: list[tuple[str, Path]]) -> 
     """
     rig = load_rig("da-vinci-grasper").bare()
     logs = [read_log(path, rig) for path in learned_from]
-    adaptive = learn_map(logs, rig, "filter", homing=HOMING).rig
-    alone = learn_map(logs, rig, "readings", homing=HOMING).rig
+    adaptive = with_learned_map(logs, rig, "filter", HOMING)
+    alone = with_learned_map(logs, rig, "readings", HOMING)
     records = []
     for pose, path in judged:
         log, name = read_log(path, rig), f"{case}: {path.stem}"

@@ -28,7 +28,7 @@ try:
 except ImportError:
     from distal.estimators import diagnose  # type: ignore[attr-defined]
 
-from distal import fit, learn_map
+from distal import fit
 
 __all__ = [
     "DistalError",
@@ -41,7 +41,6 @@ __all__ = [
     "diagnosed",
     "estimate",
     "fit",
-    "learn_map",
     "load_rig",
     "load_scenario",
     "printed_rig",

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.strangers.library import Log, Rig, learn_map, load_rig, read_log
+from benchmarks.maps import with_learned_map
+from benchmarks.strangers.library import Log, Rig, load_rig, read_log
 from benchmarks.strangers.scoring import Job, Record, Table, all_estimators, by_case, record, score
 
 NAME = "poses"
@@ -77,8 +78,9 @@ def learned(folder: str) -> Rig:
     Args:
         folder: with the data.
     """
-    logs = sorted(Path(folder).glob(POSES["wrist straight"]))
-    return learn_map(logs, load_rig("da-vinci-grasper").bare(), "readings", homing=HOMING).rig
+    rig = load_rig("da-vinci-grasper").bare()
+    logs = [read_log(path, rig) for path in sorted(Path(folder).glob(POSES["wrist straight"]))]
+    return with_learned_map(logs, rig, "readings", HOMING)
 
 
 def jobs(quick: bool, first: int) -> list[Job]:

@@ -19,9 +19,10 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.maps import with_learned_map
 from benchmarks.report import table
 from benchmarks.strangers.rough_plants import FITTED, JUDGED, KINDS, described, log_at, log_of
-from distal import DistalError, Log, Rig, estimate, fit, learn_map
+from distal import DistalError, Log, Rig, estimate, fit
 from distal.fitting import Fit
 from distal.rig import build_rig
 
@@ -174,7 +175,7 @@ def lines_alone(kind: str, seed: int) -> list[str]:
         for logs in (range(FITTED), range(FITTED, FITTED + JUDGED))
     )
     began = time.process_time()
-    learned, line = learn_map(fitted, rig, "readings").rig, linear_with_play(fitted)
+    learned, line = with_learned_map(fitted, rig, "readings"), linear_with_play(fitted)
     took = time.process_time() - began
     scores = np.mean([score(log, learned, "regression") for log in judged], axis=0)
     play = np.mean([np.sqrt(np.mean((line(log) - angles_of(log)) ** 2)) for log in judged])

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
         Fit,
         fit,
         learn,
-        learn_map,
         observability,
     )
     from distal.from_logs import RigFromLogs, rig_from_logs
@@ -76,7 +75,6 @@ __all__ = [
     "homing_filter",
     "lab_page",
     "learn",
-    "learn_map",
     "load_rig",
     "load_scenario",
     "log_health",
@@ -104,7 +102,6 @@ _NAMES = {
         "Fit",
         "fit",
         "learn",
-        "learn_map",
         "observability",
     ),
     "from_logs": ("RigFromLogs", "rig_from_logs"),

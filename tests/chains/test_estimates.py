@@ -12,6 +12,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
+from benchmarks.maps import with_learned_map
 from typer.testing import CliRunner
 
 from distal import (
@@ -24,7 +25,6 @@ from distal import (
     estimate,
     estimate_batch,
     fit,
-    learn_map,
     load_rig,
     load_scenario,
     make_estimator,
@@ -82,7 +82,7 @@ def test_adaptive_is_better_than_tendons_alone_and_its_band_holds(rig: Rig, log:
 
 
 def test_regression_learns_all_joints(rig: Rig, log: Log) -> None:
-    result = estimate(log, learn_map([log], rig, "readings").rig, "regression")
+    result = estimate(log, with_learned_map([log], rig, "readings"), "regression")
     assert rms(result).max() < 0.5
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from benchmarks.maps import with_learned_map
 
 from distal import (
     ESTIMATORS,
@@ -11,7 +12,6 @@ from distal import (
     Log,
     Rig,
     estimate,
-    learn_map,
     load_rig,
     load_scenario,
     make_estimator,
@@ -30,7 +30,7 @@ KINEMATIC = {"inextensible", "elastic", "regression"}
 @pytest.fixture(scope="module")
 def rig() -> Rig:
     described = scenario_rig(load_scenario("series-2"))
-    return learn_map([moved(described, seed) for seed in (1, 2, 3)], described, "readings").rig
+    return with_learned_map([moved(described, seed) for seed in (1, 2, 3)], described, "readings")
 
 
 @pytest.fixture(scope="module")
@@ -236,7 +236,7 @@ def drawn(rig: Rig) -> Log:
 def test_runs_on_every_shipped_rig(name: str, which: str) -> None:
     described = load_rig(which)
     if name == "regression":
-        described = learn_map(drawn(described), described, "readings").rig
+        described = with_learned_map([drawn(described)], described, "readings")
     made = make_estimator(name, described, compiled=False)
     n = len(made.channels)
     samples = np.column_stack(

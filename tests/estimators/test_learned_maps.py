@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.maps import with_learned_map
 
 from distal import (
     LiveEstimator,
@@ -14,13 +15,12 @@ from distal import (
     Rig,
     estimate,
     estimate_batch,
-    learn_map,
     load_rig,
     make_estimator,
     simulate,
     smooth,
 )
-from distal.errors import EstimationError, FitError
+from distal.errors import EstimationError
 from distal.estimators import AdaptiveFilter
 from distal.export.source import c_filter
 from distal.logs import write_log
@@ -155,16 +155,14 @@ class TestRegression:
         }
         scenario = Scenario(rig="hand", name="hand", duration=2.0, drives=moved)
         logs = [simulate(rig, scenario, seed) for seed in range(2)]
-        found = learn_map(logs, rig, "readings")
-        assert [each.joints for each in found.maps] == [
+        learned = with_learned_map(logs, rig, "readings")
+        assert learned.map is not None
+        first, second = learned.map.readings
+        assert [each.joints for each in (first, second)] == [
             tuple(part.rig.joint_names) for part in independent_parts(rig)
         ]
-        assert not set(found.maps[0].channels) & set(found.maps[1].channels)
-        assert estimate(logs[0], found.rig, "regression").rms_error() < np.deg2rad(5.0)
-
-    def test_logs_without_truth_teach_nothing(self, plain: Rig, log: Log) -> None:
-        with pytest.raises(FitError, match="none of the 1 logs has the joint's angle"):
-            learn_map(replace(log, truth={}), plain, "readings")
+        assert not set(first.channels) & set(second.channels)
+        assert estimate(logs[0], learned, "regression").rms_error() < np.deg2rad(5.0)
 
 
 def test_a_filter_begins_where_the_readings_map_says(plain: Rig, log: Log) -> None:
@@ -179,26 +177,3 @@ def test_a_filter_begins_where_the_readings_map_says(plain: Rig, log: Log) -> No
     belief, _ = alone.step(alone.initial(0.0, first), 0.0, first)
     assert begun.mean[0] == pytest.approx(belief.mean[0], abs=1e-9)
     assert AdaptiveFilter(sure, False).initial(0.0, first).mean[0] == 0.0
-
-
-def test_a_torque_is_mapped(plain: Rig) -> None:
-    """The torque that the readings tell is reported in place of the filter's own."""
-    described = plain.with_values({"joints.jaw.external_torque.std": 0.05})
-    rng = np.random.default_rng(2)
-    logs = []
-    for seed in range(3):
-        time = np.arange(0.0, 8.0, 0.02)
-        torque = 0.03 * np.sin((0.6 + 0.1 * seed) * time + seed)
-        channels = {
-            "motor_angle": 0.3 * np.sin(0.9 * time + seed),
-            "motor_torque": 0.6 * torque + 1e-4 * rng.normal(size=len(time)),
-        }
-        truth = {"theta": channels["motor_angle"] / 1.6, "external_torque": torque}
-        logs.append(Log(time, channels, truth, f"log {seed}"))
-    found = learn_map(logs[:2], described, "torque")
-    assert "mN m" in found.text
-    result = estimate(logs[2], found.rig)
-    error = result.torque_errors()
-    assert np.sqrt(np.nanmean(error[50:] ** 2)) < 3e-3
-    with pytest.raises(FitError, match="nothing touches 'jaw'"):
-        learn_map(logs, plain.with_values({"joints.jaw.external_torque.std": 0.0}), "torque")

@@ -33,7 +33,7 @@ def line(pulley_rig: Rig) -> MapFit:
     channels = tuple(sensor.name for sensor in pulley_rig.sensors[:2])
     learned = drawn_map((joint,), channels, False)
     errors = {joint: [held_out(0.2, 0.04), held_out(-0.4, 0.09)]}
-    return MapFit("readings", (learned,), pulley_rig, (), errors)
+    return MapFit("readings", (learned,), pulley_rig, errors)
 
 
 def test_shares_go_by_squared_errors_and_the_band_by_the_pool(line: MapFit) -> None:
@@ -41,7 +41,7 @@ def test_shares_go_by_squared_errors_and_the_band_by_the_pool(line: MapFit) -> N
     joint = line.start.joint_names[0]
     learned = drawn_map((joint,), line.maps[0].channels)
     errors = {joint: [held_out(0.1, 0.01, 1), held_out(0.2, 0.01, 1)]}
-    beside = MapFit("filter", (learned,), line.start, (), errors)
+    beside = MapFit("filter", (learned,), line.start, errors)
     of_log = Samples(
         "", TIME, np.zeros((4, 2)), np.zeros((4, 1)), np.zeros((4, 1)), np.ones((4, 1))
     )
@@ -72,13 +72,16 @@ def test_without_a_filter_readings_alone_answer(line: MapFit) -> None:
     nothing = Candidate("none", line.start, None, False, np.inf, {})
     (alone,) = answer_maps(nothing, training, line)
     assert alone.maps[0].share == (1.0,)
-    assert usual_estimator(alone.rig) == "regression"
-    assert isinstance(make_estimator(None, alone.rig, compiled=False), RegressionEstimator)
+    rig = line.start.with_map(readings=alone.maps)
+    assert usual_estimator(rig) == "regression"
+    assert isinstance(make_estimator(None, rig, compiled=False), RegressionEstimator)
     with pytest.raises(CommandError, match="could not follow the logs"):
-        check_scales(alone.rig, "a command", "torque")
-    beside = alone.rig.with_map(filter=[drawn_map(alone.maps[0].joints, alone.maps[0].channels)])
+        check_scales(rig, "a command", "torque")
+    beside = rig.with_map(filter=[drawn_map(alone.maps[0].joints, alone.maps[0].channels)])
     assert usual_estimator(beside) == "adaptive"
-    assert usual_estimator(line.rig) == "adaptive"  # no fit said that they have a share
+    assert (
+        usual_estimator(line.start.with_map(readings=line.maps)) == "adaptive"
+    )  # no fit said that they have a share
 
 
 def test_one_log_teaches_no_correction_of_a_filter(line: MapFit) -> None:
@@ -87,5 +90,6 @@ def test_one_log_teaches_no_correction_of_a_filter(line: MapFit) -> None:
     ran = Candidate("first", line.start, None, False, np.inf, {0: None})  # type: ignore[dict-item]
     assert answer_maps(ran, training, line) == (line,)
     shared = with_shares(line, dict.fromkeys(line.start.joint_names, 0.3))
-    assert shared.rig.map is not None
-    assert not shared.rig.map.pooled
+    rig = line.start.with_map(readings=shared.maps)
+    assert rig.map is not None
+    assert not rig.map.pooled

@@ -38,7 +38,7 @@ def test_an_encoders_offset_is_in_the_bands(rig: Rig) -> None:
     read = log(TruthSource(TruthKind.SENSOR, "column 'x'"))
     for kind, maps in (("readings", rig.map.readings), ("filter", rig.map.filter)):
         scored = HeldOut(np.zeros(2), np.zeros(2), np.array([1e-4, 2e-4]))
-        fit = MapFit(kind, maps, rig, (), {"jaw": [scored]})
+        fit = MapFit(kind, maps, rig, {"jaw": [scored]})
         wider = with_its_reference_error(fit, [read])
         before = maps[0].arrays["noise"]
         np.testing.assert_allclose(wider.maps[0].arrays["noise"], before + offset**2)

@@ -10,7 +10,6 @@ from distal.fitting.free_parameter import FittedParameter
 from distal.fitting.judge import WRITTEN, Compared, Score
 from distal.fitting.learned_maps import (
     MapFit,
-    learn_map,
 )
 from distal.fitting.map_samples import SETTLING
 from distal.fitting.result import Fit
@@ -31,6 +30,5 @@ __all__ = [
     "fit",
     "groups_of",
     "learn",
-    "learn_map",
     "observability",
 ]

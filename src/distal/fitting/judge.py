@@ -25,14 +25,12 @@ from distal.fitting.candidates import (
     Tried,
     answer_maps,
     filter_candidate,
-    groups_among,
     tried_parts,
 )
 from distal.fitting.choice_of_parameters import Options, Progress, judging
 from distal.fitting.free_parameter import FittedParameter, assignments, described
 from distal.fitting.learned_maps import (
     MapFit,
-    learn_map,
     map_of,
     parts_read,
     with_its_reference_error,
@@ -45,7 +43,7 @@ from distal.fitting.parameter_estimates import (
     parameters_of,
     problem_of,
 )
-from distal.logs import Log, shown, true_torques
+from distal.logs import Log, shown
 from distal.regression import YARDSTICKS, Samples, yardstick_error
 from distal.rig import Rig
 
@@ -290,14 +288,11 @@ def learned_by(judged: Judged, chosen: Candidate) -> Learned:
     """Return all that is learned if a candidate is chosen: its parameters, and its maps with those
     that are learned beside it from the same logs.
     """
-    options = judged.training.options
     line = judged.line
     alone = judged.solutions[-1] if chosen.parameters is None else chosen.parameters
     parameters = among_models(alone, judged.models)
     learned = chosen.rig.bare()
-    maps = _torque_map(judged.logs, learned, options)
-    if line is not None:
-        maps += answer_maps(chosen, judged.training, line)
+    maps = () if line is None else answer_maps(chosen, judged.training, line)
     by_kind = {map_fit.kind: map_fit for map_fit in maps}
     ranked = sorted(
         judged.candidates, key=lambda candidate: (candidate is not chosen, candidate.error)
@@ -357,19 +352,3 @@ def readings_map(training: Training) -> MapFit:
     parts = parts_read(data, training.rig, training.folds, training.options.guessed)
     map_fit = map_of(data, training.rig, "readings", parts, training.folds, homing)
     return map_fit if homing is not None else with_its_reference_error(map_fit, training.logs)
-
-
-def _torque_map(logs: Sequence[Log], learned: Rig, options: Options) -> list[MapFit]:
-    """Return the map of the external torque, where logs have this torque and the rig says that it
-    can occur.
-    """
-    joints = learned.joint_names
-    felt = list[Log]()
-    for log in logs:
-        torques = true_torques(log, joints)
-        if torques is not None and np.isfinite(torques).any():
-            felt.append(log)
-    if not felt or any(joint.external_torque.std == 0.0 for joint in learned.joints):
-        return []
-    groups = groups_among(felt, options.units)
-    return [learn_map(felt, learned, "torque", homing=options.homing, groups=groups)]

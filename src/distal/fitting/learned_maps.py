@@ -1,5 +1,5 @@
-"""Maps learned from logs with a reference: of the angle by readings alone, of what a filter's angle
-lacks, and of the torque from outside.
+"""Maps learned from logs with a reference: of the angle by readings alone, and of what a filter's
+angle lacks.
 """
 
 from __future__ import annotations
@@ -10,19 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from distal.errors import FitError
 from distal.estimators import channels_of, of_part, parts_of, samples_of_angles
 from distal.fitting.map_samples import (
-    filtered,
     reference_variances,
-    torques_of,
 )
 from distal.fitting.map_search import HeldOut, clearly_gains, learned_map, scores_of
-from distal.homing import check_homing
-from distal.logs import Log, Source, read_log, true_angles, true_torques
-from distal.parallel import one_blas_thread
-from distal.regression import Samples, folds_of, line_errors
-from distal.rig import LearnedMap, MapArrays, Rig, as_rig
+from distal.logs import Log, Source, read_log
+from distal.regression import Samples, line_errors
+from distal.rig import LearnedMap, MapArrays, Rig
 
 Part = dict[str, tuple[str, ...]]
 """The fields of a `LearnedMap` that say what it speaks of and reads."""
@@ -33,17 +28,15 @@ class MapFit:
     """Learned maps of a rig, one for each independent part, with their scores on logs left out.
 
     Args:
-        kind: ``readings``, ``filter`` or ``torque``, as in `LearnedMaps`.
+        kind: ``readings`` or ``filter``, as in `LearnedMaps`.
         maps: the maps.
         start: the original description.
-        notes: sentences on logs that were passed over.
         errors: joint → its errors on each log by what the other logs tell.
     """
 
     kind: str
     maps: tuple[LearnedMap, ...]
     start: Rig
-    notes: tuple[str, ...] = ()
     errors: Mapping[str, Sequence[HeldOut]] = field(default_factory=dict)
 
     @property
@@ -58,76 +51,6 @@ class MapFit:
         """Return the errors of each joint on a log, by its index."""
         return [self.errors[joint][log] for joint in self.start.joint_names]
 
-    @property
-    def rig(self) -> Rig:
-        """The description with the maps in it."""
-        return self.start.with_map(**{self.kind: self.maps})
-
-
-@one_blas_thread()
-def learn_map(
-    logs: Sequence[Log | Source] | Log | str | Path,
-    rig: Rig | str | Path,
-    kind: str = "filter",
-    *,
-    homing: float | None = None,
-    truth: str | None = None,
-    groups: Sequence[str] | None = None,
-    compiled: bool = True,
-) -> MapFit:
-    """Learn a map of one kind from logs with a reference; see docs/explanation/map.md.
-
-    Args:
-        logs: each a `Log`, a path or a frame (see `read_log`); those without the reference are
-            passed over.
-        kind: ``readings``: of the angles, by readings alone; ``filter``: of what the angles of
-            `adaptive` lack; ``torque``: of the torque from outside.
-        homing: length of the homing move after which the map will be used [s], or None.
-        truth: column of the true angle, where logs are read from files.
-        groups: for each log with a reference the group (one instrument, one pose) that is held out
-            with it; default each log alone.
-        compiled: whether the filter is compiled; else it is interpreted.
-
-    Raises:
-        FitError: no log has the reference, or the filter cannot run on any.
-        EstimationError: the rig's sensors do not suffice, or a log lacks one.
-        LogError: a log cannot be read.
-        RigError: the rig is unknown or wrong.
-    """
-    rig = as_rig(rig)
-    read = logs_read(logs, rig, truth)
-    joints = rig.joint_names
-    true = true_torques if kind == "torque" else true_angles
-    with_reference = [log for log in read if true(log, joints) is not None]
-    if not with_reference:
-        what = "torque from outside" if kind == "torque" else "joint's angle"
-        raise FitError(
-            f"map of {kind}: none of the {len(read)} logs has the {what}; give --truth, or log a "
-            "reference"
-        )
-    if groups is not None and len(groups) != len(with_reference):
-        raise FitError(
-            f"map of {kind}: {len(with_reference)} logs have it, groups of {len(groups)} came"
-        )
-    folds = folds_of(
-        list(groups) if groups is not None else [str(i) for i in range(len(with_reference))]
-    )
-    if homing is not None and kind != "torque":
-        for log in with_reference:
-            check_homing(homing, log, joints)
-    if kind != "filter":
-        of = torques_of if kind == "torque" else samples_of_angles
-        data = [of(log, rig) for log in with_reference]
-        return map_of(data, rig, kind, parts_read(data, rig, folds), folds, homing)
-    bare = rig.bare()
-    by_log, refused = filtered(with_reference, [bare] * len(with_reference), homing, compiled)
-    if not by_log:
-        raise FitError(f"adaptive cannot run on any of the logs: {refused[0]}")
-    angles = [samples_of_angles(log, rig) for log in with_reference]
-    parts = parts_read(angles, rig, folds)
-    of_kind = map_of(list(by_log.values()), rig, kind, parts, [folds[i] for i in by_log], homing)
-    return replace(of_kind, start=rig, notes=tuple(refused))
-
 
 def map_of(
     data: Sequence[Samples],
@@ -141,22 +64,12 @@ def map_of(
 
     Args:
         data: the samples of each log, of all sensors and joints.
-        kind: as for `learn_map`.
+        kind: ``readings``: of the angles, by readings alone; ``filter``: of what the angles of
+            `adaptive` lack.
         parts: what each map speaks of and reads, see `parts_read`.
         folds: the fold of each log.
         homing: length of the homing window [s], or None.
-
-    Raises:
-        FitError: the rig says that nothing touches a joint.
     """
-    if kind == "torque":
-        for joint in rig.joints:
-            if joint.external_torque.std == 0.0:
-                raise FitError(
-                    f"torque: the rig says that nothing touches '{joint.name}'; give its "
-                    "external_torque a std (--set "
-                    f"'joints.{joint.name}.external_torque.std=\"0.05 N m\"')"
-                )
     names = [sensor.name for sensor in channels_of(rig, "regression").proximal]
     maps = []
     errors = dict[str, list[HeldOut]]()
@@ -165,7 +78,7 @@ def map_of(
         learned, held_out = learned_map(samples, part, folds, homing)
         maps.append(learned)
         errors.update(zip(part["joints"], held_out))
-    return MapFit(kind, tuple(maps), rig, (), errors)
+    return MapFit(kind, tuple(maps), rig, errors)
 
 
 def parts_read(

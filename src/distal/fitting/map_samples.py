@@ -22,10 +22,9 @@ from distal.fitting.map_search import Seen, Task, clearly_gains
 from distal.homing import (
     check_homing,
     plain_samples,
-    samples_of_readings,
 )
 from distal.kernels import Compiled
-from distal.logs import Log, TruthKind, shown, true_angles, true_torques
+from distal.logs import Log, TruthKind, shown, true_angles
 from distal.regression import FEWEST_LOGS, Prior, Samples
 from distal.rig import Rig, angle_names
 from distal.run import samples_of
@@ -161,18 +160,6 @@ def reference_offset(rig: Rig, log: Log) -> float:
     if log.truth_kind is not TruthKind.SENSOR:
         return 0.0
     return max((sensor.bias.total_std for sensor in rig.sensors_of("angle")), default=0.0)
-
-
-def torques_of(log: Log, rig: Rig) -> Samples:
-    """Return a log with the external torque on its joints as the targets of a map.
-
-    Raises:
-        EstimationError: the log lacks a sensor.
-    """
-    torques = true_torques(log, rig.joint_names)
-    assert torques is not None
-    names = [sensor.name for sensor in channels_of(rig, "adaptive").proximal]
-    return samples_of_readings(log, samples_of(log, names), torques)
 
 
 EARLIEST, LATEST = -0.1, 0.2

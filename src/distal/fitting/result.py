@@ -350,6 +350,5 @@ class Fit:
             "#   " + "  ".join([*(row[i].ljust(widths[i]) for i in range(4)), row[4]])
             for row in rows
         ]
-        lines += [f"# {line}" for map_fit in self.maps.values() for line in map_fit.notes]
         lines += [f"# {line}" for line in self.advice()]
         return "\n".join(lines) + "\n\n"

@@ -21,7 +21,7 @@ from distal.estimators import (
 )
 from distal.homing.reference import TRUTH_NOISE
 from distal.kernels import covariance_of, mean_of, variances_of
-from distal.logs import Log, frozen, true_torques
+from distal.logs import Log, frozen
 from distal.parallel import one_blas_thread
 from distal.regression import Samples, from_prior, from_window, given
 from distal.rig import LearnedMap, Rig
@@ -93,10 +93,6 @@ def home(
     changed = {"filter": conditioned(estimator.maps.filter, plain)}
     of_angles = samples_of_readings(log, samples[:, : len(names)], truths)
     changed["readings"] = conditioned(estimator.maps.readings, of_angles)
-    torques = true_torques(log, estimator.rig.joint_names) if estimator.maps.torque else None
-    if torques is not None:
-        of_torque = samples_of_readings(log, samples[:, : len(names)], torques)
-        changed["torque"] = conditioned(estimator.maps.torque, of_torque)
     homed = estimator.with_maps(estimator.maps.model_copy(update=changed))
     return Homed(homed, begun, unaided)
 
@@ -203,7 +199,7 @@ def samples_of_readings(log: Log, readings: Floats, targets: Floats) -> Samples:
     Args:
         log: with its stamps.
         readings: of the sensors, NaN where missing, (k, m).
-        targets: true angles or torques, NaN where not known, (k, n_joints).
+        targets: true angles, NaN where not known, (k, n_joints).
     """
     none = np.zeros((len(log), 0))
     since = log.time - log.time[0]

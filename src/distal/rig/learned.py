@@ -40,7 +40,7 @@ TIME_CONSTANTS = (0.05, 0.2, 0.8)
 benchmarks.one_map).
 """
 
-KINDS = ("readings", "filter", "torque", "efforts")
+KINDS = ("readings", "filter", "efforts")
 """The kinds of maps in the table `[map]`."""
 
 
@@ -207,7 +207,6 @@ class LearnedMaps(Description):
         (), description="angles for the estimator `regression`"
     )
     filter: tuple[LearnedMap, ...] = Field((), description="errors of the filter's angles")
-    torque: tuple[LearnedMap, ...] = Field((), description="external torques")
     efforts: tuple[LearnedMap, ...] = Field(
         (), description="forces and tensions in free motion, for the health"
     )

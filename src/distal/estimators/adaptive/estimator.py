@@ -10,7 +10,6 @@ import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
-from distal.errors import EstimationError
 from distal.estimators.adaptive.drive_tracking import remembered_position
 from distal.estimators.adaptive.filter_function import adaptive_function, adaptive_layout
 from distal.estimators.adaptive.filter_inputs import states_of_rig
@@ -22,7 +21,6 @@ from distal.estimators.belief import Report
 from distal.estimators.directions import directions
 from distal.estimators.estimator_protocol import KernelEstimator
 from distal.estimators.read_channels import channels_of
-from distal.estimators.state_kinds import StateKind, states_of
 from distal.kernels import Compiled, Structure, kernel_of, structure_of
 from distal.logs import frozen
 from distal.regression import (
@@ -104,12 +102,6 @@ class AdaptiveFilter(KernelEstimator):
         self._home_std = home_std
         # a smoother goes back over the filter's own states
         self.maps = LearnedMaps() if trace or rig.map is None else rig.map
-        for learned in self.maps.torque:
-            if len(self._torques(learned)) < len(learned.joints):
-                raise EstimationError(
-                    "adaptive: [map] has a torque from outside, and the rig says that none can "
-                    "occur; give the joint's external_torque a std, or fit again"
-                )
         self.structure = self._structure(trace)
         kernel = kernel_of(
             self.structure,
@@ -129,7 +121,7 @@ class AdaptiveFilter(KernelEstimator):
             measured=measured,
         )
         # maps on readings alone only share in the answer of those beside the filter
-        answering = self._reported[: len(self.maps.filter) + len(self.maps.torque)]
+        answering = self._reported[: len(self.maps.filter)]
         self.report = Report.behind(
             2 * len(self.measured),
             [placed.states for placed in answering],
@@ -138,8 +130,8 @@ class AdaptiveFilter(KernelEstimator):
 
     @property
     def _reporting_maps(self) -> tuple[LearnedMap, ...]:
-        """Those beside the filter, of torques, and those that share in the angles."""
-        return (*self.maps.filter, *self.maps.torque, *self.maps.pooled)
+        """Those beside the filter, and those that share in the angles."""
+        return (*self.maps.filter, *self.maps.pooled)
 
     @property
     def _reported(self) -> list[ReportedMap]:
@@ -151,18 +143,11 @@ class AdaptiveFilter(KernelEstimator):
         reported = []
         for learned in self._reporting_maps:
             channels = tuple(names.index(channel) for channel in learned.channels)
-            is_torque = learned in self.maps.torque
-            angles = tuple(joints.index(joint) for joint in learned.joints)
-            states = self._torques(learned) if is_torque else angles
-            is_homed = self._home_std is not None and not is_torque
+            states = tuple(joints.index(joint) for joint in learned.joints)
+            is_homed = self._home_std is not None
             given = tuple(homes[joint] for joint in learned.joints) if is_homed else ()
             reported.append(ReportedMap(learned, channels, states, given))
         return reported
-
-    def _torques(self, learned: LearnedMap) -> tuple[int, ...]:
-        """Return the states that are the external torques on a map's joints."""
-        kinds, parts = self.state_kinds, self.state_parts
-        return tuple(states_of(StateKind.EXTERNAL_TORQUE, learned.joints, kinds, parts).values())
 
     def _reporting(self, function: ca.Function) -> ca.Function:
         """Return the filter with the values of its maps among its outputs."""
@@ -268,7 +253,7 @@ class AdaptiveFilter(KernelEstimator):
         parameters = len(self.parameter_names)
         placed = []
         for reported in self._reported:
-            if not reported.homes and reported.learned not in self.maps.torque:
+            if not reported.homes:
                 placed.append(PlacedMap(reported.learned, memory, parameters))
             memory += reported.size
             parameters += reported.parameters
