@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import distal
-from distal.fitting import WRITTEN
 
 LOGS = sorted((Path(__file__).parents[2] / "examples" / "finger_logs").glob("run_*.csv"))
 
@@ -33,14 +32,3 @@ def test_what_is_learned_estimates_a_log_that_nothing_has_seen(
     unseen = distal.estimate(LOGS[0].with_name("unseen.csv"), rig)
     assert unseen.rms_error() < np.deg2rad(0.1)
     assert unseen.inside_band() > 0.9
-
-
-def test_its_summary_and_its_figure_have_every_way(learned: distal.Fit) -> None:
-    rows = learned.summary()
-    names = [row["what gives the angle"] for row in rows]
-    assert names[0] == WRITTEN
-    assert rows[0]["RMS error [deg]"] == pytest.approx(np.rad2deg(learned.scores()[0][1]))
-    (axes,) = learned.plot().axes
-    labels = [label.get_text().replace("\n", " ") for label in axes.get_yticklabels()]
-    assert labels == names
-    assert all(len(line.get_xdata()) in (1, len(LOGS)) for line in axes.lines)

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from html import escape
 from pathlib import Path
-from textwrap import fill
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,12 +18,8 @@ from distal.fitting.learned_maps import MapFit
 from distal.fitting.map_samples import reference_offset, reference_std
 from distal.logs import Log, shown
 from distal.regression import YARDSTICKS
-from distal.results import BLACK, COLOURS, figure
 from distal.rig import Rig
 from distal.units import rounded
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 WORSE = 1.05
 """Ratio of the error of what is written to that of a way without a model of the rig, above which
@@ -152,18 +145,6 @@ class Fit:
             f"determined{left_out}"
         )
 
-    def _repr_html_(self) -> str:
-        """Return the same as HTML for notebooks, with a table of the parameters that the logs
-        identify.
-        """
-        identified = [part for part in self.fitted if part.identified and not part.noise]
-        cells = [(part.name, *part.sizes) for part in identified]
-        rows = "".join(
-            f"<tr>{''.join(f'<td>{escape(str(cell))}</td>' for cell in row)}</tr>" for row in cells
-        )
-        head = "<tr><th>number</th><th>rig file</th><th>fitted</th><th>unit</th></tr>"
-        return f"<p>{escape(repr(self))}</p><table>{head}{rows}</table>"
-
     @property
     def learned_from(self) -> str:
         """The number of logs and their total duration in words: "4 logs of 80 s in all"."""
@@ -193,35 +174,6 @@ class Fit:
             rms, inside = np.mean([(score.rms, score.inside) for score in ran], axis=0)
             rows.append((name, float(rms), float(inside)))
         return sorted(rows, key=lambda row: (row[0] != WRITTEN, row[1]))
-
-    def summary(self) -> list[dict[str, object]]:
-        """Return a row for each way to know the angle: its RMS error on logs left out [deg] and the
-        share of samples inside its band, None where it has no band.
-        """
-        return [
-            {
-                "what gives the angle": name,
-                "RMS error [deg]": float(np.rad2deg(rms)),
-                "inside band": None if np.isnan(inside) else inside,
-            }
-            for name, rms, inside in self.scores()
-        ]
-
-    def plot(self) -> Figure:
-        """Return a figure of the RMS error of each way to know the angle on each log left out."""
-        names = [name for name, _, _ in self.scores()]
-        with figure(size=(6.5, 1.2 + 0.5 * len(names))) as (drawing, (axes,)):
-            for row, name in enumerate(names):
-                scores = [comparison.scores[name] for comparison in self.compared]
-                errors = [np.rad2deg(score.rms) for score in scores if score is not None]
-                axes.plot(errors, np.full(len(errors), row), "o", color=COLOURS[0], alpha=0.6)
-                axes.plot(np.mean(errors), row, "|", color=BLACK, markersize=16, markeredgewidth=2)
-            axes.set_yticks(range(len(names)), [fill(name, 36) for name in names])
-            axes.invert_yaxis()
-            axes.set_xlim(left=0.0)
-            axes.set_xlabel("RMS error on each log left out [°]; | is their mean")
-            drawing.set_layout_engine("tight")
-        return drawing
 
     def answer(self) -> str:
         """Return in a line how well the joints are known: error and band on held-out logs, beside
