@@ -278,9 +278,7 @@ class Fit:
         }
 
     def _account(self) -> str:
-        """Return the comment at the head of a fitted file: the logs and the origin of each
-        value.
-        """
+        """Return the comment at the head of a fitted file: the logs, and what to know of it."""
         names = ", ".join(shown(name.rsplit("/", 1)[-1]) for name in self.logs)
         use = (
             ""
@@ -290,17 +288,5 @@ class Fit:
         lines = [f"{MARK}fit` to {self.learned_from}{use}:", f"# {names}"]
         if self.interrupted:
             lines.append("# The search was interrupted: these are the best values so far.")
-        rows = [("number", "value", "± standard error", "started at", "from")]
-        for part in self.fitted:
-            error = f"{part.error:.2g}" if np.isfinite(part.error) else "–"
-            prior = "" if np.isnan(part.prior_std) else f" ± {part.prior_std:.3g}"
-            fitted = f"{part.value:.5g} {part.si}".strip()
-            start = f"{part.start:.5g}{prior}"
-            rows.append((part.name, fitted, error, start, part.origin))
-        widths = [max(len(row[i]) for row in rows) for i in range(4)]
-        lines += [
-            "#   " + "  ".join([*(row[i].ljust(widths[i]) for i in range(4)), row[4]])
-            for row in rows
-        ]
         lines += [f"# {line}" for line in self.advice()]
         return "\n".join(lines) + "\n\n"
