@@ -49,20 +49,6 @@ def test_the_same_seed_gives_the_same_fit(rig: Rig) -> None:
     assert one.rig == other.rig
 
 
-def test_a_fit_goes_on_from_a_fitted_rig(rig: Rig, tmp_path: Path) -> None:
-    """It begins where the first one ended, and the priors stay those of the rig: the same numbers,
-    in fewer steps.
-    """
-    plant, _ = drawn_plant(6)
-    log = without_truth(logs_of(rig, plant, 6, ("ramps",), 3.0)[0])
-    first = fit(log, rig, FREE, noise=False)
-    first.save(tmp_path / "fitted.toml")
-    again = fit(log, rig, FREE, noise=False, start=tmp_path / "fitted.toml")
-    for one, other in zip(first.fitted, again.fitted):
-        assert other.value == pytest.approx(one.value, rel=1e-2)
-        assert other.start == one.start
-
-
 @pytest.mark.more
 @pytest.mark.slow
 def test_without_truth_the_next_log_is_estimated_as_with_the_true_rig(rig: Rig) -> None:

@@ -88,13 +88,6 @@ def fit_command(
         ),
     ] = None,
     report: Annotated[Path | None, Option(help="Folder for a page on the fit.")] = None,
-    start: Annotated[
-        Path | None,
-        Option(
-            help="Begin the search at the values of an earlier fit; the priors still come from "
-            "--rig."
-        ),
-    ] = None,
     reference_lag: LagOption = None,
     minutes: MinutesOption = None,
     seed: Annotated[int, Option(min=0, help="Seed of the starts.")] = 0,
@@ -110,9 +103,7 @@ def fit_command(
     from distal.rig import edited_text, load_rig
 
     outputs = [*to_file("--out", out, "a rig file"), *to_folder("--report", report, FIT_PAGES)]
-    check_command_outputs(
-        outputs, logs=[*logs, *([start] if start is not None else [])], rig=rig, truth=truth
-    )
+    check_command_outputs(outputs, logs=logs, rig=rig, truth=truth)
     for path, count in Counter(map(os.path.realpath, logs)).items():
         if count > 1:
             raise FitError(
@@ -136,7 +127,6 @@ def fit_command(
             noise=noise,
             seed=seed,
             units=units,
-            start=start,
             progress=lambda doing: show(f"{doing.stage}, about {doing.share:.0%} done"),
             lag=None if reference_lag is None else in_si(reference_lag, "s"),
         )

@@ -66,7 +66,7 @@ def judging(progress: Progress | None, stage: str, done: int, count: int) -> Non
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """The options of a fit, the arguments of the same names of `fit`; `start` is a rig."""
+    """The options of a fit, the arguments of the same names of `fit`."""
 
     free: tuple[str, ...] = ()
     per_log: tuple[str, ...] = ()
@@ -74,7 +74,6 @@ class Options:
     noise: bool = True
     units: str | None = None
     seed: int = 0
-    start: Rig | None = None
     workers: int = 2
     compiled: bool = True
     guessed: bool = False

@@ -29,7 +29,7 @@ from distal.homing import check_homing
 from distal.logs import Log, Source, read_log, shown, true_angles
 from distal.parallel import one_blas_thread
 from distal.regression import FEWEST_LOGS, folds_of, groups_of, servos_of
-from distal.rig import LeftOut, Rig, as_rig, load_rig
+from distal.rig import LeftOut, Rig, as_rig
 from distal.run import estimate
 
 PROMISED = 2.0
@@ -54,7 +54,6 @@ def fit(
     compiled: bool = True,
     progress: Progress | None = None,
     units: str | None = None,
-    start: Rig | str | Path | None = None,
     lag: float | None = None,
     guessed: bool = False,
 ) -> Fit:
@@ -86,7 +85,6 @@ def fit(
         units: fit a *kind* of rig: a regular expression whose first parenthesis finds the unit (an
             instrument, a pose, a day) in a log's name. The logs of a unit are held out together, so
             that the band is right for a new unit.
-        start: a fitted rig whose values the search begins with; the priors are those of `rig`.
         lag: by how much the true angles are later than the drives [s]; None: it is found, and taken
             off where it makes the logs more probable by more than its standard error. A joint that
             follows its drives late looks the same.
@@ -108,7 +106,6 @@ def fit(
         noise=noise,
         units=units,
         seed=int(seed),
-        start=start if start is None or isinstance(start, Rig) else load_rig(start),
         workers=workers,
         compiled=compiled,
         guessed=guessed,

@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from distal.arrays import Bools, Floats
-from distal.errors import FitError, RigError
+from distal.errors import FitError
 from distal.fitting.choice_of_parameters import Options, Progress, choose, searching
 from distal.fitting.fit_filter import FitFilter, steps_of
 from distal.fitting.free_parameter import FittedParameter, Free
@@ -30,7 +30,7 @@ from distal.fitting.standard_errors import (
 from distal.homing import added_reference, with_references
 from distal.logs import Log, true_angles
 from distal.model import joint_frequency
-from distal.rig import Rig, Sensor, number
+from distal.rig import Rig, Sensor
 
 FOLLOWS_DRIVES = 10.0
 """Angle of a joint's own oscillation in the time of smoothing [rad], above which the joint follows
@@ -120,15 +120,16 @@ def by_equations(
     cannot be asked, see `Equations`.
 
     The search begins at `begin`, estimates by other equations on the same logs; None begins it at
-    the priors' mean or at the option `start`.
+    the priors' mean.
     """
     equations = inverse_problem(problem, options.compiled) if options.homing is None else None
     if equations is None:
         return None
-    origin, z = (
-        (problem, _start(problem, options)) if begin is None else (begin.problem, begin.optimum.z)
+    start = (
+        np.zeros(equations.size)
+        if begin is None
+        else _translated(begin.problem, begin.optimum.z, equations)
     )
-    start = _translated(origin, z, equations)
     return _searched(equations, start, searching(progress, "by its equations"))
 
 
@@ -137,14 +138,14 @@ def by_filter(
 ) -> ParameterEstimates:
     """Return the parameters with which a rig's filter predicts the readings best.
 
-    The search begins at `begin`, estimates by the rig's equations; None stands for the priors' mean
-    or the option `start`, from which a short search finds the beginning.
+    The search begins at `begin`, estimates by the rig's equations; None stands for the priors'
+    mean, from which a short search finds the beginning.
 
     Raises:
         FitError: the filter leaves all bounds on the logs.
     """
     start = (
-        _start(problem, options)
+        np.zeros(problem.size)
         if begin is None
         else _translated(begin.problem, begin.optimum.z, problem)
     )
@@ -161,12 +162,6 @@ def from_start(problem: Problem, start: Floats) -> ParameterEstimates:
     the coordinates `start`, (n,).
     """
     return _searched(problem, start, None)
-
-
-def _start(problem: Problem, options: Options) -> Floats:
-    return (
-        np.zeros(problem.size) if options.start is None else _coordinates_of(problem, options.start)
-    )
 
 
 def _translated(problem: Problem, z: Floats, target: Problem) -> Floats:
@@ -370,19 +365,6 @@ def _fitted(part: Free, values: tuple[float, ...], identified: bool) -> FittedPa
     return FittedParameter(
         *prior, values[0], float("nan"), identified, part.noise, values, kept=part.kept_by_file
     )
-
-
-def _coordinates_of(problem: Problem, rig: Rig) -> Floats:
-    """Return the coordinates, (n,), at which the parameters have the values of a rig; 0 for a
-    parameter that the rig lacks.
-    """
-    z = np.zeros(problem.size)
-    for k, (part, _) in enumerate(problem.parts):
-        try:
-            z[k] = part.coordinate(number(rig, part.paths[0]).value)
-        except RigError:
-            continue  # the reference is a sensor of the fit only
-    return np.clip(z, *problem.bounds.T)
 
 
 def _by_scale(problem: Problem, z: Floats, part: Free) -> FittedParameter:

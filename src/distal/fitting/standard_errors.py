@@ -140,9 +140,8 @@ ADVICE = (
 )
 
 NOT_CONVERGED = (
-    "the search stopped before it converged, so that no standard error is known; start closer "
-    "(--start), or fix what "
-    "the logs cannot tell (hold = true)"
+    "the search stopped before it converged, so that no standard error is known; start closer, or "
+    "fix what the logs cannot tell (hold = true)"
 )
 
 
