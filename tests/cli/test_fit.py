@@ -104,7 +104,7 @@ def test_what_cannot_be_fitted_is_one_line_and_nothing_is_written(
 ) -> None:
     out, rig = tmp_path / "fitted.toml", ("--rig", "paper-2008-printed", *SET)
     out.write_text("what stood here")
-    refused(run("fit", logs[0], logs[0], *rig, "--out", out), "came more than once")
+    refused(run("fit", logs[0], logs[0], *rig, "--out", out), "holds the same as")
     refused(
         run("fit", logs[0], *rig, "--free", "tendons.*.stifness", "--out", out),
         "there is no 'stifness'",

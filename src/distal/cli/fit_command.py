@@ -4,8 +4,6 @@ parameters of a hand from the log of its power-on routine.
 
 from __future__ import annotations
 
-import os
-from collections import Counter
 from collections.abc import Sequence
 from math import degrees, isnan, sqrt
 from pathlib import Path
@@ -25,7 +23,6 @@ from distal.cli.shared_options import (
     to_file,
     to_folder,
 )
-from distal.errors import FitError
 
 if TYPE_CHECKING:
     from distal.fitting import Fit
@@ -104,12 +101,6 @@ def fit_command(
 
     outputs = [*to_file("--out", out, "a rig file"), *to_folder("--report", report, FIT_PAGES)]
     check_command_outputs(outputs, logs=logs, rig=rig, truth=truth)
-    for path, count in Counter(map(os.path.realpath, logs)).items():
-        if count > 1:
-            raise FitError(
-                f"{path}: came more than once; a log that counts twice makes the standard errors "
-                "too small"
-            )
     if units is not None:
         groups_of([str(path) for path in logs], units)
     home = homing_time(homing)

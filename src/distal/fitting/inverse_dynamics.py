@@ -303,11 +303,6 @@ class InverseProblem(Problem):
     motions: tuple[KnownMotion, ...]
 
     @property
-    def of_filter(self) -> Problem:
-        """The filter's problem at the same coordinates."""
-        return Problem(self.filter, self.free, self.data, workers=self.workers)
-
-    @property
     def measured(self) -> tuple[str, ...]:
         """Names of the residuals, (m,): sensors of forces and tensions, then the joints that move
         by themselves.

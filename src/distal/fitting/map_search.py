@@ -214,13 +214,12 @@ def learned_map(
 
 def scores_of(held_out: Sequence[Sequence[HeldOut]]) -> dict[str, tuple[float, ...]]:
     """Return the scores of a `LearnedMap` by the errors of each joint on each log."""
-    scores = dict[str, list[float]](rms=[], inside=[], density=[])
+    scores = dict[str, list[float]](rms=[], inside=[])
     for logs in held_out:
         errors = np.concatenate([log.errors for log in logs])
         variances = np.concatenate([log.variances for log in logs])
         scores["rms"].append(float(np.sqrt(np.mean(errors**2))))
         scores["inside"].append(float(np.mean(np.abs(errors) <= BAND * np.sqrt(variances))))
-        scores["density"].append(density(errors, variances))
     return {name: tuple(values) for name, values in scores.items()}
 
 

@@ -27,7 +27,7 @@ from distal.fitting.likelihood import (
     scales_of,
     shares_of,
 )
-from distal.kernels import Feed, Kernel, advance, advance_all, covariance_of, mean_of
+from distal.kernels import Feed, Kernel, advance_all
 from distal.kernels.layout import COMPARED_ONLY
 
 
@@ -113,11 +113,6 @@ class Problem:
             self,
             weight=Weight(shares_of(runs, [self._times(j) for j in range(len(self.data))]), counts),
         )
-
-    @property
-    def of_filter(self) -> Problem:
-        """The filter's problem at the same coordinates."""
-        return self
 
     @property
     def measured(self) -> tuple[str, ...]:
@@ -344,12 +339,3 @@ class Problem:
         return Derivatives(
             cost, gradient + z / self.prior_stds**2, information, meat, spans, tuple(of_logs)
         )
-
-    def states(self, log: int, z: Floats) -> tuple[Floats, Floats]:
-        """Return the mean, (n,), and the covariance, (n, n), of the filter's states at the end of a
-        log, at the coordinates z of all logs.
-        """
-        estimator = self.filter.estimator
-        n = len(self.filter.estimator.state_names)
-        end = advance(estimator.kernel, self._feed(log, z[self.columns(log)])).kernel_states[-1]
-        return mean_of(end, n), covariance_of(end, n)

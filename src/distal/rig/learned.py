@@ -117,7 +117,6 @@ class LearnedMap(Description):
     high: Row = Field(description="of each reading")
     rms: Row = Field((), description="error on logs left out")
     inside: Row = Field((), description="share inside the 95 % band")
-    density: Row = Field((), description="mean ln of the errors' density")
     normal: tuple[float, float] = Field(
         (UNLIMITED, UNLIMITED), description="of `efforts`: largest normal means of T²"
     )
@@ -189,7 +188,7 @@ class LearnedMap(Description):
         for name in ("low", "high"):
             if len(getattr(self, name)) != self.count:
                 raise ValueError(f"{name} must have {self.count} entries")
-        for name in ("rms", "inside", "density", "share"):
+        for name in ("rms", "inside", "share"):
             if len(getattr(self, name)) not in (0, len(self.joints)):
                 raise ValueError(f"{name} must have {len(self.joints)} entries or none")
         return self
