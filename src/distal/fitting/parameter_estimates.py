@@ -13,7 +13,7 @@ import numpy as np
 from distal.arrays import Bools, Floats
 from distal.errors import FitError
 from distal.fitting.choice_of_parameters import Options, Progress, choose, searching
-from distal.fitting.fit_filter import FitFilter, steps_of
+from distal.fitting.fit_filter import FitFilter
 from distal.fitting.free_parameter import FittedParameter, Free
 from distal.fitting.inverse_dynamics import SMOOTHED, Equations, inverse_problem
 from distal.fitting.likelihood_search import Optimum, coarse_start, hessian, most_likely, search
@@ -245,7 +245,7 @@ def problem_of(logs: Sequence[Log], rig: Rig, options: Options) -> Problem:
         free = tuple(
             part for part in free if not all(path.startswith(of_reference) for path in part.paths)
         )
-    fit_filter = _filter(with_reference, references, free, steps_of(rig, logs), options.compiled)
+    fit_filter = _filter(with_reference, references, free, options.compiled)
     data = tuple(fit_filter.data_of(log) for log in logs)
     problem = Problem(fit_filter, free, data, options.homing, False, options.workers)
     if not Equations.apply_to(fit_filter) and not np.isfinite(
@@ -257,10 +257,10 @@ def problem_of(logs: Sequence[Log], rig: Rig, options: Options) -> Problem:
 
 @lru_cache(maxsize=2)
 def _filter(
-    rig: Rig, references: tuple[Sensor, ...], free: tuple[Free, ...], steps: int, compiled: bool
+    rig: Rig, references: tuple[Sensor, ...], free: tuple[Free, ...], compiled: bool
 ) -> FitFilter:
     """Return the filter of a fit; the folds of a fit share it, so that it is compiled once."""
-    return FitFilter(rig, references, free, steps, compiled)
+    return FitFilter(rig, references, free, compiled)
 
 
 def _with_reference(
