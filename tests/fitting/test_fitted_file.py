@@ -18,7 +18,7 @@ from distal.fitting.candidates import Candidate, MissingTerm, Training, filter_c
 from distal.fitting.choice_of_parameters import Options
 from distal.fitting.fitted_file import plain_value
 from distal.fitting.judge import WRITTEN, Compared, Judged, Learned, Score, learned_by, readings_map
-from distal.fitting.parameter_estimates import parameters_of, problem_of
+from distal.fitting.parameter_estimates import among_models, parameters_of, problem_of
 from distal.fitting.result import Fit
 from distal.rig import build_rig, parse_toml
 
@@ -74,14 +74,17 @@ class Found:
             ),
         ]
         self.candidates = [filter_candidate(*way) for way in ways]
+        self.models = [self.solutions[0], *(parameters for _, parameters in named)]
 
-    def learned(self, candidate: Candidate) -> Learned:
-        """Return what a candidate teaches."""
+    def learned(self, candidate: Candidate, *, others: bool = True) -> Learned:
+        """Return what a candidate teaches, with or without what other models make of the logs."""
+        models = self.models if others else []
         judged = Judged(
             self.logs,
             self.training,
             self.line,
             self.solutions,
+            models,
             candidate,
             self.candidates,
             False,
@@ -104,12 +107,26 @@ def check(found: Found, learned: Learned, text: str | None, path: Path) -> str:
     return path.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("which", [0, 1, pytest.param(2, marks=pytest.mark.more)])
+@pytest.mark.parametrize(
+    ("which", "others"),
+    [
+        (0, False),
+        (1, True),
+        *(
+            pytest.param(*case, marks=pytest.mark.more)
+            for case in ((1, False), (2, False), (0, True), (2, True))
+        ),
+    ],
+)
 def test_each_candidate_is_written_as_it_was_judged(
-    which: int, found: Found, text: str, tmp_path: Path
+    which: int, others: bool, found: Found, text: str, tmp_path: Path
 ) -> None:
+    """With and without what other models make of the same logs: their spread is in the report, and
+    not in the stds that the candidates were judged with.
+    """
     candidate = found.candidates[which]
-    written = check(found, found.learned(candidate), text, tmp_path / "fitted.toml")
+    learned = found.learned(candidate, others=others)
+    written = check(found, learned, text, tmp_path / "fitted.toml")
     assert "# bought in March" in written
     assert load_rig(tmp_path / "fitted.toml").bare() == candidate.rig.bare()
 
@@ -134,6 +151,15 @@ def test_another_way_that_errs_less_is_said_first(ratio: float, said: bool, foun
     assert answer.startswith(f"another way errs less than what is written, {name}") == said
     assert f"{name}: " in answer
     assert "readings" not in replace(result, compared=()).answer()
+
+
+def test_other_models_widen_the_report_alone(found: Found) -> None:
+    parameters = found.solutions[0]
+    wider = among_models(parameters, found.models)
+    assert any(a.error > b.error for a, b in zip(wider.fitted, parameters.fitted))
+    assert [a.held_error for a in wider.fitted] == pytest.approx(
+        [b.held_error for b in parameters.fitted], nan_ok=True
+    )
 
 
 def test_the_candidates_are_of_each_kind(found: Found) -> None:
@@ -176,7 +202,7 @@ def test_without_an_angle_parameters_alone_are_written(
     found: Found, text: str, tmp_path: Path
 ) -> None:
     chosen = judging._alone(found.solutions[-1], found.rig)
-    judged = Judged(found.logs, found.training, None, found.solutions, chosen, [], False)
+    judged = Judged(found.logs, found.training, None, found.solutions, [], chosen, [], False)
     check(found, learned_by(judged, chosen), text, tmp_path / "fitted.toml")
 
 

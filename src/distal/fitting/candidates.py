@@ -107,46 +107,60 @@ def terms_of(rig: Rig) -> Iterator[MissingTerm]:
     yield MissingTerm("moment arms that change with the angle", arms)
 
 
+@dataclass(frozen=True)
+class Tried:
+    """The terms that were tried.
+
+    Args:
+        named: terms that lower the residuals of the equations clearly, the best first, then the
+            best one together with another, each with the parameter estimates of the rig with it.
+        parameters: the parameter estimates of all rigs that were tried.
+    """
+
+    named: tuple[tuple[MissingTerm, ParameterEstimates], ...] = ()
+    parameters: tuple[ParameterEstimates, ...] = ()
+
+
 def tried_parts(
     logs: Sequence[Log], rig: Rig, options: Options, parameters: ParameterEstimates
-) -> list[tuple[MissingTerm, ParameterEstimates]]:
+) -> Tried:
     """Return the terms that a rig may lack, tried where the residuals of its equations are much
-    larger than its sensors' noise: those that lower the residuals clearly, the best first, then the
-    best one together with another, each with the parameter estimates of the rig with it.
+    larger than its sensors' noise.
 
     Nothing is tried where the parameters are not estimated by equations, or the user chose which
     are free.
     """
     if not parameters.by_equations or options.free:
-        return []
+        return Tried()
     alone = _tried(logs, rig, options, parameters)
-    if not alone:
-        return []
-    first, first_parameters = alone[0]
+    if not alone.named:
+        return alone
+    first, first_parameters = alone.named[0]
     pairs = _tried(logs, rig.with_values(first.values), options, first_parameters)
-    together = [
+    together = tuple(
         (
             MissingTerm(f"{first.name} and {second.name}", {**first.values, **second.values}),
             pair_parameters,
         )
-        for second, pair_parameters in pairs[:1]
-    ]
-    return [*alone[:MOST_NAMED], *together]
+        for second, pair_parameters in pairs.named[:1]
+    )
+    return Tried((*alone.named[:MOST_NAMED], *together), (*alone.parameters, *pairs.parameters))
 
 
 def _tried(
     logs: Sequence[Log], rig: Rig, options: Options, parameters: ParameterEstimates
-) -> list[tuple[MissingTerm, ParameterEstimates]]:
-    """Return the terms that leave clearly smaller residuals, the smallest first, each with the
-    parameter estimates of the rig with it.
+) -> Tried:
+    """Return what comes of one term more; named are the terms that leave clearly smaller residuals,
+    the smallest first.
     """
     if max(parameters.nis, default=0.0) < UNEXPLAINED:
-        return []
+        return Tried()
     fits = with_parts(terms_of(rig), logs, rig, options, parameters)
     limit = NAMED * _residual(parameters)
-    return sorted(
+    named = sorted(
         (fit for fit in fits if _residual(fit[1]) < limit), key=lambda fit: _residual(fit[1])
     )
+    return Tried(tuple(named), tuple(part_parameters for _, part_parameters in fits))
 
 
 def with_parts(

@@ -22,6 +22,7 @@ from distal.fitting.candidates import (
     Candidate,
     MissingTerm,
     Training,
+    Tried,
     answer_maps,
     filter_candidate,
     tried_parts,
@@ -38,6 +39,7 @@ from distal.fitting.map_samples import counted_from
 from distal.fitting.map_search import HeldOut
 from distal.fitting.parameter_estimates import (
     ParameterEstimates,
+    among_models,
     parameters_of,
     problem_of,
 )
@@ -208,6 +210,8 @@ class Judged:
         line: the map on readings alone; None where some joint's angle is known in no log.
         solutions: the parameter estimates by the rig's equations and by its filter, where each was
             asked.
+        models: the `solutions`, and the parameter estimates of all models whose equations were
+            tried.
         chosen: the candidate that errs least on held-out logs.
         candidates: all candidates that were judged.
         interrupted: whether the user interrupted it; what was judged until then stands.
@@ -217,6 +221,7 @@ class Judged:
     training: Training
     line: MapFit | None
     solutions: Sequence[ParameterEstimates]
+    models: Sequence[ParameterEstimates]
     chosen: Candidate
     candidates: Sequence[Candidate]
     interrupted: bool
@@ -244,16 +249,18 @@ def judge(
     problem = problem_of(logs, rig, options)
     solutions = parameters_of(problem, options, progress)
     stopped = solutions[-1].optimum.interrupted
+    models = list(solutions)
     candidates = list[Candidate]()
     if line is None:
         chosen = _alone(solutions[-1], rig)
-        return Judged(logs, training, line, solutions, chosen, candidates, stopped)
+        return Judged(logs, training, line, solutions, models, chosen, candidates, stopped)
     try:
         for name, way, parameters in _ways(training, solutions):
             judging(progress, f"judging {name}", len(candidates), JUDGED)
             candidates.append(filter_candidate(name, way, parameters))
-        tried = [] if stopped else tried_parts(logs, rig, options, solutions[0])
-        for part, parameters in tried:
+        tried = Tried() if stopped else tried_parts(logs, rig, options, solutions[0])
+        models += tried.parameters
+        for part, parameters in tried.named:
             name = f"{BY_EQUATIONS}, with {part.name}"
             judging(progress, f"judging {name}", len(candidates), JUDGED)
             way = replace(training, rig=rig.with_values(part.values), part=part)
@@ -263,7 +270,7 @@ def judge(
     # judged without a map: within the logs a map hides what the filter lacks beyond them
     best = min(candidates, key=lambda candidate: candidate.error, default=None)
     chosen = best or _alone(solutions[-1], rig)
-    return Judged(logs, training, line, solutions, chosen, candidates, stopped)
+    return Judged(logs, training, line, solutions, models, chosen, candidates, stopped)
 
 
 def _ways(
@@ -282,7 +289,8 @@ def learned_by(judged: Judged, chosen: Candidate) -> Learned:
     that are learned beside it from the same logs.
     """
     line = judged.line
-    parameters = judged.solutions[-1] if chosen.parameters is None else chosen.parameters
+    alone = judged.solutions[-1] if chosen.parameters is None else chosen.parameters
+    parameters = among_models(alone, judged.models)
     learned = chosen.rig.bare()
     maps = () if line is None else answer_maps(chosen, judged.training, line)
     by_kind = {map_fit.kind: map_fit for map_fit in maps}

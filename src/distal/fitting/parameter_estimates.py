@@ -164,14 +164,50 @@ def from_start(problem: Problem, start: Floats) -> ParameterEstimates:
     return _searched(problem, start, None)
 
 
-def _translated(problem: Problem, z: Floats, target: Problem) -> Floats:
+def among_models(
+    parameters: ParameterEstimates, models: Sequence[ParameterEstimates]
+) -> ParameterEstimates:
+    """Return estimates by equations with larger errors, which include how much the estimates of
+    other `models` of the same logs differ.
+
+    The covariance grows by the mean square distance of the ends of all models' searches from these
+    estimates (all models being equally likely; Draper, J. Royal Statistical Society B 57, 1995).
+    The stated errors of one model hold only if it is right; parameters that change with a term more
+    or less, or by the filter, are known less well. The stds of the file stay as they were.
+    """
+    if not parameters.by_equations or len(models) < 2:
+        return parameters
+    problem = parameters.problem
+    optimum = parameters.optimum
+    uncertainty = parameters.uncertainty
+    ends = np.array(
+        [_translated(model.problem, model.optimum.z, problem, optimum.z) for model in models]
+    )
+    away = ends - optimum.z
+    spread = away.T @ away / len(models)
+    wider = replace(uncertainty, covariance=uncertainty.covariance + spread)
+    reported = fitted_parameters(problem, optimum, wider, parameters.left, parameters.held)
+    # the file keeps the stds with which the candidates were judged (docs/results/fits.md)
+    fitted = tuple(
+        replace(widened, held_error=judged.held_error)
+        for widened, judged in zip(reported, parameters.fitted)
+    )
+    return replace(parameters, uncertainty=wider, fitted=fitted)
+
+
+def _translated(
+    problem: Problem, z: Floats, target: Problem, default: Floats | None = None
+) -> Floats:
     """Return the coordinates z of one problem as those of another, `target`; those that only this
-    one has are 0.
+    one has are the default, or 0.
     """
     coordinates = {
         (part.name, log): coordinate for (part, log), coordinate in zip(problem.parts, z)
     }
-    return np.array([coordinates.get((part.name, log), 0.0) for part, log in target.parts])
+    missing = np.zeros(target.size) if default is None else default
+    return np.array(
+        [coordinates.get((part.name, log), at) for (part, log), at in zip(target.parts, missing)]
+    )
 
 
 def _searched(
