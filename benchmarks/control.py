@@ -4,8 +4,7 @@ with one of 1°.
 `python -m benchmarks.control` draws plants from the stds of `paper-2008-observed` and controls each
 in `control-paper` by an encoder, by `adaptive` with the rig as it came, by `adaptive` with the rig
 fitted to one log that the encoder's loop left, and by displacements alone; then `finger-2n` in
-MuJoCo, whose plants share no code with the model. `--hours 2` follows drawn plants of `six-hours`
-for so long instead: how good the estimate is, and its band, in each hour.
+MuJoCo, whose plants share no code with the model.
 """
 
 from __future__ import annotations
@@ -27,8 +26,7 @@ from benchmarks.strangers.chain_plants import PLANTS, STEP, build_model, draw_tr
 from benchmarks.strangers.random_rigs import drawn_plant
 from distal import Log, Rig, load_scenario, scenario_rig
 from distal.control import PID, ClosedLoop, closed_loop, run_controller, trackings_of
-from distal.run import by_hour, estimate_pieces
-from distal.simulation import Scenario, simulate_pieces
+from distal.simulation import Scenario
 
 Floats = NDArray[np.float64]
 
@@ -243,22 +241,6 @@ def finger(plants: int) -> Found:
     return found
 
 
-def hours(count: float, plants: int) -> list[list[str]]:
-    """Return a row for each drawn plant: RMS error [deg] and the share inside the band in each hour
-    [%].
-    """
-    scenario, rows = load_scenario("six-hours"), []
-    for seed in range(FIRST + 10, FIRST + 10 + plants):
-        drawn = drawn_plant(scenario_rig(scenario), seed, 81)
-        lived = scenario.model_copy(update={"plant": drawn, "duration": count * 3600.0})
-        rig = scenario_rig(lived)
-        found = by_hour(estimate_pieces(simulate_pieces(rig, lived, seed), rig))
-        errors = ", ".join(f"{np.rad2deg(hour.rms):.2f}" for hour in found)
-        rows.append([str(seed), errors, ", ".join(f"{100 * hour.inside:.0f}" for hour in found)])
-        print(*rows[-1], flush=True)
-    return rows
-
-
 def seconds() -> list[list[str]]:
     """Return the processor time of 10 s of closed loop at 200 Hz."""
     scenario = load_scenario("control-paper").model_copy(update={"duration": 10.0})
@@ -275,17 +257,7 @@ def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.control", description=__doc__)
     parser.add_argument("--plants", type=int, default=10, help="of each rig (10)")
-    parser.add_argument("--hours", type=float, help="follow `six-hours` for so many hours instead")
     given = parser.parse_args()
-    if given.hours is not None:
-        columns = ["plant", "RMS in each hour [°]", "inside in each hour [%]"]
-        table(
-            "control-hours",
-            f"six-hours, {given.hours:g} h",
-            columns,
-            hours(given.hours, given.plants),
-        )
-        return
     warnings.simplefilter("ignore")  # fits to one log warn of what it does not tell
     table("control-seconds", "10 s of closed loop at 200 Hz", ["feedback", "s"], seconds())
     columns = [

@@ -134,7 +134,7 @@ def test_a_row(case: Case, files: Files, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_ctrl_c_ends_with_130(tmp_path: Path) -> None:
     with subprocess.Popen(
-        ["distal", "drift", "six-hours", "--out", "out"],
+        ["distal", "simulate", "series-1", "--runs", "100000", "--out", "out"],
         cwd=tmp_path,
         env=environment(),
         stderr=subprocess.PIPE,

@@ -11,7 +11,7 @@ from distal import Rig, load_rig, load_scenario, scenario_rig, shipped_scenarios
 from distal.errors import ScenarioError
 from distal.model import Mechanism
 from distal.rig import angle_names
-from distal.simulation import build_scenario, simulate_pieces
+from distal.simulation import build_scenario
 from distal.simulation.readings import Sampler, stamps_of
 
 EXAMPLE = """
@@ -61,11 +61,7 @@ def test_shipped_scenarios_fit_their_rigs() -> None:
     for name in shipped_scenarios():
         loaded = load_scenario(name)
         rig = scenario_rig(loaded)
-        if loaded.schedule:  # hours, which come in pieces
-            loaded = loaded.model_copy(update={"duration": 30.0})
-            truth = next(iter(simulate_pieces(rig, loaded))).log.truth
-        else:
-            truth = simulate(rig, loaded).truth
+        truth = simulate(rig, loaded).truth
         for name in angle_names([joint.name for joint in rig.joints]):
             assert np.all(np.isfinite(truth[name]))
 

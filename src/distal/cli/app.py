@@ -48,7 +48,6 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "simulate": simulation_commands.simulate_command,
     "command": control_commands.command_command,
     "control": control_commands.control_command,
-    "drift": simulation_commands.drift_command,
     "study": simulation_commands.study_command,
     "studies": simulation_commands.list_studies_command,
     "stream": stream_command.stream_command,

@@ -82,11 +82,6 @@ class ControlledPlant:
         if not period > 0.0:
             raise ControlError(f"period: a time above 0 s, {period:g} s came")
         prepared = prepare(rig, scenario, period=period)
-        if prepared.scenario.schedule or prepared.scenario.rezero is not None:
-            raise ControlError(
-                "the scenario has a [schedule] or [rezero], which are for distal drift; take them "
-                "out"
-            )
         if period > prepared.scenario.duration:
             raise ControlError(
                 f"period: {period:g} s is longer than the scenario, "

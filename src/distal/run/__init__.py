@@ -2,14 +2,7 @@
 health of a stream.
 """
 
-from distal.run.batch import (
-    Hour,
-    PieceEstimate,
-    by_hour,
-    estimate_batch,
-    estimate_pieces,
-    plot_hours,
-)
+from distal.run.batch import estimate_batch
 from distal.run.health import HEALTH, HealthLimits
 from distal.run.live_estimator import JointContact, LiveEstimator
 from distal.run.log_units import LiveInLogUnits, LogUnits
@@ -20,20 +13,15 @@ from distal.run.smoothing import smooth
 __all__ = [
     "HEALTH",
     "HealthLimits",
-    "Hour",
     "JointContact",
     "LiveEstimator",
     "LiveInLogUnits",
     "LogUnits",
     "Monitor",
-    "PieceEstimate",
     "Reading",
-    "by_hour",
     "estimate",
     "estimate_batch",
-    "estimate_pieces",
     "log_health",
-    "plot_hours",
     "samples_of",
     "smooth",
     "with_channel",

@@ -1,10 +1,8 @@
 """Simulation: a rig, a scenario and a seed become a log with the truth beside the readings."""
 
-from distal.simulation.drifting_plant import Piece, simulate_pieces
 from distal.simulation.scenario import (
     Control,
     JointControl,
-    Rezero,
     Scenario,
     build_scenario,
     load_scenario,
@@ -17,8 +15,6 @@ from distal.simulation.simulate import simulate_batch, simulate_plant
 __all__ = [
     "Control",
     "JointControl",
-    "Piece",
-    "Rezero",
     "Scenario",
     "build_scenario",
     "load_scenario",
@@ -26,6 +22,5 @@ __all__ = [
     "scenario_text",
     "shipped_scenarios",
     "simulate_batch",
-    "simulate_pieces",
     "simulate_plant",
 ]

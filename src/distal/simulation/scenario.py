@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 from math import pi
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, GetCoreSchemaHandler, model_validator
+from pydantic import Field, GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
 from distal.arrays import Floats
@@ -216,38 +216,6 @@ class Control(Description):
     joints: dict[str, JointControl] = Field(min_length=1)
 
 
-class Change(Description):
-    """How a number of the plant changes over hours: a share of it per hour, and a random walk."""
-
-    per_hour: Annotated[float, In("")] = Field(0.0, description="change in an hour, as a share")
-    walk: Annotated[float, In("", "nonnegative")] = Field(
-        0.0, description="standard deviation of its random change in an hour, as a share"
-    )
-
-
-class Rezero(Description):
-    """The joint is driven against something whose angle is known, again and again: drives pull so
-    instead of as usual.
-    """
-
-    every: Annotated[float, In("s", "positive")] = Field(description="between two beginnings")
-    lasts: Annotated[float, In("s", "positive")] = Field(
-        description="the angle is known in the last half"
-    )
-    joint: str | None = Field(None, description="the first by default")
-    angle: Annotated[float, In("rad")]
-    std: Annotated[float, In("rad", "nonnegative")] = 0.0
-    drives: dict[str, DriveInput] = Field(min_length=1, description="what pulls each meanwhile")
-
-    @model_validator(mode="after")
-    def _time_between(self) -> Self:
-        if self.lasts >= self.every:
-            raise ValueError(
-                f"lasts: {self.lasts:g} s, and it comes every {self.every:g} s; leave time between"
-            )
-        return self
-
-
 class Scenario(Description):
     """What is done to a rig, for how long, and how the plant differs from the rig that filters
     know.
@@ -267,8 +235,6 @@ class Scenario(Description):
     )
     drives: dict[str, DriveInput] = Field(default_factory=dict)
     joints: dict[str, JointInput] = Field(default_factory=dict)
-    schedule: dict[str, Change] = Field(default_factory=dict)
-    rezero: Rezero | None = None
     control: Control | None = None
 
     def plant_rig(self, rig: Rig) -> Rig:

@@ -56,24 +56,17 @@ def simulate_plant(rig: Rig | str | Path, scenario: Scenario | str | Path, seed:
 
 
 def check_open(scenario: Scenario) -> None:
-    """Refuse a scenario with a controller, or one whose plant changes; these are run in another
-    way.
+    """Refuse a scenario with a controller, which is run in another way.
 
     Raises:
-        ScenarioError: it has a controller, a schedule or a rezero.
+        ScenarioError: it has a controller.
     """
-    name = scenario.name or "scenario"
     if scenario.control is not None:
+        name = scenario.name or "scenario"
         raise ScenarioError(
             f"{name}: has a [control], and its loop is not closed here; use distal.closed_loop or "
             "distal control, one "
             "seed at a time"
-        )
-    if scenario.schedule or scenario.rezero is not None:
-        raise ScenarioError(
-            f"{name}: has a [schedule] or [rezero], which need pieces; use distal drift, or "
-            "simulate_pieces of "
-            "distal.simulation"
         )
 
 
@@ -146,8 +139,8 @@ def timing(
     if size > memory_limit():
         raise ScenarioError(
             f"duration: {scenario.duration:g} s in steps of {dt:g} s takes {size / 1e9:.1f} GB; "
-            f"{memory_limit() / 1e9:.3g} GB are allowed ({MEMORY_VARIABLE}). Take it in pieces "
-            "(distal drift, simulate_pieces), or set lower sensor rates"
+            f"{memory_limit() / 1e9:.3g} GB are allowed ({MEMORY_VARIABLE}). Simulate a "
+            "shorter time, or set lower sensor rates"
         )
     return dt, ceil(scenario.duration / dt - 1e-9), count
 
