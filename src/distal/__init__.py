@@ -15,7 +15,6 @@ if TYPE_CHECKING:
         Fit,
         fit,
         learn,
-        observability,
     )
     from distal.from_logs import RigFromLogs, rig_from_logs
     from distal.homing import at_known_angle, homing_filter
@@ -80,7 +79,6 @@ __all__ = [
     "log_health",
     "make_estimator",
     "mujoco_recorder",
-    "observability",
     "plot_estimates",
     "read_log",
     "rig_from_logs",
@@ -102,7 +100,6 @@ _NAMES = {
         "Fit",
         "fit",
         "learn",
-        "observability",
     ),
     "from_logs": ("RigFromLogs", "rig_from_logs"),
     "homing": ("at_known_angle", "homing_filter"),

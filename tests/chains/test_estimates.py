@@ -28,7 +28,6 @@ from distal import (
     load_rig,
     load_scenario,
     make_estimator,
-    observability,
     simulate,
     smooth,
 )
@@ -284,9 +283,6 @@ def test_the_band_opens_where_nothing_is_seen() -> None:
     )
     assert np.median(sums) < 0.1 * np.median(touched.angle_stds)
     assert touched.unseen is not None
-    seen = observability(log, finger, joint="pip")
-    assert seen.directions is not None
-    assert len(seen.directions.missed) == 2
 
 
 def test_elastic_finds_the_posture_of_springs() -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from distal import Log, Rig, estimate, fit, load_rig
 from distal.errors import DistalWarning, FitError
-from distal.fitting import AS_GIVEN, WRITTEN, Doing, groups_of, observability
+from distal.fitting import AS_GIVEN, WRITTEN, Doing, groups_of
 from distal.fitting.choice_of_parameters import choose
 from tests.fitting.helpers import FREE, drawn_plant, logs_of, start_rig, without_truth
 
@@ -248,8 +248,6 @@ def test_arguments_of_the_wrong_kind(rig: Rig, log: Log) -> None:
     for wrong, said in ((("seed", -1), "whole number"), (("homing", "1s"), "number of seconds")):
         with pytest.raises(FitError, match=said):
             fit([log], rig, **{wrong[0]: wrong[1]})
-    with pytest.raises(FitError, match="takes one Log"):
-        observability([log], rig)
     own = fit(log, rig, ("sensors.u1.noise", "joints.0.friction.coefficient"))
     assert own["sensors.1.noise"].noise
 
@@ -281,30 +279,6 @@ def test_each_log_left_out_is_better_than_the_rig_as_it_came(rig: Rig) -> None:
     assert [one.log for one in found.compared] == [log.source for log in logs]
     errors = {name: rms for name, rms, _ in found.scores()}
     assert errors[WRITTEN] < errors[AS_GIVEN]
-
-
-def test_a_joint_is_seen_where_forces_tell_of_it(rig: Rig) -> None:
-    """Lost, it is found again while the forces are measured; once they fall silent, it stays
-    lost.
-    """
-    log = logs_of(rig, {}, 12, ("ramps",), 8.0)[0]
-    seen = observability(log, rig)
-    assert [line[-1] for line in seen.table(4)].count("seen") >= 3
-    deaf = Log(
-        log.time,
-        {
-            n: np.where(log.time > 4, np.nan, v) if n[0] == "u" else v
-            for n, v in log.channels.items()
-        },
-    )
-    hidden = observability(
-        deaf, rig.with_values({f"drives.{i}.nominal_force.std": 0.0 for i in (0, 1)})
-    )
-    late = hidden.found[deaf.time > 5]
-    assert np.median(late) > np.deg2rad(3.0)
-    assert hidden.table(8)[-1][-1] != "seen"
-    with pytest.raises(FitError, match="the window must be"):
-        observability(log, rig, window=20.0)
 
 
 @pytest.mark.more

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +12,6 @@ from benchmarks.strangers.rough_plants import described, log_of
 
 from distal import Log, Rig, estimate, load_rig
 from distal.errors import FitError
-from distal.fitting.angle_observability import START_STD, Observability
 from distal.fitting.log_checks import check_logs
 from distal.rig import build_rig
 
@@ -120,25 +119,6 @@ def test_a_truth_without_values_is_refused_where_it_is_the_only_joints() -> None
     few[:9] = 0.1
     with pytest.raises(FitError, match="has 9 values"):
         check_logs([Log(time, channels, {"theta": few})], rig)
-
-
-@pytest.mark.parametrize(
-    ("share", "said"),
-    [(0.19, "seen"), (0.21, "hardly seen"), (0.69, "hardly seen"), (0.71, "not seen")],
-)
-def test_an_angle_is_seen_where_forces_find_it_to_a_fifth(share: float, said: str) -> None:
-    """What a window found stands at its end: what is in it before, still lost, does not count."""
-    time = np.arange(400) / 100.0
-    at_end = np.isclose((time + 0.01) % 0.5, 0.0, atol=1e-6) | np.isclose(
-        (time + 0.01) % 0.5, 0.5, atol=1e-6
-    )
-    found = np.where(at_end, share * START_STD, START_STD)
-    seen = Observability(time, found, np.full(400, 0.01), 0.5, cast(Any, None))
-    assert [line[4] for line in seen.table(4)] == [said] * 4
-    np.testing.assert_allclose(
-        [line[:2] for line in seen.table(4)], [(0.9975 * k, 0.9975 * (k + 1)) for k in range(4)]
-    )
-    assert all(line[2:4] == pytest.approx((0.01, share * START_STD)) for line in seen.table(4))
 
 
 def test_signs_of_joints_that_fewer_drives_cannot_tell_apart() -> None:

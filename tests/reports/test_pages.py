@@ -79,12 +79,11 @@ def test_the_page_of_a_fit(fitted: Fit, logs: list[Log], tmp_path: Path) -> None
     path = fit_report(fitted, logs, tmp_path / "report")
     text = path.read_text(encoding="utf-8")
     assert [file.name for file in path.parent.iterdir()] == ["index.html"]
-    assert text.count("<figure>") == len(logs) + 2
+    assert text.count("<figure>") == len(logs) + 1
     for said in (
         "What was found",
         "joints.link.friction.coefficient",
         "Along the logs",
-        "Where the joint is seen",
     ):
         assert said in text
     assert "&lt;0&gt; &amp; co.csv" in text

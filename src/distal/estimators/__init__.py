@@ -2,7 +2,7 @@
 
 from distal.estimators.adaptive import AdaptiveFilter, Robustness
 from distal.estimators.belief import Belief, Innovation
-from distal.estimators.directions import Directions, directions
+from distal.estimators.directions import directions
 from distal.estimators.estimator_protocol import (
     LARGEST_ANGLE,
     SHORTEST,
@@ -48,7 +48,6 @@ __all__ = [
     "AdaptiveFilter",
     "Belief",
     "Channels",
-    "Directions",
     "Estimator",
     "FullStateFilter",
     "Innovation",

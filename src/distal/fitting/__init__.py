@@ -2,7 +2,6 @@
 can identify.
 """
 
-from distal.fitting.angle_observability import Observability, observability
 from distal.fitting.candidates import AS_GIVEN
 from distal.fitting.choice_of_parameters import Doing, Options
 from distal.fitting.fit import fit, learn
@@ -24,11 +23,9 @@ __all__ = [
     "Fit",
     "FittedParameter",
     "MapFit",
-    "Observability",
     "Options",
     "Score",
     "fit",
     "groups_of",
     "learn",
-    "observability",
 ]

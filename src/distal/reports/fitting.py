@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from distal.estimators import DEFAULT, usual_estimator
-from distal.fitting import WRITTEN, Fit, Observability, observability
+from distal.fitting import WRITTEN, Fit
 from distal.logs import Log, check_outputs, outputs_in, shown, write_whole
 from distal.reports.page import heading, page, paragraph, picture, svg_of
 from distal.reports.rig_drawing import rig_svg
@@ -69,9 +68,6 @@ def fit_report(fit: Fit, logs: Sequence[Log], out: str | Path) -> Path:
     )
     for log, result in zip(logs[:MOST_TRACES], estimates):
         parts.append(picture(svg_of(draw_traces(log, result, fit.rig)), caption))
-    longest = max(logs, key=len)
-    if usual_estimator(fit.rig) == DEFAULT:
-        parts += _seen(longest, observability(longest, fit.rig, homing=fit.homing))
     use = (
         ""
         if fit.homing is None
@@ -162,30 +158,6 @@ def _left_out(fit: Fit) -> list[str]:
         values=(1, 2),
     )
     return [heading("On logs that were not fitted"), paragraph(text), of_all, by_log]
-
-
-def _seen(log: Log, seen: Observability) -> list[str]:
-    rows = [
-        (
-            f"{low:.1f} to {high:.1f}",
-            f"{np.rad2deg(std):.3f}",
-            f"{np.rad2deg(recovered):.3f}",
-            verdict(word, word == "seen"),
-        )
-        for low, high, std, recovered, word in seen.table()
-    ]
-    text = (
-        f"Along {shown(Path(log.source).name)}: how sure the angle is; and how sure it is again "
-        f"after {seen.window:g} s if it was lost by 10°. Where it is not found, friction, slack "
-        "or a stop hides the joint, and only memory holds the angle."
-    )
-    caption = "Estimate with its band; below, its standard deviation, and where it is found again."
-    return [
-        heading("Where the joint is seen"),
-        paragraph(text),
-        picture(svg_of(seen.plot()), caption),
-        html_table(("time [s]", "std [°]", "found again to [°]", ""), rows, values=(1, 2)),
-    ]
 
 
 DRAWN_POINTS = 1200
