@@ -198,9 +198,7 @@ def failing(plan: Plan, designs: tuple[int, ...]) -> dict[str, list[object]]:
 def test_a_study_stops_where_all_its_first_runs_fail_alike(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """It says why, after one chunk, and leaves no rows behind: mended, it begins anew. A grid
-    begins in a corner.
-    """
+    """It says why, after one chunk, and leaves no rows behind: mended, it begins anew."""
     ran = list[tuple[int, ...]]()
 
     def run(plan: Plan, designs: tuple[int, ...]) -> dict[str, list[object]]:
@@ -215,13 +213,3 @@ def test_a_study_stops_where_all_its_first_runs_fail_alike(
         run_study(plan, space_of(plan), folder, 1)
     assert len(ran) == 1
     assert folder.chunks == {}
-    written = list[int]()
-    monkeypatch.setattr(type(folder), "write", lambda self, number, rows: written.append(number))
-    grid = small(
-        **changes(MANY),
-        fill="grid",
-        vary={"tendons.*.stiffness": {"from": 700, "to": 900, "points": MANY}},
-    )
-    run_study(grid, space_of(grid), open_folder(grid, tmp_path / "grid"), 1)
-    assert written == list(range(len(written)))
-    assert len(written) > 1

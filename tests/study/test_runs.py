@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import erf, sqrt
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from distal.kernels import Kernel
 from distal.results import Estimate
 from distal.run import samples_of
 from distal.study.design_space import built_values, draws_of, rig_of, scores, space_of
-from distal.study.runs import Task, run_chunk, run_tasks
+from distal.study.runs import _SPACES, Task, run_chunk, run_tasks
 from tests.study.plans import small, still
 
 
@@ -78,13 +79,17 @@ def test_the_share_of_a_requirement_is_that_of_a_known_normal_distribution(tmp_p
 
 
 def test_an_error_is_a_row() -> None:
-    plan = small(vary={"sensors.x1": [True, False], "sensors.x2": [True, False]}, fill="grid")
-    rows = run_chunk(plan, range(4))
+    plan = small(
+        vary={"sensors.x1": [True, False], "sensors.x2": [True, False]}, designs=8, seeds=1
+    )
+    rows = run_chunk(plan, range(8))
     problems = [str(text) for text in rows["problem"]]
-    assert [bool(text) for text in problems] == [False] * 6 + [True] * 2
-    assert "needs" in problems[-1] or "sensor" in problems[-1]
-    assert rows["met"][-1] is False
-    assert np.isnan(float(rows["rms_deg"][-1] or 0.0))
+    blind = [not (x1 or x2) for x1, x2 in zip(rows["sensors.x1"], rows["sensors.x2"])]
+    assert [bool(text) for text in problems] == blind
+    last = blind.index(True)
+    assert "needs" in problems[last] or "sensor" in problems[last]
+    assert rows["met"][last] is False
+    assert np.isnan(float(rows["rms_deg"][last] or 0.0))
 
 
 @pytest.mark.slow
@@ -100,7 +105,7 @@ def test_a_row_does_not_depend_on_what_ran_before() -> None:
     assert found[0] == found[1] == found[2]
 
 
-def test_a_closed_loop_is_asked_for_its_reference() -> None:
+def test_a_closed_loop_is_asked_for_its_reference(monkeypatch: pytest.MonkeyPatch) -> None:
     """The joint that is fed back by displacements stays behind; what is told of it is judged
     apart.
     """
@@ -109,11 +114,12 @@ def test_a_closed_loop_is_asked_for_its_reference() -> None:
     plan = small(
         scenarios=["control-paper"],
         vary=vary,
-        fill="grid",
         seeds=1,
         duration="5 s",
         requirement=asked,
     )
+    shares = np.array([[0.1], [0.4], [0.6], [0.9]])
+    monkeypatch.setitem(_SPACES, plan.digest, replace(space_of(plan), shares=shares))
     rows = run_chunk(plan, [0, 1, 2, 3])
     assert rows["problem"] == ["", "", "", ""]
     assert rows["feedback"] == ["encoder", "adaptive", "ratio", "command"]

@@ -5,7 +5,6 @@ evidence.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import asdict
 from html import escape
 from math import degrees
@@ -20,32 +19,23 @@ from distal.logs import write_together
 from distal.reports.page import (
     heading,
     page,
-    paragraph,
     picture,
     resource,
     script_with,
-    svg_of,
 )
 from distal.reports.rig_drawing import rig_svg
 from distal.results import (
-    BAND_ALPHA,
-    TRUTH,
-    Html,
-    colour,
-    curve_style,
-    figure,
     html_table,
-    legend_above,
 )
 from distal.study import Axis, Plan, Space
-from distal.study.answer import Answer, Case, Influence
+from distal.study.answer import Answer
 from distal.study.execution import Columns
 from distal.study.runs import BUILT, MEASURES
 from distal.study.shares import words_of
 from distal.units import rounded
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 MOST_DOTS = 2000
 """Number of dots in a chart at most; more make the page slow without showing more. Source:
@@ -117,19 +107,13 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
         regions = [[where, part, f"{part.rigs:,}"] for where, part in answer.regions[:SHOWN]]
         table = html_table(["designs", "rigs that meet it", "rigs"], regions, [2])
         parts += [heading("Where it is met"), table]
-    if answer.influences:
-        parts += [heading("Which numbers matter"), *_influences(answer.influences)]
     parts += [heading("What is traded for what"), CHART]
-    if answer.worst:
-        parts.append(heading("Worst cases"))
-        parts += [picture(svg_of(_drawn(case)), case.words) for case in answer.worst]
     parts += [heading("The rig"), picture(rig_svg(plan.rig), "The rig before any change.")]
     if answer.problems:
         problems = [*answer.problems.items()][:SHOWN]
         parts += [heading("Runs that failed"), html_table(["why", "runs"], problems, [1])]
     points = _points(plan, space, columns)
-    ranked = [influence.name for influence in answer.influences if influence.name in points]
-    first, second, *_ = (name for name in dict.fromkeys([*ranked, *points]) if name != "rms_deg")
+    first, second, *_ = (name for name in points if name != "rms_deg")
     charts = {"columns": points, "shown": {"x": first, "y": "rms_deg", "z": second}}
     parts.append(script_with("study-data", charts, get_plotlyjs(), resource("study_page.js")))
     text = json.dumps(asdict(answer), indent=2, ensure_ascii=False, default=lambda v: v.value)
@@ -137,40 +121,6 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
         {folder / "index.html": page(title, lead, parts), folder / "answer.json": text + "\n"}
     )
     return folder / "index.html"
-
-
-def _influences(influences: Sequence[Influence]) -> list[str]:
-    rows = [
-        [
-            influence.words,
-            Html(f"<span class='bar' style='width:{100 * influence.index:.1f}%'></span>"),
-            f"{100 * influence.index:.0f} ± {100 * influence.half:.0f} %",
-        ]
-        for influence in influences[:SHOWN]
-    ]
-    columns = ["number", "", "share of the variance of the RMS error"]
-    explanation = (
-        "First-order Sobol indices by RBD-FAST with their 95 % intervals: what would be gone of "
-        "the variance if the number were known and held. As built: what one rig differs by from "
-        "its description."
-    )
-    return [html_table(columns, rows, [2]), paragraph(explanation)]
-
-
-def _drawn(case: Case) -> Figure:
-    """Return a figure of a case: the true angle, and the estimate with its band."""
-    estimate = np.array(case.estimate)
-    with figure(size=(7.2, 2.4)) as (drawing, (axes,)):
-        axes.plot(case.time, case.truth, label="truth", **TRUTH)
-        band = {"color": colour(0), "alpha": BAND_ALPHA, "linewidth": 0}
-        axes.fill_between(
-            case.time, estimate - case.half, estimate + case.half, label="95 % band", **band
-        )
-        axes.plot(case.time, estimate, label="estimate", linewidth=1.2, **curve_style(0))
-        axes.set_xlabel("time [s]")
-        axes.set_ylabel("angle [°]")
-        legend_above(axes)
-    return drawing
 
 
 def _points(plan: Plan, space: Space, columns: Columns) -> dict[str, dict[str, object]]:

@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
@@ -51,8 +51,7 @@ class Study(Description):
         None, description="of each run; the scenario's by default"
     )
     estimator: str = Field(DEFAULT, description="as of `distal estimate -e`")
-    fill: Literal["grid", "latin"] = Field("latin", description='"latin" or "grid"')
-    designs: int = Field(256, ge=1, description="a grid has its own number")
+    designs: int = Field(256, ge=1, description="how many")
     seeds: int = Field(3, ge=1, le=100_000, description="rigs as built of each design")
     draw: int = Field(1, ge=0, description="seed of all random numbers")
     set: dict[str, object] = Field(

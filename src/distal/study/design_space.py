@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
 from math import exp, log
 from typing import Literal
 from zlib import crc32
@@ -117,12 +116,7 @@ FEEDBACK = "feedback"
 an estimator.
 """
 
-GRID_POINTS = 5
-"""Default number of points of a range in a grid, its ends and quarters [1]; an answer tells the
-parts between them apart. Source: definition (quarters).
-"""
-
-KEYS = ("from", "to", "scale", "points")
+KEYS = ("from", "to", "scale")
 """Keys of the table of a range."""
 
 
@@ -143,7 +137,6 @@ class Axis:
         low: lower end of a range.
         high: upper end of a range.
         scale: whether a range is filled evenly in its values or in their logarithms.
-        points: number of points of a range in a grid.
     """
 
     path: str
@@ -152,7 +145,6 @@ class Axis:
     low: float = 0.0
     high: float = 0.0
     scale: Literal["linear", "log"] = "linear"
-    points: int = GRID_POINTS
 
     def at(self, share: float) -> Value:
         """Return the value [SI] at a `share` of the way along the axis, from 0 (low end, first
@@ -245,7 +237,6 @@ def _range(path: str, raw: Mapping[str, object], unit: str) -> Axis:
     low = to_si(raw["from"], unit)
     high = to_si(raw["to"], unit)
     scale = raw.get("scale", "linear")
-    points = raw.get("points", GRID_POINTS)
     if not low < high:
         raise StudyError(
             f"vary.{path}: the range is empty: from {low:g} {unit} must be below to {high:g} {unit}"
@@ -255,11 +246,7 @@ def _range(path: str, raw: Mapping[str, object], unit: str) -> Axis:
             f"vary.{path}: scale is 'linear', or 'log' from above zero; {scale!r:.40} from "
             f"{low:g} came"
         )
-    if not isinstance(points, int) or isinstance(points, bool) or not 2 <= points <= 1000:
-        raise StudyError(
-            f"vary.{path}: points is a whole number from 2 to 1000, {points!r:.40} came"
-        )
-    return Axis(path, unit, (), low, high, "log" if scale == "log" else "linear", points)
+    return Axis(path, unit, (), low, high, "log" if scale == "log" else "linear")
 
 
 @dataclass(frozen=True)
@@ -301,7 +288,7 @@ def space_of(plan: Plan) -> Space:
     """Return the space of a study's designs; the same study always has the same designs.
 
     Raises:
-        StudyError: what varies is wrong, or a grid has too many designs.
+        StudyError: what varies is wrong, or there are too many designs.
     """
     from scipy.stats import qmc
 
@@ -318,31 +305,16 @@ def space_of(plan: Plan) -> Space:
                 rig_of(plan.rig, {axis.path: axis.at(share)})
             except DistalError as problem:
                 raise StudyError(f"vary.{axis.path}: {problem}") from None
-    if study.fill == "grid":
-        counts = [len(axis.choices) or axis.points for axis in axes]
-        _check_size(float(np.prod(counts, dtype=float)), len(axes))
-        levels = [
-            [(k + 0.5) / n if axis.choices else k / (n - 1) for k in range(n)]
-            for axis, n in zip(axes, counts)
-        ]
-        return Space(
-            axes, np.array(list(product(*levels)), dtype=np.float64).reshape(-1, len(axes))
-        )
     if not axes:
         return Space(axes, np.zeros((study.designs, 0)))
-    _check_size(study.designs, len(axes))
-    rng = np.random.default_rng([study.draw, 0])
-    return Space(axes, qmc.LatinHypercube(len(axes), rng=rng).random(study.designs))
-
-
-def _check_size(designs: float, axes: int) -> None:
-    """Raise a `StudyError` where so many designs of so many axes take more memory than allowed."""
-    size = designs * axes * np.dtype(np.float64).itemsize
+    size = study.designs * len(axes) * np.dtype(np.float64).itemsize
     if size > memory_limit():
         raise StudyError(
-            f"{designs:.3g} designs take {size / 1e9:.3g} GB, {memory_limit() / 1e9:.3g} GB are "
-            f"allowed ({MEMORY_VARIABLE}); use fill = 'latin' with fewer designs"
+            f"{study.designs:,} designs take {size / 1e9:.3g} GB, {memory_limit() / 1e9:.3g} GB "
+            f"are allowed ({MEMORY_VARIABLE}); take fewer designs"
         )
+    rng = np.random.default_rng([study.draw, 0])
+    return Space(axes, qmc.LatinHypercube(len(axes), rng=rng).random(study.designs))
 
 
 def rig_of(rig: Rig, design: Design) -> Rig:

@@ -11,9 +11,8 @@ import multiprocessing
 import os
 import signal
 import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
@@ -88,14 +87,13 @@ def open_folder(plan: Plan, path: str | Path) -> Folder:
     holds are kept.
 
     Raises:
-        StudyError: the folder is of another study or another version of distal, or pyarrow,
-            plotly or SALib is not installed.
+        StudyError: the folder is of another study or another version of distal, or pyarrow or
+            plotly is not installed.
         OutputError: the folder cannot be made or written.
     """
     try:
         import plotly  # noqa: F401
         import pyarrow  # noqa: F401
-        import SALib  # noqa: F401
     except ImportError as problem:
         raise StudyError(
             f"rows and page of a study need {problem.name}; pip install '.[study]'"
@@ -155,8 +153,7 @@ def run_study(
     if not chunks:
         return
     count = (os.cpu_count() or 1) if workers is None else workers
-    # a grid begins in a corner of the space, where all runs may fail
-    is_first = done == 0 and plan.study.fill != "grid"
+    is_first = done == 0
     for number, rows in _by_processes(plan, chunks, count):
         problem, *others = set(map(str, rows["problem"]))
         if is_first and problem and not others:
@@ -175,17 +172,11 @@ def _by_processes(plan: Plan, chunks: Sequence[Chunk], workers: int) -> Iterator
     if workers == 1:
         yield from ((number, run_chunk(plan, designs)) for number, designs in chunks)
         return
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _begin, (plan,))
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _begin)
     try:
-        waiting = iter(chunks)
-        running: dict[Future[Rows], int] = {}
-        while True:
-            while len(running) < 2 * workers and (chunk := next(waiting, None)) is not None:
-                running[pool.submit(_work, chunk[1])] = chunk[0]
-            if not running:
-                break
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
-                yield running.pop(future), future.result()
+        running = {pool.submit(run_chunk, plan, designs): number for number, designs in chunks}
+        for future in as_completed(running):
+            yield running.pop(future), future.result()
     except BrokenProcessPool:
         raise StudyError(
             "a process of this study was ended from outside, for want of memory perhaps; the rows "
@@ -200,25 +191,16 @@ def _by_processes(plan: Plan, chunks: Sequence[Chunk], workers: int) -> Iterator
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-_PLAN: list[Plan] = []
-"""The plan that a process of the pool works on."""
-
-
-def _begin(plan: Plan) -> None:
-    """Prepare a process of the pool: it ends when its parent has ended, and ignores SIGINT, which
-    its parent handles.
+def _begin() -> None:
+    """Prepare a process of the pool: it ignores SIGINT, which its parent handles, and ends when its
+    parent has ended.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _PLAN[:] = [plan]
-    parent = os.getppid()
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(1.0)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
-def _work(designs: tuple[int, ...]) -> Rows:
-    return run_chunk(_PLAN[0], designs)
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)

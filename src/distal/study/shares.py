@@ -18,7 +18,6 @@ from distal.study.description import Plan
 from distal.study.design_space import (
     ESTIMATOR,
     FEEDBACK,
-    GRID_POINTS,
     Axis,
     Space,
     Value,
@@ -27,6 +26,9 @@ from distal.study.design_space import (
 from distal.study.execution import Columns
 from distal.study.runs import BUILT
 from distal.units import quantity
+
+PARTS = 4
+"""Number of parts of a range that an answer tells apart [1]. Source: definition (quarters)."""
 
 
 @dataclass(frozen=True)
@@ -81,8 +83,8 @@ def setting_in_words(name: str, setting: Value, unit: str) -> str:
 
 
 def parts_of(plan: Plan, axis: Axis, values: NDArray[np.generic]) -> list[tuple[str, Bools]]:
-    """Return the parts of an axis: words for each, and which rigs are in it, (n,). A range has as
-    many parts as a grid has steps.
+    """Return the parts of an axis: words for each, and which rigs are in it, (n,). A range has
+    `PARTS`.
 
     Args:
         values: what each rig has on this axis, (n,).
@@ -92,7 +94,7 @@ def parts_of(plan: Plan, axis: Axis, values: NDArray[np.generic]) -> list[tuple[
         return [
             (setting_in_words(name, choice, axis.unit), values == choice) for choice in axis.choices
         ]
-    edges = [float(axis.at(share)) for share in np.linspace(0.0, 1.0, GRID_POINTS)]
+    edges = [float(axis.at(share)) for share in np.linspace(0.0, 1.0, PARTS + 1)]
     part = np.searchsorted(edges[1:-1], values.astype(np.float64), side="right")
     return [
         (f"{name} {quantity(low, axis.unit)} to {quantity(high, axis.unit)}", part == k)
