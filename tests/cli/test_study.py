@@ -42,7 +42,6 @@ def test_a_study_becomes_a_page(tmp_path: Path) -> None:
             "unknown study 'papr'; did you mean 'paper'? (known: finger, lab-bench, paper, "
             "paper-positioned, wrist)",
         ),
-        (["paper"], "--out is missing: give the folder for rows and answer"),
         (["paper", "--out", "{}/file"], "cannot be made"),
     ],
 )

@@ -163,35 +163,18 @@ STUDY = "A shipped study's name (see `distal studies`) or a TOML file."
 
 def study_command(
     study: Annotated[str, Argument(help=STUDY, autocompletion=studies)],
-    out: Annotated[
-        Path | None, Option(help="Folder for rows and answer; one that is there goes on.")
-    ] = None,
+    out: Annotated[Path, Option(help="Folder for rows and answer; one that is there goes on.")],
     workers: Annotated[
         int | None, Option(min=1, max=1024, help="Processes here; default one per core.")
     ] = None,
-    suggest: Annotated[
-        bool,
-        Option(
-            "--suggest",
-            help="Say which sensor, number or calibration narrows the band most, instead.",
-        ),
-    ] = False,
 ) -> None:
     """Ask of many designs, each built many times, whether a requirement is met, and write the
     answer as a page.
     """
-    from distal.errors import StudyError
     from distal.study import load_study, open_folder, run_study, space_of
 
     plan = load_study(study)
     space = space_of(plan)
-    if suggest:
-        _suggest(plan)
-        return
-    if out is None:
-        raise StudyError(
-            "--out is missing: give the folder for rows and answer; one that is there goes on"
-        )
     folder = open_folder(plan, out)
     with stoppable():
         try:
@@ -212,20 +195,6 @@ def _answer(plan: Plan, space: Space, folder: Folder) -> None:
     page = study_report(plan, space, columns, answer, folder.path)
     say(answer.sentence)
     say(f"wrote {page}, {folder.path / 'answer.json'} and {folder.path / 'rows.parquet'}")
-
-
-def _suggest(plan: Plan) -> None:
-    from distal.study.suggest import PLANTS, suggestions
-
-    with progress_bar("options") as show:
-        base, options = suggestions(plan, show)
-    rows = [
-        (option.words, f"{degrees(option.band):.3g}", f"{degrees(option.error):.3g}")
-        for option in (base, *options)
-    ]
-    columns = ["option", "band ± [°]", f"RMS over {PLANTS} plants [°]"]
-    table(plan.study.name or plan.rig.name, columns, rows)
-    say(f"narrowest band: {options[0].words}")
 
 
 def list_studies_command() -> None:

@@ -63,10 +63,6 @@ class Study(Description):
         description="path of a number as for `--set`, `sensors.NAME` or `estimator` → a list, or "
         "a table with from and to",
     )
-    added_noise: Annotated[float, In("N", "positive")] = Field(
-        0.1,
-        description="of force sensors that `--suggest` adds to a rig without load cells",
-    )
     requirement: Requirement
 
     @model_validator(mode="after")

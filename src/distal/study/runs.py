@@ -25,7 +25,7 @@ from distal.parallel import one_blas_thread
 from distal.results import Estimate
 from distal.rig import Rig, named
 from distal.run.batch import run_all
-from distal.run.offline import Run, estimator_for, prepared
+from distal.run.offline import Run, prepared
 from distal.simulation import Scenario
 from distal.simulation.plant import plant_kernel
 from distal.simulation.plant_motion import (
@@ -162,12 +162,9 @@ def _seeds(plan: Plan, task: Task) -> tuple[int, int, int]:
     return plan.study.draw, task.index, task.seed
 
 
-def run_tasks(plan: Plan, tasks: Sequence[Task], homing: float | None = None) -> list[Outcome]:
+def run_tasks(plan: Plan, tasks: Sequence[Task]) -> list[Outcome]:
     """Return the estimate or closed loop of each task, or the error that ended it, in the order of
     the tasks.
-
-    Args:
-        homing: for how long the estimator is given the true angle at the start [s], or None.
     """
     outcomes: dict[int, Outcome] = {}
     rigs = [
@@ -195,18 +192,11 @@ def run_tasks(plan: Plan, tasks: Sequence[Task], homing: float | None = None) ->
             structure = id(setup.kernel), len(built.inputs.effort), repr(built.dt)
             plants.setdefault(structure, []).append((k, setup, built))
     runs = dict[int, list[tuple[int, Run]]]()
-    homed = dict[int, Estimator]()
     for k, setup, log in _logs(plan, tasks, plants.values()):
         try:
             if isinstance(log, DistalError):
                 raise log
-            estimator = setup.estimator
-            if homing is not None:
-                estimator = homed.get(id(setup)) or estimator_for(
-                    log, setup.rig, estimator.name, True, homing
-                )
-                homed[id(setup)] = estimator
-            run = prepared(log, estimator, homing)
+            run = prepared(log, setup.estimator)
         except DistalError as problem:
             outcomes[k] = problem
         else:
