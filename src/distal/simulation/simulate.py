@@ -1,6 +1,7 @@
 """Simulation without a controller: a rig, a scenario and a seed become a log with the truth.
 
-Many simulations run at once, on all cores, with runs of one plant side by side in vector lanes.
+Many simulations run at once, on all cores; plants of one structure can move side by side in vector
+lanes.
 """
 
 from __future__ import annotations
@@ -230,9 +231,8 @@ def simulate_batch(
     """Simulate many scenarios, or one with many seeds, and yield the logs in their order. Each log
     is the one that `simulate` gives.
 
-    The runs are taken in groups, one run for each vector lane. In a group, scenarios of one plant
-    run side by side, and a scenario that comes with several seeds moves only once: the motion is
-    the same, the sensors' errors differ. Only what is in work is in memory.
+    The runs are taken in groups. In a group a scenario that comes with several seeds moves only
+    once: the motion is the same, the sensors' errors differ. Only what is in work is in memory.
 
     Args:
         jobs: (scenario, seed) of each run; may be a generator.
@@ -269,33 +269,23 @@ def _batch(
 
 
 def _group(rig: Rig, jobs: list[Job]) -> list[Log | Exception]:
-    """Return the logs of some runs: there is one motion for each scenario, and those of the same
-    plant are simulated side by side.
+    """Return the logs of some runs, with one motion for each scenario.
 
     If a job fails, its error stands in the place of its log and ends the list.
     """
-    distinct: list[tuple[Scenario | str | Path, Prepared]] = []
-    which: list[int] = []
-    problem: Exception | None = None
+    moved: list[tuple[Scenario | str | Path, Prepared, PlantMotion]] = []
+    logs: list[Log | Exception] = []
     for scenario, seed in jobs:
-        known = (i for i, (before, _) in enumerate(distinct) if before == scenario)
-        at = next(known, len(distinct))
         try:
-            if at == len(distinct):
+            known = [each for each in moved if each[0] == scenario]
+            if not known:
                 ready = prepare(rig, scenario, seed)
                 check_open(ready.scenario)
-                distinct.append((scenario, ready))
+                (motion,) = motions_of([ready])
+                known = [(scenario, ready, motion)]
+                moved += known
         except Exception as error:
-            problem = error
-            break
-        which.append(at)
-    motions: dict[int, PlantMotion] = {}
-    plants = [(ready.plant.rig, ready.dt, ready.count) for _, ready in distinct]
-    for i in range(len(distinct)):
-        alike = [j for j, plant in enumerate(plants) if j not in motions and plant == plants[i]]
-        if alike:
-            motions.update(zip(alike, motions_of([distinct[j][1] for j in alike])))
-    logs: list[Log | Exception] = [
-        sampled(distinct[at][1], motions[at], seed) for at, (_, seed) in zip(which, jobs)
-    ]
-    return logs if problem is None else [*logs, problem]
+            return [*logs, error]
+        _, ready, motion = known[0]
+        logs.append(sampled(ready, motion, seed))
+    return logs
