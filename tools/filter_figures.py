@@ -74,10 +74,11 @@ def steps(log: Log, rig: Rig, robustness: Robustness | None = None) -> list[Step
     track, rows = tracking(states), Rows.of(states)
     samples = np.column_stack([log.channels[name] for name in estimator.channels])
     belief = estimator.initial(log.time[0], samples[0])
+    kernel_states, ys = estimator.advanced(belief, log.time, samples)
+    means, covariances, innovations, spreads = estimator.scan(belief, log.time, samples)
     last, taken = log.time[0], list[Step]()
-    for time, sample in zip(log.time, samples):
-        before = belief.kernel_state
-        belief, innovation = estimator.step(belief, time, sample)
+    for k, (time, sample) in enumerate(zip(log.time, samples)):
+        before = kernel_states[k - 1] if k else belief.kernel_state
         x = np.concatenate([[time - last], np.nan_to_num(sample), np.isfinite(sample)])
         mean, memory = (
             np.array(layout.part(ca.DM(before), name)).ravel() for name in ("mean", "drives")
@@ -86,25 +87,24 @@ def steps(log: Log, rig: Rig, robustness: Robustness | None = None) -> list[Step
         drives = [
             Drive(**dict(zip(TRACKED, np.array(vector.of(i)).ravel()))) for i in range(n_drives)
         ]
-        assert belief.output is not None
-        predicted = belief.output[2 * m : 2 * m + n]
+        predicted = ys[k, 2 * m : 2 * m + n]
         rates = [
             (d.position - old) / max(time - last, 1e-9)
             for d, old in zip(drives, memory[:: len(memory) // n_drives])
         ]
         found = rows.function(predicted, vector.vector, rates, x, estimator.parameters)
-        each = [np.array(found[4 * k]).ravel() for k in range(len(rows.rows))]
+        each = [np.array(found[4 * i]).ravel() for i in range(len(rows.rows))]
         values = [{part: float(row[i]) for i, part in enumerate(ROW.names)} for row in each]
-        variances = np.diag(belief.covariance)
+        variances = np.diag(covariances[k])
         taken.append(
             Step(
-                belief.mean,
+                means[k],
                 variances,
                 predicted,
                 drives,
                 values,
-                innovation.values,
-                innovation.variances,
+                innovations[k],
+                spreads[k],
             )
         )
         last = time

@@ -9,17 +9,16 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.estimators import Belief, Innovation, KernelEstimator, Robustness, channels_of
+from distal.estimators import Belief, KernelEstimator, Robustness, channels_of
 from distal.estimators.adaptive import FilterContext, StateVector
 from distal.estimators.adaptive.drive_friction import Comparison, Residual, compared
 from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered_position, tracking
 from distal.estimators.adaptive.filter_context import LONGEST_SUBSTEP
 from distal.estimators.adaptive.filter_inputs import states_of_rig
 from distal.estimators.adaptive.measurement import MeasurementRow, measurement_rows_of
-from distal.estimators.belief import innovation
 from distal.estimators.read_channels import UNKNOWN_POSITION
 from distal.estimators.state_kinds import StateKind
-from distal.logs import frozen
+from distal.kernels import covariance_of, mean_of
 from distal.model import Kick, kick_and_drift, responses
 from distal.rig import Rig
 
@@ -69,50 +68,31 @@ class EnsembleFilter(KernelEstimator, ABC):
             measured=tuple(sensor.name for sensor in channels.compared),
         )
 
-    def step(self, belief: Belief, time: float, sample: Floats) -> tuple[Belief, Innovation]:
-        """Return the belief after a sample, and its innovation.
-
-        Args:
-            belief: before.
-            time: of the sample [s].
-            sample: values of `channels`, SI, NaN where missing, (n_channels,).
-
-        Raises:
-            EstimationError: as `KernelEstimator.step`.
-        """
-        sample, time = self._accepted(belief, time, sample)
-        rows, _ = self.rows(np.array([time - belief.time]), sample[None, :])
-        kernel_state, values, variances = np.array(belief.kernel_state), np.zeros(0), np.zeros(0)
-        for k, row in enumerate(rows):
-            kernel_state, values, variances = self._advance(kernel_state, row, (belief.samples, k))
-        values, variances = self.innovations_of(
-            np.concatenate([values, variances])[None, :], sample[None, :]
-        )
-        return Belief(time, frozen(kernel_state), belief.size, belief.samples + 1), innovation(
-            values[0], variances[0]
-        )
-
     def scan(
         self, belief: Belief, times: Floats, samples: Floats
     ) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return means, covariances, innovations and their variances of a whole log: `step` for
-        each sample.
+        """Return means, covariances, innovations and their variances of a whole log.
 
         Args:
             belief: before the first sample.
             times: stamps [s], rising, (k,).
             samples: values of `channels`, (k, n_channels).
         """
-        means, covariances, values, variances = [], [], [], []
-        for time, sample in zip(
-            np.asarray(times, dtype=np.float64), np.asarray(samples, dtype=np.float64)
-        ):
-            belief, found = self.step(belief, float(time), sample)
-            means.append(belief.mean)
-            covariances.append(belief.covariance)
-            values.append(found.values)
-            variances.append(found.variances)
-        return np.array(means), np.array(covariances), np.array(values), np.array(variances)
+        rows, last = self.checked_rows(belief, times, samples)
+        kernel_state, n = np.array(belief.kernel_state), belief.size
+        means, covariances, ys = [], [], []
+        for k, own in enumerate(np.split(rows, last[:-1] + 1)):
+            for j, row in enumerate(own):
+                key = belief.samples + k, j
+                kernel_state, values, variances = self._advance(kernel_state, row, key)
+            means.append(mean_of(kernel_state, n))
+            covariances.append(covariance_of(kernel_state, n))
+            ys.append(np.concatenate([values, variances]))
+        return (
+            np.array(means),
+            np.array(covariances),
+            *self.innovations_of(np.array(ys), np.asarray(samples, dtype=np.float64)),
+        )
 
     @property
     def bridged(self) -> int:

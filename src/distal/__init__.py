@@ -9,7 +9,7 @@ from distal.version import __version__ as __version__
 if TYPE_CHECKING:
     from distal.control import ClosedLoop, closed_loop, simulate
     from distal.diagnosis import diagnose
-    from distal.estimators import ESTIMATORS, Belief, Estimator, Innovation, make_estimator
+    from distal.estimators import ESTIMATORS, KernelEstimator, make_estimator
     from distal.export import export_arduino, export_c, export_fmu
     from distal.fitting import (
         Fit,
@@ -43,16 +43,14 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ESTIMATORS",
-    "Belief",
     "ClosedLoop",
     "Commands",
     "DistalError",
     "DistalWarning",
     "Estimate",
-    "Estimator",
     "Fit",
-    "Innovation",
     "Inverse",
+    "KernelEstimator",
     "LiveEstimator",
     "LiveInLogUnits",
     "LiveInverse",
@@ -94,7 +92,7 @@ __all__ = [
 _NAMES = {
     "control": ("ClosedLoop", "closed_loop", "simulate"),
     "diagnosis": ("diagnose",),
-    "estimators": ("ESTIMATORS", "Belief", "Estimator", "Innovation", "make_estimator"),
+    "estimators": ("ESTIMATORS", "KernelEstimator", "make_estimator"),
     "export": ("export_arduino", "export_c", "export_fmu"),
     "fitting": (
         "Fit",

@@ -56,9 +56,9 @@ def test_angles_walk() -> None:
     for walk in (0.0, radians(0.3)):
         estimator = AdaptiveFilter(rig, compiled=False, robustness=Robustness(angle_walk=walk))
         belief = estimator.initial(0.0, sample)
-        for time in (0.0, 0.005):
-            belief, _ = estimator.step(belief, time, sample)
-        variances.append(np.diag(belief.covariance)[:2])
+        times = np.array([0.0, 0.005])
+        _, covariances, *_ = estimator.scan(belief, times, np.array([sample, sample]))
+        variances.append(np.diag(covariances[-1])[:2])
     np.testing.assert_allclose(variances[1] - variances[0], radians(0.3) ** 2 * 0.005, rtol=1e-6)
 
 

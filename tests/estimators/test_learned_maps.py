@@ -174,6 +174,6 @@ def test_a_filter_begins_where_the_readings_map_says(plain: Rig, log: Log) -> No
     first = np.array([0.1, 0.01])
     begun = AdaptiveFilter(unsure, False).initial(0.0, first)
     alone = make_estimator("regression", rig)
-    belief, _ = alone.step(alone.initial(0.0, first), 0.0, first)
-    assert begun.mean[0] == pytest.approx(belief.mean[0], abs=1e-9)
+    means, *_ = alone.scan(alone.initial(0.0, first), np.zeros(1), first[None])
+    assert begun.mean[0] == pytest.approx(means[0, 0], abs=1e-9)
     assert AdaptiveFilter(sure, False).initial(0.0, first).mean[0] == 0.0

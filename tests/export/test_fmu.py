@@ -16,7 +16,7 @@ from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 from typer.testing import CliRunner
 
-from distal import Log, Rig, estimate, load_scenario, scenario_rig, simulate
+from distal import LiveEstimator, Log, Rig, estimate, load_scenario, scenario_rig, simulate
 from distal.cli.app import app
 from distal.errors import ExportError, OutputError
 from distal.estimators import first_values, make_estimator
@@ -77,12 +77,12 @@ def at_the_ends(log: Log, rig: Rig, length: float = 0.01) -> np.ndarray:
     estimator = make_estimator("adaptive", rig)
     rows, found = samples_of(log, estimator.channels), []
     missing = np.full(rows.shape[1], np.nan)
-    belief = estimator.initial(float(log.time[0]), first_values(rows))
+    live = LiveEstimator(rig, estimator)
     for time, row in zip(log.time.tolist(), rows):
-        belief, _ = estimator.step(belief, time, row)
-        end, _ = estimator.step(belief, time + length, missing)
-        joints = range(len(rig.joints))
-        found.append([*end.mean[joints], *np.sqrt(np.diagonal(end.covariance)[joints])])
+        live.step(time, row)
+        end = live.clone()
+        end.step(time + length, missing)
+        found.append([*end.angles, *end.angle_stds])
     return np.array(found)
 
 

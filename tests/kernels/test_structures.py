@@ -82,7 +82,8 @@ def test_states_of_others_have_kernels_of_their_own() -> None:
         assert estimator.structure is None
         sample = np.zeros(len(estimator.channels))
         belief = estimator.initial(0.0, sample)
-        angles.append(estimator.step(belief, estimator.interval, sample)[0].mean[0])
+        means, *_ = estimator.scan(belief, np.array([estimator.interval]), sample[None])
+        angles.append(means[0, 0])
     assert angles[0] != angles[1]
 
 

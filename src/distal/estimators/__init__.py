@@ -1,14 +1,13 @@
-"""The estimators and their common interface: belief and sample in, belief and innovation out."""
+"""The estimators and their common base."""
 
 from distal.estimators.adaptive import AdaptiveFilter, Robustness
-from distal.estimators.belief import Belief, Innovation
+from distal.estimators.belief import Belief
 from distal.estimators.directions import directions
 from distal.estimators.estimator_protocol import (
     LARGEST_ANGLE,
     SHORTEST,
     TOUCHED,
     WILD,
-    Estimator,
     KernelEstimator,
     check_time,
     sample_problem,
@@ -48,9 +47,7 @@ __all__ = [
     "AdaptiveFilter",
     "Belief",
     "Channels",
-    "Estimator",
     "FullStateFilter",
-    "Innovation",
     "KernelEstimator",
     "KinematicEstimator",
     "Noise",

@@ -1,5 +1,5 @@
-"""The interface of all estimators: belief and sample in, belief and innovation out, no hidden
-state; and the checks of a sample.
+"""The base of all estimators: a log or a part of it in, means, covariances and innovations out, no
+hidden state; and the checks of a sample.
 """
 
 from __future__ import annotations
@@ -7,7 +7,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from typing import Protocol, runtime_checkable
 
 import casadi as ca
 import numpy as np
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.errors import EstimationError
-from distal.estimators.belief import NOTHING_REPORTED, Belief, Innovation, innovation
+from distal.estimators.belief import NOTHING_REPORTED, Belief
 from distal.estimators.read_channels import Channels, first_values, rows_with_gaps
 from distal.kernels import (
     Advanced,
@@ -76,44 +75,6 @@ SHORTEST = 1e-9
 _BUILDING = threading.Lock()
 
 
-@runtime_checkable
-class Estimator(Protocol):
-    """An estimator of joint angles from proximal sensors; `distal.estimate` runs any of them over a
-    log.
-
-    The first states are the angles of the rig's joints [rad], in their order. ``channels`` names
-    the sensors of a sample, ``measured`` those of them that have an innovation.
-    """
-
-    name: str
-    rig: Rig
-    channels: tuple[str, ...]
-    measured: tuple[str, ...]
-    state_names: tuple[str, ...]
-
-    def initial(self, time: float, sample: Floats) -> Belief:
-        """Return the belief before the first sample, which comes at a `time` [s]; `sample` are its
-        values as for `step`.
-        """
-
-    def step(self, belief: Belief, time: float, sample: Floats) -> tuple[Belief, Innovation]:
-        """Return belief and innovation after a `sample`, (n_channels,), SI, NaN where missing, at a
-        `time` [s].
-        """
-
-    def scan(
-        self, belief: Belief, times: Floats, samples: Floats
-    ) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return means, covariances, innovations and their variances over a whole log: the same
-        values as by `step`.
-
-        Args:
-            belief: before the first sample.
-            times: stamps [s], rising, (k,).
-            samples: values of the channels, (k, n_channels).
-        """
-
-
 class KernelEstimator:
     """The base of all estimators that are one kernel (kernel_state, x, p) → (kernel_state⁺, y).
 
@@ -165,7 +126,7 @@ class KernelEstimator:
 
     def initial(self, time: float, sample: Floats) -> Belief:
         """Return the belief before the first sample, which comes at a `time` [s]; `sample` are its
-        values as for `step`.
+        values, (n_channels,), SI, NaN where missing.
 
         Raises:
             EstimationError: the stamp is not finite, or the sample has the wrong shape or is wild.
@@ -205,36 +166,6 @@ class KernelEstimator:
         raise EstimationError(
             f"{self.name} cannot be exported; adaptive, ekf, ekf-2008, inextensible and elastic can"
         )
-
-    def step(self, belief: Belief, time: float, sample: Floats) -> tuple[Belief, Innovation]:
-        """Return the belief after a sample, and the sample's innovation.
-
-        Args:
-            belief: from `initial` (at the same time as the first sample) or from the last `step`.
-            time: stamp of the sample [s].
-            sample: values of the channels, (n_channels,), SI, NaN where missing.
-
-        Raises:
-            EstimationError: the stamp is not after the belief's, the sample has the wrong shape or
-                is wild, or the filter diverged.
-        """
-        sample, time = self._accepted(belief, time, sample)
-        rows, _ = self.rows(np.array([time - belief.time]), sample[None, :])
-        kernel_states, ys = advance(self.kernel, Feed(belief.kernel_state, rows, self._p))
-        kernel_state = kernel_states[-1].copy()
-        y = ys[-1].copy()
-        after = Belief(float(time), kernel_state, belief.size, belief.samples + 1, y, self.report)
-        if not (
-            np.all(np.abs(after.mean[self.angles]) <= LARGEST_ANGLE)
-            and np.isfinite(kernel_state).all()
-        ):
-            raise EstimationError(
-                f"{self.name}: left all bounds at {time:g} s; the sample {sample} is far from any "
-                "motion"
-            )
-        kernel_state.flags.writeable = False
-        values, variances = self.innovations_of(y[None, :], sample[None, :])
-        return after, innovation(values[0], variances[0])
 
     def scan(
         self, belief: Belief, times: Floats, samples: Floats
@@ -421,20 +352,6 @@ class KernelEstimator:
         m = len(self.measured)
         columns = [self.channels.index(name) for name in self.measured]
         return np.where(np.isnan(samples[:, columns]), np.nan, ys[:, :m]), ys[:, m : 2 * m].copy()
-
-    def _accepted(self, belief: Belief, time: float, sample: Floats) -> tuple[Floats, float]:
-        """Return the checked sample and stamp, or raise an error."""
-        sample = self._checked(sample)
-        if not isinstance(belief, Belief) or (
-            self.has_kernel and belief.kernel_state.shape != (self.kernel.sizes.kernel_state,)
-        ):
-            raise EstimationError(
-                f"{self.name}: the belief is not one of this estimator's; begin with "
-                "initial(time, sample)"
-            )
-        time = _number(self.name, time)
-        check_time(self.name, belief.time, time, belief.samples == 0)
-        return sample, time
 
     def _checked(self, sample: Floats) -> Floats:
         with suppress(TypeError, ValueError):

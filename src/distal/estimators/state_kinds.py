@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from enum import Enum
 
-from distal.estimators.estimator_protocol import Estimator
+from distal.estimators.estimator_protocol import KernelEstimator
 from distal.rig import (
     Rig,
     angle_names,
@@ -38,7 +38,7 @@ class StateKind(Enum):
     OTHER = "anything else"
 
 
-def kinds_of(estimator: Estimator) -> tuple[tuple[StateKind, ...], tuple[str, ...]]:
+def kinds_of(estimator: KernelEstimator) -> tuple[tuple[StateKind, ...], tuple[str, ...]]:
     """Return the kind of each state of an estimator, (n,), and the component of the rig that it
     belongs to, (n,).
 
@@ -78,7 +78,7 @@ _OF_DRIVE = {
 }
 
 
-def state_units(estimator: Estimator) -> tuple[str, ...]:
+def state_units(estimator: KernelEstimator) -> tuple[str, ...]:
     """Return the SI units of an estimator's states, (n,): ``1`` for a plain number, empty where the
     unit is not known.
     """
@@ -132,7 +132,7 @@ def states_of(
     return {part: indices[part] for part in parts if part in indices}
 
 
-def external_torques_of(estimator: Estimator) -> dict[str, int]:
+def external_torques_of(estimator: KernelEstimator) -> dict[str, int]:
     """Return joint → index of the state that is the external torque on it, in the order of the
     joints.
     """

@@ -11,7 +11,7 @@ from itertools import product
 
 import numpy as np
 
-from distal.estimators import Estimator, FullStateFilter, Noise, make_estimator, paper_noise
+from distal.estimators import FullStateFilter, KernelEstimator, Noise, make_estimator, paper_noise
 from distal.logs import Log
 from distal.model import Mechanism
 from distal.results import Estimate
@@ -119,7 +119,7 @@ class SeriesRun:
 
 
 @lru_cache(maxsize=64)
-def _estimator(series: str, name: str) -> Estimator:
+def _estimator(series: str, name: str) -> KernelEstimator:
     """Return an estimator of a series that knows only Table 1; it is built once for all plants."""
     rig = scenario_rig(load_scenario(series))
     if name == "x/r":

@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from distal.errors import DistalError, EstimationError
-from distal.estimators import Estimator, KernelEstimator
+from distal.estimators import KernelEstimator
 from distal.homing.reference import check_homing
 from distal.kernels import in_order
 from distal.logs import Episode, Log, Source, read_log
@@ -30,7 +30,7 @@ Output = TypeVar("Output")
 def estimate_batch(
     logs: Iterable[Log | Source],
     rig: Rig | str | Path,
-    estimator: str | Estimator | None = None,
+    estimator: str | KernelEstimator | None = None,
     truth: str | Path | None = None,
     homing: float | None = None,
     *,
@@ -114,13 +114,9 @@ def estimate_batch(
     return estimates(iter(logs))
 
 
-def _side_by_side(chosen: Estimator) -> int:
+def _side_by_side(chosen: KernelEstimator) -> int:
     """Return how many runs of an estimator go side by side."""
-    return (
-        chosen.kernel.side_by_side
-        if isinstance(chosen, KernelEstimator) and chosen.has_kernel
-        else 1
-    )
+    return chosen.kernel.side_by_side if chosen.has_kernel else 1
 
 
 def _named(source: Log | Source) -> str:
@@ -152,15 +148,9 @@ def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
     if not runs:
         return []
     chosen = runs[0].estimator
-    estimators = [run.estimator for run in runs if isinstance(run.estimator, KernelEstimator)]
-    kernels = {id(chosen.kernel) for chosen in estimators if chosen.has_kernel}
+    kernels = {id(run.estimator.kernel) for run in runs if run.estimator.has_kernel}
     # a homing move may give a run another kernel (`with_straight_line`)
-    if (
-        len(runs) == 1
-        or len(kernels) > 1
-        or not isinstance(chosen, KernelEstimator)
-        or _side_by_side(chosen) == 1
-    ):
+    if len(runs) == 1 or len(kernels) > 1 or _side_by_side(chosen) == 1:
         return [_attempt(without_covariances, run) for run in runs]
     try:
         # a homing move gives each run parameters of its own
@@ -168,7 +158,7 @@ def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
             [run.start for run in runs],
             [run.log.time for run in runs],
             [run.samples for run in runs],
-            [adapted.parameters for adapted in estimators],
+            [run.estimator.parameters for run in runs],
         )
     except DistalError:
         return [_attempt(without_covariances, run) for run in runs]

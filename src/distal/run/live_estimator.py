@@ -18,7 +18,6 @@ from distal.errors import EstimationError
 from distal.estimators import (
     LARGEST_ANGLE,
     SHORTEST,
-    Belief,
     KernelEstimator,
     check_time,
     external_torques_of,
@@ -29,7 +28,7 @@ from distal.estimators import (
 from distal.estimators.read_channels import MOST_BRIDGES, fill, predictions
 from distal.kernels import covariance_of, mean_of
 from distal.kernels.layout import MISSING, READ
-from distal.logs import LARGEST_READING, frozen
+from distal.logs import LARGEST_READING
 from distal.rig import Rig, as_rig
 
 LATEST = 1e300
@@ -486,23 +485,6 @@ class LiveEstimator:
     def innovation_variances(self) -> Floats:
         """Variances of the innovations, (m,), a view that changes with each step."""
         return _view(self._y[self._m : 2 * self._m])
-
-    def belief(self) -> Belief:
-        """Return a copy of the current belief.
-
-        Raises:
-            EstimationError: no sample was taken in yet.
-        """
-        if self._samples == 0:
-            raise EstimationError(f"{self._estimator.name}: no sample was taken in yet")
-        return Belief(
-            self._time,
-            frozen(self._kernel_state),
-            self._n,
-            self._samples,
-            self._y.copy(),
-            self._estimator.report,
-        )
 
 
 def _seconds(name: str, time: object) -> float:

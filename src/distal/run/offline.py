@@ -1,4 +1,4 @@
-"""Run any estimator over a whole log."""
+"""Run an estimator over a whole log."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from distal.estimators import (
     WILD,
     AdaptiveFilter,
     Belief,
-    Estimator,
     FullStateFilter,
     KernelEstimator,
     RegressionEstimator,
@@ -86,7 +85,7 @@ def without_wild(log: Log, channels: Sequence[str], samples: Floats) -> Floats:
 def estimate(
     log: Log | Source,
     rig: Rig | str | Path,
-    estimator: str | Estimator | None = None,
+    estimator: str | KernelEstimator | None = None,
     passes: int = 1,
     truth: str | Path | None = None,
     *,
@@ -97,14 +96,15 @@ def estimate(
 ) -> Estimate:
     """Estimate the joint angle over a log.
 
-    The belief is `Estimator.initial` with the first value of each channel, then that of
-    `Estimator.step` at each sample.
+    The belief before the first sample is `KernelEstimator.initial` with the first value of each
+    channel.
 
     Args:
         log: values of sensors over time: a `Log`, the path of a file, or a polars or pandas frame
             (see `read_log`).
         rig: the description, or a shipped rig's name, or a path.
-        estimator: a name (see `ESTIMATORS`), or any `Estimator`; None: the rig's usual one.
+        estimator: a name (see `ESTIMATORS`), or one from `make_estimator`; None: the rig's usual
+            one.
         passes: how often to filter; each pass starts with the last covariance of the one before, as
             in the 2008 paper.
         truth: column or file of the true angle, if `log` is not a `Log`.
@@ -163,13 +163,13 @@ class Run:
     """
 
     log: Log
-    estimator: Estimator
+    estimator: KernelEstimator
     samples: Floats
     start: Belief
     homing: float | None
 
 
-def references_of(chosen: Estimator) -> dict[str, int]:
+def references_of(chosen: KernelEstimator) -> dict[str, int]:
     """Return channel → index of the joint, for each sensor of a joint's angle that the estimator
     reads.
     """
@@ -181,10 +181,10 @@ def references_of(chosen: Estimator) -> dict[str, int]:
 def estimator_for(
     log: Log,
     rig: Rig,
-    estimator: str | Estimator | None,
+    estimator: str | KernelEstimator | None,
     compiled: bool = True,
     homing: float | None = None,
-) -> Estimator:
+) -> KernelEstimator:
     """Return the estimator to run over a log; with `homing` [s], `adaptive` reads the reference and
     `regression` will learn from it.
 
@@ -193,7 +193,7 @@ def estimator_for(
     """
     if estimator is None:
         estimator = usual_estimator(rig)
-    if not isinstance(estimator, (str, Estimator)):
+    if not isinstance(estimator, (str, KernelEstimator)):
         raise EstimationError(
             f"an estimator is a name or one from make_estimator, {estimator!r} came"
         )
@@ -218,7 +218,7 @@ def known_early(log: Log, homing: float) -> Log:
     return replace(log, truth=truths) if truths else log
 
 
-def prepared(log: Log, chosen: Estimator, homing: float | None = None) -> Run:
+def prepared(log: Log, chosen: KernelEstimator, homing: float | None = None) -> Run:
     """Return a log and its estimator, ready to run; the true angle is the reference for the first
     `homing` s.
 
@@ -258,13 +258,10 @@ def without_covariances(
     """
     chosen = run.estimator
     time = run.log.time
-    if pieces is None and isinstance(chosen, KernelEstimator):
+    if pieces is None:
         step = 1 + AT_ONCE // chosen.kernel.sizes.kernel_state
         parts = (slice(begin, begin + step) for begin in range(0, len(time), step))
         pieces = chosen.pieces(run.start, ((time[part], run.samples[part]) for part in parts))
-    elif pieces is None:
-        means, covariances, *compared = chosen.scan(run.start, time, run.samples)
-        pieces = [(means, np.diagonal(covariances, axis1=1, axis2=2), *compared)]
     kinds, _ = kinds_of(chosen)
     reported = (StateKind.ANGLE, StateKind.EXTERNAL_TORQUE)
     kept = [i for i, kind in enumerate(kinds) if every or kind in reported]
@@ -375,7 +372,7 @@ def finished(
         truths=truths,
         covariances=None if covariances is None else frozen(covariances),
         joint_names=joints,
-        notes=chosen.notes_of(means, run.samples) if isinstance(chosen, KernelEstimator) else (),
+        notes=chosen.notes_of(means, run.samples),
         prior_means=prior_means,
         prior_stds=prior_stds,
         stamps=log.stamps,
@@ -387,7 +384,7 @@ def finished(
     )
 
 
-def priors_of(chosen: Estimator) -> tuple[Floats | None, Floats | None]:
+def priors_of(chosen: KernelEstimator) -> tuple[Floats | None, Floats | None]:
     """Return prior means and stds, (n,) each, NaN for states that are not constants of the rig;
     (None, None) for an estimator other than `adaptive`.
     """

@@ -17,7 +17,7 @@ from distal.arrays import Floats
 from distal.confidence import BAND
 from distal.control import ClosedLoop, closed_loop
 from distal.errors import DistalError
-from distal.estimators import DEFAULT, AdaptiveFilter, Estimator, KernelEstimator, make_estimator
+from distal.estimators import DEFAULT, AdaptiveFilter, KernelEstimator, make_estimator
 from distal.kernels import Kernel, lanes_here
 from distal.logs import Log
 from distal.model import Mechanism
@@ -201,11 +201,7 @@ def run_tasks(plan: Plan, tasks: Sequence[Task]) -> list[Outcome]:
             outcomes[k] = problem
         else:
             estimator = run.estimator
-            shared = (
-                estimator.kernel
-                if isinstance(estimator, KernelEstimator) and estimator.has_kernel
-                else estimator
-            )
+            shared = estimator.kernel if estimator.has_kernel else estimator
             runs.setdefault(id(shared), []).append((k, run))
     for alike in runs.values():
         for group in _groups(alike):
@@ -250,7 +246,7 @@ class _Setup:
     kernel: Kernel
     inputs: BodyInputs
     timing: tuple[float, int]
-    estimator: Estimator
+    estimator: KernelEstimator
 
     def drawn(self, seed: tuple[int, ...]) -> dict[str, float]:
         """Return path → value of one rig as built."""
@@ -281,7 +277,7 @@ def _setup_of(plan: Plan, scenario_rig: Rig, task: Task) -> _Setup | DistalError
         inputs = body_inputs(scenario, plant, dt * np.arange(steps, dtype=np.float64))
         name = str(task.design.get(ESTIMATOR, plan.study.estimator))
         if name != DEFAULT:
-            estimator: Estimator = make_estimator(name, rig, compiled=False)
+            estimator: KernelEstimator = make_estimator(name, rig, compiled=False)
         else:
             estimator = AdaptiveFilter(rig)
     except DistalError as problem:
