@@ -100,17 +100,6 @@ def test_smoothing_is_of_adaptive(run, log: Path) -> None:
     refused(run(*words), "--smooth is of adaptive; leave out -e ekf")
 
 
-def test_a_plot_of_an_unknown_kind_is_refused_before_commands_are_written(
-    run, tmp_path: Path
-) -> None:
-    desired, out = tmp_path / "wanted.csv", tmp_path / "commands.csv"
-    desired.write_text("t,theta [deg]\n0,0\n0.01,0.1\n0.02,0.2\n")
-    plot = tmp_path / "x.xyz"
-    words = ("command", desired, "--rig", "paper-2008", "--out", out, "--plot", plot)
-    refused(run(*words), "xyz")
-    assert not out.exists()
-
-
 @pytest.mark.parametrize(("unit", "factor"), [("deg", np.rad2deg(1.0)), ("rad", 1.0)])
 def test_what_is_reached_has_the_unit_of_what_was_asked(
     run, tmp_path: Path, unit: str, factor: float
