@@ -14,6 +14,7 @@ from distal import Rig, load_rig
 from distal.export.plant_source import ExportedPlant, c_plant
 from distal.lab.html_page import STIFF, _largest_load, _motion, _positions, _servo
 from distal.lab.webassembly import _GLUE
+from distal.reports.page import _COLOURS
 from distal.rig.joints import REACH
 
 SHOWN = Path(__file__).parents[2] / "docs" / "lab.html"
@@ -115,3 +116,16 @@ def test_the_largest_load_is_half_of_what_the_tendons_hold() -> None:
     assert _largest_load(rig, np.array([0.0, 0.05])) == float(f"{0.5 * 5e-4 * stiffness * arm:.1g}")
     slack = rig.with_values({"tendons.*.stiffness": 1e-3})
     assert _largest_load(slack, np.zeros(2)) == 1e-3
+
+
+def test_each_part_of_a_chart_has_a_look() -> None:
+    """Without a rule a band is a black shape and a curve none at all; each colour is one of the
+    page's.
+    """
+    script = resources.files("distal.lab").joinpath("lab.js").read_text(encoding="utf-8")
+    sheet = resources.files("distal.lab").joinpath("lab.css").read_text(encoding="utf-8")
+    kinds = set(re.findall(r'class: "(\w+)"', script))
+    kinds |= set(re.findall(r'\[\w+\(\d\), "(\w+)"\]', script))
+    assert kinds >= {"grid", "name", "band", "truth", "estimate", "plain"}
+    assert {kind for kind in kinds if f".{kind} {{" not in sheet} == set()
+    assert set(re.findall(r"var\(--(\w+)\)", sheet)) <= set(_COLOURS)

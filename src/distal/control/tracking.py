@@ -15,9 +15,9 @@ import numpy as np
 from distal.confidence import BAND
 from distal.control.closed_loop import ClosedLoop
 from distal.results import (
-    BAND_ALPHA,
     BLACK,
     SOFT,
+    band_colour,
     curve_style,
     figure,
     legend_above,
@@ -105,9 +105,7 @@ def plot_control(runs: Sequence[ClosedLoop], path: str | Path | None = None) -> 
                 lw=0.8,
                 label=f"error of {estimated.feedback} and its 95 % band",
             )
-            axes[1].fill_between(
-                time, error - half, error + half, color=SOFT, alpha=BAND_ALPHA, lw=0
-            )
+            axes[1].fill_between(time, error - half, error + half, color=band_colour(SOFT), lw=0)
             legend_above(axes[1])
         limit = MOST_LIMIT * min(worst)
         span = float(np.ptp(reference)) or 1.0

@@ -11,11 +11,10 @@ from distal.confidence import BAND
 from distal.paper.claims import SIDES, potentiometer_errors, rms
 from distal.paper.series import PLANTS, SERIES_2, SeriesRun
 from distal.results import (
-    BAND_ALPHA,
     BLACK,
-    COLOURS,
     SOFT,
     TRUTH,
+    band_colour,
     colour,
     curve_style,
     draw_estimate,
@@ -165,6 +164,6 @@ def _draw_filters(
             error = np.rad2deg(estimate.errors())
             bottom.plot(run.log.time, error, linewidth=1.1, **curve_style(index))
     band = np.rad2deg(BAND * run.estimates["adaptive"].theta_std)
-    style = {"color": COLOURS[0], "alpha": BAND_ALPHA, "linewidth": 0}
+    style = {"color": band_colour(), "linewidth": 0}
     bottom.fill_between(run.log.time, -band, band, **style)
     top.fill_between([], [], [], label="95 % band of adaptive", **style)

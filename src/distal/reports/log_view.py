@@ -19,12 +19,12 @@ from distal.reports.moving_chain import moving_chain
 from distal.reports.page import page, paragraph, picture
 from distal.reports.rig_drawing import rig_svg
 from distal.results import (
-    BAND_ALPHA,
     BLACK,
     COLOURS,
     HEALTH_COLOURS,
     SOFT,
     Estimate,
+    band_colour,
     colour,
     from_start,
     in_order,
@@ -50,11 +50,6 @@ HEIGHTS = (320, 170, 135, 135, 85)
 
 CURVE_GAP = 28
 """Height of the gaps between the curves [pixels]. Source: layout."""
-
-FILL = "rgba({}, {}, {}, {})".format(
-    *(int(COLOURS[0][k : k + 2], 16) for k in (1, 3, 5)), BAND_ALPHA
-)
-"""Colour of the band."""
 
 PAGE = {"scrollZoom": True, "displaylogo": False, "responsive": True}
 """Settings of plotly: the mouse wheel zooms, plotly's logo is hidden, and the curves follow the
@@ -185,7 +180,7 @@ class _Curves:
 
     def band(self, row: int, low: Floats, high: Floats, name: str, in_legend: bool) -> None:
         silent: dict[str, object] = {"hoverinfo": "skip", "hovertemplate": None}
-        filled = silent | {"fill": "tonexty", "fillcolor": FILL}
+        filled = silent | {"fill": "tonexty", "fillcolor": band_colour()}
         self.line(row, low, name, COLOURS[0], False, 0.5, **silent)
         self.line(row, high, name, COLOURS[0], in_legend, 0.5, **filled)
 

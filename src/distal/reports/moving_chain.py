@@ -14,12 +14,12 @@ from distal.confidence import in_percent
 from distal.logs import Log
 from distal.reports.page import resource, script_with
 from distal.results import (
-    BAND_ALPHA,
     BLACK,
     COLOURS,
     SOFT,
     WHITE,
     Estimate,
+    band_colour,
     from_start,
     pulls_of,
 )
@@ -131,7 +131,7 @@ def chain_shape(rig: Rig, most: float) -> dict[str, object]:
             "paper": WHITE,
             "estimate": COLOURS[0],
             "naive": COLOURS[3],
-            "band": COLOURS[0] + f"{round(255 * BAND_ALPHA):02x}",
+            "band": band_colour(),
         },
     }
 

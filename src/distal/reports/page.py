@@ -8,7 +8,18 @@ from html import escape
 from importlib import resources
 from typing import TYPE_CHECKING
 
-from distal.results import BAD, COLOURS, FAINT, GOOD, INK, SOFT, WHITE, figure_bytes
+from distal.results import (
+    BAD,
+    BLACK,
+    COLOURS,
+    FAINT,
+    GOOD,
+    INK,
+    SOFT,
+    WHITE,
+    band_colour,
+    figure_bytes,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,6 +32,9 @@ _COLOURS = {
     "yes": GOOD,
     "no": BAD,
     "curve": COLOURS[0],
+    "band": band_colour(),
+    "truth": BLACK,
+    "naive": COLOURS[3],
 }
 """Name of a colour in style sheets → the colour."""
 

@@ -12,7 +12,6 @@ from distal.results.plots import (
 )
 from distal.results.style import (
     BAD,
-    BAND_ALPHA,
     BLACK,
     COLOURS,
     DASHES,
@@ -24,6 +23,7 @@ from distal.results.style import (
     TRUTH,
     WHITE,
     Html,
+    band_colour,
     colour,
     curve_style,
     figure,
@@ -40,7 +40,6 @@ from distal.results.style import (
 
 __all__ = [
     "BAD",
-    "BAND_ALPHA",
     "BLACK",
     "COLOURS",
     "DASHES",
@@ -55,6 +54,7 @@ __all__ = [
     "WHITE",
     "Estimate",
     "Html",
+    "band_colour",
     "check_panels",
     "colour",
     "curve_style",

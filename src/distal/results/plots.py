@@ -15,13 +15,13 @@ from distal.confidence import half_width, in_percent
 from distal.errors import OutputError, did_you_mean
 from distal.logs import Log
 from distal.results.style import (
-    BAND_ALPHA,
     BLACK,
     COLOURS,
     PALE,
     SOFT,
     TRUTH,
     Curves,
+    band_colour,
     colour,
     curve_style,
     figure,
@@ -324,7 +324,7 @@ def _shade(axes: Axes, time: Floats, low: Floats, high: Floats, index: int) -> A
     """
     for edge in (low, high):
         axes.plot(time, edge, color=colour(index), linewidth=0.4, alpha=0.6)
-    return axes.fill_between(time, low, high, color=colour(index), alpha=BAND_ALPHA, linewidth=0)
+    return axes.fill_between(time, low, high, color=band_colour(colour(index)), linewidth=0)
 
 
 def _limit_angles(axes: Axes, estimates: Sequence[Curves], joint: int) -> None:

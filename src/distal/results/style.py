@@ -87,6 +87,17 @@ apart.
 BAND_ALPHA = 0.2
 """Opacity of a shaded band. Source: layout."""
 
+
+def band_colour(curve: str = COLOURS[0]) -> str:
+    """Return the colour of the band of a curve, with its opacity as the last two hexadecimal
+    digits.
+
+    Args:
+        curve: colour of the curve.
+    """
+    return f"{curve}{round(255 * BAND_ALPHA):02x}"
+
+
 _GAPS = ((5, 1.5), (1.5, 1), (5, 1, 1, 1), (8, 2), (3, 1, 1, 1, 1, 1))
 """Lengths of dashes and gaps of curves after the first one, which is solid [line widths]. Source:
 layout.
