@@ -41,6 +41,7 @@ class Curve:
         free = Free("x", ("x",), (1.0,), std, 1.0, low, np.inf)
         self.parts = tuple((free, None) for _ in range(size))
         self.prior_stds = np.full(size, std)
+        self.prior_information = np.eye(size) / std**2
         self.bounds = np.array([free.bounds for _ in range(size)])
 
     def costs(self, points: Sequence[Floats]) -> Floats:

@@ -24,8 +24,12 @@ def problem(stds: list[float]) -> SimpleNamespace:
         (Free(name, (name,), (1.0,), std, 1.0, 0.0, np.inf, coarse=0.0), None)
         for name, std in zip("abc", stds)
     )
+    limits = np.where(np.isnan(stds), np.inf, stds)
     return SimpleNamespace(
-        parts=parts, size=len(stds), prior_stds=np.where(np.isnan(stds), np.inf, stds)
+        parts=parts,
+        size=len(stds),
+        prior_stds=limits,
+        prior_information=np.diag(1.0 / limits**2),
     )
 
 

@@ -167,9 +167,7 @@ def hessian(problem: Problem, derivatives: Derivatives) -> Floats:
     """Return the information of logs and priors together, (n, n)."""
     n = problem.size
     # a very wide prior, so that no unknown direction leads to a division by zero
-    information: Floats = (
-        derivatives.information + np.diag(1.0 / problem.prior_stds**2) + 1e-12 * np.eye(n)
-    )
+    information: Floats = derivatives.information + problem.prior_information + 1e-12 * np.eye(n)
     return information
 
 

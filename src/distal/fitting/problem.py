@@ -156,6 +156,11 @@ class Problem:
         """Standard deviation of each coordinate's prior, infinite where it has none, (size,)."""
         return np.array([part.spread if part.has_prior else np.inf for part, _ in self.parts])
 
+    @cached_property
+    def prior_information(self) -> Floats:
+        """P of the prior ½ zᵀ P z, (size, size): another quadratic penalty is added here."""
+        return np.diag(1.0 / self.prior_stds**2)
+
     def columns(self, log: int) -> list[int]:
         """Return for each free parameter the index of the coordinate that holds it in a log."""
         positions = {(id(part), of_log): k for k, (part, of_log) in enumerate(self.parts)}
@@ -282,7 +287,7 @@ class Problem:
         return sum(cost_of(run, self._weighing(j, scale)) for j, run in enumerate(runs))
 
     def _prior(self, z: Floats) -> float:
-        return 0.5 * float(np.sum((z / self.prior_stds) ** 2))
+        return 0.5 * float(z @ self.prior_information @ z)
 
     def of_logs(self, z: Floats, widths: Floats) -> list[Derivatives]:
         """Return the derivatives of −ln p of each log at a point z, without the prior, by one-sided
@@ -337,5 +342,5 @@ class Problem:
         cost = sum(part.cost for part in of_logs) + self._prior(z)
         spans = sum(part.spans for part in of_logs)
         return Derivatives(
-            cost, gradient + z / self.prior_stds**2, information, meat, spans, tuple(of_logs)
+            cost, gradient + self.prior_information @ z, information, meat, spans, tuple(of_logs)
         )

@@ -79,7 +79,7 @@ def uncertainty_at(problem: Problem, derivatives: Derivatives, z: Floats) -> Unc
     inverse = np.linalg.pinv(hessian(problem, derivatives), hermitian=True)
     # few spans of time tell too small a variance (MacKinnon and White, J. Econometrics 29, 1985)
     few = derivatives.spans / max(derivatives.spans - problem.size, 1)
-    sandwich = inverse @ (few * derivatives.meat + np.diag(1.0 / limit**2)) @ inverse
+    sandwich = inverse @ (few * derivatives.meat + problem.prior_information) @ inverse
     variances = np.maximum(np.diag(sandwich), np.diag(inverse))
     scale = np.sqrt(variances / np.maximum(np.diag(inverse), 1e-300))
     covariance = np.asarray(inverse * np.outer(scale, scale), dtype=np.float64)
