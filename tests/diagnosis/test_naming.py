@@ -23,7 +23,8 @@ from distal import (
     simulate,
 )
 from distal.diagnosis import Diagnosis, Finding, why_diverged
-from distal.diagnosis.causes import causes_of
+from distal.diagnosis.causes import Cause, causes_of
+from distal.diagnosis.finding import named_cause
 from distal.diagnosis.naming import Search
 from distal.diagnosis.perturbed_runs import PerturbedRuns
 from distal.errors import DivergedError
@@ -280,3 +281,15 @@ def test_arms_that_no_force_shows_cannot_be_felt() -> None:
     beyond = [each.subject for each in found.findings if each.kind == "cannot test"]
     assert any(each.startswith("gear, spool, moment arm, unit or sign of") for each in beyond)
     assert len(beyond) <= 3
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [(1 / 4.448, "like pounds"), (4.448, "like newtons that are read as pounds")],
+)
+def test_pounds_are_named(factor: float, words: str) -> None:
+    rig = load_rig("paper-2008")
+    sensor = next(sensor for sensor in rig.sensors if sensor.si == "N")
+    cause = Cause("scale", sensor.name, (sensor.name,), unit="N")
+    finding = named_cause("looks like", rig, cause, 1.0 / factor - 1.0)
+    assert finding.text == f"{sensor.name} looks {words}"

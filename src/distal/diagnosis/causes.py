@@ -17,15 +17,21 @@ from distal.rig import Rig, Sensor, log_factor, named, number
 
 CauseKind = Literal["scale", "zero", "delay", "swap", "arm", "stiffness", "friction", "damping"]
 
-UNITS: dict[str, tuple[float, ...]] = {
-    "rad": (180 / np.pi, np.pi / 180),
-    "m": (1e3, 1e-3),
-    "N": (1e3, 1e-3, 4.4482216, 1 / 4.4482216),
-    "N m": (1e3, 1e-3),
+UNITS: dict[str, dict[float, str]] = {
+    "rad": {
+        180 / np.pi: "like degrees",
+        np.pi / 180: "57.3 times too small (converted from degrees twice?)",
+    },
+    "m": {1e3: "like millimetres", 1e-3: "1000 times too small"},
+    "N": {
+        1e3: "like millinewtons",
+        1e-3: "1000 times too small",
+        1 / 4.4482216: "like pounds",
+        4.4482216: "like newtons that are read as pounds",
+    },
+    "N m": {1e3: "like N mm", 1e-3: "1000 times too small"},
 }
-"""SI unit → factors by which readings are wrong in another unit: degrees, millimetres, pounds.
-Source: definition (conversion of units).
-"""
+"""SI unit → factor by which readings are too large in another unit → what they look like."""
 
 SIGN = -1.0
 """Factor on readings whose sign is wrong. Source: definition."""

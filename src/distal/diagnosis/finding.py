@@ -42,20 +42,6 @@ ALIKE = 0.15
 [1]. Source: judgement.
 """
 
-UNIT_WORDS = {
-    ("rad", 1): "like degrees",
-    ("m", 1): "like millimetres",
-    ("m", -1): "1000 times too small",
-    ("N", 1): "like millinewtons",
-    ("N", -1): "1000 times too small",
-    ("N m", 1): "like N mm",
-    ("N m", -1): "1000 times too small",
-    ("rad", -1): "57.3 times too small (converted from degrees twice?)",
-}
-"""SI unit, and whether readings are too large or too small by its first unit → what they look
-like.
-"""
-
 SCALE = "gear, spool, moment arm, unit or sign"
 """Group of causes that scale the position of a drive alike; nothing proximal tells them apart."""
 
@@ -117,9 +103,9 @@ def _like(rig: Rig, cause: Cause, x: float) -> str:
 
 def _like_a_scale(rig: Rig, cause: Cause, factor: float) -> str:
     """Return what readings look like that are `factor` times as large as the rig asks for."""
-    for unit in UNITS.get(cause.unit, ()):
+    for unit, look in UNITS.get(cause.unit, {}).items():
         if factor > 0.0 and abs(np.log(factor / unit)) < ALIKE:
-            return UNIT_WORDS.get((cause.unit, 1 if unit > 1.0 else -1), "in another unit")
+            return look
     size = abs(factor)
     sensor = next(sensor for sensor in rig.sensors if sensor.name == cause.channels[0])
     if factor < 0.0:

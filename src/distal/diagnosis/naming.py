@@ -306,7 +306,11 @@ def _of_all(rig: Rig, efforts: Sequence[str]) -> Iterator[Cause]:
         names = tuple(s.name for s in rig.sensors if s.name in efforts and s.si == unit)
         if len(names) > 1:
             yield Cause(
-                "scale", ", ".join(names), names, tried=tuple(np.array(factors) - 1.0), unit=unit
+                "scale",
+                ", ".join(names),
+                names,
+                tried=tuple(factor - 1.0 for factor in factors),
+                unit=unit,
             )
 
 
