@@ -296,6 +296,11 @@ class Hand:
             self._inverse = LiveInverse(self._rig, compiled=self._compiled, gate=self._gate)
             self._inverse.estimator.reset(self._reading.angles, max(self._reading.angle_stds))
 
+    @property
+    def restarted(self) -> tuple[str, ...]:
+        """The motors that, by the last `update`, count from another turn, or may do so."""
+        return (*self._units.restarts, *self._units.in_doubt)
+
     def relax(self) -> None:
         """Drop all desired angles: `update` then sends no goals."""
         self._inverse = None

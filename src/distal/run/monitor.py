@@ -50,6 +50,8 @@ class Reading:
             skipped.
         torque_stds: standard deviations of their errors [N m].
         contacts: whether something touches each joint that may be touched.
+        doubted: drives of which a sensor is dead, stuck or wrong, or whose forces or ends are not
+            those of the rig.
     """
 
     time: float
@@ -60,6 +62,7 @@ class Reading:
     torques: tuple[float, ...] = ()
     torque_stds: tuple[float, ...] = ()
     contacts: tuple[JointContact, ...] = ()
+    doubted: tuple[str, ...] = ()
 
     @property
     def angle(self) -> float:
@@ -107,6 +110,7 @@ class Monitor:
 
     def _begin(self) -> None:
         self._memory = begun(self._watch)
+        self._findings = np.zeros(self._watch.findings.size)
         self._late = 0
         self._last_late = -inf
         self._time = -inf
@@ -225,6 +229,7 @@ class Monitor:
             tuple(torques),
             tuple(torque_stds),
             self._contacts(problems),
+            self._doubted(),
         )
 
     def _contacts(self, problems: Sequence[tuple[Health, str]]) -> tuple[JointContact, ...]:
@@ -254,6 +259,7 @@ class Monitor:
         came["first"][:] = self._fresh
         came["dt"][:] = dt
         self._memory, findings = self._check(self._memory, self._sample)
+        self._findings = findings.copy()
         self._fresh = False
         if findings[0] == 0:
             return []
@@ -266,6 +272,27 @@ class Monitor:
             if size > 0.0
         )
         return [(WORDS[name], details[name]) for name in WORDS if flags[name].any()]
+
+    def _doubted(self) -> tuple[str, ...]:
+        """Return the drives that the findings of the last sample are about."""
+        watch = self._watch
+        channels = self._live.channels
+        channels_of = {
+            "dead": channels,
+            "stuck": channels,
+            "wrong": [channels[i] for i in watch.placed],
+            "large": self._live.measured,
+        }
+        sensors = {sensor.name: sensor.of for sensor in self.rig.sensors}
+        names = {
+            sensors[channel]
+            for finding, of in channels_of.items()
+            for channel, holds in zip(of, self._findings[watch.findings[finding]])
+            if holds
+        }
+        beyond = self._findings[watch.findings["beyond"]]
+        names |= {end.motor for end, size in zip(watch.ends, beyond) if size > 0.0}
+        return tuple(name for name in self.rig.drive_names if name in names)
 
     def _details(self, flags: Mapping[str, Bools], dt: float) -> dict[str, str]:
         """Return the sentence on each finding."""

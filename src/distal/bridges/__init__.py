@@ -1,0 +1,1 @@
+"""What `distal` is to packages in which people already work."""

@@ -1,0 +1,246 @@
+"""Virtual encoders of an ORCA hand: counts that decode to the estimate, joints that are not valid,
+frames that cease. `orca_core` itself is too heavy for tests: `benchmarks.virtual_encoders` runs its
+loop.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+from dataclasses import dataclass, field
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import distal.bridges.orca as bridge
+from distal.errors import EstimationError
+from tests.hands.test_hand import Orca, renamed, sound_rig
+
+SLOTS = {"index_mcp": 5, "ring_abd": 12, "wrist": 16}
+SIGNS = {"index_mcp": 1, "ring_abd": -1, "wrist": -1}
+RANGES = {"index_mcp": [-25.0, 100.0], "ring_abd": [-27.0, 27.0]}
+
+
+@dataclass(frozen=True)
+class Calibration:
+    joint_encoder_calibration_dict: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Anchor:
+    enc_at_anchor_count: int
+
+
+class Controller:
+    """Integrates errors, as the SDK's does."""
+
+    def __init__(self, size: int) -> None:
+        self._lock = threading.Lock()
+        self._ierr = self._last_correction = np.zeros(size)
+        self.gains: tuple[Any, ...] = ()
+
+    def set_gains(self, *gains: Any) -> None:
+        self.gains = gains
+
+    def get_state(self) -> dict[str, Any]:
+        return {"ierr_deg": self._ierr, "last_correction_deg": self._last_correction}
+
+    def step(self, target: Any, measured: Any, dt: float) -> Any:
+        self._ierr = self._ierr + dt * (target - measured)
+        self._last_correction = self._ierr.copy()
+        return self._ierr.copy()
+
+
+class Loop:
+    def __init__(self, hand: Any, client: Any, controller: Any, **options: Any) -> None:
+        self.client, self.controller, self.options = client, controller, options
+
+
+class Clock:
+    now = 100.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    """Stand in for the SDK's modules and for time."""
+
+    def module(name: str, **parts: Any) -> None:
+        made = ModuleType(name)
+        made.__dict__.update(parts)
+        monkeypatch.setitem(sys.modules, name, made)
+
+    def polarity(side: str) -> dict[str, int]:
+        return SIGNS
+
+    packages = ("hardware", "hardware.sensing", "control")
+    for name in ("orca_core", *(f"orca_core.{package}" for package in packages)):
+        module(name)
+    module(
+        "orca_core.hardware.sensing.constants",
+        JOINT_TO_ENCODER_SLOT=SLOTS,
+        joint_encoder_polarity_for_side=polarity,
+        AUTO_ENC_NUM_JOINTS=17,
+        AUTO_ENC_ANGLE_ERROR_BIT=1 << 14,
+        AUTO_ENC_PARITY_BIT=1 << 15,
+        ENCODER_COUNTS_PER_REV=1 << 14,
+    )
+    module("orca_core.hardware.sensing.types", EncoderReading=SimpleNamespace)
+    module("orca_core.hardware.joint_encoder_client", EncoderStreamStats=SimpleNamespace)
+    module("orca_core.calibration", JointEncoderCal=Anchor)
+    module("orca_core.control.joint_controller", JointController=Controller)
+    module("orca_core.control.joint_loop", JointLoopThread=Loop)
+    clock = Clock()
+    monkeypatch.setattr(bridge, "clock", clock)
+    return clock
+
+
+class Hand(Orca):
+    """The hand of `test_hand`, with what a loop asks of it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.calibration = Calibration()
+        self.effective_joint_roms_dict = RANGES
+        self.config.type = "right"
+        self.config.joint_gains_for = lambda joint: SimpleNamespace(
+            kp=0.5, ki=2.0, correction_max_deg=15.0
+        )
+        self._wrap_offsets_dict: dict[int, float] | None = None
+
+    def _compute_wrap_offsets_dict(self) -> None:
+        self._wrap_offsets_dict = {1: 0.0, 2: 0.0}
+
+
+def encoders_of(hand: Hand, widest: float = 30.0) -> bridge.VirtualEncoders:
+    encoders = bridge.VirtualEncoders(hand, sound_rig(), widest, compiled=False)
+    encoders.connect()
+    return encoders
+
+
+def moved(encoders: bridge.VirtualEncoders, hand: Hand, clock: Clock, steps: int = 40) -> None:
+    for k in range(steps):
+        hand.positions[:] = min(0.02 * k, 0.5)
+        read(encoders, hand, clock)
+
+
+def read(encoders: bridge.VirtualEncoders, hand: Hand, clock: Clock, times: int = 1) -> None:
+    """Let some periods pass; currents have the noise of sensors."""
+    for _ in range(times):
+        clock.now += 0.01
+        hand.currents = 5.0 * np.sin(1e4 * clock.now + np.arange(2))
+        encoders.update()
+
+
+def decoded(frame: Any, joint: str) -> float:
+    """Return an angle as the SDK decodes it: counts from the anchor, at the range's upper end."""
+    delta = ((int(frame.raw_counts[SLOTS[joint]]) & 0x3FFF) - bridge.ANCHOR) * 360.0 / 16384
+    delta = delta - 360.0 if delta > 180.0 else delta + 360.0 if delta <= -180.0 else delta
+    return SIGNS[joint] * delta + RANGES[joint][1]
+
+
+def test_counts_decode_to_the_estimate(clock: Clock) -> None:
+    hand = Hand()
+    encoders = encoders_of(hand)
+    assert hand.calibration.joint_encoder_calibration_dict["ring_abd"] == Anchor(bridge.ANCHOR)
+    assert encoders.get_latest() is None
+    moved(encoders, hand, clock)
+    frame = encoders.get_latest_unfiltered()
+    assert frame is not None
+    for joint, angle in encoders.hand.get_joint_positions().items():
+        assert decoded(frame, joint) == pytest.approx(angle, abs=0.012)
+        assert not frame.angle_error[SLOTS[joint]]
+    assert frame.angle_error[SLOTS["wrist"]]  # the rig has none
+    ones = [int(word).bit_count() for word in frame.raw_counts]
+    assert all(count % 2 == 0 for count in ones)
+    assert frame.parity_ok.all()
+    assert frame.timestamp == clock.now
+    assert vars(encoders.get_stats()) == {"frames_ok": 40, "last_frame_timestamp": clock.now}
+
+
+def test_a_wide_band_is_not_valid(clock: Clock) -> None:
+    hand = Hand()
+    encoders = encoders_of(hand, widest=1e-3)
+    moved(encoders, hand, clock, 5)
+    frame = encoders.get_latest()
+    assert frame is not None
+    assert frame.angle_error.all()
+
+
+def test_without_readings_no_joint_is_valid_and_frames_cease_after_a_second(clock: Clock) -> None:
+    hand = Hand()
+    encoders = encoders_of(hand)
+    moved(encoders, hand, clock)
+    hand.fails = True
+    read(encoders, hand, clock)
+    frame = encoders.get_latest()
+    assert frame is not None
+    assert frame.timestamp == clock.now
+    assert frame.angle_error.all()
+    read(encoders, hand, clock, 150)
+    frame = encoders.get_latest()
+    assert frame is not None
+    assert 0.4 < clock.now - frame.timestamp < 0.6
+    hand.fails = False
+    read(encoders, hand, clock)
+    frame = encoders.get_latest()
+    assert frame is not None
+    assert frame.timestamp == clock.now
+
+
+def test_a_joint_that_is_not_valid_keeps_its_correction(clock: Clock) -> None:
+    hand = Hand()
+    encoders = encoders_of(hand)
+    with pytest.raises(EstimationError, match="no joint is valid"):
+        encoders.loop()
+    moved(encoders, hand, clock)
+    loop = encoders.loop(target_hz=100)
+    assert loop.options == {"joints": ["index_mcp", "ring_abd"], "target_hz": 100}
+    assert [gain.tolist() for gain in loop.controller.gains] == [[0.5] * 2, [2.0] * 2, [15.0] * 2]
+    target, measured = np.array([3.0, 5.0]), np.zeros(2)
+    for _ in range(10):
+        correction = loop.controller.step(target, measured, 0.1)
+    np.testing.assert_allclose(correction, [3.0, 5.0])
+    hand.fails = True
+    read(encoders, hand, clock)
+    for _ in range(10):
+        np.testing.assert_array_equal(loop.controller.step(target, measured, 0.1), correction)
+    hand.fails = False
+    read(encoders, hand, clock)
+    np.testing.assert_allclose(loop.controller.step(target, measured, 0.1), 1.1 * correction)
+
+
+def test_the_stream_reads_by_itself(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    import time
+
+    monkeypatch.setattr(bridge, "clock", time)
+    hand = Hand()
+    encoders = bridge.VirtualEncoders(hand, sound_rig(), compiled=False)
+    with pytest.raises(OSError, match="connect"):
+        encoders.start_stream()
+    encoders.connect()
+    assert encoders.is_connected
+    encoders.start_stream()
+    encoders.start_stream()  # it goes on
+    assert encoders.get_latest() is not None
+    encoders.disconnect()
+    assert encoders.get_latest() is None
+    assert not encoders.is_connected
+    hand.fails = True
+    encoders = bridge.VirtualEncoders(hand, sound_rig(), compiled=False)
+    encoders.connect()
+    with pytest.raises(EstimationError, match="no answer from motor_1, motor_2"):
+        encoders.start_stream(timeout=0.2)
+
+
+def test_a_hand_of_other_joints_is_refused(clock: Clock) -> None:
+    from benchmarks.hands import rig_of
+    from benchmarks.strangers.servo_hands import orca_like
+
+    known, _ = orca_like([3], ("thumb_cmc", "thumb_mcp"))
+    with pytest.raises(EstimationError, match="is one of an ORCA hand: index_mcp"):
+        bridge.VirtualEncoders(Hand(), renamed(rig_of(known)), compiled=False)
