@@ -74,6 +74,13 @@ def estimate_command(
             "logs, a folder."
         ),
     ] = None,
+    into: Annotated[
+        Path | None,
+        Option(
+            help="Of one LeRobot dataset: folder for a copy of it with joint angles, their stds "
+            "and health words."
+        ),
+    ] = None,
     estimator: Annotated[
         list[str] | None,
         Option(
@@ -141,6 +148,9 @@ def estimate_command(
     from distal.results import PANELS, check_panels, plot_kind
     from distal.rig import angle_unit, load_rig
 
+    if into is not None:
+        with_dataset(logs, load_rig(rig, set_ or ()), into, unit, out or plot)
+        return
     if out is None and (unit is not None or every):
         raise EstimationError(
             f"{'--all' if every else '--unit'} is about the file of --out, which is not given"
@@ -236,6 +246,21 @@ def estimate_command(
         findings=findings,
         written=(out, plot),
     )
+
+
+def with_dataset(
+    logs: Sequence[Path], rig: Rig, into: Path, unit: str | None, other: Path | None
+) -> None:
+    """Write a copy of a dataset with joint angles, and print what it has."""
+    from distal.bridges.lerobot import with_angles
+    from distal.rig import angle_unit
+
+    if len(logs) != 1 or other is not None:
+        raise EstimationError("--into is of one dataset, without --out and --plot")
+    with working(f"estimating {logs[0]}"):
+        written = with_angles(logs[0], rig, into, unit or angle_unit(rig.sensors))
+    words = ", ".join(f"{word} {share:.0%}" for word, share in written.words.items())
+    say(f"wrote {into}: {written.episodes} episodes, {written.rows} rows; health: {words}")
 
 
 def _check_names(names: Sequence[str], rig: Rig) -> None:

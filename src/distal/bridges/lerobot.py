@@ -1,0 +1,240 @@
+"""Joint angles in LeRobot datasets (versions 2 and 3): a copy of a dataset with what `estimate`
+says.
+
+The copy has three features more: ``observation.joint_angle``, ``observation.joint_angle_std`` and
+``observation.joint_health``, with their names, statistics and types; all else is as it was.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from distal.arrays import Floats
+from distal.errors import LogError, OutputError
+from distal.logs import Episode, Log, episodes_of, read_log
+from distal.logs.cells import INFO, dataset_info
+from distal.rig import Rig, as_rig
+from distal.run import HEALTH, estimate, log_health
+from distal.run.health import word_code
+from distal.units import unit_factor
+
+STATE = "observation.state"
+ANGLE, STD, WORD = (f"observation.joint_{what}" for what in ("angle", "angle_std", "health"))
+
+NEAR = 1e-5
+"""Distance of a stamp of a dataset from that of the same row in a log [s]. Source: rounding (stamps
+are of single precision)."""
+
+
+@dataclass(frozen=True)
+class Written:
+    """What `with_angles` wrote.
+
+    Args:
+        folder: of the new dataset.
+        episodes: number of episodes.
+        rows: number of rows.
+        words: health word → share of all rows.
+    """
+
+    folder: Path
+    episodes: int
+    rows: int
+    words: Mapping[str, float]
+
+
+def with_angles(
+    dataset: str | Path, rig: Rig | str | Path, into: str | Path, unit: str = "rad"
+) -> Written:
+    """Write a copy of a dataset with the joint angles of each row, their standard deviations, and
+    the health word of the row as its place in `HEALTH`; NaN where there is no estimate.
+
+    Args:
+        dataset: folder of a LeRobot dataset, version 2 or 3. It is not changed.
+        rig: whose sensors name numbers of ``observation.state``.
+        into: folder that does not exist yet.
+        unit: of the angles.
+
+    Raises:
+        LogError: this is no such dataset, or an episode cannot be read.
+        OutputError: the folder exists, is within the dataset, or cannot be written.
+        RigError: the rig is unknown or wrong.
+    """
+    dataset = Path(dataset)
+    into = Path(into)
+    rig = as_rig(rig)
+    scale = 1.0 / unit_factor(unit, "rad")
+    info = dataset_info(dataset)
+    if not isinstance(info.get("features"), dict):
+        raise LogError(f"{dataset / INFO}: names no features")
+    if into.exists():
+        raise OutputError(f"{into}: exists already; give the name of a new folder")
+    if into.resolve().is_relative_to(dataset.resolve()):
+        raise OutputError(f"{into}: is within the dataset, which stays as it is")
+    episodes = episodes_of(dataset)
+    half = into.with_name(f".{into.name}.part")
+    try:
+        shutil.rmtree(half, ignore_errors=True)
+        shutil.copytree(dataset, half)
+        columns = _columns(episodes, rig, scale)
+        values: dict[int, dict[str, Floats]] = {}
+        for path in dict.fromkeys(episode.path for episode in episodes):
+            values |= _extended(half / path.relative_to(dataset), path, columns[path])
+        _describe(half, info, rig, values, unit)
+        half.rename(into)
+    except OSError as problem:
+        raise OutputError(f"{into}: {problem.strerror or problem}") from None
+    finally:
+        shutil.rmtree(half, ignore_errors=True)
+    codes = np.concatenate([of[WORD] for of in values.values()]).astype(int)
+    words = list(HEALTH)
+    shares = {words[code]: float(np.mean(codes == code)) for code in np.unique(codes)}
+    return Written(into, len(values), len(codes), shares)
+
+
+def _columns(
+    episodes: list[Episode], rig: Rig, scale: float
+) -> dict[Path, dict[int, tuple[Floats, dict[str, Floats]]]]:
+    """Return file → episode → its stamps [s] and new values, of the rows that were read."""
+    by_file: dict[Path, dict[int, tuple[Floats, dict[str, Floats]]]] = {}
+    for episode in episodes:
+        log: Log = read_log(episode, rig)
+        estimated = estimate(log, rig)
+        words = [word_code(word) for word in log_health(log, rig)]  # type: ignore[arg-type]
+        new = {
+            ANGLE: scale * estimated.angles,
+            STD: scale * estimated.angle_stds,
+            WORD: np.array(words, dtype=np.float64)[:, None],
+        }
+        by_file.setdefault(episode.path, {})[episode.number] = (log.time, new)
+    return by_file
+
+
+def _extended(
+    target: Path, source: Path, estimates: Mapping[int, tuple[Floats, dict[str, Floats]]]
+) -> dict[int, dict[str, Floats]]:
+    """Write a file of a dataset with the new columns, and return episode → its new values."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    table = pq.read_table(source)
+    of_episode = table["episode_index"].to_numpy()
+    stamps = table["timestamp"].to_numpy().astype(np.float64)
+    values: dict[int, dict[str, Floats]] = {}
+    columns: dict[str, Floats] = {}
+    for number, (time, new) in estimates.items():
+        rows = np.flatnonzero(of_episode == number)
+        at = np.searchsorted(time, stamps[rows] - NEAR).clip(0, len(time) - 1)
+        is_there = np.abs(time[at] - stamps[rows]) <= NEAR
+        values[number] = {}
+        for name, of in new.items():
+            missing = word_code("bad") if name == WORD else np.nan
+            values[number][name] = np.where(is_there[:, None], of[at], missing)
+            shape = (len(stamps), of.shape[1])
+            columns.setdefault(name, np.zeros(shape))[rows] = values[number][name]
+    metadata = dict(table.schema.metadata or {})
+    described = json.loads(metadata.get(b"huggingface", b"{}"))
+    for name, of in columns.items():
+        kind = pa.int64() if name == WORD else pa.float32()
+        flat = pa.array(of.ravel()).cast(kind)
+        size = of.shape[1]
+        column = flat if size == 1 else pa.FixedSizeListArray.from_arrays(flat, size)
+        table = table.append_column(name, column)
+        if described:
+            value = {"dtype": str(kind).replace("float", "float32"), "_type": "Value"}
+            listed = {"feature": value, "length": size, "_type": "Sequence"}
+            described["info"]["features"][name] = value if size == 1 else listed
+    if described:
+        metadata[b"huggingface"] = json.dumps(described).encode()
+    pq.write_table(table.replace_schema_metadata(metadata), target)
+    return values
+
+
+def _describe(
+    folder: Path,
+    info: dict[str, Any],
+    rig: Rig,
+    values: Mapping[int, Mapping[str, Floats]],
+    unit: str,
+) -> None:
+    """Write the new features and their statistics where the dataset has those of its state."""
+    joints = list(rig.joint_names)
+    for name, dtype, names in (
+        (ANGLE, "float32", joints),
+        (STD, "float32", joints),
+        (WORD, "int64", ["health"]),
+    ):
+        info["features"][name] = {"dtype": dtype, "shape": [len(names)], "names": names}
+    _write_json(folder / INFO, info)
+    words = {word: code for code, word in enumerate(HEALTH)}
+    _write_json(folder / "meta" / "distal.json", {"rig": rig.name, "unit": unit, "health": words})
+    columns = {name: np.vstack([of[name] for of in values.values()]) for name in (ANGLE, STD, WORD)}
+    stats = folder / "meta" / "stats.json"
+    if stats.is_file():
+        statistics = json.loads(stats.read_text(encoding="utf-8"))
+        like = statistics.get(STATE, {})
+        _write_json(
+            stats, statistics | {name: _statistics(of, like) for name, of in columns.items()}
+        )
+    by_episode = folder / "meta" / "episodes_stats.jsonl"
+    if by_episode.is_file():
+        lines = [json.loads(line) for line in by_episode.read_text(encoding="utf-8").splitlines()]
+        for line in lines:
+            of_episode = values.get(line["episode_index"], {})
+            like = line["stats"].get(STATE, {})
+            line["stats"] |= {name: _statistics(of, like) for name, of in of_episode.items()}
+        text = "".join(f"{json.dumps(line)}\n" for line in lines)
+        by_episode.write_text(text, encoding="utf-8")
+    for path in sorted((folder / "meta" / "episodes").rglob("*.parquet")):
+        _extend_episodes(path, values)
+
+
+def _extend_episodes(path: Path, values: Mapping[int, Mapping[str, Floats]]) -> None:
+    """Write the statistics of episodes into a table of episodes of version 3."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    table = pq.read_table(path)
+    start = f"stats/{STATE}/"
+    like = [name.removeprefix(start) for name in table.column_names if name.startswith(start)]
+    episodes = table["episode_index"].to_pylist()
+    for name in (ANGLE, STD, WORD) if like else ():
+        statistics = [_statistics(values[number][name], dict.fromkeys(like)) for number in episodes]
+        for what in like:
+            column = pa.array([of_episode[what] for of_episode in statistics])
+            table = table.append_column(f"stats/{name}/{what}", column)
+    pq.write_table(table, path)
+
+
+def _statistics(values: Floats, like: Mapping[str, object]) -> dict[str, list[float]]:
+    """Return the statistics of values, (k, n), that a feature of the dataset has too; NaN is left
+    out.
+    """
+    finite = values[np.isfinite(values).all(axis=1)].astype(np.float64)
+    if not len(finite):
+        finite = np.full((1, values.shape[1]), np.nan)
+
+    def one(what: str) -> Iterator[float]:
+        if what == "count":
+            return iter([len(finite)])
+        if what.startswith("q"):
+            return iter(np.quantile(finite, float(what[1:]) / 100.0, axis=0).tolist())
+        return iter(getattr(np, what)(finite, axis=0).tolist())
+
+    kinds = like or ("min", "max", "mean", "std", "count")
+    return {
+        what: list(one(what))
+        for what in kinds
+        if what in ("min", "max", "mean", "std", "count") or what[1:].isdigit()
+    }
+
+
+def _write_json(path: Path, content: object) -> None:
+    path.write_text(json.dumps(content, indent=4, ensure_ascii=False) + "\n", encoding="utf-8")

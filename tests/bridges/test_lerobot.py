@@ -1,0 +1,191 @@
+"""A LeRobot dataset with joint angles: what is added is what `estimate` says, all else stays."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner
+
+from distal import Rig, estimate, load_rig, read_log
+from distal.bridges.lerobot import ANGLE, STD, WORD, with_angles
+from distal.cli.app import app
+from distal.errors import EstimationError, LogError, OutputError
+from distal.logs import episodes_of
+from distal.rig import edited_text
+from distal.run.health import HEALTH
+
+LIKE = ("min", "max", "mean", "std", "count", "q10")
+ROWS = (60, 80, 70)
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    columns = {
+        "log.time.column": "timestamp",
+        "sensors.motor_angle.column": "observation.state.motor.pos",
+        "sensors.motor_torque.column": "observation.state.motor.current",
+    }
+    return load_rig("capstan-joint").with_values(columns)
+
+
+def table(number: int, rows: int) -> pa.Table:
+    """Return the table of an episode."""
+    rng = np.random.default_rng(number)
+    position = np.cumsum(rng.normal(0.0, 2e-3, rows))
+    state = np.column_stack([position, 0.02 * np.sign(np.gradient(position))]).astype(np.float32)
+    columns = {
+        "observation.state": pa.FixedSizeListArray.from_arrays(pa.array(state.ravel()), 2),
+        "timestamp": pa.array((np.arange(rows) / 200.0).astype(np.float32)),
+        "episode_index": pa.array(np.full(rows, number)),
+    }
+    value = {"dtype": "float32", "_type": "Value"}
+    known = {"info": {"features": {"timestamp": value}}}
+    return pa.table(columns).replace_schema_metadata({"huggingface": json.dumps(known)})
+
+
+def dataset(folder: Path, version: int) -> Path:
+    """Write a dataset of three episodes with statistics and a video."""
+    meta, data = folder / "meta", folder / "data" / "chunk-000"
+    data.mkdir(parents=True)
+    (folder / "videos").mkdir()
+    (folder / "videos" / "a.mp4").write_bytes(bytes(range(256)))
+    names = ["motor.pos", "motor.current"]
+    features = {"observation.state": {"dtype": "float32", "shape": [2], "names": names}}
+    tables = [table(number, rows) for number, rows in enumerate(ROWS)]
+    meta.mkdir()
+    info = {"codebase_version": f"v{version}.0", "fps": 200, "features": features}
+    (meta / "info.json").write_text(json.dumps(info))
+    known = {what: [0.0, 0.0] for what in LIKE}
+    (meta / "stats.json").write_text(json.dumps({"observation.state": known}))
+    if version == 2:
+        lines = [
+            {"episode_index": k, "stats": {"observation.state": known}} for k in range(len(ROWS))
+        ]
+        (meta / "episodes_stats.jsonl").write_text("\n".join(map(json.dumps, lines)) + "\n")
+        for number, part in enumerate(tables):
+            pq.write_table(part, data / f"episode_{number:06d}.parquet")
+    else:
+        pq.write_table(pa.concat_tables(tables), data / "file-000.parquet")
+        (meta / "episodes").mkdir()
+        columns = {f"stats/observation.state/{what}": [[0.0, 0.0]] * 3 for what in LIKE}
+        pq.write_table(
+            pa.table({"episode_index": [0, 1, 2], **columns}), meta / "episodes" / "file.parquet"
+        )
+    return folder
+
+
+def bytes_of(folder: Path) -> dict[str, bytes]:
+    """Return path → content of all files of a folder."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_what_is_added_is_the_estimate_and_all_else_stays(
+    tmp_path: Path, rig: Rig, version: int
+) -> None:
+    source = dataset(tmp_path / "set", version)
+    before = bytes_of(source)
+    written = with_angles(source, rig, tmp_path / "new", "deg")
+    assert bytes_of(source) == before
+    assert (written.episodes, written.rows) == (3, sum(ROWS))
+    assert sum(written.words.values()) == pytest.approx(1.0)
+    new = bytes_of(written.folder)
+    assert new["videos/a.mp4"] == before["videos/a.mp4"]
+    episodes = episodes_of(source)
+    tables = [pq.read_table(path) for path in sorted((written.folder / "data").rglob("*.parquet"))]
+    whole = pa.concat_tables(tables)
+    old = pa.concat_tables([table(k, rows) for k, rows in enumerate(ROWS)])
+    assert whole.select(old.column_names).equals(old)
+    results = [estimate(read_log(episode, rig), rig) for episode in episodes]
+    angles = np.concatenate([np.rad2deg(one.theta) for one in results])
+    np.testing.assert_allclose(whole[ANGLE].to_numpy(), angles, atol=1e-5)
+    stds = np.concatenate([np.rad2deg(one.angle_stds[:, 0]) for one in results])
+    np.testing.assert_allclose(whole[STD].to_numpy(), stds, rtol=1e-6)
+    assert set(whole[WORD].to_pylist()) == {list(HEALTH).index("untested")}
+    described = json.loads(tables[0].schema.metadata[b"huggingface"])["info"]["features"]
+    assert described[ANGLE] == {"dtype": "float32", "_type": "Value"}
+    assert described[WORD]["dtype"] == "int64"
+    info = json.loads(new["meta/info.json"])
+    assert info["features"][ANGLE] == {"dtype": "float32", "shape": [1], "names": ["jaw"]}
+    assert json.loads(new["meta/distal.json"])["unit"] == "deg"
+    stats = json.loads(new["meta/stats.json"])[ANGLE]
+    assert list(stats) == list(LIKE)
+    expected = (angles.min(), angles.max(), angles.mean(), angles.std(), len(angles))
+    np.testing.assert_allclose([stats[what][0] for what in LIKE[:5]], expected, atol=1e-6)
+    assert stats["q10"][0] == pytest.approx(np.quantile(angles, 0.1), abs=1e-6)
+    first = angles[: ROWS[0]]
+    if version == 2:
+        line = json.loads(new["meta/episodes_stats.jsonl"].splitlines()[0])
+        assert line["stats"][ANGLE]["max"][0] == pytest.approx(first.max(), abs=1e-6)
+    else:
+        row = pq.read_table(written.folder / "meta" / "episodes" / "file.parquet").to_pylist()[0]
+        assert row[f"stats/{ANGLE}/max"][0] == pytest.approx(first.max(), abs=1e-6)
+        assert row[f"stats/{WORD}/count"] == [ROWS[0]]
+
+
+def test_several_joints_are_a_vector_and_rows_without_an_estimate_are_nan(tmp_path: Path) -> None:
+    rig = load_rig("finger-2n")
+    names = [sensor.name for sensor in rig.sensors]
+    columns = {f"sensors.{name}.column": f"observation.state.{name}" for name in names}
+    rig = rig.with_values({"log.time.column": "timestamp", **columns})
+    rows = 20
+    state = np.zeros((rows, len(names)), np.float32)
+    folder = tmp_path / "set"
+    (folder / "meta").mkdir(parents=True)
+    (folder / "data").mkdir()
+    features = {"observation.state": {"dtype": "float32", "shape": [len(names)], "names": names}}
+    (folder / "meta" / "info.json").write_text(json.dumps({"features": features}))
+    stamps = (np.arange(rows) / 100.0).astype(np.float32)
+    held = pa.FixedSizeListArray.from_arrays(pa.array(state.ravel()), len(names))
+    columns_of = {"observation.state": held, "timestamp": stamps, "episode_index": [0] * rows}
+    pq.write_table(pa.table(columns_of), folder / "data" / "a.parquet")
+    written = with_angles(folder, rig, tmp_path / "new")
+    table = pq.read_table(written.folder / "data" / "a.parquet")
+    joints = len(rig.joint_names)
+    assert table.schema.field(ANGLE).type == pa.list_(pa.float32(), joints)
+    assert np.isfinite(np.vstack(table[ANGLE].to_pylist())).all()
+
+
+def test_nothing_is_written_where_it_must_not_be(tmp_path: Path, rig: Rig) -> None:
+    source = dataset(tmp_path / "set", 3)
+    before = bytes_of(tmp_path)
+    with pytest.raises(OutputError, match="exists already"):
+        with_angles(source, rig, source)
+    with pytest.raises(OutputError, match="within the dataset"):
+        with_angles(source, rig, source / "new")
+    with pytest.raises(LogError):
+        with_angles(tmp_path, rig, tmp_path / "new")
+    wrong = load_rig("capstan-joint")
+    with pytest.raises(LogError):
+        with_angles(source, wrong, tmp_path / "new")
+    assert bytes_of(tmp_path) == before
+
+
+def test_the_command_writes_it_too(tmp_path: Path, rig: Rig) -> None:
+    source = dataset(tmp_path / "set", 3)
+    file = tmp_path / "rig.toml"
+    changes = [
+        'log.time.column="timestamp"',
+        'sensors.motor_angle.column="observation.state.motor.pos"',
+        'sensors.motor_torque.column="observation.state.motor.current"',
+    ]
+    file.write_text(edited_text("capstan-joint", changes))
+    words = ["estimate", str(source), "--rig", str(file), "--into", str(tmp_path / "new")]
+    done = CliRunner().invoke(app, [*words, "--unit", "deg"])
+    assert done.exit_code == 0, done.output
+    assert f"3 episodes, {sum(ROWS)} rows; health: untested 100%" in " ".join(done.output.split())
+    expected = with_angles(source, rig, tmp_path / "same", "deg")
+    for path in sorted((expected.folder / "data").rglob("*.parquet")):
+        written = tmp_path / "new" / path.relative_to(expected.folder)
+        assert pq.read_table(written).equals(pq.read_table(path))
+    refused = CliRunner().invoke(app, [*words, "--out", str(tmp_path / "x.csv")])
+    assert isinstance(refused.exception, EstimationError)
