@@ -27,11 +27,11 @@ from distal.estimators.adaptive.filter_function import adaptive_layout
 from distal.estimators.adaptive.measurement import ROW, Rows
 from distal.model import Kick, Mechanism, kick_and_drift, responses
 from distal.results import (
-    BAND_ALPHA,
     BLACK,
     COLOURS,
     DASHES,
     SOFT,
+    band_colour,
     figure,
     legend_above,
     save_figure,
@@ -138,7 +138,7 @@ def band(axes: Axes, time: Floats, middle: Floats, half: Floats, colour: str, la
     if len(time) > 1000:
         time, middle, half = time[::5], middle[::5], half[::5]
     axes.fill_between(
-        time, middle - half, middle + half, color=colour, alpha=BAND_ALPHA, lw=0, label=label
+        time, middle - half, middle + half, color=band_colour(colour), lw=0, label=label
     )
 
 
@@ -420,7 +420,7 @@ def outlier() -> Figure:
             t[span], innovation[span], ".-", color=BLUE, lw=0.8, ms=3, label="innovation ν"
         )
         axes[0].fill_between(
-            t[span], -reach[span], reach[span], color=SOFT, alpha=BAND_ALPHA, lw=0, label="±3 √S"
+            t[span], -reach[span], reach[span], color=band_colour(SOFT), lw=0, label="±3 √S"
         )
         for taken, colour, dash, text in (
             (trusting, RED, DASHES[1], "gain by S"),
