@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-import distal.bridges.orca
 from benchmarks.report import table
 from benchmarks.strangers.servo_hands import ORCA, PERIOD, orca_like
+from distal.bridges import orca as orca_bridge
 from distal.bridges.orca import ANCHOR, VirtualEncoders
 from distal.hands import Hand, RoutineOptions
 from distal.rig import from_orca
@@ -163,11 +163,11 @@ def looped(hand: Simulated, rig: Any, widest: float) -> tuple[VirtualEncoders, A
     from orca_core.control import joint_loop
     from orca_core.hardware.sensing import types
 
-    distal.bridges.orca.clock = joint_loop.time = types.time = hand.clock
+    vars(orca_bridge)["clock"] = joint_loop.time = types.time = hand.clock
     encoders = VirtualEncoders(hand.orca, rig, widest)
     encoders.connect()
     encoders.update()
-    loop = encoders.loop(target_hz=100)
+    loop: Any = encoders.loop(target_hz=100)
     loop.prime_for_step()
     return encoders, loop
 
@@ -183,7 +183,7 @@ def followed(
     from orca_core.control.joint_controller import JointController
     from orca_core.hardware.sensing import types
 
-    distal.bridges.orca.clock = joint_loop.time = types.time = hand.clock
+    vars(orca_bridge)["clock"] = joint_loop.time = types.time = hand.clock
     orca, order, loop, encoders = hand.orca, hand.joints, None, None
     if way == "virtual":
         encoders, loop = looped(hand, rig, widest)
@@ -213,7 +213,7 @@ def followed(
             loop.set_target({joint: targets[joint] for joint in loop.joint_names})
             if encoders is not None:
                 encoders.update()
-                frame = encoders.get_latest()
+                frame: Any = encoders.get_latest()
                 slots = [encoders._slots[joint] for joint in order]
                 valid.append(
                     np.zeros(len(order), bool) if frame is None else ~frame.angle_error[slots]
@@ -263,7 +263,8 @@ def faulty(hand: Simulated, rig: Any, seed: int, episodes: int) -> list[tuple[An
             still = true if k == 250 else still
             if still is not None:
                 moved = max(moved, float(np.abs(true - still).max()))
-                frame, said = encoders.get_latest(), encoders.hand.get_joint_positions()
+                frame: Any = encoders.get_latest()
+                said = encoders.hand.get_joint_positions()
                 slots = [encoders._slots[joint] for joint in hand.joints]
                 far = np.abs(np.array([said[joint] for joint in hand.joints]) - true) > 5.0
                 off += int(far.sum())
