@@ -21,11 +21,11 @@ from typing import Any
 os.environ["DISTAL_COMPILE"] = "0"
 
 import numpy as np
+from tests.support.foreign_plants import finger_log, finger_rig, hand_log, hand_rig
+from tests.support.hands_plants import bowden_log, bowden_rig, ropes_log, ropes_rig
 
 from benchmarks import events
 from benchmarks.report import table
-from benchmarks.strangers.foreign_plants import finger_log, finger_rig, hand_log, hand_rig
-from benchmarks.strangers.hands_plants import bowden_log, bowden_rig, ropes_log, ropes_rig
 from distal import DistalError, Log, Rig, estimate, load_rig
 
 SEEDS = (31, 32)

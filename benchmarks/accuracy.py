@@ -31,8 +31,8 @@ from tests.support.cases import (
     paper_rig,
     spoiled,
 )
+from tests.support.lower_bound import lower_bound
 
-from benchmarks.lower_bound import lower_bound
 from benchmarks.report import FOLDER, table
 from benchmarks.rivals import RIVALS
 from distal import ESTIMATORS, Log, Rig, estimate, load_rig, read_log

@@ -3,8 +3,8 @@ stick–slip is solved.
 
 `python -m benchmarks.chains` prints all; `python -m benchmarks.chains accuracy --first-seed 500
 --seeds 5` one table. The logs of `$DISTAL_DATA/finger` are read where they are there; the other
-plants are those of `strangers/chain_plants`. Logs with a contact are read with a torque that may
-occur.
+plants are those of `tests/support/chain_plants`. Logs with a contact are read with a torque that
+may occur.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from tests.support.chain_plants import SHIPPED, make_log
 
 from benchmarks.limits import scan_time
 from benchmarks.report import table
-from benchmarks.strangers.chain_plants import make_log
 from distal import Log, Rig, estimate, load_rig, read_log
 from distal.confidence import BAND
 from distal.errors import DistalWarning
@@ -34,14 +34,6 @@ from distal.results import Estimate
 from distal.rig import build_rig, step_of
 from distal.simulation import build_scenario
 from distal.simulation.simulate import motions_of, prepare
-
-PLANTS = {
-    "finger-2n": ("finger2N", "0.04 N m"),
-    "finger-n-plus-1": ("finger_n1", "0.04 N m"),
-    "finger-underactuated": ("finger_under", "0.03 N m"),
-    "wrist-instrument": ("wrist_instrument", "0.02 N m"),
-}
-"""Shipped rig → name of the plant, and the torque that a user says may occur in a contact."""
 
 KINDS = ("servo", "step", "contact")
 BEGIN = 0.5
@@ -101,7 +93,7 @@ def described(name: str, kind: str) -> Rig:
     """Return a shipped rig as its user runs it on logs of a kind."""
     rig = load_rig(name)
     return (
-        rig.with_values({"joints.*.external_torque.std": PLANTS[name][1]})
+        rig.with_values({"joints.*.external_torque.std": SHIPPED[name][1]})
         if kind == "contact"
         else rig
     )
@@ -109,7 +101,7 @@ def described(name: str, kind: str) -> Rig:
 
 def simulated(name: str, kind: str, seed: int) -> Log:
     """Return a log of a plant of our own, in another simulator."""
-    columns, truth = make_log(PLANTS[name][0], kind, seed)
+    columns, truth = make_log(SHIPPED[name][0], kind, seed)
     channels = {sensor.name: columns[sensor.log_column] for sensor in load_rig(name).sensors}
     known = {key: values for key, values in truth.items() if key.startswith("theta")}
     return Log(columns["time"], channels, known, f"{name} {kind} {seed}", "the simulation")
@@ -117,7 +109,7 @@ def simulated(name: str, kind: str, seed: int) -> Log:
 
 def recorded(folder: Path, name: str, kind: str) -> Log:
     """Return a log of a plant that others wrote."""
-    stem = f"{PLANTS[name][0]}_{kind}"
+    stem = f"{SHIPPED[name][0]}_{kind}"
     return read_log(folder / f"{stem}.csv", load_rig(name), folder / f"{stem}.truth.csv")
 
 
@@ -154,7 +146,7 @@ def accuracy(first: int, count: int) -> None:
     """Print the tables of accuracy."""
     data = os.environ.get("DISTAL_DATA")
     folder = Path(data, "finger") if data else None
-    pairs = [(name, kind) for name in PLANTS for kind in KINDS]
+    pairs = [(name, kind) for name in SHIPPED for kind in KINDS]
     if folder is not None and folder.is_dir():
         rows = [
             row
@@ -221,7 +213,7 @@ def bounds(first: int, count: int) -> None:
     were known exactly.
     """
     rows = []
-    for name in PLANTS:
+    for name in SHIPPED:
         rig = load_rig(name)
         if len(rig.drives) < len(rig.joints):
             continue
@@ -305,7 +297,7 @@ def cost() -> None:
     """Print what a compiled step of adaptive costs, beside the paper's rig in the same run."""
     step_time(load_rig("paper-2008-printed"))  # the processor wakes up
     _, paper, _ = step_time(load_rig("paper-2008-printed"))
-    rigs = [load_rig(name) for name in ("paper-2008-printed", *PLANTS)] + [
+    rigs = [load_rig(name) for name in ("paper-2008-printed", *SHIPPED)] + [
         straight_chain(n) for n in range(1, 7)
     ]
     rows = []

@@ -2,7 +2,7 @@
 affine map and a PI loop.
 
 `python -m benchmarks.commands [PLANTS] [--first-seed N] [--seeds N] [--fit]` drives plants whose
-drives are servos of place (`strangers/servo_plants`) and prints RMS errors of the true angle.
+drives are servos of place (`tests/support/servo_plants`) and prints RMS errors of the true angle.
 Wanted are sines, ramps with rests and smoothed steps. All open loops make up for the servos' lag
 and delay; `--fit` also fits each rig to three logs of its plant.
 """
@@ -17,16 +17,22 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from tests.hand_rigs import hand
+from tests.support.commands import (
+    LEAST_TENSION,
+    driven,
+    hunts,
+    inextensible,
+    live_law,
+    run,
+)
+from tests.support.servo_plants import PERIOD, PLANTS
 
-from benchmarks.control import constant_parts
 from benchmarks.report import table
 from benchmarks.shell import written
-from benchmarks.strangers.servo_plants import PERIOD, PLANTS, Servos
 from distal import Inverse, LiveEstimator, LiveInverse, Log, Monitor, Rig, load_rig
 from distal.confidence import BAND
 from distal.errors import DistalWarning
@@ -36,11 +42,12 @@ from distal.logs import FROM_SENSOR
 
 Floats = NDArray[np.float64]
 
-DURATION, GOES_THERE, COUNTED = 10.0, 1.5, 1.0
-"""Of a run, of the way to its first command, and what is left out after that [s]."""
+
+DURATION, COUNTED = 10.0, 1.0
+"""Of a run, and what is left out at its begin [s]."""
+
 
 KINDS = ("sine", "ramps", "steps")
-LEAST_TENSION = 2.0
 RANGES = {
     "paper": (-22.0, 22.0),
     "Bowden sheath": (15.0, 65.0),
@@ -54,8 +61,6 @@ RANGES = {
 
 ENCODER = np.deg2rad(1.0)
 
-FOR, HUNTS = 2.0, float(np.deg2rad(0.3))
-"""How long wanted angles rest [s] and by how much a joint then turns back [rad] where it hunts."""
 
 METHODS = (
     "ratio",
@@ -99,91 +104,12 @@ def desired_angles(kind: str, plant: str, count: int, rng: np.random.Generator) 
     return np.column_stack(columns)
 
 
-def inextensible(rig: Rig, angles: Floats, positions: Floats) -> Floats:
-    """Return the drives' places by lengths alone, from those at the first sample, (k, n_drives)."""
-    found = np.tile(positions, (len(angles), 1))
-    joints = [joint.name for joint in rig.joints]
-    for d, drive in enumerate(rig.drives):
-        own = [tendon for tendon in rig.tendons if tendon.drive == drive.name]
-        drawn = np.zeros(len(angles))
-        for name, arm in own[0].arms().items():
-            angle = angles[:, joints.index(name)]
-            shape = getattr(own[0], "insertion", None)
-            if shape is not None and shape.kind == "pinned":
-                r, length = shape.radius.value, shape.free_length.value
-                drawn += (
-                    np.sign(arm) * r * np.sin(angle)
-                    + np.sqrt(length**2 - (r * (1 - np.cos(angle))) ** 2)
-                    - length
-                )
-            else:
-                drawn += arm * angle
-        lever = 1.0 if drive.kind == "slider" else drive.radius.value * own[0].winding
-        found[:, d] += (drawn - drawn[0]) / lever
-    return found
-
-
-def run(plant: Any, sent_positions: Floats) -> tuple[Floats, list[dict[str, float]]]:
-    """Return true angles, (k, n_joints), and what was read, while places are sent one after the
-    other.
-    """
-    servos = Servos(plant, getattr(plant, "errors", None))
-    begin = plant.positions + servos.errors(plant.positions)
-    for k in range(round(GOES_THERE / PERIOD)):
-        share = min(1.0, (k + 1) * PERIOD / (GOES_THERE - 0.5))
-        servos.step(begin + share * (sent_positions[0] - begin))
-    angles, read = zip(*(servos.step(row) for row in sent_positions))
-    return np.array(angles), list(read)
-
-
-def driven(
-    plant: Any,
-    rig: Rig,
-    desired: Floats,
-    free: Sequence[int],
-    start: Floats,
-    law: Callable[..., Command | Floats],
-) -> Floats:
-    """Return true angles while a law (time, wanted, readings, true angles) says what is sent, from
-    `start` on.
-
-    A law that returns commands sends speeds, another one places.
-    """
-    servos = Servos(plant, getattr(plant, "errors", None))
-    begin = plant.positions + servos.errors(plant.positions)
-    angles, read = servos.step(begin)
-    for k in range(round(GOES_THERE / PERIOD)):
-        share = min(1.0, (k + 1) * PERIOD / (GOES_THERE - 0.5))
-        angles, read = servos.step(begin + share * (start - begin))
-    found = np.empty((len(desired), len(rig.joints)))
-    for k, row in enumerate(desired):
-        found[k] = angles
-        said = law(k * PERIOD, row[list(free)], read, angles)
-        if isinstance(said, Command) and not servos.speeds:
-            servos = Servos(plant, servos.errors, speeds=True)
-        angles, read = servos.step(said.speeds if isinstance(said, Command) else said)
-    return found
-
-
 def led(rig: Rig, positions: Floats) -> Floats:
     """Return what is sent so that servos are at places in time."""
     time = np.arange(len(positions)) * PERIOD
     return np.column_stack(
         [sent(time, positions[:, i], drive) for i, drive in enumerate(rig.drives)]
     )
-
-
-def live_law(rig: Rig, feedback: Feedback, speeds: bool = False) -> Callable[..., Command | Floats]:
-    """Return the live inverse as a law, of places or of speeds."""
-    inverse = LiveInverse(rig, least_tension=LEAST_TENSION, feedback=feedback)
-
-    def law(
-        time: float, desired: Floats, read: dict[str, float], angles: Floats
-    ) -> Command | Floats:
-        command = inverse.step(time, desired, np.array([read[name] for name in inverse.channels]))
-        return command if speeds else command.positions
-
-    return law
 
 
 def pi_law(
@@ -210,30 +136,6 @@ def pi_law(
         return inextensible(rig, np.vstack([first, full]), start)[1]
 
     return law
-
-
-def hunts(time: Floats, desired: Floats, angles: Floats) -> int:
-    """Return the number of rests of the wanted angles in which a joint, after the first second,
-    moves to and fro.
-    """
-    count = 0
-    for begin, end in constant_parts(time, *desired.T):
-        late = angles[begin + round(1.0 / PERIOD) : end]
-        if time[end - 1] - time[begin] >= FOR and max(map(swings, late.T)) > 1:
-            count += 1
-    return count
-
-
-def swings(angle: Floats) -> int:
-    """Return how often an angle turns back by more than `HUNTS`."""
-    count, way, farthest = 0, 0.0, float(angle[0])
-    for value in angle.tolist():
-        away = value - farthest
-        if way * away > 0.0:
-            farthest = value
-        elif abs(away) > HUNTS:
-            count, way, farthest = count + 1, float(np.sign(away)), value
-    return count
 
 
 @dataclass

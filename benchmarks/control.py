@@ -14,21 +14,22 @@ import time
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
-from itertools import pairwise
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from tests.support.chain_plants import PLANTS, STEP, build_model, draw_truth
+from tests.support.commands import constant_parts
 
 from benchmarks.report import table
 from benchmarks.shell import written
-from benchmarks.strangers.chain_plants import PLANTS, STEP, build_model, draw_truth
 from benchmarks.strangers.random_rigs import drawn_plant
 from distal import Log, Rig, load_scenario, scenario_rig
 from distal.control import PID, ClosedLoop, closed_loop, run_controller, trackings_of
 from distal.simulation import Scenario
 
 Floats = NDArray[np.float64]
+
 
 PERIOD = 0.005
 FIRST = 20
@@ -73,16 +74,6 @@ def limit_cycles(run: ClosedLoop) -> int:
             motions = np.ptp(run.angles[begin:end, joints][late], axis=0)
             count += int(np.sum(motions > np.deg2rad(0.3)))
     return count
-
-
-def constant_parts(time: Floats, *references: Floats) -> list[tuple[int, int]]:
-    """Return (begin, end), indices with the end excluded, of the parts of `time` in which all
-    `references` are constant for at least 1 s.
-    """
-    moves = [np.abs(np.diff(reference)) > 1e-9 for reference in references]
-    changes = np.flatnonzero(np.any(moves, axis=0)) + 1
-    edges = [0, *changes.tolist(), len(time)]
-    return [(a, b) for a, b in pairwise(edges) if b > a and time[b - 1] - time[a] >= 1.0]
 
 
 def with_plant(

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
+from tests.support.plant_and_rig import FREE, drawn_plant, logs_of, start_rig
 
-from benchmarks.fitting import FREE, drawn_plant, logs_of, start_rig
 from benchmarks.report import table
 from distal.fitting import Options
 from distal.fitting.likelihood_search import first_widths, hessian, search, widths_at

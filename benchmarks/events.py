@@ -2,7 +2,7 @@
 a place is silent.
 
 `python -m benchmarks.events [--first-seed 800] [--seeds 10]`: logs of 20 s of
-`strangers/chain_plants`; an event is from 5 s to 7 s, and the rig file does not say that it may
+`tests/support/chain_plants`; an event is from 5 s to 7 s, and the rig file does not say that it may
 occur. A cell: share of samples of all joints inside the band.
 """
 
@@ -13,10 +13,9 @@ from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
+from tests.support.chain_plants import EVERY, SHIPPED, STEP, make_log
 
-from benchmarks.chains import PLANTS
 from benchmarks.report import table
-from benchmarks.strangers.chain_plants import EVERY, STEP, make_log
 from distal import Log, estimate, load_rig
 from distal.confidence import BAND
 from distal.estimators import channels_of
@@ -35,7 +34,7 @@ EVENTS = ("none", "load", "jump", "lasting jump", "silent")
 def plain(name: str, seed: int, load: bool) -> Log:
     """Return a log without an event of the sensors."""
     columns, truth = make_log(
-        PLANTS[name][0], "servo", seed, SAMPLES, (START, END) if load else None
+        SHIPPED[name][0], "servo", seed, SAMPLES, (START, END) if load else None
     )
     channels = {sensor.name: columns[sensor.log_column] for sensor in load_rig(name).sensors}
     known = {key: values for key, values in truth.items() if key.startswith("theta")}
@@ -95,7 +94,7 @@ def main() -> None:
     seeds = range(options.first_seed, options.first_seed + options.seeds)
     rows = []
     with ProcessPoolExecutor() as pool:
-        for name in PLANTS:
+        for name in SHIPPED:
             found = list(pool.map(scores, [(name, seed) for seed in seeds]))
             for event in EVENTS:
                 each = np.array([one[event] for one in found])

@@ -21,9 +21,9 @@ from pathlib import Path
 
 from tests.export.test_microcontroller import FIRMWARE
 from tests.fuzzing.rigs import changed
+from tests.support.drawn_rigs import drawn_rig
 
 from benchmarks.report import table
-from benchmarks.strangers.drawn_rigs import drawn_rig
 from benchmarks.strangers.random_rigs import random_case
 from distal.errors import DistalError
 from distal.export import export_arduino, export_c, export_fmu

@@ -27,12 +27,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tests.support.drawn_rigs import drawn_rig
 
 from benchmarks import newcomers
 from benchmarks.report import table
 from benchmarks.shell import command, write_rig
 from benchmarks.strangers import lacking
-from benchmarks.strangers.drawn_rigs import drawn_rig
 from distal import Log, Rig, estimate, fit, load_rig, read_log, write_log
 from distal.errors import DistalError
 from distal.logs import true_angles

@@ -2,7 +2,7 @@
 writes.
 
 `python -m benchmarks.from_logs structure --rigs 80 --first-seed 5000` draws rigs of all families
-(`strangers.drawn_rigs`), writes three logs of each as CSV, runs `distal rig from-logs`, and
+(`tests.support.drawn_rigs`), writes three logs of each as CSV, runs `distal rig from-logs`, and
 compares the tendons in its file with those of the plant. `python -m benchmarks.from_logs columns`
 gives the same logs other headers: with units, without, in five languages, shuffled. `python -m
 benchmarks.from_logs rigs` fits the rig from logs and the hand-written one by the command, and
@@ -23,10 +23,10 @@ from pathlib import Path
 import numpy as np
 import tomlkit
 from numpy.typing import NDArray
+from tests.support.drawn_logs import logs_of
+from tests.support.drawn_rigs import Drawn, drawn_rig
 
 from benchmarks.report import table
-from benchmarks.strangers.drawn import logs_of
-from benchmarks.strangers.drawn_rigs import Drawn, drawn_rig
 from distal import estimate, load_rig, read_log
 from distal.errors import DistalError
 from distal.estimators import samples_of_angles

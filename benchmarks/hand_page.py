@@ -1,8 +1,8 @@
 """The commands of docs/how-to/my-hand.md one after the other, timed: `python -m
 benchmarks.hand_page`.
 
-The hand is one of `strangers.servo_hands`, behind the three methods that `distal.hands` asks of any
-hand; its routine runs on a clock of its own, as fast as the plant does.
+The hand is one of `tests.support.servo_hands`, behind the three methods that `distal.hands` asks of
+any hand; its routine runs on a clock of its own, as fast as the plant does.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tests.support.hands import Driven
+from tests.support.servo_hands import PERIOD, orca_like
 
 import distal.hands
-from benchmarks.hands import Driven
 from benchmarks.report import table
-from benchmarks.strangers.servo_hands import PERIOD, orca_like
 
 TABLE = """joint,motor,spool_radius [mm],joint_radius [mm],direction,low [deg],high [deg]
 index_mcp,m1,7.272727,8,1,-25,100

@@ -15,11 +15,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from tests.support.hands import calibrated, log_of, motion, rig_of
+from tests.support.servo_hands import PERIOD, Hands, Known, orca_like
 
 import distal
-from benchmarks.hands import calibrated, log_of, motion, rig_of
 from benchmarks.report import table
-from benchmarks.strangers.servo_hands import PERIOD, Hands, Known, orca_like
 from distal import LiveEstimator, Monitor
 
 KINDS = ("loosened", "slack", "broken", "slipped", "")

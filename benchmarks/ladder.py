@@ -12,23 +12,22 @@ a step is missed where "consistent" is said and its group is not among those tha
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import os
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from tests.support.foreign_plants import finger_log as foreign_finger_log
+from tests.support.foreign_plants import finger_rig as foreign_finger_rig
+from tests.support.foreign_plants import hand_log as foreign_hand_log
+from tests.support.foreign_plants import hand_rig as foreign_hand_rig
+from tests.support.given_plants import log_of
+from tests.support.hands_plants import bowden_log, bowden_rig, ropes_log, ropes_rig
 
 from benchmarks.chains import simulated
-from benchmarks.strangers.foreign_plants import finger_log as foreign_finger_log
-from benchmarks.strangers.foreign_plants import finger_rig as foreign_finger_rig
-from benchmarks.strangers.foreign_plants import hand_log as foreign_hand_log
-from benchmarks.strangers.foreign_plants import hand_rig as foreign_hand_rig
-from benchmarks.strangers.hands_plants import bowden_log, bowden_rig, ropes_log, ropes_rig
 from distal import Log, Rig, diagnose, estimate, load_rig, read_log
 from distal.diagnosis import why_diverged
 from distal.diagnosis.finding import COMPLIANCE, SCALE, ZERO
@@ -182,23 +181,6 @@ PLANTS: dict[str, tuple[Callable[[int], Log], Callable[[], Rig]]] = {
 
 GIVEN = ("joint", "finger")
 """Plants in `$DISTAL_DATA/newcomer`."""
-
-
-def log_of(name: str, seed: int, folder: Path) -> Path:
-    """Write a log of one of the given plants, and return its path."""
-    spec = importlib.util.spec_from_file_location(
-        name, Path(os.environ["DISTAL_DATA"]) / "newcomer" / f"{name}_plant.py"
-    )
-    assert spec is not None
-    assert spec.loader is not None
-    plant: Any = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(plant)
-    path = folder / f"{name}.csv"
-    if name == "joint":
-        plant.write(str(path), *plant.traj_random(20, -5, 75, seed), seed + 50)
-    else:
-        plant.write(str(path), seed, T=15)
-    return path
 
 
 def placed(name: str, seed: int, path: Path) -> Callable[[Sequence[str]], Rig]:

@@ -22,6 +22,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from tests.hand_rigs import hand
+from tests.support.mujoco_fingers import SECONDS, wandering
 
 from benchmarks.report import table
 from distal import LiveEstimator, Log, Rig, estimate, fit
@@ -31,6 +32,7 @@ from distal.rig import Imported, Tendon, from_mujoco
 from distal.rig.mjcf.loading import at_poses, load_model, over_ranges, tendon_slopes
 
 Floats = NDArray[np.float64]
+
 
 HANDS = {
     "Aero, index": ("right_hand.xml", "right_index_f_link"),
@@ -44,7 +46,7 @@ VENDORS_ARMS = {"if_tendon0": (12.49e-3, 7.32e-3, 9.0e-3)}
 least squares.
 """
 
-STEP, PERIOD, SECONDS = 1e-4, 0.01, 12.0
+STEP, PERIOD = 1e-4, 0.01
 
 
 def imported(folders: list[Path]) -> list[list[str]]:
@@ -205,20 +207,6 @@ def plant(spec: mujoco.MjSpec, rig: Rig, seed: int) -> Plant:
         draw.uniform(0.0, 2.0, n),
         draw.uniform(0.02, 0.15, n),
     )
-
-
-def wandering(
-    draw: np.random.Generator, n: int, least: float, most: float
-) -> tuple[Floats, Floats]:
-    """Return times and the forces of n tendons at them: they wander from the least on, held for a
-    second now and then.
-    """
-    knots = np.arange(0.0, SECONDS + 1.0, 1.0)
-    forces = draw.uniform(least, most, (len(knots), n))
-    forces[0] = least
-    for k in range(3, len(knots), 4):
-        forces[k] = forces[k - 1]
-    return knots, forces
 
 
 def recorded(of: Plant, rig: Rig, seed: int, least: float = 2.0, most: float = 15.0) -> Log:

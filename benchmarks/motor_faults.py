@@ -1,7 +1,7 @@
 """Faults of a hand's readings and goals while it moves: `python -m benchmarks.motor_faults
 [--episodes N] [--first-seed N]`.
 
-Two joints of the hands in `strangers.servo_hands`, which share no code with the model, behind
+Two joints of the hands in `tests.support.servo_hands`, which share no code with the model, behind
 `distal.hands.Hand`. Each goes to two drawn angles; something goes wrong at a drawn time, and the
 plant says what came of it, beside its twin to which nothing happened.
 """
@@ -15,10 +15,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from tests.support.hands import rig_of
+from tests.support.servo_hands import PERIOD, TORQUE_CONSTANT, Hands, Known, orca_like
 
-from benchmarks.hands import rig_of
 from benchmarks.report import table
-from benchmarks.strangers.servo_hands import PERIOD, TORQUE_CONSTANT, Hands, Known, orca_like
 from distal import Rig
 from distal.hands import Hand
 

@@ -24,10 +24,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tests.support.foreign_plants import finger_log, finger_rig, hand_log, hand_rig
+from tests.support.hands_plants import bowden_log, bowden_rig, ropes_log, ropes_rig
 
 from benchmarks.report import table
-from benchmarks.strangers.foreign_plants import finger_log, finger_rig, hand_log, hand_rig
-from benchmarks.strangers.hands_plants import bowden_log, bowden_rig, ropes_log, ropes_rig
 from distal import DistalError, Log, Rig, estimate, fit, load_rig, read_log
 from distal.fitting import likelihood_search
 from distal.fitting.problem import Problem

@@ -26,8 +26,8 @@ from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
+from tests.support.maps import with_learned_map
 
-from benchmarks.maps import with_learned_map
 from benchmarks.report import table
 from benchmarks.touch import CASES, fitted
 from distal import Log, Rig, estimate, read_log

@@ -2,8 +2,8 @@
 benchmarks.orca_mock [SECONDS]`.
 
 orca-core is heavy and has a web server: it is for an environment of its own (`pip install
-orca-core`). Its mock motors are moved by a plant of `strangers.servo_hands`; some reads fail, and
-one motor restarts: it is silent and its encoder jumps.
+orca-core`). Its mock motors are moved by a plant of `tests.support.servo_hands`; some reads fail,
+and one motor restarts: it is silent and its encoder jumps.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import time
 from typing import Any
 
 import numpy as np
+from tests.support.servo_hands import PERIOD, TORQUE_CONSTANT, orca_like
 
-from benchmarks.strangers.servo_hands import PERIOD, TORQUE_CONSTANT, orca_like
 from distal.hands import Hand
 from distal.rig import from_orca
 

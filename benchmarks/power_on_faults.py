@@ -1,8 +1,8 @@
 """Faults during the power-on routine: what becomes of the joints without one, and what is said.
 `python -m benchmarks.power_on_faults [--hands N] [--first-seed N]`.
 
-Hands of two joints from `strangers.servo_hands`. Each hand is run twice side by side: as it is, and
-with a fault, of its first motor unless reads are lost, which is of both.
+Hands of two joints from `tests.support.servo_hands`. Each hand is run twice side by side: as it is,
+and with a fault, of its first motor unless reads are lost, which is of both.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from math import nan, pi
 
 import numpy as np
+from tests.support.hands import Driven, rig_of
+from tests.support.servo_hands import PERIOD, Known, orca_like
 
-from benchmarks.hands import Driven, rig_of
 from benchmarks.report import table
-from benchmarks.strangers.servo_hands import PERIOD, Known, orca_like
 from distal import Rig
 from distal.errors import DistalError
 from distal.hands import Calibrated, Routine, calibrate

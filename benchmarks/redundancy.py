@@ -18,10 +18,10 @@ from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
+from tests.support.foreign_plants import finger_log, finger_rig
 
 from benchmarks.report import table
 from benchmarks.shell import write_rig
-from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 from benchmarks.wrong_inputs import KINDS, sensors_of
 from distal import Log, Rig, load_rig, read_log, write_log
 from distal.fitting import learn_free_motion

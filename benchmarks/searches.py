@@ -20,11 +20,11 @@ from unittest import mock
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from tests.support.drawn_logs import FITTED
+from tests.support.drawn_rigs import drawn_rig
 
 from benchmarks.newcomers import CASES
 from benchmarks.report import table
-from benchmarks.strangers.drawn import FITTED
-from benchmarks.strangers.drawn_rigs import drawn_rig
 from benchmarks.strangers.lacking import logs_of
 from distal import Log, Rig, fit
 from distal.fitting import inverse_dynamics, likelihood, likelihood_search, parameter_estimates

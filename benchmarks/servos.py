@@ -1,11 +1,11 @@
 """Commands for hobby servos, which give way under load: `python -m benchmarks.servos
 [--first-seed N] [--hands N]`.
 
-Joints of `strangers.servo_hands` in sheaths, on servos with a P loop and a dead band, that give way
-by 25 of 4096 counts under a usual load. Each hand is calibrated by its power-on routine, and fitted
-from there to three logs with a reference and the goals that were sent. Then sines, ramps and steps
-are commanded in an open loop and live. By hand: goals that are affine in the wanted angles, and
-affine with their speed and direction, by least squares on the same logs.
+Joints of `tests.support.servo_hands` in sheaths, on servos with a P loop and a dead band, that give
+way by 25 of 4096 counts under a usual load. Each hand is calibrated by its power-on routine, and
+fitted from there to three logs with a reference and the goals that were sent. Then sines, ramps and
+steps are commanded in an open loop and live. By hand: goals that are affine in the wanted angles,
+and affine with their speed and direction, by least squares on the same logs.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import warnings
 from typing import Any
 
 import numpy as np
+from tests.support.hands import Driven, calibrated, rig_of
+from tests.support.servo_hands import PERIOD, Hands, Known, orca_like
 
 from benchmarks.commands import desired_angles
-from benchmarks.hands import Driven, calibrated, rig_of
 from benchmarks.report import table
-from benchmarks.strangers.servo_hands import PERIOD, Hands, Known, orca_like
 from distal import Inverse, LiveInverse, Log, Rig, fit
 from distal.logs import FROM_SENSOR
 

@@ -13,8 +13,8 @@ import warnings
 import numpy as np
 from tests.support.cable import Cable
 from tests.support.one_link import link_log
+from tests.support.parts import NOISE, PARTS, rig_of
 
-from benchmarks.parts import NOISE, PARTS, rig_of
 from benchmarks.report import table
 from distal import estimate
 from distal.model.plays import Sheath

@@ -22,9 +22,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from tests.support.chain_plants import make_log
 
 from benchmarks.report import table
-from benchmarks.strangers.chain_plants import make_log
 from benchmarks.strangers.coupled_finger import JOINTS, Touch, finger_log, postures
 from distal import Estimate, LiveEstimator, Log, Rig, estimate, load_rig, read_log
 from distal.estimators import samples_of_angles
@@ -434,8 +434,7 @@ def _rms(runs: Sequence[Judged]) -> float:
 def figure(path: Path) -> None:
     """Draw a push on a finger: angles with and without the touch looked for, and its torque."""
     import matplotlib.pyplot as plt
-
-    from benchmarks.strangers.contact import finger, finger_rig
+    from tests.support.pushed_finger import finger, finger_rig
 
     described = finger_rig().with_values({"joints.finger.external_torque.std": 0.0})
     calm = [finger(seed, 12.0, None)[0] for seed in range(3)]

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from benchmarks.maps import with_learned_map
 
 from distal import estimate, load_rig, make_estimator, read_log, simulate
 from distal.errors import DistalError, DistalWarning, EstimationError, LogError, RigError
@@ -21,6 +20,7 @@ from distal.rig import rig_text
 from distal.units import unit_factor
 from tests.cli.test_cli import refused as refused_here
 from tests.cli.test_cli import run  # noqa: F401
+from tests.support.maps import with_learned_map
 
 GOOD = "t,x1,u1,x2,u2\n" + "".join(f"{0.01 * i},{1e-4 * i},2.0,1e-3,2.0\n" for i in range(30))
 CLI = [sys.executable, "-c", "from distal.cli import main; main()"]

@@ -6,12 +6,12 @@ import threading
 
 import numpy as np
 import pytest
-from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from distal import fit
 from distal.fitting import Doing
 from distal.parallel import one_blas_thread
+from tests.support.foreign_plants import finger_log, finger_rig
 
 assert np.eye(2).sum() == 2.0  # its BLAS is loaded
 

@@ -1,7 +1,7 @@
 """The logs that the README begins with: `python -m tools.example_logs` writes them anew.
 
 A motor pulls a finger's joint over a Bowden cable, with friction in the sheath and slack. The plant
-is `benchmarks.strangers.hands_plants`, which shares no code with `distal.model`. All have the angle
+is `tests.support.hands_plants`, which shares no code with `distal.model`. All have the angle
 of an encoder at the joint; three are to learn from, `unseen.csv` is a fourth motion.
 """
 
@@ -10,7 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from benchmarks.strangers.hands_plants import GEAR, TORQUE_CONSTANT, bowden_log
+from tests.support.hands_plants import GEAR, TORQUE_CONSTANT, bowden_log
 
 FOLDER = Path(__file__).parents[1] / "examples" / "finger_logs"
 SECONDS = 20.0

@@ -15,10 +15,10 @@ import io
 from pathlib import Path
 
 import numpy as np
-from benchmarks.strangers.drawn import FITTED, logs_of
-from benchmarks.strangers.drawn_rigs import drawn_rig
 from matplotlib.axes import Axes
 from PIL import Image
+from tests.support.drawn_logs import FITTED, logs_of
+from tests.support.drawn_rigs import drawn_rig
 
 from distal import Estimate, estimate
 from distal.confidence import BAND

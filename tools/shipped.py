@@ -16,7 +16,7 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-from benchmarks.maps import with_learned_map
+from tests.support.maps import with_learned_map
 
 from distal import load_rig, read_log
 from distal.fitting.fitted_file import write_fitted

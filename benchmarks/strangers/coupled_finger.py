@@ -14,8 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-from benchmarks.strangers.compiled_hands import compiled
+from tests.support.compiled_hands import compiled
 
 Floats = NDArray[np.float64]
 

@@ -8,7 +8,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
-from benchmarks.strangers.foreign_plants import finger_log, finger_rig, hand_log, hand_rig
+from tests.support.foreign_plants import finger_log, finger_rig, hand_log, hand_rig
+
 from benchmarks.strangers.library import Log, Rig, fit
 from benchmarks.strangers.scoring import Job, Record, Table, by_case, score
 

@@ -7,7 +7,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from functools import partial
 
-from benchmarks.strangers.hands_plants import bowden_log, bowden_rig, ropes_log, ropes_rig
+from tests.support.hands_plants import bowden_log, bowden_rig, ropes_log, ropes_rig
+
 from benchmarks.strangers.library import Log, Rig, fit
 from benchmarks.strangers.scoring import Job, Record, Table, by_case, score
 

@@ -11,8 +11,8 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from tests.support.maps import with_learned_map
 
-from benchmarks.maps import with_learned_map
 from benchmarks.strangers.library import load_rig, read_log
 from benchmarks.strangers.poses import POSES
 from benchmarks.strangers.scoring import Job, Record, Table, by_case, score

@@ -23,10 +23,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from benchmarks.report import table
-from benchmarks.strangers.drawn import FASTER, FITTED, JUDGED, judged, positions_of
-from benchmarks.strangers.drawn_plants import (
+from tests.support.drawn_logs import FASTER, FITTED, JUDGED, positions_of
+from tests.support.drawn_plants import (
     PARTS,
     balanced,
     efforts,
@@ -35,7 +33,10 @@ from benchmarks.strangers.drawn_plants import (
     prepared,
     ramps,
 )
-from benchmarks.strangers.drawn_rigs import RATE, WIDER, Drawn, Raw, drawn_rig, parameters
+from tests.support.drawn_rigs import RATE, WIDER, Drawn, Raw, drawn_rig, parameters
+
+from benchmarks.report import table
+from benchmarks.strangers.drawn import judged
 from distal import Log, fit
 from distal.logs import FROM_SENSOR
 from distal.rig import build_rig

@@ -11,8 +11,8 @@ from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
+from tests.support.maps import with_learned_map
 
-from benchmarks.maps import with_learned_map
 from benchmarks.strangers.library import Log, Rig, load_rig, read_log
 from benchmarks.strangers.scoring import Job, Record, Table, all_estimators, by_case, record, score
 

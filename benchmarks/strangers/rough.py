@@ -18,10 +18,10 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from tests.support.maps import with_learned_map
+from tests.support.rough_plants import FITTED, JUDGED, KINDS, described, log_at, log_of
 
-from benchmarks.maps import with_learned_map
 from benchmarks.report import table
-from benchmarks.strangers.rough_plants import FITTED, JUDGED, KINDS, described, log_at, log_of
 from distal import DistalError, Log, Rig, estimate, fit
 from distal.fitting import Fit
 from distal.rig import build_rig

@@ -12,7 +12,6 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
-from benchmarks.maps import with_learned_map
 from typer.testing import CliRunner
 
 from distal import (
@@ -43,6 +42,7 @@ from distal.run import samples_of
 from distal.simulation import build_scenario
 from tests.export.test_export import build, c_filter, needs_compiler, replayed
 from tests.helpers import finite_difference
+from tests.support.maps import with_learned_map
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import pytest
 
 from distal import load_rig, write_log
 from tests.cli.test_cli import Ran, refused, run  # noqa: F401
-from tests.fitting.helpers import drawn_plant, logs_of, start_rig, without_truth
+from tests.support.plant_and_rig import drawn_plant, logs_of, start_rig, without_truth
 
 SET = (
     "--set",

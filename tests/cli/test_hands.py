@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from benchmarks.hands import calibrated, rig_of
-from benchmarks.strangers.servo_hands import orca_like
 from typer.testing import CliRunner, Result
 
 from distal import load_rig, write_log
 from distal.cli.app import app
 from distal.errors import LogError, OutputError, RigError
+from tests.support.hands import calibrated, rig_of
+from tests.support.servo_hands import orca_like
 
 TABLE = """joint,motor,spool_radius [mm],joint_radius [mm],direction,low [deg],high [deg]
 index_mcp,m1,7.272727,8,1,-25,100

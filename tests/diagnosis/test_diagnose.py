@@ -9,7 +9,6 @@ from typing import cast
 
 import numpy as np
 import pytest
-from benchmarks.ladder import log_of
 from scipy.stats import binom
 
 from distal import Log, Rig, estimate, load_rig, load_scenario, read_log, simulate
@@ -24,6 +23,7 @@ from distal.estimators import AdaptiveFilter
 from distal.results import Estimate
 from distal.run.offline import estimator_for
 from tests.support.cases import paper_log, paper_rig
+from tests.support.given_plants import log_of
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,6 @@ from typing import cast
 
 import numpy as np
 import pytest
-from benchmarks.ladder import log_of
 
 from distal import (
     Log,
@@ -31,6 +30,7 @@ from distal.errors import DivergedError
 from distal.estimators import AdaptiveFilter
 from distal.rig import log_factor
 from distal.run.offline import estimator_for
+from tests.support.given_plants import log_of
 
 DEGREES = np.pi / 180
 

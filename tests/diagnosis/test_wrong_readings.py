@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.strangers.contact import finger, finger_rig
 
 from distal import Log, Rig, diagnose, estimate
 from distal.fitting.learn_free_motion import efforts_of
+from tests.support.pushed_finger import finger, finger_rig
 
 
 @pytest.fixture(scope="module")

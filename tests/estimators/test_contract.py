@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from benchmarks.maps import with_learned_map
 
 from distal import (
     ESTIMATORS,
@@ -22,6 +21,7 @@ from distal import (
 from distal.errors import EstimationError
 from distal.run import samples_of
 from distal.simulation import build_scenario
+from tests.support.maps import with_learned_map
 
 NAMES = tuple(ESTIMATORS)
 KINEMATIC = {"inextensible", "elastic", "regression"}

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.maps import with_learned_map
 
 from distal import (
     LiveEstimator,
@@ -30,6 +29,7 @@ from distal.simulation import Scenario
 from tests.export.test_export import build, needs_compiler, replayed
 from tests.hand_rigs import hand
 from tests.learned_maps import drawn_map, predict, with_drawn
+from tests.support.maps import with_learned_map
 
 
 @pytest.fixture(scope="module")

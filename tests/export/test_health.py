@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 
 from distal import Log, Rig, load_scenario, log_health, scenario_rig, simulate
 from distal.export import c_filter
@@ -17,6 +16,7 @@ from distal.run import samples_of
 from distal.run.health import HEALTH
 from tests.export.helpers import spoiled
 from tests.export.test_export import CC, STRICT, needs_compiler
+from tests.support.foreign_plants import finger_log, finger_rig
 
 WATCHING = """#include "f.h"
 static f_state state;

@@ -7,7 +7,6 @@ from importlib import import_module
 
 import numpy as np
 import pytest
-from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 
 from distal import Log, Rig, load_rig, simulate
 from distal.fitting.candidates import (
@@ -23,6 +22,7 @@ from distal.fitting.learn_free_motion import untouched
 from distal.fitting.map_samples import filtered
 from distal.fitting.parameter_estimates import ParameterEstimates
 from distal.regression import YARDSTICKS, Samples
+from tests.support.foreign_plants import finger_log, finger_rig
 
 SECONDS = 3.0
 OPTIONS = Options(workers=1)

@@ -15,7 +15,7 @@ from distal import Log, Rig, estimate, fit, load_rig
 from distal.errors import DistalWarning, FitError
 from distal.fitting import AS_GIVEN, WRITTEN, Doing, groups_of
 from distal.fitting.choice_of_parameters import choose
-from tests.fitting.helpers import FREE, drawn_plant, logs_of, start_rig, without_truth
+from tests.support.plant_and_rig import FREE, drawn_plant, logs_of, start_rig, without_truth
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +85,7 @@ def test_what_the_logs_cannot_tell_stays_at_its_prior(rig: Rig, tmp_path: Path) 
 
 @pytest.mark.slow
 def test_each_log_may_have_its_own(pulley_rig: Rig) -> None:
-    from tests.fitting.helpers import logs_of as simulated
+    from tests.support.plant_and_rig import logs_of as simulated
 
     described = pulley_rig.with_values(
         {"tendons.0.stiffness.shared.std": 0.0, "tendons.1.stiffness.shared.std": 0.0}

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tomlkit
-from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 
 from distal import Rig, fit, load_rig
 from distal.errors import DistalWarning, RigError
@@ -21,6 +20,7 @@ from distal.fitting.judge import WRITTEN, Compared, Judged, Learned, Score, lear
 from distal.fitting.parameter_estimates import among_models, parameters_of, problem_of
 from distal.fitting.result import Fit
 from distal.rig import build_rig, parse_toml
+from tests.support.foreign_plants import finger_log, finger_rig
 
 OPTIONS = Options(workers=1)
 BACKLASH = {"drives.motor.backlash.width": {"value": 0.01, "std": 0.01}}

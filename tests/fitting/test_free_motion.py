@@ -7,8 +7,6 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from benchmarks.strangers.contact import finger, finger_rig
-from benchmarks.strangers.hands_plants import bowden_log, bowden_rig
 
 from distal import LiveEstimator, Log, Rig, diagnose, estimate, load_rig, log_health
 from distal.arrays import Floats
@@ -22,6 +20,8 @@ from distal.rig import LearnedMap, LeftOut, felt_in_words
 from distal.run import JointContact, Monitor
 from distal.run.health import watch_of
 from tests.learned_maps import drawn_map
+from tests.support.hands_plants import bowden_log, bowden_rig
+from tests.support.pushed_finger import finger, finger_rig
 
 PUSHED = 6.0
 

@@ -9,8 +9,6 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from benchmarks.strangers.foreign_plants import finger_log, finger_rig
-from benchmarks.strangers.hands_plants import ropes_log, ropes_rig
 
 from distal import Log, Rig, load_rig, simulate
 from distal.fitting import Options
@@ -32,6 +30,8 @@ from distal.fitting.parameter_estimates import (
 from distal.homing.reference import with_references
 from distal.logs import true_angles
 from distal.rig import build_rig
+from tests.support.foreign_plants import finger_log, finger_rig
+from tests.support.hands_plants import ropes_log, ropes_rig
 
 STIFFNESS, ARM, RADIUS, PRETENSION = 9000.0, 8e-3, 6e-3, 5.0
 SPRING, REST, LINK, LOAD, CONSTANT = 0.3, -0.2, 4e-4, 0.1, 0.004

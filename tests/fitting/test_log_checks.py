@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from benchmarks.strangers.rough_plants import described, log_of
 
 from distal import Log, Rig, estimate, load_rig
 from distal.errors import FitError
 from distal.fitting.log_checks import check_logs
 from distal.rig import build_rig
+from tests.support.rough_plants import described, log_of
 
 
 def held(log: Log, *names: str) -> Log:

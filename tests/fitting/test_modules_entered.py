@@ -9,7 +9,7 @@ from types import FrameType
 
 import distal
 from distal import fit
-from tests.fitting.helpers import drawn_plant, logs_of, start_rig
+from tests.support.plant_and_rig import drawn_plant, logs_of, start_rig
 
 MOST = 35
 """Largest number of modules of the layers that learn, see `LEARNING`, that a fit enters."""

@@ -6,8 +6,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from benchmarks.strangers.drawn import FITTED, logs_of
-from benchmarks.strangers.drawn_rigs import Drawn, drawn_rig
 
 from distal import Log, Rig, estimate, fit
 from distal.fitting import Fit, Options
@@ -15,6 +13,8 @@ from distal.fitting.inverse_dynamics import inverse_problem
 from distal.fitting.likelihood_search import most_likely
 from distal.fitting.parameter_estimates import problem_of
 from distal.rig import build_rig
+from tests.support.drawn_logs import FITTED, logs_of
+from tests.support.drawn_rigs import Drawn, drawn_rig
 
 pytestmark = pytest.mark.slow
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 
 from distal import Log, Rig
 from distal.fitting.map_samples import ReferenceLag, reference_lag
 from distal.fitting.map_search import clearly_gains
+from tests.support.foreign_plants import finger_log, finger_rig
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from distal.fitting.fit_filter import AFTER_STOP, NEAR_STOP, in_stops
 from distal.fitting.map_samples import filtered
 from distal.fitting.parameter_estimates import problem_of
 from distal.simulation import Scenario
-from tests.fitting.helpers import drawn_plant, logs_of, start_rig
+from tests.support.plant_and_rig import drawn_plant, logs_of, start_rig
 
 STOPS = (-0.3, 0.4)
 

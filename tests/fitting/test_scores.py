@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 
 from distal.confidence import BAND
 from distal.estimators import samples_of_angles
@@ -16,6 +15,7 @@ from distal.fitting.judge import REGRESSION, WRITTEN, Score, comparisons, readin
 from distal.fitting.map_samples import SETTLING
 from distal.fitting.map_search import HeldOut
 from distal.regression import yardstick_error
+from tests.support.foreign_plants import finger_log, finger_rig
 
 
 def test_a_score_is_of_the_errors_after_the_beginning() -> None:

@@ -6,12 +6,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from benchmarks.strangers.foreign_plants import finger_log, finger_rig, hand_log, hand_rig
 
 from distal import Log, estimate, fit
 from distal.errors import FitError
 from distal.fitting.candidates import AS_GIVEN
 from distal.fitting.judge import REGRESSION, WRITTEN
+from tests.support.foreign_plants import finger_log, finger_rig, hand_log, hand_rig
 
 
 @pytest.mark.slow

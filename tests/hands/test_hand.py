@@ -11,8 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from benchmarks.hands import rig_of
-from benchmarks.strangers.servo_hands import orca_like
 
 from distal.errors import CommandError, EstimationError, OutputError
 from distal.hands import Hand, Motors
@@ -20,6 +18,8 @@ from distal.hands.motors import AeroMotors, OrcaMotors
 from distal.rig import Rig, build_rig, load_rig, log_factor, range_ends
 from distal.rig.hand_tables.described import hand_of
 from distal.rig.hand_tables.rows import Row
+from tests.support.hands import rig_of
+from tests.support.servo_hands import orca_like
 
 JOINTS = ("index_mcp", "ring_abd")
 

@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from benchmarks.hands import calibrated, log_of, motion, ratio, rig_of
-from benchmarks.strangers.servo_hands import aero_like, orca_like
 
 from distal import Rig, estimate
 from distal.hands import calibrate, part_fit
@@ -19,6 +17,8 @@ from distal.hands.sweeps import Sweep, is_pair
 from distal.rig import Capstan, Number, independent_parts, number
 from distal.rig.hand_tables.described import hand_of
 from distal.rig.hand_tables.rows import Row
+from tests.support.hands import calibrated, log_of, motion, ratio, rig_of
+from tests.support.servo_hands import aero_like, orca_like
 
 ARMS, SPOOL, LOW, HIGH = (12e-3, 6e-3), 9e-3, 0.0, 1.5
 
@@ -157,7 +157,7 @@ def test_a_finger_is_better_known_than_by_its_motors_travel(
 ) -> None:
     known, hands = aero_like([3])
     rig = rig_of(known)
-    monkeypatch.setattr("benchmarks.hands.calibrate", lambda log, rig: log)
+    monkeypatch.setattr("tests.support.hands.calibrate", lambda log, rig: log)
     ((_, log),) = calibrated(known, hands, rig)
     positions = np.column_stack([log.channels[f"{motor}_position"] for motor in known.motors])
     low, high = (

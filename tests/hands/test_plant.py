@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from benchmarks.strangers.servo_hands import MOVING, Hands, aero_like, orca_like
+
+from tests.support.servo_hands import MOVING, Hands, aero_like, orca_like
 
 
 def hands_of(kind: str) -> Hands:

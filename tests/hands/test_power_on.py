@@ -9,8 +9,6 @@ from math import nan
 
 import numpy as np
 import pytest
-from benchmarks.hands import calibrated, log_of, motion, ratio, rig_of
-from benchmarks.strangers.servo_hands import Hands, Known, orca_like
 
 from distal import estimate
 from distal.errors import CommandError, FitError, LogError
@@ -19,6 +17,8 @@ from distal.hands.findings import faults_of, slack_of
 from distal.hands.sweeps import sweeps_of
 from distal.logs import Log
 from distal.rig import Capstan, Rig
+from tests.support.hands import calibrated, log_of, motion, ratio, rig_of
+from tests.support.servo_hands import Hands, Known, orca_like
 
 JOINTS = ("index_mcp", "ring_abd")
 

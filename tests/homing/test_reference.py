@@ -10,7 +10,7 @@ import pytest
 from distal import Log, Rig, at_known_angle, estimate, load_rig
 from distal.errors import EstimationError
 from distal.homing.reference import homing_filter
-from tests.fitting.helpers import logs_of, start_rig
+from tests.support.plant_and_rig import logs_of, start_rig
 
 
 def test_a_reference_helps_and_does_not_leak() -> None:

@@ -10,8 +10,6 @@ import casadi as ca
 import mujoco
 import numpy as np
 import pytest
-from benchmarks.chains import PLANTS as RIGS
-from benchmarks.strangers import chain_plants
 from scipy.optimize import linprog
 
 from distal import Rig, load_rig
@@ -21,6 +19,7 @@ from distal.inverse.torques import least_pulls
 from distal.rig import number
 from distal.study.design_space import draws_of
 from tests.learned_maps import constant_map
+from tests.support import chain_plants
 
 TIME = np.arange(0.0, 8.0, 0.01)
 STIFF = {"slider": (3e5, 120.0), "motor": (60.0, 0.03)}
@@ -160,7 +159,7 @@ def driven(name: str, seed: int, positions: np.ndarray, begin: np.ndarray) -> np
     """Return the true angles of a drawn plant in MuJoCo whose drives are where they were sent to,
     at `TIME`.
     """
-    plant = chain_plants.PLANTS[RIGS[name][0]]
+    plant = chain_plants.PLANTS[chain_plants.SHIPPED[name][0]]
     truth = chain_plants.draw_truth(plant, np.random.default_rng([seed, 77]))
     model = chain_plants.build_model(plant, truth.springs)
     data, n = mujoco.MjData(model), len(plant.joints)
@@ -186,7 +185,7 @@ def test_an_unfitted_finger_follows_better_than_by_the_ratio(name: str) -> None:
     """A plant that shares no code, as drawn: 0.6 times the error of arms and a constant tension,
     band included.
     """
-    plant = chain_plants.PLANTS[RIGS[name][0]]
+    plant = chain_plants.PLANTS[chain_plants.SHIPPED[name][0]]
     arms, winding = np.array(plant.arms), np.array(plant.drives.winding)
     commands = finger(Inverse(name, least_tension=2.0), size=0.2)
     balance = np.ones(len(arms)) - arms @ (np.linalg.pinv(arms) @ np.ones(len(arms)))

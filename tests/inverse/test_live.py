@@ -8,8 +8,6 @@ from copy import copy, deepcopy
 
 import numpy as np
 import pytest
-from benchmarks.commands import driven, hunts, inextensible, live_law, run
-from benchmarks.strangers.servo_plants import PERIOD, Ropes
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -21,6 +19,8 @@ from distal.inverse.live_inverse import ACROSS
 from distal.inverse.live_inverse_function import RESPONDS, SMOOTHED, guide_function, readings
 from distal.inverse.torques import LEAVES
 from tests.learned_maps import constant_map
+from tests.support.commands import driven, hunts, inextensible, live_law, run
+from tests.support.servo_plants import PERIOD, Ropes
 
 RIG = "paper-2008-observed"
 

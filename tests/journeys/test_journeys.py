@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tomlkit
-from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 
 from distal import load_rig, read_log, write_log
 from distal.fitting.fitted_file import plain_value
 from tests.journeys.shell import Shell, installed
+from tests.support.foreign_plants import finger_log, finger_rig
 
 pytestmark = pytest.mark.slow
 

@@ -9,8 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.strangers.foreign_plants import finger_log, finger_rig
-from benchmarks.strangers.hands_plants import ropes_log, ropes_rig
 
 from distal import LiveEstimator, Log, Monitor, Rig, diagnose, estimate, load_rig, log_health
 from distal.errors import RigError
@@ -34,6 +32,8 @@ from distal.run.redundancy import (
     unlike_free_motion,
     whitening,
 )
+from tests.support.foreign_plants import finger_log, finger_rig
+from tests.support.hands_plants import ropes_log, ropes_rig
 
 LOGS = [finger_log(seed, 20.0) for seed in range(4)]
 

@@ -10,7 +10,6 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 import pytest
-from benchmarks.lower_bound import lower_bound
 
 from distal import Estimate, Log, Rig, estimate, load_rig, make_estimator, simulate
 from distal.confidence import BAND
@@ -28,6 +27,7 @@ from tests.support.cases import (
     paper_rig,
     spoiled,
 )
+from tests.support.lower_bound import lower_bound
 
 
 @lru_cache(maxsize=256)

@@ -5,12 +5,12 @@ that it sticks.
 from __future__ import annotations
 
 import numpy as np
-from benchmarks.strangers.rough_plants import FITTED, described, log_of
 
 from distal import Log, estimate, load_rig
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive.joint_slopes import doubted_frictions
 from distal.rig import build_rig
+from tests.support.rough_plants import FITTED, described, log_of
 
 
 def rms(log: Log, angles: np.ndarray) -> np.ndarray:

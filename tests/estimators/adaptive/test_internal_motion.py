@@ -10,7 +10,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from benchmarks.parts import NOISE, PARTS, Part, rig_of
 
 from distal import LiveEstimator, Log, Rig, estimate, load_rig, simulate
 from distal.estimators import AdaptiveFilter
@@ -22,6 +21,7 @@ from distal.run import smooth
 from distal.simulation import build_scenario
 from tests.helpers import at_parameters
 from tests.support.one_link import link_log
+from tests.support.parts import NOISE, PARTS, Part, rig_of
 
 NAMES = (
     "creep",

@@ -9,14 +9,14 @@ import json
 import casadi as ca
 import numpy as np
 import pytest
-from benchmarks.strangers.drawn_rigs import settled
-from benchmarks.strangers.rough_plants import FITTED, described, log_of
 
 from distal import Log, Rig, estimate, load_rig
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive.joint_slopes import moving
 from distal.model import Kick
 from distal.rig import build_rig
+from tests.support.drawn_rigs import settled
+from tests.support.rough_plants import FITTED, described, log_of
 
 RATE = 2.0
 

@@ -124,7 +124,7 @@ def test_a_finger_of_ones_own_without_a_fit(seed: int, coupled: bool) -> None:
     """Nothing stretches, limits give way; stiff stops and a stiffness of ± 50 % held 10 to 74 % of
     it in the band.
     """
-    from benchmarks.imported_models import unstretched
+    from tests.support.mujoco_fingers import unstretched
 
     error, inside = shares(*unstretched(seed, coupled))
     assert error <= 2.0

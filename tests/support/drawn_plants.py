@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.strangers.drawn_rigs import RATE, Raw, parameters, settled, spread, units
+from tests.support.drawn_rigs import RATE, Raw, parameters, settled, spread, units
 
 Floats = NDArray[np.float64]
 Parameters = dict[str, Floats]

@@ -15,10 +15,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tests.support.cable import Cable
 
-from benchmarks.strangers.library import Log, Rig, build_rig
+from distal import Log, Rig
 from distal.logs import FROM_SENSOR, TruthKind, TruthSource
+from distal.rig import build_rig
+from tests.support.cable import Cable
 
 Floats = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.strangers.compiled_hands import advance, called, contiguous
+from tests.support.compiled_hands import advance, called, contiguous
 
 Floats = NDArray[np.float64]
 

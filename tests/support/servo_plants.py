@@ -16,12 +16,11 @@ from typing import Any, Protocol
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from tests.support.cable import Cable
 
-from benchmarks.chains import PLANTS as CHAINS
-from benchmarks.strangers import chain_plants, hands_plants
-from benchmarks.strangers.hands_plants import ARM, CREEP, ROPE, SLACK, SPOOL, STIFFNESS, turned
 from distal import Rig, load_rig
+from tests.support import chain_plants, hands_plants
+from tests.support.cable import Cable
+from tests.support.hands_plants import ARM, CREEP, ROPE, SLACK, SPOOL, STIFFNESS, turned
 
 Floats = NDArray[np.float64]
 
@@ -278,7 +277,7 @@ class Chain:
 
     def __init__(self, name: str, seed: int) -> None:
         self.rig = with_servos(load_rig(name))
-        of = self.of = chain_plants.PLANTS[CHAINS[name][0]]
+        of = self.of = chain_plants.PLANTS[chain_plants.SHIPPED[name][0]]
         rng = self.rng = np.random.default_rng([seed, 94])
         truth = self.truth = chain_plants.draw_truth(of, rng)
         self.model = chain_plants.build_model(of, truth.springs)
@@ -352,6 +351,6 @@ PLANTS = {
     "paper": Disk,
     "Bowden sheath": Bowden,
     "ropes": Ropes,
-    **{name: (lambda seed, name=name: Chain(name, seed)) for name in CHAINS},
+    **{name: (lambda seed, name=name: Chain(name, seed)) for name in chain_plants.SHIPPED},
 }
 """Each takes a seed."""

@@ -21,10 +21,10 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.strangers.drawn_plants import PARTS, at_rest, efforts, parameters_of
-from benchmarks.strangers.drawn_rigs import Raw
 from distal import Log
 from distal.logs import FROM_SENSOR
+from tests.support.drawn_plants import PARTS, at_rest, efforts, parameters_of
+from tests.support.drawn_rigs import Raw
 
 Floats = NDArray[np.float64]
 

@@ -166,6 +166,14 @@ PLANTS: dict[str, Plant] = {
     ),
 }
 
+SHIPPED = {
+    "finger-2n": ("finger2N", "0.04 N m"),
+    "finger-n-plus-1": ("finger_n1", "0.04 N m"),
+    "finger-underactuated": ("finger_under", "0.03 N m"),
+    "wrist-instrument": ("wrist_instrument", "0.02 N m"),
+}
+"""Shipped rig → name of the plant, and the torque that a user says may occur in a contact."""
+
 
 class Truth(NamedTuple):
     """The numbers of a plant as drawn within what its user leaves open."""

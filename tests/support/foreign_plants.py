@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.strangers.library import Log, Rig, build_rig
+from distal import Log, Rig
+from distal.rig import build_rig
 
 Floats = NDArray[np.float64]
 
