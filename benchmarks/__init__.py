@@ -1,1 +1,1 @@
-"""Benchmarks: tables and pictures, not tests."""
+"""Benchmarks: tables and pictures; the tests of their own tools are in `benchmarks.tests`."""

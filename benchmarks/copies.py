@@ -22,14 +22,18 @@ STAGES = {
     "filter": (
         ("tests/estimators/adaptive/test_twin*.py", "tests/run/test_smoothing.py"),
         ("tests/estimators",),
-        ("tests",),
+        ("tests", "benchmarks/tests"),
     ),
     "learning": (
         ("tests/regression", "tests/homing"),
         ("tests/fitting", "tests/estimators"),
-        ("tests",),
+        ("tests", "benchmarks/tests"),
     ),
-    "all": (("tests/{package}", "tests/test_{package}.py"), ("tests/cli",), ("tests",)),
+    "all": (
+        ("tests/{package}", "tests/test_{package}.py"),
+        ("tests/cli",),
+        ("tests", "benchmarks/tests"),
+    ),
 }
 """For each part of the package which tests run first, then, and last; what ran before is left out:
 its own see most.

@@ -236,6 +236,20 @@ def test_circles_are_seen(tmp_path: Path, sources: dict[str, str], circle: set[s
     assert found == ({frozenset(circle)} if circle else set())
 
 
+def test_no_test_needs_a_benchmark() -> None:
+    """What both need is in `tests/support`; the benchmarks' own tools are tested beside them."""
+    folder = Path(__file__).parent
+    files = list(folder.rglob("*.py"))
+    assert len(files) > 100, "the tests were not read"
+    needing = {
+        path.relative_to(folder).as_posix()
+        for path in files
+        for target in targets(ast.parse(path.read_text(encoding="utf-8")), "", False, {})
+        if target.partition(".")[0] == "benchmarks"
+    }
+    assert needing == set()
+
+
 HEAVY = (
     "numpy",
     "casadi",

@@ -60,7 +60,7 @@ def sources_of(folder: Path) -> dict[str, Path]:
 def touched_tests(changed: set[str]) -> list[Path]:
     """Return the test files that changed modules touch, in their order."""
     sources = sources_of(ROOT / "src" / "distal")
-    tests = sources_of(ROOT / "tests")
+    tests = sources_of(ROOT / "tests") | sources_of(ROOT / "benchmarks" / "tests")
     reexported = _reexports(sources)
 
     def modules(path: Path) -> set[str]:

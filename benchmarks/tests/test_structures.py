@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from benchmarks.structures import functions_of, rigs_like
 
+from benchmarks.structures import functions_of, rigs_like
 from distal import load_rig
 from distal.estimators import AdaptiveFilter, StateKind
 from distal.estimators.adaptive import KINDS, Kind, State

@@ -1,4 +1,4 @@
-"""Shared fixtures: a kernel cache that runs of the tests share, shipped rigs, and the logs that
+"""Fixtures of all tests: a kernel cache that runs of them share, shipped rigs, and the logs that
 another simulator made.
 """
 
@@ -25,6 +25,7 @@ hypothesis.settings.load_profile("distal")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add what golden files are written by."""
     parser.addoption(
         "--update-golden",
         action="store_true",
@@ -37,7 +38,7 @@ os.environ["DISTAL_TRACEBACK"] = (
 )
 
 
-KERNELS = Path(__file__).parents[1] / "out" / "test-kernels"
+KERNELS = Path(__file__).parent / "out" / "test-kernels"
 """Where the kernels of tests are kept from one run to the next; `make clean` removes them."""
 
 
@@ -88,16 +89,19 @@ def as_users_compile(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="session")
 def paper_rig() -> Rig:
+    """Return the paper's rig as it was printed."""
     return load_rig("paper-2008-printed")
 
 
 @pytest.fixture(scope="session")
 def pulley_rig() -> Rig:
+    """Return the shipped rig of two pulleys."""
     return load_rig("pulley-antagonist")
 
 
 @pytest.fixture(scope="session")
 def data() -> Path:
+    """Return the folder of the logs that another simulator made; without it the test is skipped."""
     folder = os.environ.get("DISTAL_DATA")
     if not folder:
         pytest.skip(

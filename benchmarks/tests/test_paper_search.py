@@ -8,6 +8,7 @@ import json
 
 import numpy as np
 import pytest
+
 from benchmarks.paper_search import (
     UNKNOWNS,
     Search,
@@ -17,7 +18,6 @@ from benchmarks.paper_search import (
     search_in_words,
     to_json,
 )
-
 from distal.paper.claims import Measure, Statement, statements
 from distal.paper.series import PLANTS, SERIES_1, hung_weights, observed_values, run_series
 

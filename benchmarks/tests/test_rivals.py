@@ -7,9 +7,10 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from tests.helpers import rms_degrees
+
 from benchmarks import limits
 from benchmarks.rivals import PARTICLES, RIVALS, IteratedFilter, ParticleFilter, UnscentedFilter
-
 from distal import (
     ESTIMATORS,
     LiveEstimator,
@@ -26,7 +27,6 @@ from distal.errors import EstimationError
 from distal.estimators import KernelEstimator
 from distal.kernels import find_compiler
 from distal.run import samples_of
-from tests.helpers import rms_degrees
 
 QUICK: dict[str, Callable[[Rig], KernelEstimator]] = {
     "iterated": lambda rig: IteratedFilter(rig, compiled=False),

@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+
 from benchmarks import copies, mutants
 from benchmarks.mutations import Mutant, every_mutant, mutant, positions
 
