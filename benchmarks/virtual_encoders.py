@@ -16,9 +16,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from tests.support.servo_hands import ORCA, PERIOD, orca_like
 
 from benchmarks.report import table
-from benchmarks.strangers.servo_hands import ORCA, PERIOD, orca_like
 from distal.bridges import orca as orca_bridge
 from distal.bridges.orca import ANCHOR, VirtualEncoders
 from distal.hands import Hand, RoutineOptions

@@ -238,8 +238,8 @@ def test_the_stream_reads_by_itself(clock: Clock, monkeypatch: pytest.MonkeyPatc
 
 
 def test_a_hand_of_other_joints_is_refused(clock: Clock) -> None:
-    from benchmarks.hands import rig_of
-    from benchmarks.strangers.servo_hands import orca_like
+    from tests.support.hands import rig_of
+    from tests.support.servo_hands import orca_like
 
     known, _ = orca_like([3], ("thumb_cmc", "thumb_mcp"))
     with pytest.raises(EstimationError, match="is one of an ORCA hand: index_mcp"):
