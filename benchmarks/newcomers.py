@@ -30,7 +30,7 @@ from tests.support.hands_plants import bowden_log, bowden_rig, ropes_log, ropes_
 from benchmarks.report import table
 from distal import DistalError, Log, Rig, estimate, fit, load_rig, read_log
 from distal.fitting import likelihood_search
-from distal.fitting.problem import Problem
+from distal.fitting.objective import Problem
 from distal.kernels import Kernel, LaneKernel
 
 Logs = tuple[Rig, list[Log], dict[str, list[Log]]]

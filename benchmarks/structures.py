@@ -29,7 +29,7 @@ from distal.kernels import Feed, Kernel, Structure, advance_all, lanes_here, str
 from distal.model import Mechanism
 from distal.rig import build_rig, shipped_rigs
 from distal.simulation import build_scenario
-from distal.simulation.plant import plant_function
+from distal.simulation.plant_kernel import plant_function
 
 DRAWS = 100
 

@@ -16,7 +16,7 @@ from distal.codegen import Plain
 from distal.errors import ExportError
 from distal.export import export_c
 from distal.export.command_source import c_command
-from distal.export.source import c_filter
+from distal.export.filter_source import c_filter
 from distal.inverse.motor_readings import USUAL
 from distal.kernels.compiler import find_compiler
 from tests.export.helpers import missing_tools

@@ -19,7 +19,7 @@ from distal.export.plant_source import ExportedPlant, c_plant, resting_inputs
 from distal.kernels import Kernel
 from distal.model import Mechanism
 from distal.rig import Sensor, gain_of, step_of, travel_of
-from distal.simulation.plant import plant_function
+from distal.simulation.plant_kernel import plant_function
 from distal.simulation.plant_motion import at_rest
 from tests.export.test_export import CC, STRICT, needs_compiler
 

@@ -24,7 +24,7 @@ from distal.kernels import Kernel
 from distal.lab import lab_page
 from distal.model import Mechanism
 from distal.rig import number
-from distal.simulation.plant import plant_function
+from distal.simulation.plant_kernel import plant_function
 from distal.simulation.plant_motion import BodyInputs, at_rest
 from tests.browser import BROWSER, Page, opened
 

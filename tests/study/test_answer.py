@@ -16,10 +16,9 @@ from plotly.offline import get_plotlyjs
 from distal.errors import StudyError
 from distal.reports import study_report
 from distal.study import Plan, Space, space_of
-from distal.study.answer import Answer, answer_of
+from distal.study.answer import Answer, Verdict, answer_of, proportion
 from distal.study.execution import Columns
 from distal.study.runs import MEASURES, run_chunk
-from distal.study.shares import Verdict, proportion
 from distal.units import quantity
 from tests.study.plans import small, still
 

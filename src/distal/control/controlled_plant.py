@@ -20,7 +20,7 @@ from distal.logs import Log
 from distal.model import Mechanism
 from distal.rig import Rig
 from distal.simulation import Scenario
-from distal.simulation.plant import plant_kernel
+from distal.simulation.plant_kernel import plant_kernel
 from distal.simulation.plant_motion import (
     PlantMotion,
     at_rest,

@@ -2,9 +2,9 @@
 
 from distal.export.arduino import export_arduino
 from distal.export.c_text import c_name
+from distal.export.filter_source import Exported, c_filter
 from distal.export.fmu import Fmu, export_fmu
 from distal.export.project import check_ours, export_c, export_files, project_files
-from distal.export.source import Exported, c_filter
 
 __all__ = [
     "Exported",

@@ -12,8 +12,8 @@ from pathlib import Path
 from distal.confidence import BAND
 from distal.errors import OutputError
 from distal.export.c_text import comment, filled, sensors_of, spoken
+from distal.export.filter_source import Exported, c_filter
 from distal.export.project import readme, write_files
-from distal.export.source import Exported, c_filter
 from distal.rig import Rig, log_factor, log_unit
 from distal.version import __version__
 

@@ -22,7 +22,7 @@ from distal.export.c_text import (
 from distal.kernels import Kernel
 from distal.model import Mechanism
 from distal.rig import Rig, gain_of, step_of, travel_of
-from distal.simulation.plant import plant_function
+from distal.simulation.plant_kernel import plant_function
 from distal.simulation.plant_motion import BodyInputs, at_rest, equilibrium
 from distal.simulation.readings import reading_function
 from distal.simulation.simulate import intervals_of

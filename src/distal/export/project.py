@@ -10,8 +10,8 @@ from pathlib import Path
 from distal.errors import ExportError, OutputError
 from distal.export.c_text import checked_name, comment, filled
 from distal.export.command_source import c_command
+from distal.export.filter_source import Exported, c_filter
 from distal.export.plant_source import c_plant
-from distal.export.source import Exported, c_filter
 from distal.logs import check_outputs, outputs_in, write_together
 from distal.rig import Rig, check_scales
 

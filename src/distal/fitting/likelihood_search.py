@@ -11,7 +11,7 @@ import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.fitting.likelihood import Derivatives
-from distal.fitting.problem import Problem
+from distal.fitting.objective import Problem
 
 Progress = Callable[[int, float], None]
 """A function that is called with the iteration and −ln p after each step."""

@@ -17,7 +17,7 @@ from distal.fitting.fit_filter import FitFilter
 from distal.fitting.free_parameter import FittedParameter, Free
 from distal.fitting.inverse_dynamics import SMOOTHED, Equations, inverse_problem
 from distal.fitting.likelihood_search import Optimum, coarse_start, hessian, most_likely, search
-from distal.fitting.problem import Problem
+from distal.fitting.objective import Problem
 from distal.fitting.standard_errors import (
     CONFOUNDED,
     IDENTIFIED,

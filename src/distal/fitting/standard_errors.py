@@ -13,7 +13,7 @@ from distal.arrays import Bools, Floats
 from distal.fitting.free_parameter import FittedParameter
 from distal.fitting.likelihood import Derivatives
 from distal.fitting.likelihood_search import hessian
-from distal.fitting.problem import Problem
+from distal.fitting.objective import Problem
 
 IDENTIFIED = 0.9
 """Ratio of a parameter's standard error to its prior's std, below which the logs identify it.

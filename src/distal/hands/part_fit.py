@@ -14,8 +14,8 @@ from distal.errors import FitError
 from distal.fitting import Options
 from distal.fitting.free_parameter import assignments
 from distal.fitting.likelihood_search import most_likely
+from distal.fitting.objective import Problem
 from distal.fitting.parameter_estimates import ParameterEstimates, from_start, problem_of
-from distal.fitting.problem import Problem
 from distal.hands.findings import excess
 from distal.hands.sweeps import Sweep, contacts, is_pair, needed
 from distal.logs import Log

@@ -13,7 +13,7 @@ from distal.arrays import Bools, Floats
 from distal.errors import CommandError
 from distal.estimators import LARGEST_ANGLE, AdaptiveFilter, first_values
 from distal.inverse.command_inputs import followable, sent
-from distal.inverse.commands import (
+from distal.inverse.command_result import (
     TINY,
     Commands,
     beyond,
@@ -21,10 +21,10 @@ from distal.inverse.commands import (
     not_reached,
     within_stops,
 )
+from distal.inverse.feedforward import ROUNDS
 from distal.inverse.live_inverse_function import readings
 from distal.inverse.rest import RestModel, position_variances
-from distal.inverse.setpoint_function import ROUNDS
-from distal.inverse.torques import LEAST_TENSION, least_tension_of
+from distal.inverse.tension_distribution import LEAST_TENSION, least_tension_of
 from distal.kernels import (
     Advanced,
     Feed,
@@ -36,7 +36,7 @@ from distal.kernels import (
 )
 from distal.rig import Rig, as_rig
 from distal.run.health import LIMITS
-from distal.simulation.plant import inside_function
+from distal.simulation.plant_kernel import inside_function
 
 
 class Inverse:

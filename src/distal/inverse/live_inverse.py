@@ -15,10 +15,11 @@ from distal.arrays import Bools, Floats
 from distal.confidence import BAND
 from distal.errors import CommandError
 from distal.estimators import SHORTEST, AdaptiveFilter, sample_problem
+from distal.inverse.feedforward import ROUNDS
 from distal.inverse.goal_gate import GoalGate, columns_of, crossed_joints
 from distal.inverse.live_inverse_function import LiveModel
-from distal.inverse.setpoint_function import ROUNDS
-from distal.inverse.torques import LEAST_TENSION, Feedback, least_tension_of
+from distal.inverse.pid import Feedback
+from distal.inverse.tension_distribution import LEAST_TENSION, least_tension_of
 from distal.kernels import Layout, kernel_of
 from distal.rig import Rig, as_rig
 from distal.run import LiveEstimator, Monitor, Reading

@@ -19,8 +19,8 @@ from distal.errors import EstimationError
 from distal.estimators import SHORTEST, TOUCHED
 from distal.estimators.adaptive import StateVector, state_vector
 from distal.inverse.command_inputs import DERIVED
-from distal.inverse.setpoint_function import KERNEL, CommandModel
-from distal.inverse.torques import Feedback, feedback_torques, limited
+from distal.inverse.feedforward import KERNEL, CommandModel
+from distal.inverse.pid import Feedback, feedback_torques, limited
 from distal.kernels import Layout, Structure, structure_of
 from distal.rig import Rig
 

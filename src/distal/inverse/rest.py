@@ -21,8 +21,9 @@ import numpy as np
 from distal.arrays import Floats
 from distal.expressions import Matrix, Vector
 from distal.inverse.balance import traced
-from distal.inverse.setpoint_function import KERNEL, STEPS, CommandModel
-from distal.inverse.torques import limited, solved
+from distal.inverse.feedforward import KERNEL, STEPS, CommandModel
+from distal.inverse.pid import limited
+from distal.inverse.tension_distribution import solved
 from distal.kernels import Layout
 from distal.rig import Rig
 

@@ -28,10 +28,9 @@ from distal.results import (
     html_table,
 )
 from distal.study import Axis, Plan, Space
-from distal.study.answer import Answer
+from distal.study.answer import Answer, words_of
 from distal.study.execution import Columns
 from distal.study.runs import BUILT, MEASURES
-from distal.study.shares import words_of
 from distal.units import rounded
 
 if TYPE_CHECKING:

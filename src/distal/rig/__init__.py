@@ -27,7 +27,6 @@ from distal.rig.files import (
 )
 from distal.rig.hand_tables.described import from_table
 from distal.rig.hand_tables.makers import from_aero, from_orca, orca_order
-from distal.rig.insertions import Linkage, Pinned, Polynomial, Pulley, Size
 from distal.rig.joints import Joint
 from distal.rig.learned import (
     HALF_WIDTHS,
@@ -66,6 +65,7 @@ from distal.rig.sensors.registry import (
     travel_of,
 )
 from distal.rig.subsystems import Subsystem, independent_parts
+from distal.rig.tendon_routing import Linkage, Pinned, Polynomial, Pulley, Size
 from distal.rig.tendons import Meeting, Tendon
 from distal.rig.touch import contact_shape, felt_in_words
 from distal.rig.validation import (

@@ -8,16 +8,6 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from distal.rig.insertions import (
-    Crossing,
-    Guide,
-    Insertion,
-    Linkage,
-    Pinned,
-    Polynomial,
-    Pulley,
-    Shape,
-)
 from distal.rig.quantities import (
     ONE,
     ZERO,
@@ -29,6 +19,16 @@ from distal.rig.quantities import (
     Name,
     Parameter,
     Stiffness,
+)
+from distal.rig.tendon_routing import (
+    Crossing,
+    Guide,
+    Insertion,
+    Linkage,
+    Pinned,
+    Polynomial,
+    Pulley,
+    Shape,
 )
 
 

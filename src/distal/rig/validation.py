@@ -14,8 +14,8 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from distal.errors import DistalError, did_you_mean
-from distal.rig.insertions import KINDS as INSERTIONS
 from distal.rig.sensors.registry import UNITS, one_number_each
+from distal.rig.tendon_routing import KINDS as INSERTIONS
 
 
 def angle_names(joints: Sequence[str]) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from distal.arrays import Floats
 from distal.errors import ScenarioError, did_you_mean
 from distal.kernels import Feed, Kernel, advance, function_of, structure_of
 from distal.model import GRAVITY, Mechanism
-from distal.simulation.plant import hysteretic, inside_function, settled_creeps
+from distal.simulation.plant_kernel import hysteretic, inside_function, settled_creeps
 from distal.simulation.scenario import (
     CapstanServo,
     DriveInput,

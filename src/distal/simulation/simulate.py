@@ -21,7 +21,7 @@ from distal.logs import Log, TruthKind, TruthSource
 from distal.logs.reader_process import MEMORY_VARIABLE, memory_limit
 from distal.model import Mechanism, substeps
 from distal.rig import Rig, angle_names, as_rig, torque_names
-from distal.simulation.plant import longest_interval, plant_kernel
+from distal.simulation.plant_kernel import longest_interval, plant_kernel
 from distal.simulation.plant_motion import (
     BodyInputs,
     PlantMotion,

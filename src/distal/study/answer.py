@@ -7,25 +7,193 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import Enum
+from itertools import pairwise
 from math import degrees
 
 import numpy as np
+from numpy.typing import NDArray
 
 from distal.arrays import Bools
 from distal.errors import StudyError
+from distal.rig import in_words
 from distal.study.description import Plan
-from distal.study.design_space import FEEDBACK, Space
-from distal.study.execution import Columns
-from distal.study.runs import MEASURES
-from distal.study.shares import (
-    Need,
-    Proportion,
-    needs_in_short,
-    needs_of,
-    parts_of,
-    proportion,
+from distal.study.design_space import (
+    ESTIMATOR,
+    FEEDBACK,
+    Axis,
+    Space,
+    Value,
+    sensor_of,
 )
-from distal.units import rounded
+from distal.study.execution import Columns
+from distal.study.runs import BUILT, MEASURES
+from distal.units import quantity, rounded
+
+PARTS = 4
+"""Number of parts of a range that an answer tells apart [1]. Source: definition (quarters)."""
+
+
+@dataclass(frozen=True)
+class Proportion:
+    """The share of `rigs` that meet the requirement, `met` of them, with its 95 % interval from
+    `low` to `high` (Wilson, 1927).
+    """
+
+    rigs: int
+    met: int
+    share: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        return (
+            f"{100 * self.share:.0f} % (95 % interval {100 * self.low:.0f} to "
+            f"{100 * self.high:.0f} %)"
+        )
+
+
+def proportion(met: Bools) -> Proportion:
+    """Return the share of rigs that meet the requirement, (n,)."""
+    from scipy.stats import binomtest
+
+    result = binomtest(int(met.sum()), len(met))
+    interval = result.proportion_ci(method="wilson")
+    return Proportion(
+        result.n, result.k, float(result.statistic), float(interval.low), float(interval.high)
+    )
+
+
+def words_of(plan: Plan, name: str) -> str:
+    """Return in words what a column of the rows holds."""
+    path = name.removeprefix(BUILT)
+    if path in (ESTIMATOR, FEEDBACK):
+        return path
+    if sensor := sensor_of(path):
+        words = f"sensor {sensor}"
+    elif path in plan.rig.sharing():
+        words = f"common error of {path}"
+    else:
+        words = in_words(plan.rig, path)
+    return f"{words}, as built" if name.startswith(BUILT) else words
+
+
+def setting_in_words(name: str, setting: Value, unit: str) -> str:
+    """Return in words which `setting` a design has for what is called `name`."""
+    if isinstance(setting, bool):
+        return f"{'with' if setting else 'without'} {name}"
+    return f"{name} {setting if isinstance(setting, str) else quantity(setting, unit)}"
+
+
+def parts_of(plan: Plan, axis: Axis, values: NDArray[np.generic]) -> list[tuple[str, Bools]]:
+    """Return the parts of an axis: words for each, and which rigs are in it, (n,). A range has
+    `PARTS`.
+
+    Args:
+        values: what each rig has on this axis, (n,).
+    """
+    name = words_of(plan, axis.path)
+    if axis.choices:
+        return [
+            (setting_in_words(name, choice, axis.unit), values == choice) for choice in axis.choices
+        ]
+    edges = [float(axis.at(share)) for share in np.linspace(0.0, 1.0, PARTS + 1)]
+    part = np.searchsorted(edges[1:-1], values.astype(np.float64), side="right")
+    return [
+        (f"{name} {quantity(low, axis.unit)} to {quantity(high, axis.unit)}", part == k)
+        for k, (low, high) in enumerate(pairwise(edges))
+    ]
+
+
+class Verdict(Enum):
+    """Whether one thing that varies is needed, as far as the rows say.
+
+    `SOME`: some of its choices or parts meet the requirement. `NOT_ENOUGH`: none does.
+    """
+
+    NEEDED = "needed"
+    NOT_NEEDED = "not needed"
+    SOME = "some of it is needed"
+    NOT_ENOUGH = "not enough"
+    NOT_CERTAIN = "not certain"
+
+
+@dataclass(frozen=True)
+class Need:
+    """Whether one thing that varies is needed.
+
+    Args:
+        name: path of what varies.
+        shares: each choice, or part of a range, in words, with the share of rigs that meet the
+            requirement there, see `needs_of`.
+    """
+
+    name: str
+    verdict: Verdict
+    shares: tuple[tuple[str, Proportion], ...]
+
+
+def needs_of(plan: Plan, space: Space, columns: Columns, good: Bools) -> tuple[Need, ...]:
+    """Return for each thing that varies whether it is needed.
+
+    A choice, or part of a range, is judged by the best share of rigs that it reaches: alone, or
+    together with one choice or part of another axis, since a designer may choose that too. The best
+    share is that whose interval has the highest lower end, which a part of few rigs never has.
+
+    Args:
+        good: which rigs meet the requirement in all scenarios, (n,).
+    """
+    parts = {
+        axis.path: parts_of(plan, axis, columns[axis.path][:: len(plan.scenarios)])
+        for axis in space.axes
+    }
+    found = []
+    for axis in space.axes:
+        others = [cell for path, cells in parts.items() if path != axis.path for _, cell in cells]
+        best = []
+        for words, inside in parts[axis.path]:
+            cells = [inside, *(inside & other for other in others)]
+            shares = [proportion(good[cell]) for cell in cells if cell.any()]
+            if shares:
+                best.append((words, max(shares, key=lambda share: share.low)))
+        if len(best) > 1:
+            found.append(_need(plan, axis, best))
+    return tuple(found)
+
+
+def _need(plan: Plan, axis: Axis, shares: Sequence[tuple[str, Proportion]]) -> Need:
+    asked = plan.study.requirement.rigs
+    meets = [share.low >= asked for _, share in shares]
+    fails = [share.high < asked for _, share in shares]
+    switch = bool(sensor_of(axis.path)) and False in axis.choices
+    without = axis.choices.index(False) if switch else 0
+    if all(fails):
+        verdict = Verdict.NOT_ENOUGH
+    elif all(meets) or (switch and meets[without]):
+        verdict = Verdict.NOT_NEEDED
+    elif switch and fails[without] and any(meets):
+        verdict = Verdict.NEEDED
+    elif any(meets) and not switch:
+        verdict = Verdict.SOME
+    else:
+        verdict = Verdict.NOT_CERTAIN
+    return Need(axis.path, verdict, tuple(shares))
+
+
+def needs_in_short(plan: Plan, needs: Sequence[Need]) -> str:
+    """Return which sensors are surely needed and which surely are not, in words; empty where none
+    is.
+    """
+    listed = []
+    for verdict in (Verdict.NEEDED, Verdict.NOT_NEEDED):
+        names = [
+            words_of(plan, need.name)
+            for need in needs
+            if sensor_of(need.name) and need.verdict is verdict
+        ]
+        if names:
+            listed.append(f"{verdict.value}: {', '.join(names)}")
+    return "; ".join(listed)
 
 
 @dataclass(frozen=True)

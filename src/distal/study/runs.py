@@ -27,7 +27,7 @@ from distal.rig import Rig, named
 from distal.run.batch import run_all
 from distal.run.offline import Run, prepared
 from distal.simulation import Scenario
-from distal.simulation.plant import plant_kernel
+from distal.simulation.plant_kernel import plant_kernel
 from distal.simulation.plant_motion import (
     BodyInputs,
     PlantMotion,

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from distal.arrays import Bools, Floats
-from distal.inverse.setpoint_function import TURNS, CommandModel
+from distal.inverse.feedforward import TURNS, CommandModel
 from distal.logs import write_columns
 from distal.rig import Rig, angle_names, effort_unit, gain_of, log_factor, position_unit, std_name
 from distal.units import rounded, unit_factor

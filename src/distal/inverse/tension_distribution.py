@@ -1,5 +1,4 @@
-"""Torques of joints: those that feedback of a joint's angle asks for, by the one PID law that every
-controller has, and the pulls of the tendons that make them.
+"""The distribution of tensions: pulls of the tendons that make the torques of joints.
 
 Where tendons are more than the joints and all stay taut, the pulls f solve A f = τ with f ≥ f_min
 and the least Σ f, a linear programme: at its solution as many pulls are at their minimum as there
@@ -9,122 +8,16 @@ one by one, without iteration, in exported C too.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
 from itertools import combinations
-from math import inf, isfinite, radians
-from typing import NamedTuple
+from math import inf
 
 import casadi as ca
-import numpy as np
 
-from distal.arrays import Floats
 from distal.errors import CommandError
-from distal.expressions import Matrix, Scalar, Vector
+from distal.expressions import Matrix, Vector
 from distal.rig import Rig, check_scales
 from distal.units import rounded, to_si
-
-LEAVES = 2.0
-"""Error at which a joint that rests within its dead band is corrected again, in dead bands [1].
-Source: judgement.
-"""
-
-
-@dataclass(frozen=True)
-class Feedback:
-    """Feedback of a joint's estimated angle.
-
-    Args:
-        follow: rate at which the commanded angle corrects an error of the angle [1/s]; 0 for none.
-        deadband: error that is not corrected [rad], so that a loop with friction and backlash does
-            not hunt.
-        proportional: gain for drives that follow forces [N m/rad].
-        integral: gain for drives that follow forces [N m/(rad s)].
-        derivative: gain for drives that follow forces [N m s/rad].
-        torque_limit: of the sum of the three torques [N m].
-        correction_limit: of the correction of the commanded angle [rad].
-
-    Raises:
-        CommandError: a gain is negative or not finite, or a limit is not above zero.
-    """
-
-    follow: float = 1.0
-    deadband: float = radians(0.5)
-    proportional: float = 0.0
-    integral: float = 0.0
-    derivative: float = 0.0
-    torque_limit: float = 1e300
-    correction_limit: float = radians(20.0)
-
-    def __post_init__(self) -> None:
-        for name, number in vars(self).items():
-            if name.endswith("limit"):
-                if not number > 0.0:
-                    raise CommandError(f"feedback.{name}: a number above 0, {number} came")
-            elif not (isfinite(number) and number >= 0.0):
-                raise CommandError(f"feedback.{name}: 0 or a finite number above, {number} came")
-
-    @staticmethod
-    def gains(joints: Sequence[Feedback]) -> dict[str, Floats]:
-        """Return name of a gain → its value for each of some joints, (n,)."""
-        return {
-            one.name: np.array([vars(joint)[one.name] for joint in joints])
-            for one in fields(Feedback)
-        }
-
-
-class Corrected(NamedTuple):
-    """What feedback does in a sample: whether joints rest, their errors beyond the dead band [rad],
-    its torques [N m], and the integral of the errors afterwards [rad s], (n,) each.
-    """
-
-    rests: Vector
-    errors: Vector
-    torques: Vector
-    effort: Vector
-
-
-def feedback_torques(
-    gains: Mapping[str, Vector],
-    *,
-    error: Vector,
-    lag: Vector,
-    rested: Vector,
-    effort: Vector,
-    dt: Scalar,
-    trusted: Scalar = 1.0,
-    free: Scalar = 1.0,
-) -> Corrected:
-    """Return what the PID law  τ = K_p e + K_i ∫ e dt + K_d de/dt  does in a sample, as an
-    expression.
-
-    In the dead band e = 0, which ends stick-slip (Armstrong-Hélouvry, Dupont and Canudas de Wit,
-    Automatica 30, 1994). The torque is cut at its limit; while it is cut, the integral stands.
-
-    Args:
-        gains: by the names of `Feedback`.
-        error: desired minus estimated angles [rad], (n,).
-        lag: desired minus estimated speeds [rad/s], (n,).
-        rested: whether joints rested in the sample before, (n,).
-        effort: ∫ e dt before the sample [rad s], (n,).
-        dt: length of the sample [s].
-        trusted: whether the estimate is known; e and its derivative are zero where it is not.
-        free: whether the integral may grow.
-    """
-    band = gains["deadband"]
-    rests = ca.fabs(error) < band * ca.if_else(rested > 0, LEAVES, 1)
-    errors = trusted * ca.if_else(rests, 0, error - limited(error, band))
-    asked = gains["proportional"] * errors + gains["integral"] * effort
-    asked += gains["derivative"] * trusted * lag
-    torques = limited(asked, gains["torque_limit"])
-    grown = effort + free * ca.if_else(torques == asked, errors * dt, 0)
-    return Corrected(rests, errors, torques, grown)
-
-
-def limited(value: Vector, most: Scalar) -> Vector:
-    """Return a value within ± `most`."""
-    return ca.fmin(ca.fmax(value, -most), most)
-
 
 VIOLATED = 1e6
 """Cost of a newton below the minimum beside that of a newton above it [1]: where no solution keeps

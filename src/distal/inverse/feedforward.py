@@ -15,7 +15,8 @@ import numpy as np
 
 from distal.expressions import Matrix, Vector
 from distal.inverse.balance import Balance, traced
-from distal.inverse.torques import FARTHEST, least_pulls, limited, solved
+from distal.inverse.pid import limited
+from distal.inverse.tension_distribution import FARTHEST, least_pulls, solved
 from distal.kernels import Layout
 from distal.rig import Rig
 
