@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from distal import Rig, load_rig
 from distal.inverse.goal_gate import GoalGate
 from distal.inverse.motor_readings import USUAL
-from distal.logs import FASTEST
+from distal.logs import Limits
 
 PERIOD = 0.01
 LAG, OLDEST, ARRIVED = USUAL.lag, USUAL.oldest, USUAL.arrived
@@ -62,7 +62,7 @@ def test_a_goal_stays_within_the_range_and_the_speed() -> None:
     free.passed(0.0, np.zeros(4))
     free.read(0.01, np.zeros(4))
     sent = free.passed(0.01, np.full(4, 5.0))
-    np.testing.assert_allclose(sent, FASTEST * 0.01 + USUAL.agrees * FINGER)
+    np.testing.assert_allclose(sent, Limits.fastest * 0.01 + USUAL.agrees * FINGER)
 
 
 def test_one_lost_read_changes_nothing() -> None:
@@ -303,7 +303,7 @@ def test_whatever_comes_goals_are_numbers_and_no_faster_than_a_motor(
         sent = gate.passed(time, np.full(4, goal))
         assert not np.isinf(sent).any()
         if np.isfinite(sent[1]) and np.isfinite(before) and not gate.stopped[1]:
-            most = FASTEST * min(dt, OLDEST) + USUAL.agrees * FINGER[1] + 1e-9
+            most = Limits.fastest * min(dt, OLDEST) + USUAL.agrees * FINGER[1] + 1e-9
             assert abs(sent[1] - before) <= most or abs(sent[1]) <= max(abs(before), most)
         before = float(sent[1])
 

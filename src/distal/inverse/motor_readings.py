@@ -15,7 +15,7 @@ from math import inf
 import numpy as np
 
 from distal.arrays import Bools, Floats
-from distal.logs import FASTEST
+from distal.logs import Limits
 from distal.rig import Rig
 from distal.run.health import LIMITS
 
@@ -90,7 +90,10 @@ class MotorReadings:
         names = [drive.name for drive in drives]
         self.calibrated = calibrated
         self.fastest = np.array(
-            [drive.servo.fastest or FASTEST if drive.servo else FASTEST for drive in drives]
+            [
+                drive.servo.fastest or Limits.fastest if drive.servo else Limits.fastest
+                for drive in drives
+            ]
         )
         rates = {sensor.of: sensor.rate for sensor in rig.sensors_of("position")}
         self.oldest = np.maximum(

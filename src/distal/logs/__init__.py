@@ -2,7 +2,7 @@
 
 from distal.logs.cells import Column, header, name_and_unit
 from distal.logs.door import Door, Remark, decoded
-from distal.logs.encoders import FASTEST
+from distal.logs.encoders import Limits
 from distal.logs.formats import TABLES, check_format, file_of
 from distal.logs.log import (
     FROM_SENSOR,
@@ -45,13 +45,13 @@ from distal.logs.tables import (
 )
 
 __all__ = [
-    "FASTEST",
     "FROM_SENSOR",
     "LARGEST_READING",
     "TABLES",
     "Column",
     "Door",
     "Episode",
+    "Limits",
     "Log",
     "MessageReader",
     "Output",

@@ -15,7 +15,7 @@ from math import floor, inf, log, log1p, nan, pi, sqrt
 import numpy as np
 
 from distal.arrays import Floats
-from distal.logs.encoders import RARE, UNUSUAL, Kind, encoder_of
+from distal.logs.encoders import Kind, Limits, encoder_of
 from distal.logs.log import LARGEST_READING, sealed
 from distal.rig import REFERENCES, Rig, Sensor
 
@@ -247,7 +247,7 @@ class _Register:
             before = was[best]
             self.bit = REGISTERS[best][0]
         if self._before is not None:
-            self._step += RARE * (max(abs(value - before), 1.0) - self._step)
+            self._step += Limits.rare * (max(abs(value - before), 1.0) - self._step)
         self._before = [number if m is None else m for m in meanings] + [number]
         return value
 
@@ -303,7 +303,7 @@ class _Noise:
             self._run += 1
             return self._run
         # old readings end with a jump, a rest does not
-        is_rest = abs(number - self._last) <= UNUSUAL * self._usual
+        is_rest = abs(number - self._last) <= Limits.unusual * self._usual
         if self._run and (is_rest or self._run * self.chance >= log(IMPROBABLE)):
             self._repeated += self._run
             self._longest = max(self._longest, self._run)
@@ -337,7 +337,7 @@ class _Noise:
     def chance(self) -> float:
         """Logarithm of the probability that it repeats once more, the value being at rest."""
         coincidence = self._coincidence()
-        if coincidence == 0.0 or self._run <= UNUSUAL * self._longest:
+        if coincidence == 0.0 or self._run <= Limits.unusual * self._longest:
             return 0.0
         often = (self._repeated + 1) / (self._repeated + self._changed + 2)
         return min(log(max(coincidence, often)), 0.0)

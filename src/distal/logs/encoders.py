@@ -20,56 +20,50 @@ jumped and stays there; it is missing since it repeats the last one.
 TURN = 2 * pi
 """One turn of a motor that is read in radians or degrees [rad]. Source: definition (full angle)."""
 
-FASTEST = 10.0
-"""Largest speed of a motor whose rig does not give one (`servo.fastest`) [rad/s, m/s]. Source:
-judgement.
-"""
-
-CROSSING = 0.1
-"""Shortest time in which a drive crosses its range, where its rig gives no speed [s]. Source:
-judgement (a finger's joint at 1000 °/s).
-"""
-
-BOOTS = 0.05
-"""Shortest time in which a motor restarts and answers again [s]; a position that jumps sooner is a
-wrong reading. Source: judgement.
-"""
-
-UNUSUAL = 5.0
-"""Motion in two samples, by its median, above which a reading is not believed at once [1]. Source:
-judgement.
-"""
-
-RARE = 0.05
-"""Weight of a sample in the means that the door follows [1]. Source: judgement."""
-
-OFTEN = 0.2
-"""Share of readings that were left out, above which the others are not believed either [1]. Source:
-judgement.
-"""
-
 SMALLEST = 1e-9
 """Least room for a noise [m, rad]. Source: rounding (a product with zero stays zero)."""
-
-RATE = 0.3
-"""Relative change of that median with a sample [1]. Source: judgement."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What is known of an encoder: one turn [SI], infinite where there is none; whether it counts
-    within a turn only; the range of its position; the largest speed of its motor, and that of a
-    reading that is believed at once; its usual interval [s]; and room for its noise.
+    """What is known of an encoder, and what its readings are judged by where nothing but judgement
+    says how.
+
+    Args:
+        turn: one turn [SI]; infinite where there is none.
+        wraps: whether it counts within a turn only.
+        low: least position of its range [SI].
+        high: largest position of its range [SI].
+        believed: largest speed of a reading that is believed at once [SI].
+        interval: its usual interval [s].
+        noise: room for its noise [SI].
+        fastest: largest speed of its motor, where its rig gives none (`servo.fastest`) [SI].
+        crossing: shortest time in which a drive crosses its range, where its rig gives none [s]:
+            that of a finger's joint at 1000 °/s.
+        boots: shortest time in which a motor restarts and answers again [s]; a position that jumps
+            sooner is a wrong reading.
+        unusual: motion in two samples, by its median, above which a reading is not believed at once
+            [1].
+        rate: relative change of that median with a sample [1].
+        rare: weight of a sample in the means that the door follows [1].
+        often: share of readings that were left out, above which the others are not believed either
+            [1].
     """
 
     turn: float
     wraps: bool
     low: float
     high: float
-    fastest: float
     believed: float
     interval: float
     noise: float
+    fastest: float = 10.0
+    crossing: float = 0.1
+    boots: float = 0.05
+    unusual: float = 5.0
+    rate: float = 0.3
+    rare: float = 0.05
+    often: float = 0.2
 
 
 class Encoder:
@@ -91,7 +85,7 @@ class Encoder:
         # what the last sample was, where a drive cannot have reached it
         self._waiting: float | None = None
         # by the median of the motion in two samples more is believed, never less
-        self._least = max(limits.noise, SMALLEST) / UNUSUAL
+        self._least = max(limits.noise, SMALLEST) / limits.unusual
         self._before = (nan, nan)
         self._usual = self._least
         # the smallest motion in two samples: a count, or less
@@ -142,9 +136,9 @@ class Encoder:
             if self._near(position - waiting, limits.interval):
                 kind = kind or "jumped"
         was_wrong = has_reached and waiting is not None
-        self._wrong += RARE * ((was_wrong or alternates) - self._wrong)
+        self._wrong += limits.rare * ((was_wrong or alternates) - self._wrong)
         # of two sources in turn nobody knows which is the drive
-        is_believed = self._wrong <= OFTEN
+        is_believed = self._wrong <= limits.often
         if was_wrong or not is_believed:
             kind = kind or "left out"
         self._speed = 0.0 if kind == "jumped" or gap == inf else (position - self._last) / gap
@@ -166,8 +160,8 @@ class Encoder:
         least, most = self._read
         turn = self._limits.turn
         is_beyond = isfinite(least) and not least - turn / 4.0 <= reading <= most + turn / 4.0
-        self._beyond += RARE * (is_beyond - self._beyond)
-        if is_beyond and self._beyond <= OFTEN:
+        self._beyond += self._limits.rare * (is_beyond - self._beyond)
+        if is_beyond and self._beyond <= self._limits.often:
             return False
         self._read = min(least, reading), max(most, reading)
         return not self._is_within(*self._read)
@@ -187,7 +181,7 @@ class Encoder:
         self._before = second, position
         if isfinite(first):
             self._smallest = min(abs(position - first) or inf, self._smallest)
-            rate = RATE if abs(position - first) > self._usual else -RATE
+            rate = self._limits.rate if abs(position - first) > self._usual else -self._limits.rate
             self._usual = max(self._usual * exp(rate), self._least)
 
     def _alternates(self, position: float) -> bool:
@@ -197,8 +191,8 @@ class Encoder:
         first, second = self._before
         there, back = second - first, position - second
         limits = self._limits
-        room = UNUSUAL * max(self._usual, self._smallest)
-        room = max(limits.noise, room, limits.believed * limits.interval / UNUSUAL)
+        room = limits.unusual * max(self._usual, self._smallest)
+        room = max(limits.noise, room, limits.believed * limits.interval / limits.unusual)
         return there * back < 0.0 and min(abs(there), abs(back)) > room
 
     def _reached(self, position: float, time: float, gap: float) -> bool:
@@ -211,17 +205,18 @@ class Encoder:
 
     def _near(self, step: float, gap: float) -> bool:
         limits = self._limits
-        room = max(limits.noise, UNUSUAL * self._usual)
+        room = max(limits.noise, limits.unusual * self._usual)
         return abs(step) <= limits.believed * (gap + limits.interval) + room
 
     def _within_turn(self, reading: float, gap: float) -> tuple[float, Kind | None]:
         """Return the position of an encoder that counts within one turn only."""
-        turn = self._limits.turn
+        limits = self._limits
+        turn = limits.turn
         has_last = isfinite(self._last)
         near = reading + turn * round((self._last - reading) / turn) if has_last else reading
         kind: Kind | None = None
         # between two samples of the usual interval nobody can do better than the nearest turn
-        silent = gap > UNUSUAL * self._limits.interval and self._limits.fastest * gap >= turn / 2
+        silent = gap > limits.unusual * limits.interval and limits.fastest * gap >= turn / 2
         if not has_last or silent:
             turns = self._possible(reading, reading)
             if len(turns) == 1:
@@ -275,7 +270,7 @@ class Encoder:
             soon = limits.fastest * gap < limits.turn / 2
             if within and (soon or not is_inside) and limits.low <= near <= limits.high:
                 return near, None
-        if is_inside or gap < BOOTS or not limits.high - limits.low < limits.turn:
+        if is_inside or gap < limits.boots or not limits.high - limits.low < limits.turn:
             return position, None
         middle = (limits.low + limits.high) / 2
         anew = reading + limits.turn * round((middle - reading) / limits.turn)
@@ -311,14 +306,14 @@ def encoder_of(
         travel = motor_range(rig, sensor)
         if not isfinite(travel[0]):
             travel = drive_travel(rig, rig.drives.index(drive))
-        believed = servo or (travel[1] - travel[0]) / CROSSING
+        believed = servo or (travel[1] - travel[0]) / Limits.crossing
     return Encoder(
         Limits(
             turn=turn,
             wraps=wraps,
             low=low,
             high=high,
-            fastest=servo or FASTEST,
+            fastest=servo or Limits.fastest,
             believed=believed,
             interval=1.0 / sensor.rate,
             noise=10.0 * sensor.noise + step_of(sensor),
