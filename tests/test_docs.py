@@ -161,16 +161,18 @@ def test_what_the_page_on_security_says_of_the_code_is_so() -> None:
 
 def keys(model: type, seen: set[type]) -> set[str]:
     """Return every key of a description, nested ones too."""
-    from distal.rig.validation import models_in
-
     if model in seen:
         return set()
     seen.add(model)
     found = set()
     for name, field in model.model_fields.items():  # type: ignore[attr-defined]
         found.add(name)
-        for inner in models_in(field):
-            found |= keys(inner, seen)
+        stack: list[Any] = [field.annotation]
+        while stack:
+            kind = stack.pop()
+            stack.extend(getattr(kind, "__args__", ()))
+            if hasattr(kind, "model_fields"):
+                found |= keys(kind, seen)
     return found
 
 

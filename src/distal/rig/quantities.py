@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from math import hypot, inf
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, StrictBool
+from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, StrictBool, model_validator
 from pydantic_core import CoreSchema, core_schema
 
-from distal.errors import UnitError
+from distal.errors import UnitError, did_you_mean
 from distal.units import to_si
 
 SMALLEST = 1e-20
@@ -32,7 +32,16 @@ Bound = Literal["any", "nonnegative", "positive"]
 class Description(BaseModel):
     """Base of every part of a description: frozen, and an unknown key is an error."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True, defer_build=True)
+    model_config = ConfigDict(frozen=True, validate_default=True, defer_build=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _check_keys(cls, raw: object) -> object:
+        for key in raw if isinstance(raw, Mapping) else ():
+            if key not in cls.model_fields:
+                hint = did_you_mean(str(key), cls.model_fields.keys() - {"si"})
+                raise ValueError(f"unknown key '{key}'{hint}")
+        return raw
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
-from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from distal.errors import DistalError, did_you_mean
+from distal.errors import DistalError
 from distal.rig.sensors.registry import UNITS, one_number_each
 from distal.rig.tendon_routing import KINDS as INSERTIONS
 
@@ -181,7 +180,7 @@ def validated(
     try:
         return kind.model_validate(raw)
     except ValidationError as problem:
-        raise error(explain(problem, source, kind, raw)) from None
+        raise error(explain(problem, source, raw)) from None
     except RecursionError:
         raise error(f"{source}: nested too deeply") from None
 
@@ -201,9 +200,7 @@ _BRIEFLY.maxstring = 60
 _BRIEFLY.maxother = 60
 
 
-def explain(
-    problem: ValidationError, source: str, root: type[BaseModel], raw: Mapping[str, object]
-) -> str:
+def explain(problem: ValidationError, source: str, raw: Mapping[str, object]) -> str:
     """Return pydantic's findings as one line that begins with the `source`: the first `SHOWN` in
     words, and the number of the others.
     """
@@ -219,7 +216,7 @@ def explain(
     if isinstance(sensors := raw.get("sensors"), list):
         raw = {**raw, "sensors": one_number_each(sensors)}
     line = f"{source}: " + "; also ".join(
-        _by_name(_finding(finding, root), raw) for finding in findings[:SHOWN]
+        _by_name(_finding(finding), raw) for finding in findings[:SHOWN]
     )
     others = len(findings) - SHOWN
     return line + (f" (and {others} more problem{'s' if others > 1 else ''})" if others > 0 else "")
@@ -231,18 +228,14 @@ def _by_name(message: str, raw: Mapping[str, object]) -> str:
     return message if " " in path else f"{named(raw, path)}{colon}{text}"
 
 
-def _finding(finding: ErrorDetails, root: type[BaseModel]) -> str:
+def _finding(finding: ErrorDetails) -> str:
     tags = {"slider", "capstan", *INSERTIONS, *UNITS, "SliderServo", "CapstanServo"}
-    location = list(finding["loc"])
     # a tag of a union follows an index or stands for the union itself; it is no key of the user's
-    keys = [k for i, k in enumerate(location) if not (k in tags and i > 0)]
+    keys = [k for i, k in enumerate(finding["loc"]) if not (k in tags and i > 0)]
     path = ".".join(str(key) for key in keys)
     kind = finding["type"]
     context = finding.get("ctx", {})
     shown = _BRIEFLY.repr(finding.get("input"))
-    if kind == "extra_forbidden":
-        allowed = _known_keys(root, location[:-1])
-        return f"{path}: unknown key '{location[-1]}'{did_you_mean(str(location[-1]), allowed)}"
     if kind == "value_error":
         text = str(context["error"])
         # a list's own check starts with the index and key that it refuses
@@ -260,32 +253,3 @@ def _finding(finding: ErrorDetails, root: type[BaseModel]) -> str:
     if kind in NEEDED:
         return f"{path}: must be {NEEDED[kind]}, {shown} came"
     return f"{path}: {finding['msg'][0].lower()}{finding['msg'][1:]}, {shown} came"
-
-
-def _known_keys(root: type[BaseModel], location: Sequence[int | str]) -> list[str]:
-    """Return the keys allowed at a location, by walking the field types along it."""
-    models: list[type[BaseModel]] = [root]
-    for key in location:
-        if isinstance(key, int):
-            continue
-        inner = [m for model in models for m in models_in(model.model_fields.get(key))]
-        tagged = [m for m in models if any(_tag(m, name) == key for name in ("kind", "si"))]
-        models = inner or tagged or models
-    return sorted({name for model in models for name in model.model_fields if name != "si"})
-
-
-def models_in(field: FieldInfo | None) -> list[type[BaseModel]]:
-    """Return the classes of descriptions that a field of a description can hold; none for None."""
-    models: list[type[BaseModel]] = []
-    stack = [] if field is None else [field.annotation]
-    while stack:
-        kind = stack.pop()
-        if isinstance(kind, type) and issubclass(kind, BaseModel):
-            models.append(kind)
-        stack.extend(getattr(kind, "__args__", ()))
-    return models
-
-
-def _tag(model: type[BaseModel], name: str) -> object:
-    field = model.model_fields.get(name)
-    return getattr(field.annotation, "__args__", (None,))[0] if field is not None else None
