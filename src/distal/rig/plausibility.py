@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from math import inf
 from typing import Literal
 
-from pydantic import BaseModel
-
 from distal.errors import CommandError, RigError, did_you_mean
 from distal.rig.quantities import In, Parameter
 from distal.rig.rig import Rig, parameters_below
@@ -84,30 +82,21 @@ def number(rig: Rig, path: str) -> Number:
         RigError: the path leads nowhere, or to what is no number with a unit.
     """
     part: object = rig
-    owner: type[BaseModel] | None = None
-    field = ""
+    quantity: In | None = None
     keys: list[str] = []
     for key in path.split("."):
-        if isinstance(part, tuple):
-            index = index_of(part, key)
-            if index is None:
-                raise RigError(f"'{path}': there is no '{key}'{did_you_mean(key, names_in(part))}")
+        fields = getattr(type(part), "model_fields", {})
+        index = index_of(part, key) if isinstance(part, tuple) else None
+        if key in fields:
+            quantity = next((m for m in fields[key].metadata if isinstance(m, In)), None)
+            part = getattr(part, key)
+        elif isinstance(part, tuple) and index is not None:
             part = part[index]
             key = str(index)
-        elif isinstance(part, BaseModel) and not isinstance(part, Parameter):
-            if key not in type(part).model_fields:
-                raise RigError(
-                    f"'{path}': there is no '{key}'{did_you_mean(key, type(part).model_fields)}"
-                )
-            owner = type(part)
-            field = key
-            part = getattr(part, key)
         else:
-            raise RigError(f"'{path}': '{'.'.join(keys)}' is a plain value and has no '{key}'")
+            known = names_in(part) if isinstance(part, tuple) else fields
+            raise RigError(f"'{path}': there is no '{key}'{did_you_mean(key, known)}")
         keys.append(key)
-    quantity = None
-    if owner is not None:
-        quantity = next((m for m in owner.model_fields[field].metadata if isinstance(m, In)), None)
     if quantity is None or not isinstance(part, (Parameter, int, float)):
         raise RigError(
             f"'{path}' is not a number with a unit; give the path of one, e.g. "
