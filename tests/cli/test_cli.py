@@ -428,14 +428,13 @@ def test_a_read_only_folder(run, log: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("default::distal.errors.DistalWarning")
-def test_millimetres_are_a_warning(run, log: Path, tmp_path: Path) -> None:
+def test_millimetres_are_where_no_drive_can_be(run, log: Path, tmp_path: Path) -> None:
     frame = pl.read_csv(log).with_columns(x1=pl.col("x1") * 1e3, x2=pl.col("x2") * 1e3)
     path = tmp_path / "mm.csv"
     frame.write_csv(path)
     ran = run("estimate", path, "--rig", "paper-2008-printed", "--estimator", "inextensible", *SET)
     assert ran.code == 0
-    assert "is the log in mm?" in ran.err
-    assert all(line.startswith("warning:") for line in ran.err.splitlines())
+    assert "x1 is where its drive cannot be: wrong unit" in ran.out
     mended = run(
         "estimate",
         path,
@@ -450,6 +449,7 @@ def test_millimetres_are_a_warning(run, log: Path, tmp_path: Path) -> None:
         'sensors.x2.unit="mm"',
     )
     assert mended.err == ""
+    assert "cannot be" not in mended.out
 
 
 def test_rigs(run, tmp_path: Path) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -125,18 +123,6 @@ def test_unreadable_files(tmp_path: Path, pulley_rig: Rig) -> None:
     ).write_parquet(tmp_path / "text.parquet")
     with pytest.raises(LogError, match=r"row 1, column 'x1': 'a' is not a finite number"):
         read_log(tmp_path / "text.parquet", pulley_rig)
-
-
-def test_millimetres_read_as_metres_warn(tmp_path: Path, pulley_rig: Rig) -> None:
-    rows = [f"{0.01 * k},{2 + 3 * np.sin(k / 10)},2e-3,2,2" for k in range(200)]
-    text = "\n".join(["t,x1,x2,u1,u2", *rows]) + "\n"
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
-        read_log(file(tmp_path, text), pulley_rig)
-    assert re.search(
-        r"'x1' spans [56.0-9]* m when read in 'm'.*is the log in mm\?",
-        "\n".join(str(each.message) for each in said),
-    )
 
 
 def test_truth_from_a_column_a_file_and_a_reference(

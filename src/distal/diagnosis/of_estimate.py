@@ -332,7 +332,7 @@ def diagnose_estimate(
     """
     channels = channels_of(estimate) if channels is None else channels
     # the truth has the last word, so it is said first; causes come right after what they explain
-    ranks: list[Sequence[Kind]] = [("against the truth",), ("looks like",)]
+    ranks: list[Sequence[Kind]] = [("against the truth",), ("looks like", "cannot be there")]
     truth, looks = ([f for f in further if f.kind in kinds] for kinds in ranks)
     disagreeing = channels.disagreeing()
     findings = [

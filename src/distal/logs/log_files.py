@@ -16,7 +16,7 @@ from distal.logs.cells import factor_of, scale, time_factor
 from distal.logs.door import Door, through
 from distal.logs.encoders import TURN
 from distal.logs.formats import TABLES, file_of
-from distal.logs.log import NO_SOURCE, Log, TruthKind, TruthSource, check_stamps, doubts_of_units
+from distal.logs.log import NO_SOURCE, Log, TruthKind, TruthSource, check_stamps
 from distal.logs.outputs import write_whole
 from distal.logs.reader_process import read_apart
 from distal.logs.recordings import ROW_STAMPS, is_recording, recorded_cells
@@ -112,10 +112,7 @@ def read_log(
         for name, (column, s) in goals.items()
         if column in table.columns
     }
-    log = Log(time, channels, known, table.source, origin, stamps, setpoints)
-    for message in doubts_of_units(log, rig):
-        warnings.warn(message, DistalWarning, stacklevel=2)
-    return log
+    return Log(time, channels, known, table.source, origin, stamps, setpoints)
 
 
 def _known_torques(rig: Rig, table: Table, readings: Mapping[str, Floats]) -> dict[str, Floats]:
