@@ -232,7 +232,8 @@ def stored_log(held: Any, i: int, entry: dict[str, Any]) -> Log:
     kind = entry.get(
         "truth_kind", "sensor" if said.endswith("the reference sensor") else "unknown"
     )  # older files
-    source = TruthSource(TruthKind(kind), said)
+    kinds = {kind.value: kind for kind in TruthKind}  # older files have others
+    source = TruthSource(kinds.get(kind, TruthKind.OTHER), said)
     return Log(held[f"{i}/time"], channels, truth, entry["source"], source)
 
 

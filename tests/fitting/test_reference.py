@@ -131,7 +131,7 @@ def test_the_zero_of_a_reference_that_is_held_is_the_joints(rig: Rig) -> None:
 
 @pytest.mark.parametrize(
     ("kind", "homing", "taken"),
-    [("sensor", None, True), ("file", None, False), ("sensor", 1.0, False)],
+    [("sensor", None, True), ("other", None, False), ("sensor", 1.0, False)],
 )
 def test_an_offset_is_taken_off_only_where_an_encoder_is_the_truth(
     kind: str, homing: float | None, taken: bool, rig: Rig, monkeypatch: pytest.MonkeyPatch

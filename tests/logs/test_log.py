@@ -44,7 +44,7 @@ def test_where_a_truth_comes_from_has_a_kind_and_words() -> None:
     assert str(read.truth_source) == "the reference sensor"
     assert read.select([0]).truth_kind is TruthKind.SENSOR
     identified = Log(time, {}, theta, "log", "at home, the reference sensor")
-    assert identified.truth_kind is TruthKind.UNKNOWN
+    assert identified.truth_kind is TruthKind.OTHER
     assert not identified.truth_kind.by_sensor
     assert str(identified.truth_source) == "at home, the reference sensor"
     assert str(Log(time, {}).truth_source) == ""

@@ -46,7 +46,7 @@ def test_what_the_sensors_read_is_what_the_tendons_do() -> None:
     np.testing.assert_allclose(log.channels["x_flexor"], 0.008 * mcp + 0.006 * pip, atol=1e-9)
     np.testing.assert_allclose(log.channels["u_flexor"], pulls, atol=1e-9)
     np.testing.assert_array_equal(log.channels["encoder_pip"], pip)
-    assert log.truth_source.kind is distal.logs.TruthKind.SIMULATION
+    assert not log.truth_kind.by_sensor
     assert estimate(log, rig, "adaptive").angles.shape == (100, 3)
 
 

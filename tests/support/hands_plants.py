@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal import Log, Rig
-from distal.logs import FROM_SENSOR, TruthKind, TruthSource
+from distal.logs import FROM_SENSOR, TruthSource
 from distal.rig import build_rig
 from tests.support.cable import Cable
 
@@ -32,7 +32,7 @@ COUNTS, GEAR, TORQUE_CONSTANT = 2000, 50.0, 0.012
 """Of the motor: counts per turn of its own shaft, its turns for one of the spool, N m/A at its own
 shaft.
 """
-PLANT = TruthSource(TruthKind.SIMULATION, "the plant")
+PLANT = TruthSource(position="the plant")
 OFFSET = np.deg2rad(0.15)
 """Of the encoder at the joint in calibration logs."""
 

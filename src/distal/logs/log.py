@@ -41,9 +41,6 @@ Source: judgement.
 class TruthKind(Enum):
     """The kind of source that a log's truth has."""
 
-    UNKNOWN = "unknown"
-    """The kind of source was not given."""
-
     SENSOR = "sensor"
     """The truth is read by the rig's own reference sensors."""
 
@@ -52,14 +49,8 @@ class TruthKind(Enum):
     `distal.homing`.
     """
 
-    SIMULATION = "simulation"
-    """The truth is that of a simulation that has just run."""
-
-    COLUMN = "column"
-    """The truth is another column of the log, such as one that a simulation wrote."""
-
-    FILE = "file"
-    """The truth is in a file beside the log."""
+    OTHER = "other"
+    """The truth is neither, such as a column of the log, a file beside it, or a simulation's."""
 
     @property
     def by_sensor(self) -> bool:
@@ -71,7 +62,7 @@ class TruthKind(Enum):
 class TruthSource:
     """Where a log's truth comes from; `position` names the column, file or mark, for people."""
 
-    kind: TruthKind = TruthKind.UNKNOWN
+    kind: TruthKind = TruthKind.OTHER
     position: str = ""
 
     def __str__(self) -> str:
@@ -88,7 +79,7 @@ FROM_SENSOR = TruthSource(TruthKind.SENSOR)
 
 
 def truth_source_of(source: TruthSource | str) -> TruthSource:
-    """Return the source of a truth; a text becomes a source of unknown kind."""
+    """Return the source of a truth; a text becomes one that is no sensor."""
     return TruthSource(position=source) if isinstance(source, str) else source
 
 
@@ -102,7 +93,7 @@ class Log:
         truth: name → true values, (n,) each: joint angles [rad] and, from a simulation, its other
             quantities.
         source: what the log is called in messages.
-        truth_source: where the truth comes from; where it is a text, the kind is unknown.
+        truth_source: where the truth comes from; a text means that no sensor of the rig reads it.
         stamps: original stamps since 1970 [ns], (n,), of a log that has dates; `time` then counts
             from the log's start.
         goals: drive → position to which it was sent [m, rad], (n,) each, as its position sensor

@@ -150,14 +150,14 @@ def _known_angles(
                 f"give a file with t, {', '.join(names)}, or an angle sensor for each joint in the "
                 "rig file"
             )
-        return {names[0]: table.in_si(column, "rad")}, TruthSource(TruthKind.COLUMN, source)
+        return {names[0]: table.in_si(column, "rad")}, TruthSource(position=source)
     if truth is not None:
         angles = read_truth(truth, clock.time, joints, clock.start)
-        return angles, TruthSource(TruthKind.FILE, str(truth))
+        return angles, TruthSource(position=str(truth))
     angles = _simulated(names, "rad", table)
     if angles:
         listed = ", ".join(f"'true_{name}'" for name in angles)
-        return angles, TruthSource(TruthKind.COLUMN, f"column {listed}")
+        return angles, TruthSource(position=f"column {listed}")
     angles = _of_references(rig, "angle", names, readings)
     read = [s.log_column for s in rig.sensors_of("angle") if s.name in readings]
     listed = ", ".join(f"'{name}'" for name in read)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from distal.errors import LogError
-from distal.logs.log import Log, TruthKind, TruthSource
+from distal.logs.log import Log, TruthSource
 from distal.rig import Rig, Sensor, angle_names
 from distal.rig.mjcf import joint_name, mujoco_module, rest_lengths, tendon_name
 from distal.units import base_powers
@@ -135,7 +135,7 @@ class MujocoRecorder:
             columns,
             truth,
             "MuJoCo",
-            TruthSource(TruthKind.SIMULATION, "the simulation"),
+            TruthSource(position="the simulation"),
         )
 
 

@@ -400,20 +400,9 @@ def out_of_bounds(means: Floats, spreads: Floats, n_joints: int = 1) -> NDArray[
     """Return the indices of the rows in which an angle in `means`, (k, n), is beyond
     `LARGEST_ANGLE`, a value is not finite, or a variance in `spreads`, (k, n), is negative.
     """
-    angles = means[:, :n_joints]
-    # one pass where all is well: sums are finite only if all terms are
-    near = angles.max(initial=0.0) <= LARGEST_ANGLE and angles.min(initial=0.0) >= -LARGEST_ANGLE
-    with np.errstate(invalid="ignore", over="ignore"):
-        finite = np.isfinite(means.sum()) and np.isfinite(spreads.sum())
-    if near and finite and spreads.min() >= 0.0:
-        return np.zeros(0, dtype=np.intp)
-    far = np.any(np.abs(angles) > LARGEST_ANGLE, axis=1)
-    fine = (
-        np.isfinite(means).all(axis=1)
-        & np.isfinite(spreads).all(axis=1)
-        & (spreads >= 0.0).all(axis=1)
-    )
-    return np.flatnonzero(far | ~fine)
+    fine = (np.isfinite(means) & np.isfinite(spreads) & (spreads >= 0.0)).all(axis=1)
+    fine &= (np.abs(means[:, :n_joints]) <= LARGEST_ANGLE).all(axis=1)
+    return np.flatnonzero(~fine)
 
 
 def with_covariance(belief: Belief, covariance: Floats) -> Belief:

@@ -17,7 +17,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import ScenarioError
 from distal.kernels import Feed, advance_all, in_order, lanes_here
-from distal.logs import Log, TruthKind, TruthSource
+from distal.logs import Log, TruthSource
 from distal.logs.reader_process import MEMORY_VARIABLE, memory_limit
 from distal.model import Mechanism, substeps
 from distal.rig import Rig, angle_names, as_rig, torque_names
@@ -37,7 +37,7 @@ from distal.simulation.scenario import Scenario, load_scenario
 LONGEST_INTERVAL = 1e-3
 """Longest interval over which a scenario's signals are constant [s]. Source: judgement."""
 
-SIMULATED = TruthSource(TruthKind.SIMULATION, "the simulation")
+SIMULATED = TruthSource(position="the simulation")
 """Where the truth of a simulated log comes from."""
 
 
