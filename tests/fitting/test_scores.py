@@ -26,7 +26,6 @@ def test_a_score_is_of_the_errors_after_the_beginning() -> None:
     first = HeldOut(time, np.array([90.0, 1.0, -1.0, 1.0, 3.0]), np.full(5, 1.0))
     second = HeldOut(time, np.array([90.0, 0.2, 0.2, 0.2, 0.2]), np.full(5, 0.04))
     score = Score.of([first, second], 1.0)
-    assert score.joint_rms == pytest.approx((3.0**0.5, 0.2))
     assert score.rms == pytest.approx(((12.0 + 0.16) / 8.0) ** 0.5)
     assert score.inside == pytest.approx(7.0 / 8.0)
     assert score.joint_halves == pytest.approx((BAND, 0.2 * BAND))

@@ -121,7 +121,7 @@ def fit_command(
             progress=lambda doing: show(f"{doing.stage}, about {doing.share:.0%} done"),
             lag=None if reference_lag is None else in_si(reference_lag, "s"),
         )
-    _say(result)
+    say_fit(result)
     save_fit(result, read, text, out, report)
     if result.interrupted and minutes is None:
         raise typer.Exit(130)
@@ -152,9 +152,9 @@ def save_fit(
         say(f"wrote {fit_report(result, logs, folder)}{of_page}")
 
 
-def _say(result: Fit) -> None:
+def say_fit(result: Fit) -> None:
     """Print the result of a fit on one screen: parameters that the logs determine, scores on
-    held-out logs, advice.
+    held-out logs, how well the joints are known, advice.
     """
     determined = [number for number in result.fitted if number.identified and not number.noise]
     undetermined = [number.name for number in result.fitted if not number.identified]
@@ -171,8 +171,8 @@ def _say(result: Fit) -> None:
         )
         say(f"not determined by these logs: {', '.join(undetermined[:MOST_LINES])}{more}")
     say_scores(result)
-    if answer := result.answer():
-        say(f"answer: {answer}")
+    needed = "two logs of known angles would show errors on logs that were not learned from"
+    say(f"answer: {result.answer() or needed}")
     for line in result.advice()[:MOST_LINES]:
         say(line)
     if result.interrupted:
@@ -187,7 +187,8 @@ def say_scores(result: Fit) -> None:
     if not scores:
         return
     noise = result.reference_std
-    shown = is_mostly_noise(result, scores[0][1])
+    # much of an error that its reference makes more than half of, squared
+    shown = 2.0 * noise**2 > scores[0][1] ** 2
     rows = []
     for name, rms, inside in scores:
         less = [f"{degrees(sqrt(max(rms**2 - noise**2, 0.0))):.3f}"] if shown else []
@@ -197,11 +198,6 @@ def say_scores(result: Fit) -> None:
     columns = ["what gives the angle", "RMS error [°]", *less, "inside the 95 % band"]
     after = "its homing move" if result.homing is not None else f"its first {SETTLING:g} s"
     table(f"on each log after {after}, by what the others tell", columns, rows)
-
-
-def is_mostly_noise(result: Fit, error: float) -> bool:
-    """Return whether the reference's noise makes more than half of the square of an error [rad]."""
-    return 2.0 * result.reference_std**2 > error**2
 
 
 def calibrate_command(

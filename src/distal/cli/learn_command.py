@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
-from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypedDict
 
 import typer
 from typer import Argument, Option
 
-from distal.cli.console import say, stoppable, table, working
+from distal.cli.console import say, stoppable, working
 from distal.cli.fit_command import (
-    MOST_LINES,
     MinutesOption,
-    is_mostly_noise,
     save_fit,
-    say_scores,
+    say_fit,
 )
 from distal.cli.rig_commands import OutOption, app, check_new_rig
 from distal.cli.shared_options import (
@@ -31,9 +27,7 @@ from distal.cli.shared_options import (
 from distal.errors import RigError
 
 if TYPE_CHECKING:
-    from distal.fitting import Fit
     from distal.from_logs import RigFromLogs
-    from distal.logs import Log
 
 LogsArgument = Annotated[
     list[Path],
@@ -176,68 +170,8 @@ def learn_command(
             lag=None if reference_lag is None else in_si(reference_lag, "s"),
             guessed=rig is None,
         )
-    _answer(result, read)
+    say_fit(result)
     then = f"; next: distal estimate LOG --rig {out}, distal lab {out}, export-c"
     save_fit(result, read, text, out, folder, then, ": the same as a page with curves")
     if result.interrupted and minutes is None:
         raise typer.Exit(130)
-
-
-def _answer(result: Fit, logs: Sequence[Log]) -> None:
-    """Print how well the joints can be known, what limits that, and what to log next."""
-    import numpy as np
-
-    from distal.fitting import WRITTEN
-
-    scores = [
-        score
-        for comparison in result.compared
-        if (score := comparison.scores.get(WRITTEN)) is not None
-    ]
-    if scores:
-        errors = np.sqrt(np.nanmean(np.square([score.joint_rms for score in scores]), axis=0))
-        halves = np.nanmean([score.joint_halves for score in scores], axis=0)
-        rows = [
-            (joint, f"{degrees(error):.3f}", f"±{degrees(half):.3f}")
-            for joint, error, half in zip(result.rig.joint_names, errors, halves)
-        ]
-        columns = ["joint", "RMS error [°]", "95 % band [°]"]
-        table("how well the joints are known from the motors, on logs left out", columns, rows)
-        say_scores(result)
-        for line in _limits(result, float(np.mean(errors))):
-            say(line)
-    elif result.interrupted:
-        say("interrupted before anything was judged: nothing is known of errors on unseen logs")
-    else:
-        say(
-            "with two logs of known angles the answer has errors on logs that were not learned "
-            f"from; {len(logs)} came"
-        )
-    for line in result.advice()[:MOST_LINES]:
-        say(line)
-    if scores:
-        say(f"answer: {result.answer()}")
-    undetermined = [part.name for part in result.fitted if not part.identified and not part.noise]
-    if undetermined:
-        say(
-            f"log next: slow motions under other loads, and over the whole range; these logs do "
-            f"not tell {', '.join(undetermined[:MOST_LINES])}"
-        )
-
-
-def _limits(result: Fit, error: float) -> list[str]:
-    """Return sentences on what limits the angle."""
-    lines = []
-    if is_mostly_noise(result, error):
-        lines.append(
-            f"the reference's own noise ({degrees(result.reference_std):.2g}°) is much of this "
-            "error: a better camera or encoder would show how good the estimate is"
-        )
-    read = {sensor.of for sensor in result.rig.sensors if sensor.measures == "force"}
-    without = [name for name in result.rig.drive_names if name not in read]
-    if without:
-        lines.append(
-            f"no force is read of {', '.join(without)}: stretch and friction are not seen, so "
-            "that the band contains them; a current or a load cell would tell them"
-        )
-    return lines

@@ -53,14 +53,12 @@ class Score:
     """The RMS error of an estimator on a log [rad], the share of samples inside its 95 % band, and
     the band's mean half-width [rad].
 
-    Of each joint `joint_rms` has the RMS error and `joint_halves` the mean half-width of the band
-    [rad]; both are empty where there is no band.
+    `joint_halves` has the half-width of each joint [rad]; it is empty where there is no band.
     """
 
     rms: float
     inside: float
     half: float
-    joint_rms: tuple[float, ...] = ()
     joint_halves: tuple[float, ...] = ()
 
     @classmethod
@@ -73,7 +71,6 @@ class Score:
             _mean(errors**2) ** 0.5,
             _mean(np.abs(errors) <= BAND * stds),
             BAND * _mean(stds),
-            tuple(_mean(of_joint**2) ** 0.5 for of_joint, _ in pairs),
             tuple(BAND * _mean(of_joint) for _, of_joint in pairs),
         )
 

@@ -176,7 +176,7 @@ class Fit:
         return sorted(rows, key=lambda row: (row[0] != WRITTEN, row[1]))
 
     def answer(self) -> str:
-        """Return in a line how well the joints are known: error and band on held-out logs, beside
+        """Return in a line how well each joint is known: band and error on held-out logs, beside
         the best way without a model of the rig; empty without held-out logs.
         """
         scores = [
@@ -187,13 +187,15 @@ class Fit:
         if not scores:
             return ""
         error = np.rad2deg(np.sqrt(np.mean([score.rms**2 for score in scores])))
-        half = np.rad2deg(np.mean([score.half for score in scores]))
+        halves = np.rad2deg(np.nanmean([score.joint_halves for score in scores], axis=0))
+        each = zip(self.rig.joint_names, halves.tolist())
+        known = ", ".join(f"±{rounded(half)}° ({joint})" for joint, half in each)
         alone = [*YARDSTICKS, REGRESSION]
         modelless = [(rms, name) for name, rms, _ in self.scores() if name in alone]
         rms, name = min(modelless, default=(np.inf, ""))
         text = (
-            f"on logs left out the joints are known to ±{rounded(half)}° (95 %), with an RMS error "
-            f"of {rounded(error)}°"
+            f"on logs left out the joints are known to {known} at 95 %, with an RMS error of "
+            f"{rounded(error)}°"
         )
         least = f"{name}: {rounded(np.rad2deg(rms))}°"
         if rms * WORSE < self.scores()[0][1]:
