@@ -326,16 +326,6 @@ def test_a_creep_that_is_faster_than_the_samples_is_a_softer_tendon() -> None:
     assert tension.mean() == pytest.approx(806.0 * 3e-3 / 3.0, rel=0.02)
 
 
-def test_two_creeps_add_up() -> None:
-    """In the end T = k δ/(1 + γ₁ + γ₂)."""
-    slow = {"share": 0.25, "time": 0.4, "settled": {"value": 0.0, "std": 0.0}}
-    rig = quiet({"tendons.0.creep": {**SETTLED, "time": 0.3}, "tendons.0.slow_creep": slow})
-    log = run(rig, {"left": {"servo": STILL}, "right": {"force": 2.0}}, 5.0)
-    assert log.truth["tension_left"][-1] == pytest.approx(
-        log.truth["tension_left"][0] / 1.75, rel=0.01
-    )
-
-
 def test_a_rope_that_has_settled_stays() -> None:
     rig = quiet({"tendons.0.creep": {**SETTLED, "settled": {"value": 1.0, "std": 0.0}}})
     log = run(rig, {"left": {"force": 4.0}, "right": {"force": 4.0}}, 3.0)
@@ -442,7 +432,6 @@ def test_nobody_who_forgets_is_in_the_middle() -> None:
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"tendons.0.slow_creep": SETTLED}, "is a second one"),
         (
             {"tendons.0.path": {"friction": 0.1, "wrap": 1.0, "nodes": 9}},
             "less than or equal to 4|at most 4",

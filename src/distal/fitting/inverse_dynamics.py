@@ -217,13 +217,14 @@ class Equations:
         symbols = still.parameters.symbols
         inside = list(still.internal_state(q).inside)
         for name in still.strains:
-            _, index, kind, _ = name.split(".")
-            settled = still.rig.tendons[int(index)].creeps[kind].settled.value
+            index = int(name.split(".")[1])
+            creep = still.rig.tendons[index].creep
+            assert creep is not None
             path = f"tendons.{index}"
-            tension = still.pulls(q, ca.SX.zeros(still.n_bodies)).drive[int(index)]
-            share = still.parameters[f"{path}.{kind}.share"]
+            tension = still.pulls(q, ca.SX.zeros(still.n_bodies)).drive[index]
+            share = still.parameters[f"{path}.creep.share"]
             stiffness = still.parameters[f"{path}.stiffness"]
-            inside.append(settled * share * tension / stiffness)
+            inside.append(creep.settled.value * share * tension / stiffness)
         kernel_state: Scalar = ca.vertcat(ca.SX.zeros(still.n_bodies), *inside)
         return ca.Function(
             "begin", [q, p], ca.substitute([kernel_state], [symbols], [p[: symbols.numel()]])

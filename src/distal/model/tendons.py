@@ -69,9 +69,9 @@ class Tendons(Lengths):
         self.remembers = remembers
         self.plays = plays_of(rig)
         self.strains = tuple(
-            f"tendons.{i}.{name}.strain"
+            f"tendons.{i}.creep.strain"
             for i, tendon in enumerate(rig.tendons)
-            for name in tendon.creeps
+            if tendon.creep is not None
         )
         # points in sheaths come last
         self._first_point = sum(drive.backlash is not None for drive in rig.drives)
@@ -304,20 +304,14 @@ class Tendons(Lengths):
         path = f"tendons.{tendon}"
         if p.has(f"{path}.slack"):
             elongated = elongated - p[f"{path}.slack"]
-        for name in self.creeps(tendon):
+        creep = self.rig.tendons[tendon].creep
+        if creep is not None:
             # a creep that is not remembered is taken as settled as it is at the start
             if self.remembers:
-                elongated = elongated - p[f"{name}.strain"]
+                elongated = elongated - p[f"{path}.creep.strain"]
             else:
-                part = self.rig.tendons[tendon].creeps[name.rpartition(".")[2]]
-                elongated = elongated / (1 + p[f"{name}.share"] * part.settled.value)
+                elongated = elongated / (1 + p[f"{path}.creep.share"] * creep.settled.value)
         return elongated
-
-    def creeps(self, tendon: int) -> list[str]:
-        """Return the paths of a tendon's creeps, of which it may have a `creep` and a
-        `slow_creep`.
-        """
-        return [f"tendons.{tendon}.{name}" for name in self.rig.tendons[tendon].creeps]
 
     def crept(self, q: Vector, dt: Scalar) -> list[Scalar]:
         """Return all creep `strains` [m] after an interval dt [s] with the bodies at q: c⁺ = λ c +
@@ -329,12 +323,13 @@ class Tendons(Lengths):
         p = self.parameters
         pulls = self.pulls(q, ca.SX.zeros(self.n_bodies), settled=True)
         after = []
-        for i in range(self.n_tendons):
-            stretch = (pulls.joint[i] + pulls.drive[i]) / 2 / p[f"tendons.{i}.stiffness"]
-            for name in self.creeps(i):
-                share = p[f"{name}.share"]
-                strain = p[f"{name}.strain"]
-                left = ca.exp(-(1 + share) * dt / p[f"{name}.time"])
+        for i, tendon in enumerate(self.rig.tendons):
+            if tendon.creep is not None:
+                path = f"tendons.{i}"
+                stretch = (pulls.joint[i] + pulls.drive[i]) / 2 / p[f"{path}.stiffness"]
+                share = p[f"{path}.creep.share"]
+                strain = p[f"{path}.creep.strain"]
+                left = ca.exp(-(1 + share) * dt / p[f"{path}.creep.time"])
                 after.append(left * strain + (1 - left) * share / (1 + share) * (stretch + strain))
         return after
 

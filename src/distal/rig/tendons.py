@@ -133,7 +133,6 @@ class Tendon(Description):
         ZERO, description="a, growth of stiffness with tension"
     )
     creep: Creep | None = None
-    slow_creep: Creep | None = None
     path: Path | None = None
 
     @model_validator(mode="after")
@@ -153,12 +152,6 @@ class Tendon(Description):
                 "crosses)"
             )
         return self
-
-    @property
-    def creeps(self) -> dict[str, Creep]:
-        """Name → each creep that the tendon has."""
-        both = {"creep": self.creep, "slow_creep": self.slow_creep}
-        return {name: creep for name, creep in both.items() if creep is not None}
 
     @property
     def meetings(self) -> tuple[Meeting, ...]:
@@ -224,6 +217,4 @@ class Tendon(Description):
                 "slack: a tendon is slack at home, or pulled there by its 'pretension'; give one "
                 "of them"
             )
-        if self.slow_creep is not None and self.creep is None:
-            raise ValueError("slow_creep: is a second one; call the only one 'creep'")
         return self

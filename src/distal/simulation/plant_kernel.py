@@ -146,14 +146,14 @@ def inside_function(mechanism: Mechanism) -> ca.Function:
     return function_of(structure, lambda: _inside_function(mechanism))
 
 
-def settled_creeps(mechanism: Mechanism) -> tuple[tuple[int, str, float], ...]:
-    """Return the tendon and path of each creep, and how far it has settled at the start. These are
-    numbers of a mechanism that remembers no internal state, and so belong to its structure.
+def settled_creeps(mechanism: Mechanism) -> tuple[tuple[int, float], ...]:
+    """Return the tendon of each creep, and how far it has settled at the start. These are numbers
+    of a mechanism that remembers no internal state, and so belong to its structure.
     """
     return tuple(
-        (i, name, tendon.creeps[name.rpartition(".")[2]].settled.value)
+        (i, tendon.creep.settled.value)
         for i, tendon in enumerate(mechanism.rig.tendons)
-        for name in mechanism.creeps(i)
+        if tendon.creep is not None
     )
 
 
@@ -163,9 +163,9 @@ def _inside_function(mechanism: Mechanism) -> ca.Function:
     pulls = still.pulls(at, ca.SX.zeros(mechanism.n_bodies))
     p = still.parameters
     strains = []
-    for i, name, settled in settled_creeps(mechanism):
+    for i, settled in settled_creeps(mechanism):
         stretch = (pulls.joint[i] + pulls.drive[i]) / 2 / p[f"tendons.{i}.stiffness"]
-        strains.append(settled * p[f"{name}.share"] * stretch)
+        strains.append(settled * p[f"tendons.{i}.creep.share"] * stretch)
     return ca.Function(
         "inside", [at, p.symbols], [ca.vertcat(*still.internal_state(at).inside, *strains)]
     )

@@ -90,10 +90,11 @@ def parameters_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
         yield f"tendons.{t}.likely_tension", likely_tension(rig, t)
         yield f"tendons.{t}.pretension", rig.tendons[t].pretension.value
     for strain in context.mechanism.strains:
-        _, index, part, _ = strain.split(".")
-        creep = rig.tendons[int(index)].creeps[part]
-        yield f"tendons.{index}.{part}.settled", creep.settled.value
-        yield f"tendons.{index}.{part}.settled.std", creep.settled.std
+        creep = rig.tendons[int(strain.split(".")[1])].creep
+        assert creep is not None
+        path = strain.replace("strain", "settled")
+        yield path, creep.settled.value
+        yield f"{path}.std", creep.settled.std
     p = context.mechanism.parameters
     for i, name in enumerate(p.names):
         if name.endswith((".backlash.width", ".share")):
