@@ -37,6 +37,9 @@ def in_percent(level: float) -> str:
     return f"{100 * level:.4g} %"
 
 
+COVERED_TEXT = in_percent(COVERED)
+"""That share as texts, tables and pages have it."""
+
 SMALL = 0.05
 """Mean of ν²/S below which a channel tests nothing: the filter's own uncertainty, not the channel's
 noise, then makes up most of S. Source: judgement.

@@ -106,7 +106,7 @@ def command_command(
     """
     import numpy as np
 
-    from distal.confidence import BAND
+    from distal.confidence import BAND, COVERED_TEXT
     from distal.inverse import Inverse
     from distal.logs import read_angles, unit_of_angles
     from distal.rig import angle_names, load_rig
@@ -129,7 +129,8 @@ def command_command(
         band = BAND * degrees(float(np.sqrt(np.mean(commands.stds[:, j] ** 2))))
         # what does not show in the printed band is nothing
         off = f" but for {rounded(away, 3)}° RMS" if rounded(band + away) != rounded(band) else ""
-        say(f"{joint}: reaches what is wanted{off}, 95 % band ± {rounded(band)}° in an open loop")
+        around = f"{COVERED_TEXT} band ± {rounded(band)}°"
+        say(f"{joint}: reaches what is wanted{off}, {around} in an open loop")
     for note in commands.notes:
         warn(note)
     say(f"wrote {out}")

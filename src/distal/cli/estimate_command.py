@@ -39,6 +39,7 @@ from distal.cli.shared_options import (
     to_file,
     to_folder,
 )
+from distal.confidence import COVERED
 from distal.errors import Content, DistalError, DistalWarning, EstimationError, OutputError
 
 if TYPE_CHECKING:
@@ -129,7 +130,7 @@ def estimate_command(
     ] = False,
     level: Annotated[
         float, Option(help="Share of the errors that bands hold, as they are printed and drawn.")
-    ] = 0.95,
+    ] = COVERED,
     set_: SetOption = None,
 ) -> None:
     """Estimate the joint angle over a log, or many; where the truth of one is known, compare all

@@ -23,6 +23,7 @@ from distal.cli.shared_options import (
     to_file,
     to_folder,
 )
+from distal.confidence import COVERED_TEXT
 
 if TYPE_CHECKING:
     from distal.fitting import Fit
@@ -195,7 +196,7 @@ def say_scores(result: Fit) -> None:
         share = "–" if isnan(inside) else f"{100 * inside:.0f} %"
         rows.append([name, f"{degrees(rms):.3f}", *less, share])
     less = ["less the encoder's noise [°]"] if shown else []
-    columns = ["what gives the angle", "RMS error [°]", *less, "inside the 95 % band"]
+    columns = ["what gives the angle", "RMS error [°]", *less, f"inside the {COVERED_TEXT} band"]
     after = "its homing move" if result.homing is not None else f"its first {SETTLING:g} s"
     table(f"on each log after {after}, by what the others tell", columns, rows)
 

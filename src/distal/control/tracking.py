@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from distal.confidence import BAND
+from distal.confidence import BAND, COVERED_TEXT
 from distal.control.closed_loop import ClosedLoop
 from distal.results import (
     BLACK,
@@ -103,7 +103,7 @@ def plot_control(runs: Sequence[ClosedLoop], path: str | Path | None = None) -> 
                 error,
                 color=SOFT,
                 lw=0.8,
-                label=f"error of {estimated.feedback} and its 95 % band",
+                label=f"error of {estimated.feedback} and its {COVERED_TEXT} band",
             )
             axes[1].fill_between(time, error - half, error + half, color=band_colour(SOFT), lw=0)
             legend_above(axes[1])

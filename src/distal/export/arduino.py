@@ -9,7 +9,7 @@ from importlib.metadata import files
 from math import pi
 from pathlib import Path
 
-from distal.confidence import BAND
+from distal.confidence import BAND, COVERED_TEXT
 from distal.errors import OutputError
 from distal.export.c_text import comment, filled, sensors_of, spoken
 from distal.export.filter_source import Exported, c_filter
@@ -70,6 +70,7 @@ def arduino_files(exported: Exported) -> dict[str, str]:
     rig = exported.estimator.rig
     values = {
         "name": exported.name,
+        "level": COVERED_TEXT,
         "short": exported.name[:63],
         "rig": comment(rig.name),
         "estimator": exported.estimator.name,
@@ -133,6 +134,7 @@ def _sensors(exported: Exported) -> str:
             why = f"as the rig has it, a {unit}"
         values = {
             "name": exported.name,
+            "level": COVERED_TEXT,
             "i": i,
             "meaning": comment(f"{sensor.name}: {sensor.measures} of {sensor.of}"),
             "unit": sensor.si,
@@ -206,7 +208,7 @@ name and page into `library.properties`.
 """
 
 _SKETCH = """\
-/* Prints the joints' angles and their 95 % bands, from sensors at the motors.
+/* Prints the joints' angles and their $level$ bands, from sensors at the motors.
  * Written by `distal export-c`. */
 #include <$name$.h>
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from distal.confidence import COVERED_TEXT
 from distal.errors import DistalError
 from distal.fitting.candidates import BY_EQUATIONS, Candidate
 from distal.fitting.choice_of_parameters import Options, paths_of
@@ -194,8 +195,8 @@ class Fit:
         modelless = [(rms, name) for name, rms, _ in self.scores() if name in alone]
         rms, name = min(modelless, default=(np.inf, ""))
         text = (
-            f"on logs left out the joints are known to {known} at 95 %, with an RMS error of "
-            f"{rounded(error)}°"
+            f"on logs left out the joints are known to {known} at {COVERED_TEXT}, with an RMS "
+            f"error of {rounded(error)}°"
         )
         least = f"{name}: {rounded(np.rad2deg(rms))}°"
         if rms * WORSE < self.scores()[0][1]:

@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
-from distal.confidence import BAND
+from distal.confidence import BAND, COVERED_TEXT
 from distal.estimators.read_channels import DEAD
 from distal.export.c_text import filled
 from distal.export.plant_source import ExportedPlant, resting_inputs
@@ -308,6 +308,7 @@ def _body(rig: Rig, module: LabModule, constants: dict[str, Any]) -> str:
             for j, name in enumerate(joints)
         ),
         "blue": COLOURS[0],
+        "level": COVERED_TEXT,
         "estimator": escape(module.filter.estimator.name),
         "plain": plain if module.inextensible else "",
         "torque": torque if constants["torques"] else "",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from distal.confidence import BAND
+from distal.confidence import BAND, COVERED_TEXT
 from distal.paper.claims import SIDES, potentiometer_errors, rms
 from distal.paper.series import PLANTS, SERIES_2, SeriesRun
 from distal.results import (
@@ -50,7 +50,7 @@ CAPTIONS = {
     "from each potentiometer, tendons taken as inextensible, against the encoder.",
     "figure-3": "Series 2: 2 N against 6 N, k = 806 N/m. Inextensible estimate, simulation from "
     "the measured forces alone, and Kalman filters; below, the errors of all but the first with "
-    "the 95 % band of adaptive. The link rests afterwards, up to 8 s.",
+    f"the {COVERED_TEXT} band of adaptive. The link rests afterwards, up to 8 s.",
     "figure-4": "Series 2 at higher tension: 3 N against 9 N.",
     "figure-5": "Series 2 at the highest tension: 4 N against 12 N.",
     POSITIONED: "Steps and ramps of 20°, the same controller with three feedbacks: an encoder of "
@@ -166,4 +166,4 @@ def _draw_filters(
     band = np.rad2deg(BAND * run.estimates["adaptive"].theta_std)
     style = {"color": band_colour(), "linewidth": 0}
     bottom.fill_between(run.log.time, -band, band, **style)
-    top.fill_between([], [], [], label="95 % band of adaptive", **style)
+    top.fill_between([], [], [], label=f"{COVERED_TEXT} band of adaptive", **style)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from distal.confidence import BAND
+from distal.confidence import BAND, COVERED_TEXT
 from distal.control import ClosedLoop, closed_loop, plot_control, trackings_of
 from distal.errors import OutputError
 from distal.logs import check_outputs, outputs_in, write_together
@@ -285,7 +285,7 @@ def _moving_link(run: SeriesRun) -> list[str]:
     estimate = run.estimates["adaptive"]
     naive = run.estimates["inextensible"]
     text = (
-        "A 95 % band: of a hundred moments the link should be inside it in ninety-five. Here it is "
+        f"A {COVERED_TEXT} band: so much of the time the link should be inside it. Here it is "
         f"inside in {100 * estimate.inside_band():.0f} %, and half of the band is "
         f"{degrees(BAND * np.median(estimate.theta_std)):.1f}°. The less is known, the wider it "
         "is. Read as if nothing stretched, this link is "

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from distal.confidence import COVERED_TEXT
 from distal.fitting import WRITTEN, Fit
 from distal.logs import Log, check_outputs, outputs_in, shown, write_whole
 from distal.reports.page import heading, page, paragraph, picture, svg_of
@@ -62,7 +63,7 @@ def fit_report(fit: Fit, logs: Sequence[Log], out: str | Path) -> Path:
         heading("Along the logs"),
     ]
     caption = (
-        "Estimate with the fitted rig, 95 % band shaded; errors; innovations, "
+        f"Estimate with the fitted rig, {COVERED_TEXT} band shaded; errors; innovations, "
         "of which 95 % should be within ±2; what was measured; a stream's word "
         "on its health."
     )
@@ -144,7 +145,7 @@ def _left_out(fit: Fit) -> list[str]:
         "band and no limits: they show what physics is worth."
     )
     of_all = html_table(
-        ("what gives the angle", "RMS error [°]", "inside the 95 % band"),
+        ("what gives the angle", "RMS error [°]", f"inside the {COVERED_TEXT} band"),
         [(name, *_error(rms, inside)) for name, rms, inside in fit.scores()],
         values=(1, 2),
     )

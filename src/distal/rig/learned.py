@@ -19,6 +19,7 @@ from pydantic import Field, GetCoreSchemaHandler, model_validator
 from pydantic_core import CoreSchema, core_schema
 
 from distal.arrays import Floats
+from distal.confidence import COVERED_TEXT
 from distal.errors import RigError
 from distal.rig.quantities import Description
 from distal.units import rounded
@@ -116,7 +117,7 @@ class LearnedMap(Description):
     low: Row = Field(description="of each reading")
     high: Row = Field(description="of each reading")
     rms: Row = Field((), description="error on logs left out")
-    inside: Row = Field((), description="share inside the 95 % band")
+    inside: Row = Field((), description=f"share inside the {COVERED_TEXT} band")
     normal: tuple[float, float] = Field(
         (UNLIMITED, UNLIMITED), description="of `efforts`: largest normal means of T²"
     )
@@ -313,11 +314,12 @@ class LeftOut(Description):
 
     logs: int = Field(gt=0)
     rms: float = Field(ge=0.0, description="error of the angles [rad]")
-    inside: float = Field(ge=0.0, le=1.0, description="share inside the 95 % band")
+    inside: float = Field(ge=0.0, le=1.0, description=f"share inside the {COVERED_TEXT} band")
 
     def in_words(self) -> str:
         """Return a line on the errors of the angles."""
         return (
             f"on {self.logs} logs left out of its fit the rig errs by "
-            f"{rounded(degrees(self.rms))}°, {100 * self.inside:.0f} % inside the 95 % band"
+            f"{rounded(degrees(self.rms))}°, {100 * self.inside:.0f} % inside the "
+            f"{COVERED_TEXT} band"
         )
