@@ -1,8 +1,8 @@
-"""Rigs drawn at random (`drawn_rigs`), fitted to three logs with a temporary encoder, judged on
-three others without.
+"""Rigs drawn at random (`tests.support.drawn_rigs`), fitted to three logs with a temporary
+encoder, judged on three others without.
 
-Each plant (`drawn_plants`) has numbers drawn from its rig's own stds; half of the plants have no
-inertia. Judged are the fitted numbers beside the true ones, what of all that the logs tell is
+Each plant (`drawn_plants` there) has numbers drawn from its rig's own stds; half of the plants have
+no inertia. Judged are the fitted numbers beside the true ones, what of all that the logs tell is
 found, and the angle on logs that no fit has seen: two of the same kind of motion, one of a wider
 and faster one, marked "outside".
 

@@ -1,5 +1,5 @@
-"""Two rigs as labs have them (`hands_plants`): fitted to three calibration logs, judged on other
-motions of other seeds.
+"""Two rigs as labs have them (`tests.support.hands_plants`): fitted to three calibration logs,
+judged on other motions of other seeds.
 """
 
 from __future__ import annotations

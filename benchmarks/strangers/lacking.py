@@ -1,5 +1,5 @@
-"""Rigs drawn at random (`drawn_rigs`) whose plants have one or two things that the rig file is
-silent about.
+"""Rigs drawn at random (`tests.support.drawn_rigs`) whose plants have one or two things that the
+rig file is silent about.
 
 Friction along the cable (Coulomb's, at three points), creep, play at the drives, moment arms that
 change with the angle, a motor's cogging. Each rig is fitted to three logs with an encoder and

@@ -1,5 +1,5 @@
-"""Rigs that are hardly known (`rough_plants`): first use without a fit, and after a fit beside
-pooled least squares.
+"""Rigs that are hardly known (`tests.support.rough_plants`): first use without a fit, and
+after a fit beside pooled least squares.
 
 `python -m benchmarks.strangers.rough --rigs 5` prints errors and bands of each estimator from the
 user's own description; `--fit` fits each rig to four logs and judges on three that no fit has seen;
