@@ -54,7 +54,7 @@ class Controller:
 
 
 class Loop:
-    def __init__(self, hand: Any, client: Any, controller: Any, **options: Any) -> None:
+    def __init__(self, hand: Any, client: Any, controller: Any, *options: Any) -> None:
         self.client, self.controller, self.options = client, controller, options
 
 
@@ -199,7 +199,7 @@ def test_a_joint_that_is_not_valid_keeps_its_correction(clock: Clock) -> None:
         encoders.loop()
     moved(encoders, hand, clock)
     loop = encoders.loop(target_hz=100)
-    assert loop.options == {"joints": ["index_mcp", "ring_abd"], "target_hz": 100}
+    assert loop.options == (100, ["index_mcp", "ring_abd"])
     assert [gain.tolist() for gain in loop.controller.gains] == [[0.5] * 2, [2.0] * 2, [15.0] * 2]
     target, measured = np.array([3.0, 5.0]), np.zeros(2)
     for _ in range(10):

@@ -13,7 +13,7 @@ from dataclasses import replace
 from importlib import import_module
 from math import inf, isfinite
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,44 +22,21 @@ from distal.errors import EstimationError
 from distal.hands import Hand
 from distal.rig import Rig
 
+if TYPE_CHECKING:
+    from orca_core.control.joint_loop import JointLoopThread
+    from orca_core.hardware.joint_encoder_client import EncoderStreamStats
+    from orca_core.hardware.sensing.types import EncoderReading
+
 ANCHOR = 1 << 13
 """Count of a joint at the upper end of its range. Source: definition (any number would do)."""
 
 BRIDGED = 1.0
-"""Time without a reading for which frames go on, with no joint valid [s]. Source: definition (last
-tier of orca_core's watchdog).
-"""
-
-
-class Loop(Protocol):
-    """Part of `orca_core`'s `JointLoopThread` that its users call."""
-
-    @property
-    def joint_names(self) -> list[str]:
-        """The joints on which it closes."""
-
-    def start(self) -> None:
-        """Begin, from where the joints are."""
-
-    def stop(self, timeout: float = 1.0) -> bool:
-        """End; return whether it did within the `timeout` [s]."""
-
-    def set_target(self, joint_targets: dict[str, float]) -> None:
-        """Set the desired angles of some joints [deg]."""
+"""Time without a reading for which frames go on [s]. Source: definition (orca_core's watchdog)."""
 
 
 class VirtualEncoders:
     """Joint encoders of an ORCA hand that has none: its motors are read, the joints' angles
-    estimated, and told as counts.
-
-    ```python
-    encoders = VirtualEncoders(orca_hand, "calibrated.toml")
-    encoders.connect()
-    encoders.start_stream()
-    loop = encoders.loop()  # orca_core's own loop, with the gains of its configuration
-    loop.start()
-    loop.set_target({"index_mcp": 40.0})
-    ```
+    estimated, and told as counts (docs/how-to/orca-encoders.md).
 
     A joint is *not valid* where half its 95 % band is wider than `widest`, where a sensor or tendon
     of one of its motors is in doubt (`Reading.doubted`), or where a motor restarted. While no motor
@@ -104,7 +81,7 @@ class VirtualEncoders:
         self._stopping = threading.Event()
         self._came = threading.Event()
         self._thread: threading.Thread | None = None
-        self._frame: Any = None
+        self._frame: EncoderReading | None = None
         self._frames = 0
         self._connected = False
         self._read_at = -inf
@@ -118,10 +95,9 @@ class VirtualEncoders:
     def connect(self) -> None:
         """Give the hand the calibration of these encoders."""
         anchor = import_module("orca_core.calibration").JointEncoderCal(ANCHOR)
-        self._orca.calibration = replace(
-            self._orca.calibration,
-            joint_encoder_calibration_dict=dict.fromkeys(self._slots, anchor),
-        )
+        anchors = dict.fromkeys(self._slots, anchor)
+        was = self._orca.calibration
+        self._orca.calibration = replace(was, joint_encoder_calibration_dict=anchors)
         self._connected = True
 
     def disconnect(self) -> None:
@@ -201,22 +177,20 @@ class VirtualEncoders:
             self._frames += 1
         self._came.set()
 
-    def get_latest(self) -> object:
-        """Return the latest frame, an `EncoderReading`; None before the first, and where the stream
-        was stopped.
-        """
+    def get_latest(self) -> EncoderReading | None:
+        """Return the latest frame; None before the first, and where the stream was stopped."""
         with self._lock:
             return self._frame
 
     get_latest_unfiltered = get_latest
 
-    def get_stats(self) -> object:
-        """Return how many frames there were, an `EncoderStreamStats`."""
+    def get_stats(self) -> EncoderStreamStats:
+        """Return how many frames there were."""
         client = import_module("orca_core.hardware.joint_encoder_client")
         stamp = None if self._frame is None else self._frame.timestamp
         return client.EncoderStreamStats(frames_ok=self._frames, last_frame_timestamp=stamp)
 
-    def loop(self, target_hz: int = 200) -> Loop:
+    def loop(self, target_hz: int = 200) -> JointLoopThread:
         """Return `orca_core`'s closed loop on these encoders, with the gains of its configuration,
         to be started, with `target_hz` cycles a second. It closes on the joints that are valid now
         (`joint_names`); move others by their motors until they are.
@@ -259,15 +233,13 @@ class VirtualEncoders:
         names = ("kp", "ki", "correction_max_deg")
         controller.set_gains(*(np.array([getattr(g, name) for g in gains]) for name in names))
         self._barred.clear()
-        loop: Loop = import_module("orca_core.control.joint_loop").JointLoopThread(
-            _Barring(self), self, controller, target_hz=target_hz, joints=order
-        )
-        return loop
+        threads = import_module("orca_core.control.joint_loop")
+        return threads.JointLoopThread(_Barring(self), self, controller, target_hz, order)
 
 
 class _Barring:
-    """The hand as the loop sees it: a motor that restarted gets no goal of the loop any more, since
-    the loop's goals count from another turn.
+    """The hand as the loop sees it: a motor that restarted, and counts from another turn, gets no
+    goal of the loop any more.
     """
 
     def __init__(self, encoders: VirtualEncoders) -> None:
