@@ -27,10 +27,10 @@ BACKLASH = {"drives.motor.backlash.width": {"value": 0.01, "std": 0.01}}
 
 
 def text_of(rig: Rig) -> str:
-    """Return the rig as somebody types it: with comments, percentages and a factor."""
+    """Return the rig as somebody types it: with comments and percentages."""
     raw = plain_value(rig.model_dump(exclude_defaults=True))
     tendon = raw["tendons"][0]  # type: ignore[index]
-    tendon["stiffness"] = {"value": "8 N/mm", "factor": 2.0}
+    tendon["stiffness"] = {"value": "8 N/mm", "std": "100 %"}
     raw["joints"][0]["damping"] = {  # type: ignore[index]
         "value": "1e-3 N m s",
         "std": "30 %",
@@ -204,15 +204,6 @@ def test_without_an_angle_parameters_alone_are_written(
     chosen = judging._alone(found.solutions[-1], found.rig)
     judged = Judged(found.logs, found.training, None, found.solutions, [], chosen, [], False)
     check(found, learned_by(judged, chosen), text, tmp_path / "fitted.toml")
-
-
-def test_a_factor_gives_way_to_a_std(found: Found, text: str, tmp_path: Path) -> None:
-    assert "factor = 2.0" in text
-    candidate = next(c for c in found.candidates if c.parameters is not None)
-    assert candidate.parameters is not None
-    written = check(found, found.learned(candidate), text, tmp_path / "fitted.toml")
-    stiffness = next(p for p in candidate.parameters.fitted if "tendons.0.stiffness" in p.paths)
-    assert ("factor" in written.replace("factors", "")) == (not stiffness.identified)
 
 
 def test_the_text_of_another_rig_is_refused(found: Found, text: str, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from distal import Rig, load_rig, shipped_rigs
 from distal.errors import DistalWarning, RigError
-from distal.rig import edited_text, number, rig_text
+from distal.rig import edited_text, rig_text
 
 
 def test_shipped_rigs_load() -> None:
@@ -174,22 +174,6 @@ REFUSED = [
     ),
     ("joints.0.initial={ value = 1, std = 1, drift = 1 }", r"has no drift"),
     (
-        "tendons.0.stiffness={ value = 800, factor = 0.5 }",
-        r"factor must be above 1, 0.5 came",
-    ),
-    (
-        "tendons.0.stiffness={ value = 800, factor = 3, std = 9 }",
-        r"has 'std' and 'factor'; give one of them",
-    ),
-    (
-        "joints.0.initial={ value = 1, factor = 3 }",
-        r"may be zero or negative, so it is not known to a factor",
-    ),
-    (
-        "joints.0.damping={ value = 0, factor = 3 }",
-        r"may be zero or negative, so it is not known to a factor",
-    ),
-    (
         "joints.0.friction.coefficient={ value = 1, sd = 2 }",
         r"unknown key 'sd'; did you mean 'std'\?",
     ),
@@ -211,19 +195,6 @@ def test_wrong_values_are_refused_by_name(assignment: str, said: str) -> None:
     with pytest.raises(RigError, match=said) as caught:
         load_rig("paper-2008-printed", [assignment])
     assert "\n" not in str(caught.value)
-
-
-def test_a_number_known_to_a_factor_has_the_std_of_its_logarithm() -> None:
-    for written in (
-        "tendons.0.stiffness={ value = 800, factor = 3 }",
-        "tendons.0.stiffness.factor=3",
-    ):
-        made = load_rig(
-            "paper-2008-printed",
-            ["tendons.0.stiffness.shared.std=0", "tendons.0.stiffness=800", written],
-        )
-        assert made.tendons[0].stiffness.std == pytest.approx(1600.0)
-        assert number(made, "tendons.0.stiffness").is_rough
 
 
 def test_a_joint_that_no_tendon_crosses_is_refused_by_name(tmp_path: Path) -> None:

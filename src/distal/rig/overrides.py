@@ -12,11 +12,6 @@ from distal.rig.quantities import KEYS
 from distal.rig.sensors.registry import one_number_each
 from distal.rig.validation import index_of, names_in
 
-SPREADS = {"std", "factor", "shared"}
-"""Keys of a parameter that say how uncertain its value is; a new table with a std or a factor
-replaces all of them.
-"""
-
 ALL = "*"
 """Key of a path that stands for all items of a list."""
 
@@ -125,10 +120,9 @@ def _write_out_sensors(raw: object, keys: Sequence[str]) -> None:
 def _merged(old: object, new: object) -> object:
     if isinstance(old, MutableMapping) and set(old) <= set(KEYS) and "value" in old:
         if isinstance(new, MutableMapping) and new:
-            # a table with a std or a factor describes the whole uncertainty
-            says_spread = "std" in new or "factor" in new
-            for key in SPREADS & set(old) if says_spread else ():
-                del old[key]
+            # a table with a std describes the whole uncertainty
+            if "std" in new:
+                old.pop("shared", None)
             # in place: a comment that follows the table in a file stays
             old.update(new)
             return old

@@ -23,7 +23,7 @@ SMALLEST = 1e-20
 LARGEST = 1e12
 """Largest magnitude of a number in a description [SI]. Source: rounding (overflow of squares)."""
 
-KEYS = ("value", "std", "factor", "drift", "hold", "shared")
+KEYS = ("value", "std", "drift", "hold", "shared")
 """Keys of a parameter that is written as a table."""
 
 Bound = Literal["any", "nonnegative", "positive"]
@@ -51,9 +51,9 @@ class In:
 
     On a `Parameter` it also reads ``{ value = …, std = …, drift = …, hold = …, shared = { name = …,
     std = … } }``. There std and drift may be percentages of the value, and the shared std is a
-    share of it; ``factor = 3`` in place of a std says that the value may be three times as large or
-    small. On a pair of floats it reads an interval [low, high], on three a vector [x, y, z]. Where
-    `drifts` is False the parameter cannot walk and shares nothing. A number is `within` two others.
+    share of it. On a pair of floats it reads an interval [low, high], on three a vector [x, y, z].
+    Where `drifts` is False the parameter cannot walk and shares nothing. A number is `within` two
+    others.
     """
 
     si: str
@@ -96,7 +96,6 @@ class In:
             raw = raw.model_dump()
         if not isinstance(raw, Mapping):
             return {"value": self._scalar(raw)}
-        read = {key: part for key, part in raw.items() if key != "factor"}
         if "value" not in raw:
             if set(raw) <= set(KEYS):
                 raise UnitError("has no 'value'; write { value = …, std = … }")
@@ -104,11 +103,7 @@ class In:
         value = self._scalar(raw["value"])
         drift = raw.get("drift")
         shared = raw.get("shared")
-        std = (
-            self._spread("std", raw.get("std", 0.0), value)
-            if "factor" not in raw
-            else self._within(raw, value)
-        )
+        std = self._spread("std", raw.get("std", 0.0), value)
         if drift is not None:
             drift = self._spread("drift", drift, value)
             if std == 0.0 and drift > 0.0 and shared is None:
@@ -126,23 +121,7 @@ class In:
             raise UnitError(
                 "is zero, so there is no share of it that others err by too; remove 'shared'"
             )
-        return {**read, "value": value, "std": std, "drift": drift}
-
-    def _within(self, raw: Mapping[str, object], value: float) -> float:
-        """Return the std of a number that is known to a factor, (factor − 1) · value: ln(1 +
-        std/value), the std of its logarithm, is then ln(factor).
-        """
-        factor = to_si(raw["factor"], "")
-        if "std" in raw:
-            raise UnitError("has 'std' and 'factor'; give one of them")
-        if self.bound == "any" or value <= 0.0:
-            raise UnitError(
-                "may be zero or negative, so it is not known to a factor; give it a std, "
-                f"{value:g} came"
-            )
-        if not factor > 1.0:
-            raise UnitError(f"factor must be above 1, {factor:g} came")
-        return (factor - 1.0) * value
+        return {**raw, "value": value, "std": std, "drift": drift}
 
     def _spread(self, key: str, raw: object, value: float) -> float:
         if isinstance(raw, str) and raw.strip().endswith("%"):
