@@ -12,8 +12,8 @@ from distal import Estimate, Log, Rig, diagnose, estimate
 from distal.confidence import LARGE_PRIOR, SMALL
 from distal.diagnosis import Finding
 from distal.diagnosis import diagnose_estimate as of_estimate
+from distal.diagnosis.finding import THRESHOLDS
 from distal.diagnosis.of_estimate import (
-    LARGE_RATIO,
     LONGEST_LINE,
     _neighbours,
     _since,
@@ -265,19 +265,19 @@ QUANTILES = np.array([NormalDist().inv_cdf((k + 0.5) / 100) for k in range(100)]
 def test_since_when_a_channel_is_too_large(after: float) -> None:
     """Six seconds of 1 σ, then four whose ν²/S is a hundredth above, or below, the limit."""
     time = np.arange(1000) / 100.0
-    large = np.tile(QUANTILES, 4) / np.std(QUANTILES) * np.sqrt(after * LARGE_RATIO)
-    since = _since(time, np.concatenate([np.tile(QUANTILES, 6), large]), LARGE_RATIO)
+    large = np.tile(QUANTILES, 4) / np.std(QUANTILES) * np.sqrt(after * THRESHOLDS.large_ratio)
+    since = _since(time, np.concatenate([np.tile(QUANTILES, 6), large]), THRESHOLDS.large_ratio)
     assert np.isnan(since) if after < 1.0 else since == 6.0
 
 
 def test_a_channel_that_agrees_again_disagrees_since_no_time() -> None:
     """Large for a while, or from the start on, is no day on which a sensor broke."""
     time, large = np.arange(1000) / 100.0, np.tile(3.0 * QUANTILES, 10)
-    assert np.isnan(_since(time, large, LARGE_RATIO))
-    assert np.isnan(_since(time, np.where(time < 6, large, large / 3.0), LARGE_RATIO))
+    assert np.isnan(_since(time, large, THRESHOLDS.large_ratio))
+    assert np.isnan(_since(time, np.where(time < 6, large, large / 3.0), THRESHOLDS.large_ratio))
     missing = np.where(time < 4, large / 3.0, np.nan)
-    assert np.isnan(_since(time, missing, LARGE_RATIO))
-    assert _since(time, np.where(time < 5, large / 3.0, large), LARGE_RATIO) == 2 * SPAN
+    assert np.isnan(_since(time, missing, THRESHOLDS.large_ratio))
+    assert _since(time, np.where(time < 5, large / 3.0, large), THRESHOLDS.large_ratio) == 2 * SPAN
 
 
 def test_a_ratio_is_judged_by_how_many_values_it_is_a_mean_of() -> None:

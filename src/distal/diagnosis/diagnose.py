@@ -12,7 +12,7 @@ import numpy as np
 from distal.arrays import Bools, Floats
 from distal.confidence import BAND, COVERED
 from distal.diagnosis.causes import Cause, causes_of
-from distal.diagnosis.finding import COMPLIANCE, SCALE, ZERO, Finding, Kind, named_cause
+from distal.diagnosis.finding import COMPLIANCE, SCALE, THRESHOLDS, ZERO, Finding, Kind, named_cause
 from distal.diagnosis.known_motion import sizes
 from distal.diagnosis.naming import UNFELT, Search, candidates, unfelt, wrong_readings
 from distal.diagnosis.of_estimate import (
@@ -33,15 +33,6 @@ from distal.rig import Rig, position_range
 from distal.run.offline import estimator_for
 from distal.run.redundancy import Redundancy, unlike_free_motion
 from distal.units import rounded
-
-OUTSIDE_SHARE = 0.05
-"""Share of a log's samples outside a drive's range, or outside the range of a fit, from which on a
-finding says so [1]. Source: judgement.
-"""
-
-ACTIVE = 0.5
-"""Spread of a force, as a share of that elsewhere, from which on it goes on [1]. Source: judgement.
-"""
 
 
 def diagnose(
@@ -272,7 +263,8 @@ def elsewhere(log: Log, rig: Rig) -> list[Finding]:
         )
         for sensor in rig.sensors_of("position")
         if sensor.name in log.channels
-        and _share_outside(log.channels[sensor.name], *position_range(rig, sensor)) > OUTSIDE_SHARE
+        and _share_outside(log.channels[sensor.name], *position_range(rig, sensor))
+        > THRESHOLDS.outside_share
     ]
 
 
@@ -290,7 +282,7 @@ def stuck_positions(log: Log, rig: Rig) -> list[Finding]:
                 if end - begin <= max(SPAN, dead_after(sensor)):
                     continue
                 elsewhere = np.delete(force, rows)
-                if _spread(force[rows]) > ACTIVE * _spread(elsewhere):
+                if _spread(force[rows]) > THRESHOLDS.active * _spread(elsewhere):
                     text = f"{sensor.name} has one value from {begin:.1f} to {end:.1f} s"
                     text += " while its force goes on: is it stuck?"
                     findings.append(Finding("stuck", sensor.name, text))
@@ -325,7 +317,7 @@ def out_of_range(log: Log, ranges: Mapping[str, tuple[float, float]]) -> list[Fi
     findings = []
     for name, (low, high) in ranges.items():
         share = _share_outside(log.channels.get(name, np.zeros(0)), low, high)
-        if share > OUTSIDE_SHARE:
+        if share > THRESHOLDS.outside_share:
             text = f"{name} is outside the range of the fit for {100 * share:.0f} % of the log"
             findings.append(Finding("out of range", name, f"{text} ({low:.3g} to {high:.3g})"))
     return findings

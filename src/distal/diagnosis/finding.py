@@ -37,11 +37,6 @@ SILENT: frozenset[Kind] = frozenset(
 )
 """Kinds of findings that speak neither against the rig nor for it."""
 
-ALIKE = 0.15
-"""Difference of the logarithms of a factor and that of a unit, below which the factor is that unit
-[1]. Source: judgement.
-"""
-
 SCALE = "gear, spool, moment arm, unit or sign"
 """Group of causes that scale the position of a drive alike; nothing proximal tells them apart."""
 
@@ -50,6 +45,60 @@ COMPLIANCE = "stiffness or the force's scale"
 
 ZERO = "zero or pre-tension"
 """Group of causes that shift the position of a drive alike; nothing proximal tells them apart."""
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """What a log is diagnosed by where nothing but judgement says how.
+
+    Args:
+        alike: difference of the logarithms of a factor and that of a unit, below which the factor
+            is that unit [1].
+        large_ratio: largest normal mean of ν²/S of a channel [1]; a filter is an approximation, and
+            right rigs have up to that.
+        seldom: share of a channel's samples that are compared, below which a finding says so [1].
+        never_compared: the same share, below which the channel tests nothing [1].
+        coloured: correlation of a channel's neighbouring innovations from which on the rig or the
+            sensor is doubted [1]; a moment arm that is 20 % wrong on one side of two gives 0.3 to
+            0.7.
+        noise_ratio: mean of ν²/S above which a channel's innovations are mostly noise [1]; below
+            it, S is mostly the uncertainty of the rig's parameters, whose errors last.
+        largest_travel: range of an angle above which it is of no joint that tendons pull [rad];
+            fingers and wrists turn by 180° at most.
+        outside_share: share of a log's samples outside a drive's range, or outside the range of a
+            fit, from which on a finding says so [1].
+        active: spread of a force, as a share of that elsewhere, from which on it goes on [1].
+        nearer: shares of a change that are tried beside it [1].
+        likeliest: number of the likeliest causes that are refined; twice as many are tried beside
+            the first [1].
+        largest_change: largest change of a factor by the score test alone [1]: it is linear.
+        frictions_tried: changes of friction and damping that are tried [1]: kinks hide their
+            derivatives.
+        half: largest share of the error of a joint that a cause may leave [1]: what leaves more
+            explains little.
+        noise_share: share ε of the band's std that is noise, and not an error of the rig [1]:
+            smaller errors are not explained.
+    """
+
+    alike: float = 0.15
+    large_ratio: float = 1.7
+    seldom: float = 0.5
+    never_compared: float = 0.1
+    coloured: float = 0.3
+    noise_ratio: float = 0.5
+    largest_travel: float = float(np.deg2rad(270.0))
+    outside_share: float = 0.05
+    active: float = 0.5
+    nearer: tuple[float, ...] = (0.6, 0.85, 1.15, 1.4)
+    likeliest: int = 4
+    largest_change: float = 0.7
+    frictions_tried: tuple[float, ...] = (-0.6, 1.5)
+    half: float = 0.5
+    noise_share: float = 0.3
+
+
+THRESHOLDS = Thresholds()
+"""Of every diagnosis."""
 
 
 @dataclass(frozen=True)
@@ -104,12 +153,12 @@ def _like(rig: Rig, cause: Cause, x: float) -> str:
 def _like_a_scale(rig: Rig, cause: Cause, factor: float) -> str:
     """Return what readings look like that are `factor` times as large as the rig asks for."""
     for unit, look in UNITS.get(cause.unit, {}).items():
-        if factor > 0.0 and abs(np.log(factor / unit)) < ALIKE:
+        if factor > 0.0 and abs(np.log(factor / unit)) < THRESHOLDS.alike:
             return look
     size = abs(factor)
     sensor = next(sensor for sensor in rig.sensors if sensor.name == cause.channels[0])
     if factor < 0.0:
-        by = "" if abs(np.log(size)) < ALIKE else f", and {size:.2g} times too large"
+        by = "" if abs(np.log(size)) < THRESHOLDS.alike else f", and {size:.2g} times too large"
         side = ", or the side of its tendon," if sensor.measures == "position" else ""
         return f"as if its sign{side} were wrong{by}"
     if sensor.measures != "position":

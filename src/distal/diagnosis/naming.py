@@ -20,37 +20,12 @@ from scipy.optimize import minimize_scalar
 from distal.arrays import Floats
 from distal.confidence import BAND
 from distal.diagnosis.causes import UNITS, Cause
+from distal.diagnosis.finding import THRESHOLDS
 from distal.diagnosis.perturbed_runs import Change, Derivatives, Outcome, PerturbedRuns
 from distal.diagnosis.score_test import SPAN, ScoreTest, independent, quantile
 from distal.logs import Log
 from distal.rig import Rig
 from distal.run.redundancy import MOST, Redundancy
-
-NEARER = (0.6, 0.85, 1.15, 1.4)
-"""Shares of a change that are tried beside it [1]. Source: judgement."""
-
-LIKELIEST = 4
-"""Number of the likeliest causes that are refined; twice as many are tried beside the first.
-Source: judgement.
-"""
-
-LARGEST_CHANGE = 0.7
-"""Largest change of a factor by the score test alone [1]: it is linear. Source: judgement."""
-
-FRICTIONS = (-0.6, 1.5)
-"""Changes of friction and damping that are tried [1]: kinks hide their derivatives. Source:
-judgement.
-"""
-
-HALF = 0.5
-"""Largest share of the error of a joint that a cause may leave [1]: what leaves more explains
-little. Source: judgement.
-"""
-
-NOISE_SHARE = 0.3
-"""Share ε of the band's std that is noise, and not an error of the rig [1]: smaller errors are not
-explained. Source: judgement.
-"""
 
 
 @dataclass(frozen=True)
@@ -81,10 +56,13 @@ def candidates(
     """
     chosen = list[Change]()
     for i, cause in enumerate(causes):
-        tried = [*cause.tried, *(FRICTIONS if cause.kind in ("friction", "damping") else ())]
+        tried = [
+            *cause.tried,
+            *(THRESHOLDS.frictions_tried if cause.kind in ("friction", "damping") else ()),
+        ]
         for x in sized.get(cause, ()):
             tried += [x, float(np.sqrt(1.0 + x)) - 1.0] if cause.is_factor and x > -1.0 else [x]
-        limit = LARGEST_CHANGE if cause.is_factor else np.inf
+        limit = THRESHOLDS.largest_change if cause.is_factor else np.inf
         tried += [
             float(np.clip(test.estimates[i], -limit, limit))
             for test in tests
@@ -132,12 +110,14 @@ class Search:
         if self._of_truth:
             near = [
                 {cause: share * x}
-                for trial in trials[:LIKELIEST]
+                for trial in trials[: THRESHOLDS.likeliest]
                 for cause, x in trial.change.items()
-                for share in NEARER
+                for share in THRESHOLDS.nearer
                 if cause.kind != "swap"
             ]
-            likely = {cause for trial in trials[1 : 2 * LIKELIEST] for cause in trial.change}
+            likely = {
+                cause for trial in trials[1 : 2 * THRESHOLDS.likeliest] for cause in trial.change
+            }
             others = [change for change in changes if likely.issuperset(change)]
             pairs = [{**trials[0].change, **other} for other in others]
             again = self._tried([*near, *pairs])
@@ -170,11 +150,11 @@ class Search:
         return list(best.values())
 
     def _halves(self, outcome: Outcome, before: Outcome) -> bool:
-        """Return whether the largest error of a joint falls to `HALF` of what it was before; a
-        filter that was lost had an error of a radian.
+        """Return whether the largest error of a joint falls to `Thresholds.half` of what it was
+        before; a filter that was lost had an error of a radian.
         """
         last = max(self._squares(before)) if before.bounded else 1.0
-        return outcome.bounded and bool(max(self._squares(outcome)) < HALF**2 * last)
+        return outcome.bounded and bool(max(self._squares(outcome)) < THRESHOLDS.half**2 * last)
 
     def _independent(self, outcome: Outcome) -> float:
         residuals = self._runs.errors(outcome) if self._of_truth else outcome.normalized
@@ -196,8 +176,10 @@ class Search:
             return 0.0
         variances = np.mean(outcome.variances, axis=0)
         usual = np.mean(self._base.variances, axis=0) if self._base.bounded else variances
-        noise = NOISE_SHARE**2 * np.minimum(variances, usual)
-        spread = self._squares(outcome) + noise + np.maximum(HALF**2 * variances - usual, 0.0)
+        noise = THRESHOLDS.noise_share**2 * np.minimum(variances, usual)
+        spread = (
+            self._squares(outcome) + noise + np.maximum(THRESHOLDS.half**2 * variances - usual, 0.0)
+        )
         return self._count * float(np.sum(np.log(spread)))
 
     def _gain(self, change: Change, outcome: Outcome) -> float:
@@ -205,7 +187,7 @@ class Search:
         far = sum(float(np.log1p(cause.distance(x) ** 2)) for cause, x in change.items())
         if self._of_truth:
             worse = outcome.excess() - (base.excess() if base.bounded else 0.0)
-            if worse > HALF:
+            if worse > THRESHOLDS.half:
                 return -np.inf  # a reading so wrong that the filter leaves it out explains nothing
             likelier = 0.5 * (self._cost(base) - self._cost(outcome)) - self._count * max(
                 worse, 0.0
@@ -295,7 +277,7 @@ def wrong_readings(log: Log, rig: Rig, causes: Sequence[Cause]) -> list[tuple[Ch
     for cause, size, cost in sorted(tried, key=lambda trial: trial[2])[:SIZES]:
         if size not in cause.tried:
             size, cost = _nearest(partial(judged, cause), size, _sizes(cause, readings, names))
-        if judged(cause, size)[1] < HALF * share:
+        if judged(cause, size)[1] < THRESHOLDS.half * share:
             trials.append(({cause: size}, before - cost))
     return sorted(trials, key=lambda trial: -trial[1])
 

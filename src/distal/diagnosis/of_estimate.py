@@ -11,41 +11,10 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.confidence import LARGE_PRIOR, SMALL
-from distal.diagnosis.finding import Finding, Kind
+from distal.diagnosis.finding import THRESHOLDS, Finding, Kind
 from distal.diagnosis.score_test import SPAN, quantile, span_sums
 from distal.estimators import StateKind
 from distal.results.estimate import Estimate
-
-LARGE_RATIO = 1.7
-"""Largest normal mean of ν²/S of a channel [1]; a filter is an approximation, and right rigs have
-up to that. Source: judgement.
-"""
-
-SELDOM = 0.5
-"""Share of a channel's samples that are compared, below which a finding says so [1]. Source:
-judgement.
-"""
-
-NEVER_COMPARED = 0.1
-"""Share of a channel's samples that are compared, below which the channel tests nothing [1].
-Source: judgement.
-"""
-
-COLOURED = 0.3
-"""Correlation of a channel's neighbouring innovations from which on the rig or the sensor is
-doubted [1]. On right rigs it is below 0.13 where ν²/S is above `WHOLE`; a moment arm that is 20 %
-wrong on one side of two gives 0.3 to 0.7. Source: judgement.
-"""
-
-NOISE_RATIO = 0.5
-"""Mean of ν²/S above which a channel's innovations are mostly noise [1]. Below it, S is mostly the
-uncertainty of the rig's parameters, whose errors last. Source: judgement.
-"""
-
-LARGEST_TRAVEL = float(np.deg2rad(270.0))
-"""Range of an angle above which it is of no joint that tendons pull [rad]; fingers and wrists turn
-by 180° at most. Source: judgement.
-"""
 
 LONGEST_LINE = 200
 """Largest number of characters of the line, roughly. Source: layout."""
@@ -84,7 +53,9 @@ class ChannelStatistics:
         """Names of the channels that could have disagreed."""
         statistics = zip(self.names, self.ratios, self.shares)
         return tuple(
-            name for name, ratio, share in statistics if ratio >= SMALL and share >= NEVER_COMPARED
+            name
+            for name, ratio, share in statistics
+            if ratio >= SMALL and share >= THRESHOLDS.never_compared
         )
 
     def disagreeing(self) -> list[Finding]:
@@ -92,7 +63,10 @@ class ChannelStatistics:
         channels = range(len(self.names))
         large = [i for i in channels if self.ratios[i] > self.limits[i]]
         coloured = [
-            i for i in channels if self.correlations[i] > COLOURED and self.ratios[i] > NOISE_RATIO
+            i
+            for i in channels
+            if self.correlations[i] > THRESHOLDS.coloured
+            and self.ratios[i] > THRESHOLDS.noise_ratio
         ]
         several = ", ".join(self.names[i] for i in large or coloured)
         if len(large) == 1 and np.isfinite(self.since[large[0]]):
@@ -114,11 +88,11 @@ class ChannelStatistics:
         """Return the findings on channels that test nothing."""
         findings = []
         for name, ratio, share in zip(self.names, self.ratios, self.shares):
-            if share < SELDOM:
+            if share < THRESHOLDS.seldom:
                 text = f"only {100 * share:.0f} % of {name} could be compared"
                 text += " (missing, or the slider at a stop)"
                 findings.append(Finding("hardly compared", name, text))
-            if share >= NEVER_COMPARED and ratio < SMALL:
+            if share >= THRESHOLDS.never_compared and ratio < SMALL:
                 size = f"only {np.sqrt(ratio):.2f} of the expected size"
                 text = f"not tested by {name}: its innovations are {size}"
                 findings.append(Finding("not tested", name, text))
@@ -158,7 +132,7 @@ def statistics_of(
         count = max(int(np.isfinite(column[settled]).sum()), 1)
         square = min(correlation**2, 0.99)
         spread = np.sqrt(2.0 * (1.0 + square) / (1.0 - square) / count)
-        limits.append(LARGE_RATIO * (1.0 + quantile(len(names)) * float(spread)))
+        limits.append(THRESHOLDS.large_ratio * (1.0 + quantile(len(names)) * float(spread)))
     return ChannelStatistics(
         tuple(names),
         tuple(_mean(column[settled] ** 2) for column in columns),
@@ -231,7 +205,7 @@ def _turning(estimate: Estimate) -> list[Finding]:
             "a unit or a radius wrong?",
         )
         for joint, most in covered
-        if most > LARGEST_TRAVEL
+        if most > THRESHOLDS.largest_travel
     ]
 
 
