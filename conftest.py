@@ -42,12 +42,24 @@ KERNELS = Path(__file__).parent / "out" / "test-kernels"
 """Where the kernels of tests are kept from one run to the next; `make clean` removes them."""
 
 
+CASES = 2
+"""So many cases of a slow test run in `make test`; `make test-all` runs the others too."""
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests that were measured to be slow."""
+    """Mark the tests that were measured to be slow, and those of `make test-all` alone: further
+    cases of these, and the benchmarks' own tools.
+    """
     slow = listed()
+    cases: Counter[str] = Counter()
     for item in items:
-        if function_of(item.nodeid) in slow:
+        function = function_of(item.nodeid)
+        cases[function] += 1
+        if function in slow:
             item.add_marker(pytest.mark.slow)
+        is_further = function in slow and cases[function] > CASES
+        if is_further or function.startswith("benchmarks/"):
+            item.add_marker(pytest.mark.more)
 
 
 BUDGET = 10.0
