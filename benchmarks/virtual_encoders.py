@@ -27,6 +27,10 @@ from distal.rig import from_orca
 MOTIONS, MOVES, RESTS = 8, 1.0, 1.0
 """Motions of a hand, how long each takes, and how long it stays there [s]."""
 
+KINDS = ("nothing", "lost", "stale", "restart", "torn")
+"""What goes wrong: nothing; reads are lost; none comes for a second; a motor counts from another
+turn; a tendon tears."""
+
 OFF = np.deg2rad(2.0)
 """Std by which the ends of the ranges differ from those of the file [rad]."""
 
@@ -238,7 +242,7 @@ def faulty(hand: Simulated, rig: Any, seed: int, episodes: int) -> list[tuple[An
     low, high = np.array([hand.orca.config.joint_roms_dict[joint] for joint in hand.joints]).T
     target = np.rad2deg(hands.angles[0, hand.columns])
     for _ in range(episodes):
-        kind = str(rng.choice(["lost", "stale", "restart", "torn"]))
+        kind = str(rng.choice(KINDS))
         begin, target = target, low + (high - low) * rng.uniform(0.2, 0.8, len(low))
         one = int(rng.integers(len(motors)))
         j, off, wrong, moved, still = hand.columns[one], 0, 0, 0.0, None
@@ -295,7 +299,7 @@ def main() -> None:
             hand = Simulated(seed)
             found += faulty(hand, calibrated(hand), seed, arguments.faults)
         rows = []
-        for kind in ("lost", "stale", "restart", "torn"):
+        for kind in KINDS:
             of = [one for one in found if one[0] == kind]
             off, wrong = sum(one[2] for one in of), sum(one[3] for one in of)
             far = sum(one[1] > 3.0 for one in of)

@@ -55,7 +55,7 @@ class Controller:
 
 class Loop:
     def __init__(self, hand: Any, client: Any, controller: Any, *options: Any) -> None:
-        self.client, self.controller, self.options = client, controller, options
+        self.hand, self.client, self.controller, self.options = hand, client, controller, options
 
 
 class Clock:
@@ -212,6 +212,24 @@ def test_a_joint_that_is_not_valid_keeps_its_correction(clock: Clock) -> None:
     hand.fails = False
     read(encoders, hand, clock)
     np.testing.assert_allclose(loop.controller.step(target, measured, 0.1), 1.1 * correction)
+
+
+def test_a_motor_that_restarted_gets_no_goal_of_the_loop(clock: Clock) -> None:
+    hand = Hand()
+    encoders = encoders_of(hand)
+    moved(encoders, hand, clock)
+    loop: Any = encoders.loop()
+    loop.hand.write_motor_pos([1, 2], [0.5, 0.5])
+    assert hand.sent == {1: 0.5, 2: 0.5}
+    assert loop.hand.config is hand.config
+    clock.now += 1.0  # it was silent, and then counts from another turn
+    hand.positions[1] += 2 * np.pi
+    read(encoders, hand, clock, 5)
+    loop.hand.write_motor_pos([1, 2], [0.4, 0.4])
+    assert hand.sent == {1: 0.4}
+    frame: Any = encoders.get_latest()
+    assert frame.angle_error[SLOTS["ring_abd"]]
+    assert not frame.angle_error[SLOTS["index_mcp"]]
 
 
 def test_the_stream_reads_by_itself(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:

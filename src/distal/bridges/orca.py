@@ -85,7 +85,8 @@ class VirtualEncoders:
         self._frames = 0
         self._connected = False
         self._read_at = -inf
-        self._barred = set[str]()
+        self._restarted = set[str]()
+        self._doubted = frozenset[str]()
 
     @property
     def is_connected(self) -> bool:
@@ -148,8 +149,8 @@ class VirtualEncoders:
             self._read_at = now
         if now - self._read_at > BRIDGED or not any(map(isfinite, reading.angles)):
             return
-        self._barred |= set(self.hand.restarted)
-        doubted = (*health.silent, *reading.doubted, *self._barred)
+        self._restarted |= set(self.hand.restarted)
+        self._doubted = frozenset((*health.silent, *reading.doubted, *self._restarted))
         wire = self._wire
         words = np.full(wire.AUTO_ENC_NUM_JOINTS, wire.AUTO_ENC_ANGLE_ERROR_BIT, dtype=np.int64)
         angles = self.hand.get_joint_positions()
@@ -162,7 +163,7 @@ class VirtualEncoders:
                 count = ANCHOR + round(turned * wire.ENCODER_COUNTS_PER_REV)
                 words[slot] = count % wire.ENCODER_COUNTS_PER_REV
                 is_narrow = BAND * stds[joint] <= self._widest
-                if not (is_narrow and self._motors_of[joint].isdisjoint(doubted)):
+                if not (is_narrow and self._motors_of[joint].isdisjoint(self._doubted)):
                     words[slot] |= wire.AUTO_ENC_ANGLE_ERROR_BIT
         words |= wire.AUTO_ENC_PARITY_BIT * (np.array([int(w).bit_count() for w in words]) % 2)
         frame = import_module("orca_core.hardware.sensing.types").EncoderReading(
@@ -232,14 +233,14 @@ class VirtualEncoders:
         controller = Holding(len(order))
         names = ("kp", "ki", "correction_max_deg")
         controller.set_gains(*(np.array([getattr(g, name) for g in gains]) for name in names))
-        self._barred.clear()
+        self._restarted.clear()
         threads = import_module("orca_core.control.joint_loop")
         return threads.JointLoopThread(_Barring(self), self, controller, target_hz, order)
 
 
 class _Barring:
-    """The hand as the loop sees it: a motor that restarted, and counts from another turn, gets no
-    goal of the loop any more.
+    """The hand as the loop sees it: a motor in doubt gets no goal and stays where it was sent last,
+    one that restarted for ever, since the loop's goals count from another turn.
     """
 
     def __init__(self, encoders: VirtualEncoders) -> None:
@@ -249,7 +250,7 @@ class _Barring:
         return getattr(self._encoders._orca, name)
 
     def write_motor_pos(self, motor_ids: Sequence[int], positions: Sequence[float]) -> None:
-        """Send goals [rad] to the motors that did not restart."""
-        barred = self._encoders._barred
+        """Send goals [rad] to the motors that are not in doubt."""
+        barred = self._encoders._doubted
         sent = [pair for pair in zip(motor_ids, positions) if f"motor_{pair[0]}" not in barred]
         self._encoders._orca.write_motor_pos([n for n, _ in sent], [goal for _, goal in sent])
