@@ -63,7 +63,6 @@ RULES: dict[str, tuple[str, str, Any]] = {
     "usual time": ("touch", "USUAL_TIME", INF),
     "evidence time": ("touch", "EVIDENCE_TIME", 1e-6),
     "still": ("touch", "STILL", 0.5),
-    "largest torque": ("touch", "SURE", 1e6),
     "clear torque lasts": ("touch", "LASTING_TIME", 1e-6),
     "closing": ("touch", "CLOSING_TIME", 1e-6),
     "lowest value": ("states.parameter", "SMALLEST_VALUE", 0.0),

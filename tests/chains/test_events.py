@@ -44,7 +44,6 @@ CHAIN = Robustness.usual(3)
 
 def said(function: ca.Function, kept: dict[str, float], **came: float) -> dict[str, float]:
     """Return what the evidence of a force says after one innovation, and keep what it remembers."""
-    came = {"reading": 0.0, "noise": 0.0} | came
     outputs = function(kept=[kept[name] for name in FORCE.names], **came)
     found = {name: float(value) for name, value in outputs.items()}
     kept.update({name: found[name] for name in FORCE.names})
@@ -117,25 +116,24 @@ def test_torques_open_by_forces_and_stay_open_by_their_own_size() -> None:
     remembered = Remembered([], {}, torque)
     interval = Interval(ca.MX(), ca.MX(), ca.MX(ca.DM([dt])), ca.MX(ca.DM(estimator.parameters)))
     name = states.context.channels.forces[0].name
-    most = 4e-6
-    evidence = {name: dict(zip(WEIGHED, map(ca.MX, (excess, normal, most, 1))))}
+    evidence = {name: dict(zip(WEIGHED, map(ca.MX, (excess, normal, 1))))}
     open_torques(states, evidence, remembered, ca.MX(ca.DM(mean)), interval)
     by_torque = lever / arms * arms**2 / np.sum(arms**2)
     shape = contact_shape(rig)
     squares = by_torque @ shape @ by_torque / np.diag(shape)
     z_square = (by_torque[2] * mean[torques[2]]) ** 2 / normal
     for j, torque in remembered.torques.items():
-        smallest, largest = normal / squares[j], most / squares[j]
+        smallest = normal / squares[j]
         clear = max(
             kept_open[j] * exp(-2 * dt / LASTING_TIME),
-            min(smallest * max(z_square - 9, 0.0), largest),
+            smallest * max(z_square - 9, 0.0),
         )
         assert float(ca.evalf(torque["clear"])) == pytest.approx(clear, rel=1e-9)
         expected = max(
             clear,
             kept_open[j] * exp(-2 * dt / CLOSING_TIME),
             # half of what would open it, since it is half open
-            min(max(4.5 * excess / squares[j], smallest * (z_square - 1)), largest),
+            max(4.5 * excess / squares[j], smallest * (z_square - 1)),
         )
         assert float(ca.evalf(torque["opened"])) == pytest.approx(expected, rel=1e-9)
         assert float(ca.evalf(torque["share"])) == pytest.approx(

@@ -256,10 +256,6 @@ class FilterContext:
         """
         return self.corrected(sensor, x[1 + self.channels.names.index(sensor.name)])
 
-    def reading(self, x: VectorNode, name: str) -> VectorNode:
-        """Return the reading of the sensor of that name in a sample x, as it comes."""
-        return x[1 + self.channels.names.index(name)]
-
     def corrected(self, sensor: Sensor, reading: Scalar) -> Scalar:
         """Return a reading less the sensor's known offset, divided by its known gain."""
         path = self.path(sensor)
@@ -334,11 +330,7 @@ class FilterContext:
 
     def path(self, sensor: Sensor) -> str:
         """Return the path of a sensor in the description."""
-        return self.path_of(sensor.name)
-
-    def path_of(self, name: str) -> str:
-        """Return the path of the sensor of that name."""
-        return f"sensors.{self.mechanism.rig.sensor_names.index(name)}"
+        return f"sensors.{self.mechanism.rig.sensor_names.index(sensor.name)}"
 
     def unmodelled(self, joint: int) -> Scalar:
         """Return the random torque on a joint that the model lacks, as the std of ω that it makes

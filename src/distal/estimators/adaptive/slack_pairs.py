@@ -12,10 +12,14 @@ from distal.estimators.adaptive.drive_tracking import Tracks
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.filter_inputs import Interval, mechanics_function
 from distal.estimators.adaptive.states import StateVector
-from distal.estimators.adaptive.touch import SURE
 from distal.estimators.kalman import Downdate, along
 from distal.expressions import MatrixNode, VectorNode
 from distal.kernels.layout import is_there
+
+SURE = 3.0
+"""Number of stds of its sensor that is added to a force to have its largest possible value [1].
+Source: judgement.
+"""
 
 
 def within_play(

@@ -74,11 +74,6 @@ STILL = 0.06
 judgement.
 """
 
-SURE = 3.0
-"""Number of stds of its sensor that is added to a force to have its largest possible value [1].
-Source: judgement.
-"""
-
 SMALLEST_TORQUE = 1e-30
 """Square of a torque that counts as zero [(N m)²]. Source: rounding (division by zero)."""
 
@@ -100,11 +95,10 @@ touch [(N m)²], the share of a touch, 0 (free) to 1, its probability, and for h
 """
 
 
-WEIGHED = ("excess", "normal", "most", "used")
+WEIGHED = ("excess", "normal", "used")
 """Names of the parts of the evidence of a force that `opening_function` weighs, after what the
 torques explain of it: the square of the part of its mean innovation that is not normal, that of the
-largest that is normal, that of the largest force that may act, by what is read [N², (N m)²], and 1
-where the force is read, else 0.
+largest that is normal [N², (N m)²], and 1 where the force is read, else 0.
 """
 
 
@@ -169,16 +163,16 @@ def compared_forces(context: FilterContext) -> tuple[Sensor, ...]:
 
 
 def evidence_function() -> ca.Function:
-    """Return the function (kept, ν, S, used, U, σ, dt) → what is remembered of a
-    force, `FORCE`, and the evidence of a touch in it, `WEIGHED`: (30).
+    """Return the function (kept, ν, S, used, dt) → what is remembered of a force, `FORCE`, and the
+    evidence of a touch in it, `WEIGHED`: (30).
 
     The mean z̄ of ν/√S over `EVIDENCE_TIME` is compared with z_w of (29). Each ν/√S is limited, so
     that at intervals below 35 ms one sample alone never exceeds z_w.
     """
-    names = ("innovation", "variance", "is_used", "reading", "noise", "dt")
+    names = ("innovation", "variance", "is_used", "dt")
     sizes = {"kept": FORCE.size, **dict.fromkeys(names, 1)}
     given = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
-    kept, innovation, variance, used, reading, noise, dt = given.values()
+    kept, innovation, variance, used, dt = given.values()
     memory = FORCE.parts(kept)
     threshold = ca.fmax(UNEXPLAINED, UNUSUAL * ca.sqrt(memory["usual"]))
     fade = ca.exp(-dt / EVIDENCE_TIME)
@@ -191,8 +185,7 @@ def evidence_function() -> ca.Function:
     slowly = ca.exp(-dt / USUAL_TIME)
     usual = ca.if_else(used > 0, slowly * memory["usual"] + (1 - slowly) * mean**2, memory["usual"])
     share = ca.fmax(1 - threshold**2 / ca.fmax(mean**2, SMALLEST_TORQUE), 0)
-    largest = (ca.fabs(reading) + SURE * noise) ** 2
-    outputs = [mean, force, usual, used * share * force**2, threshold**2 * variance, largest, used]
+    outputs = [mean, force, usual, used * share * force**2, threshold**2 * variance, used]
     inputs = list(given.values())
     return ca.Function("evidence", inputs, outputs, list(given), [*FORCE.names, *WEIGHED])
 
@@ -243,7 +236,7 @@ def opening_function(count: int) -> ca.Function:
     show one beyond τ₀, 1/τ₀² = Σ b²/normal. The estimated torques explain Σ a_τ τ_ext of each
     force, and z² = Σ explained²/normal over all. The opened variance is the largest of three: its
     last value, fading; `OPENED`² Σ excess/b²; and τ₀² (z² − 1). That of a clear torque fades
-    slowly. No torque is larger than the measured forces allow: Σ √most/b.
+    slowly.
     """
     kept = ca.SX.sym("kept", TORQUE.size)
     by_contact = ca.SX.sym("b", count)
@@ -252,7 +245,7 @@ def opening_function(count: int) -> ca.Function:
     weighed = ca.SX.sym("weighed", 1 + len(WEIGHED), count)
     was = TORQUE.parts(kept)
     square = by_contact**2
-    explained, excess, normal, most, used = (weighed[k, :].T for k in range(1 + len(WEIGHED)))
+    explained, excess, normal, used = (weighed[k, :].T for k in range(1 + len(WEIGHED)))
     least = ca.fmax(normal, SMALLEST_TORQUE)
     felt = ca.sum1(used * square / least)
     lost = felt <= 0
@@ -261,10 +254,9 @@ def opening_function(count: int) -> ca.Function:
     pushed = (1 - was["share"]) * OPENED**2 * ca.sum1(excess / square)
     held = ca.if_else(lost, 0, smallest * ca.fmax(z_square - 1, 0))
     clearly = ca.if_else(lost, 0, smallest * ca.fmax(z_square - CLEAR_TORQUE**2, 0))
-    largest = ca.sum1(ca.sqrt(most / square)) ** 2
-    clear = ca.fmax(ca.exp(-2 * dt / LASTING_TIME) * was["clear"], ca.fmin(clearly, largest))
+    clear = ca.fmax(ca.exp(-2 * dt / LASTING_TIME) * was["clear"], clearly)
     fade = ca.exp(-2 * dt / CLOSING_TIME)
-    opened = ca.fmax(ca.fmax(fade * was["opened"], clear), ca.fmin(ca.fmax(pushed, held), largest))
+    opened = ca.fmax(ca.fmax(fade * was["opened"], clear), ca.fmax(pushed, held))
     share = ca.if_else(lost, fade * was["share"], opened / (opened + smallest))
     times = torque**4 / ca.fmax(smallest**2, SMALLEST_TORQUE)
     probability = ca.if_else(lost, was["probability"], times / (times + TOUCHING**4))

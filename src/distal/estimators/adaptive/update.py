@@ -137,14 +137,11 @@ def updated(
         if row.measured and row.name in kept.forces:
             # a force whose drive's position is lost tells nothing of torques
             position_is_read = 1 if row.drive is None else Tracks(tracks)[row.drive].lost == 0
-            path = states.context.path_of(row.name)
             outputs = watch(
                 kept=FORCE.joined(**kept.forces[row.name]),
                 innovation=comparison.innovation,
                 variance=spread + variance,
                 is_used=share_used(ROW.part(at.values, "mask")) * position_is_read,
-                reading=states.context.reading(x, row.name),
-                noise=states.context.parameters(p, [f"{path}.noise"]),
                 dt=dt,
             )
             evidence[row.name] = outputs
