@@ -249,19 +249,22 @@ def faulty(hand: Simulated, rig: Any, seed: int, episodes: int) -> list[tuple[An
         for k in range(450):
             share = min(k / 150, 1.0)
             wanted = begin + share**2 * (3 - 2 * share) * (target - begin)
+            boots = kind == "restart" and 250 <= k < 280
             is_stale = kind == "stale" and 250 <= k < 350
-            hand.lost = is_stale or (kind == "lost" and rng.random() < 0.3)
+            hand.lost = boots or is_stale or (kind == "lost" and rng.random() < 0.3)
             if k == 250 and kind == "torn":
                 hands.broken[0, j + int(rng.integers(2)) * len(hands.d.low[0])] = True
             if k == 250 and kind == "restart":
                 hands.d.zeros[0, j] += 2 * np.pi
-                hand.goals[0, j] += 2 * np.pi
             targets = dict(zip(hand.joints, wanted.tolist()))
             if k < 250:
                 hand.write(motors, hand.orca._joint_to_motor_pos(targets))
             loop.set_target({joint: targets[joint] for joint in loop.joint_names})
             encoders.update()
             loop.step_once(PERIOD)
+            if boots:
+                # it takes no goals, and then stands where it is
+                hand.goals[0, j] = hands.goals_of(hands.positions)[0, j]
             hand.step()
             true = np.rad2deg(hands.angles[0, hand.columns])
             still = true if k == 250 else still

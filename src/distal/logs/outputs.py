@@ -57,7 +57,7 @@ def check_outputs(outputs: Iterable[Output], inputs: Iterable[tuple[str, str | P
             Path(path)
         ): f"is an input of this command ({label} {shown(path)}); give another name"
         for label, path in inputs
-        if Path(path).exists()
+        if "\0" not in str(path)  # of no file; who reads it says so
     }
     for output in outputs:
         with as_output_error(output.path):
