@@ -42,6 +42,9 @@ KERNELS = Path(__file__).parent / "out" / "test-kernels"
 """Where the kernels of tests are kept from one run to the next; `make clean` removes them."""
 
 
+LONGEST = ("tests/test_tutorial.py", "tests/fitting", "tests/cli", "tests/from_logs")
+"""Tests that take longest."""
+
 CASES = 2
 """So many cases of a slow test run in `make test`; `make test-all` runs the others too."""
 
@@ -51,6 +54,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     cases of these, and the benchmarks' own tools.
     """
     slow = listed()
+    # the longest first, so that no process waits for it in the end
+    items.sort(key=lambda item: not item.nodeid.startswith(LONGEST))
     cases: Counter[str] = Counter()
     for item in items:
         function = function_of(item.nodeid)

@@ -40,6 +40,7 @@ def test_both_simulators_turn_the_link_alike() -> None:
     assert rms_degrees(ours - theirs) < 0.2
 
 
+@pytest.mark.more
 @pytest.mark.slow
 def test_adaptive_on_a_plant_that_nobody_here_wrote() -> None:
     """Friction as the rig's and ±20 %, a seed each: RMS at most 0.35°, 88 % inside the band or

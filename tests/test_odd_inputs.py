@@ -289,6 +289,7 @@ def test_names_that_are_too_long(log: Path) -> None:
         refused(cli(*words))
 
 
+@pytest.mark.more
 @pytest.mark.slow  # processes of their own
 def test_odd_terminals(log: Path) -> None:
     ascii_only = cli(
@@ -309,6 +310,7 @@ def test_odd_terminals(log: Path) -> None:
     assert "Traceback" not in full.stderr
 
 
+@pytest.mark.more
 @pytest.mark.slow  # the same within this process: test_a_compiler_that_is_no_command
 def test_odd_compilers(log: Path, tmp_path: Path) -> None:
     odd = cli(
@@ -342,6 +344,7 @@ def test_titles_are_plain_text(log: Path, tmp_path: Path) -> None:
 DISTAL = f"'{sys.executable}' -c 'from distal.cli import main; main()'"
 
 
+@pytest.mark.more
 @pytest.mark.parametrize(
     ("source", "tail"),
     [

@@ -127,12 +127,14 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     return done.stdout.splitlines()
 
 
+@pytest.mark.more
 @pytest.mark.slow
 def test_the_code_of_the_readme_passes_a_users_type_check(said: list[str]) -> None:
     assert said[-1].endswith("(checked 2 source files)")
     assert not [line for line in said if line.startswith("readme.py")]
 
 
+@pytest.mark.more
 @pytest.mark.slow
 def test_a_users_type_check_sees_mistakes(said: list[str]) -> None:
     """A package whose types were not found would let everything pass."""

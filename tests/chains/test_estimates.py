@@ -176,6 +176,7 @@ def test_slopes_of_a_sub_step_are_those_of_differences() -> None:
     assert len(slips) > 1  # some of them stuck
 
 
+@pytest.mark.more
 @needs_compiler
 @pytest.mark.slow
 def test_in_c_it_is_the_same(rig: Rig, log: Log, tmp_path: Path) -> None:

@@ -263,6 +263,7 @@ def free_port() -> int:
         return int(one.getsockname()[1])
 
 
+@pytest.mark.more
 @pytest.mark.slow
 def test_udp_as_plotjuggler_sends_and_reads_it(log: Log, rig: Rig, csv: str) -> None:
     to, back = free_port(), free_port()

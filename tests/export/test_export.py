@@ -386,6 +386,7 @@ def test_float_calls_only_float_functions(rig: Rig) -> None:
         )  # every number ends in f
 
 
+@pytest.mark.more
 @pytest.mark.slow  # processes of their own
 def test_the_text_is_the_same_in_every_process(tmp_path: Path) -> None:
     texts = set()

@@ -60,6 +60,7 @@ def test_without_a_home(monkeypatch: pytest.MonkeyPatch) -> None:
     assert cache_folder().name == f"distal-{os.getuid()}"
 
 
+@pytest.mark.more
 @pytest.mark.slow  # a process of its own, whose user has no name and no folder
 def test_commands_without_a_home(tmp_path: Path) -> None:
     kept = {

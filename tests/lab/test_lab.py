@@ -29,6 +29,7 @@ from distal.simulation.plant_motion import BodyInputs, at_rest
 from tests.browser import BROWSER, Page, opened
 
 pytestmark = [
+    pytest.mark.more,  # a browser; what the page holds is in test_page
     pytest.mark.slow,
     pytest.mark.skipif(BROWSER is None, reason="needs a browser"),
     pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="needs ziglang"),

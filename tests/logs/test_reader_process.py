@@ -68,6 +68,7 @@ def test_a_damaged_file_costs_itself_only(path: Path) -> None:
     assert len(read_table(path, ["t", "a"]).columns["a"]) == 50
 
 
+@pytest.mark.more
 def test_where_reading_ends_the_process(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     process = _Reader.current()
     monkeypatch.setattr(_Reader, "_BEGIN", None, raising=False)
@@ -110,6 +111,7 @@ def test_memory_that_no_header_tells(tmp_path: Path, monkeypatch: pytest.MonkeyP
         read_table(path, ["t", "a"])
 
 
+@pytest.mark.more
 def test_relative_names_and_other_folders(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     read_table(path, ["a"])  # the process is there, in another folder
     monkeypatch.chdir(path.parent)
@@ -131,6 +133,7 @@ def test_threads_and_forks(path: Path) -> None:
     assert parent._of[0] == os.getpid()
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("compression", ["ZSTD", pytest.param("LZ4", marks=pytest.mark.slow)])
 def test_a_small_recording_that_unpacks_to_much(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compression: str
@@ -192,6 +195,7 @@ def test_where_no_process_can_be_started(path: Path, monkeypatch: pytest.MonkeyP
     assert _Reader._now is None
 
 
+@pytest.mark.more
 def test_text_that_repeats_is_long_as_a_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -147,6 +147,7 @@ def test_it_tells_more_on_average_and_is_as_right_as_without(
     assert right > before - 0.02
 
 
+@pytest.mark.more
 def test_it_narrows_the_band_of_a_chain_and_finds_how_it_is_mounted(
     rig: Rig, logs: list[Log]
 ) -> None:

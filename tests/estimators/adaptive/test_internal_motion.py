@@ -104,6 +104,7 @@ def without(name: str) -> Rig:
     return rig.with_values({{**none, **joint}[name]: None})
 
 
+@pytest.mark.more
 @pytest.mark.parametrize(
     "name", ["creep", "backlash of a drive", "backlash of the joint", "sheath"]
 )
