@@ -107,7 +107,6 @@ def test_maps_learn_from_numbers_that_have_not_seen_the_log(
     ("where", "name"),
     [
         ("candidates", "search"),
-        pytest.param("standard_errors", "search", marks=pytest.mark.more),
         pytest.param("candidates", "by_equations", marks=pytest.mark.more),
     ],
 )
