@@ -170,6 +170,23 @@ def test_nothing_is_written_where_it_must_not_be(tmp_path: Path, rig: Rig) -> No
     assert bytes_of(tmp_path) == before
 
 
+@pytest.mark.filterwarnings("ignore:left out")
+def test_a_damaged_dataset_leaves_nothing_behind(tmp_path: Path, rig: Rig) -> None:
+    source = dataset(tmp_path / "set", 2)
+    lines = (source / "meta" / "episodes_stats.jsonl").read_text()
+    (source / "meta" / "episodes_stats.jsonl").write_text("{}\n")
+    before = bytes_of(tmp_path)
+    with pytest.raises(LogError, match="not as LeRobot describes"):
+        with_angles(source, rig, tmp_path / "new")
+    assert bytes_of(tmp_path) == before
+    (source / "meta" / "episodes_stats.jsonl").write_text(lines)
+    (source / "data" / "chunk-000" / "episode_000001.parquet").write_bytes(b"PAR1")
+    before = bytes_of(tmp_path)
+    with pytest.raises(LogError, match=r"episode_000001\.parquet: cannot be read"):
+        with_angles(source, rig, tmp_path / "new")
+    assert bytes_of(tmp_path) == before
+
+
 def test_the_command_writes_it_too(tmp_path: Path, rig: Rig) -> None:
     source = dataset(tmp_path / "set", 3)
     file = tmp_path / "rig.toml"
@@ -187,5 +204,6 @@ def test_the_command_writes_it_too(tmp_path: Path, rig: Rig) -> None:
     for path in sorted((expected.folder / "data").rglob("*.parquet")):
         written = tmp_path / "new" / path.relative_to(expected.folder)
         assert pq.read_table(written).equals(pq.read_table(path))
-    refused = CliRunner().invoke(app, [*words, "--out", str(tmp_path / "x.csv")])
-    assert isinstance(refused.exception, EstimationError)
+    for more in (["--out", str(tmp_path / "x.csv")], ["-e", "elastic"], ["--homing", "1s"]):
+        refused = CliRunner().invoke(app, [*words, *more])
+        assert isinstance(refused.exception, EstimationError)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -79,11 +80,16 @@ def with_angles(
     if into.resolve().is_relative_to(dataset.resolve()):
         raise OutputError(f"{into}: is within the dataset, which stays as it is")
     episodes = episodes_of(dataset)
-    half = into.with_name(f".{into.name}.part")
+    columns = _columns(episodes, rig, scale)
+    unread = set((dataset / "data").rglob("*.parquet")) - set(columns)
+    if unread:
+        raise LogError(f"{min(unread)}: cannot be read, so that its rows would have no angles")
     try:
-        shutil.rmtree(half, ignore_errors=True)
-        shutil.copytree(dataset, half)
-        columns = _columns(episodes, rig, scale)
+        half = Path(tempfile.mkdtemp(prefix=".distal-", dir=into.parent))
+    except OSError as problem:
+        raise OutputError(f"{into}: {problem.strerror or problem}") from None
+    try:
+        shutil.copytree(dataset, half, dirs_exist_ok=True)
         values: dict[int, dict[str, Floats]] = {}
         for path in dict.fromkeys(episode.path for episode in episodes):
             values |= _extended(half / path.relative_to(dataset), path, columns[path])
@@ -91,6 +97,8 @@ def with_angles(
         half.rename(into)
     except OSError as problem:
         raise OutputError(f"{into}: {problem.strerror or problem}") from None
+    except (KeyError, ValueError) as problem:
+        raise LogError(f"{dataset}: not as LeRobot describes its datasets ({problem})") from None
     finally:
         shutil.rmtree(half, ignore_errors=True)
     codes = np.concatenate([of[WORD] for of in values.values()]).astype(int)

@@ -115,7 +115,7 @@ class VirtualEncoders:
         """
         if not self._connected:
             raise OSError("call connect() first")
-        if self._thread is None:
+        if self._thread is None or not self._thread.is_alive():
             self._stopping.clear()
             self._thread = threading.Thread(target=self._run, name="VirtualEncoders", daemon=True)
             self._thread.start()
@@ -147,10 +147,10 @@ class VirtualEncoders:
         health = self.hand.health()
         if len(health.silent) < len(self.hand.rig.drives):
             self._read_at = now
-        if now - self._read_at > BRIDGED or not any(map(isfinite, reading.angles)):
-            return
         self._restarted |= set(self.hand.restarted)
         self._doubted = frozenset((*health.silent, *reading.doubted, *self._restarted))
+        if now - self._read_at > BRIDGED or not any(map(isfinite, reading.angles)):
+            return
         wire = self._wire
         words = np.full(wire.AUTO_ENC_NUM_JOINTS, wire.AUTO_ENC_ANGLE_ERROR_BIT, dtype=np.int64)
         angles = self.hand.get_joint_positions()

@@ -150,7 +150,10 @@ def estimate_command(
     from distal.rig import angle_unit, load_rig
 
     if into is not None:
-        with_dataset(logs, load_rig(rig, set_ or ()), into, unit, out or plot)
+        others = (out, plot, panel, estimator, truth, smooth, homing, homing_angle, every)
+        if len(logs) != 1 or any(others):
+            raise EstimationError("--into is of one dataset, with --rig, --set and --unit alone")
+        with_dataset(logs[0], load_rig(rig, set_ or ()), into, unit)
         return
     if out is None and (unit is not None or every):
         raise EstimationError(
@@ -249,17 +252,13 @@ def estimate_command(
     )
 
 
-def with_dataset(
-    logs: Sequence[Path], rig: Rig, into: Path, unit: str | None, other: Path | None
-) -> None:
+def with_dataset(dataset: Path, rig: Rig, into: Path, unit: str | None) -> None:
     """Write a copy of a dataset with joint angles, and print what it has."""
     from distal.bridges.lerobot import with_angles
     from distal.rig import angle_unit
 
-    if len(logs) != 1 or other is not None:
-        raise EstimationError("--into is of one dataset, without --out and --plot")
-    with working(f"estimating {logs[0]}"):
-        written = with_angles(logs[0], rig, into, unit or angle_unit(rig.sensors))
+    with working(f"estimating {dataset}"):
+        written = with_angles(dataset, rig, into, unit or angle_unit(rig.sensors))
     words = ", ".join(f"{word} {share:.0%}" for word, share in written.words.items())
     say(f"wrote {into}: {written.episodes} episodes, {written.rows} rows; health: {words}")
 

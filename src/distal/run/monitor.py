@@ -4,7 +4,7 @@ bridged, and one word says so.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from math import inf, isfinite, isnan, nan, sqrt
@@ -19,7 +19,7 @@ from distal.kernels import Evaluation
 from distal.logs import LARGEST_READING, Log, Remark
 from distal.logs.stamps import REWOUND
 from distal.rig import Rig
-from distal.run.health import LIMITS, WORDS, Health, HealthLimits, begun, watch_of, word_code
+from distal.run.health import LIMITS, WORDS, Health, HealthLimits, Watch, begun, watch_of, word_code
 from distal.run.live_estimator import LATEST, JointContact, LiveEstimator, only
 
 OF_REMARKS: dict[str, Health] = {
@@ -102,6 +102,7 @@ class Monitor:
         self._live = live
         self._limits = limits
         self._watch = watch = watch_of(live.estimator, limits)
+        self._drive_of = list(_drives_of_findings(watch, live))
         self._check = Evaluation(watch.function)
         self._sample = np.zeros(watch.sample.size)
         self._came = {name: self._sample[watch.sample[name]] for name in watch.sample.names}
@@ -275,23 +276,7 @@ class Monitor:
 
     def _doubted(self) -> tuple[str, ...]:
         """Return the drives that the findings of the last sample are about."""
-        watch = self._watch
-        channels = self._live.channels
-        channels_of = {
-            "dead": channels,
-            "stuck": channels,
-            "wrong": [channels[i] for i in watch.placed],
-            "large": self._live.measured,
-        }
-        sensors = {sensor.name: sensor.of for sensor in self.rig.sensors}
-        names = {
-            sensors[channel]
-            for finding, of in channels_of.items()
-            for channel, holds in zip(of, self._findings[watch.findings[finding]])
-            if holds
-        }
-        beyond = self._findings[watch.findings["beyond"]]
-        names |= {end.motor for end, size in zip(watch.ends, beyond) if size > 0.0}
+        names = {drive for at, drive in self._drive_of if self._findings[at] > 0.0}
         return tuple(name for name in self.rig.drive_names if name in names)
 
     def _details(self, flags: Mapping[str, Bools], dt: float) -> dict[str, str]:
@@ -371,6 +356,22 @@ class Monitor:
 
     def _names(self, chosen: Bools) -> str:
         return ", ".join(name for name, is_chosen in zip(self._live.channels, chosen) if is_chosen)
+
+
+def _drives_of_findings(watch: Watch, live: LiveEstimator) -> Iterator[tuple[int, str]]:
+    """Yield the index of each finding on a sensor or an end of a drive, and the drive."""
+    channels = live.channels
+    read = {
+        "dead": channels,
+        "stuck": channels,
+        "wrong": [channels[i] for i in watch.placed],
+        "large": live.measured,
+    }
+    sensors = {sensor.name: sensor.of for sensor in live.rig.sensors}
+    drives = {finding: [sensors[name] for name in names] for finding, names in read.items()}
+    drives["beyond"] = [end.motor for end in watch.ends]
+    for finding, names in drives.items():
+        yield from zip(range(watch.findings[finding].start, watch.findings.size), names)
 
 
 def _with_memory(
