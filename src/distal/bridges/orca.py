@@ -86,6 +86,7 @@ class VirtualEncoders:
         self._connected = False
         self._read_at = -inf
         self._restarted = set[str]()
+        self._zeros = dict[str, float]()
         self._doubted = frozenset[str]()
 
     @property
@@ -147,6 +148,8 @@ class VirtualEncoders:
         health = self.hand.health()
         if len(health.silent) < len(self.hand.rig.drives):
             self._read_at = now
+        zeros = self.hand.zeros
+        self._restarted |= {m for m, was in self._zeros.items() if abs(zeros[m] - was) > 1.0}
         self._restarted |= set(self.hand.restarted)
         self._doubted = frozenset((*health.silent, *reading.doubted, *self._restarted))
         if now - self._read_at > BRIDGED or not any(map(isfinite, reading.angles)):
@@ -234,6 +237,7 @@ class VirtualEncoders:
         names = ("kp", "ki", "correction_max_deg")
         controller.set_gains(*(np.array([getattr(g, name) for g in gains]) for name in names))
         self._restarted.clear()
+        self._zeros = self.hand.zeros
         threads = import_module("orca_core.control.joint_loop")
         return threads.JointLoopThread(_Barring(self), self, controller, target_hz, order)
 

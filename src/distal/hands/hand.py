@@ -301,6 +301,13 @@ class Hand:
         """The motors that, by the last `update`, count from another turn, or may do so."""
         return (*self._units.restarts, *self._units.in_doubt)
 
+    @property
+    def zeros(self) -> dict[str, float]:
+        """Motor → what its sensor reads where the rig has zero, in the unit of the log: it changes
+        where the motor counts from another turn.
+        """
+        return {s.of: self._units.logged(s.name, 0.0) for s in self._rig.sensors_of("position")}
+
     def relax(self) -> None:
         """Drop all desired angles: `update` then sends no goals."""
         self._inverse = None
