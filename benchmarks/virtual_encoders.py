@@ -231,9 +231,9 @@ def followed(
 
 
 def faulty(hand: Simulated, rig: Any, seed: int, episodes: int) -> list[tuple[Any, ...]]:
-    """Let things go wrong while a hand holds poses; return of each episode what went wrong, the
-    largest motion of a joint meanwhile [deg], in how many samples of joints the angle was more than
-    5° off, and in how many of these it was not valid.
+    """Let things go wrong while a hand holds poses; return of each episode what went wrong, by how
+    much a joint goes away from its pose [deg], in how many samples of joints the angle was more
+    than 5° off, and in how many of these it was not valid.
     """
     rng = np.random.default_rng([seed, 42])
     hands, found = hand.hands, []
@@ -267,9 +267,9 @@ def faulty(hand: Simulated, rig: Any, seed: int, episodes: int) -> list[tuple[An
                 hand.goals[0, j] = hands.goals_of(hands.positions)[0, j]
             hand.step()
             true = np.rad2deg(hands.angles[0, hand.columns])
-            still = true if k == 250 else still
+            still = np.abs(true - target) if k == 250 else still
             if still is not None:
-                moved = max(moved, float(np.abs(true - still).max()))
+                moved = max(moved, float((np.abs(true - target) - still).max()))
                 frame: Any = encoders.get_latest()
                 said = encoders.hand.get_joint_positions()
                 slots = [encoders._slots[joint] for joint in hand.joints]
@@ -307,7 +307,12 @@ def main() -> None:
             off, wrong = sum(one[2] for one in of), sum(one[3] for one in of)
             far = sum(one[1] > 3.0 for one in of)
             rows.append((kind, str(len(of)), str(far), f"{wrong} of {off}"))
-        columns = ("", "episodes", "with a motion above 3°", "not valid of those more than 5° off")
+        columns = (
+            "",
+            "episodes",
+            "a joint leaves its pose by 3°",
+            "not valid of those more than 5° off",
+        )
         table("virtual_encoders_faults", "What goes wrong while a pose is held", columns, rows)
         return
     errors: dict[str, list[Any]] = {}
