@@ -214,8 +214,14 @@ def test_a_joint_that_is_not_valid_keeps_its_correction(clock: Clock) -> None:
     np.testing.assert_allclose(loop.controller.step(target, measured, 0.1), 1.1 * correction)
 
 
-def test_a_motor_that_restarted_gets_no_goal_of_the_loop(clock: Clock) -> None:
+@pytest.mark.parametrize("is_said", [True, False])
+def test_a_motor_that_restarted_gets_no_goal_of_the_loop(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch, is_said: bool
+) -> None:
+    """Also where it is told by its turn alone."""
     hand = Hand()
+    if not is_said:
+        monkeypatch.setattr(bridge.Hand, "restarted", ())
     encoders = encoders_of(hand)
     moved(encoders, hand, clock)
     loop: Any = encoders.loop()
