@@ -81,7 +81,7 @@ docs: $(STAMP)
 	@echo "open out/site/index.html, or with search: $(BIN)/python -m http.server -d out/site"
 
 lab: $(STAMP)
-	$(BIN)/distal lab paper-2008 --out docs/lab.html
+	$(BIN)/python -m tools.lab paper-2008 --out docs/lab.html
 
 reliability: $(STAMP)
 	$(BIN)/python -m benchmarks.reliability

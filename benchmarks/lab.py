@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 from tests.browser import opened
+from tools.lab import lab_page
 
 from benchmarks.report import table
 from distal import load_rig
-from distal.lab import lab_page
 
 RIGS = ("paper-2008", "wrist-instrument", "finger-n-plus-1", "hand")
 WATCHED = 5.0

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from distal.from_logs import RigFromLogs, rig_from_logs
     from distal.homing import at_known_angle, homing_filter
     from distal.inverse import Commands, Inverse, LiveInverse
-    from distal.lab import lab_page
     from distal.logs import Log, mujoco_recorder, read_log, write_log
     from distal.results import Estimate, plot_estimates
     from distal.rig import Rig, load_rig, shipped_rigs
@@ -70,7 +69,6 @@ __all__ = [
     "export_fmu",
     "fit",
     "homing_filter",
-    "lab_page",
     "learn",
     "load_rig",
     "load_scenario",
@@ -102,7 +100,6 @@ _NAMES = {
     "from_logs": ("RigFromLogs", "rig_from_logs"),
     "homing": ("at_known_angle", "homing_filter"),
     "inverse": ("Commands", "Inverse", "LiveInverse"),
-    "lab": ("lab_page",),
     "logs": ("Log", "mujoco_recorder", "read_log", "write_log"),
     "results": ("Estimate", "plot_estimates"),
     "rig": ("Rig", "load_rig", "shipped_rigs"),

@@ -7,7 +7,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import shlex
 import signal
 import subprocess
 import sys
@@ -762,33 +761,6 @@ def test_of_a_hand_the_full_filters_are_compared_only_when_asked_for(tmp_path: P
         in done.output
     )
     assert "adaptive" in done.output
-
-
-@pytest.mark.parametrize("settings", [(), ("joints.link.damping=0.02", "name='a b'")])
-def test_the_lab_shows_the_rig_as_it_was_set(
-    settings: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Rig and estimator come to the page with what --set says, and so does the command that the
-    page names.
-    """
-    calls: list[tuple[object, ...]] = []
-
-    def page(*arguments: object) -> None:
-        calls.append(arguments)
-        (tmp_path / "lab.html").write_text("page")
-
-    monkeypatch.setattr("distal.lab.lab_page", page)
-    monkeypatch.setattr("distal.lab.check_ziglang", lambda: None)
-    words = [word for setting in settings for word in ("--set", setting)]
-    out = str(tmp_path / "lab.html")
-    done = CliRunner().invoke(
-        app, ["lab", "paper-2008", "--out", out, "--estimator", "inextensible", *words]
-    )
-    assert done.exit_code == 0, done.output
-    ((shown, path, estimator, source),) = calls
-    assert shown == distal.load_rig("paper-2008", settings)
-    assert (str(path), estimator) == (out, "inextensible")
-    assert shlex.split(str(source)) == ["paper-2008", *words]
 
 
 @pytest.mark.parametrize("command", ["estimate", "view"])

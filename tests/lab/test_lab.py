@@ -12,16 +12,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from tools.lab import lab_page
+from tools.lab.__main__ import main
 
 from distal import Rig, estimate, load_rig, read_log
-from distal.cli.app import app
 from distal.confidence import BAND
 from distal.errors import ExportError
 from distal.estimators import external_torques_of, make_estimator
 from distal.export.plant_source import c_plant
 from distal.kernels import Kernel
-from distal.lab import lab_page
 from distal.model import Mechanism
 from distal.rig import number
 from distal.simulation.plant_kernel import plant_function
@@ -593,13 +592,17 @@ def test_it_is_legible_on_a_telephone(path: Path) -> None:
         assert page.value("document.getElementById('angles').getBoundingClientRect().width") > 330
 
 
-def test_the_command_and_without_ziglang(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    done = CliRunner().invoke(app, ["lab", "capstan-joint", "--out", str(tmp_path / "lab.html")])
-    assert done.exit_code == 0, done.output
-    assert "one file of" in done.output
-    assert "distal estimate lab.csv --rig capstan-joint -e adaptive" in (
+def test_the_command_and_without_ziglang(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("--set", "joints.0.damping=0.02")
+    main(["capstan-joint", "--out", str(tmp_path / "lab.html"), *words])
+    assert "one file of" in capsys.readouterr().out
+    assert "distal estimate lab.csv --rig capstan-joint --set joints.0.damping=0.02 -e" in (
         tmp_path / "lab.html"
     ).read_text(encoding="utf-8")
+    with pytest.raises(SystemExit, match="unknown rig"):
+        main(["capstan-join", "--out", str(tmp_path / "other.html")])
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(ExportError, match=r"ziglang; pip install '\.\[lab\]'"):
         lab_page(load_rig("capstan-joint"), tmp_path / "other.html")

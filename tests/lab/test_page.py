@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tools.lab.html_page import STIFF, _largest_load, _motion, _positions, _servo
+from tools.lab.webassembly import _GLUE
 
 from distal import Rig, load_rig
 from distal.export.plant_source import ExportedPlant, c_plant
-from distal.lab.html_page import STIFF, _largest_load, _motion, _positions, _servo
-from distal.lab.webassembly import _GLUE
 from distal.reports.page import _COLOURS
 from distal.rig.joints import REACH
 
@@ -24,11 +24,11 @@ def test_the_page_that_is_shown_is_of_now() -> None:
     """`make lab` writes it; what ziglang makes of the same C may differ from version to version."""
     text = SHOWN.read_text(encoding="utf-8")
     for package, name in (
-        ("lab", "lab.js"),
-        ("lab", "lab.css"),
-        ("reports", "chain.js"),
+        ("tools.lab", "lab.js"),
+        ("tools.lab", "lab.css"),
+        ("distal.reports", "chain.js"),
     ):
-        shown = resources.files(f"distal.{package}").joinpath(name).read_text(encoding="utf-8")
+        shown = resources.files(package).joinpath(name).read_text(encoding="utf-8")
         assert shown in text
     found = re.search(r"id='lab-data'>(.*?)</script>", text)
     assert found is not None
@@ -42,7 +42,7 @@ def test_what_scripts_read_is_what_pages_hold() -> None:
     shown = SHOWN.read_text(encoding="utf-8")
     found = re.search(r"id='lab-data'>(.*?)</script>", shown)
     assert found is not None
-    script = resources.files("distal.lab").joinpath("lab.js").read_text(encoding="utf-8")
+    script = resources.files("tools.lab").joinpath("lab.js").read_text(encoding="utf-8")
     assert set(re.findall(r"\bdata\.(\w+)", script)) <= set(json.loads(found[1]))
     viewed = set(re.findall(r'view\("(\w+)"', script))
     exported = set(re.findall(r"EXPORTED\((\w+)\)", _GLUE))
@@ -122,8 +122,8 @@ def test_each_part_of_a_chart_has_a_look() -> None:
     """Without a rule a band is a black shape and a curve none at all; each colour is one of the
     page's.
     """
-    script = resources.files("distal.lab").joinpath("lab.js").read_text(encoding="utf-8")
-    sheet = resources.files("distal.lab").joinpath("lab.css").read_text(encoding="utf-8")
+    script = resources.files("tools.lab").joinpath("lab.js").read_text(encoding="utf-8")
+    sheet = resources.files("tools.lab").joinpath("lab.css").read_text(encoding="utf-8")
     kinds = set(re.findall(r'class: "(\w+)"', script))
     kinds |= set(re.findall(r'\[\w+\(\d\), "(\w+)"\]', script))
     assert kinds >= {"grid", "name", "band", "truth", "estimate", "plain"}

@@ -171,7 +171,7 @@ def learn_command(
             guessed=rig is None,
         )
     say_fit(result)
-    then = f"; next: distal estimate LOG --rig {out}, distal lab {out}, export-c"
+    then = f"; next: distal estimate LOG --rig {out}, distal export-c"
     save_fit(result, read, text, out, folder, then, ": the same as a page with curves")
     if result.interrupted and minutes is None:
         raise typer.Exit(130)

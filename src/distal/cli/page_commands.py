@@ -1,4 +1,4 @@
-"""Commands that write or show pages: `distal lab`, `distal view` and `distal reproduce`; that write
+"""Commands that write or show pages: `distal view` and `distal reproduce`; that write
 the filter as C for a microcontroller or as an FMU: `distal export-c` and `distal export-fmu`; and
 `distal doctor`, which says what is installed.
 """
@@ -6,7 +6,6 @@ the filter as C for a microcontroller or as an FMU: `distal export-c` and `dista
 from __future__ import annotations
 
 import platform
-import shlex
 import shutil
 import tempfile
 import webbrowser
@@ -217,28 +216,6 @@ def doctor_command() -> None:
     say(f"kernel cache: {cache_folder()}")
 
 
-def lab_command(
-    rig: RigArgument,
-    *,
-    out: Annotated[Path, Option(help="The page (HTML), one file.")],
-    estimator: EstimatorOption = None,
-    set_: SetOption = None,
-) -> None:
-    """Write a page in which the rig moves and is estimated: change what is true, and see when an
-    encoder is needed.
-    """
-    from distal.lab import check_ziglang, lab_page
-    from distal.rig import load_rig
-
-    check_command_outputs(to_file("--out", out, "a page"), rig=rig)
-    described = load_rig(rig, set_ or ())
-    check_ziglang()
-    settings = (f"--set {shlex.quote(setting)}" for setting in set_ or ())
-    with working("writing plant and filter as C and compiling them to WebAssembly"):
-        lab_page(described, out, estimator, " ".join([shlex.quote(rig), *settings]))
-    say(f"wrote {out}: one file of {out.stat().st_size / 1000:.0f} kB; open it in a browser")
-
-
 def view_command(
     log: Annotated[
         Path,
@@ -296,7 +273,7 @@ def reproduce_command(
         "out/reproduce"
     ),
     lab: Annotated[
-        Path | None, Option(help="A page of distal lab, to be linked from the page.")
+        Path | None, Option(help="A page of `python -m tools.lab`, to be linked from the page.")
     ] = None,
 ) -> None:
     """Simulate and filter the 2008 paper's two test series; write its figures, results and a

@@ -82,7 +82,7 @@ def reproduce(
         out: the folder, which is made where it does not exist.
         advance: called after each test (`distal.paper.series.TESTS`), then after each
             closed loop, then after each figure.
-        lab: a page of `distal lab`, which is copied beside the page and linked from it; or None.
+        lab: a page of `tools.lab`, which is copied beside the page and linked from it; or None.
 
     Raises:
         OutputError: the folder or a file cannot be written, or the lab cannot be read.
@@ -93,7 +93,7 @@ def reproduce(
         moving = None if lab is None else lab.read_bytes()
     except OSError as problem:
         raise OutputError(
-            f"{lab}: cannot be read ({problem.strerror}); distal lab writes one"
+            f"{lab}: cannot be read ({problem.strerror}); python -m tools.lab writes one"
         ) from None
     folder = make_folder(out)
     runs = list(all_runs(advance))

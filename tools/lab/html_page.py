@@ -20,7 +20,6 @@ from distal.confidence import BAND, COVERED_TEXT
 from distal.estimators.read_channels import DEAD
 from distal.export.c_text import filled
 from distal.export.plant_source import ExportedPlant, resting_inputs
-from distal.lab.webassembly import LabModule, lab_module
 from distal.logs import write_whole
 from distal.reports.moving_chain import chain_shape, tension_scale
 from distal.reports.page import page, resource, script_with
@@ -30,6 +29,7 @@ from distal.rig.joints import REACH
 from distal.run.health import HEALTH
 from distal.simulation.plant_motion import equilibrium
 from distal.units import unit_factor
+from tools.lab.webassembly import LabModule, lab_module
 
 WINDOW = 12.0
 """Length of the time axis of the curves [s]. Source: layout."""
@@ -112,13 +112,13 @@ def lab_page(rig: Rig, path: str | Path, estimator: str | None = None, source: s
     module = lab_module(rig, estimator)
     constants = _constants(rig, module, source)
     parts = [
-        f"<style>{resource('lab.css', 'distal.lab')}</style>",
+        f"<style>{resource('lab.css', 'tools.lab')}</style>",
         _body(rig, module, constants),
         script_with(
             "lab-data",
             constants,
             resource("chain.js"),
-            resource("lab.js", "distal.lab"),
+            resource("lab.js", "tools.lab"),
         ),
     ]
     lead = (
@@ -320,7 +320,7 @@ def _body(rig: Rig, module: LabModule, constants: dict[str, Any]) -> str:
         ),
         "motion": motion,
     }
-    return filled(resource("lab.html", "distal.lab"), blanks)
+    return filled(resource("lab.html", "tools.lab"), blanks)
 
 
 def _slider(
