@@ -6,6 +6,7 @@ import ctypes
 import platform
 from collections.abc import Sequence
 from functools import lru_cache
+from math import prod
 
 import casadi as ca
 import numpy as np
@@ -50,6 +51,16 @@ void {name}_batch(const long long* rows, const double* const* kernel_state, cons
     }}
   }}
 }}
+
+/* one sample of groups of {lanes} runs each, whose kernel states are changed in place */
+void {name}_step(long long groups, V* kernel_state, const V* x, const V* p, V* y) {{
+  V next[{n_kernel_state}];
+  long long g, i;
+  for (g = 0; g < groups; ++g, kernel_state += {n_kernel_state}, x += {n_x}, y += {n_y}) {{
+    {name}(kernel_state, x, p, next, y);
+    for (i = 0; i < {n_kernel_state}; ++i) kernel_state[i] = next[i];
+  }}
+}}
 """
 
 
@@ -84,6 +95,7 @@ class LaneKernel:
         self._batch = loaded(
             library, "batch", [*4 * [ctypes.c_void_p], ctypes.c_longlong, *3 * [ctypes.c_void_p]]
         )
+        self._step = loaded(library, "step", [ctypes.c_longlong, *4 * [ctypes.c_void_p]])
 
     def scan(self, feeds: Sequence[Feed], keep: Sequence[int]) -> list[Advanced]:
         """Return the results of several runs: of the kernel state after each row only the numbers
@@ -110,6 +122,24 @@ class LaneKernel:
             *(self._pointers(arrays) for arrays in zip(*out)),
         )
         return out
+
+    def empty(self, *shape: int) -> Floats:
+        """Return an array of zeros (…, lanes) that begins where vectors may begin in memory."""
+        size = prod(shape) * self.lanes
+        room = np.zeros(size + self.lanes)
+        first = -room.ctypes.data // room.itemsize % self.lanes
+        return room[first : first + size].reshape(*shape, self.lanes)
+
+    def step(self, kernel_state: Floats, x: Floats, p: Floats, y: Floats) -> None:
+        """Advance groups of runs by one sample each; `kernel_state` and `y` are changed in place.
+
+        Args:
+            kernel_state: (groups, n_kernel_state, lanes), as of `empty`.
+            x: (groups, n_x, lanes).
+            p: the parameters that all have in common, (n_p, lanes).
+            y: (groups, n_y, lanes).
+        """
+        self._step(len(x), *(array.ctypes.data for array in (kernel_state, x, p, y)))
 
     def _pointers(self, arrays: Sequence[Floats]) -> ctypes.Array[ctypes.c_void_p]:
         filled = [*arrays, *[arrays[0]] * (self.lanes - len(arrays))]

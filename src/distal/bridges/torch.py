@@ -1,0 +1,281 @@
+"""Many estimators of one rig, step by step together, on the processor or on a GPU: for policies
+that are trained on what an estimator says and not on the truth.
+
+An array goes to PyTorch or JAX without a copy (`torch.from_dlpack(angles)`). On the processor the
+estimators run in its vector lanes, on all cores. On a GPU each has a thread: the exported C with
+qualifiers of CUDA, compiled by NVRTC through CuPy. Arrays are (groups, size, lanes): on a GPU there
+is one group, and each of its estimators is a lane.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from pathlib import Path
+from types import ModuleType
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from distal.arrays import Bools, Floats
+from distal.codegen import Plain
+from distal.errors import EstimationError
+from distal.estimators import LARGEST_ANGLE, SHORTEST, make_estimator
+from distal.estimators.read_channels import MOST_BRIDGES, fill, predictions
+from distal.kernels import Kernel, kernel_state_layout
+from distal.kernels.compiler import emitted
+from distal.kernels.layout import MISSING
+from distal.logs import LARGEST_READING
+from distal.rig import Rig, as_rig
+
+THREADS = 64
+"""Threads in a block of the GPU [1]. Source: definition (two warps; a thread's registers leave room
+for few more).
+"""
+
+CUDA = """
+#define restrict __restrict__
+#ifndef NAN
+#define NAN __builtin_nan("")
+#define INFINITY __builtin_huge_val()
+#endif
+"""
+"""What C99 has and CUDA has not."""
+
+_EACH = """
+/* one sample of n estimators whose arrays lie side by side */
+extern "C" __global__ void {name}_step(long long n, double* kernel_state, const double* x,
+                                       const double* p, double* y) {{
+  const long long l = (long long)blockIdx.x * blockDim.x + threadIdx.x;
+  double now[{n_kernel_state}], next[{n_kernel_state}], sample[{n_x}], out[{n_y}];
+  int i;
+  if (l >= n) return;
+  for (i = 0; i < {n_kernel_state}; ++i) now[i] = kernel_state[i * n + l];
+  for (i = 0; i < {n_x}; ++i) sample[i] = x[i * n + l];
+  {name}(now, sample, p, next, out);
+  for (i = 0; i < {n_kernel_state}; ++i) kernel_state[i * n + l] = next[i];
+  for (i = 0; i < {n_y}; ++i) y[i * n + l] = out[i];
+}}
+"""
+
+Step = Callable[[Floats, Floats, Floats], None]
+"""Changes kernel states and outputs by a sample: (kernel_state, x, y)."""
+
+
+class Angles(NamedTuple):
+    """Angles of joints after a sample: arrays of NumPy, or on a GPU of CuPy.
+
+    Args:
+        angles: of the joints [rad], (n, n_joints).
+        stds: standard deviations of their errors [rad], (n, n_joints).
+        restarted: which estimators left all bounds and begin anew with their next sample, (n,).
+    """
+
+    angles: Floats
+    stds: Floats
+    restarted: Bools
+
+
+class BatchEstimator:
+    """The same estimator n times, for n rigs that are described by one file.
+
+    ```python
+    estimator = BatchEstimator("finger-2n", 4096)
+    angles, stds, restarted = estimator.step(0.01, samples)  # (4096, n_channels), SI
+    estimator.reset(done)  # those where an episode ended begin with their next sample
+    ```
+
+    Args:
+        rig: the description, or a shipped rig's name, or a path.
+        n: number of estimators.
+        estimator: its name; by default that of the rig.
+        device: "cpu" or "cuda".
+
+    Raises:
+        EstimationError: n is no whole number from 1, the device is unknown or not there, or the
+            estimator cannot run on this rig.
+        RigError: the rig is unknown or wrong.
+    """
+
+    def __init__(
+        self, rig: Rig | str | Path, n: int, estimator: str | None = None, device: str = "cpu"
+    ) -> None:
+        if not isinstance(n, int) or n < 1:
+            raise EstimationError(f"n: a whole number of estimators from 1, {n!r} came")
+        if device not in ("cpu", "cuda"):
+            raise EstimationError(f"device: 'cpu' or 'cuda', {device!r} came")
+        self.rig = as_rig(rig)
+        self._one = one = make_estimator(estimator, self.rig)
+        self._n = n
+        self._xp: ModuleType = np
+        self._here: Callable[[Floats | Bools], Floats] = np.asarray
+        if device == "cpu":
+            self._arrays, self._run = _on_processor(one.kernel, one.parameters, n)
+        else:
+            self._xp, self._arrays, self._run = _on_gpu(one.kernel.function, one.parameters, n)
+            self._here = self._xp.asnumpy
+        self._size = one.initial(0.0, np.full(len(one.channels), np.nan)).size
+        self._begins = np.ones(n, dtype=bool)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the sensors in a sample, in its order."""
+        return self._one.channels
+
+    @property
+    def joints(self) -> list[str]:
+        """Names of the joints, in their order."""
+        return self.rig.joint_names
+
+    def reset(self, which: Sequence[int] | Bools | None = None) -> None:
+        """Let estimators forget everything: their next sample is the first.
+
+        Args:
+            which: a mask of NumPy, (n,), or their indices; by default all.
+        """
+        self._begins[slice(None) if which is None else np.asarray(which)] = True
+
+    def step(self, dt: float, samples: Floats) -> Angles:
+        """Take in a sample of each estimator and return the joints' angles.
+
+        Args:
+            dt: time since the last sample [s].
+            samples: values of `channels`, SI, NaN where missing, (n, n_channels), on the device.
+
+        Raises:
+            EstimationError: the interval is not above zero or too long, the shape is wrong, or a
+                value is wild.
+        """
+        one = self._one
+        values = self._xp.asarray(samples, dtype=np.float64)
+        if values.shape != (self._n, len(one.channels)):
+            raise EstimationError(
+                f"samples must have shape ({self._n}, {len(one.channels)}) for {one.channels}, "
+                f"{values.shape} came"
+            )
+        parts = predictions(dt, one.interval) if dt >= SHORTEST else 0
+        if not 0 < parts <= MOST_BRIDGES:
+            raise EstimationError(f"dt: an interval above 0 s that is no long gap, {dt:g} s came")
+        if bool((abs(values) > LARGEST_READING).any()):
+            raise EstimationError(f"a sample is wild: beyond {LARGEST_READING:g} in SI")
+        begins = self._begins.copy()
+        if begins.any():
+            self._begin(begins, self._here(values))
+        kernel_state, x, y = self._arrays
+        width = len(one.channels)
+        row = self._xp.moveaxis(x, 1, 0)  # a view: (n_x, groups, lanes)
+        lanes = row[0].size
+        sample = self._xp.zeros((width, lanes))
+        sample[:, : self._n] = values.T
+        is_finite = self._xp.zeros((width, lanes), dtype=bool)
+        is_finite[:, : self._n] = self._xp.isfinite(values).T
+        sample = self._xp.where(is_finite, sample, 0.0).reshape(row[1 : 1 + width].shape)
+        is_finite = is_finite.reshape(sample.shape)
+        first = self._xp.asarray(np.append(begins, np.zeros(lanes - self._n, dtype=bool)))
+        row[0] = self._xp.where(first, 0.0, dt / parts).reshape(row[0].shape)
+        for rows_after in range(parts - 1, -1, -1):
+            fill(row[1 : 1 + width], row[1 + width :], sample, is_finite, rows_after, one.bridged)
+            if rows_after:
+                # an estimator that begins has no gap behind it
+                row[1 + width :, first.reshape(row[0].shape)] = MISSING
+            self._run(kernel_state, x, y)
+        self._begins[:] = False
+        return self._reported()
+
+    def _reported(self) -> Angles:
+        """Return the angles as they are reported, with the learned maps."""
+        xp = self._xp
+        layout = kernel_state_layout(self._size)
+        state, ys = (
+            xp.moveaxis(array, 1, 2).reshape(-1, array.shape[1])[: self._n]
+            for array in (self._arrays[0], self._arrays[2])
+        )
+        joints = len(self.joints)
+        angles = state[:, :joints].copy()
+        diagonal = layout["covariance"].start + np.arange(joints) * (self._size + 1)
+        variances = state[:, diagonal]
+        report = self._one.report.only(range(joints))
+        if report.states:
+            at = list(report.states)
+            gains = ys[:, list(report.gains)]
+            angles[:, at] = ys[:, list(report.values)]
+            variances[:, at] = variances[:, at] * gains * gains + ys[:, list(report.variances)]
+        # a sum would miss infinities of both signs
+        lost = ~(xp.isfinite(state).all(axis=1) & (abs(angles) <= LARGEST_ANGLE).all(axis=1))
+        self._begins |= self._here(lost) > 0
+        return Angles(angles, xp.sqrt(xp.maximum(variances, 0.0)), lost)
+
+    def _begin(self, which: Bools, values: Floats) -> None:
+        """Set the kernel states of those that begin to their prior at these values."""
+        kernel_state = self._arrays[0]
+        lanes = kernel_state.shape[2]
+        for k in np.flatnonzero(which):
+            begin = self._one.initial(0.0, values[k]).kernel_state
+            kernel_state[k // lanes, :, k % lanes] = self._xp.asarray(begin)
+
+
+def _on_processor(kernel: Kernel, p: Floats, n: int) -> tuple[tuple[Floats, ...], Step]:
+    """Return kernel states, samples and outputs in vector lanes, and what advances them."""
+    lanes = kernel.lanes()
+    sizes = kernel.sizes
+    per_sample = sizes.kernel_state, sizes.x, sizes.y
+    if lanes is None:
+        arrays = tuple(np.zeros((n, size, 1)) for size in per_sample)
+
+        def one_by_one(kernel_state: Floats, x: Floats, y: Floats) -> None:
+            for k in range(n):
+                after, out = kernel.scan(kernel_state[k, :, 0], x[k, :, 0][None], p)
+                kernel_state[k, :, 0] = after[0]
+                y[k, :, 0] = out[0]
+
+        return arrays, one_by_one
+    groups = -(-n // lanes.lanes)
+    arrays = tuple(lanes.empty(groups, size) for size in per_sample)
+    common = lanes.empty(sizes.p)
+    common[:] = p[:, None]
+    workers = min(os.cpu_count() or 1, groups)
+    ends = np.linspace(0, groups, workers + 1).astype(int)
+    shares = [slice(*pair) for pair in pairwise(ends)]
+    pool = ThreadPoolExecutor(workers)
+
+    def side_by_side(kernel_state: Floats, x: Floats, y: Floats) -> None:
+        list(pool.map(lambda at: lanes.step(kernel_state[at], x[at], common, y[at]), shares))
+
+    return arrays, side_by_side
+
+
+def cuda_source(function: ca.Function) -> str:
+    """Return a kernel as CUDA: its C with qualifiers, and a function that advances many of them.
+
+    Raises:
+        CompileError: the function has an operation that has no C here.
+    """
+    text = emitted(function, Plain(), _EACH).replace("#include <math.h>", CUDA, 1)
+    return re.sub(r"^static (inline |)(?=void|double)", r"static __device__ \1", text, flags=re.M)
+
+
+def _on_gpu(
+    function: ca.Function, p: Floats, n: int
+) -> tuple[ModuleType, tuple[Floats, ...], Step]:
+    """Return CuPy, the arrays of `_on_processor` on a GPU, and what advances them."""
+    try:
+        import cupy
+    except ImportError:
+        raise EstimationError("device 'cuda' needs CuPy; pip install '.[cuda]'") from None
+    if not cupy.cuda.is_available():
+        raise EstimationError("device 'cuda': CuPy finds no GPU; take device 'cpu'")
+    module = cupy.RawModule(code=cuda_source(function), options=("--std=c++14", "--fmad=false"))
+    advance = module.get_function(f"{function.name()}_step")
+    sizes = function.numel_in(0), function.numel_in(1), function.numel_out(1)
+    arrays = tuple(cupy.zeros((1, size, n)) for size in sizes)
+    common = cupy.asarray(p)
+
+    def all_at_once(kernel_state: Floats, x: Floats, y: Floats) -> None:
+        blocks = -(-n // THREADS)
+        advance((blocks,), (THREADS,), (np.int64(n), kernel_state, x, common, y))
+
+    return cupy, arrays, all_at_once
