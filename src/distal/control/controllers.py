@@ -13,7 +13,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.expressions import Vector
 from distal.inverse import Feedback, LiveInverse
-from distal.inverse.pid import feedback_torques
+from distal.inverse.pid import REMEMBERED, feedback_torques
 from distal.inverse.tension_distribution import solved
 from distal.kernels import Evaluation, Layout
 from distal.model import Mechanism
@@ -88,7 +88,9 @@ class PID:
         self._rig = rig
         self._joints = joints
         self._period = period
-        self._layout = Layout(effort=n, speed=n, last=n, rests=n, begun=1, commands=len(rig.drives))
+        self._layout = Layout(
+            **dict.fromkeys((*REMEMBERED, "speed", "last"), n), begun=1, commands=len(rig.drives)
+        )
         self._law = Evaluation(self._function(co_contraction))
         self._memory = np.zeros(self._layout.size)
 
@@ -106,19 +108,17 @@ class PID:
         speed = before["speed"] + before["begun"] * SMOOTHED * (turned - before["speed"])
         made = feedback_torques(
             Feedback.gains([feedback_of(joint) for joint in self._joints.values()]),
+            before=before,
             error=reference - angles[at],
             lag=-speed,
-            rested=before["rests"],
-            effort=before["effort"],
             dt=self._period,
         )
         torques = ca.SX.zeros(mechanism.n_joints)
         torques[at] = made.torques
         after = self._layout.joined(
-            effort=made.effort,
+            **made.after,
             speed=speed,
             last=angles[at],
-            rests=made.rests,
             begun=ca.SX(1),
             commands=allocated(mechanism, angles, torques, co_contraction),
         )

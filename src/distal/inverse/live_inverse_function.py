@@ -20,7 +20,7 @@ from distal.estimators import SHORTEST, TOUCHED
 from distal.estimators.adaptive import StateVector, state_vector
 from distal.inverse.command_inputs import DERIVED
 from distal.inverse.feedforward import KERNEL, CommandModel
-from distal.inverse.pid import Feedback, feedback_torques, limited
+from distal.inverse.pid import REMEMBERED, Feedback, feedback_torques, limited
 from distal.kernels import Layout, Structure, structure_of
 from distal.rig import Rig
 
@@ -39,7 +39,7 @@ AT_END = 1e-9
 rounding (positions that are equal).
 """
 
-GUIDED = ("wished", "reference", "rate", "speed", "acceleration", "correction", "effort", "rests")
+GUIDED = ("wished", "reference", "rate", "speed", "acceleration", "correction", *REMEMBERED)
 """State of the reference and of the feedback that is kept for each free joint."""
 
 OF_ALL = ("lowest", "compensates")
@@ -219,10 +219,9 @@ def guide_function(nf: int) -> ca.Function:
     turning = started * (angles - v["last_before"]) / safe
     made = feedback_torques(
         v,
+        before={name: v[f"{name}_before"] for name in REMEMBERED},
         error=reference - angles,
         lag=speed - turning,
-        rested=v["rests_before"],
-        effort=v["effort_before"],
         dt=dt,
         trusted=trusted,
         # what presses on what is touched does not wind up
@@ -239,8 +238,7 @@ def guide_function(nf: int) -> ca.Function:
         "speed": speed,
         "acceleration": v["acceleration_before"] + share * change,
         "correction": correction,
-        "effort": made.effort,
-        "rests": made.rests,
+        **made.after,
         "correcting": (correction - v["correction_before"]) / safe,
         "pushed": -made.torques,
     }

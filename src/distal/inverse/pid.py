@@ -65,24 +65,28 @@ class Feedback:
         }
 
 
+REMEMBERED = ("effort", "rests")
+"""What the law remembers of each joint from sample to sample: the integral of its error [rad s],
+and whether it rests.
+"""
+
+
 class Corrected(NamedTuple):
-    """What feedback does in a sample: whether joints rest, their errors beyond the dead band [rad],
-    its torques [N m], and the integral of the errors afterwards [rad s], (n,) each.
+    """What feedback does in a sample: errors beyond the dead band [rad], its torques [N m], and
+    name of what is `REMEMBERED` → its value afterwards, (n,) each.
     """
 
-    rests: Vector
     errors: Vector
     torques: Vector
-    effort: Vector
+    after: dict[str, Vector]
 
 
 def feedback_torques(
     gains: Mapping[str, Vector],
     *,
+    before: Mapping[str, Vector],
     error: Vector,
     lag: Vector,
-    rested: Vector,
-    effort: Vector,
     dt: Scalar,
     trusted: Scalar = 1.0,
     free: Scalar = 1.0,
@@ -95,22 +99,22 @@ def feedback_torques(
 
     Args:
         gains: by the names of `Feedback`.
+        before: what is `REMEMBERED`, by name, (n,) each.
         error: desired minus estimated angles [rad], (n,).
         lag: desired minus estimated speeds [rad/s], (n,).
-        rested: whether joints rested in the sample before, (n,).
-        effort: ∫ e dt before the sample [rad s], (n,).
         dt: length of the sample [s].
         trusted: whether the estimate is known; e and its derivative are zero where it is not.
         free: whether the integral may grow.
     """
     band = gains["deadband"]
-    rests = ca.fabs(error) < band * ca.if_else(rested > 0, LEAVES, 1)
+    rests = ca.fabs(error) < band * ca.if_else(before["rests"] > 0, LEAVES, 1)
     errors = trusted * ca.if_else(rests, 0, error - limited(error, band))
+    effort = before["effort"]
     asked = gains["proportional"] * errors + gains["integral"] * effort
     asked += gains["derivative"] * trusted * lag
     torques = limited(asked, gains["torque_limit"])
     grown = effort + free * ca.if_else(torques == asked, errors * dt, 0)
-    return Corrected(rests, errors, torques, grown)
+    return Corrected(errors, torques, {"effort": grown, "rests": rests})
 
 
 def limited(value: Vector, most: Scalar) -> Vector:
