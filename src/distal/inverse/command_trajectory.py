@@ -12,7 +12,6 @@ import numpy as np
 from distal.arrays import Bools, Floats
 from distal.errors import CommandError
 from distal.estimators import LARGEST_ANGLE, AdaptiveFilter, first_values
-from distal.inverse.command_inputs import followable, sent
 from distal.inverse.command_result import (
     TINY,
     Commands,
@@ -24,6 +23,7 @@ from distal.inverse.command_result import (
 from distal.inverse.feedforward import ROUNDS
 from distal.inverse.live_inverse_function import readings
 from distal.inverse.rest import RestModel, position_variances
+from distal.inverse.servo_setpoints import followable, sent
 from distal.inverse.tension_distribution import LEAST_TENSION, least_tension_of
 from distal.kernels import (
     Advanced,
