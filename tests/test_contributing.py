@@ -79,7 +79,7 @@ def test_coverage_is_counted_by_package() -> None:
             "summary": {"covered_lines": 0, "num_statements": 10}
         },
         "src/distal/units.py": {"summary": {"covered_lines": 5, "num_statements": 5}},
-        "src/distal/paper/__init__.py": {"summary": {"covered_lines": 0, "num_statements": 0}},
+        "src/distal/rig/__init__.py": {"summary": {"covered_lines": 0, "num_statements": 0}},
     }
     assert by_package({"files": files}) == [("rig", 9, 20), ("units.py", 5, 5)]
 

@@ -19,6 +19,7 @@ BENCHMARKS = sorted(
             for path in (ROOT / "benchmarks").glob("*.py")
             if "__main__" in path.read_text(encoding="utf-8")
         ),
+        "paper_2008",
         "real",
     ]
 )

@@ -9,6 +9,8 @@ import json
 import numpy as np
 import pytest
 
+from benchmarks.paper_2008.claims import Measure, Statement, statements
+from benchmarks.paper_2008.series import PLANTS, SERIES_1, hung_weights, observed_values, run_series
 from benchmarks.paper_search import (
     UNKNOWNS,
     Search,
@@ -18,8 +20,6 @@ from benchmarks.paper_search import (
     search_in_words,
     to_json,
 )
-from distal.paper.claims import Measure, Statement, statements
-from distal.paper.series import PLANTS, SERIES_1, hung_weights, observed_values, run_series
 
 COUNT = 12
 

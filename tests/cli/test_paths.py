@@ -19,7 +19,6 @@ import distal.control
 import distal.export
 import distal.fitting
 import distal.logs
-import distal.paper.paper_page
 import distal.reports
 import distal.run
 import distal.simulation
@@ -155,7 +154,6 @@ COMMANDS = {
         "out/README.md",
         lambda i, out: ["export-c", i["rig"], "--name", "joint", "--out", out],
     ),
-    "reproduce --out": Command((), "out/index.html", lambda i, out: ["reproduce", "--out", out]),
 }
 PAIRS = [(name, read) for name, command in COMMANDS.items() for read in command.inputs]
 
@@ -180,7 +178,6 @@ def _no_work(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) ->
         (distal.control, ("simulate", "closed_loop")),
         (distal.fitting, ("fit",)),
         (distal.reports, ("fit_report",)),
-        (distal.paper.paper_page, ("reproduce",)),
         (distal.export, ("export_c",)),
     ):
         for name in names:
@@ -390,7 +387,6 @@ TWO = {
     "export-c": Two(
         "README.md", "joint.c", lambda i, at: ["export-c", i["rig"], "--name", "joint", "--out", at]
     ),
-    "reproduce": Two("results.json", "index.html", lambda i, at: ["reproduce", "--out", at]),
 }
 
 

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from distal import Fit, Log, Rig, estimate, fit, load_scenario, scenario_rig, simulate
-from distal.paper.paper_figures import FIGURES
 from distal.reports import fit_report
 from distal.reports.fitting import draw_traces
 from distal.reports.page import page, paragraph, picture
@@ -92,7 +91,3 @@ def test_the_page_of_a_fit(fitted: Fit, logs: list[Log], tmp_path: Path) -> None
     part = fitted.fitted[0]
     assert part.sizes[1] in text
     assert np.isfinite(part.value)
-
-
-def test_the_figures_of_the_paper_have_names() -> None:
-    assert list(FIGURES) == ["figure-2", "figure-3", "figure-4", "figure-5"]

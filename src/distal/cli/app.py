@@ -52,7 +52,6 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "stream": stream_command.stream_command,
     "export-c": page_commands.export_command,
     "export-fmu": page_commands.fmu_command,
-    "reproduce": page_commands.reproduce_command,
     "rigs": rig_commands.list_rigs_command,
     "scenarios": simulation_commands.list_scenarios_command,
     "doctor": page_commands.doctor_command,

@@ -1,6 +1,6 @@
-"""Commands that write or show pages: `distal view` and `distal reproduce`; that write
-the filter as C for a microcontroller or as an FMU: `distal export-c` and `distal export-fmu`; and
-`distal doctor`, which says what is installed.
+"""Commands that write or show pages: `distal view`; that write the filter as C for a microcontroller
+or as an FMU: `distal export-c` and `distal export-fmu`; and `distal doctor`, which says what is
+installed.
 """
 
 from __future__ import annotations
@@ -9,14 +9,13 @@ import platform
 import shutil
 import tempfile
 import webbrowser
-from itertools import count
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from typer import Argument, Option
 
-from distal.cli.console import continue_on_failure, progress_bar, say, table, warn, working
+from distal.cli.console import continue_on_failure, say, table, warn, working
 from distal.cli.shared_options import (
     EstimatorOption,
     HomingOption,
@@ -266,32 +265,3 @@ def view_command(
     say(f"wrote {position}")
     if out is None and not webbrowser.open(position.resolve().as_uri()):
         say("no browser could be opened; open the file yourself")
-
-
-def reproduce_command(
-    out: Annotated[Path, Option(help="Folder for figures, results.json and index.html.")] = Path(
-        "out/reproduce"
-    ),
-    lab: Annotated[
-        Path | None, Option(help="A page of `python -m tools.lab`, to be linked from the page.")
-    ] = None,
-) -> None:
-    """Simulate and filter the 2008 paper's two test series; write its figures, results and a
-    page.
-    """
-    from distal.paper.claims import GROUPS
-    from distal.paper.paper_figures import CAPTIONS
-    from distal.paper.paper_page import FEEDBACKS, REPRODUCTION_FILES, reproduce
-    from distal.paper.series import TESTS
-
-    check_command_outputs(to_folder("--out", out, REPRODUCTION_FILES))
-    done = count(1)
-    total = len(TESTS) + len(FEEDBACKS) + len(CAPTIONS)
-    with progress_bar("simulating and filtering", total) as show:
-        claims, _ = reproduce(out, lambda: show(next(done)), lab)
-    rows = [(group, str(sum(claim.group == group for claim in claims))) for group in GROUPS]
-    table(f"{len(claims)} statements of the paper", ["of them", "number"], rows)
-    say(
-        f"open {out}/index.html: a moving link, the rig, figures 2 to 5, all errors, and why each "
-        "statement holds or does not"
-    )

@@ -241,7 +241,7 @@ def _draw_joint(axes: Sequence[Axes], estimates: Sequence[Curves], joint: int) -
         (line,) = top.plot(from_start(first.time), np.rad2deg(truth), **TRUTH)
         entries.append((line, "truth"))
     for i, estimate in enumerate(estimates):
-        handle = draw_estimate(top, estimate, i, joint=joint)
+        handle = _draw_estimate(top, estimate, i, joint)
         entries.append((handle, f"{estimate.estimator}, {in_percent(estimate.level)} band"))
     _limit_angles(top, estimates, joint)
     top.set_ylabel("joint angle θ [°]")
@@ -293,29 +293,18 @@ def _half_width(estimate: Curves, joint: int) -> Floats:
     return np.rad2deg(half_width(estimate.level) * estimate.angle_stds[:, joint])
 
 
-def draw_estimate(
-    axes: Axes,
-    estimate: Curves,
-    index: int,
-    band: bool = True,
-    label: str | None = None,
-    joint: int = 0,
-) -> Artist:
+def _draw_estimate(axes: Axes, estimate: Curves, index: int, joint: int) -> Artist:
     """Draw one joint's estimate and its band [°]; return the handle for a legend.
 
     Args:
         index: which colour and dash the curve has, from 0.
-        band: whether the band is drawn.
-        label: name of the curve; by default it is the estimator's name.
         joint: index of the joint.
     """
     theta = np.rad2deg(estimate.angles[:, joint])
     half = _half_width(estimate, joint)
     time = from_start(estimate.time)
-    name = label or estimate.estimator
-    handles = [_shade(axes, time, theta - half, theta + half, index)] if band else []
-    handles += axes.plot(time, theta, linewidth=1.2, label=name, **curve_style(index))
-    return tuple(handles)
+    band = _shade(axes, time, theta - half, theta + half, index)
+    return band, *axes.plot(time, theta, linewidth=1.2, **curve_style(index))
 
 
 def _shade(axes: Axes, time: Floats, low: Floats, high: Floats, index: int) -> Artist:

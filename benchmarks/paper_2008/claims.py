@@ -11,8 +11,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from benchmarks.paper_2008.series import PLANTS, SeriesRun
 from distal.arrays import Floats
-from distal.paper.series import PLANTS, SeriesRun
 from distal.reports.page import resource
 from distal.rig import tendon_angle_name
 
@@ -71,7 +71,7 @@ class Statement:
 @lru_cache(maxsize=1)
 def statements() -> tuple[Statement, ...]:
     """Return the paper's statements with the thresholds of `claims.toml`."""
-    text = resource("claims.toml", "distal.paper")
+    text = resource("claims.toml", "benchmarks.paper_2008")
     return tuple(
         Statement(
             key,

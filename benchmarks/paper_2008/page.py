@@ -1,4 +1,4 @@
-"""The files of `distal reproduce`: figures, results and a page on the 2008 paper."""
+"""The files of the reproduction: figures, results and a page on the 2008 paper."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.paper_2008.claims import GROUPS, Claim, measure_claims, rms
+from benchmarks.paper_2008.figures import CAPTIONS, FIGURES, POSITIONED, SUMMARY, draw_figure
+from benchmarks.paper_2008.series import PLANTS, SEEDS, SERIES_2, SeriesRun, all_runs
 from distal.confidence import BAND, COVERED_TEXT
 from distal.control import ClosedLoop, closed_loop, plot_control, trackings_of
 from distal.errors import OutputError
 from distal.logs import check_outputs, outputs_in, write_together
-from distal.paper.claims import GROUPS, Claim, measure_claims, rms
-from distal.paper.paper_figures import CAPTIONS, FIGURES, POSITIONED, SUMMARY, draw_figure
-from distal.paper.series import PLANTS, SEEDS, SERIES_2, SeriesRun, all_runs
 from distal.reports import rig_svg, svg_of
 from distal.reports.moving_chain import moving_chain
 from distal.reports.page import heading, page, paragraph, picture
@@ -80,7 +80,7 @@ def reproduce(
 
     Args:
         out: the folder, which is made where it does not exist.
-        advance: called after each test (`distal.paper.series.TESTS`), then after each
+        advance: called after each test (`benchmarks.paper_2008.series.TESTS`), then after each
             closed loop, then after each figure.
         lab: a page of `tools.lab`, which is copied beside the page and linked from it; or None.
 

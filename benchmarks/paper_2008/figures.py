@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmarks.paper_2008.claims import SIDES, potentiometer_errors, rms
+from benchmarks.paper_2008.series import PLANTS, SERIES_2, SeriesRun
 from distal.confidence import BAND, COVERED_TEXT
-from distal.paper.claims import SIDES, potentiometer_errors, rms
-from distal.paper.series import PLANTS, SERIES_2, SeriesRun
 from distal.results import (
     BLACK,
     SOFT,
@@ -17,7 +17,6 @@ from distal.results import (
     band_colour,
     colour,
     curve_style,
-    draw_estimate,
     figure,
 )
 
@@ -159,10 +158,12 @@ def _draw_filters(
     """
     for name, index in names.items():
         estimate = run.estimates[name]
-        draw_estimate(top, estimate, index, band=False, label=NAMES.get(name, name))
+        style = curve_style(index)
+        theta = np.rad2deg(estimate.theta)
+        top.plot(run.log.time, theta, linewidth=1.2, label=NAMES.get(name, name), **style)
         if name in errors:
             error = np.rad2deg(estimate.errors())
-            bottom.plot(run.log.time, error, linewidth=1.1, **curve_style(index))
+            bottom.plot(run.log.time, error, linewidth=1.1, **style)
     band = np.rad2deg(BAND * run.estimates["adaptive"].theta_std)
     style = {"color": band_colour(), "linewidth": 0}
     bottom.fill_between(run.log.time, -band, band, **style)
