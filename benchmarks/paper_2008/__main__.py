@@ -24,7 +24,7 @@ def main() -> None:
         default=Path("out/reproduce"),
         help="folder for figures, results.json and index.html",
     )
-    parser.add_argument("--lab", type=Path, help="a page of distal lab, to be linked from the page")
+    parser.add_argument("--lab", type=Path, help="a page of tools.lab, to be linked from the page")
     arguments = parser.parse_args()
     done = count(1)
     total = len(TESTS) + len(FEEDBACKS) + len(CAPTIONS)

@@ -1,6 +1,5 @@
-"""Commands that write or show pages: `distal view`; that write the filter as C for a microcontroller
-or as an FMU: `distal export-c` and `distal export-fmu`; and `distal doctor`, which says what is
-installed.
+"""Commands that show a page (`distal view`), that write the filter as C for a microcontroller or as
+an FMU (`distal export-c`, `distal export-fmu`), and `distal doctor`, which says what is installed.
 """
 
 from __future__ import annotations
