@@ -98,20 +98,6 @@ COMMANDS = {
             out,
         ],
     ),
-    "view --out": Command(
-        ("log", "rig", "truth"),
-        "page.html",
-        lambda i, out: [
-            "view",
-            i["log"],
-            "--rig",
-            i["rig"],
-            "--truth",
-            i["truth"],
-            "--out",
-            out,
-        ],
-    ),
     "simulate --out": Command(
         ("scenario", "rig"), "sim.csv", lambda i, out: ["simulate", i["scenario"], "--out", out]
     ),

@@ -40,7 +40,6 @@ app = typer.Typer(
 )
 COMMANDS: dict[str, Callable[..., None]] = {
     "estimate": estimate_command.estimate_command,
-    "view": page_commands.view_command,
     "lab": page_commands.lab_command,
     "learn": learn_command.learn_command,
     "fit": fit_command.fit_command,

@@ -1,4 +1,4 @@
-"""Commands that write or show pages: `distal lab`, `distal view` and `distal reproduce`; that write
+"""Commands that write or show pages: `distal lab` and `distal reproduce`; that write
 the filter as C for a microcontroller or as an FMU: `distal export-c` and `distal export-fmu`; and
 `distal doctor`, which says what is installed.
 """
@@ -7,26 +7,19 @@ from __future__ import annotations
 
 import platform
 import shlex
-import shutil
-import tempfile
-import webbrowser
 from itertools import count
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from typer import Argument, Option
+from typer import Option
 
-from distal.cli.console import continue_on_failure, progress_bar, say, table, warn, working
+from distal.cli.console import progress_bar, say, table, warn, working
 from distal.cli.shared_options import (
     EstimatorOption,
-    HomingOption,
     RigArgument,
-    RigOption,
     SetOption,
-    TruthOption,
     check_command_outputs,
-    homing_time,
     to_file,
     to_folder,
 )
@@ -184,7 +177,7 @@ _EXTRAS = {
     "polars": "polars",
     "mcap": "mcap",
     "rosbags": "ros",
-    "plotly": "view",
+    "plotly": "study",
 }
 """Packages that are not needed, and the extra that installs each."""
 
@@ -239,58 +232,6 @@ def lab_command(
     say(f"wrote {out}: one file of {out.stat().st_size / 1000:.0f} kB; open it in a browser")
 
 
-def view_command(
-    log: Annotated[
-        Path,
-        Argument(help="CSV, Parquet, MCAP or a bag, with the columns that the rig's sensors name."),
-    ],
-    rig: RigOption,
-    *,
-    out: Annotated[
-        Path | None,
-        Option(help="Where to write the page (HTML); default a temporary file, which is opened."),
-    ] = None,
-    estimator: EstimatorOption = None,
-    truth: TruthOption = None,
-    homing: HomingOption = None,
-    set_: SetOption = None,
-) -> None:
-    """Estimate over a log and show it in the browser: zoom with the wheel, point at a curve to read
-    it.
-    """
-    from distal.diagnosis import diagnose
-    from distal.logs import read_log
-    from distal.reports import check_plotly, view_page
-    from distal.rig import load_rig
-    from distal.run import estimate
-
-    check_plotly()
-    check_command_outputs(to_file("--out", out, "a page"), logs=[log], rig=rig, truth=truth)
-    description = load_rig(rig, set_ or ())
-    samples = read_log(log, description, truth)
-    home = homing_time(homing)
-    sentences = list[str]()
-    with working("estimating") as show:
-        result = estimate(samples, description, estimator, homing=home, covariances=False)
-        doing = "testing what the log says of the rig"
-        show(doing)
-        with continue_on_failure(doing):
-            sentences.append(diagnose(result, samples, description, home).text)
-    position = out if out is not None else Path(tempfile.mkdtemp(prefix="distal-")) / "view.html"
-    try:
-        with working("drawing the page"):
-            view_page(result, samples, description, position, sentences)
-    except BaseException:
-        if out is None:
-            shutil.rmtree(position.parent, ignore_errors=True)
-        raise
-    for line in (result.in_words(), *sentences):
-        say(line)
-    say(f"wrote {position}")
-    if out is None and not webbrowser.open(position.resolve().as_uri()):
-        say("no browser could be opened; open the file yourself")
-
-
 def reproduce_command(
     out: Annotated[Path, Option(help="Folder for figures, results.json and index.html.")] = Path(
         "out/reproduce"
@@ -315,6 +256,6 @@ def reproduce_command(
     rows = [(group, str(sum(claim.group == group for claim in claims))) for group in GROUPS]
     table(f"{len(claims)} statements of the paper", ["of them", "number"], rows)
     say(
-        f"open {out}/index.html: a moving link, the rig, figures 2 to 5, all errors, and why each "
+        f"open {out}/index.html: the rig, figures 2 to 5, all errors, and why each "
         "statement holds or does not"
     )

@@ -2,13 +2,10 @@
 
 from distal.results.estimate import Estimate
 from distal.results.plots import (
-    HEALTH_COLOURS,
     PANELS,
     check_panels,
     draw_estimate,
-    in_order,
     plot_estimates,
-    pulls_of,
 )
 from distal.results.style import (
     BAD,
@@ -28,13 +25,11 @@ from distal.results.style import (
     curve_style,
     figure,
     figure_bytes,
-    from_start,
     html_table,
     legend_above,
     make_folder,
     plot_kind,
     save_figure,
-    time_label,
     verdict,
 )
 
@@ -45,7 +40,6 @@ __all__ = [
     "DASHES",
     "FAINT",
     "GOOD",
-    "HEALTH_COLOURS",
     "INK",
     "PALE",
     "PANELS",
@@ -61,15 +55,11 @@ __all__ = [
     "draw_estimate",
     "figure",
     "figure_bytes",
-    "from_start",
     "html_table",
-    "in_order",
     "legend_above",
     "make_folder",
     "plot_estimates",
     "plot_kind",
-    "pulls_of",
     "save_figure",
-    "time_label",
     "verdict",
 ]
