@@ -177,7 +177,6 @@ _EXTRAS = {
     "polars": "polars",
     "mcap": "mcap",
     "rosbags": "ros",
-    "plotly": "study",
 }
 """Packages that are not needed, and the extra that installs each."""
 

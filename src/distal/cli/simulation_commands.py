@@ -192,7 +192,7 @@ def _answer(plan: Plan, space: Space, folder: Folder) -> None:
 
     columns = folder.gather()
     answer = answer_of(plan, space, columns)
-    page = study_report(plan, space, columns, answer, folder.path)
+    page = study_report(plan, space, answer, folder.path)
     say(answer.sentence)
     say(f"wrote {page}, {folder.path / 'answer.json'} and {folder.path / 'rows.parquet'}")
 
