@@ -38,7 +38,6 @@ if TYPE_CHECKING:
         load_scenario,
         scenario_rig,
         shipped_scenarios,
-        simulate_batch,
     )
 
 __all__ = [
@@ -84,7 +83,6 @@ __all__ = [
     "shipped_rigs",
     "shipped_scenarios",
     "simulate",
-    "simulate_batch",
     "smooth",
     "write_log",
 ]
@@ -121,7 +119,6 @@ _NAMES = {
         "load_scenario",
         "scenario_rig",
         "shipped_scenarios",
-        "simulate_batch",
     ),
 }
 """Package → public names in it. A package is imported when one of its names is first used: `import

@@ -162,7 +162,6 @@ def _no_work(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) ->
     for module, names in (
         (distal.logs, ("read_log", "write_whole")),
         (distal.run, ("LiveEstimator", "estimate", "estimate_batch", "smooth")),
-        (distal.simulation, ("simulate_batch",)),
         (distal.control, ("simulate", "closed_loop")),
         (distal.fitting, ("fit",)),
         (distal.reports, ("fit_report",)),
