@@ -416,7 +416,6 @@ def test_options_that_ask_for_one_place(run, inputs: dict[str, str], tmp_path: P
         (("estimate", log, twin, *rig, "--out", "out"), "another log has the name 'log'"),
         (("estimate", log, *rig, "--out", f"{log}/estimate.csv"), "which is a file"),
         (("fit", log, *rig, "--report", f"{log}/report"), "which is a file"),
-        (("stream", *rig, "--udp", "9000", "--to-udp", "9000"), "is the port that --udp reads"),
     ):
         refused(run(*words), said)
         assert state(tmp_path) == before
