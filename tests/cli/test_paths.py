@@ -20,7 +20,6 @@ import distal.export
 import distal.fitting
 import distal.logs
 import distal.paper.paper_page
-import distal.reports
 import distal.run
 import distal.simulation
 from distal.export import export_files
@@ -121,21 +120,6 @@ COMMANDS = {
             out,
         ],
     ),
-    "fit --report": Command(
-        ("log", "other", "rig", "truth"),
-        "out/index.html",
-        lambda i, out: [
-            "fit",
-            i["log"],
-            i["other"],
-            "--rig",
-            i["rig"],
-            "--truth",
-            i["truth"],
-            "--report",
-            out,
-        ],
-    ),
     "export-c --out": Command(
         ("rig",),
         "out/README.md",
@@ -164,7 +148,6 @@ def _no_work(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) ->
         (distal.run, ("LiveEstimator", "estimate", "estimate_batch", "smooth")),
         (distal.control, ("simulate", "closed_loop")),
         (distal.fitting, ("fit",)),
-        (distal.reports, ("fit_report",)),
         (distal.paper.paper_page, ("reproduce",)),
         (distal.export, ("export_c",)),
     ):
@@ -358,20 +341,6 @@ TWO = {
         "run_1.csv",
         lambda i, at: ["simulate", i["scenario"], "--runs", "2", "--out", at],
     ),
-    "fit --out --report": Two(
-        "fitted.toml",
-        "index.html",
-        lambda i, at: [
-            "fit",
-            i["log"],
-            "--rig",
-            i["rig"],
-            "--out",
-            f"{at}/fitted.toml",
-            "--report",
-            at,
-        ],
-    ),
     "export-c": Two(
         "README.md", "joint.c", lambda i, at: ["export-c", i["rig"], "--name", "joint", "--out", at]
     ),
@@ -415,7 +384,6 @@ def test_options_that_ask_for_one_place(run, inputs: dict[str, str], tmp_path: P
         ),
         (("estimate", log, twin, *rig, "--out", "out"), "another log has the name 'log'"),
         (("estimate", log, *rig, "--out", f"{log}/estimate.csv"), "which is a file"),
-        (("fit", log, *rig, "--report", f"{log}/report"), "which is a file"),
     ):
         refused(run(*words), said)
         assert state(tmp_path) == before
