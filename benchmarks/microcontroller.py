@@ -26,7 +26,7 @@ from distal import (
     make_estimator,
     scenario_rig,
     shipped_scenarios,
-    simulate_batch,
+    simulate,
 )
 from distal.codegen import Emitter, Plain
 from distal.codegen.number_types import CALLED
@@ -58,7 +58,7 @@ def float_errors() -> None:
     for shipped in shipped_scenarios():
         scenario = load_scenario(shipped)
         rig = scenario_rig(scenario)
-        logs = list(simulate_batch(rig, ((scenario, seed) for seed in range(SEEDS))))
+        logs = [simulate(rig, scenario, seed) for seed in range(SEEDS)]
         for name in ("adaptive", "ekf-2008", "ekf"):
             with tempfile.TemporaryDirectory() as made:
                 folder = Path(made)

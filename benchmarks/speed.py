@@ -28,7 +28,7 @@ from benchmarks.limits import (
     scan_time,
 )
 from benchmarks.report import FOLDER, table
-from distal import load_rig, load_scenario, make_estimator, scenario_rig, simulate, simulate_batch
+from distal import load_rig, load_scenario, make_estimator, scenario_rig, simulate
 from distal.kernels import Kernel, find_compiler, lanes_here
 from distal.logs import write_log
 from distal.model import Mechanism, substeps
@@ -161,7 +161,7 @@ def everything() -> None:
             )
             found.append((f"{name}, {estimator.kernel.backend}, one step", *_both(times)))
     found.append(("adaptive, LiveEstimator.step in Python", *_both(live_times(rig, log))))
-    logs = list(simulate_batch(rig, ((scenario, seed) for seed in range(8))))
+    logs = [simulate(rig, scenario, seed) for seed in range(8)]
     batch_time(rig, logs, 16, 1)  # builds the kernel
     for workers in (1, 2):
         taken = batch_time(rig, logs, 1000, workers)

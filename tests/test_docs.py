@@ -137,7 +137,7 @@ def test_pictures_and_pages_that_are_named_exist() -> None:
 
 def test_the_readme_says_what_a_command_needs_beside_the_package() -> None:
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert "`distal study` needs `'.[study]'`" in readme
+    assert "`distal study` needs `'.[parquet]'`" in readme
 
 
 def test_what_the_page_on_security_says_of_the_code_is_so() -> None:

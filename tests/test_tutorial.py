@@ -84,7 +84,6 @@ def test_every_command_and_what_it_shows(tmp_path: Path) -> None:
         "after.png",
         "angle.csv",
         "fitted.toml",
-        "fit/index.html",
         "live.jsonl",
     ):
         assert (position / name).stat().st_size > 1000, name

@@ -18,7 +18,6 @@ from distal.control import ClosedLoop, closed_loop, plot_control, trackings_of
 from distal.errors import OutputError
 from distal.logs import check_outputs, outputs_in, write_together
 from distal.reports import rig_svg, svg_of
-from distal.reports.moving_chain import moving_chain
 from distal.reports.page import heading, page, paragraph, picture
 from distal.results import Html, figure_bytes, html_table, make_folder, verdict
 from distal.rig import load_rig
@@ -281,7 +280,7 @@ def _page(
 
 
 def _moving_link(run: SeriesRun) -> list[str]:
-    """Return the picture of the moving link and a text that explains its band."""
+    """Return a text that explains a band."""
     estimate = run.estimates["adaptive"]
     naive = run.estimates["inextensible"]
     text = (
@@ -293,7 +292,6 @@ def _moving_link(run: SeriesRun) -> list[str]:
         f"{degrees(estimate.rms_error()):.1f}°."
     )
     return [
-        *moving_chain(estimate, run.log, run.rig, naive),
         heading("What the fan is"),
         paragraph(text),
     ]

@@ -14,7 +14,6 @@ import numpy as np
 
 import distal
 from distal.fitting import AS_GIVEN, WRITTEN
-from distal.reports import fit_report
 from logs import da_vinci_grasper
 
 parser = argparse.ArgumentParser()
@@ -82,4 +81,4 @@ for name, rms, inside in found.scores():
 
 # %%
 distal.estimate(log, found.rig, homing=3.0).plot(arguments.out / "jaw.png")
-print("wrote", fit_report(found, logs, arguments.out))
+print("wrote", arguments.out / "jaw.png")

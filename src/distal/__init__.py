@@ -37,7 +37,6 @@ if TYPE_CHECKING:
         load_scenario,
         scenario_rig,
         shipped_scenarios,
-        simulate_batch,
     )
 
 __all__ = [
@@ -82,7 +81,6 @@ __all__ = [
     "shipped_rigs",
     "shipped_scenarios",
     "simulate",
-    "simulate_batch",
     "smooth",
     "write_log",
 ]
@@ -118,7 +116,6 @@ _NAMES = {
         "load_scenario",
         "scenario_rig",
         "shipped_scenarios",
-        "simulate_batch",
     ),
 }
 """Package → public names in it. A package is imported when one of its names is first used: `import

@@ -6,8 +6,6 @@ from __future__ import annotations
 
 from statistics import NormalDist
 
-from distal.errors import EstimationError
-
 COVERED = 0.95
 """Share of the errors that a band is to hold [1]. Source: definition (95 % band)."""
 
@@ -17,27 +15,7 @@ Source: definition (quantile).
 """
 
 
-def half_width(level: float) -> float:
-    """Return the half-width of a band that is to hold a share of the errors [standard deviations of
-    a normal distribution].
-
-    Raises:
-        EstimationError: `level` is not between 0 and 1.
-    """
-    if not 0.0 < level < 1.0:
-        raise EstimationError(
-            "a level is the share of errors that a band is to hold, between 0 and 1; "
-            f"{level:g} came"
-        )
-    return NormalDist().inv_cdf((1 + level) / 2)
-
-
-def in_percent(level: float) -> str:
-    """Return a level as it stands beside a band: 0.95 is `95 %`."""
-    return f"{100 * level:.4g} %"
-
-
-COVERED_TEXT = in_percent(COVERED)
+COVERED_TEXT = f"{100 * COVERED:g} %"
 """That share as texts, tables and pages have it."""
 
 SMALL = 0.05

@@ -679,29 +679,6 @@ def test_closed_and_full_outputs(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_view(run, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One page where it was asked for; without --out it is a temporary one, which is opened."""
-    import webbrowser
-
-    opened: list[str] = []
-    monkeypatch.setattr(webbrowser, "open", lambda address: bool(opened.append(address) or True))
-    words = ("view", log, "--rig", "paper-2008-printed", *SET)
-    page = tmp_path / "page.html"
-    ran = run(*words, "--out", page)
-    assert (ran.code, ran.err) == (0, "")
-    assert "RMS error" in ran.out
-    assert page.stat().st_size > 1_000_000
-    assert opened == []
-    ran = run(*words)
-    assert ran.code == 0
-    assert len(opened) == 1
-    assert opened[0].startswith("file://")
-    ran = run(*words, "--out", tmp_path / "page.png")
-    assert ran.code == 2
-    assert "a page ends in .html or .htm" in ran.err
-
-
-@pytest.mark.slow
 @pytest.mark.more
 def test_of_a_hand_the_full_filters_are_compared_only_when_asked_for(tmp_path: Path) -> None:
     """Their joints are filtered together, and a compiler takes minutes over sixteen."""
@@ -725,7 +702,6 @@ def test_of_a_hand_the_full_filters_are_compared_only_when_asked_for(tmp_path: P
     assert "adaptive" in done.output
 
 
-@pytest.mark.parametrize("command", ["estimate", "view"])
 @pytest.mark.parametrize(
     ("problem", "said"),
     [
@@ -738,7 +714,6 @@ def test_a_diagnosis_that_fails_costs_a_line(
     log: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    command: str,
     problem: Exception,
     said: str,
 ) -> None:
@@ -750,8 +725,8 @@ def test_a_diagnosis_that_fails_costs_a_line(
 
     monkeypatch.delenv("DISTAL_TRACEBACK")
     monkeypatch.setattr(distal.diagnosis, "diagnose", broken)
-    out = tmp_path / ("page.html" if command == "view" else "out.csv")
-    ran = run(command, log, "--rig", "paper-2008-printed", "--out", out, *SET)
+    out = tmp_path / "out.csv"
+    ran = run("estimate", log, "--rig", "paper-2008-printed", "--out", out, *SET)
     assert ran.code == 0
     assert f"wrote {out}" in ran.out
     assert out.stat().st_size > 1000

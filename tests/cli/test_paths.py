@@ -19,7 +19,6 @@ import distal.control
 import distal.export
 import distal.fitting
 import distal.logs
-import distal.reports
 import distal.run
 import distal.simulation
 from distal.export import export_files
@@ -97,20 +96,6 @@ COMMANDS = {
             out,
         ],
     ),
-    "view --out": Command(
-        ("log", "rig", "truth"),
-        "page.html",
-        lambda i, out: [
-            "view",
-            i["log"],
-            "--rig",
-            i["rig"],
-            "--truth",
-            i["truth"],
-            "--out",
-            out,
-        ],
-    ),
     "simulate --out": Command(
         ("scenario", "rig"), "sim.csv", lambda i, out: ["simulate", i["scenario"], "--out", out]
     ),
@@ -131,21 +116,6 @@ COMMANDS = {
             "--truth",
             i["truth"],
             "--out",
-            out,
-        ],
-    ),
-    "fit --report": Command(
-        ("log", "other", "rig", "truth"),
-        "out/index.html",
-        lambda i, out: [
-            "fit",
-            i["log"],
-            i["other"],
-            "--rig",
-            i["rig"],
-            "--truth",
-            i["truth"],
-            "--report",
             out,
         ],
     ),
@@ -174,10 +144,8 @@ def _no_work(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) ->
     for module, names in (
         (distal.logs, ("read_log", "write_whole")),
         (distal.run, ("LiveEstimator", "estimate", "estimate_batch", "smooth")),
-        (distal.simulation, ("simulate_batch",)),
         (distal.control, ("simulate", "closed_loop")),
         (distal.fitting, ("fit",)),
-        (distal.reports, ("fit_report",)),
         (distal.export, ("export_c",)),
     ):
         for name in names:
@@ -370,20 +338,6 @@ TWO = {
         "run_1.csv",
         lambda i, at: ["simulate", i["scenario"], "--runs", "2", "--out", at],
     ),
-    "fit --out --report": Two(
-        "fitted.toml",
-        "index.html",
-        lambda i, at: [
-            "fit",
-            i["log"],
-            "--rig",
-            i["rig"],
-            "--out",
-            f"{at}/fitted.toml",
-            "--report",
-            at,
-        ],
-    ),
     "export-c": Two(
         "README.md", "joint.c", lambda i, at: ["export-c", i["rig"], "--name", "joint", "--out", at]
     ),
@@ -426,8 +380,6 @@ def test_options_that_ask_for_one_place(run, inputs: dict[str, str], tmp_path: P
         ),
         (("estimate", log, twin, *rig, "--out", "out"), "another log has the name 'log'"),
         (("estimate", log, *rig, "--out", f"{log}/estimate.csv"), "which is a file"),
-        (("fit", log, *rig, "--report", f"{log}/report"), "which is a file"),
-        (("stream", *rig, "--udp", "9000", "--to-udp", "9000"), "is the port that --udp reads"),
     ):
         refused(run(*words), said)
         assert state(tmp_path) == before

@@ -1,4 +1,4 @@
-"""`distal stream`: lines in, lines out at once, UDP; as a process where that
+"""`distal stream`: lines in, lines out at once; as a process where that
 matters.
 """
 
@@ -7,10 +7,8 @@ from __future__ import annotations
 import io
 import json
 import signal
-import socket
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from csv import reader as rows_of
 from pathlib import Path
@@ -257,64 +255,6 @@ def test_stopped_it_says_how_many_samples_came(csv: str) -> None:
     assert err.splitlines()[-1] == "stopped"
 
 
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
-        one.bind(("127.0.0.1", 0))
-        return int(one.getsockname()[1])
-
-
-@pytest.mark.more
-@pytest.mark.slow
-def test_udp_as_plotjuggler_sends_and_reads_it(log: Log, rig: Rig, csv: str) -> None:
-    to, back = free_port(), free_port()
-    with (
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
-    ):
-        listener.bind(("127.0.0.1", back))
-        listener.settimeout(20)
-        command = [*COMMAND, "--udp", str(to), "--to-udp", str(back), "--idle", "2"]
-        process = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        answers, first = (
-            [],
-            json.dumps({"timestamp": -1.0, "x1": 0.0, "x2": 0.0, "u1": 2.0, "u2": 2.0}),
-        )
-        deadline = time.monotonic() + 20
-        listener.settimeout(0.1)
-        while time.monotonic() < deadline:  # until it listens
-            sender.sendto(b"hello", ("127.0.0.1", to))  # a stranger ends nothing
-            sender.sendto(first.encode(), ("127.0.0.1", to))
-            try:
-                listener.recv(65536)
-                break
-            except TimeoutError:
-                continue
-        listener.settimeout(5)
-        for row in as_json(csv)[:60]:
-            message = json.loads(row)
-            message["timestamp"] = message.pop("t")
-            sender.sendto(json.dumps(message).encode(), ("127.0.0.1", to))
-            answer = json.loads(listener.recv(65536))
-            while answer["timestamp"] < 0:
-                answer = json.loads(listener.recv(65536))
-            answers.append(answer)
-        out, err = process.communicate(timeout=20)
-    assert process.returncode == 0, err
-    assert [answer["timestamp"] for answer in answers] == pytest.approx(log.time[:60])
-    assert all(
-        set(answer) == {"timestamp", "t", "theta", "theta_std", "health", "detail"}
-        for answer in answers
-    )
-    assert json.loads(out.splitlines()[-1])["health"] == "untested"
-    assert answers[-1]["theta"] == pytest.approx(np.rad2deg(estimate(log, rig).theta[59]), abs=6.0)
-
-
 def test_a_stream_without_its_header_says_what_the_first_line_lacks(run: Run) -> None:
     """Not what the last row of numbers lacks as a header."""
     out, err, code = run("ms,x_1\n0,1.5\n10,2.5\n")
@@ -327,21 +267,16 @@ def test_a_stream_without_its_header_says_what_the_first_line_lacks(run: Run) ->
 
 @pytest.mark.slow
 def test_what_cannot_begin_is_one_line(run: Run, csv: str) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-        taken.bind(("127.0.0.1", 0))
-        busy = str(taken.getsockname()[1])
-        for text, options, said in (
-            ("a,b\n1,2\n", [], "lacks the time column 't'"),
-            ("t,a\n1,2\n", [], "none of the columns x1, x2, u1, u2"),
-            ("t,t,x1\n1,2,3\n", [], "'t' twice"),
-            (csv, ["-e", "particle"], "unknown estimator"),
-            ("", ["--udp", busy], "is another program there"),
-            (csv, ["--idle", "1"], "--idle is for --udp"),
-        ):
-            out, err, code = run(text, *options)
-            assert code == 2, (options, err)
-            assert said in err
-            assert "Traceback" not in err
+    for text, options, said in (
+        ("a,b\n1,2\n", [], "lacks the time column 't'"),
+        ("t,a\n1,2\n", [], "none of the columns x1, x2, u1, u2"),
+        ("t,t,x1\n1,2,3\n", [], "'t' twice"),
+        (csv, ["-e", "particle"], "unknown estimator"),
+    ):
+        out, err, code = run(text, *options)
+        assert code == 2, (options, err)
+        assert said in err
+        assert "Traceback" not in err
     out, err, code = run("")
     assert (out, code) == ("", 0)
 

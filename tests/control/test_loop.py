@@ -19,7 +19,6 @@ from distal import (
     load_scenario,
     scenario_rig,
     simulate,
-    simulate_batch,
 )
 from distal.control import ControlledPlant, plot_control, trackings_of
 from distal.errors import ControlError, ScenarioError
@@ -237,8 +236,6 @@ def test_a_controlled_scenario_is_no_open_loop(rig: Rig) -> None:
     described = scenario(control={**PID, "feedback": "encoder"})
     with pytest.raises(ScenarioError, match=r"has a \[control\], and its loop is not closed here"):
         simulate_alone(rig, described)
-    with pytest.raises(ScenarioError, match=r"has a \[control\]"):
-        list(simulate_batch(rig, [(described, 0)]))
     identified = closed_loop(rig, described, feedback="encoder").log
     np.testing.assert_array_equal(
         simulate(rig, described).channels["x1"], identified.channels["x1"]

@@ -70,18 +70,6 @@ def test_other_starts_end_no_lower() -> None:
 
 
 @pytest.mark.more
-def test_a_report_of_a_chain(finger: tuple[Drawn, Rig, list[Log], Fit], tmp_path: object) -> None:
-    from pathlib import Path
-
-    from distal.reports import fit_report
-
-    _, _, logs, found = finger
-    page = fit_report(found, logs[:FITTED], Path(str(tmp_path)) / "page").read_text()
-    assert "radius of tendon tendon0 at joint1" in page
-    assert page.count("<svg") >= 4
-
-
-@pytest.mark.more
 def test_a_joint_with_inertia_is_found() -> None:
     described, rig, logs = drawn(1)
     found = fit(logs[:FITTED], rig)

@@ -70,9 +70,6 @@ def test_learn_writes_what_it_says(logs: list[Path], tmp_path: Path) -> None:
     found = re.search(r"answer: on logs left out the joints are known to ±([\d.]+)°", said)
     assert found is not None
     assert 0.05 < float(found[1]) < 1.0
-    page = (tmp_path / "finger_page" / "index.html").read_text(encoding="utf-8")
-    assert f"known to ±{found[1]}°" in page
-    assert "is assumed, not measured" in page
     rig = distal.load_rig(out)
     assert rig.taken == ("length", "force")
     log = distal.read_log(LOGS / "unseen.csv", rig)

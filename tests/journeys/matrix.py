@@ -85,12 +85,10 @@ class Case:
         """Return the lines for a shell that stand for the row."""
         log_words = f"{log.name} --rig {rig}"
         estimator = "" if self.rig == MANY and "ekf" in self.estimator else self.estimator
-        if self.command == "estimate":
+        if self.command == "estimate" or (self.command == "fit" and self.rig == MANY):
             options = " ".join((estimator, self.homing, self.smooth, self.findings))
             given = f"--truth {log.stem}.truth.csv" if self.given else ""
             return f"distal estimate {log_words} {options} {given} --out out.csv --plot out.svg"
-        if self.command == "view" or (self.command == "fit" and self.rig == MANY):
-            return f"distal view {log_words} {estimator} {self.homing} --out out.html"
         if self.command == "stream":
             return f"distal stream --rig {rig} {estimator} < {log.name} > out.csv"
         if self.command == "fit":
@@ -120,7 +118,7 @@ ESTIMATE = {
 
 OTHERS = {
     **ESTIMATE,
-    "command": ("view", "stream", "export-c", "fit"),
+    "command": ("stream", "export-c", "fit"),
     "smooth": ("",),
     "findings": ("",),
     "given": ("",),

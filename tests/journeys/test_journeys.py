@@ -98,10 +98,9 @@ def test_a_researcher_with_logs_of_a_rig(seed: int, shell: Shell) -> None:
     )
     before = rms_of(identified)
     identified = shell.run(
-        "distal fit run_0.csv run_1.csv run_2.csv --rig mine.toml --out fitted.toml --report report"
+        "distal fit run_0.csv run_1.csv run_2.csv --rig mine.toml --out fitted.toml"
     )
     assert "wrote fitted.toml" in identified
-    assert (shell.folder / "report" / "index.html").is_file()
     assert "# my finger" in (shell.folder / "fitted.toml").read_text(encoding="utf-8")
     identified = shell.run(
         "distal rig check fitted.toml\n"

@@ -94,19 +94,15 @@ def test_a_known_first_angle_counts_by_bayes_rule() -> None:
     assert begun.kernel_state[1] == pytest.approx(0.0576, abs=0.001)
 
 
-@pytest.mark.parametrize("way", ["known", "while it homes"])
-def test_a_zero_that_no_log_knew_follows_a_known_angle(way: str) -> None:
+def test_a_zero_that_no_log_knew_follows_a_known_angle() -> None:
     """A map that is sure of its constant to 0.002 rad, and a mark that says 0.2 rad more."""
     sure = constant_map("jaw", ("motor_angle", "motor_torque"), 0.0, 0.002)
     rig = load_rig("capstan-joint").with_map(filter=[sure])
-    homes = way != "known"
-    live = LiveEstimator(rig, homing_filter(rig, 0.0, False)) if homes else LiveEstimator(rig)
+    live = LiveEstimator(rig, homing_filter(rig, 0.0, False))
     plain = LiveEstimator(rig)
     for k in range(300):
         sample = np.array([0.2 * np.sin(0.02 * k), 0.01])
         plain.step(0.005 * k, sample)
         at = plain.angle + 0.2 if 100 < k < 150 else np.nan
-        live.step(0.005 * k, np.array([*sample, at]) if homes else sample)
-        if k == 150 and not homes:
-            live.known(plain.angle + 0.2, 0.002)
+        live.step(0.005 * k, np.array([*sample, at]))
     assert live.angle - plain.angle == pytest.approx(0.2, abs=0.03)

@@ -18,9 +18,8 @@ from distal import (
     make_estimator,
     scenario_rig,
     simulate,
-    simulate_batch,
 )
-from distal.errors import DistalError, EstimationError, LogError, ScenarioError
+from distal.errors import DistalError, EstimationError, LogError
 from distal.kernels import find_compiler, lanes_here
 from distal.logs import write_log
 from distal.simulation import build_scenario
@@ -36,7 +35,7 @@ def rig() -> Rig:
 @pytest.fixture(scope="module")
 def logs(rig: Rig) -> list[Log]:
     """Logs of different lengths; one with gaps, one with missing values."""
-    made = list(simulate_batch(rig, [(load_scenario("series-2"), seed) for seed in range(SEEDS)]))
+    made = [simulate(rig, load_scenario("series-2"), seed) for seed in range(SEEDS)]
     made = [log.select(slice(0, 150 + 37 * i)) for i, log in enumerate(made)]
     made[3] = made[3].select(np.r_[0:60, 90:200])
     spoiled = {
@@ -84,7 +83,7 @@ def test_other_rigs_and_homing(name: str) -> None:
         {"rig": name, "duration": 1.5, "drives": {"motor": {"servo": servo}}}, "s"
     )
     known = scenario_rig(scenario)
-    moved = list(simulate_batch(known, [(scenario, seed) for seed in range(3)]))
+    moved = [simulate(known, scenario, seed) for seed in range(3)]
     for homing in (None, 0.3):
         for log, result in zip(moved, estimate_batch(moved, known, homing=homing)):
             same(estimate(log, known, homing=homing), result)
@@ -126,9 +125,7 @@ def take_all(results: Iterator[object], to: list[object]) -> None:
 
 @pytest.mark.slow
 def test_what_came_before_an_error_is_yielded(rig: Rig, logs: list[Log]) -> None:
-    """Whatever the number of cores: an iterable that raises, a job that cannot be, a log that
-    cannot be homed.
-    """
+    """Whatever the number of cores: an iterable that raises, a log that cannot be homed."""
 
     def breaks() -> Iterator[Log]:
         yield from [logs[0]] * 30
@@ -138,20 +135,12 @@ def test_what_came_before_an_error_is_yielded(rig: Rig, logs: list[Log]) -> None
     with pytest.raises(KeyError):
         take_all(estimate_batch(breaks(), rig, workers=2), got)
     assert len(got) == 30
-    short = load_scenario("series-2").model_copy(update={"duration": 0.5})
-    got.clear()
-    with pytest.raises(ScenarioError, match="nosuch"):
-        take_all(simulate_batch(rig, [(short, 0), (short, 1), ("nosuch", 2), (short, 3)]), got)
-    assert len(got) == 2
     blind = Log(logs[1].time, logs[1].channels, {}, "blind")
     failed: dict[str, DistalError] = {}
     for order in ([blind, logs[1]], [logs[1], blind]):
         failed.clear()
         assert len(list(estimate_batch(order, rig, homing=0.3, skip=failed.__setitem__))) == 1
         assert set(failed) == {"blind"}
-    for wrong in ([short, short], [1, 2]):
-        with pytest.raises(ScenarioError, match="a scenario and a seed"):
-            list(simulate_batch(rig, wrong))  # type: ignore[arg-type]
     with pytest.raises(EstimationError, match="takes several logs"):
         estimate_batch(None, rig)  # type: ignore[arg-type]
 
@@ -180,25 +169,3 @@ def test_no_more_in_memory_than_is_in_work(rig: Rig, logs: list[Log], name: str)
     assert (
         peaks[1] < 2.0 * peaks[0]
     )  # five times the runs, and threads that are not always equally far
-
-
-def test_simulations_side_by_side(rig: Rig) -> None:
-    """Other seeds of one scenario, other scenarios of one plant, another plant: each log as
-    `simulate` gives it.
-    """
-    one = load_scenario("series-2").model_copy(update={"duration": 1.0})
-    other = load_scenario("series-2-high").model_copy(update={"duration": 1.3})
-    rough = one.model_copy(update={"plant": {"joints.0.friction.coefficient": 0.7}})
-    jobs = [(one, 0), (one, 1), (other, 2), (rough, 3), (one, 4)] * 2
-    seen: list[int] = []
-    for (scenario, seed), log in zip(
-        jobs, simulate_batch(rig, iter(jobs), workers=2, progress=seen.append)
-    ):
-        alone = simulate(rig, scenario, seed)
-        for name, values in {**alone.channels, **alone.truth}.items():
-            np.testing.assert_array_equal(values, {**log.channels, **log.truth}[name])
-    assert seen == list(range(1, len(jobs) + 1))
-    with pytest.raises(ScenarioError, match="whole number from 1"):
-        simulate_batch(rig, jobs, workers=-1)
-    with pytest.raises(ScenarioError, match="seed"):
-        list(simulate_batch(rig, [(one, -1)]))

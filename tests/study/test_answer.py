@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
-import subprocess
 from math import sqrt
 from pathlib import Path
 
 import numpy as np
 import pytest
-from plotly.offline import get_plotlyjs
 
 from distal.errors import StudyError
 from distal.reports import study_report
 from distal.study import Plan, Space, space_of
 from distal.study.answer import Answer, Verdict, answer_of, proportion
 from distal.study.execution import Columns
-from distal.study.runs import MEASURES, run_chunk
+from distal.study.runs import MEASURES
 from distal.units import quantity
-from tests.study.plans import small, still
+from tests.study.plans import small
 
 STIFF, NOISE = "tendons.*.stiffness", "sensors.u1.noise"
 
@@ -202,93 +199,19 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Answer]:
     space, folder = space_of(plan), tmp_path_factory.mktemp("page")
     columns = made(plan, space, 2.0 * space.shares[:, 0])
     answer = answer_of(plan, space, columns)
-    study_report(plan, space, columns, answer, folder)
+    study_report(plan, space, answer, folder)
     return folder / "index.html", answer
 
 
 def test_the_page_is_one_file_that_fetches_nothing(shown: tuple[Path, Answer]) -> None:
-    text = shown[0].read_text(encoding="utf-8").replace(get_plotlyjs(), "")
+    text = shown[0].read_text(encoding="utf-8")
     assert not re.findall(r"(?:src|href)\s*=\s*['\"]?(?:https?:)?//", text)
     assert "Stiff &amp; &lt;good&gt;?" in text
     assert shown[1].sentence.replace("'", "&#x27;") in text
-    data = json.loads(re.findall(r"id='study-data'>(.*?)</script>", text, re.S)[0])
-    assert len(data["columns"][STIFF]["values"]) == 120
-    assert data["columns"]["sensors.u1"]["labels"] == ["with", "without"]
-    assert set(data["shown"]) == {"x", "y", "z"}
-    assert set(data["shown"].values()) <= set(data["columns"])
     assert text.count("<figure>") == 1  # the rig
-    assert len(text) < 600_000
-
-
-def test_without_a_number_that_varies_the_page_shows_the_rigs_as_built(tmp_path: Path) -> None:
-    plan = still(tmp_path, designs=30, seeds=1)
-    space = space_of(plan)
-    rows = run_chunk(plan, range(30))
-    columns = {name: np.array(values) for name, values in rows.items()}
-    study_report(plan, space, columns, answer_of(plan, space, columns), tmp_path)
-    text = (tmp_path / "index.html").read_text(encoding="utf-8")
-    data = json.loads(re.findall(r"id='study-data'>(.*?)</script>", text, re.S)[0])
-    shown = data["columns"]["built: joints.link.initial"]
-    assert shown["words"] == "initial of joint link, as built [σ]"
-    np.testing.assert_allclose(shown["values"], columns["built: joints.link.initial"], rtol=1e-3)
 
 
 def test_the_answer_is_json_too(shown: tuple[Path, Answer]) -> None:
     said = json.loads((shown[0].parent / "answer.json").read_text(encoding="utf-8"))
     assert said["sentence"] == shown[1].sentence
     assert said["overall"]["rigs"] == 120
-
-
-BROWSER = (
-    shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chromium-browser")
-)
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
-def test_a_browser_draws_it_and_nothing_is_wider_than_a_telephone(
-    shown: tuple[Path, Answer], tmp_path: Path
-) -> None:
-    page, probe = shown[0], tmp_path / "probe.html"
-    text = page.read_text(encoding="utf-8")
-    # a frame of 400 pixels: the window of a browser without a screen cannot be that narrow
-    # everywhere
-    (tmp_path / "page.html").write_text(
-        text.replace(
-            "</body>",
-            "<script>document.body.dataset.wide = "
-            "document.documentElement.scrollWidth</script></body>",
-        )
-    )
-    probe.write_text(
-        "<iframe id='f' src='page.html' width='400' height='4000'></iframe><script>f.onload = () "
-        "=> {"
-        "const b = f.contentDocument.body; const q = (s) => b.querySelectorAll(s).length;"
-        "document.body.dataset.found = [b.dataset.wide <= 400, q('#designs .points path'), "
-        "q('#designs .js-line')].join(' ') }</script>"
-    )
-    command = [
-        BROWSER,
-        "--headless",
-        "--no-sandbox",
-        "--disable-gpu",
-        "--allow-file-access-from-files",
-        "--dump-dom",
-    ]
-    done = subprocess.run(
-        [
-            *filter(None, command),
-            "--virtual-time-budget=4000",
-            f"--user-data-dir={tmp_path / 'profile'}",
-            probe.as_uri(),
-        ],
-        capture_output=True,
-        text=True,
-        timeout=90,
-        check=False,
-    )
-    found = re.search(r'data-found="(\w+) (\d+) (\d+)"', done.stdout)
-    assert found, done.stdout[-500:]
-    assert found[1] == "true"
-    assert int(found[2]) > 120
-    assert int(found[3]) == 1

@@ -21,7 +21,7 @@ from distal.estimators.read_channels import DEAD
 from distal.export.c_text import filled
 from distal.export.plant_source import ExportedPlant, resting_inputs
 from distal.logs import write_whole
-from distal.reports.moving_chain import chain_shape, tension_scale
+from distal.reports.chain_shape import chain_shape, tension_scale
 from distal.reports.page import page, resource, script_with
 from distal.results import COLOURS
 from distal.rig import Rig, angle_names, log_factor, number

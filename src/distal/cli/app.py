@@ -15,9 +15,9 @@ from typer import Option
 from distal.cli import (
     control_commands,
     estimate_command,
+    export_commands,
     fit_command,
     learn_command,
-    page_commands,
     rig_commands,
     simulation_commands,
     stream_command,
@@ -40,7 +40,6 @@ app = typer.Typer(
 )
 COMMANDS: dict[str, Callable[..., None]] = {
     "estimate": estimate_command.estimate_command,
-    "view": page_commands.view_command,
     "learn": learn_command.learn_command,
     "fit": fit_command.fit_command,
     "calibrate": fit_command.calibrate_command,
@@ -50,11 +49,11 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "study": simulation_commands.study_command,
     "studies": simulation_commands.list_studies_command,
     "stream": stream_command.stream_command,
-    "export-c": page_commands.export_command,
-    "export-fmu": page_commands.fmu_command,
+    "export-c": export_commands.export_command,
+    "export-fmu": export_commands.fmu_command,
     "rigs": rig_commands.list_rigs_command,
     "scenarios": simulation_commands.list_scenarios_command,
-    "doctor": page_commands.doctor_command,
+    "doctor": export_commands.doctor_command,
 }
 """Name → function of the commands that are in no group, in the order of the help."""
 

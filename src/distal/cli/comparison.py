@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from math import degrees
 from typing import TYPE_CHECKING
 
 from distal.cli.console import continue_on_failure, say, table, working
+from distal.confidence import BAND, COVERED_TEXT
 from distal.errors import DistalError, DivergedError
 
 if TYPE_CHECKING:
@@ -32,7 +33,6 @@ def compared(
     rig: Rig,
     names: list[str],
     home: float | None,
-    level: float,
     unasked: bool,
     smooth: bool,
     every: bool,
@@ -64,7 +64,7 @@ def compared(
         for name, run in runs.items():
             show(f"estimating with {name}")
             try:
-                result = replace(run(), level=level)
+                result = run()
             except DistalError as problem:
                 # some errors have the name
                 found.failed[name] = f"{name}: {str(problem).removeprefix(f'{name}: ')}"
@@ -77,7 +77,7 @@ def compared(
                 found.results.append(result)
     if lost is not None:
         if found.rows:
-            say_errors(found, level)
+            say_errors(found)
         raise _explained(lost, log, rig, home) if isinstance(lost, DivergedError) else lost
     return found
 
@@ -99,7 +99,7 @@ def half_of_band(result: Estimate) -> float:
     """Return the median half-width of an estimate's band [°]."""
     import numpy as np
 
-    return degrees(result.stds_of_band * float(np.median(result.angle_stds)))
+    return degrees(BAND * float(np.median(result.angle_stds)))
 
 
 def _row(result: Estimate) -> tuple[str, ...]:
@@ -113,17 +113,15 @@ def _row(result: Estimate) -> tuple[str, ...]:
     )
 
 
-def say_errors(comparison: Comparison, level: float) -> None:
+def say_errors(comparison: Comparison) -> None:
     """Print the errors of each estimator as a table, and the reasons of those that failed."""
-    from distal.confidence import in_percent
-
     table(
         "error against truth",
         [
             "estimator",
             "RMS [°]",
             "maximum [°]",
-            f"inside {in_percent(level)} band",
+            f"inside {COVERED_TEXT} band",
             "median band [°]",
         ],
         [*comparison.rows, *((name, "–", "–", "–", "–") for name in comparison.failed)],

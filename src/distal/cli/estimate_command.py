@@ -6,7 +6,6 @@ import os
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -39,7 +38,6 @@ from distal.cli.shared_options import (
     to_file,
     to_folder,
 )
-from distal.confidence import COVERED
 from distal.errors import Content, DistalError, DistalWarning, EstimationError, OutputError
 
 if TYPE_CHECKING:
@@ -128,15 +126,11 @@ def estimate_command(
     every: Annotated[
         bool, Option("--all", help="Write all states to --out, not only time, angles and torques.")
     ] = False,
-    level: Annotated[
-        float, Option(help="Share of the errors that bands hold, as they are printed and drawn.")
-    ] = COVERED,
     set_: SetOption = None,
 ) -> None:
     """Estimate the joint angle over a log, or many; where the truth of one is known, compare all
     estimators with it.
     """
-    from distal.confidence import half_width
     from distal.estimators import usual_estimator
     from distal.logs import (
         file_of,
@@ -159,7 +153,6 @@ def estimate_command(
         raise EstimationError(
             f"{'--all' if every else '--unit'} is about the file of --out, which is not given"
         )
-    half_width(level)  # raises where it is no level
     home = homing_time(homing)
     if smooth and home is not None:
         raise EstimationError(
@@ -193,7 +186,7 @@ def estimate_command(
             in_unit = unit or angle_unit(description.sensors)
             write_columns(result.columns(in_unit, every=every), path)
 
-        _estimate_many(sources, description, name, truth, home, out, level, write)
+        _estimate_many(sources, description, name, truth, home, out, write)
         return
     panels = check_panels(PANELS if "all" in (panel or ()) else tuple(dict.fromkeys(panel or ())))
     if plot is not None:
@@ -215,7 +208,7 @@ def estimate_command(
     origin = log.truth_source
     if homing_angle:
         log, description = _at_home(log, description, homing_angle, home)
-    comparison = compared(log, description, names, home, level, estimator is None, smooth, every)
+    comparison = compared(log, description, names, home, estimator is None, smooth, every)
     results = comparison.results
     files = dict[Path, Content]()
     if out is not None:
@@ -237,7 +230,7 @@ def estimate_command(
             else ""
         )
         say(f"truth: {origin}{used}")
-        say_errors(comparison, level)
+        say_errors(comparison)
     else:
         for reason in comparison.failed.values():
             failure(reason)
@@ -415,7 +408,6 @@ def _estimate_many(
     truth: str | None,
     homing: float | None,
     out: Path | None,
-    level: float,
     write: Callable[[Estimate, Path], None],
 ) -> None:
     """Estimate over many logs, write each estimate to a folder, and print a line for each.
@@ -428,7 +420,6 @@ def _estimate_many(
         truth: the true angle: a column of the logs, or a file; or None.
         homing: time for which the truth is used [s], or None.
         out: the folder; with None nothing is written.
-        level: share of the errors that bands are to hold.
         write: function that writes an estimate to a path.
 
     Raises:
@@ -460,7 +451,6 @@ def _estimate_many(
                 except OutputError as problem:
                     skip(str(path), problem)
                     continue
-            result = replace(result, level=level)
             known = ("–", "–")
             if result.truths is not None:
                 known = (

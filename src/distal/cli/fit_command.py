@@ -4,7 +4,6 @@ parameters of a hand from the log of its power-on routine.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import degrees, isnan, sqrt
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -21,13 +20,11 @@ from distal.cli.shared_options import (
     homing_time,
     in_si,
     to_file,
-    to_folder,
 )
 from distal.confidence import COVERED_TEXT
 
 if TYPE_CHECKING:
     from distal.fitting import Fit
-    from distal.logs import Log
     from distal.rig import Rig
 
 
@@ -37,11 +34,10 @@ MinutesOption = Annotated[
 ]
 
 MOST_ROWS = 14
-"""Number of fitted parameters printed at most; the page shows all. Source: layout."""
+"""Number of fitted parameters printed at most; the fitted rig has all. Source: layout."""
 
 MOST_LINES = 4
-"""Number of undetermined parameters named, and of lines of advice printed, at most; the page shows
-all. Source: layout.
+"""Number of undetermined parameters named, and of lines of advice printed, at most. Source: layout.
 """
 
 
@@ -85,7 +81,6 @@ def fit_command(
             "e.g. 'tool_(.)'.",
         ),
     ] = None,
-    report: Annotated[Path | None, Option(help="Folder for a page on the fit.")] = None,
     reference_lag: LagOption = None,
     minutes: MinutesOption = None,
     seed: Annotated[int, Option(min=0, help="Seed of the starts.")] = 0,
@@ -97,11 +92,9 @@ def fit_command(
     from distal.fitting import fit as fitted_to
     from distal.fitting import groups_of
     from distal.logs import read_log
-    from distal.reports import FIT_PAGES
     from distal.rig import edited_text, load_rig
 
-    outputs = [*to_file("--out", out, "a rig file"), *to_folder("--report", report, FIT_PAGES)]
-    check_command_outputs(outputs, logs=logs, rig=rig, truth=truth)
+    check_command_outputs(to_file("--out", out, "a rig file"), logs=logs, rig=rig, truth=truth)
     if units is not None:
         groups_of([str(path) for path in logs], units)
     home = homing_time(homing)
@@ -123,34 +116,11 @@ def fit_command(
             lag=None if reference_lag is None else in_si(reference_lag, "s"),
         )
     say_fit(result)
-    save_fit(result, read, text, out, report)
-    if result.interrupted and minutes is None:
-        raise typer.Exit(130)
-
-
-def save_fit(
-    result: Fit,
-    logs: Sequence[Log],
-    text: str,
-    out: Path | None,
-    folder: Path | None,
-    then: str = "",
-    of_page: str = "",
-) -> None:
-    """Write a fit's rig file and its page.
-
-    Args:
-        text: of the rig file that the fit began with.
-        folder: of the page.
-        then: what is said behind the path of the rig file; `of_page`, behind that of the page.
-    """
-    from distal.reports import fit_report
-
     if out is not None:
         result.save(out, text)
-        say(f"wrote {out}{then}")
-    if folder is not None:
-        say(f"wrote {fit_report(result, logs, folder)}{of_page}")
+        say(f"wrote {out}")
+    if result.interrupted and minutes is None:
+        raise typer.Exit(130)
 
 
 def say_fit(result: Fit) -> None:
@@ -163,12 +133,10 @@ def say_fit(result: Fit) -> None:
     if rows:
         table(f"fitted to {result.learned_from}", ["number", "rig file", "fitted", "unit"], rows)
     if len(determined) > MOST_ROWS:
-        say(f"and {len(determined) - MOST_ROWS} more (--report shows all)")
+        say(f"and {len(determined) - MOST_ROWS} more in the fitted rig")
     if undetermined:
         more = (
-            f" and {len(undetermined) - MOST_LINES} more (--report shows all)"
-            if len(undetermined) > MOST_LINES
-            else ""
+            f" and {len(undetermined) - MOST_LINES} more" if len(undetermined) > MOST_LINES else ""
         )
         say(f"not determined by these logs: {', '.join(undetermined[:MOST_LINES])}{more}")
     say_scores(result)

@@ -12,7 +12,6 @@ from typer import Argument, Option
 from distal.cli.console import say, stoppable, working
 from distal.cli.fit_command import (
     MinutesOption,
-    save_fit,
     say_fit,
 )
 from distal.cli.rig_commands import OutOption, app, check_new_rig
@@ -22,7 +21,6 @@ from distal.cli.shared_options import (
     check_new,
     in_si,
     to_file,
-    to_folder,
 )
 from distal.errors import RigError
 
@@ -131,20 +129,15 @@ def learn_command(
     ignore: IgnoreOption = None,
     reference_lag: LagOption = None,
     minutes: MinutesOption = None,
-    report: Annotated[
-        Path | None, Option(help="Folder for the answer as a page; default: beside --out.")
-    ] = None,
 ) -> None:
     """Learn from logs how well the joints can be known from the motors: rig, fit and an answer."""
     from distal.fitting import fit
     from distal.from_logs import draft_columns, rig_from_logs
     from distal.logs import read_log, sources_of
-    from distal.reports import FIT_PAGES
     from distal.rig import build_rig, edited_text, load_rig, parse_toml
 
-    folder = report if report is not None else out.with_name(f"{out.stem}_page")
-    outputs = [*to_file("--out", out, "a rig file"), *to_folder("--report", folder, FIT_PAGES)]
-    check_command_outputs(outputs, logs=list(logs), rig=None if rig is None else str(rig))
+    outputs = to_file("--out", out, "a rig file")
+    check_command_outputs(outputs, logs=logs, rig=None if rig is None else str(rig))
     check_new(out)
     say(f"reading {len(logs)} log{'s' if len(logs) > 1 else ''}")
     sources = sources_of(logs)
@@ -171,7 +164,7 @@ def learn_command(
             guessed=rig is None,
         )
     say_fit(result)
-    then = f"; next: distal estimate LOG --rig {out}, distal export-c"
-    save_fit(result, read, text, out, folder, then, ": the same as a page with curves")
+    result.save(out, text)
+    say(f"wrote {out}; next: distal estimate LOG --rig {out}, distal export-c {out}")
     if result.interrupted and minutes is None:
         raise typer.Exit(130)

@@ -67,7 +67,7 @@ def simulate_command(
     from distal.logs import write_log
     from distal.results import make_folder
     from distal.rig import named, parse_assignment
-    from distal.simulation import load_scenario, scenario_rig, simulate_batch
+    from distal.simulation import load_scenario, scenario_rig
 
     description = load_scenario(scenario)
     if rig_ is not None:
@@ -89,15 +89,11 @@ def simulate_command(
     check_command_outputs(outputs, rig=description.rig, scenario=scenario)
     if runs is not None:
         make_folder(out)
-    jobs = [(description, number) for number in names]
-    with progress_bar("simulating", len(jobs)) as advance:
-        logs = (
-            simulate_batch(rig, jobs, progress=advance)
-            if description.control is None
-            else (simulate(rig, *job) for job in jobs)
-        )
-        for path, log in zip(names.values(), logs):
+    with progress_bar("simulating", len(names)) as advance:
+        for done, (number, path) in enumerate(names.items(), 1):
+            log = simulate(rig, description, number)
             write_log(log if truth else replace(log, truth={}), rig, path)
+            advance(done)
     span = f"{description.duration:g} s"
     what = f"{len(log)} samples, {span}"
     if runs is not None:
@@ -192,7 +188,7 @@ def _answer(plan: Plan, space: Space, folder: Folder) -> None:
 
     columns = folder.gather()
     answer = answer_of(plan, space, columns)
-    page = study_report(plan, space, columns, answer, folder.path)
+    page = study_report(plan, space, answer, folder.path)
     say(answer.sentence)
     say(f"wrote {page}, {folder.path / 'answer.json'} and {folder.path / 'rows.parquet'}")
 

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import csv
 import json
-import select
-import socket
 import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, suppress
 from itertools import chain, starmap
 from math import degrees, isfinite, nan
 from time import monotonic
@@ -27,8 +24,6 @@ from distal.cli.shared_options import (
 from distal.errors import LogError, OutputError, printable
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from distal.logs import MessageReader
     from distal.run import Monitor, Reading
 
@@ -42,20 +37,9 @@ def stream_command(
     rig: RigOption,
     estimator: EstimatorOption = None,
     *,
-    udp: Annotated[
-        int | None,
-        Option(min=1, max=65535, help="Read JSON from this UDP port of the loopback, not stdin."),
-    ] = None,
-    to_udp: Annotated[
-        int | None, Option(min=1, max=65535, help="Send estimates as JSON to this UDP port, too.")
-    ] = None,
     as_json: Annotated[
         bool, Option("--json", help="Write JSON lines; default: as the input is.")
     ] = False,
-    idle: Annotated[
-        float | None,
-        Option(min=0.0, max=1e6, help="End after so many seconds without a message (UDP)."),
-    ] = None,
     unit: UnitOption = None,
     set_: SetOption = None,
 ) -> None:
@@ -71,32 +55,19 @@ def stream_command(
     from distal.rig import angle_unit, load_rig
     from distal.run import LiveEstimator, Monitor
 
-    if idle is not None and udp is None:
-        raise OutputError("--idle is for --udp; standard input ends by itself")
-    if (udp is None and sys.stdin is None) or sys.stdout is None:
+    if sys.stdin is None or sys.stdout is None:
         raise OutputError("standard input or output is closed")
-    if udp is not None and udp == to_udp:
-        raise OutputError(f"--to-udp {to_udp}: is the port that --udp reads; give another port")
     described = load_rig(rig, set_ or ())
     with working("preparing the filter"):
         live = LiveEstimator(described, estimator)
     monitor = Monitor(live)
     reader = MessageReader(described, live.channels)
-    with ExitStack() as stack:
-        source = None if udp is None else stack.enter_context(_bound(udp))
-        send = None
-        if to_udp is not None:
-            target = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-            target.connect(("127.0.0.1", to_udp))
-            send = target.send
-        in_unit = unit or angle_unit(described.sensors)
-        session = Session(monitor, reader, in_unit, as_json or udp is not None, send)
-        session.csv = None if source is None else False
-        try:
-            for line in _lines() if source is None else _datagrams(source, idle):
-                session.take(line)
-        finally:
-            session.end()
+    session = Session(monitor, reader, unit or angle_unit(described.sensors), as_json)
+    try:
+        for line in _lines():
+            session.take(line)
+    finally:
+        session.end()
     if session.csv is None and session.no_header is not None:
         raise session.no_header
 
@@ -110,14 +81,12 @@ class Session:
         reader: MessageReader,
         unit: str = "rad",
         as_json: bool = False,
-        send: Callable[[bytes], object] | None = None,
     ) -> None:
         from distal.rig import angle_names, std_name
 
         self._monitor = monitor
         self._reader = reader
         self._json = as_json
-        self._send = send
         units = dict.fromkeys(angle_names(monitor.rig.joint_names), unit)
         units |= dict.fromkeys(monitor.torque_names, "N m")
         self._units = {"t": "s"} | {
@@ -193,9 +162,6 @@ class Session:
             sys.stdout.flush()
         else:
             self._write_row(message.values())
-        if self._send is not None:
-            with suppress(OSError):  # it is no error where no program listens
-                self._send(json.dumps({"timestamp": message["t"], **message}).encode())
 
     def _write_row(self, cells: Iterable[object]) -> None:
         csv.writer(sys.stdout, lineterminator="\n").writerow(cells)
@@ -218,22 +184,3 @@ def _lines() -> Iterator[bytes]:
         yield line
         while len(line) >= LONGEST_LINE and not line.endswith(b"\n"):
             line = source.readline(LONGEST_LINE)
-
-
-def _bound(port: int) -> socket.socket:
-    """Return a socket that receives what is sent to a port of the loopback."""
-    receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        receiver.bind(("127.0.0.1", port))
-    except OSError as problem:
-        receiver.close()
-        raise OutputError(
-            f"UDP port {port}: cannot be read ({problem.strerror}); is another program there?"
-        ) from None
-    return receiver
-
-
-def _datagrams(source: socket.socket, idle: float | None) -> Iterator[bytes]:
-    """Yield the lines of datagrams as they arrive, until none arrived for `idle` seconds."""
-    while select.select([source], [], [], idle)[0]:
-        yield from source.recv(65536).splitlines() or [b""]

@@ -29,7 +29,6 @@ from distal.kernels import (
     variances_of,
 )
 from distal.logs import LARGEST_READING, frozen
-from distal.regression import PlacedMap
 from distal.rig import Rig, Role, measurand_of
 
 WILD = f"beyond {LARGEST_READING:g} in SI; NaN stands for a missing value"
@@ -318,11 +317,6 @@ class KernelEstimator:
         """Indices in the kernel state of the probability that something touches a joint, of each
         joint that may be touched; empty where the estimator looks for no touch.
         """
-        return ()
-
-    @property
-    def placed_maps(self) -> tuple[PlacedMap, ...]:
-        """The learned maps of the joints' angles, and where they are in the kernel."""
         return ()
 
     @property

@@ -17,7 +17,6 @@ from distal.kernels import Kernel, kernel_state_layout
 from distal.logs import Log, TruthKind, frozen, true_angles
 from distal.parallel import one_blas_thread
 from distal.regression import (
-    PlacedMap,
     Samples,
     Shape,
     begun_by,
@@ -186,11 +185,6 @@ class RegressionEstimator(KernelEstimator):
         return taught
 
     @property
-    def placed_maps(self) -> tuple[PlacedMap, ...]:
-        """The maps, and where they are in the kernel."""
-        return placed(self.maps, len(self.rig.joints))
-
-    @property
     def bridged(self) -> int:
         """Number of positions, which are the first channels and go in a straight line over a
         gap.
@@ -221,20 +215,6 @@ class RegressionEstimator(KernelEstimator):
         return ca.Function("prior", [values, mask, p], [mean, spread, ca.vertcat(*memories)])
 
 
-def placed(maps: Sequence[LearnedMap], joints: int) -> tuple[PlacedMap, ...]:
-    """Return maps with where they are in the kernel of an estimator of so many `joints`: one behind
-    the other.
-    """
-    memory = kernel_state_layout(joints).size
-    parameters = 0
-    found = []
-    for learned in maps:
-        found.append(PlacedMap(learned, memory, parameters))
-        memory += Shape.of(learned).memory.size
-        parameters += len(map_parameters(learned))
-    return tuple(found)
-
-
 def regression_function(
     maps: Sequence[LearnedMap], channels: Sequence[str], joints: Sequence[str]
 ) -> ca.Function:
@@ -248,16 +228,19 @@ def regression_function(
     kernel_state = ca.MX.sym("kernel_state", layout.size)
     x = ca.MX.sym("x", 1 + 2 * width)
     p = ca.MX.sym("p", sum(len(map_parameters(learned)) for learned in maps))
+    p_left = p
     mean = ca.MX.zeros(n)
     spread = ca.MX.zeros(n, n)
     after = []
-    for shape, at in zip(shapes, placed(maps, n)):
-        columns = [list(channels).index(name) for name in at.learned.channels]
-        rows = [list(joints).index(joint) for joint in at.learned.joints]
+    remembered = kernel_state[layout["map"]]
+    for learned, shape in zip(maps, shapes):
+        columns = [list(channels).index(name) for name in learned.channels]
+        rows = [list(joints).index(joint) for joint in learned.joints]
         of_map = map_layout(shape, len(rows))
-        parameters = p[at.parameters : at.parameters + of_map.size]
+        parameters, p_left = p_left[: of_map.size], p_left[of_map.size :]
+        memory, remembered = remembered[: shape.memory.size], remembered[shape.memory.size :]
         values, _, variances, following = map_function(shape, len(rows))(
-            kernel_state[at.memory : at.memory + shape.memory.size],
+            memory,
             x[0],
             x[[1 + i for i in columns]],
             x[[1 + width + i for i in columns]],

@@ -5,7 +5,6 @@ kernel; and other regressions of several logs.
 from distal.regression.features import Shape, features_along, features_function
 from distal.regression.homed_map import homed_memory
 from distal.regression.known_window import (
-    PlacedMap,
     conformal_factor,
     from_prior,
     from_window,
@@ -35,7 +34,6 @@ __all__ = [
     "FEWEST_LOGS",
     "YARDSTICKS",
     "Evidence",
-    "PlacedMap",
     "Prior",
     "ReportedMap",
     "Samples",

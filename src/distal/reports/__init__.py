@@ -1,18 +1,12 @@
-"""Reports: figures and HTML pages on rigs, logs, fits and studies."""
+"""Reports: figures and HTML pages on rigs and studies."""
 
-from distal.reports.fitting import FIT_PAGES, fit_report
-from distal.reports.log_view import check_plotly, view_page
 from distal.reports.page import svg_of
 from distal.reports.rig_drawing import draw_rig, rig_svg
 from distal.reports.study_report import study_report
 
 __all__ = [
-    "FIT_PAGES",
-    "check_plotly",
     "draw_rig",
-    "fit_report",
     "rig_svg",
     "study_report",
     "svg_of",
-    "view_page",
 ]

@@ -65,8 +65,8 @@ function chainPicture(canvas, shape) {
   function skeleton(placed, stroke, width, dash) {
     placed.forEach((p, j) => line([p.at, add(p.at, times(p.frame, joints[j].link))], stroke, width, dash));
   }
-  // truths and the naive angles may be null, and any of the tensions
-  function draw(angles, halves, truths, tensions, naive) {
+  // truths may be null, and any of the tensions
+  function draw(angles, halves, truths, tensions) {
     const box = canvas.getBoundingClientRect(), placed = posture(angles);
     pen.clearRect(0, 0, box.width, box.height);
     placed.forEach((p, j) => {  // the fan: where the link may point, with the joints before it as they are estimated
@@ -82,7 +82,6 @@ function chainPicture(canvas, shape) {
       if (joint.parent < 0) line([add(placed[j].at, unit(joint.link), -short), placed[j].at], colours.soft, 9);
     });
     skeleton(placed, colours.estimate, 5, []);
-    if (naive) skeleton(posture(naive), colours.naive, 4, [1, 8]);
     if (truths) skeleton(posture(truths), colours.ink, 1.5, [4, 4]);
     placed.forEach((p) => { const [x, y] = flat(p.at); pen.setLineDash([]); pen.beginPath(); pen.arc(x, y, 5, 0, 7); pen.fillStyle = colours.paper; pen.fill(); pen.lineWidth = 2; pen.strokeStyle = colours.estimate; pen.stroke(); });
     tendons.forEach((tendon, k) => {

@@ -2,12 +2,9 @@
 
 from distal.results.estimate import Estimate
 from distal.results.plots import (
-    HEALTH_COLOURS,
     PANELS,
     check_panels,
-    in_order,
     plot_estimates,
-    pulls_of,
 )
 from distal.results.style import (
     BAD,
@@ -27,13 +24,11 @@ from distal.results.style import (
     curve_style,
     figure,
     figure_bytes,
-    from_start,
     html_table,
     legend_above,
     make_folder,
     plot_kind,
     save_figure,
-    time_label,
     verdict,
 )
 
@@ -44,7 +39,6 @@ __all__ = [
     "DASHES",
     "FAINT",
     "GOOD",
-    "HEALTH_COLOURS",
     "INK",
     "PALE",
     "PANELS",
@@ -59,15 +53,11 @@ __all__ = [
     "curve_style",
     "figure",
     "figure_bytes",
-    "from_start",
     "html_table",
-    "in_order",
     "legend_above",
     "make_folder",
     "plot_estimates",
     "plot_kind",
-    "pulls_of",
     "save_figure",
-    "time_label",
     "verdict",
 ]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Floats
-from distal.confidence import COVERED, half_width, in_percent
+from distal.confidence import BAND, COVERED_TEXT
 from distal.errors import EstimationError, did_you_mean
 from distal.estimators import StateKind, states_of
 from distal.logs import header
@@ -64,7 +64,6 @@ class Estimate:
         state_units: SI unit of each state, (n,), empty where it is not known.
         is_taught: whether logs taught what forces are normal: not the innovations tell then what
             disagrees, since the rig lacks physics, but the forces by the positions.
-        level: share of the errors that the band is to hold.
         ends: the estimate at the first and the last sample with all states, where only some are
             here.
     """
@@ -92,7 +91,6 @@ class Estimate:
     state_parts: tuple[str, ...]
     state_units: tuple[str, ...]
     is_taught: bool = False
-    level: float = COVERED
     ends: Estimate | None = None
 
     def __len__(self) -> int:
@@ -122,7 +120,7 @@ class Estimate:
             )
             for row in self.summary()
         ]
-        band = f"{in_percent(self.level)} band, median"
+        band = f"{COVERED_TEXT} band, median"
         return html_table(["joint", "angle", band, "RMS error", "inside"], rows, range(1, 5))
 
     def in_words(self, joint: int = 0) -> str:
@@ -137,7 +135,7 @@ class Estimate:
         text = (
             f"{self.estimator}: {which} from {row['least [deg]']:.2f}° to "
             f"{row['greatest [deg]']:.2f}°, "
-            f"{in_percent(self.level)} band ±{row['median band [deg]']:.2f}° (median)"
+            f"{COVERED_TEXT} band ±{row['median band [deg]']:.2f}° (median)"
         )
         if row["RMS error [deg]"] is None or row["inside band"] is None:
             return text
@@ -149,7 +147,7 @@ class Estimate:
     def summary(self) -> list[SummaryRow]:
         """Return a row for each joint: range, band and errors [deg], and the coverage of the band.
 
-        The band is the median half-width of the band of this `level`; ``inside band`` is the share
+        The band is the median half-width of the 95 % band; ``inside band`` is the share
         of samples inside it. Errors and coverage are None where the truth is not known.
         """
         rows = []
@@ -158,12 +156,12 @@ class Estimate:
             stds = self.angle_stds[:, joint]
             truth = np.full(len(self), np.nan) if self.truths is None else self.truths[:, joint]
             errors = (angles - truth)[np.isfinite(truth)]
-            inside = np.abs(errors) <= self.stds_of_band * stds[np.isfinite(truth)]
+            inside = np.abs(errors) <= BAND * stds[np.isfinite(truth)]
             row: SummaryRow = {
                 "joint": name,
                 "least [deg]": float(np.rad2deg(angles.min())),
                 "greatest [deg]": float(np.rad2deg(angles.max())),
-                "median band [deg]": float(np.rad2deg(self.stds_of_band * np.median(stds))),
+                "median band [deg]": float(np.rad2deg(BAND * np.median(stds))),
                 "RMS error [deg]": float(np.rad2deg(np.sqrt(np.mean(errors**2))))
                 if len(errors)
                 else None,
@@ -179,11 +177,6 @@ class Estimate:
     def with_all_states(self) -> Estimate:
         """The estimate, or its `ends`, which have all states."""
         return self if self.ends is None else self.ends
-
-    @property
-    def stds_of_band(self) -> float:
-        """Half-width of the band of this `level` [standard deviations]."""
-        return half_width(self.level)
 
     @property
     def angles(self) -> Floats:
@@ -344,7 +337,7 @@ class Estimate:
 
     def half_width(self) -> float:
         """Return the mean half-width of the band over all samples and joints [rad]."""
-        return float(self.stds_of_band * np.mean(self.angle_stds))
+        return float(BAND * np.mean(self.angle_stds))
 
     def inside_band(self) -> float:
         """Return the coverage of the band: the share of samples, over all joints, whose truth
@@ -353,7 +346,7 @@ class Estimate:
         errors = self.errors()
         finite = np.isfinite(errors)
         stds = self.angle_stds.reshape(errors.shape)
-        return float(np.mean(np.abs(errors[finite]) <= self.stds_of_band * stds[finite]))
+        return float(np.mean(np.abs(errors[finite]) <= BAND * stds[finite]))
 
     def columns(self, unit: str = "rad", *, every: bool = False) -> dict[str, NDArray[np.generic]]:
         """Return header → column: ``t [s]``, the angles, their standard deviations ``…_std``, and

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TypedDict
 import numpy as np
 
 from distal.arrays import Floats
-from distal.confidence import half_width, in_percent
+from distal.confidence import BAND, COVERED_TEXT
 from distal.errors import OutputError, did_you_mean
 from distal.logs import Log
 from distal.results.style import (
@@ -242,7 +242,7 @@ def _draw_joint(axes: Sequence[Axes], estimates: Sequence[Curves], joint: int) -
         entries.append((line, "truth"))
     for i, estimate in enumerate(estimates):
         handle = _draw_estimate(top, estimate, i, joint)
-        entries.append((handle, f"{estimate.estimator}, {in_percent(estimate.level)} band"))
+        entries.append((handle, f"{estimate.estimator}, {COVERED_TEXT} band"))
     _limit_angles(top, estimates, joint)
     top.set_ylabel("joint angle θ [°]")
     if joint == 0:
@@ -254,7 +254,7 @@ def _draw_joint(axes: Sequence[Axes], estimates: Sequence[Curves], joint: int) -
         time = from_start(estimate.time)
         below.plot(time, _half_width(estimate, joint), linewidth=1.0, **curve_style(i))
     below.set_ylim(bottom=0.0)
-    below.set_ylabel(f"{in_percent(first.level)} band ± [°]")
+    below.set_ylabel(f"{COVERED_TEXT} band ± [°]")
 
 
 def _draw_errors(axes: Axes, estimates: Sequence[Curves], joint: int) -> None:
@@ -290,7 +290,7 @@ def _error(estimate: Curves, joint: int) -> Floats:
 
 def _half_width(estimate: Curves, joint: int) -> Floats:
     """Return the half-width of a joint's band [°]."""
-    return np.rad2deg(half_width(estimate.level) * estimate.angle_stds[:, joint])
+    return np.rad2deg(BAND * estimate.angle_stds[:, joint])
 
 
 def _draw_estimate(axes: Axes, estimate: Curves, index: int, joint: int) -> Artist:

@@ -176,10 +176,6 @@ class Curves(Protocol):
         """Standard deviations of the errors of the joint angles [rad], (k, n_joints)."""
 
     @property
-    def level(self) -> float:
-        """Share of the errors that the band is to hold."""
-
-    @property
     def truths(self) -> Floats | None:
         """True joint angles [rad], (k, n_joints), or None where none is known."""
 

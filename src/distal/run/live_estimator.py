@@ -123,7 +123,6 @@ class LiveEstimator:
         self._read = [1 + self._width + chosen.channels.index(name) for name in chosen.measured]
         self._innovations = np.full(self._m, np.nan)
         self._begin: tuple[Floats | None, float] = (None, 0.0)
-        self._angles_given: dict[str, float] = {}
         self._time = nan
         self._samples = 0
         self._interval = chosen.interval
@@ -274,55 +273,6 @@ class LiveEstimator:
         self._samples = 0
         self._time = nan
         self._innovations[:] = np.nan
-        self._angles_given = dict[str, float]()
-        self._loop.parameters[:] = self._estimator.parameters
-
-    def known(self, angle: float, std: float = 0.0, joint: str | None = None) -> float:
-        """Take a joint's angle as known at the last sample, such as a pose that a person set or a
-        mark, and return by how many standard deviations it is off what was expected.
-
-        It conditions the rig's learned map of that joint, weights and this run's own part together,
-        until `reset`; the next sample shows it. Several joints, and one again and again: what comes
-        within the time for which errors last counts as less.
-
-        Args:
-            angle: the angle [rad].
-            std: standard deviation of its error [rad].
-            joint: its name; may be left out where there is only one.
-
-        Raises:
-            EstimationError: no sample was taken in yet, there is no such joint, or it has no map.
-        """
-        names = self.rig.joint_names
-        which = names[0] if joint is None and len(names) == 1 else joint
-        if which not in names or not np.isfinite([angle, std]).all() or std < 0.0:
-            raise EstimationError(
-                f"known takes an angle and its std of one of {', '.join(names)}; {angle!r} ± "
-                f"{std!r} of {joint!r} came"
-            )
-        if self._samples == 0:
-            raise EstimationError(f"{self._estimator.name}: no sample was taken in yet")
-        maps = [m for m in self._estimator.placed_maps if which in m.learned.joints]
-        if not maps:
-            raise EstimationError(
-                f"'{self.rig.name}' has no learned map of {which} that a known angle could "
-                "condition: fit it to logs, or home with homing_filter"
-            )
-        at = names.index(which)
-        since = self._time - self._angles_given.get(which, -inf)
-        self._angles_given[which] = self._time
-        off = list[float]()
-        for placed in maps:
-            arrays = placed.learned.arrays
-            inside = placed.learned.joints.index(which)
-            target, variance = angle, std**2
-            if placed.learned.beside_filter:
-                target -= self._kernel_state[at]
-                variance += arrays["filter"][inside] ** 2 * self._diagonal[at]
-            variance *= 1.0 + arrays["error_time"][inside] / max(since, self._interval)
-            of_kernel = self._kernel_state, self._loop.parameters
-            off.append(placed.condition(*of_kernel, inside, target, variance))
-        return off[0]
 
     def clone(self) -> LiveEstimator:
         """Return a live estimator at the same belief, with arrays of its own, so that both go on
@@ -346,7 +296,7 @@ class LiveEstimator:
 
     def _belief(self) -> tuple[object, ...]:
         arrays = _arrays(self)
-        beside = self._begin, self._time, self._samples, dict(self._angles_given)
+        beside = self._begin, self._time, self._samples
         return *(array.copy() for array in arrays), *beside
 
     @property
@@ -510,7 +460,6 @@ def _arrays(live: LiveEstimator) -> list[Floats]:
         live._state,
         live._spread,
         live._innovations,
-        live._loop.parameters,
     ]
 
 
@@ -519,7 +468,7 @@ def _at(live: LiveEstimator, belief: tuple[Any, ...]) -> LiveEstimator:
     arrays = _arrays(live)
     for array, values in zip(arrays, belief):
         array[:] = values
-    live._begin, live._time, live._samples, live._angles_given = belief[len(arrays) :]
+    live._begin, live._time, live._samples = belief[len(arrays) :]
     return live
 
 

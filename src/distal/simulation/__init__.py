@@ -10,7 +10,7 @@ from distal.simulation.scenario import (
     scenario_text,
     shipped_scenarios,
 )
-from distal.simulation.simulate import simulate_batch, simulate_plant
+from distal.simulation.simulate import simulate_plant
 
 __all__ = [
     "Control",
@@ -21,6 +21,5 @@ __all__ = [
     "scenario_rig",
     "scenario_text",
     "shipped_scenarios",
-    "simulate_batch",
     "simulate_plant",
 ]

@@ -1,13 +1,10 @@
-"""Simulation without a controller: a rig, a scenario and a seed become a log with the truth.
-
-Many simulations run at once, on all cores; plants of one structure can move side by side in vector
-lanes.
+"""Simulation without a controller: a rig, a scenario and a seed become a log with the truth. Plants
+of one structure can move side by side in vector lanes.
 """
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
@@ -16,7 +13,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import ScenarioError
-from distal.kernels import Feed, advance_all, in_order, lanes_here
+from distal.kernels import Feed, advance_all
 from distal.logs import Log, TruthSource
 from distal.logs.reader_process import MEMORY_VARIABLE, memory_limit
 from distal.model import Mechanism, substeps
@@ -217,75 +214,3 @@ def true_motion(motion: PlantMotion, grid: Floats, stamps: Floats) -> dict[str, 
     pulls = motion.pulls
     columns = np.hstack([q[:, :n], pulls[:, :n], q[:, n:], pulls[:, n:], motion.tensions])
     return {name: np.interp(stamps, grid, column) for name, column in zip(names, columns.T)}
-
-
-Job = tuple[Scenario | str | Path, int]
-
-
-def simulate_batch(
-    rig: Rig | str | Path,
-    jobs: Iterable[Job],
-    workers: int | None = None,
-    progress: Callable[[int], None] | None = None,
-) -> Iterator[Log]:
-    """Simulate many scenarios, or one with many seeds, and yield the logs in their order. Each log
-    is the one that `simulate` gives.
-
-    The runs are taken in groups. In a group a scenario that comes with several seeds moves only
-    once: the motion is the same, the sensors' errors differ. Only what is in work is in memory.
-
-    Args:
-        jobs: (scenario, seed) of each run; may be a generator.
-        workers: number of threads; default one per core.
-        progress: called with the number of runs that are done.
-
-    Raises:
-        ScenarioError: a scenario does not fit the rig, or its motion left all bounds.
-        RigError: the plant's values are wrong.
-    """
-    rig = as_rig(rig)
-    workers = (os.cpu_count() or 1) if workers is None else workers
-    if isinstance(workers, bool) or not isinstance(workers, (int, np.integer)) or workers < 1:
-        raise ScenarioError(f"workers must be a whole number from 1, {workers!r} came")
-    return _batch(rig, map(_job, jobs), int(workers), progress)
-
-
-def _job(job: object) -> Job:
-    if not isinstance(job, (tuple, list)) or len(job) != 2:
-        raise ScenarioError(f"a job is a scenario and a seed, {job!r:.60} came")
-    return job[0], job[1]
-
-
-def _batch(
-    rig: Rig, jobs: Iterator[Job], workers: int, progress: Callable[[int], None] | None
-) -> Iterator[Log]:
-    runs = in_order(jobs, lanes_here(), lambda group: _group(rig, group), workers)
-    for done, (_, log) in enumerate(runs, 1):
-        if progress is not None:
-            progress(done)
-        if isinstance(log, Exception):
-            raise log
-        yield log
-
-
-def _group(rig: Rig, jobs: list[Job]) -> list[Log | Exception]:
-    """Return the logs of some runs, with one motion for each scenario.
-
-    If a job fails, its error stands in the place of its log and ends the list.
-    """
-    moved: list[tuple[Scenario | str | Path, Prepared, PlantMotion]] = []
-    logs: list[Log | Exception] = []
-    for scenario, seed in jobs:
-        try:
-            known = [each for each in moved if each[0] == scenario]
-            if not known:
-                ready = prepare(rig, scenario, seed)
-                check_open(ready.scenario)
-                (motion,) = motions_of([ready])
-                known = [(scenario, ready, motion)]
-                moved += known
-        except Exception as error:
-            return [*logs, error]
-        _, ready, motion = known[0]
-        logs.append(sampled(ready, motion, seed))
-    return logs

@@ -27,7 +27,7 @@ from distal.study.design_space import (
     sensor_of,
 )
 from distal.study.execution import Columns
-from distal.study.runs import BUILT, MEASURES
+from distal.study.runs import MEASURES
 from distal.units import quantity, rounded
 
 PARTS = 4
@@ -65,17 +65,11 @@ def proportion(met: Bools) -> Proportion:
 
 
 def words_of(plan: Plan, name: str) -> str:
-    """Return in words what a column of the rows holds."""
-    path = name.removeprefix(BUILT)
-    if path in (ESTIMATOR, FEEDBACK):
-        return path
-    if sensor := sensor_of(path):
-        words = f"sensor {sensor}"
-    elif path in plan.rig.sharing():
-        words = f"common error of {path}"
-    else:
-        words = in_words(plan.rig, path)
-    return f"{words}, as built" if name.startswith(BUILT) else words
+    """Return in words what a path in ``vary`` stands for."""
+    if name in (ESTIMATOR, FEEDBACK):
+        return name
+    sensor = sensor_of(name)
+    return f"sensor {sensor}" if sensor else in_words(plan.rig, name)
 
 
 def setting_in_words(name: str, setting: Value, unit: str) -> str:

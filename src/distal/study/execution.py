@@ -87,17 +87,14 @@ def open_folder(plan: Plan, path: str | Path) -> Folder:
     holds are kept.
 
     Raises:
-        StudyError: the folder is of another study or another version of distal, or pyarrow or
-            plotly is not installed.
+        StudyError: the folder is of another study or another version of distal, or pyarrow is not
+            installed.
         OutputError: the folder cannot be made or written.
     """
     try:
-        import plotly  # noqa: F401
         import pyarrow  # noqa: F401
-    except ImportError as problem:
-        raise StudyError(
-            f"rows and page of a study need {problem.name}; pip install '.[study]'"
-        ) from None
+    except ImportError:
+        raise StudyError("the rows of a study need pyarrow; pip install '.[parquet]'") from None
     folder = make_folder(Path(path) / "rows").parent
     label = folder / LABEL
     names = {

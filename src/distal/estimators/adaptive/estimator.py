@@ -24,7 +24,6 @@ from distal.estimators.read_channels import channels_of
 from distal.kernels import Compiled, Structure, kernel_of, structure_of
 from distal.logs import frozen
 from distal.regression import (
-    PlacedMap,
     ReportedMap,
     map_parameters,
     reporting_function,
@@ -245,19 +244,6 @@ class AdaptiveFilter(KernelEstimator):
                 for placed in self._reported
             ),
         )
-
-    @property
-    def placed_maps(self) -> tuple[PlacedMap, ...]:
-        """The learned maps of the joints' angles, and where they are in the kernel."""
-        memory = adaptive_layout(self.states).size
-        parameters = len(self.parameter_names)
-        placed = []
-        for reported in self._reported:
-            if not reported.homes:
-                placed.append(PlacedMap(reported.learned, memory, parameters))
-            memory += reported.size
-            parameters += reported.parameters
-        return tuple(placed)
 
     @property
     def positions(self) -> tuple[int | None, ...]:

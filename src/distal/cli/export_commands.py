@@ -1,29 +1,22 @@
-"""Commands that show a page (`distal view`), that write the filter as C for a microcontroller or as
-an FMU (`distal export-c`, `distal export-fmu`), and `distal doctor`, which says what is installed.
+"""Commands that write the filter as C for a microcontroller or as an FMU (`distal export-c`,
+`distal export-fmu`), and `distal doctor`, which says what is installed.
 """
 
 from __future__ import annotations
 
 import platform
-import shutil
-import tempfile
-import webbrowser
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from typer import Argument, Option
+from typer import Option
 
-from distal.cli.console import continue_on_failure, say, table, warn, working
+from distal.cli.console import say, table, warn, working
 from distal.cli.shared_options import (
     EstimatorOption,
-    HomingOption,
     RigArgument,
-    RigOption,
     SetOption,
-    TruthOption,
     check_command_outputs,
-    homing_time,
     to_file,
     to_folder,
 )
@@ -181,7 +174,6 @@ _EXTRAS = {
     "polars": "polars",
     "mcap": "mcap",
     "rosbags": "ros",
-    "plotly": "view",
 }
 """Packages that are not needed, and the extra that installs each."""
 
@@ -212,55 +204,3 @@ def doctor_command() -> None:
     else:
         say(f"C compiler: {compiler.version} ({compiler.command[0]})")
     say(f"kernel cache: {cache_folder()}")
-
-
-def view_command(
-    log: Annotated[
-        Path,
-        Argument(help="CSV, Parquet, MCAP or a bag, with the columns that the rig's sensors name."),
-    ],
-    rig: RigOption,
-    *,
-    out: Annotated[
-        Path | None,
-        Option(help="Where to write the page (HTML); default a temporary file, which is opened."),
-    ] = None,
-    estimator: EstimatorOption = None,
-    truth: TruthOption = None,
-    homing: HomingOption = None,
-    set_: SetOption = None,
-) -> None:
-    """Estimate over a log and show it in the browser: zoom with the wheel, point at a curve to read
-    it.
-    """
-    from distal.diagnosis import diagnose
-    from distal.logs import read_log
-    from distal.reports import check_plotly, view_page
-    from distal.rig import load_rig
-    from distal.run import estimate
-
-    check_plotly()
-    check_command_outputs(to_file("--out", out, "a page"), logs=[log], rig=rig, truth=truth)
-    description = load_rig(rig, set_ or ())
-    samples = read_log(log, description, truth)
-    home = homing_time(homing)
-    sentences = list[str]()
-    with working("estimating") as show:
-        result = estimate(samples, description, estimator, homing=home, covariances=False)
-        doing = "testing what the log says of the rig"
-        show(doing)
-        with continue_on_failure(doing):
-            sentences.append(diagnose(result, samples, description, home).text)
-    position = out if out is not None else Path(tempfile.mkdtemp(prefix="distal-")) / "view.html"
-    try:
-        with working("drawing the page"):
-            view_page(result, samples, description, position, sentences)
-    except BaseException:
-        if out is None:
-            shutil.rmtree(position.parent, ignore_errors=True)
-        raise
-    for line in (result.in_words(), *sentences):
-        say(line)
-    say(f"wrote {position}")
-    if out is None and not webbrowser.open(position.resolve().as_uri()):
-        say("no browser could be opened; open the file yourself")

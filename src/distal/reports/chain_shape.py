@@ -1,34 +1,20 @@
-"""A picture of the chain of a log that moves: links, the band of each angle as a fan, tendons
-coloured by tension.
+"""What a page needs of a rig to draw its chain as it moves: links, the band of each angle as a fan,
+tendons coloured by tension (``chain.js``).
 """
 
 from __future__ import annotations
 
-from html import escape
-from string import Template
-
 import numpy as np
 
 from distal.arrays import Floats
-from distal.confidence import in_percent
-from distal.logs import Log
-from distal.reports.page import resource, script_with
 from distal.results import (
     BLACK,
     COLOURS,
     SOFT,
     WHITE,
-    Estimate,
     band_colour,
-    from_start,
-    pulls_of,
 )
 from distal.rig import Rig
-
-MOST_FRAMES = 6_000
-"""Number of frames at most; of a longer log every second, third, … sample is a frame. Source:
-layout.
-"""
 
 LENGTHS = 2.6
 """Length of a link that the rig does not describe [largest moment arms]. Source: layout."""
@@ -42,57 +28,6 @@ OBLIQUE = ((0.83, 0.56, 0.0), (-0.19, 0.28, 0.94))
 """Vectors that point right and up in the picture of a chain whose axes are not parallel. Source:
 layout.
 """
-
-
-def moving_chain(
-    estimate: Estimate, log: Log, rig: Rig, naive: Estimate | None = None
-) -> tuple[str, str]:
-    """Return the HTML of a picture of the moving chain, which the reader plays or drags, and the
-    HTML of its script, which stands after the curves.
-
-    Args:
-        naive: an estimate by inextensible tendons, which is drawn too; the picture then plays at
-            once.
-    """
-    rows = slice(None, None, max(1, -(-len(log) // MOST_FRAMES)))
-    time = from_start(estimate.time)
-    columns = [None if c is None else _listed(c[rows], 2) for c in _tensions(rig, log)]
-    tensions = [tension for column in columns for tension in column or () if tension is not None]
-    most = max(tensions, default=0.0)
-
-    def angles(table: Floats | None) -> list[list[float | None]] | None:
-        return None if table is None else [_listed(column, 4) for column in table[rows].T]
-
-    frames = chain_shape(rig, most) | {
-        "tensions": columns,
-        "time": _listed(time[rows], 4),
-        "angles": angles(estimate.angles),
-        "halves": angles(estimate.stds_of_band * estimate.angle_stds),
-        "truths": angles(estimate.truths),
-        "naive": None if naive is None else angles(naive.angles),
-    }
-    dashed = ", dashed is the truth" if estimate.truths is not None else ""
-    more = ", click a curve to go to its time"
-    if naive is not None:
-        dashed += ", dotted is what the motors say as if the tendons did not stretch"
-        more = ". No estimate has a sensor at the joint"
-    blanks = {
-        "speeds": "".join(
-            f"<option value='{x}'{' selected' * (x == 1)}>{x}×</option>"
-            for x in (0.1, 0.25, 1, 2, 5)
-        ),
-        "scale": tension_scale(f"{most:.3g} N") if tensions else "",
-        "last": f"{time[-1]:.4f}",
-        "cells": "".join(
-            f"<tr><td>{escape(joint.name)}</td><td class='n'></td></tr>" for joint in rig.joints
-        ),
-        "dashed": dashed,
-        "more": more,
-        "level": in_percent(estimate.level),
-    }
-    scripts = resource("chain.js"), resource("moving.js")
-    picture = Template(resource("moving.html")).substitute(blanks)
-    return picture, script_with("moving-data", frames, *scripts)
 
 
 def chain_shape(rig: Rig, most: float) -> dict[str, object]:
@@ -130,7 +65,6 @@ def chain_shape(rig: Rig, most: float) -> dict[str, object]:
             "soft": SOFT,
             "paper": WHITE,
             "estimate": COLOURS[0],
-            "naive": COLOURS[3],
             "band": band_colour(),
         },
     }
@@ -185,20 +119,6 @@ def _view(rig: Rig) -> tuple[tuple[float, ...], ...]:
     return tuple(map(float, right)), tuple(map(float, up))
 
 
-def _tensions(rig: Rig, log: Log) -> list[Floats | None]:
-    """Return the measured tension of each tendon [N], (k,), or None where it is not measured."""
-    read = {(s.measures, s.of): log.channels[s.name] for s in pulls_of(log, rig)}
-    columns: list[Floats | None] = []
-    for tendon in rig.tendons:
-        drive = rig.drive(tendon.drive)
-        tension = read.get(("tension", tendon.name))
-        force = read.get(("force", drive.name))
-        if tension is None and force is not None and len(rig.tendons_of(drive.name)) == 1:
-            tension = force / drive.lever
-        columns.append(tension)
-    return columns
-
-
 def _unit(vector: Floats) -> Floats:
     return vector / np.linalg.norm(vector)
 
@@ -206,7 +126,3 @@ def _unit(vector: Floats) -> Floats:
 def _across(vector: Floats, axis: Floats) -> Floats:
     """Return the part of a vector that is perpendicular to an axis."""
     return vector - (vector @ axis) * axis
-
-
-def _listed(column: Floats, digits: int) -> list[float | None]:
-    return [round(number, digits) if np.isfinite(number) else None for number in column.tolist()]
