@@ -575,21 +575,3 @@ int main() {
     ):
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
-
-
-@needs_compiler
-def test_an_imu(tmp_path: Path) -> None:
-    """Numbers of a sensor that only says what it reads are the same in C."""
-    import tomllib
-
-    from distal.rig import build_rig, rig_text
-    from tests.rig.test_imu import TABLE
-
-    rig = build_rig(tomllib.loads(rig_text("finger-2n")[0] + TABLE), "finger with an IMU")
-    log = simulate(rig, load_scenario("finger", ['duration="1 s"']), 2)
-    write_log(log, rig, tmp_path / "log.csv")
-    rows = replayed(build(c_filter(rig), tmp_path, "-O0"), tmp_path / "log.csv")
-    result = estimate(log, rig)
-    np.testing.assert_allclose(
-        rows[:, 1:3], np.column_stack([result.angles[:, 0], result.angle_stds[:, 0]]), atol=1e-9
-    )

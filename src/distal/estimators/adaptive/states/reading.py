@@ -1,6 +1,4 @@
-"""Unknowns of readings: what they depend on, such as the angle at which an IMU is mounted, and the
-systematic errors of sensors: offset, gain, and the curve of a position sensor.
-"""
+"""Systematic errors of sensors: offset, gain, and the curve of a position sensor."""
 
 from __future__ import annotations
 
@@ -15,20 +13,8 @@ from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.states.state import State
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar
-from distal.rig import Sensor, measurand_of
+from distal.rig import Sensor
 from distal.sensor_errors import LINEARITY_STD, systematic_variance
-
-
-def unknowns_of_readings(context: FilterContext) -> Iterator[State]:
-    """Yield each uncertain quantity that one or several readings depend on; it stays. Sensors share
-    those of the same name.
-    """
-    unknowns = [unknown for s in context.channels.others for unknown in measurand_of(s).unknowns(s)]
-    uncertain = {
-        unknown.name: unknown.number for unknown in unknowns if unknown.number.filter_std > 0.0
-    }
-    for name, number in uncertain.items():
-        yield State(name, StateKind.OTHER, "", number.value, number.filter_std)
 
 
 def sensor_biases(context: FilterContext) -> Iterator[State]:
