@@ -1,6 +1,6 @@
 """What the exported texts of C share: templates and their blanks, comments, the pair of files, the
-numbers that a filter puts out, the health of its stream, and the names that C functions, files and
-CMake targets may have on every system.
+numbers that a filter puts out, the health of its stream, and the names that C functions and files
+may have on every system.
 """
 
 from __future__ import annotations
@@ -182,13 +182,7 @@ reent sal sched strings swab unistd vadefs vcruntime yvals
 might call a filter so.
 """
 
-TARGETS = """
-all all_build clean default_target depend help install m package rebuild_cache replay run_tests test
-zero_check
-"""
-"""Names that CMake or the export uses for targets, and ``m``, the mathematics library."""
-
-TAKEN = frozenset((HEADERS + INCLUDED + TARGETS).split())
+TAKEN = frozenset((HEADERS + INCLUDED).split())
 """All names that a filter cannot have."""
 
 DEVICES = re.compile(r"con|prn|aux|nul|com[0-9]|lpt[0-9]")
@@ -217,8 +211,7 @@ def checked_name(name: str) -> str:
         )
     if _taken(name):
         raise ExportError(
-            f"'{name}' is the name of a header of C, a target of CMake or a device; give another "
-            "one (--name)"
+            f"'{name}' is the name of a header of C or a device; give another one (--name)"
         )
     return name
 
