@@ -1,5 +1,5 @@
 """`distal rigs`; `distal rig check`, `draw`, `show`, `new`; `distal rig from-table`, `from-orca`,
-`from-aero`, `from-mjcf`: a rig file from a table or from a maker's or a simulator's files.
+`from-mjcf`: a rig file from a table or from a maker's or a simulator's files.
 """
 
 from __future__ import annotations
@@ -203,22 +203,6 @@ def from_orca_command(
 
     check_new_rig(out, config, calibration)
     _write(from_orca(config, calibration), out, "config")
-
-
-@app.command("from-aero")
-def from_aero_command(
-    folder: Annotated[
-        Path | None, Argument(help="Where the SDK was cloned; default: the installed one.")
-    ] = None,
-    out: OutOption = Path("rig.toml"),
-) -> None:
-    """Write the rig file of an Aero Hand: its own SDK says how far each motor turns for each
-    joint.
-    """
-    from distal.rig import from_aero
-
-    check_new_rig(out)
-    _write(from_aero(folder), out, "SDK")
 
 
 LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}

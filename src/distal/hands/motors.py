@@ -142,7 +142,7 @@ class OrcaMotors:
 
 
 class AeroMotors:
-    """The motors of an Aero Hand, as columns of a rig made by `from_aero`."""
+    """The motors of an Aero Hand, as columns of a rig by examples/hands/aero_table.py."""
 
     def __init__(self, hand: AeroLike, rig: Rig) -> None:
         self._hand = hand

@@ -26,7 +26,7 @@ from distal.rig.files import (
     shipped_rigs,
 )
 from distal.rig.hand_tables.described import from_table
-from distal.rig.hand_tables.makers import from_aero, from_orca, orca_order
+from distal.rig.hand_tables.makers import from_orca, orca_order
 from distal.rig.joints import Joint
 from distal.rig.learned import (
     HALF_WIDTHS,
@@ -131,7 +131,6 @@ __all__ = [
     "edited_text",
     "effort_unit",
     "felt_in_words",
-    "from_aero",
     "from_mujoco",
     "from_orca",
     "from_table",
