@@ -191,7 +191,7 @@ class Mechanism(Tendons):
         down = limit
         for i in self.pulled_by(body):
             part = self.rig.tendons[i].path
-            wrapped = self.wrapped(i, q)
+            wrapped = self.wrapped(i)
             if ca.SX(wrapped).is_zero() or (part is not None and part.nodes > 0):
                 continue
             out = 1 if part is None else self.parameters[f"tendons.{i}.path.let_out"]

@@ -19,10 +19,10 @@ from distal.rig.quantities import (
     Name,
     Parameter,
     Stiffness,
+    Turn,
 )
 from distal.rig.tendon_routing import (
     Crossing,
-    Guide,
     Insertion,
     Linkage,
     Pinned,
@@ -47,7 +47,6 @@ class Meeting:
     joints: tuple[str, ...]
     side: int
     shape: Shape
-    guide: Guide | None = None
 
     def arms(self, angles: dict[str, float]) -> dict[str, float]:
         """Return the moment arms by joint [m] at some `angles` [rad], positive where the tendon
@@ -64,7 +63,7 @@ see a difference (docs/results/fits.md). Source: benchmark (benchmarks/sheaths).
 """
 
 
-class Path(Guide):
+class Path(Description):
     """Friction along the tendon's way, by the capstan equation T_drive = T e^{±μβ}.
 
     Without `nodes` all of the friction acts at the drive, as of a few pulleys there. With `nodes`
@@ -72,6 +71,8 @@ class Path(Guide):
     it is drawn in and let out.
     """
 
+    friction: Coefficient = Field(description="coefficient μ")
+    wrap: Turn = Field(description="β, the sum of its bends")
     let_out: Coefficient = Field(
         ONE,
         description="friction while it is let out, as a share of μ",
@@ -163,9 +164,7 @@ class Tendon(Description):
         return tuple(
             Meeting(f"crossings.{i}", crossing.joints, 1, crossing)
             if isinstance(crossing, Polynomial)
-            else Meeting(
-                f"crossings.{i}", (crossing.joint,), crossing.side, crossing, crossing.guide
-            )
+            else Meeting(f"crossings.{i}", (crossing.joint,), crossing.side, crossing)
             for i, crossing in enumerate(self.crossings)
         )
 

@@ -236,13 +236,6 @@ class Measurand:
 
 Metres = Annotated[float, In("m", "nonnegative")]
 OVER_TRAVEL = Field(0.0, description="largest deviation of a smooth systematic error")
-Curve = Annotated[
-    tuple[float, ...],
-    Field(
-        max_length=6,
-        description="known systematic error: weights of cos(π j ξ), j = 0, 1, …, over the travel",
-    ),
-]
 
 
 class LengthSensor(SensorBase):
@@ -251,7 +244,6 @@ class LengthSensor(SensorBase):
     si: Literal["m"]
     noise: Metres = NOISE
     linearity: Metres = OVER_TRAVEL
-    curve: Curve = ()
     resolution: Metres = STEP
     bias: Annotated[Parameter, In("m", drifts=False)] = OFFSET
 
@@ -270,7 +262,6 @@ class AngleSensor(SensorBase):
     )
     noise: Radians = NOISE
     linearity: Radians = OVER_TRAVEL
-    curve: Curve = ()
     resolution: Radians = Field(
         0.0,
         description="quantisation step; of an encoder before its gear",

@@ -73,8 +73,7 @@ SMOOTHNESS = 3.0
 
 def linearities(context: FilterContext) -> Iterator[State]:
     """Yield the weights w_j of each position sensor's error Σ w_j cos(π j ξ), ξ = 0 … 1 over the
-    travel; none where the sensor has no systematic error. Their prior means are those of the
-    sensor's known `curve`, else zeros [m, rad].
+    travel; none where the sensor has no systematic error. Their prior means are zeros.
 
     A posture that lasts shows only one point of the curve, so that references teach it slowly.
     """
@@ -82,13 +81,12 @@ def linearities(context: FilterContext) -> Iterator[State]:
         sensor = context.position_sensor(i)
         if sensor is None:
             continue
-        curve = getattr(sensor, "curve", ())
         for j, std in enumerate(_weight_stds(context, sensor)):
             yield State(
                 f"linearity_{sensor.name}_{j}",
                 StateKind.LINEARITY,
                 sensor.name,
-                curve[j] if j < len(curve) else 0.0,
+                0.0,
                 float(std),
                 to=("reading", sensor.name),
                 times=partial(_cosine, context, i, j),
