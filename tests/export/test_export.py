@@ -505,9 +505,8 @@ def test_names_that_would_break_the_text(rig: Rig, plain: Log, tmp_path: Path) -
     )
     export_c(odd, tmp_path, "ekf-2008", name="odd")
     assert "$real$ $name$" in (tmp_path / "README.md").read_text()
-    for name in ("math", "x" * 200):
-        with pytest.raises(ExportError, match=r"header of C|up to 100"):
-            c_filter(rig, "ekf-2008", name=name)
+    with pytest.raises(ExportError, match="up to 100"):
+        c_filter(rig, "ekf-2008", name="x" * 200)
 
 
 def test_what_is_not_ours_is_not_replaced(rig: Rig, tmp_path: Path) -> None:
