@@ -59,7 +59,6 @@ def check_command(rig: RigArgument, set_: SetOption = None) -> None:
     from distal.model import Mechanism, stiffest_frequency, substeps
     from distal.rig import (
         doubts,
-        felt_in_words,
         in_words,
         load_rig,
         parameters_below,
@@ -93,8 +92,6 @@ def check_command(rig: RigArgument, set_: SetOption = None) -> None:
         say(f"  map.{name}: {', '.join(each.joints)} by {', '.join(each.channels)}, from {source}")
     if description.left_out is not None:
         say(f"  {description.left_out.in_words()}")
-    for line in felt_in_words(description):
-        say(f"  {line}")
     say(f"  uncertain: {in_words(description, *uncertain) or 'nothing (no parameter has a std)'}")
     exact = [
         name
