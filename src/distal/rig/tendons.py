@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, Literal, Self
 
@@ -24,10 +23,7 @@ from distal.rig.quantities import (
 from distal.rig.tendon_routing import (
     Crossing,
     Insertion,
-    Linkage,
-    Pinned,
     Polynomial,
-    Pulley,
     Shape,
 )
 
@@ -202,12 +198,6 @@ class Tendon(Description):
                 positions += [dict(zip(meeting.joints, ends)) for ends in zip(*meeting.shape.range)]
         totals = [sum(abs(arm) for arm in self.arms(at).values()) for at in positions]
         return totals[0] or max(totals)
-
-    def shapes(self) -> Iterator[tuple[str, Pinned | Pulley | Linkage]]:
-        """Yield path and shape of each crossing of the tendon that has a radius."""
-        for meeting in self.meetings:
-            if not isinstance(meeting.shape, Polynomial):
-                yield meeting.path, meeting.shape
 
     @model_validator(mode="after")
     def _forms_agree(self) -> Self:
