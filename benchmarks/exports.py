@@ -1,5 +1,4 @@
-"""Rigs drawn at random in all forms of export: C, the plant, a library for Arduino, an FMU;
-compiled with all warnings.
+"""Rigs drawn at random in all forms of export: C, the plant, an FMU; compiled with all warnings.
 
 `python -m benchmarks.exports [--rigs N] [--first-seed N]`; half are shipped rigs with lines, values
 and keys changed, as far as they are still accepted, the others are drawn. What is refused is
@@ -19,19 +18,20 @@ from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-from tests.export.test_microcontroller import FIRMWARE
+from tests.export.replay import replay_program
 from tests.fuzzing.rigs import changed
 from tests.support.drawn_rigs import drawn_rig
 
 from benchmarks.report import table
 from benchmarks.strangers.random_rigs import random_case
 from distal.errors import DistalError
-from distal.export import export_arduino, export_c, export_fmu
+from distal.export import export_c, export_fmu
+from distal.export.plant_source import c_plant
 from distal.rig import Rig, build_rig, load_rig
 
 STRICT = ["-Wall", "-Wextra", "-Werror", "-fsyntax-only", "-fno-math-errno"]
 NAMES = ("joint", "a", "x" * 60, "rig_2008", "int_", "filter")
-FORMS = ("C", "plant", "Arduino", "FMU")
+FORMS = ("C", "plant", "FMU")
 
 
 def drawn(seed: int, folder: Path) -> Rig | None:
@@ -69,17 +69,15 @@ def form(which: str, rig: Rig, rng: random.Random, folder: Path) -> str:
         ["adaptive", "adaptive", "adaptive", "ekf", "ekf-2008", "inextensible", "elastic"]
     )
     compilers = [compiler for compiler in ("gcc", "clang") if shutil.which(compiler)]
-    if which in ("C", "plant"):
-        export_c(rig, folder, estimator, single=single, name=name, plant=which == "plant")
-        sources = [f"{name}_plant.c"] if which == "plant" else [f"{name}.c", "replay.c"]
+    if which == "plant":
+        for file, text in c_plant(rig, name).files.items():
+            (folder / file).write_text(text)
+        return compiled([[each, "-std=c99", *STRICT, f"{name}.c"] for each in compilers], folder)
+    if which == "C":
+        made = export_c(rig, folder, estimator, single=single, name=name)
+        (folder / "replay.c").write_text(replay_program(made.estimator, name))
+        sources = [f"{name}.c", "replay.c"]
         return compiled([[each, "-std=c99", *STRICT, *sources] for each in compilers], folder)
-    if which == "Arduino":
-        export_arduino(rig, folder, estimator, name=name)
-        sketch = "examples/joint_angle/joint_angle.ino"
-        said = ["-Isrc", f"-I{FIRMWARE}", "-include", "Arduino.h", "-x", "c++", *STRICT, sketch]
-        return compiled(
-            [[{"gcc": "g++", "clang": "clang++"}[each], *said] for each in compilers], folder
-        )
     from fmpy.validation import validate_fmu
 
     export_fmu(rig, folder / "rig.fmu", estimator, name)

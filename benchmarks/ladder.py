@@ -102,8 +102,9 @@ def steps(rig: Rig, factors: Sequence[float] = FACTORS) -> Iterator[Step]:
             (*positions, *force),
             factors,
         )
-        for path, shape in tendon.shapes():
-            radius = getattr(shape, "radius", None)
+        for meeting in tendon.meetings:
+            path = meeting.path
+            radius = getattr(meeting.shape, "radius", None)
             if radius is not None:
                 joint = tendon.joints[int(path.split(".")[1])] if "." in path else tendon.joints[0]
                 words = (

@@ -29,7 +29,7 @@ from distal import LiveEstimator, Log, Rig, estimate, fit
 from distal.errors import DistalError
 from distal.estimators import make_estimator
 from distal.rig import Imported, Tendon, from_mujoco
-from distal.rig.mjcf.loading import at_poses, load_model, over_ranges, tendon_slopes
+from distal.rig.mjcf.loading import at_poses, over_ranges, tendon_slopes
 
 Floats = NDArray[np.float64]
 
@@ -56,12 +56,12 @@ def imported(folders: list[Path]) -> list[list[str]]:
     rows: dict[str, list[str]] = {}
     for path in sorted(each for folder in folders for each in folder.rglob("*.xml")):
         try:
-            rig = from_mujoco(path).rig
+            rig = from_mujoco(loaded(path)).rig
             said = f"{len(rig.joints)} joints, {len(rig.tendons)} tendons"
         except DistalError as problem:
-            said = str(problem).removeprefix(f"{path}: ")
-            if said.startswith("MuJoCo does not take it"):
-                said = "MuJoCo does not take the file; most are parts that others include"
+            said = str(problem)
+        except ValueError:
+            said = "MuJoCo does not take the file; most are parts that others include"
         rows.setdefault(said, []).append(path.stem)
     return [
         [", ".join(files) if len(files) < 4 else f"{len(files)}, as {files[0]}", said]
@@ -69,11 +69,27 @@ def imported(folders: list[Path]) -> list[list[str]]:
     ]
 
 
+def loaded(path: Path) -> mujoco.MjModel:
+    """Return a model from its file, without its meshes, whose files the wheels do not have."""
+    spec = mujoco.MjSpec.from_file(str(path))
+    kinds = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF, mujoco.mjtGeom.mjGEOM_HFIELD)
+    for geom in list(spec.geoms):
+        if geom.type in kinds:
+            spec.delete(geom)
+    for kind in ("materials", "textures", "meshes", "hfields", "skins"):
+        for asset in list(getattr(spec, kind)):
+            spec.delete(asset)
+    for part in (*spec.geoms, *spec.sites, *spec.tendons):
+        part.material = ""
+    return spec.compile()
+
+
 def found(folders: list[Path], name: str) -> tuple[Imported, mujoco.MjModel]:
     """Return the rig of one of `HANDS`, and its model."""
     file, chain = HANDS[name]
     path = next(each for folder in folders for each in folder.rglob(file))
-    return from_mujoco(path, chain), load_model(path)
+    model = loaded(path)
+    return from_mujoco(model, chain), model
 
 
 def tendons(folders: list[Path]) -> Iterator[list[str]]:

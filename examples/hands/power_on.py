@@ -1,6 +1,6 @@
 """Calibrate a hand as it is switched on, then print its joints' angles: `python power_on.py hand.toml calibrated.toml`.
 
-For an ORCA hand (`pip install orca-core`); of an Aero Hand take `aero_open_sdk.aero_hand.AeroHand(port)` instead. Clear the
+For an ORCA hand (`pip install orca-core`); of an Aero Hand take the motors of `aero_motors.py` instead. Clear the
 fingers' way first. Ctrl-C stops the motors where they are.
 """
 

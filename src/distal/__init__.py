@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from distal.control import ClosedLoop, closed_loop, simulate
     from distal.diagnosis import diagnose
     from distal.estimators import ESTIMATORS, KernelEstimator, make_estimator
-    from distal.export import export_arduino, export_c, export_fmu
+    from distal.export import export_c, export_fmu
     from distal.fitting import (
         Fit,
         fit,
@@ -63,7 +63,6 @@ __all__ = [
     "diagnose",
     "estimate",
     "estimate_batch",
-    "export_arduino",
     "export_c",
     "export_fmu",
     "fit",
@@ -89,7 +88,7 @@ _NAMES = {
     "control": ("ClosedLoop", "closed_loop", "simulate"),
     "diagnosis": ("diagnose",),
     "estimators": ("ESTIMATORS", "KernelEstimator", "make_estimator"),
-    "export": ("export_arduino", "export_c", "export_fmu"),
+    "export": ("export_c", "export_fmu"),
     "fitting": (
         "Fit",
         "fit",

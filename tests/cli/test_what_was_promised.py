@@ -129,7 +129,7 @@ def test_log_units_are_in_the_order_of_the_live_estimator(name: str) -> None:
 
 @pytest.mark.parametrize("name", shipped_rigs())
 def test_a_shipped_rig_names_commands_that_there_are(name: str) -> None:
-    known = {"check", "draw", "show", "from-table", "from-orca", "from-aero", "from-mjcf"}
+    known = {"check", "draw", "show", "from-table", "from-orca", "from-mjcf"}
     assert set(re.findall(r"distal rig ([a-z-]+)", rig_text(name)[0])) <= known
 
 

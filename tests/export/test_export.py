@@ -29,7 +29,7 @@ from distal import (
 from distal.cli.app import app
 from distal.errors import EstimationError, ExportError, OutputError, RigError
 from distal.estimators import first_values
-from distal.export import Exported, c_filter, export_c, project_files
+from distal.export import Exported, c_filter, export_c
 from distal.export.c_text import c_name
 from distal.kernels import find_compiler
 from distal.logs import write_log
@@ -37,6 +37,7 @@ from distal.rig import build_rig, set_value
 from distal.run import samples_of
 from distal.simulation import build_scenario
 from tests.export.helpers import spoiled
+from tests.export.replay import replay_program
 
 CC = find_compiler()
 needs_compiler = pytest.mark.skipif(isinstance(CC, str), reason="no C compiler")
@@ -61,11 +62,11 @@ def log(plain: Log) -> Log:
 
 
 def build(made: Exported, folder: Path, *options: str) -> Path:
-    """Write and compile a filter with its replay program; return the program."""
+    """Write and compile a filter with a program that replays logs; return the program."""
     for name, text in (
         (f"{made.name}.h", made.header),
         (f"{made.name}.c", made.source),
-        ("replay.c", made.replay),
+        ("replay.c", replay_program(made.estimator, made.name)),
     ):
         (folder / name).write_text(text)
     command = [*CC.command, *STRICT, *options, "replay.c", f"{made.name}.c", "-lm", "-o", "replay"]  # type: ignore[union-attr]
@@ -369,7 +370,7 @@ def test_the_header_says_shapes_units_and_order(rig: Rig) -> None:
         "float",
     ):
         assert said in made.header
-    assert not re.search(r"20\d\d-\d\d|\d\d:\d\d:\d\d", made.header + made.source + made.replay)
+    assert not re.search(r"20\d\d-\d\d|\d\d:\d\d:\d\d", made.header + made.source)
     assert len(made.estimator.state_names) == 19
     assert made.state_bytes == 4 * 400 + 4
 
@@ -502,10 +503,10 @@ def test_names_that_would_break_the_text(rig: Rig, plain: Log, tmp_path: Path) -
     np.testing.assert_allclose(
         rows[:, 1], estimate(plain.select(slice(0, 50)), odd, "ekf-2008").theta, atol=1e-9
     )
-    assert "$real$ $name$" in project_files(made)["README.md"]
-    for name in ("math", "m", "all", "replay", "x" * 200):
-        with pytest.raises(ExportError, match=r"header of C|up to 100"):
-            c_filter(rig, "ekf-2008", name=name)
+    export_c(odd, tmp_path, "ekf-2008", name="odd")
+    assert "$real$ $name$" in (tmp_path / "README.md").read_text()
+    with pytest.raises(ExportError, match="up to 100"):
+        c_filter(rig, "ekf-2008", name="x" * 200)
 
 
 def test_what_is_not_ours_is_not_replaced(rig: Rig, tmp_path: Path) -> None:
@@ -516,7 +517,7 @@ def test_what_is_not_ours_is_not_replaced(rig: Rig, tmp_path: Path) -> None:
     (tmp_path / "README.md").unlink()
     for estimator in ("ekf-2008", "adaptive"):
         export_c(rig, tmp_path, estimator, name=estimator.replace("-", "_"))
-    assert len(list(tmp_path.iterdir())) == 7
+    assert len(list(tmp_path.iterdir())) == 5
 
 
 def test_the_command(tmp_path: Path) -> None:
@@ -525,31 +526,9 @@ def test_the_command(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     names = sorted(path.name for path in out.iterdir())
     stem = "pulley_antagonist_adaptive"
-    assert names == sorted(["CMakeLists.txt", "README.md", "replay.c", f"{stem}.c", f"{stem}.h"])
+    assert names == sorted(["README.md", f"{stem}.c", f"{stem}.h"])
     assert "1,452 bytes" in done.output
     assert "1,452 bytes" in (out / "README.md").read_text()
-
-
-@needs_compiler
-@pytest.mark.slow
-@pytest.mark.skipif(shutil.which("cmake") is None, reason="cmake is not installed")
-def test_cmake_builds_it(rig: Rig, log: Log, tmp_path: Path) -> None:
-    export_c(rig, tmp_path, "ekf-2008", name="finger")
-    for command in (["cmake", "-B", "build", "."], ["cmake", "--build", "build"]):
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stdout + done.stderr
-        assert "warning" not in (done.stdout + done.stderr).lower()
-    write_log(log, rig, tmp_path / "log.csv")
-    rows = replayed(tmp_path / "build" / "replay", tmp_path / "log.csv")
-    np.testing.assert_allclose(rows[:, 1], estimate(log, rig, "ekf-2008").theta, atol=1e-9)
-    bad = subprocess.run(
-        [str(tmp_path / "build" / "replay"), "absent.csv"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert bad.returncode == 2
-    assert "usage" in bad.stderr
 
 
 @needs_compiler
@@ -575,21 +554,3 @@ int main() {
     ):
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
-
-
-@needs_compiler
-def test_an_imu(tmp_path: Path) -> None:
-    """Numbers of a sensor that only says what it reads are the same in C."""
-    import tomllib
-
-    from distal.rig import build_rig, rig_text
-    from tests.rig.test_imu import TABLE
-
-    rig = build_rig(tomllib.loads(rig_text("finger-2n")[0] + TABLE), "finger with an IMU")
-    log = simulate(rig, load_scenario("finger", ['duration="1 s"']), 2)
-    write_log(log, rig, tmp_path / "log.csv")
-    rows = replayed(build(c_filter(rig), tmp_path, "-O0"), tmp_path / "log.csv")
-    result = estimate(log, rig)
-    np.testing.assert_allclose(
-        rows[:, 1:3], np.column_stack([result.angles[:, 0], result.angle_stds[:, 0]]), atol=1e-9
-    )

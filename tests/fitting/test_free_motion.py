@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from distal import LiveEstimator, Log, Rig, diagnose, estimate, load_rig, log_health
+from distal import LiveEstimator, Log, Rig, diagnose, estimate, log_health
 from distal.arrays import Floats
 from distal.estimators import AdaptiveFilter
 from distal.fitting.learn_free_motion import efforts_of
@@ -16,7 +16,7 @@ from distal.fitting.log_checks import touched_logs
 from distal.kernels import Feed, advance
 from distal.kernels.layout import READ
 from distal.regression import ReportedMap, map_parameters, reporting_function
-from distal.rig import LearnedMap, LeftOut, felt_in_words
+from distal.rig import LearnedMap, LeftOut
 from distal.run import JointContact, Monitor
 from distal.run.health import watch_of
 from tests.learned_maps import drawn_map
@@ -85,17 +85,6 @@ def test_logs_that_are_touched_are_found() -> None:
     assert touched_logs(free, rig) == []
     held = free[2].truth["theta"] - np.deg2rad(12) * (np.sin(0.7 * free[2].time) > 0.3)
     assert touched_logs([*free[:3], replace(free[2], truth={"theta": held}), free[3]], rig) == [3]
-
-
-def test_what_can_be_felt_is_said(rig: Rig) -> None:
-    (line,) = felt_in_words(rig)
-    assert line == "finger: a touch is felt by u_flexor, u_extensor"
-    said = list(felt_in_words(load_rig("finger-underactuated")))
-    assert "together with pip, dip" in said[0]
-    unread = rig.model_copy(update={"sensors": rig.sensors_of("position")})
-    assert "not observable" in next(iter(felt_in_words(unread)))
-    never = rig.with_values({"joints.finger.touch": "never"})
-    assert "nothing touches it" in next(iter(felt_in_words(never)))
 
 
 def test_innovations_do_not_accuse_a_rig_that_logs_taught(rig: Rig) -> None:

@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from examples.hands.aero_motors import AeroMotors
 
 from distal.errors import CommandError, EstimationError, OutputError
 from distal.hands import Hand, Motors
-from distal.hands.motors import AeroMotors, OrcaMotors
+from distal.hands.motors import OrcaMotors
 from distal.rig import Rig, build_rig, load_rig, log_factor, range_ends
 from distal.rig.hand_tables.described import hand_of
 from distal.rig.hand_tables.rows import Row
@@ -457,7 +458,8 @@ def test_actuations_in_degrees_are_read_and_sent() -> None:
         dict(s) | ({"unit": "deg"} if s["measures"] == "position" else {}) for s in raw["sensors"]
     ]
     aero = Aero()
-    hand = Hand(aero, build_rig(raw, "aero"), compiled=False)
+    described = build_rig(raw, "aero")
+    hand = Hand(AeroMotors(aero, described), described, compiled=False)
     for k in range(40):
         aero.positions = [min(1.0 * k, 33.0), 0.0]
         hand.update(0.01 * k)

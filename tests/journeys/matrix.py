@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ from allpairspy import AllPairs
 from distal import Log, Rig, load_rig, shipped_rigs, simulate, write_log
 from distal.simulation import build_scenario
 
+REPLAY = Path(__file__).parents[1] / "export" / "replay.py"
 EXAMPLES = Path(__file__).parents[2] / "examples"
 MADE = ("fitted", "learned")
 """Rigs that commands write before the matrix runs."""
@@ -95,6 +97,7 @@ class Case:
             return f"distal fit {log_words} {self.homing} --out out.toml"
         return (
             f"distal export-c {rig} {estimator} --out c --name made\n"
+            f"{sys.executable} {REPLAY} {rig} made {estimator.removeprefix('-e ')} > c/replay.c\n"
             "cd c\ncc -std=c99 -O1 -fno-math-errno replay.c made.c -lm -o replay\n"
             f"./replay ../{log.name} > ../out.csv"
         )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ import tomlkit
 
 from distal import load_rig, read_log, write_log
 from distal.fitting.fitted_file import plain_value
+from tests.journeys.matrix import REPLAY
 from tests.journeys.shell import Shell, installed
 from tests.support.foreign_plants import finger_log, finger_rig
 
@@ -72,6 +74,7 @@ def goes_on(shell: Shell, rig: str, log: str, name: str) -> None:
     if COMPILES:
         shell.run(
             f"""
+            {sys.executable} {REPLAY} {rig} joint > firmware/replay.c
             cd firmware
             cc -std=c99 -O2 -fno-math-errno replay.c joint.c -lm -o replay
             ./replay ../{log} > ../replayed.csv
@@ -233,7 +236,8 @@ def test_logs_alone(shell: Shell) -> None:
     np.testing.assert_allclose(column(shell.folder / "stream.csv", name), offline, atol=1e-9)
     if COMPILES:
         shell.run(
-            """
+            f"""
+            {sys.executable} {REPLAY} finger.toml finger > firmware/replay.c
             cd firmware
             cc -std=c99 -O2 -fno-math-errno replay.c finger.c -lm -o replay
             ./replay ../unseen.csv > ../replayed.csv

@@ -468,31 +468,6 @@ def test_a_tendon_may_end_at_a_pin_after_a_pulley() -> None:
     )
 
 
-def test_friction_along_the_way_adds_up_over_the_joints() -> None:
-    guide = {"friction": 0.1, "wrap": 0.5, "wrap_slope": 1.0}
-    crossings = [
-        {"joint": j, "kind": "pulley", "radius": "7 mm", "side": 1, "guide": guide}
-        for j in ("mcp", "pip")
-    ]
-    rig = with_crossings(crossings)
-    mechanism = Mechanism(rig)
-    q, v = bodies(mechanism)
-    tensions = ca.SX.sym("T", 4)
-    limit = mechanism.friction_limits(q, v, tensions)[2 + 2]
-    found = ca.Function(
-        "limit", [q, v, tensions, mechanism.parameters.symbols], [limit.up, limit.down]
-    )
-    at = [0.3, 0.6, 0, 0, 0, 0]
-    up, down = (
-        float(x) for x in found(at, np.zeros(6), [0, 0, 10, 0], mechanism.parameters.values)
-    )
-    wrapped = 0.1 * (0.5 + 0.3) + 0.1 * (0.5 + 0.6)
-    own = 0.1 + 0.1 * 10
-    assert (up, down) == pytest.approx(
-        (own + 10 * np.expm1(wrapped), own - 10 * np.expm1(-wrapped)), rel=1e-12
-    )
-
-
 def test_the_frequency_of_a_chain_is_that_of_its_eigenvalues() -> None:
     rig = load_rig(FINGER)
     mechanism = Mechanism(rig)

@@ -1,7 +1,9 @@
-"""Rigs of hands from a table, from an ORCA hand's files, from an Aero Hand's SDK."""
+"""Rigs of hands from a table, from an ORCA hand's files, from an Aero Hand's SDK as a table."""
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from math import radians
 from pathlib import Path
 
@@ -11,7 +13,6 @@ import yaml
 from distal.errors import RigError
 from distal.rig import (
     build_rig,
-    from_aero,
     from_orca,
     from_table,
     orca_order,
@@ -227,7 +228,11 @@ def sdk(tmp_path: Path) -> Path:
 
 
 def test_an_sdk_is_asked_and_not_run_with_its_serial_port(sdk: Path) -> None:
-    rig = from_aero(sdk).rig
+    script = Path(__file__).parents[2] / "examples" / "hands" / "aero_table.py"
+    made = subprocess.run([sys.executable, script, sdk], capture_output=True, text=True, check=True)
+    imported = from_table(table(sdk, made.stdout))
+    assert imported.notes == ()
+    rig = imported.rig
     assert [drive.name for drive in rig.drives] == ["abd", "finger"]
     arms = {tendon.name: tendon.arms() for tendon in rig.tendons}
     assert arms["finger"] == pytest.approx({"abd": -2e-3, "mcp": 12e-3, "pip": 6e-3})
@@ -235,28 +240,7 @@ def test_an_sdk_is_asked_and_not_run_with_its_serial_port(sdk: Path) -> None:
     assert arms["abd_plus"]["abd"] == -arms["abd_minus"]["abd"] == pytest.approx(10e-3)
     assert rig.joints[0].stops == pytest.approx((0.0, radians(100)))
     assert {sensor.unit for sensor in rig.sensors_of("position")} == {"deg"}
-
-
-@pytest.mark.parametrize(
-    ("file", "text", "says"),
-    [
-        ("aero_hand.py", "_JOINT_NAMES = ['a']", "has no '_JOINT_LOWER_LIMITS'"),
-        ("aero_hand.py", "def (", "is no Python file"),
-        ("joints_to_actuations.py", "x = 1", "is another SDK"),
-        ("joints_to_actuations.py", "1 / 0", "cannot be read"),
-    ],
-)
-def test_another_sdk_is_one_line(sdk: Path, file: str, text: str, says: str) -> None:
-    (sdk / file).write_text(text)
-    with pytest.raises(RigError, match=says):
-        from_aero(sdk)
-
-
-def test_no_sdk_is_one_line(tmp_path: Path) -> None:
-    with pytest.raises(RigError, match="is not installed"):
-        from_aero()
-    with pytest.raises(RigError, match="holds no 'aero_open_sdk'"):
-        from_aero(tmp_path)
+    assert {sensor.bias.value for sensor in rig.sensors_of("position")} == {0.0}
 
 
 def test_a_motor_that_stands_twice_is_named(tmp_path: Path) -> None:

@@ -141,7 +141,7 @@ REFUSED = [
     ('sensors.0.noise="1 N"', r"sensors\.x1\.noise: unit 'N' has the wrong dimension"),
     (
         'sensors.0.measures="speed"',
-        r"must be 'position', 'force', 'tension', 'angle', 'torque' or 'imu'",
+        r"must be 'position', 'force', 'tension', 'angle' or 'torque'",
     ),
     (
         'sensors.0.measures="command"',

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from distal import simulate
+from distal import Rig, load_rig, simulate
 from distal.model import Mechanism
 from distal.rig import independent_parts
 from distal.simulation import Scenario
@@ -51,3 +51,21 @@ def test_each_part_moves_as_if_it_were_alone(fingers: tuple[str, str]) -> None:
                 rtol=0,
                 atol=1e-10,
             )
+
+
+def test_sensors_of_joints_stay_with_their_finger() -> None:
+    """A torque on a joint, as an angle, goes with the part that has the joint, where a hand is
+    taken apart.
+    """
+    hand = load_rig("hand")
+    joints = [hand.joints[0].name, hand.joints[-1].name]
+    added = [
+        {"name": f"torque_{of}", "measures": "torque", "of": of, "noise": 0.01} for of in joints
+    ]
+    raw = hand.model_dump()
+    raw["sensors"] = [*raw["sensors"], *added]
+    parts = independent_parts(Rig.model_validate(raw))
+    assert len(parts) > 1
+    for of in joints:
+        (part,) = (part for part in parts if of in [joint.name for joint in part.rig.joints])
+        assert f"torque_{of}" in [sensor.name for sensor in part.rig.sensors]

@@ -8,7 +8,6 @@ import platform
 from pathlib import Path
 from typing import Annotated
 
-import typer
 from typer import Option
 
 from distal.cli.console import say, table, warn, working
@@ -32,12 +31,10 @@ NameOption = Annotated[
 def export_command(
     rig: RigArgument,
     *,
-    out: Annotated[
-        Path | None, Option(help="Folder for the .c, the .h and what belongs to them.")
-    ] = None,
+    out: Annotated[Path, Option(help="Folder for the .c, the .h and a README.")],
     arduino: Annotated[
-        Path | None, Option(help="Folder for a library for Arduino and PlatformIO, in float.")
-    ] = None,
+        bool, Option("--arduino", help="Lay it out as a library for Arduino and PlatformIO.")
+    ] = False,
     single: Annotated[
         bool, Option("--float", help="float and float functions only; else double.")
     ] = False,
@@ -48,9 +45,6 @@ def export_command(
             help="Home while it runs: how well a joint's angle is known there, such as '1 deg'."
         ),
     ] = None,
-    plant: Annotated[
-        bool, Option("--plant", help="Write the simulated rig with its sensors as C too.")
-    ] = False,
     command: Annotated[
         bool,
         Option(
@@ -65,38 +59,28 @@ def export_command(
     processor.
     """
     from distal.estimators import usual_estimator
-    from distal.export import c_name, check_ours, export_arduino, export_c, export_files
-    from distal.export.arduino import EDITED
+    from distal.export import c_name, check_ours, export_c, export_files
     from distal.rig import load_rig
     from distal.units import to_si
 
-    if (out is None) == (arduino is None):
-        raise typer.BadParameter("give one folder: --out for C, or --arduino for a library")
     described = load_rig(rig, set_ or ())
     estimator = estimator or usual_estimator(described)
     name = c_name(f"{Path(rig).stem}_{estimator}") if name is None else name
     home_std = None if home is None else to_si(home, "rad")
-    if out is not None:
-        check_command_outputs(to_folder("--out", out, export_files(name, plant, command)), rig=rig)
-        check_ours(out, export_files(name, plant, command))
-        with working("writing C"):
-            exported = export_c(
-                described,
-                out,
-                estimator,
-                single=single,
-                name=name,
-                home=home_std,
-                plant=plant,
-                command=command,
-            )
-    else:
-        assert arduino is not None
-        if plant or command or home_std is not None:
-            raise typer.BadParameter("--plant, --command and --home are for --out")
-        edited = [file for file in EDITED if (arduino / file).is_file()]
-        with working("writing C"):
-            exported = export_arduino(described, arduino, estimator, name=name)
+    files = export_files(name, command, arduino)
+    check_command_outputs(to_folder("--out", out, files), rig=rig)
+    check_ours(out, files)
+    with working("writing C"):
+        exported = export_c(
+            described,
+            out,
+            estimator,
+            single=single,
+            name=name,
+            home=home_std,
+            command=command,
+            arduino=arduino,
+        )
     rows = [
         ("states", f"{len(exported.estimator.state_names)}"),
         ("state, the caller's", f"{exported.state_bytes:,} bytes"),
@@ -110,15 +94,7 @@ def export_command(
             "from sticking to "
             "slipping; adaptive does not"
         )
-    if out is not None:
-        say(
-            f"wrote {exported.name}.c, {exported.name}.h, replay.c, CMakeLists.txt and README.md "
-            f"to {out}"
-        )
-    else:
-        say(f"wrote the library {exported.name} with its example joint_angle to {arduino}")
-        if edited:
-            say(f"kept as they were: {', '.join(edited)}; delete one to have it written anew")
+    say(f"wrote {', '.join(files)} to {out}")
 
 
 def fmu_command(

@@ -1,5 +1,5 @@
 """`distal rigs`; `distal rig check`, `draw`, `show`, `new`; `distal rig from-table`, `from-orca`,
-`from-aero`, `from-mjcf`: a rig file from a table or from a maker's or a simulator's files.
+`from-mjcf`: a rig file from a table or from a maker's or a simulator's files.
 """
 
 from __future__ import annotations
@@ -59,7 +59,6 @@ def check_command(rig: RigArgument, set_: SetOption = None) -> None:
     from distal.model import Mechanism, stiffest_frequency, substeps
     from distal.rig import (
         doubts,
-        felt_in_words,
         in_words,
         load_rig,
         parameters_below,
@@ -93,8 +92,6 @@ def check_command(rig: RigArgument, set_: SetOption = None) -> None:
         say(f"  map.{name}: {', '.join(each.joints)} by {', '.join(each.channels)}, from {source}")
     if description.left_out is not None:
         say(f"  {description.left_out.in_words()}")
-    for line in felt_in_words(description):
-        say(f"  {line}")
     say(f"  uncertain: {in_words(description, *uncertain) or 'nothing (no parameter has a std)'}")
     exact = [
         name
@@ -203,22 +200,6 @@ def from_orca_command(
 
     check_new_rig(out, config, calibration)
     _write(from_orca(config, calibration), out, "config")
-
-
-@app.command("from-aero")
-def from_aero_command(
-    folder: Annotated[
-        Path | None, Argument(help="Where the SDK was cloned; default: the installed one.")
-    ] = None,
-    out: OutOption = Path("rig.toml"),
-) -> None:
-    """Write the rig file of an Aero Hand: its own SDK says how far each motor turns for each
-    joint.
-    """
-    from distal.rig import from_aero
-
-    check_new_rig(out)
-    _write(from_aero(folder), out, "SDK")
 
 
 LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}

@@ -29,7 +29,7 @@ from distal.kernels import (
     variances_of,
 )
 from distal.logs import LARGEST_READING, frozen
-from distal.rig import Rig, Role, measurand_of
+from distal.rig import Rig
 
 WILD = f"beyond {LARGEST_READING:g} in SI; NaN stands for a missing value"
 """The words of a message on a wild value."""
@@ -299,18 +299,13 @@ class KernelEstimator:
         return slice(0, len(self.rig.joints))
 
     def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
-        """Return sentences that a user should know of an estimate; by default, which sensors the
-        estimator does not read.
+        """Return sentences that a user should know of an estimate; by default none.
 
         Args:
             means: estimated states, (k, n).
             samples: values of the channels, (k, n_channels).
         """
-        compared = (
-            sensor.name for sensor in self.rig.sensors if measurand_of(sensor).role is Role.COMPARED
-        )
-        ignored = ", ".join(name for name in compared if name not in self.channels)
-        return (f"{self.name} does not read {ignored}; adaptive does",) if ignored else ()
+        return ()
 
     @property
     def touched(self) -> tuple[int, ...]:

@@ -33,7 +33,6 @@ class Channels:
         forces: sensors of drives' forces or torques.
         tensions: sensors of tendons' tensions.
         angles: sensors of joints' angles, only while a reference is known (homing, fitting).
-        others: any other, such as the numbers of an IMU; only `adaptive` compares them.
         interval: nominal, that of the fastest sensor [s], angles left out.
     """
 
@@ -41,7 +40,6 @@ class Channels:
     forces: tuple[Sensor, ...]
     tensions: tuple[Sensor, ...]
     angles: tuple[Sensor, ...]
-    others: tuple[Sensor, ...]
     interval: float
 
     @property
@@ -52,45 +50,41 @@ class Channels:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the sensors in the order in which estimators read them: positions, tensions,
-        forces, others, angles.
+        forces, angles.
         """
-        return tuple(sensor.name for sensor in (*self.proximal, *self.others, *self.angles))
+        return tuple(sensor.name for sensor in (*self.proximal, *self.angles))
 
     @property
     def compared(self) -> tuple[Sensor, ...]:
-        """The sensors whose values `adaptive` compares with predictions: forces, tensions, angles,
-        others.
+        """The sensors whose values `adaptive` compares with predictions: forces, tensions and
+        angles.
         """
-        return (*self.forces, *self.tensions, *self.angles, *self.others)
+        return (*self.forces, *self.tensions, *self.angles)
 
 
-def channels_of(
-    rig: Rig, name: str, references: Sequence[Sensor] = (), others: bool = False
-) -> Channels:
+def channels_of(rig: Rig, name: str, references: Sequence[Sensor] = ()) -> Channels:
     """Return the sensors of a rig that an estimator reads.
 
     Args:
         name: of the estimator, for messages.
         references: sensors of joints' angles that are read too, while they are known.
-        others: whether sensors of any other kind are read too.
 
     Raises:
         EstimationError: no drive's position is measured, two sensors measure the same, or a sensor
             has zero noise.
     """
-    positions, forces, tensions, added = (
+    positions, forces, tensions = (
         tuple(sensor for sensor in rig.sensors if measurand_of(sensor).role is role)
-        for role in (Role.POSITION, Role.EFFORT, Role.TENSION, Role.COMPARED)
+        for role in (Role.POSITION, Role.EFFORT, Role.TENSION)
     )
     if not positions:
         raise EstimationError(
             f"{name}: the rig '{rig.name}' has no sensor that measures the position of a drive; "
             "add one to [[sensors]]"
         )
-    compared = added if others else ()
-    rates = [sensor.rate for sensor in (*positions, *forces, *tensions, *compared)]
+    rates = [sensor.rate for sensor in (*positions, *forces, *tensions)]
     interval = 1.0 / max(rates)
-    channels = Channels(positions, forces, tensions, tuple(references), compared, interval)
+    channels = Channels(positions, forces, tensions, tuple(references), interval)
     for sensors in (channels.positions, channels.forces, channels.tensions, channels.angles):
         seen: dict[str, str] = {}
         for sensor in sensors:
@@ -109,7 +103,7 @@ def channels_of(
                     DistalWarning,
                     stacklevel=2,
                 )
-    for sensor in (*channels.proximal, *channels.angles, *channels.others):
+    for sensor in (*channels.proximal, *channels.angles):
         if variance(sensor) == 0.0:
             raise EstimationError(
                 f"{name}: sensor '{sensor.name}' has zero noise (and resolution); an estimator "

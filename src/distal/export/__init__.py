@@ -1,10 +1,9 @@
-"""Export a filter as C for microcontrollers, as a library for Arduino, or as an FMU."""
+"""Export a filter as C for microcontrollers, or as an FMU."""
 
-from distal.export.arduino import export_arduino
 from distal.export.c_text import c_name
 from distal.export.filter_source import Exported, c_filter
 from distal.export.fmu import Fmu, export_fmu
-from distal.export.project import check_ours, export_c, export_files, project_files
+from distal.export.project import check_ours, export_c, export_files
 
 __all__ = [
     "Exported",
@@ -12,9 +11,7 @@ __all__ = [
     "c_filter",
     "c_name",
     "check_ours",
-    "export_arduino",
     "export_c",
     "export_files",
     "export_fmu",
-    "project_files",
 ]

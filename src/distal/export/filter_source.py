@@ -34,7 +34,6 @@ from distal.export.c_text import (
     sensors_of,
     shared_blanks,
 )
-from distal.export.replay import replay_program
 from distal.homing import homing_filter
 from distal.kernels.layout import MISSING, READ
 from distal.logs import LARGEST_READING
@@ -79,11 +78,6 @@ class Exported(Translated):
         may do so at different samples.
         """
         return isinstance(self.estimator, FullStateFilter)
-
-    @property
-    def replay(self) -> str:
-        """Text of a program that runs the filter over a CSV file."""
-        return replay_program(self.estimator, self.name)
 
 
 def c_filter(

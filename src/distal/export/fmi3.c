@@ -23,11 +23,9 @@
 
 /* the types of FMI 3.0 (fmi-standard.org), as far as they are used here */
 typedef void* fmi3Instance;
-typedef void* fmi3FMUState;
 typedef void* fmi3InstanceEnvironment;
 typedef uint32_t fmi3ValueReference;
 typedef const char* fmi3String;
-typedef const uint8_t* fmi3Binary;
 typedef enum { fmi3OK, fmi3Warning, fmi3Discard, fmi3Error, fmi3Fatal } fmi3Status;
 typedef void (*fmi3LogMessageCallback)(fmi3InstanceEnvironment, fmi3Status, fmi3String, fmi3String);
 typedef void (*fmi3Callback)(void);
@@ -41,7 +39,7 @@ typedef void (*fmi3Callback)(void);
 #define OUTPUTS $n_outputs$
 #define NOT_YET $not_yet$ /* health before the first sample */
 
-/* all that a state of the FMU is: copied, kept and restored as it stands */
+/* all that changes */
 typedef struct {
   $name$_state filter;
   $name$_watch watch;
@@ -203,43 +201,6 @@ EXPORT fmi3Status fmi3GetInt64(fmi3Instance self, const fmi3ValueReference which
   return fmi3OK;
 }
 
-EXPORT fmi3Status fmi3GetFMUState(fmi3Instance self, fmi3FMUState* state) {
-  if (!*state) *state = malloc(sizeof(snapshot));
-  if (!*state) return refused(self, "no memory");
-  memcpy(*state, &((instance*)self)->now, sizeof(snapshot));
-  return fmi3OK;
-}
-
-EXPORT fmi3Status fmi3SetFMUState(fmi3Instance self, fmi3FMUState state) {
-  memcpy(&((instance*)self)->now, state, sizeof(snapshot));
-  return fmi3OK;
-}
-
-EXPORT fmi3Status fmi3FreeFMUState(fmi3Instance self, fmi3FMUState* state) {
-  free(*state);
-  *state = NULL;
-  return fmi3OK;
-}
-
-EXPORT fmi3Status fmi3SerializedFMUStateSize(fmi3Instance self, fmi3FMUState state, size_t* size) {
-  *size = sizeof(snapshot);
-  return fmi3OK;
-}
-
-EXPORT fmi3Status fmi3SerializeFMUState(fmi3Instance self, fmi3FMUState state, uint8_t bytes[], size_t size) {
-  if (size < sizeof(snapshot)) return refused(self, "too few bytes for a state");
-  memcpy(bytes, state, sizeof(snapshot));
-  return fmi3OK;
-}
-
-EXPORT fmi3Status fmi3DeserializeFMUState(fmi3Instance self, const uint8_t bytes[], size_t size, fmi3FMUState* state) {
-  if (size != sizeof(snapshot)) return refused(self, "these are not the bytes of a state");
-  if (!*state) *state = malloc(sizeof(snapshot));
-  if (!*state) return refused(self, "no memory");
-  memcpy(*state, bytes, sizeof(snapshot));
-  return fmi3OK;
-}
-
 /* what changes nothing here */
 #define NOTHING(name) EXPORT fmi3Status name(fmi3Instance self) { return fmi3OK; }
 NOTHING(fmi3Terminate)
@@ -257,68 +218,65 @@ EXPORT fmi3Status fmi3UpdateDiscreteStates(fmi3Instance self, bool* again, bool*
   return fmi3OK;
 }
 
-/* what this FMU does not have; a tool that looks for all names of the standard finds them */
-typedef const fmi3ValueReference* references;
-#define NONE(name, ...) \
-  EXPORT fmi3Status name(fmi3Instance self, __VA_ARGS__) { return refused(self, #name " is not supported"); }
-#define TWO(name, x, y) NONE(name, x a, y b)
-#define THREE(name, x, y, z) NONE(name, x a, y b, z c)
-#define FOUR(name, x, y, z, u) NONE(name, x a, y b, z c, u d)
-#define FIVE(name, x, y, z, u, v) NONE(name, x a, y b, z c, u d, v e)
-#define ACCESS(kind, type) \
-  FOUR(fmi3Get##kind, references, size_t, type*, size_t) \
-  FOUR(fmi3Set##kind, references, size_t, const type*, size_t)
-ACCESS(Float32, float)
-ACCESS(Int8, int8_t)
-ACCESS(UInt8, uint8_t)
-ACCESS(Int16, int16_t)
-ACCESS(UInt16, uint16_t)
-ACCESS(Int32, int32_t)
-ACCESS(UInt32, uint32_t)
-ACCESS(UInt64, uint64_t)
-ACCESS(Boolean, bool)
-ACCESS(String, fmi3String)
-FOUR(fmi3SetInt64, references, size_t, const int64_t*, size_t)
-FIVE(fmi3GetBinary, references, size_t, size_t*, fmi3Binary*, size_t)
-FIVE(fmi3SetBinary, references, size_t, const size_t*, const fmi3Binary*, size_t)
-THREE(fmi3GetClock, references, size_t, bool*)
-THREE(fmi3SetClock, references, size_t, const bool*)
-FOUR(fmi3GetIntervalDecimal, references, size_t, double*, int*)
-FIVE(fmi3GetIntervalFraction, references, size_t, uint64_t*, uint64_t*, int*)
-THREE(fmi3GetShiftDecimal, references, size_t, double*)
-FOUR(fmi3GetShiftFraction, references, size_t, uint64_t*, uint64_t*)
-THREE(fmi3SetIntervalDecimal, references, size_t, const double*)
-FOUR(fmi3SetIntervalFraction, references, size_t, const uint64_t*, const uint64_t*)
-THREE(fmi3SetShiftDecimal, references, size_t, const double*)
-FOUR(fmi3SetShiftFraction, references, size_t, const uint64_t*, const uint64_t*)
-FIVE(fmi3GetOutputDerivatives, references, size_t, const int32_t*, double*, size_t)
-#define DERIVATIVE(name) \
-  NONE(name, references a, size_t b, references c, size_t d, const double* e, size_t f, double* g, size_t h)
-DERIVATIVE(fmi3GetDirectionalDerivative)
-DERIVATIVE(fmi3GetAdjointDerivative)
-TWO(fmi3GetNumberOfVariableDependencies, fmi3ValueReference, size_t*)
-NONE(fmi3GetVariableDependencies, fmi3ValueReference a, size_t* b, fmi3ValueReference* c, size_t* d, int* e, size_t f)
-EXPORT fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance self) { return refused(self, "there is no continuous time"); }
-THREE(fmi3CompletedIntegratorStep, bool, bool*, bool*)
-NONE(fmi3SetTime, double a)
-TWO(fmi3SetContinuousStates, const double*, size_t)
-TWO(fmi3GetContinuousStateDerivatives, double*, size_t)
-TWO(fmi3GetEventIndicators, double*, size_t)
-TWO(fmi3GetContinuousStates, double*, size_t)
-TWO(fmi3GetNominalsOfContinuousStates, double*, size_t)
-NONE(fmi3GetNumberOfEventIndicators, size_t* a)
-NONE(fmi3GetNumberOfContinuousStates, size_t* a)
-TWO(fmi3ActivateModelPartition, fmi3ValueReference, double)
+/* what this FMU does not have: a tool that looks for all names of the standard finds them, and whatever it calls them with,
+ * they refuse */
+#define NONE(name) EXPORT fmi3Status name(fmi3Instance self) { return refused(self, #name " is not supported"); }
+NONE(fmi3GetFloat32)
+NONE(fmi3SetFloat32)
+NONE(fmi3GetInt8)
+NONE(fmi3SetInt8)
+NONE(fmi3GetUInt8)
+NONE(fmi3SetUInt8)
+NONE(fmi3GetInt16)
+NONE(fmi3SetInt16)
+NONE(fmi3GetUInt16)
+NONE(fmi3SetUInt16)
+NONE(fmi3GetInt32)
+NONE(fmi3SetInt32)
+NONE(fmi3GetUInt32)
+NONE(fmi3SetUInt32)
+NONE(fmi3GetUInt64)
+NONE(fmi3SetUInt64)
+NONE(fmi3GetBoolean)
+NONE(fmi3SetBoolean)
+NONE(fmi3GetString)
+NONE(fmi3SetString)
+NONE(fmi3GetBinary)
+NONE(fmi3SetBinary)
+NONE(fmi3GetClock)
+NONE(fmi3SetClock)
+NONE(fmi3SetInt64)
+NONE(fmi3EnterContinuousTimeMode)
+NONE(fmi3GetIntervalDecimal)
+NONE(fmi3GetIntervalFraction)
+NONE(fmi3GetShiftDecimal)
+NONE(fmi3GetShiftFraction)
+NONE(fmi3SetIntervalDecimal)
+NONE(fmi3SetIntervalFraction)
+NONE(fmi3SetShiftDecimal)
+NONE(fmi3SetShiftFraction)
+NONE(fmi3GetOutputDerivatives)
+NONE(fmi3GetDirectionalDerivative)
+NONE(fmi3GetAdjointDerivative)
+NONE(fmi3GetNumberOfVariableDependencies)
+NONE(fmi3GetVariableDependencies)
+NONE(fmi3CompletedIntegratorStep)
+NONE(fmi3SetTime)
+NONE(fmi3SetContinuousStates)
+NONE(fmi3GetContinuousStateDerivatives)
+NONE(fmi3GetEventIndicators)
+NONE(fmi3GetContinuousStates)
+NONE(fmi3GetNominalsOfContinuousStates)
+NONE(fmi3GetNumberOfEventIndicators)
+NONE(fmi3GetNumberOfContinuousStates)
+NONE(fmi3ActivateModelPartition)
+NONE(fmi3GetFMUState)
+NONE(fmi3SetFMUState)
+NONE(fmi3FreeFMUState)
+NONE(fmi3SerializedFMUStateSize)
+NONE(fmi3SerializeFMUState)
+NONE(fmi3DeserializeFMUState)
 
-EXPORT fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String resources, bool visible, bool logging,
-                                                 fmi3InstanceEnvironment where, fmi3LogMessageCallback log) {
-  if (log) log(where, fmi3Error, "logStatusError", "this FMU is for co-simulation");
-  return NULL;
-}
-
-EXPORT fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token, fmi3String resources, bool visible,
-    bool logging, fmi3InstanceEnvironment where, fmi3LogMessageCallback log, fmi3Callback update, fmi3Callback lock,
-    fmi3Callback unlock) {
-  if (log) log(where, fmi3Error, "logStatusError", "this FMU is for co-simulation");
-  return NULL;
-}
+#define NO_MODE(name) EXPORT fmi3Instance name(void) { return NULL; } /* this FMU is for co-simulation */
+NO_MODE(fmi3InstantiateModelExchange)
+NO_MODE(fmi3InstantiateScheduledExecution)

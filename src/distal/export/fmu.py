@@ -264,8 +264,7 @@ _MODEL = """\
  description="Where the joints are, from what is measured at the proximal end of the tendons. A
 sample is taken in when a step begins; outputs are predictions of the step's end, health is that of
 the sample" generationTool="distal $version$" variableNamingConvention="flat">
-<CoSimulation modelIdentifier="$name$" canHandleVariableCommunicationStepSize="true"
- canGetAndSetFMUState="true" canSerializeFMUState="true"/>
+<CoSimulation modelIdentifier="$name$" canHandleVariableCommunicationStepSize="true"/>
 <UnitDefinitions>$units$</UnitDefinitions>
 <TypeDefinitions><EnumerationType name="Health">$words$</EnumerationType></TypeDefinitions>
 <DefaultExperiment startTime="0" stepSize="$step$"/>

@@ -1,6 +1,4 @@
-"""A folder with an exported filter: source, header, build file, replay program and README are
-written together or not at all.
-"""
+"""A folder with an exported filter: source, header and README are written together, or none."""
 
 from __future__ import annotations
 
@@ -11,12 +9,14 @@ from distal.errors import ExportError, OutputError
 from distal.export.c_text import checked_name, comment, filled
 from distal.export.command_source import c_command
 from distal.export.filter_source import Exported, c_filter
-from distal.export.plant_source import c_plant
 from distal.logs import check_outputs, outputs_in, write_together
 from distal.rig import Rig, check_scales
 
 MARK = "distal export-c"
 """Text that every exported file contains; a file with it may be replaced."""
+
+PROPERTIES = "library.properties"
+"""File that makes a folder a library for Arduino; it is the user's once it is there."""
 
 
 def export_c(
@@ -27,8 +27,8 @@ def export_c(
     single: bool = False,
     name: str | None = None,
     home: float | None = None,
-    plant: bool = False,
     command: bool = False,
+    arduino: bool = False,
 ) -> Exported:
     """Write an estimator of a rig as C99 to a folder.
 
@@ -41,14 +41,14 @@ def export_c(
         name: prefix of all C names; by default it is made from the rig's title and the estimator.
         home: standard deviation of a joint's angle while it homes [rad]; by default the filter does
             not home while it runs.
-        plant: whether the simulated rig with its sensors is written, too, as NAME_plant.
         command: whether the live inverse is written beside `adaptive`, as NAME_command; see
             `LiveInverse`.
+        arduino: whether the folder is laid out as a library for Arduino and PlatformIO.
 
     Raises:
         CommandError: commands are asked for, and the rig's scale of force was taken.
-        ExportError: the name is no C identifier, the estimator or the plant cannot be written in C,
-            or commands are asked for beside another estimator than `adaptive`.
+        ExportError: the name is no C identifier, the estimator cannot be written in C, or commands
+            are asked for beside another estimator than `adaptive`.
         EstimationError: the estimator cannot run on this rig.
         OutputError: the folder cannot be written, or has files that no export wrote.
     """
@@ -59,13 +59,15 @@ def export_c(
             f"commands are by the state of adaptive, {exported.estimator.name} has another; leave "
             "command out"
         )
-    files = project_files(exported)
-    if plant:
-        files |= c_plant(rig, f"{exported.name}_plant").files
+    texts = exported.files
     if command:
         check_scales(rig, "a command in C that keeps tendons taut", "tension")
-        files |= c_command(rig, f"{exported.name}_command", exported.name, exported.real).files
-    write_files(folder, files)
+        texts |= c_command(rig, f"{exported.name}_command", exported.name, exported.real).files
+    files = {f"src/{file}" if arduino else file: text for file, text in texts.items()}
+    if arduino and not (folder / PROPERTIES).is_file():
+        values = {"name": exported.name, "short": exported.name[:63], "rig": comment(rig.name)}
+        files[PROPERTIES] = filled(_PROPERTIES, values)
+    write_files(folder, files | {"README.md": readme(exported)})
     return exported
 
 
@@ -88,20 +90,20 @@ def write_files(folder: Path, files: Mapping[str, str]) -> None:
     write_together({folder / file: text for file, text in files.items()})
 
 
-def export_files(name: str, plant: bool = False, command: bool = False) -> tuple[str, ...]:
-    """Return the names of the files that `export_c` writes.
+def export_files(name: str, command: bool = False, arduino: bool = False) -> tuple[str, ...]:
+    """Return the paths below the folder of the files that `export_c` replaces.
 
     Args:
         name: prefix of all C names.
-        plant: whether the simulated rig is among them.
         command: whether the live inverse is among them.
+        arduino: whether the folder is a library for Arduino.
 
     Raises:
         ExportError: the name is no C identifier.
     """
-    parts = [checked_name(name), *[f"{name}_plant"] * plant, *[f"{name}_command"] * command]
-    texts = (f"{part}.{ending}" for part in parts for ending in "hc")
-    return (*texts, "replay.c", "CMakeLists.txt", "README.md")
+    parts = [checked_name(name), *[f"{name}_command"] * command]
+    folder = "src/" if arduino else ""
+    return (*(f"{folder}{part}.{ending}" for part in parts for ending in "hc"), "README.md")
 
 
 def check_ours(folder: Path, names: Iterable[str]) -> None:
@@ -121,21 +123,9 @@ def check_ours(folder: Path, names: Iterable[str]) -> None:
             )
 
 
-def project_files(exported: Exported) -> dict[str, str]:
-    """Return the files of an exported filter: name → text."""
-    return exported.files | {
-        "replay.c": exported.replay,
-        "CMakeLists.txt": _CMAKE.replace("$name$", exported.name),
-        "README.md": readme(exported, _REPLAY),
-    }
-
-
-def readme(exported: Exported, use: str) -> str:
+def readme(exported: Exported) -> str:
     """Return the README of an exported filter: how to call it, and what it takes of memory and
     time.
-
-    Args:
-        use: template of the last part, which says what to do with the files.
     """
     real = exported.real
     jumps = "" if not real.single or not exported.jumps else _JUMPS
@@ -153,34 +143,20 @@ def readme(exported: Exported, use: str) -> str:
         "scratch_bytes": f"{exported.scratch_bytes:,}",
         "kernel_state": f"{estimator.kernel.sizes.kernel_state} x {real.size}",
     }
-    return filled(_README + use, values)
+    return filled(_README, values)
 
 
-_CMAKE = """\
-# Written by `distal export-c`
-cmake_minimum_required(VERSION 3.13)
-project($name$ C)
-
-set(CMAKE_C_STANDARD 99)
-set(CMAKE_C_EXTENSIONS OFF)
-if(NOT CMAKE_BUILD_TYPE)
-  set(CMAKE_BUILD_TYPE Release)
-endif()
-
-add_library($name$ STATIC $name$.c)
-target_include_directories($name$ PUBLIC ${CMAKE_CURRENT_SOURCE_DIR})
-# square roots need no errno: without it they are one instruction
-target_compile_options($name$ PRIVATE -Wall -Wextra -fno-math-errno)
-
-if(UNIX)
-  target_link_libraries($name$ PUBLIC m)
-endif()
-
-# the replay program only where this is the whole project, on the machine that it runs on
-if(NOT CMAKE_CROSSCOMPILING AND CMAKE_SOURCE_DIR STREQUAL CMAKE_CURRENT_SOURCE_DIR)
-  add_executable(replay replay.c)
-  target_link_libraries(replay $name$)
-endif()
+_PROPERTIES = """\
+name=$short$
+version=1.0.0
+author=distal export-c
+maintainer=distal export-c
+sentence=Angle and standard deviation of the joints of "$rig$", without a sensor in a joint.
+paragraph=A Kalman filter, no malloc, no globals.
+category=Sensors
+url=https://example.org
+architectures=*
+includes=$name$.h
 """
 
 _JUMPS = """
@@ -223,18 +199,4 @@ nothing is changed.
 | states | $n_states$ |
 | state, the caller's | $state_bytes$ bytes ($kernel_state$ and a counter) |
 | arrays on the stack in a step | $scratch_bytes$ bytes, and what the compiler spills |
-"""
-
-_REPLAY = """\
-
-## Replay a log
-
-```sh
-cmake -B build && cmake --build build
-build/replay log.csv > angle.csv
-```
-
-`log.csv` has the columns that `distal estimate` reads, separated by commas, without quotes; an
-empty cell is a missing value. Without CMake:
-`cc -std=c99 -O2 -fno-math-errno replay.c $name$.c -lm -o replay`.
 """

@@ -176,9 +176,7 @@ def _uncertain(
     mechanism = Mechanism(rig)
     per_log_paths = {path for part in own_of_each for path in part.paths}
     free = [part for part in _biases(rig, several) if not per_log_paths.intersection(part.paths)]
-    context = FilterContext(
-        mechanism, channels_of(rig, "fit", references, others=True), Robustness.fitting()
-    )
+    context = FilterContext(mechanism, channels_of(rig, "fit", references), Robustness.fitting())
     for state in uncertain_parameters(context):
         paths = [mechanism.parameters.names[i] for i in state.indices]
         if per_log_paths.intersection(paths) or (

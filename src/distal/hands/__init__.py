@@ -3,11 +3,10 @@
 from distal.hands.calibrate import Calibrated, calibrate
 from distal.hands.findings import Fault, FaultKind
 from distal.hands.hand import Hand, HandHealth
-from distal.hands.motors import AeroMotors, Motors, OrcaMotors
+from distal.hands.motors import Motors, OrcaMotors
 from distal.hands.routine import Routine, RoutineOptions
 
 __all__ = [
-    "AeroMotors",
     "Calibrated",
     "Fault",
     "FaultKind",

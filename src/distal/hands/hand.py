@@ -74,7 +74,7 @@ class Hand:
     SDK.
 
     ```python
-    # an orca_core.OrcaHand or aero_open_sdk.AeroHand, connected
+    # an orca_core.OrcaHand, connected
     hand = distal.hands.Hand(orca_hand, "hand.toml")
     while True:
         hand.update()  # read, estimate; once per period, 100 times a second
@@ -88,7 +88,7 @@ class Hand:
     has one.
 
     Args:
-        hand: of one of these SDKs, or an object with `read`, `temperatures` and `write`: see
+        hand: an `orca_core.OrcaHand`, or an object with `read`, `temperatures` and `write`: see
             `Motors`.
         rig: of that hand, best after `power_on` or `distal calibrate`.
         compensated: whether torque constants follow the motors' temperatures.

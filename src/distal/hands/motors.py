@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from math import inf, isfinite, nan
+from math import inf
 from typing import Protocol, runtime_checkable
 
 from distal.errors import EstimationError
@@ -67,25 +67,6 @@ class OrcaLike(Protocol):
         """Send angles [rad], the `positions` of these motors."""
 
 
-@runtime_checkable
-class AeroLike(Protocol):
-    """Part of `aero_open_sdk.AeroHand` that is used here: actuations in degrees, currents in
-    milliamperes.
-    """
-
-    def get_actuations(self) -> Sequence[float]:
-        """Return the motors' angles [deg]."""
-
-    def get_actuator_currents(self) -> Sequence[float]:
-        """Return their currents [mA]."""
-
-    def get_actuator_temperatures(self) -> Sequence[float]:
-        """Return their temperatures [°C]."""
-
-    def set_actuations(self, actuations: list[float]) -> None:
-        """Send angles [deg]."""
-
-
 ORCA_METHODS = (
     "get_motor_pos",
     "get_motor_current",
@@ -141,47 +122,6 @@ class OrcaMotors:
         self._hand.write_motor_pos([number for number, _ in sent], [goal for _, goal in sent])
 
 
-class AeroMotors:
-    """The motors of an Aero Hand, as columns of a rig made by `from_aero`."""
-
-    def __init__(self, hand: AeroLike, rig: Rig) -> None:
-        self._hand = hand
-        self._names = rig.drive_names
-        self._last = dict.fromkeys(self._names, nan)
-        self._sent = dict[str, float]()
-
-    def read(self) -> dict[str, float]:
-        """Return actuations [deg] and currents [mA] by column."""
-        found = _columns(
-            self._names, self._hand.get_actuations(), self._hand.get_actuator_currents()
-        )
-        self._last |= {
-            name: found[f"{name}_position"] for name in self._names if f"{name}_position" in found
-        }
-        return found
-
-    def temperatures(self) -> dict[str, float]:
-        """Return motor → temperature [°C]."""
-        return _named(self._names, self._hand.get_actuator_temperatures())
-
-    def write(self, goals: Mapping[str, float]) -> None:
-        """Send actuations [deg]; a motor without a goal keeps the goal that it was sent last.
-
-        The SDK sends the goals of all motors at once. A motor that was never sent a goal is sent
-        the angle that it was read at last, once; while there is a motor with neither, nothing is
-        sent. The reading is not sent anew each time, since a motor gives way under its load and
-        would sink a little each time.
-        """
-        for name in self._names:
-            goal = goals.get(name, nan)
-            if isfinite(goal):
-                self._sent[name] = float(goal)
-            elif name not in self._sent and isfinite(self._last[name]):
-                self._sent[name] = self._last[name]
-        if len(self._sent) == len(self._names):
-            self._hand.set_actuations([self._sent[name] for name in self._names])
-
-
 def motors_of(hand: object, rig: Rig) -> Motors:
     """Return the motors of a hand, whose kind is known by its methods.
 
@@ -193,8 +133,6 @@ def motors_of(hand: object, rig: Rig) -> Motors:
         return hand
     if isinstance(hand, OrcaLike):
         return OrcaMotors(hand, rig)
-    if isinstance(hand, AeroLike):
-        return AeroMotors(hand, rig)
     lacks = [name for name in ORCA_METHODS if not hasattr(hand, name)]
     if hasattr(getattr(hand, "config", None), "motor_ids"):
         raise EstimationError(
@@ -202,8 +140,8 @@ def motors_of(hand: object, rig: Rig) -> Motors:
         )
     raise EstimationError(
         f"{type(hand).__name__} is no hand that distal knows: it takes OrcaHand of orca_core, "
-        "AeroHand of its SDK, or an "
-        "object with read, temperatures and write (distal.hands.Motors)"
+        "or an object with read, temperatures and write (distal.hands.Motors), as "
+        "examples/hands/aero_motors.py has for an AeroHand"
     )
 
 

@@ -62,36 +62,13 @@ class Chain:
             spins.append(ca.mtimes(turned[i].T, before))
         return spins
 
-    def turning(self, q: Vector, v: Vector) -> list[Vector]:
-        """Return the angular velocity of each link at q and v in its own frame, (3,) each
-        [rad/s].
-        """
-        spins = self.carried(self.rotations(q), v)
-        return [spin + self._axis(i) * v[i] for i, spin in enumerate(spins)]
-
-    def falling(self, q: Vector) -> list[Vector]:
-        """Return the acceleration of free fall in the frame of each link at q, (3,) each [m/s²]."""
-        turned = self.rotations(q)
-        falls = list[Vector]()
-        for i, parent in enumerate(self.parents):
-            falls.append(
-                ca.mtimes(turned[i].T, self.gravity() if parent is None else falls[parent])
-            )
-        return falls
-
     def gravity(self) -> Vector:
         """Return the acceleration of free fall in the base's frame, (3,) [m/s²]."""
-        base = self.rig.base
         turned = ca.SX.eye(3)
-        # only a chain has the numbers of its base among the model's
-        has = self.rig.is_chain
         for k, axis in enumerate(np.eye(3).tolist()):
             # each turn is about an axis of the world, after those before it
-            angle = self._p[f"base.orientation.{k}"] if has else ca.SX(base.orientation[k])
-            turned = ca.mtimes(rotation(axis, angle), turned)
-        return ca.mtimes(
-            turned.T, self.vector("base.gravity") if has else ca.SX(ca.DM(list(base.gravity)))
-        )
+            turned = ca.mtimes(rotation(axis, self._p[f"base.orientation.{k}"]), turned)
+        return ca.mtimes(turned.T, self.vector("base.gravity"))
 
     def _axis(self, joint: int) -> Vector:
         return ca.DM(self.rig.joints[joint].axis)

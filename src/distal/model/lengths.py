@@ -125,22 +125,9 @@ class Lengths:
         total = sum((levers[i] * elongations[i] for i in tendons), ca.SX(0))
         return total / sum((levers[i] ** 2 for i in tendons), ca.SX(0))
 
-    def wrapped(self, tendon: int, q: Vector) -> Scalar:
-        """Return Σ μ β of a tendon at q, for the capstan equation: the sum over its path and its
-        guides at joints, whose wrap angles β change with the angle of a joint.
-        """
-        p = self.parameters
-        part = self.rig.tendons[tendon]
-        total = ca.SX(0)
-        positions = [] if part.path is None else [("path", self.joints_of[tendon][-1])]
-        positions += [
-            (f"{m.path}.guide", self._joint[m.joints[0]])
-            for m in part.meetings
-            if m.guide is not None
-        ]
-        for position, joint in positions:
-            name = f"tendons.{tendon}.{position}"
-            total += p[f"{name}.friction"] * ca.fmax(
-                p[f"{name}.wrap"] + p[f"{name}.wrap_slope"] * q[joint], 0
-            )
-        return total
+    def wrapped(self, tendon: int) -> Scalar:
+        """Return μ β of a tendon's path, for the capstan equation."""
+        if self.rig.tendons[tendon].path is None:
+            return ca.SX(0)
+        path = f"tendons.{tendon}.path"
+        return self.parameters[f"{path}.friction"] * self.parameters[f"{path}.wrap"]

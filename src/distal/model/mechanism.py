@@ -4,8 +4,7 @@ which the sensors' readings follow.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 
 import casadi as ca
 
@@ -192,7 +191,7 @@ class Mechanism(Tendons):
         down = limit
         for i in self.pulled_by(body):
             part = self.rig.tendons[i].path
-            wrapped = self.wrapped(i, q)
+            wrapped = self.wrapped(i)
             if ca.SX(wrapped).is_zero() or (part is not None and part.nodes > 0):
                 continue
             out = 1 if part is None else self.parameters[f"tendons.{i}.path.let_out"]
@@ -266,7 +265,6 @@ class Moment:
         self, mechanism: Mechanism, q: Vector, v: Vector, tensions: Vector, efforts: Vector
     ) -> None:
         nj = mechanism.n_joints
-        links = Chain(mechanism.rig, mechanism.parameters)
         self._rig = mechanism.rig
         self._motion = Motion(
             angles=q[:nj],
@@ -275,15 +273,8 @@ class Moment:
             rates=v[nj:],
             efforts=efforts[nj:],
             tensions=tensions,
-            turning=lambda joint: links.turning(q, v)[joint],
-            falling=lambda joint: links.falling(q)[joint],
-            axes=[joint.axis for joint in mechanism.rig.joints],
-            unknowns={},
         )
 
-    def read(self, sensor: Sensor, unknowns: Mapping[str, Scalar] | None = None) -> Scalar:
-        """Return what a sensor without errors reads [SI]. Its parameters are those of the rig, but
-        for the `unknowns`, by name.
-        """
-        motion = replace(self._motion, unknowns=unknowns or {})
-        return measurand_of(sensor).read(sensor, motion, part_of(sensor, self._rig))
+    def read(self, sensor: Sensor) -> Scalar:
+        """Return what a sensor without errors reads [SI]."""
+        return measurand_of(sensor).read(sensor, self._motion, part_of(sensor, self._rig))

@@ -88,7 +88,7 @@ class Tendons(Lengths):
         elongated = self.elongations(tied)
         inside = list[Scalar]()
         for i in range(self.n_tendons):
-            if (sheath := self.sheath(i, q)) is None:
+            if (sheath := self.sheath(i)) is None:
                 continue
             ends = self._ends(i, tied, elongated)
             if points is None:
@@ -141,7 +141,7 @@ class Tendons(Lengths):
             rests = self._far_side(index, q, self.parameters[self.plays[which]], points, False)
             return Bounds(rests, rests)
         state = self.internal_state(q, settled=True)
-        sheath = self.sheath(index, q)
+        sheath = self.sheath(index)
         point = int(keys[-1])
         assert sheath is not None
         drive, joint = self._ends(index, state.q, self.elongations(state.q))
@@ -196,8 +196,8 @@ class Tendons(Lengths):
 
         return along
 
-    def sheath(self, tendon: int, q: Vector) -> Sheath | None:
-        """Return the cable of a tendon at q as springs and points of friction; None where it has no
+    def sheath(self, tendon: int) -> Sheath | None:
+        """Return the cable of a tendon as springs and points of friction; None where it has no
         points, since all friction of its path acts at its drive.
         """
         path = self.rig.tendons[tendon].path
@@ -205,7 +205,7 @@ class Tendons(Lengths):
             return None
         p = self.parameters
         name = f"tendons.{tendon}"
-        exponent = self.wrapped(tendon, q) / path.nodes
+        exponent = self.wrapped(tendon) / path.nodes
         out = ca.exp(exponent * p[f"{name}.path.let_out"])
         stiffening = p[f"{name}.stiffening"] if p.has(f"{name}.stiffening") else None
         cable = p[f"{name}.stiffness"], ca.exp(exponent), out, path.nodes
@@ -250,7 +250,7 @@ class Tendons(Lengths):
                     damped = elastic[i] + p[f"tendons.{i}.damping"] * rates[i]
                     taut[-1][i] = ca.if_else(ca.logic_and(elastic[i] > 0, damped > 0), damped, 0)
         joint, drive = (ca.vertcat(*tensions) for tensions in taut)
-        if all(self.sheath(i, q) is None for i in range(self.n_tendons)):
+        if all(self.sheath(i) is None for i in range(self.n_tendons)):
             return Pulls(joint, joint, -ca.mtimes(jacobian.T, joint))
         forces = -ca.vertcat(
             ca.mtimes(jacobian[:, :nj].T, joint), ca.mtimes(jacobian[:, nj:].T, drive)
@@ -266,7 +266,7 @@ class Tendons(Lengths):
         joint = ca.vertsplit(self.elastic_forces(q))
         drive = list(joint)
         for i in range(self.n_tendons):
-            if (sheath := self.sheath(i, q)) is not None:
+            if (sheath := self.sheath(i)) is not None:
                 drive[i], joint[i] = sheath.tensions(
                     left[: sheath.count], *self._ends(i, q, elongated)
                 )

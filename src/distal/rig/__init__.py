@@ -26,7 +26,7 @@ from distal.rig.files import (
     shipped_rigs,
 )
 from distal.rig.hand_tables.described import from_table
-from distal.rig.hand_tables.makers import from_aero, from_orca, orca_order
+from distal.rig.hand_tables.makers import from_orca, orca_order
 from distal.rig.joints import Joint
 from distal.rig.learned import (
     HALF_WIDTHS,
@@ -67,7 +67,7 @@ from distal.rig.sensors.registry import (
 from distal.rig.subsystems import Subsystem, independent_parts
 from distal.rig.tendon_routing import Linkage, Pinned, Polynomial, Pulley, Size
 from distal.rig.tendons import Meeting, Tendon
-from distal.rig.touch import contact_shape, felt_in_words
+from distal.rig.touch import contact_shape
 from distal.rig.validation import (
     angle_names,
     in_words,
@@ -130,8 +130,6 @@ __all__ = [
     "drive_travel",
     "edited_text",
     "effort_unit",
-    "felt_in_words",
-    "from_aero",
     "from_mujoco",
     "from_orca",
     "from_table",

@@ -9,7 +9,6 @@ from copy import deepcopy
 
 from distal.errors import DistalError, did_you_mean
 from distal.rig.quantities import KEYS
-from distal.rig.sensors.registry import one_number_each
 from distal.rig.validation import index_of, names_in
 
 ALL = "*"
@@ -50,7 +49,6 @@ def set_value(raw: object, path: str, value: object, error: type[DistalError]) -
     name or index, crossings by their joint; ``*`` stands for all of them.
     """
     keys = path.split(".")
-    _write_out_sensors(raw, keys)
     try:
         _replace(raw, keys, 0, path, value, error)
     except RecursionError:
@@ -99,22 +97,6 @@ def _replace(
         elif part is None and keys[depth + 1] != ALL:
             parent[key] = {}
         _replace(parent.get(key), keys, depth + 1, path, value, error)
-
-
-def _write_out_sensors(raw: object, keys: Sequence[str]) -> None:
-    """Write out the sensors of several numbers, in place, where the path names one of their
-    numbers.
-    """
-    if (
-        not isinstance(raw, MutableMapping)
-        or keys[0] != "sensors"
-        or len(keys) < 2
-        or keys[1] == ALL
-    ):
-        return
-    sensors = raw.get("sensors")
-    if isinstance(sensors, list) and index_of(sensors, keys[1]) is None:
-        raw["sensors"] = one_number_each(sensors)
 
 
 def _merged(old: object, new: object) -> object:

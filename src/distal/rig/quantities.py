@@ -229,5 +229,4 @@ PositiveNewtons = Annotated[float, In("N", "positive")]
 TorqueConstant = Annotated[float, In("N m/A", "positive")]
 NewtonMetres = Annotated[float, In("N m", "nonnegative")]
 Factor = Annotated[float, In("", "positive")]
-MetresPerSecondSquared = Annotated[float, In("m/s^2", "nonnegative")]
 """Certain numbers and parameters by their unit and bound, as several parts of a rig have them."""

@@ -13,7 +13,7 @@ from distal.rig.joints import BASE, Base, Joint
 from distal.rig.learned import KINDS, LearnedMap, LearnedMaps, LeftOut
 from distal.rig.overrides import set_value
 from distal.rig.quantities import Description, Duration, Parameter
-from distal.rig.sensors.registry import MEASURED, Sensor, checked_parts, log_factor
+from distal.rig.sensors.registry import MEASURED, Sensor, in_its_unit, log_factor
 from distal.rig.tendons import Tendon
 from distal.rig.validation import named, validated
 from distal.units import unit_factor
@@ -117,9 +117,7 @@ class Rig(Description):
             return ()
         if not isinstance(raw, Sequence) or isinstance(raw, str):
             return raw
-        return [
-            sensor for i, table in enumerate(raw) for sensor in checked_parts(table, i, info.data)
-        ]
+        return [in_its_unit(table, i, info.data) for i, table in enumerate(raw)]
 
     @field_validator("sensors", mode="after")
     @classmethod

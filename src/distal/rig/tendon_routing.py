@@ -14,13 +14,11 @@ from pydantic import Field, model_validator
 from distal.rig.quantities import (
     ONE,
     ZERO,
-    Coefficient,
     Description,
     FixedAngle,
     In,
     Length,
     Parameter,
-    Turn,
 )
 
 if TYPE_CHECKING:
@@ -40,20 +38,11 @@ RADIUS = Field(
 )
 
 
-class Guide(Description):
-    """Friction of a tendon where it crosses a joint, by the capstan equation."""
-
-    friction: Coefficient = Field(description="coefficient μ")
-    wrap: Turn = Field(description="β, the sum of its bends at θ = 0")
-    wrap_slope: Annotated[Parameter, In("")] = Field(ZERO, description="change of β per radian")
-
-
 class Crossed(Description):
     """Which joint a tendon crosses, and on which side."""
 
     joint: str
     side: Literal[1, -1] = Field(description="+1 pulls to +θ, −1 to −θ")
-    guide: Guide | None = None
 
 
 class Pulley(Description):

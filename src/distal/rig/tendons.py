@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, Literal, Self
 
@@ -19,15 +18,12 @@ from distal.rig.quantities import (
     Name,
     Parameter,
     Stiffness,
+    Turn,
 )
 from distal.rig.tendon_routing import (
     Crossing,
-    Guide,
     Insertion,
-    Linkage,
-    Pinned,
     Polynomial,
-    Pulley,
     Shape,
 )
 
@@ -47,7 +43,6 @@ class Meeting:
     joints: tuple[str, ...]
     side: int
     shape: Shape
-    guide: Guide | None = None
 
     def arms(self, angles: dict[str, float]) -> dict[str, float]:
         """Return the moment arms by joint [m] at some `angles` [rad], positive where the tendon
@@ -64,7 +59,7 @@ see a difference (docs/results/fits.md). Source: benchmark (benchmarks/sheaths).
 """
 
 
-class Path(Guide):
+class Path(Description):
     """Friction along the tendon's way, by the capstan equation T_drive = T e^{±μβ}.
 
     Without `nodes` all of the friction acts at the drive, as of a few pulleys there. With `nodes`
@@ -72,6 +67,8 @@ class Path(Guide):
     it is drawn in and let out.
     """
 
+    friction: Coefficient = Field(description="coefficient μ")
+    wrap: Turn = Field(description="β, the sum of its bends")
     let_out: Coefficient = Field(
         ONE,
         description="friction while it is let out, as a share of μ",
@@ -163,9 +160,7 @@ class Tendon(Description):
         return tuple(
             Meeting(f"crossings.{i}", crossing.joints, 1, crossing)
             if isinstance(crossing, Polynomial)
-            else Meeting(
-                f"crossings.{i}", (crossing.joint,), crossing.side, crossing, crossing.guide
-            )
+            else Meeting(f"crossings.{i}", (crossing.joint,), crossing.side, crossing)
             for i, crossing in enumerate(self.crossings)
         )
 
@@ -203,12 +198,6 @@ class Tendon(Description):
                 positions += [dict(zip(meeting.joints, ends)) for ends in zip(*meeting.shape.range)]
         totals = [sum(abs(arm) for arm in self.arms(at).values()) for at in positions]
         return totals[0] or max(totals)
-
-    def shapes(self) -> Iterator[tuple[str, Pinned | Pulley | Linkage]]:
-        """Yield path and shape of each crossing of the tendon that has a radius."""
-        for meeting in self.meetings:
-            if not isinstance(meeting.shape, Polynomial):
-                yield meeting.path, meeting.shape
 
     @model_validator(mode="after")
     def _forms_agree(self) -> Self:

@@ -1,17 +1,11 @@
-"""Touches: how a force on a link turns the joints of a chain together, and which touches a rig's
-sensors can detect.
-"""
+"""Touches: how a force on a link turns the joints of a chain together."""
 
 from __future__ import annotations
-
-from collections.abc import Iterator
 
 import numpy as np
 
 from distal.arrays import Floats
-from distal.rig.joints import Joint
 from distal.rig.rig import Rig
-from distal.units import rounded
 
 ALONE = 0.1
 """Std of a torque that acts on one joint alone, as a share of the largest torque that forces on
@@ -56,33 +50,3 @@ def contact_shape(rig: Rig) -> Floats:
     alone = np.where(reached, ALONE**2, 1.0)
     covariance: Floats = shape / largest + np.diag(alone)
     return covariance
-
-
-def felt_in_words(rig: Rig) -> Iterator[str]:
-    """Yield a line for each joint: which touch of it can be detected, and by which sensors."""
-    for j, joint in enumerate(rig.joints):
-        yield f"{joint.name}: {_felt(rig, j, joint)}"
-
-
-def _felt(rig: Rig, j: int, joint: Joint) -> str:
-    if joint.touch == "never":
-        return "nothing touches it, as the rig says"
-    forces = forces_of(rig, joint.name)
-    if not forces:
-        return "a touch is not observable, since no force of what moves it is read"
-    if joint.external_torque.std > 0.0:
-        return f"a torque of ±{rounded(joint.external_torque.std)} N m is always looked for"
-    others = [other.name for other in rig.joints if set(forces_of(rig, other.name)) & set(forces)]
-    together = f", together with {', '.join(n for n in others if n != joint.name)}"
-    by = f"by {', '.join(forces)}{together if len(others) > len(forces) else ''}"
-    if not rig.is_taught and len(rig.joints) == 1:
-        return f"a touch is looked for {by} once a fit has said what is normal (distal fit)"
-    return f"a touch is felt {by}"
-
-
-def forces_of(rig: Rig, joint: str) -> list[str]:
-    """Return the names of the sensors of force and tension that a torque on a joint changes."""
-    tendons = [tendon for tendon in rig.tendons if joint in tendon.joints]
-    parts = {name for tendon in tendons for name in (tendon.name, tendon.drive)}
-    sensors = (*rig.sensors_of("force"), *rig.sensors_of("tension"))
-    return [sensor.name for sensor in sensors if sensor.of in parts]

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from distal.errors import DistalError
-from distal.rig.sensors.registry import UNITS, one_number_each
+from distal.rig.sensors.registry import UNITS
 from distal.rig.tendon_routing import KINDS as INSERTIONS
 
 
@@ -213,8 +213,6 @@ def explain(problem: ValidationError, source: str, raw: Mapping[str, object]) ->
         if finding["type"] != "too_short"
         or not any(loc[: len(finding["loc"])] == finding["loc"] for loc in inner)
     ]
-    if isinstance(sensors := raw.get("sensors"), list):
-        raw = {**raw, "sensors": one_number_each(sensors)}
     line = f"{source}: " + "; also ".join(
         _by_name(_finding(finding), raw) for finding in findings[:SHOWN]
     )

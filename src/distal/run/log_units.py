@@ -74,7 +74,7 @@ class LogUnits:
         doubting: bool = True,
     ) -> None:
         self.rig = rig = as_rig(rig)
-        names = channels_of(rig, "LogUnits", others=True).names if channels is None else channels
+        names = channels_of(rig, "LogUnits").names if channels is None else channels
         by_name = {sensor.name: sensor for sensor in rig.sensors}
         self._sensors = [by_name[name] for name in names]
         self.channels = tuple(names)

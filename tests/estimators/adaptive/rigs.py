@@ -82,7 +82,6 @@ PARAMETERS = {
 }
 LINEARITY = {
     "sensors.x1.linearity": 1e-4,
-    "sensors.x1.curve": [2e-5, -3e-5, 1e-5],
     "sensors.x1.bias": {"value": 1e-4, "std": 5e-5},
     "sensors.x2.bias": {"value": -1e-4, "std": 5e-5},
     "drives.0.stops": [-4e-3, 8e-3],
@@ -110,12 +109,10 @@ PATH = {
     "tendons.0.path": {
         "friction": {"value": 0.5, "std": 0.05},
         "wrap": {"value": 2.0, "std": 0.1},
-        "wrap_slope": 0.3,
     },
     "tendons.1.path": {
         "friction": 0.4,
         "wrap": {"value": 2.2, "std": 0.1},
-        "wrap_slope": {"value": 0.2, "std": 0.04},
     },
 }
 """μβ is 1 and 0.88: drawing a tendon in takes 2.7 and 2.2 times as much of its tension as letting

@@ -407,7 +407,6 @@ def _random_rig(rng: np.random.Generator) -> Rig:
                 "wrap": rng.choice([1.0, 3.0]),
             },
             f"{tendon}.pretension": rng.choice([0.0, 0.5, 5.0]),
-            f"sensors.x{i + 1}.curve": [1e-4, 5e-5],
             f"sensors.x{i + 1}.linearity": 1e-4,
         }
         changes |= {path: value for path, value in drawn.items() if rng.random() < 0.4}

@@ -13,7 +13,7 @@ from tests.estimators.adaptive.test_twin import NONE
 
 @pytest.mark.parametrize("name", ["slope", "curvature", "centre"])
 def test_a_parameter_that_may_be_negative_is_not_cut(name: str) -> None:
-    """(†): a linkage's shape and the growth of a path's wrap have a sign."""
+    """(†): a linkage's shape has a sign."""
     linkage = {"kind": "linkage", "radius": 9.53e-3, name: {"value": -0.05, "std": 0.1}}
     rig = sliders({"tendons.0.insertion": linkage})
     agree(rig, slider_log(rig), NONE)

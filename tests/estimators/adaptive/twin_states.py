@@ -13,7 +13,7 @@ from distal.model import Mechanism
 from distal.rig import Rig
 from distal.sensor_errors import variance
 
-MAY_BE_NEGATIVE = ("rest_angle", "hanging_angle", "slope", "curvature", "centre", "wrap_slope")
+MAY_BE_NEGATIVE = ("rest_angle", "hanging_angle", "slope", "curvature", "centre")
 LINEARITY_SHARE = 0.6  # std of a linearity curve, as a share of its largest magnitude
 
 
@@ -245,12 +245,11 @@ def linearity_of(sensor: Any, index: int) -> list[State]:
     weights = [exp(-((j / 3) ** 2) / 2) for j in range(6)]
     # c_L² (1 + ½ Σ e^{−(j/3)²}) = (0.6 L)²
     c = LINEARITY_SHARE * sensor.linearity / sqrt(1 + 0.5 * sum(w * w for w in weights[1:]))
-    curve = [*sensor.curve, *(6 - len(sensor.curve)) * [0.0]]
     states = []
     for j in range(6):
         std = sqrt((c * weights[j]) ** 2 + (sensor.bias.filter_std**2 if j == 0 else 0.0))
         if std > 0:
             states.append(
-                State(f"linearity_{sensor.name}_{j}", "linearity", curve[j], std, index, order=j)
+                State(f"linearity_{sensor.name}_{j}", "linearity", 0.0, std, index, order=j)
             )
     return states

@@ -425,11 +425,12 @@ def rubbing(joint: Joint) -> float:
     )
 
 
-def test_meshes_that_are_not_there_are_left_out(tmp_path: Path) -> None:
+def test_what_is_no_model_is_one_line(tmp_path: Path) -> None:
     text = FINGER.replace("<worldbody>", '<asset><mesh name="m" file="m.stl"/></asset><worldbody>')
     path = tmp_path / "finger.xml"
     path.write_text(text.replace('<geom size="0.01"/>', '<geom type="mesh" mesh="m"/>'))
-    assert len(from_mujoco(path).rig.joints) == 3
+    with pytest.raises(RigError, match=r"finger\.xml: MuJoCo does not take it: .*m\.stl"):
+        from_mujoco(path)
     path.write_text("<mujoco><worldbody><body></worldbody></mujoco>")
     with pytest.raises(RigError, match=r"finger\.xml: MuJoCo does not take it: XML"):
         from_mujoco(path)

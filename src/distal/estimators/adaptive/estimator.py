@@ -49,7 +49,7 @@ def state_vector(
     """
     if guards is None:
         guards = Robustness.usual(len(rig.joints), rig.is_taught)
-    channels = channels_of(rig, "adaptive", references, others=True)
+    channels = channels_of(rig, "adaptive", references)
     return states_of_rig(rig, inputs, channels, guards, kinds, folded)
 
 
@@ -91,7 +91,7 @@ class AdaptiveFilter(KernelEstimator):
         folded: bool = False,
         home_std: float | None = None,
     ) -> None:
-        channels = channels_of(rig, name, references, others=True)
+        channels = channels_of(rig, name, references)
         self.states = state_vector(
             rig, tuple(references), tuple(inputs), robustness, tuple(kinds), folded
         )

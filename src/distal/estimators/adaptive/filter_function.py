@@ -88,7 +88,7 @@ def adaptive_function(
             )  # (14), (15)
     follow(states, prediction, interval)  # (15b)
     before = [ca.MX(prediction.state), ca.vec(prediction.covariance), ca.vec(prediction.transition)]
-    mean, covariance, y = updated(states, prediction, motion.rates, kept, interval)  # (16b) to (32)
+    mean, covariance, y = updated(states, prediction, motion.rates, kept, interval)  # (17) to (32)
     mean, covariance = within_play(states, mean, covariance, interval)  # (26b)
     _bounded(states, mean, covariance, tracks, p)
     remembered = Tracks(tracks).memory
@@ -249,7 +249,6 @@ def _channels(part: Subsystem, channels: Channels) -> Channels:
         of_part(channels.forces),
         of_part(channels.tensions),
         tuple(sensor for sensor in channels.angles if sensor.of in part.rig.joint_names),
-        of_part(channels.others),
         channels.interval,
     )
 

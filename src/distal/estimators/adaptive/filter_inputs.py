@@ -57,7 +57,7 @@ def parameters_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
     rig = context.mechanism.rig
     channels = context.channels
     yield "interval", channels.interval
-    for sensor in (*channels.proximal, *channels.others, *channels.angles):
+    for sensor in (*channels.proximal, *channels.angles):
         yield from _of_sensor(context, sensor)
     for i, joint in enumerate(rig.joints):
         path = f"joints.{i}"

@@ -150,10 +150,9 @@ def _ordered(states: StateVector) -> list[int]:
     """
     mechanism = states.context.mechanism
     points = states.of_kind(StateKind.SHEATH)
-    still = ca.SX.zeros(mechanism.n_bodies)
     order = list(states.of_kind(StateKind.BACKLASH))
     for tendon, name in enumerate(mechanism.rig.tendon_names):
-        sheath = mechanism.sheath(tendon, still)
+        sheath = mechanism.sheath(tendon)
         if sheath is not None:
             along = [at for at in points if states.state_parts[at] == name]
             order += [along[k] for k in sheath.order()]

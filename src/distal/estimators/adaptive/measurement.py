@@ -1,7 +1,5 @@
 """The comparison of measured forces, tensions and angles with those that follow from the state.
-Equations (16b) and (17).
-
-A sensor of any other kind gives its own expected reading, see `distal.rig.sensors`.
+Equation (17).
 """
 
 from __future__ import annotations
@@ -15,7 +13,6 @@ from distal.estimators.adaptive.drive_tracking import Tracks
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.filter_inputs import mechanics_function
 from distal.estimators.adaptive.states import StateVector
-from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector, VectorNode
 from distal.kernels.layout import Layout
 from distal.model import Moment
@@ -31,7 +28,7 @@ NOMINAL_TIME = 1.0
 judgement.
 """
 
-ROW = Layout(residual=1, limit=1, asymmetry=1, variance=1, mask=1, lasting=1)
+ROW = Layout(residual=1, limit=1, asymmetry=1, variance=1, mask=1)
 """Layout of the values of a row, as in `MeasurementRow`. Source: definition (layout of a
 vector).
 """
@@ -55,10 +52,6 @@ class MeasurementRow:
         drive: index of the drive whose friction is in it, or None.
         measured: whether a sensor measures it; else the pull is nominal.
         trusted: whether it is a reference, which is never taken as wild.
-        lasting: number of samples that tell as much of the joints' speeds as one (16b), where the
-            row `compares_motion`.
-        compares_motion: whether it is of a sensor such as an IMU, whose reading may depend on the
-            joints' speeds.
     """
 
     name: str
@@ -70,8 +63,6 @@ class MeasurementRow:
     drive: int | None = None
     measured: bool = True
     trusted: bool = False
-    lasting: Scalar = 1.0
-    compares_motion: bool = False
 
 
 def measurement_rows_of(
@@ -148,17 +139,12 @@ def measurement_rows_of(
         residual = read(sensor) - tensions[t]
         rows.append(MeasurementRow(sensor.name, residual, spread, context.mask(x, sensor)))
     moment = Moment(mechanism, q, v, tensions, pulls)
-    unknowns = {states.names[i]: state[i] for i in states.of_kind(StateKind.OTHER)}
-    for sensor in (*context.channels.angles, *context.channels.others):
-        trusted = sensor in context.channels.angles
-        residual = read(sensor) - moment.read(sensor, unknowns)
+    for sensor in context.channels.angles:
+        residual = read(sensor) - moment.read(sensor)
         noise = context.noise(sensor)
-        mask = context.mask(x, sensor)
-        # a speed errs alike for as long as the friction that made it
-        rate = context.number(f"{context.path(sensor)}.rate")
-        lasting = ca.SX(1) if trusted else ca.fmax(1, context.robustness.sticking_time * rate)
-        shared = {"lasting": lasting, "compares_motion": not trusted}
-        rows.append(MeasurementRow(sensor.name, residual, noise, mask, trusted=trusted, **shared))
+        rows.append(
+            MeasurementRow(sensor.name, residual, noise, context.mask(x, sensor), trusted=True)
+        )
     # as the filter names its innovations: by the rig's order of sensors; nominal pulls come last
     names = [sensor.name for sensor in context.channels.compared]
     return sorted(rows, key=lambda row: names.index(row.name) if row.measured else len(names))

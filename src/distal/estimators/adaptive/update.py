@@ -79,7 +79,6 @@ def updated(
     x = interval.x
     p = interval.p
     dt = interval.x[0]
-    nj = states.context.n_joints
     rows = Rows.of(states).at(prior, tracks, rates, x, p)
     mean = prior
     innovations = list[ScalarNode]()
@@ -112,11 +111,6 @@ def updated(
                 across += factor * by[part]
         spread = sum(along(slopes[part], across) * by for part, by in zip(SLOPED, factors))
         variance = comparison.variance
-        if row.compares_motion:
-            by_speeds = ca.MX(len(states), 1)
-            by_speeds[nj : 2 * nj] = slopes["residual"][nj : 2 * nj]
-            lasting = ROW.part(at.values, "lasting") - 1.0
-            variance += lasting * along(by_speeds, covariance.times(by_speeds))  # (16b)
         weight, root, shown = weights(states.context.robustness, row.trusted)(
             spread + variance, comparison.innovation, ROW.part(at.values, "mask"), comparison.counts
         )

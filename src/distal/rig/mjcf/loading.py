@@ -1,12 +1,11 @@
-"""MuJoCo models from files, even where the files of their meshes are missing; the lengths and
-moment arms of their tendons at poses, and the polynomial of lowest degree in the joints' angles
-that gives a length; and values for what a model does not say.
+"""MuJoCo models from files; the lengths and moment arms of their tendons at poses, and the
+polynomial of lowest degree in the joints' angles that gives a length; and values for what a model
+does not say.
 """
 
 from __future__ import annotations
 
 import importlib
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot
@@ -45,42 +44,19 @@ def mujoco_module() -> ModuleType:
 
 
 def load_model(path: str | Path) -> mujoco.MjModel:
-    """Load a MuJoCo model from an XML file. Where files of meshes are missing, the model is loaded
-    without any mesh, since these only draw it.
+    """Load a MuJoCo model from an XML file.
 
     Raises:
         RigError: there is no such file, or MuJoCo refuses it.
     """
     package = mujoco_module()
-    path = Path(path)
-    if not path.is_file():
+    if not Path(path).is_file():
         raise RigError(f"{path}: there is no such file")
     try:
         return package.MjModel.from_xml_path(str(path))
     except Exception as problem:
-        if not re.search(r"opening file|mesh|texture|hfield", str(problem), re.IGNORECASE):
-            raise RigError(f"{path}: MuJoCo does not take it: {_one_line(problem)}") from None
-    try:
-        spec = package.MjSpec.from_file(str(path))
-        for geom in list(spec.geoms):
-            if geom.type in (
-                package.mjtGeom.mjGEOM_MESH,
-                package.mjtGeom.mjGEOM_SDF,
-                package.mjtGeom.mjGEOM_HFIELD,
-            ):
-                spec.delete(geom)
-        for kind in ("materials", "textures", "meshes", "hfields", "skins"):
-            for asset in list(getattr(spec, kind)):
-                spec.delete(asset)
-        for part in (*spec.geoms, *spec.sites, *spec.tendons):
-            part.material = ""
-        return spec.compile()
-    except Exception as problem:
-        raise RigError(f"{path}: MuJoCo does not take it: {_one_line(problem)}") from None
-
-
-def _one_line(problem: Exception) -> str:
-    return " ".join(str(problem).split())
+        said = " ".join(str(problem).split())
+        raise RigError(f"{path}: MuJoCo does not take it: {said}") from None
 
 
 @dataclass(frozen=True)

@@ -99,7 +99,7 @@ class SensorBase(Description):
     name: Name
     measures: str = Field(
         description="`position` or `force` of a drive, `command` (a position that it was sent and "
-        "follows with `lag`), `tension` of a tendon, `angle`, `torque` or `imu` of a joint"
+        "follows with `lag`), `tension` of a tendon, `angle` or `torque` of a joint"
     )
     of: str = Field(description="the drive, tendon or joint")
     column: str | None = Field(
@@ -184,11 +184,6 @@ class Motion:
         rates: their speeds, (n_drives,).
         efforts: forces or torques that the drives exert, (n_drives,) [N, N m].
         tensions: of the tendons, (n_tendons,) [N].
-        turning: index of a joint → angular velocity of its link, in its own frame, (3,) [rad/s].
-        falling: index of a joint → acceleration of free fall in the frame of its link, (3,) [m/s²].
-        axes: of the joints, in their own frames.
-        unknowns: name → value of the `unknowns` of sensors; for a name that is missing the value of
-            the rig is taken.
     """
 
     angles: Vector
@@ -197,10 +192,6 @@ class Motion:
     rates: Vector
     efforts: Vector
     tensions: Vector
-    turning: Callable[[int], Vector]
-    falling: Callable[[int], Vector]
-    axes: Sequence[Sequence[float]]
-    unknowns: Mapping[str, Scalar]
 
 
 class Role(Enum):
@@ -215,34 +206,8 @@ class Role(Enum):
     TENSION = "tension"
     """The tension of a tendon; displacement-driven filters compare it, too."""
 
-    COMPARED = "compared"
-    """A reading that only `adaptive` compares; other estimators do not read it."""
-
     REFERENCE = "reference"
     """A reading at a joint: estimates are compared with it or homed by it, and do not need it."""
-
-
-@dataclass(frozen=True)
-class Unknown:
-    """An uncertain number, beside bias and gain, on which a reading depends.
-
-    Args:
-        name: of the state that stands for it; sensors with the same name share it.
-        number: its value and std.
-    """
-
-    name: str
-    number: Parameter
-
-
-def certain(sensor: SensorBase) -> tuple[Unknown, ...]:
-    """Return that nothing is unknown of a `sensor` beside bias and gain."""
-    return ()
-
-
-def one_sensor(raw: Mapping[str, object]) -> list[Mapping[str, object]]:
-    """Return the one sensor for which the `raw` table stands."""
-    return [raw]
 
 
 @dataclass(frozen=True)
@@ -258,10 +223,6 @@ class Measurand:
         travel: (sensor, rig, index of its part) → the lowest and the highest value that it measures
             [SI], between which its linearity error is defined.
         unit_of_capstan: the same of a capstan, where it is another one.
-        unknowns: sensor → the uncertain numbers, beside bias and gain, on which its reading
-            depends.
-        values: raw table of a rig file → the sensors of one number each, still unchecked, for which
-            it stands.
     """
 
     name: str
@@ -271,19 +232,10 @@ class Measurand:
     read: Callable[[SensorBase, Motion, int], Scalar]
     travel: Callable[[SensorBase, Parts, int], tuple[float, float]]
     unit_of_capstan: str = ""
-    unknowns: Callable[[SensorBase], tuple[Unknown, ...]] = certain
-    values: Callable[[Mapping[str, object]], list[Mapping[str, object]]] = one_sensor
 
 
 Metres = Annotated[float, In("m", "nonnegative")]
 OVER_TRAVEL = Field(0.0, description="largest deviation of a smooth systematic error")
-Curve = Annotated[
-    tuple[float, ...],
-    Field(
-        max_length=6,
-        description="known systematic error: weights of cos(π j ξ), j = 0, 1, …, over the travel",
-    ),
-]
 
 
 class LengthSensor(SensorBase):
@@ -292,7 +244,6 @@ class LengthSensor(SensorBase):
     si: Literal["m"]
     noise: Metres = NOISE
     linearity: Metres = OVER_TRAVEL
-    curve: Curve = ()
     resolution: Metres = STEP
     bias: Annotated[Parameter, In("m", drifts=False)] = OFFSET
 
@@ -311,7 +262,6 @@ class AngleSensor(SensorBase):
     )
     noise: Radians = NOISE
     linearity: Radians = OVER_TRAVEL
-    curve: Curve = ()
     resolution: Radians = Field(
         0.0,
         description="quantisation step; of an encoder before its gear",

@@ -25,21 +25,20 @@ from distal.rig.sensors.base import (
     Role,
 )
 from distal.rig.sensors.forces import FORCE, TENSION, TORQUE, ForceSensor, TorqueSensor
-from distal.rig.sensors.imu import IMU, VALUES, Accelerometer, Gyroscope
 from distal.units import unit_factor
 
 MEASURANDS: dict[str, Measurand] = {
-    kind.name: kind for kind in (POSITION, FORCE, TENSION, ANGLE, TORQUE, IMU)
+    kind.name: kind for kind in (POSITION, FORCE, TENSION, ANGLE, TORQUE)
 }
 """Name in a rig file → what can be measured."""
 
 Sensor = Annotated[
-    LengthSensor | AngleSensor | ForceSensor | TorqueSensor | Gyroscope | Accelerometer,
+    LengthSensor | AngleSensor | ForceSensor | TorqueSensor,
     Field(discriminator="si"),
 ]
-"""A sensor of one number."""
+"""A sensor."""
 
-UNITS = ("m", "rad", "N", "N m", *dict.fromkeys(VALUES.values()))
+UNITS = ("m", "rad", "N", "N m")
 """SI units, by which pydantic tells the classes of sensors apart."""
 
 REFERENCES = frozenset(name for name, kind in MEASURANDS.items() if kind.role is Role.REFERENCE)
@@ -54,10 +53,10 @@ MEASURED = {
 """Kind of part → names of what can be measured of it."""
 
 
-def checked_parts(
+def in_its_unit(
     raw: object, index: int, parts: Mapping[str, Sequence[Part]]
-) -> list[Mapping[str, object]]:
-    """Return the sensors of one number each for which a raw table stands, with their SI units.
+) -> Mapping[str, object]:
+    """Return the raw table of a sensor with its SI unit.
 
     Args:
         index: of the table in the rig file, for messages.
@@ -78,7 +77,7 @@ def checked_parts(
     measures = raw.get("measures")
     of = raw.get("of")
     if measures is None or of is None:
-        return [{**raw, "si": "m"}]  # pydantic says what is missing
+        return {**raw, "si": "m"}  # pydantic says what is missing
     kind = MEASURANDS.get(str(measures))
     if kind is None:
         *names, last = (f"'{name}'" for name in MEASURANDS)
@@ -92,27 +91,7 @@ def checked_parts(
             f"'{of}'{_elsewhere(of, kind, parts, names_of_parts)}"
         )
     is_capstan = isinstance(parts[kind.of][names_of_parts.index(of)], Capstan)
-    raw = {**raw, "si": kind.unit_of_capstan if is_capstan else kind.unit}
-    try:
-        return kind.values(raw)
-    except ValueError as problem:
-        raise ValueError(f"{index}.{problem}") from None
-
-
-def one_number_each(tables: Sequence[object]) -> list[object]:
-    """Return raw tables of sensors, with each table that stands for several sensors replaced by
-    these; a table that cannot be understood stays.
-    """
-    sensors = list[object]()
-    for table in tables:
-        kind = MEASURANDS.get(str(table.get("measures"))) if isinstance(table, Mapping) else None
-        try:
-            sensors += (
-                [table] if kind is None or not isinstance(table, Mapping) else kind.values(table)
-            )
-        except ValueError:
-            sensors.append(table)  # it is refused when it is checked
-    return sensors
+    return {**raw, "si": kind.unit_of_capstan if is_capstan else kind.unit}
 
 
 def _elsewhere(

@@ -71,7 +71,7 @@ def _point(context: FilterContext, path: str, tendon: int, begin: Begin) -> tupl
     p = still.parameters
     q = ca.SX.sym("q", still.n_bodies)
     tension = ca.SX.sym("T")
-    sheath = still.sheath(tendon, q)
+    sheath = still.sheath(tendon)
     assert sheath is not None  # it has points
     position = still.internal_state(q).inside[mechanism.plays.index(path)]
     initial = [f"joints.{j}.initial" for j in range(mechanism.n_joints)]

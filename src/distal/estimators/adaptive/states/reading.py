@@ -1,6 +1,4 @@
-"""Unknowns of readings: what they depend on, such as the angle at which an IMU is mounted, and the
-systematic errors of sensors: offset, gain, and the curve of a position sensor.
-"""
+"""Systematic errors of sensors: offset, gain, and the curve of a position sensor."""
 
 from __future__ import annotations
 
@@ -15,20 +13,8 @@ from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.states.state import State
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar
-from distal.rig import Sensor, measurand_of
+from distal.rig import Sensor
 from distal.sensor_errors import LINEARITY_STD, systematic_variance
-
-
-def unknowns_of_readings(context: FilterContext) -> Iterator[State]:
-    """Yield each uncertain quantity that one or several readings depend on; it stays. Sensors share
-    those of the same name.
-    """
-    unknowns = [unknown for s in context.channels.others for unknown in measurand_of(s).unknowns(s)]
-    uncertain = {
-        unknown.name: unknown.number for unknown in unknowns if unknown.number.filter_std > 0.0
-    }
-    for name, number in uncertain.items():
-        yield State(name, StateKind.OTHER, "", number.value, number.filter_std)
 
 
 def sensor_biases(context: FilterContext) -> Iterator[State]:
@@ -87,8 +73,7 @@ SMOOTHNESS = 3.0
 
 def linearities(context: FilterContext) -> Iterator[State]:
     """Yield the weights w_j of each position sensor's error Σ w_j cos(π j ξ), ξ = 0 … 1 over the
-    travel; none where the sensor has no systematic error. Their prior means are those of the
-    sensor's known `curve`, else zeros [m, rad].
+    travel; none where the sensor has no systematic error. Their prior means are zeros.
 
     A posture that lasts shows only one point of the curve, so that references teach it slowly.
     """
@@ -96,13 +81,12 @@ def linearities(context: FilterContext) -> Iterator[State]:
         sensor = context.position_sensor(i)
         if sensor is None:
             continue
-        curve = getattr(sensor, "curve", ())
         for j, std in enumerate(_weight_stds(context, sensor)):
             yield State(
                 f"linearity_{sensor.name}_{j}",
                 StateKind.LINEARITY,
                 sensor.name,
-                curve[j] if j < len(curve) else 0.0,
+                0.0,
                 float(std),
                 to=("reading", sensor.name),
                 times=partial(_cosine, context, i, j),

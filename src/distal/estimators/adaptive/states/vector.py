@@ -17,11 +17,7 @@ from distal.estimators.adaptive.states.motion import (
     unmeasured_positions,
 )
 from distal.estimators.adaptive.states.parameter import uncertain_parameters
-from distal.estimators.adaptive.states.reading import (
-    linearities,
-    sensor_biases,
-    unknowns_of_readings,
-)
+from distal.estimators.adaptive.states.reading import linearities, sensor_biases
 from distal.estimators.adaptive.states.state import State, Target
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
@@ -39,14 +35,13 @@ KINDS: tuple[Kind, ...] = (
     transmissions,
     inside,
     sensor_biases,
-    unknowns_of_readings,
 )
 """All kinds; their order is that of the state vector."""
 
 LEARNED_SLOWLY: tuple[StateKind, ...] = (StateKind.PARAMETER, StateKind.SENSOR_GAIN)
 """Kinds of states that learn slowly from forces, tensions and references. Source: definition."""
 
-LASTING = (*LEARNED_SLOWLY, StateKind.LINEARITY, StateKind.SENSOR_BIAS, StateKind.OTHER)
+LASTING = (*LEARNED_SLOWLY, StateKind.LINEARITY, StateKind.SENSOR_BIAS)
 """Kinds of states that are constants of the rig or of a sensor; others are meant to move. Source:
 definition.
 """

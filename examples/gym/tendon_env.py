@@ -1,8 +1,8 @@
-"""A Gymnasium environment in which an agent positions a tendon-driven joint without its encoder
-(extra ``gym``).
+"""A Gymnasium environment (`pip install gymnasium`) in which an agent positions a tendon-driven joint
+without its encoder.
 
-After an import of this module ``gymnasium.make("distal/Tendon-v0", rig=..., scenario=...)`` makes
-the environment; without an import ``gymnasium.make("distal.gym:distal/Tendon-v0")`` does.
+Copy this file beside yours: `TendonEnv(scenario, rig=...)` is the environment. An action at random:
+`python tendon_env.py`.
 """
 
 from __future__ import annotations
@@ -10,10 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-try:
-    import gymnasium
-except ImportError as problem:
-    raise ImportError("distal.gym needs gymnasium; pip install '.[gym]'") from problem
+import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,7 +29,7 @@ LARGEST_EFFORT = 20.0
 
 
 class TendonEnv(gymnasium.Env[Observation, Observation]):
-    """The environment ``distal/Tendon-v0``: an agent commands the drives of a rig as built, which
+    """An agent commands the drives of a rig as built, which
     is drawn anew from the rig's stds at each reset.
 
     An observation holds the readings of all sensors but those of joints [SI], then estimated angles
@@ -171,5 +168,7 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
         return observation, reading
 
 
-if "distal/Tendon-v0" not in gymnasium.registry:
-    gymnasium.register("distal/Tendon-v0", "distal.gym:TendonEnv")
+if __name__ == "__main__":
+    env = TendonEnv()
+    print(*env.reset(seed=1))
+    print(*env.step(env.action_space.sample()))

@@ -1,10 +1,13 @@
-"""The program beside an exported filter, which runs it over the CSV files that `distal estimate`
-reads.
+"""A program that runs an exported filter over the CSV files that `distal estimate` reads:
+`python replay.py RIG NAME [ESTIMATOR]` prints it for a filter of this name.
 """
 
 from __future__ import annotations
 
-from distal.estimators import KernelEstimator
+import sys
+
+from distal import load_rig
+from distal.estimators import KernelEstimator, make_estimator, usual_estimator
 from distal.export.c_text import fields_of, filled, sensors_of
 from distal.logs import LARGEST_READING, header
 from distal.rig import log_factor, log_unit, std_name
@@ -57,7 +60,7 @@ _PROGRAM = """\
 /* replay LOG.csv: run the filter over a log with the columns that the rig names;
  * $header$ on stdout.
  *
- * Written by `distal export-c`. What a sample needs is in take(): values in the header's order and
+ * What a sample needs is in take(): values in the header's order and
  * units, NAN where one is missing. The rest reads CSV: commas, no quotes, an empty cell is missing.
  */
 #include <math.h>
@@ -166,3 +169,10 @@ int main(int argc, char** argv) {
   return 0;
 }
 """
+
+
+if __name__ == "__main__":
+    rig, name, *chosen = sys.argv[1:]
+    described = load_rig(rig)
+    used = make_estimator(chosen[0] if chosen else usual_estimator(described), described)
+    sys.stdout.write(replay_program(used, name))

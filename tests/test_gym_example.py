@@ -8,6 +8,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from examples.gym.tendon_env import LARGEST_EFFORT, TendonEnv
 from gymnasium.utils.env_checker import check_env
 from pettingzoo import ParallelEnv
 from pettingzoo.test import parallel_api_test, parallel_seed_test
@@ -15,7 +16,6 @@ from pettingzoo.test import parallel_api_test, parallel_seed_test
 from distal import load_rig, load_scenario
 from distal.control import ControlledPlant
 from distal.errors import ControlError
-from distal.gym import LARGEST_EFFORT, TendonEnv
 from distal.simulation import Scenario
 
 
@@ -69,19 +69,11 @@ def test_pettingzoo_finds_nothing_wrong(scenario: Scenario) -> None:
     parallel_seed_test(lambda: Alone(TendonEnv(scenario)), num_cycles=30)
 
 
-def test_it_is_made_by_its_name(scenario: Scenario) -> None:
-    made = gymnasium.make(
-        "distal.gym:distal/Tendon-v0",
-        scenario=scenario,
-        rig="paper-2008-soft",
-        disable_env_checker=True,
-    )
-    inside = made.unwrapped
-    assert isinstance(inside, TendonEnv)
-    assert inside._rig == load_rig("paper-2008-soft")
-    made.reset(seed=3)
-    assert made.observation_space.contains(made.step(made.action_space.sample())[0])
-    assert "distal/Tendon-v0" in gymnasium.registry
+def test_it_takes_another_rig(scenario: Scenario) -> None:
+    env = TendonEnv(scenario, rig="paper-2008-soft")
+    assert env._rig == load_rig("paper-2008-soft")
+    env.reset(seed=3)
+    assert env.observation_space.contains(env.step(env.action_space.sample())[0])
 
 
 def test_names_of_what_is_observed_and_acted(scenario: Scenario, env: TendonEnv) -> None:
