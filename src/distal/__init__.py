@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from distal.rig import Rig, load_rig, shipped_rigs
     from distal.run import (
         LiveEstimator,
-        LiveInLogUnits,
         LogUnits,
         Monitor,
         estimate,
@@ -52,7 +51,6 @@ __all__ = [
     "Inverse",
     "KernelEstimator",
     "LiveEstimator",
-    "LiveInLogUnits",
     "LiveInverse",
     "Log",
     "LogUnits",
@@ -108,7 +106,6 @@ _NAMES = {
     "rig": ("Rig", "load_rig", "shipped_rigs"),
     "run": (
         "LiveEstimator",
-        "LiveInLogUnits",
         "LogUnits",
         "Monitor",
         "estimate",
