@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from distal.homing import at_known_angle, homing_filter
     from distal.inverse import Commands, Inverse, LiveInverse
     from distal.lab import lab_page
-    from distal.logs import Log, mujoco_recorder, read_log, write_log
+    from distal.logs import Log, read_log, write_log
     from distal.results import Estimate, plot_estimates
     from distal.rig import Rig, load_rig, shipped_rigs
     from distal.run import (
@@ -74,7 +74,6 @@ __all__ = [
     "load_scenario",
     "log_health",
     "make_estimator",
-    "mujoco_recorder",
     "plot_estimates",
     "read_log",
     "rig_from_logs",
@@ -101,7 +100,7 @@ _NAMES = {
     "homing": ("at_known_angle", "homing_filter"),
     "inverse": ("Commands", "Inverse", "LiveInverse"),
     "lab": ("lab_page",),
-    "logs": ("Log", "mujoco_recorder", "read_log", "write_log"),
+    "logs": ("Log", "read_log", "write_log"),
     "results": ("Estimate", "plot_estimates"),
     "rig": ("Rig", "load_rig", "shipped_rigs"),
     "run": (

@@ -23,7 +23,6 @@ from distal.logs.log_files import (
     write_log,
 )
 from distal.logs.messages import MessageReader
-from distal.logs.mujoco_recorder import mujoco_recorder
 from distal.logs.outputs import (
     Output,
     check_outputs,
@@ -68,7 +67,6 @@ __all__ = [
     "header",
     "is_dataset",
     "is_recording",
-    "mujoco_recorder",
     "name_and_unit",
     "open_recording",
     "open_table",
