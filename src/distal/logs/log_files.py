@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.errors import DistalWarning, LogError
-from distal.logs.cells import factor_of, scale, time_factor
+from distal.logs.cells import factor_of, in_memory, scale, time_factor
 from distal.logs.door import Door, through
 from distal.logs.encoders import TURN
 from distal.logs.formats import TABLES, file_of
 from distal.logs.log import NO_SOURCE, Log, TruthKind, TruthSource, check_stamps
 from distal.logs.outputs import write_whole
-from distal.logs.reader_process import read_apart
-from distal.logs.recordings import ROW_STAMPS, is_recording, recorded_cells
+from distal.logs.recordings import is_recording, open_recording
 from distal.logs.stamps import Clock, clock_of, in_order
 from distal.logs.tables import Source, Table, open_table, table_of
 from distal.rig import REFERENCES, Rig, Sensor, angle_names, log_factor, torque_names
@@ -66,8 +65,10 @@ def read_log(
     asked = [time_column, *desired, *optional, *([] if truth is None else [str(truth)])]
     if is_recording(path):
         unit = unit_factor(rig.log.time.unit, "s")
-        cells = read_apart(recorded_cells, Path(path), asked, time_column, unit)
+        found, stamps = open_recording(path, asked, time_column, unit)
+        cells = in_memory(found, Path(path), 0, found)
     else:
+        stamps = None
         cells = open_table(path, asked, time_column)
     column = str(truth) if truth is not None and _is_column(cells.names, str(truth)) else None
     cells.check([time_column])
@@ -75,7 +76,7 @@ def read_log(
     clock = clock_of(cells, time_column, factor)
     table = table_of(cells, desired, [*optional, *([column] if column else [])])
     time = clock.time
-    stamps = np.asarray(cells.held[ROW_STAMPS]) if is_recording(path) else clock.stamps
+    stamps = clock.stamps if stamps is None else stamps
     rows = in_order(time, table.source, table.first_row)
     if rig.log.time.repeated != "refused":
         same = np.diff(time[rows]) == 0.0

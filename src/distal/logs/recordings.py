@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
 from distal.errors import DistalWarning, LogError, did_you_mean
-from distal.logs.cells import Cells, in_memory
 from distal.logs.formats import Message, UndecodableError, check_is_content, format_of
 from distal.logs.messages import STAMPS, number_of
 from distal.logs.stamps import (
@@ -48,9 +47,6 @@ points. Source: judgement.
 
 NO_TIME = round(LATEST_DATE * 1e9)
 """Stamp in place of one that is no time [ns]. Source: definition (unit conversion)."""
-
-ROW_STAMPS = "stamps [ns]"
-"""Name under which a recording's stamps are held, beside the columns that were asked for."""
 
 Reading: TypeAlias = tuple[int | None, int, float]
 """Stamp in the message's header [ns] or None, stamp of the recorder [ns], and value."""
@@ -120,16 +116,6 @@ def open_recording(
         columns_of[column] = np.full(len(rows), np.nan)
         columns_of[column][np.searchsorted(rows, stamps, side="right") - 1] = values
     return columns_of, rows
-
-
-def recorded_cells(path: Path, columns: Sequence[str], time: str, unit: float) -> Cells:
-    """Return what `open_recording` reads as a table, with the stamps of the rows in its `held`.
-
-    Args:
-        unit: unit of the time column [s].
-    """
-    found, stamps = open_recording(path, columns, time, unit)
-    return in_memory(found | {ROW_STAMPS: stamps}, path, 0, found)
 
 
 def _number(path: Path, cell: object, name: str) -> float:
@@ -327,7 +313,7 @@ def messages_of(path: Path, topics: set[str]) -> Iterator[Message]:
         read = format_of(path).messages
         assert read is not None
         yield from read(path, topics)
-    except (LogError, GeneratorExit, MemoryError):
+    except (LogError, GeneratorExit):
         raise
     except Exception as problem:
         raise LogError(

@@ -31,7 +31,6 @@ from distal.logs.cells import (
 from distal.logs.formats import check_is_content, format_of
 from distal.logs.formats.parquet import read_parquet
 from distal.logs.outputs import shown
-from distal.logs.reader_process import read_apart
 
 EPISODE = "episode_index"
 """Column that holds the number of the episode to which a row belongs."""
@@ -87,7 +86,7 @@ def episodes_of(folder: Path) -> list[Episode]:
     problems = list[LogError]()
     for file in files:
         try:
-            cells = read_apart(read_parquet, file, [EPISODE])
+            cells = read_parquet(file, [EPISODE])
         except LogError as problem:
             problems.append(problem)  # a recording that broke off leaves a file without its end
             continue
@@ -152,7 +151,7 @@ def _file(path: Path, written: int, columns: tuple[str, ...] | None) -> tuple[Ce
     The file is kept for the next call, since its episodes are read one after the other. `written`
     is when the file was changed last [ns], so that a changed file is read again.
     """
-    cells = read_apart(read_parquet, path, columns)
+    cells = read_parquet(path, columns)
     cells.check([EPISODE])
     return cells, cells.values([EPISODE])[EPISODE]
 
@@ -241,7 +240,6 @@ def _opened(path: Source, columns: Sequence[str] | None, index_name: str | None)
         path = Path(path)
         try:
             is_folder = path.is_dir()
-            exists = path.exists()
         except (OSError, ValueError, RuntimeError) as problem:
             raise LogError(
                 f"{shown(path)}: cannot be read ({getattr(problem, 'strerror', None) or problem})"
@@ -255,8 +253,6 @@ def _opened(path: Source, columns: Sequence[str] | None, index_name: str | None)
         if kind.read is None:
             raise LogError(f"{path}: is a recording of topics; a CSV or Parquet file is expected")
         check_is_content(path)
-        if exists and kind.apart:
-            return read_apart(kind.read, path, columns)
         return kind.read(path, columns)
     if not hasattr(path, "columns"):
         raise LogError(f"a log is a path, a frame or a distal.Log; {type(path).__name__} came")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from distal.errors import DistalWarning, LogError
 from distal.logs.cells import Cells
 from distal.logs.formats.format import Format
-from distal.logs.reader_process import COPIES, check_memory, check_rows, memory_limit
+from distal.logs.memory import COPIES, check_memory, check_rows, memory_limit
 from distal.logs.stamps import is_date
 
 SEPARATORS = (",", ";", "\t")
@@ -222,4 +222,4 @@ def write_csv(columns: Mapping[str, NDArray[np.generic]], file: BinaryIO) -> Non
     text.detach()
 
 
-CSV = Format(endings=(".csv", ".txt"), read=read_csv, write=write_csv, apart=False)
+CSV = Format(endings=(".csv", ".txt"), read=read_csv, write=write_csv)

@@ -11,7 +11,7 @@ import numpy as np
 from distal.errors import LogError
 from distal.logs.cells import WIDEST_VECTOR, Cells, Column, in_memory, needed, numbered
 from distal.logs.formats.format import Format
-from distal.logs.reader_process import COPIES, check_memory
+from distal.logs.memory import COPIES, check_memory
 
 
 def read_hdf5(path: Path, columns: Sequence[str] | None) -> Cells:
@@ -51,7 +51,9 @@ def read_hdf5(path: Path, columns: Sequence[str] | None) -> Cells:
             held = dict[str, Column]()
             for column, (name, k) in chosen.items():
                 held[column] = np.asarray(sets[name][:] if k is None else sets[name][:, k])
-    except OSError as problem:
+    except LogError:
+        raise
+    except Exception as problem:  # of a damaged file h5py may raise anything
         raise LogError(
             f"{path}: is not an HDF5 file, or a damaged one ({str(problem)[:120]})"
         ) from None

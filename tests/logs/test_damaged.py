@@ -1,12 +1,8 @@
-"""Binary logs are read in a process of their own: what is damaged or too large is an error of one
-log.
-"""
+"""A binary log that is damaged or too large is an error of this log."""
 
 from __future__ import annotations
 
-import os
 import random
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +11,6 @@ import pytest
 
 from distal.errors import LogError
 from distal.logs import read_table
-from distal.logs.reader_process import _Reader
 
 FRAME = pl.DataFrame({"t": np.arange(50) / 100, "a": np.arange(50.0), "text": ["x"] * 50})
 
@@ -68,23 +63,6 @@ def test_a_damaged_file_costs_itself_only(path: Path) -> None:
     assert len(read_table(path, ["t", "a"]).columns["a"]) == 50
 
 
-@pytest.mark.more
-def test_where_reading_ends_the_process(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    process = _Reader.current()
-    monkeypatch.setattr(_Reader, "_BEGIN", None, raising=False)
-    process._process.kill()
-    process._process.wait()
-    assert len(read_table(path, ["a"]).columns["a"]) == 50  # another one was started
-    stopped = _Reader.current()
-    stopped._process.send_signal(19)  # it hangs; somebody ends it
-    threading.Timer(0.3, stopped._process.kill).start()
-    with pytest.raises(
-        LogError, match=r"it ended its reader \(signal 9\): it is damaged, or takes too much memory"
-    ):
-        read_table(path, ["a"])
-    assert len(read_table(path, ["a"]).columns["a"]) == 50
-
-
 def test_memory_by_the_header(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A column of one value takes no room in a file: a few kB here are 480 MB in memory."""
     path = tmp_path / "long.parquet"
@@ -97,40 +75,15 @@ def test_memory_by_the_header(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         read_table(path, ["a"])
 
 
-@pytest.mark.slow  # it takes what it may
 def test_memory_that_no_header_tells(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A list has any number of values in a row: the process that reads has no more memory than is
-    allowed.
-    """
+    """A list with any number of values in a row is no vector."""
     path = tmp_path / "nested.parquet"
     pl.select(
         pl.repeat(0.5, 60_000_000).implode().alias("a"), pl.lit(0.0).alias("t")
     ).write_parquet(path)
     monkeypatch.setenv("DISTAL_MAX_MEMORY", "300 MB")
-    with pytest.raises(LogError, match=r"memory|holds List"):
+    with pytest.raises(LogError, match=r"is missing|holds .*list"):
         read_table(path, ["t", "a"])
-
-
-@pytest.mark.more
-def test_relative_names_and_other_folders(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    read_table(path, ["a"])  # the process is there, in another folder
-    monkeypatch.chdir(path.parent)
-    assert len(read_table("run.parquet", ["a"]).columns["a"]) == 50
-
-
-def test_threads_and_forks(path: Path) -> None:
-    lengths: list[int] = []
-    threads = [
-        threading.Thread(target=lambda: lengths.append(len(read_table(path, ["a"]).columns["a"])))
-        for _ in range(8)
-    ]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert lengths == [50] * 8
-    parent = _Reader.current()
-    assert parent._of[0] == os.getpid()
 
 
 @pytest.mark.more
@@ -138,9 +91,7 @@ def test_threads_and_forks(path: Path) -> None:
 def test_a_small_recording_that_unpacks_to_much(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compression: str
 ) -> None:
-    """By what its header says; and where the header lies, by what the process that reads may
-    have.
-    """
+    """By what its header says."""
     from mcap.writer import CompressionType, Writer
 
     from distal import load_rig, read_log
@@ -161,11 +112,6 @@ def test_a_small_recording_that_unpacks_to_much(
         match=r"200,000,\d\d\d bytes in a chunk, about 0.6 GB in memory; 0.3 GB are allowed",
     ):
         read_log(path, load_rig("template"))
-    data = path.read_bytes()
-    size = next(n for n in range(200_000_000, 200_000_500) if n.to_bytes(8, "little") in data)
-    path.write_bytes(data.replace(size.to_bytes(8, "little"), (1000).to_bytes(8, "little")))
-    with pytest.raises(LogError, match=r"too much memory|cannot be read"):
-        read_log(path, load_rig("template"))
 
 
 def test_one_damaged_log_of_many(path: Path, tmp_path: Path) -> None:
@@ -183,28 +129,3 @@ def test_one_damaged_log_of_many(path: Path, tmp_path: Path) -> None:
     results = list(estimate_batch(names, rig, "inextensible", skip=failed.__setitem__))
     assert [len(result) for result in results] == [40, 40]
     assert list(failed) == [str(names[1])]
-
-
-def test_where_no_process_can_be_started(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import sys
-
-    now = _Reader.current()
-    now.end()
-    monkeypatch.setattr(sys, "executable", "")
-    assert len(read_table(path, ["a"]).columns["a"]) == 50
-    assert _Reader._now is None
-
-
-@pytest.mark.more
-def test_text_that_repeats_is_long_as_a_whole(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """One long text in all rows is held once in the file, and once for each row where it is turned
-    into a number.
-    """
-    path = tmp_path / "text.parquet"
-    pl.select(pl.repeat("1.6" + "0" * 5000, 50_000).alias("a")).write_parquet(path)
-    assert path.stat().st_size < 1_000_000
-    monkeypatch.setenv("DISTAL_MAX_MEMORY", "400 MB")
-    with pytest.raises(LogError, match=r"takes too much memory to read; 0.4 GB are allowed"):
-        read_table(path, ["a"])
