@@ -86,9 +86,9 @@ def read_raw(path: Source) -> RawLog:
     texts = list[str]()
     for name in cells.names:
         try:
-            columns[name] = cells.values([name])[name]
+            columns[name] = cells.values(name)
         except LogError:
-            if _is_mostly_numeric(cells.column(name)):
+            if _is_mostly_numeric(cells.columns[name]):
                 raise
             texts.append(name)
     if not columns:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.errors import DistalWarning, LogError
-from distal.logs.cells import factor_of, in_memory, scale, time_factor
+from distal.logs.cells import Cells, factor_of, scale, time_factor
 from distal.logs.door import Door, through
 from distal.logs.encoders import TURN
 from distal.logs.formats import TABLES, file_of
@@ -66,7 +66,7 @@ def read_log(
     if is_recording(path):
         unit = unit_factor(rig.log.time.unit, "s")
         found, stamps = open_recording(path, asked, time_column, unit)
-        cells = in_memory(found, Path(path), 0, found)
+        cells = Cells(found, Path(path), 0, tuple(found))
     else:
         stamps = None
         cells = open_table(path, asked, time_column)

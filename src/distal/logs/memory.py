@@ -56,7 +56,7 @@ def memory_limit() -> int:
 def check_rows(path: Path, rows: int, columns: int) -> None:
     """Raise a `LogError` where a table takes more memory than is allowed."""
     size = COPIES * rows * columns * np.dtype(np.float64).itemsize
-    check_memory(path, size, f"has {rows:,} rows of {columns} columns")
+    check_memory(path, size, f"has {rows:,} rows of {columns} columns or more")
 
 
 def check_memory(path: Path, needed: float, why: str) -> None:

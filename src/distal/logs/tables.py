@@ -23,7 +23,6 @@ from distal.logs.cells import (
     Column,
     dataset_info,
     header,
-    in_memory,
     needed,
     scale,
     units_of,
@@ -91,7 +90,7 @@ def episodes_of(folder: Path) -> list[Episode]:
             problems.append(problem)  # a recording that broke off leaves a file without its end
             continue
         cells.check([EPISODE])
-        values = cells.values([EPISODE])[EPISODE]
+        values = cells.values(EPISODE)
         if not np.isfinite(values).all():
             raise LogError(f"{file}: '{EPISODE}' lacks values")
         for number in map(int, dict.fromkeys(values.tolist())):
@@ -133,15 +132,11 @@ def rows_of_episode(episode: Episode, columns: list[str] | None) -> Cells:
         raise LogError(f"{episode.path}: cannot be read ({problem.strerror or problem})") from None
     cells, values = _file(episode.path, written, asked)
     mine = values == episode.number
-    held = {
-        name: np.asarray(cells.column(name))[mine]
-        for name in cells.names
-        if asked is None or name in asked
+    held: dict[str, Column] = {
+        name: np.asarray(column)[mine] for name, column in cells.columns.items()
     }
     named = {alias[name]: values for name, values in held.items() if name in alias} | held
-    return in_memory(
-        named, episode.path, 1, [*cells.names, *(name for name in named if name not in cells.names)]
-    )
+    return Cells(named, episode.path, 1, tuple(dict.fromkeys((*cells.names, *named))))
 
 
 @lru_cache(maxsize=2)
@@ -153,7 +148,7 @@ def _file(path: Path, written: int, columns: tuple[str, ...] | None) -> tuple[Ce
     """
     cells = read_parquet(path, columns)
     cells.check([EPISODE])
-    return cells, cells.values([EPISODE])[EPISODE]
+    return cells, cells.values(EPISODE)
 
 
 class Frame(Protocol):
@@ -264,7 +259,7 @@ def _opened(path: Source, columns: Sequence[str] | None, index_name: str | None)
     if index_name is not None and index_name not in names and _is_dated(index):
         columns_of[index_name] = _column(index)
         names = [*names, index_name]
-    return in_memory(columns_of, Path("the frame"), 0, names)
+    return Cells(columns_of, Path("the frame"), 0, tuple(names))
 
 
 def _is_dated(column: Any) -> bool:
@@ -302,5 +297,5 @@ def table_of(cells: Cells, desired: Sequence[str] | None, optional: Iterable[str
     )
     cells.check(names)
     return Table(
-        str(cells.path), cells.values(list(dict.fromkeys(names))), cells.first_row, cells.units
+        str(cells.path), {name: cells.values(name) for name in names}, cells.first_row, cells.units
     )

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from distal.errors import LogError
-from distal.logs.cells import WIDEST_VECTOR, Cells, Column, in_memory, needed, numbered
+from distal.logs.cells import WIDEST_VECTOR, Cells, Column, needed, numbered
 from distal.logs.formats.format import Format
 from distal.logs.memory import COPIES, check_memory
 
@@ -63,7 +63,7 @@ def read_hdf5(path: Path, columns: Sequence[str] | None) -> Cells:
             f"{path}: its columns have different lengths: {', '.join(map(str, sorted(lengths)))} "
             "rows"
         )
-    return in_memory(held, path, 1, list(positions))
+    return Cells(held, path, 1, tuple(positions))
 
 
 def _is_column(part: Any) -> bool:

@@ -17,7 +17,6 @@ from distal.logs.cells import (
     Cells,
     Column,
     component_names_in,
-    in_memory,
     needed,
     numbered,
 )
@@ -61,7 +60,7 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
                 name: _column(path, column, table[column], at)
                 for name, (column, at) in chosen.items()
             }
-            return in_memory(held, path, 1, parts)
+            return Cells(held, path, 1, tuple(parts))
         except LogError:
             raise
         except Exception as problem:  # of a damaged file Arrow may raise anything
