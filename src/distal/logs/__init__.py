@@ -31,7 +31,6 @@ from distal.logs.outputs import (
     write_together,
     write_whole,
 )
-from distal.logs.recordings import is_recording, open_recording, recorded_columns
 from distal.logs.tables import (
     Episode,
     Source,
@@ -66,16 +65,13 @@ __all__ = [
     "frozen",
     "header",
     "is_dataset",
-    "is_recording",
     "name_and_unit",
-    "open_recording",
     "open_table",
     "outputs_in",
     "read_angles",
     "read_log",
     "read_table",
     "read_truth",
-    "recorded_columns",
     "shown",
     "sources_of",
     "table_of",

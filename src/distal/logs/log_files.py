@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.errors import DistalWarning, LogError
-from distal.logs.cells import Cells, factor_of, scale, time_factor
+from distal.logs.cells import factor_of, scale, time_factor
 from distal.logs.door import Door, through
 from distal.logs.encoders import TURN
 from distal.logs.formats import TABLES, file_of
 from distal.logs.log import NO_SOURCE, Log, TruthKind, TruthSource, check_stamps
 from distal.logs.outputs import write_whole
-from distal.logs.recordings import is_recording, open_recording
 from distal.logs.stamps import Clock, clock_of, in_order
 from distal.logs.tables import Source, Table, open_table, table_of
 from distal.rig import REFERENCES, Rig, Sensor, angle_names, log_factor, torque_names
@@ -41,7 +40,7 @@ def read_log(
 
     Args:
         path: CSV, Parquet or HDF5; an MCAP file or a ROS bag, with columns ``/topic.field`` (see
-            `open_recording`); a frame of pandas or polars with the same columns and units; or an
+            `read_recording`); a frame of pandas or polars with the same columns and units; or an
             episode of a dataset.
         truth: the true joint angle: a column of the log, or a second file with ``t`` and ``theta``
             (rad, or the unit in its header).
@@ -63,20 +62,14 @@ def read_log(
     ]
     time_column = rig.log.time.column
     asked = [time_column, *desired, *optional, *([] if truth is None else [str(truth)])]
-    if is_recording(path):
-        unit = unit_factor(rig.log.time.unit, "s")
-        found, stamps = open_recording(path, asked, time_column, unit)
-        cells = Cells(found, Path(path), 0, tuple(found))
-    else:
-        stamps = None
-        cells = open_table(path, asked, time_column)
+    cells = open_table(path, asked, time_column, unit_factor(rig.log.time.unit, "s"))
     column = str(truth) if truth is not None and _is_column(cells.names, str(truth)) else None
     cells.check([time_column])
     factor = time_factor(rig, cells.units.get(time_column), str(cells.path))
     clock = clock_of(cells, time_column, factor)
     table = table_of(cells, desired, [*optional, *([column] if column else [])])
     time = clock.time
-    stamps = clock.stamps if stamps is None else stamps
+    stamps = clock.stamps
     rows = in_order(time, table.source, table.first_row)
     if rig.log.time.repeated != "refused":
         same = np.diff(time[rows]) == 0.0

@@ -30,6 +30,7 @@ from distal.logs.cells import (
 from distal.logs.formats import check_is_content, format_of
 from distal.logs.formats.parquet import read_parquet
 from distal.logs.outputs import shown
+from distal.logs.recordings import read_recording
 
 EPISODE = "episode_index"
 """Column that holds the number of the episode to which a row belongs."""
@@ -210,25 +211,27 @@ def read_table(path: str | Path, desired: Sequence[str] | None = None) -> Table:
 
 
 def open_table(
-    path: Source, columns: Sequence[str] | None = None, index_name: str | None = None
+    path: Source, columns: Sequence[str] | None = None, time: str = "t", unit: float = 1.0
 ) -> Cells:
-    """Return the cells of a file, of a frame, or of an episode of a dataset.
+    """Return the cells of a file, of a recording of topics (see `read_recording`), of a frame, or of
+    an episode of a dataset.
 
     Args:
         path: a path, a frame of any library whose columns have ``to_numpy``, or an episode.
         columns: names of the columns that are needed, with or without units; None needs all. Others
             may be left out where the format allows that.
-        index_name: column for which a pandas frame's index of dates is taken where the frame lacks
-            it.
+        time: time column; a recording has its stamps there, and a pandas frame that lacks it its
+            index of dates.
+        unit: unit of the time column in a recording's JSON messages [s].
 
     Raises:
         LogError: see `read_table`.
     """
-    cells = _opened(path, columns, index_name)
+    cells = _opened(path, columns, time, unit)
     return cells.without_units(units_of(cells.names, columns or (), str(cells.path)))
 
 
-def _opened(path: Source, columns: Sequence[str] | None, index_name: str | None) -> Cells:
+def _opened(path: Source, columns: Sequence[str] | None, time: str, unit: float) -> Cells:
     if isinstance(path, Episode):
         return rows_of_episode(path, None if columns is None else list(columns))
     if isinstance(path, (str, Path)):
@@ -239,14 +242,14 @@ def _opened(path: Source, columns: Sequence[str] | None, index_name: str | None)
             raise LogError(
                 f"{shown(path)}: cannot be read ({getattr(problem, 'strerror', None) or problem})"
             ) from None
+        kind = format_of(path)
+        if kind.read is None:
+            return read_recording(path, columns, time, unit)
         if is_folder:
             raise LogError(
                 f"{path}: is a folder without {INFO}, so no dataset; give its files, such as "
                 f"{path}/*.csv"
             )
-        kind = format_of(path)
-        if kind.read is None:
-            raise LogError(f"{path}: is a recording of topics; a CSV or Parquet file is expected")
         check_is_content(path)
         return kind.read(path, columns)
     if not hasattr(path, "columns"):
@@ -256,9 +259,9 @@ def _opened(path: Source, columns: Sequence[str] | None, index_name: str | None)
     }
     names = [str(name) for name in path.columns]
     index = getattr(path, "index", None)
-    if index_name is not None and index_name not in names and _is_dated(index):
-        columns_of[index_name] = _column(index)
-        names = [*names, index_name]
+    if time not in names and _is_dated(index):
+        columns_of[time] = _column(index)
+        names = [*names, time]
     return Cells(columns_of, Path("the frame"), 0, tuple(names))
 
 
