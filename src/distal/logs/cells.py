@@ -200,6 +200,14 @@ def dataset_info(folder: Path) -> dict[str, object]:
 Column = NDArray[Any] | list[str]
 """The cells of one column: an array of numbers or dates (``datetime64``), or a list of texts."""
 
+
+def as_column(values: NDArray[Any]) -> Column:
+    """Return an array as cells: what is neither number nor date becomes text."""
+    if values.dtype.kind in "OUT":
+        return ["" if cell is None else str(cell) for cell in values.tolist()]
+    return values
+
+
 MISSING = frozenset({"", "nan", "na", "n/a", "<na>", "null", "none", "-"})
 """Texts of a cell that mean a missing value, in lower case; a cell may be in any case."""
 

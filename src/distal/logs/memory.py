@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +11,8 @@ from distal.errors import LogError, UnitError
 from distal.logs.outputs import shown
 from distal.units import to_si
 
-MOST_MEMORY = 2_000_000_000
-"""Memory that reading a log may take, unless the user sets another limit [bytes]. Source:
+MOST_MEMORY = "2 GB"
+"""Memory that reading a log may take, unless the user sets another limit. Source:
 judgement.
 """
 
@@ -33,24 +32,12 @@ def memory_limit() -> int:
     such as ``8 GB``, else `MOST_MEMORY`.
 
     Raises:
-        LogError: $DISTAL_MAX_MEMORY holds no size, or one below 1 MB.
+        LogError: $DISTAL_MAX_MEMORY holds no size.
     """
-    text = os.environ.get(MEMORY_VARIABLE)
-    if not text:
-        return MOST_MEMORY
-    quantity: float | str = text
-    with suppress(ValueError):
-        quantity = float(text)  # a bare number is in bytes
     try:
-        size = to_si(quantity, "byte")
+        return int(to_si(os.environ.get(MEMORY_VARIABLE) or MOST_MEMORY, "byte"))
     except UnitError as problem:
         raise LogError(f"{MEMORY_VARIABLE}: {problem}") from None
-    if not 1e6 <= size < 1e18:
-        raise LogError(
-            f"{MEMORY_VARIABLE}: '{text}' is no size to read logs with; from 1 MB on is allowed, "
-            "e.g. 8 GB"
-        )
-    return int(size)
 
 
 def check_rows(path: Path, rows: int, columns: int) -> None:

@@ -21,6 +21,7 @@ from distal.logs.cells import (
     INFO,
     Cells,
     Column,
+    as_column,
     dataset_info,
     header,
     needed,
@@ -50,14 +51,11 @@ class Episode:
     number: int
 
     @property
-    def stem(self) -> str:
-        """The episode's name without an ending, for names of files."""
+    def name(self) -> str:
+        """The episode's name in tables of results, and of files without their ending."""
         return f"episode_{self.number:06d}"
 
-    @property
-    def name(self) -> str:
-        """The episode's name in tables of results."""
-        return self.stem
+    stem = name
 
     def __str__(self) -> str:
         """Return file and number."""
@@ -213,7 +211,7 @@ def read_table(path: str | Path, desired: Sequence[str] | None = None) -> Table:
 def open_table(
     path: Source, columns: Sequence[str] | None = None, time: str = "t", unit: float = 1.0
 ) -> Cells:
-    """Return the cells of a file, of a recording of topics (see `read_recording`), of a frame, or of
+    """Return the cells of a file, a recording of topics (`read_recording`), a frame, or
     an episode of a dataset.
 
     Args:
@@ -273,14 +271,11 @@ def _is_dated(column: Any) -> bool:
 def _column(column: Any) -> Column:
     """Return a frame's column or index as cells.
 
-    Dates with a zone are turned into UTC; what is neither number nor date becomes text.
+    Dates with a zone are turned into UTC.
     """
     if _is_dated(column) and getattr(column.dtype, "tz", None) is not None:
         column = getattr(column, "dt", column).tz_convert(None)
-    values = np.asarray(column.to_numpy())
-    if values.dtype.kind in "OUT":
-        return ["" if cell is None else str(cell) for cell in values.tolist()]
-    return values
+    return as_column(np.asarray(column.to_numpy()))
 
 
 def table_of(cells: Cells, desired: Sequence[str] | None, optional: Iterable[str] = ()) -> Table:

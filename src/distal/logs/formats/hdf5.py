@@ -79,13 +79,7 @@ def _is_column(part: Any) -> bool:
 def _columns(name: str, part: Any) -> list[tuple[str, int | None]]:
     if len(part.shape) == 1:
         return [(name, None)]
-    names = part.attrs.get("names")
-    identified = (
-        None
-        if names is None
-        else [n.decode() if isinstance(n, bytes) else str(n) for n in np.ravel(names)]
-    )
-    return [(column, k) for k, column in enumerate(numbered(name, identified, part.shape[1]))]
+    return [(column, k) for k, column in enumerate(numbered(name, None, part.shape[1]))]
 
 
 HDF5 = Format(endings=(".h5", ".hdf5"), read=read_hdf5)

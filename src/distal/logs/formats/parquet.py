@@ -16,15 +16,13 @@ from distal.logs.cells import (
     WIDEST_VECTOR,
     Cells,
     Column,
+    as_column,
     component_names_in,
     needed,
     numbered,
 )
 from distal.logs.formats.format import Format
 from distal.logs.memory import check_rows
-
-TEXTS = ("string", "large_string", "string_view")
-"""Names of Arrow's types of text."""
 
 
 def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
@@ -34,8 +32,8 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
         columns: names of the columns that are needed; None needs all.
 
     Raises:
-        LogError: the file is not Parquet, the columns take more memory than is allowed or hold
-            neither numbers nor dates nor text, or pyarrow is missing.
+        LogError: the file is not Parquet, the columns take more memory than is allowed, or pyarrow
+            is missing.
     """
     try:
         import pyarrow
@@ -101,7 +99,6 @@ def _column(path: Path, name: str, column: Any, at: int | None) -> Column:
     numbers stay whole where none is missing, dates keep their unit.
     """
     import pyarrow.compute
-    from pyarrow import types
 
     if at is not None:
         lengths = pyarrow.compute.list_value_length(column)
@@ -110,20 +107,7 @@ def _column(path: Path, name: str, column: Any, at: int | None) -> Column:
                 f"{path}: column '{name}' holds vectors of different lengths, or misses some"
             )
         column = pyarrow.compute.list_element(column, at)
-    kind = column.type
-    if str(kind) in TEXTS:
-        texts: list[str] = column.fill_null("").to_pylist()
-        return texts
-    if types.is_decimal(kind):
-        column = column.cast("float64")
-    elif not (
-        types.is_integer(kind)
-        or types.is_floating(kind)
-        or types.is_timestamp(kind)
-        or types.is_date(kind)
-    ):
-        raise LogError(f"{path}: column '{name}' holds {kind}; numbers are expected")
-    return np.asarray(column.to_numpy())
+    return as_column(column.to_numpy())
 
 
 def write_parquet(columns: Mapping[str, NDArray[np.generic]], file: BinaryIO) -> None:
