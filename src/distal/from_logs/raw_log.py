@@ -71,7 +71,7 @@ def read_raw(path: Source) -> RawLog:
         LogError: it cannot be read, holds no numbers, or has fewer than `FEWEST_ROWS` rows.
     """
     cells = open_table(path, None, TIME)
-    source = str(path) if isinstance(path, (str, Path, Episode)) else str(cells.path)
+    source = str(path) if isinstance(path, (str, Path, Episode)) else cells.source
     check_rows(source, cells.rows)
     columns = dict[str, Floats]()
     texts = list[str]()

@@ -35,11 +35,9 @@ from distal.logs.tables import (
     Episode,
     Source,
     episodes_of,
-    is_dataset,
     open_table,
     read_table,
     sources_of,
-    table_of,
 )
 
 __all__ = [
@@ -64,7 +62,6 @@ __all__ = [
     "file_of",
     "frozen",
     "header",
-    "is_dataset",
     "name_and_unit",
     "open_table",
     "outputs_in",
@@ -74,7 +71,6 @@ __all__ = [
     "read_truth",
     "shown",
     "sources_of",
-    "table_of",
     "true_angles",
     "true_torques",
     "unit_of_angles",

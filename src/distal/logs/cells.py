@@ -231,6 +231,11 @@ class Cells:
     units: Mapping[str, str] = field(default_factory=dict)
 
     @property
+    def source(self) -> str:
+        """What the table is called in messages."""
+        return str(self.path)
+
+    @property
     def rows(self) -> int:
         """Number of rows below the header."""
         return len(next(iter(self.columns.values()), ()))
@@ -256,6 +261,27 @@ class Cells:
             LogError: a cell is not a finite number; the message says where it is.
         """
         return parsed_cells(self.columns[name], self.path, name, self.first_row)
+
+    def in_si(self, name: str, si: str) -> Floats:
+        """Return a column in SI, by the unit in its header; without a unit there, it is unchanged.
+
+        Args:
+            si: SI unit of the quantity.
+        """
+        unit = self.units.get(name)
+        return self.values(name) * scale(
+            unit, si, f"{self.path}: column '{header(name, unit or '')}'"
+        )
+
+    def numbers(self, names: Iterable[str]) -> Cells:
+        """Return the table of some columns, as numbers.
+
+        Raises:
+            LogError: a column is missing, a cell is no number, or there is no row.
+        """
+        names = list(names)
+        self.check(names)
+        return replace(self, columns={name: self.values(name) for name in names})
 
     def check(self, names: Iterable[str]) -> None:
         """Raise a `LogError` where the table lacks one of these columns, or has no row."""

@@ -7,8 +7,8 @@ Every error names the file, row and column, the value found, and what is allowed
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
@@ -23,9 +23,7 @@ from distal.logs.cells import (
     Column,
     as_column,
     dataset_info,
-    header,
     needed,
-    scale,
     units_of,
 )
 from distal.logs.formats import check_is_content, format_of
@@ -165,35 +163,7 @@ Source: TypeAlias = str | Path | Frame | Episode
 """The path of a file, a frame, or an episode of a dataset."""
 
 
-@dataclass(frozen=True)
-class Table:
-    """Columns of a file as numbers, with NaN for missing cells.
-
-    Args:
-        source: what the file is called in messages.
-        columns: name → numbers, (n,) each.
-        first_row: row number of the first value in the file, as a text editor counts.
-        units: name → unit, for columns whose header gave one.
-    """
-
-    source: str
-    columns: dict[str, Floats]
-    first_row: int
-    units: Mapping[str, str] = field(default_factory=dict)
-
-    def in_si(self, name: str, si: str) -> Floats:
-        """Return a column in SI, by the unit in its header; without a unit there, it is unchanged.
-
-        Args:
-            si: SI unit of the quantity.
-        """
-        unit = self.units.get(name)
-        return self.columns[name] * scale(
-            unit, si, f"{self.source}: column '{header(name, unit or '')}'"
-        )
-
-
-def read_table(path: str | Path, desired: Sequence[str] | None = None) -> Table:
+def read_table(path: str | Path, desired: Sequence[str] | None = None) -> Cells:
     """Return columns of a CSV or Parquet file as numbers.
 
     Args:
@@ -205,7 +175,8 @@ def read_table(path: str | Path, desired: Sequence[str] | None = None) -> Table:
         LogError: the file cannot be read, a column is missing or doubled, a cell is not a number, a
             row is short or long, or there is no row.
     """
-    return table_of(open_table(path, desired), desired)
+    cells = open_table(path, desired)
+    return cells.numbers(cells.names if desired is None else desired)
 
 
 def open_table(
@@ -226,7 +197,7 @@ def open_table(
         LogError: see `read_table`.
     """
     cells = _opened(path, columns, time, unit)
-    return cells.without_units(units_of(cells.names, columns or (), str(cells.path)))
+    return cells.without_units(units_of(cells.names, columns or (), cells.source))
 
 
 def _opened(path: Source, columns: Sequence[str] | None, time: str, unit: float) -> Cells:
@@ -276,24 +247,3 @@ def _column(column: Any) -> Column:
     if _is_dated(column) and getattr(column.dtype, "tz", None) is not None:
         column = getattr(column, "dt", column).tz_convert(None)
     return as_column(np.asarray(column.to_numpy()))
-
-
-def table_of(cells: Cells, desired: Sequence[str] | None, optional: Iterable[str] = ()) -> Table:
-    """Return columns of an open table as numbers.
-
-    Args:
-        desired: columns that must be there; None takes all.
-        optional: columns that are taken where the table has them.
-
-    Raises:
-        LogError: see `read_table`.
-    """
-    names = (
-        list(cells.names)
-        if desired is None
-        else [*desired, *(c for c in optional if c in cells.names)]
-    )
-    cells.check(names)
-    return Table(
-        str(cells.path), {name: cells.values(name) for name in names}, cells.first_row, cells.units
-    )
