@@ -86,34 +86,6 @@ def test_memory_that_no_header_tells(tmp_path: Path, monkeypatch: pytest.MonkeyP
         read_table(path, ["t", "a"])
 
 
-@pytest.mark.more
-@pytest.mark.parametrize("compression", ["ZSTD", pytest.param("LZ4", marks=pytest.mark.slow)])
-def test_a_small_recording_that_unpacks_to_much(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compression: str
-) -> None:
-    """By what its header says."""
-    from mcap.writer import CompressionType, Writer
-
-    from distal import load_rig, read_log
-
-    path = tmp_path / "bomb.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file, compression=CompressionType[compression])
-        writer.start()
-        channel = writer.register_channel(
-            "/sample", "json", writer.register_schema("s", "jsonschema", b"{}")
-        )
-        writer.add_message(channel, 0, b" " * 200_000_000, 0)
-        writer.finish()
-    assert path.stat().st_size < 1_000_000
-    monkeypatch.setenv("DISTAL_MAX_MEMORY", "300 MB")
-    with pytest.raises(
-        LogError,
-        match=r"200,000,\d\d\d bytes in a chunk, about 0.6 GB in memory; 0.3 GB are allowed",
-    ):
-        read_log(path, load_rig("template"))
-
-
 def test_one_damaged_log_of_many(path: Path, tmp_path: Path) -> None:
     """It is left out and said; the others of a batch are estimated."""
     from distal import estimate_batch, load_rig, load_scenario, simulate, write_log

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from distal.arrays import Bools, Floats
 from distal.errors import DistalWarning, LogError, did_you_mean
 from distal.logs.cells import Cells, Column
-from distal.logs.formats import Message, UndecodableError, check_is_content, format_of
+from distal.logs.formats import Message, UndecodableError, format_of
 from distal.logs.messages import STAMPS, number_of
 from distal.logs.stamps import (
     LATEST_DATE,
@@ -290,7 +290,6 @@ def messages_of(path: Path, topics: set[str]) -> Iterator[Message]:
     if not path.exists():
         raise LogError(f"{path}: is not there")
     try:
-        check_is_content(path)
         read = format_of(path).messages
         assert read is not None
         yield from read(path, topics)

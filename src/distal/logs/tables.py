@@ -211,6 +211,7 @@ def _opened(path: Source, columns: Sequence[str] | None, time: str, unit: float)
             raise LogError(
                 f"{shown(path)}: cannot be read ({getattr(problem, 'strerror', None) or problem})"
             ) from None
+        check_is_content(path)
         kind = format_of(path)
         if kind.read is None:
             return read_recording(path, columns, time, unit)
@@ -219,7 +220,6 @@ def _opened(path: Source, columns: Sequence[str] | None, time: str, unit: float)
                 f"{path}: is a folder without {INFO}, so no dataset; give its files, such as "
                 f"{path}/*.csv"
             )
-        check_is_content(path)
         return kind.read(path, columns)
     if not hasattr(path, "columns"):
         raise LogError(f"a log is a path, a frame or a distal.Log; {type(path).__name__} came")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from distal.errors import LogError
-from distal.logs.cells import WIDEST_VECTOR, Cells, Column, needed, numbered
+from distal.logs.cells import WIDEST_VECTOR, Cells, Column, needed
 from distal.logs.formats.format import Format
 from distal.logs.memory import COPIES, check_memory
 
@@ -79,7 +79,7 @@ def _is_column(part: Any) -> bool:
 def _columns(name: str, part: Any) -> list[tuple[str, int | None]]:
     if len(part.shape) == 1:
         return [(name, None)]
-    return [(column, k) for k, column in enumerate(numbered(name, None, part.shape[1]))]
+    return [(f"{name}.{k}", k) for k in range(part.shape[1])]
 
 
 HDF5 = Format(endings=(".h5", ".hdf5"), read=read_hdf5)
