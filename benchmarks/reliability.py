@@ -25,7 +25,6 @@ from tests.fuzzing.streams import Stream
 
 from benchmarks.report import table
 from distal import load_rig, load_scenario, scenario_rig
-from distal.logs.reader_process import _Reader
 
 WORKERS = 2
 MOST = 2.0
@@ -74,7 +73,6 @@ def run(kind: str, first: int, count: int) -> tuple[Counter[str], list[str], flo
 
 def peak() -> float:
     """Return the largest memory of this process and of those that it started [GB]."""
-    _Reader.current().end()  # what has not ended is not counted
     return (
         max(
             resource.getrusage(who).ru_maxrss

@@ -142,7 +142,7 @@ def test_the_readme_says_what_a_command_needs_beside_the_package() -> None:
 
 def test_what_the_page_on_security_says_of_the_code_is_so() -> None:
     """No pickle is loaded and nothing is evaluated; what it names is there; other programs are
-    started in two files.
+    started in one file.
     """
     said = (ROOT / "SECURITY.md").read_text(encoding="utf-8")
     sources = {
@@ -153,7 +153,7 @@ def test_what_the_page_on_security_says_of_the_code_is_so() -> None:
             r"(?<![\w.])(eval|exec)\(|pickle\.loads?\(|allow_pickle=True|shell=True", text
         ), name
     starts = {name for name, text in sources.items() if re.search(r"subprocess\.(run|Popen)", text)}
-    assert starts == {"compiler.py", "reader_process.py"}
+    assert starts == {"compiler.py"}
     for variable in ("DISTAL_COMPILE", "DISTAL_CACHE"):
         assert variable in said
         assert any(variable in text for text in sources.values())

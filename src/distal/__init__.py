@@ -19,12 +19,11 @@ if TYPE_CHECKING:
     from distal.from_logs import RigFromLogs, rig_from_logs
     from distal.homing import at_known_angle, homing_filter
     from distal.inverse import Commands, Inverse, LiveInverse
-    from distal.logs import Log, mujoco_recorder, read_log, write_log
+    from distal.logs import Log, read_log, write_log
     from distal.results import Estimate, plot_estimates
     from distal.rig import Rig, load_rig, shipped_rigs
     from distal.run import (
         LiveEstimator,
-        LiveInLogUnits,
         LogUnits,
         Monitor,
         estimate,
@@ -50,7 +49,6 @@ __all__ = [
     "Inverse",
     "KernelEstimator",
     "LiveEstimator",
-    "LiveInLogUnits",
     "LiveInverse",
     "Log",
     "LogUnits",
@@ -72,7 +70,6 @@ __all__ = [
     "load_scenario",
     "log_health",
     "make_estimator",
-    "mujoco_recorder",
     "plot_estimates",
     "read_log",
     "rig_from_logs",
@@ -97,12 +94,11 @@ _NAMES = {
     "from_logs": ("RigFromLogs", "rig_from_logs"),
     "homing": ("at_known_angle", "homing_filter"),
     "inverse": ("Commands", "Inverse", "LiveInverse"),
-    "logs": ("Log", "mujoco_recorder", "read_log", "write_log"),
+    "logs": ("Log", "read_log", "write_log"),
     "results": ("Estimate", "plot_estimates"),
     "rig": ("Rig", "load_rig", "shipped_rigs"),
     "run": (
         "LiveEstimator",
-        "LiveInLogUnits",
         "LogUnits",
         "Monitor",
         "estimate",

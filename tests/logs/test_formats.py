@@ -54,11 +54,6 @@ def log() -> Log:
 
 @pytest.fixture
 def no_pyarrow(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nor in the process that reads, since there is none."""
-    from distal.logs.reader_process import _Reader
-
-    _Reader.current().end()
-    monkeypatch.setattr(sys, "executable", "")
     monkeypatch.setitem(sys.modules, "pyarrow", None)
 
 

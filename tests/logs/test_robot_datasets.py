@@ -138,13 +138,12 @@ def test_hdf5_is_read_like_a_csv(tmp_path: Path, rig: Rig, runs: list[np.ndarray
     path, run = tmp_path / "run.hdf5", runs[1]
     with h5py.File(path, "w") as file:
         file["timestamp"] = run[:, 0]
-        state = file.create_dataset("observations/state", data=run[:, 1:])
-        state.attrs["names"] = list(NAMES)
+        file["observations/state"] = run[:, 1:]
         file["images"] = np.zeros((len(run), 4, 4, 3), dtype=np.uint8)
     named = rig.with_values(
         {
-            "sensors.motor_angle.column": "observations/state.motor.pos",
-            "sensors.motor_torque.column": "observations/state.motor.current",
+            "sensors.motor_angle.column": "observations/state.0",
+            "sensors.motor_torque.column": "observations/state.1",
         }
     )
     plain = read_log(csv_of(tmp_path / "run.csv", rig, run), rig)

@@ -1,4 +1,4 @@
-"""Drawn MuJoCo models of fingers, and what the recorder sees of them."""
+"""Drawn MuJoCo models of fingers, and logs of them."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-import distal
 from distal import Log, Rig
-from distal.rig import from_mujoco
+from distal.rig import angle_names, from_mujoco
 
 Floats = NDArray[np.float64]
 
@@ -90,16 +89,43 @@ def own_finger(seed: int, coupled: bool) -> str:
   {tie}<actuator>{motors}</actuator></mujoco>"""
 
 
+STEPS = 20
+"""Of the simulation between two samples."""
+
+
 def unstretched(seed: int, coupled: bool) -> tuple[Rig, Log]:
-    """Return the rig of an own finger, and what the recorder sees of it: tendons that do not
-    stretch, no noise.
-    """
+    """Return the rig of an own finger, and its log: tendons that do not stretch, no noise."""
     model = mujoco.MjModel.from_xml_string(own_finger(seed, coupled))
     data, rig = mujoco.MjData(model), from_mujoco(model).rig
-    recorder = distal.mujoco_recorder(model, data, rig)
+    rest, now = mujoco.MjData(model), mujoco.MjData(model)
+    mujoco.mj_forward(model, rest)
     knots, forces = wandering(np.random.default_rng([seed, 244]), model.nu, *PULL)
+    rows, count = list[list[float]](), 0
     while data.time < SECONDS:
         data.ctrl[:] = [np.interp(data.time, knots, column) for column in forces.T]
         mujoco.mj_step(model, data)
-        recorder.record()
-    return rig, recorder.log()
+        if count % STEPS == 0:
+            # after a step MuJoCo's lengths and forces are still those before it
+            mujoco.mj_copyData(now, model, data)
+            mujoco.mj_forward(model, now)
+            shorter = rest.ten_length - now.ten_length
+            pulls = dict(zip((model.tendon(i).name for i in model.actuator_trnid[:, 0]), range(9)))
+            rows.append(
+                [data.time]
+                + [
+                    float(
+                        now.qpos[model.joint(sensor.of).qposadr[0]]
+                        if sensor.measures == "angle"
+                        else shorter[model.tendon(sensor.of).id]
+                        if sensor.measures == "position"
+                        else now.actuator_force[pulls[sensor.of]]
+                    )
+                    for sensor in rig.sensors
+                ]
+            )
+        count += 1
+    time, *columns = np.array(rows).T
+    channels = {sensor.name: column for sensor, column in zip(rig.sensors, columns)}
+    angles = angle_names(rig.joint_names)
+    truth = {name: channels[f"encoder_{joint}"] for name, joint in zip(angles, rig.joint_names)}
+    return rig, Log(time, channels, truth)

@@ -11,7 +11,8 @@ from typing import Literal
 from lerobot.configs.types import FeatureType, PipelineFeatureType, PolicyFeature
 from lerobot.processor import ObservationProcessorStep, ProcessorStepRegistry
 
-from distal.run import LiveInLogUnits
+from distal.run import LiveEstimator, LogUnits, Monitor
+from distal.units import unit_factor
 
 STATE = "observation.state."
 """Before a number of a robot's state in the columns of a dataset, and not in its observations."""
@@ -37,22 +38,32 @@ class JointAngles(ObservationProcessorStep):  # type: ignore[misc]
 
     def __post_init__(self) -> None:
         """Begin at the next observation."""
-        self._live = LiveInLogUnits(self.rig, self.unit)
+        live = LiveEstimator(self.rig)
+        self._monitor = Monitor(live)
+        self._units = LogUnits(live.rig, live.channels)
+        self._joints = live.rig.joint_names
+        self._scale = 1.0 / unit_factor(self.unit, "rad")
         self._begun = time.monotonic()
 
     def observation(self, observation: dict[str, object]) -> dict[str, object]:
         """Return an observation with the joint angles, NaN where there is no estimate."""
-        values = {
-            column: observation.get(column.removeprefix(STATE)) for column in self._live.columns
-        }
-        angles = self._live.step(time.monotonic() - self._begun, values)
-        stds = self._live.stds
-        named = {f"{joint}.angle": angle for joint, angle in angles.items()}
-        return observation | named | {f"{joint}.angle_std": std for joint, std in stds.items()}
+        stamp = time.monotonic() - self._begun
+        columns = self._units.columns
+        values = {column: observation.get(column.removeprefix(STATE)) for column in columns}
+        sample = self._units.sample(stamp, values)
+        reading = self._monitor.take(stamp, sample, self._units.remarks)
+        added = dict[str, object]()
+        for joint, angle, std in zip(self._joints, reading.angles, reading.angle_stds):
+            added |= {
+                f"{joint}.angle": self._scale * angle,
+                f"{joint}.angle_std": self._scale * std,
+            }
+        return observation | added
 
     def reset(self) -> None:
         """Forget everything: an episode begins."""
-        self._live.reset()
+        self._units.reset()
+        self._monitor.reset()
 
     def get_config(self) -> dict[str, str]:
         """Return what makes the same step again."""
@@ -64,7 +75,7 @@ class JointAngles(ObservationProcessorStep):  # type: ignore[misc]
         """Return the features with those that are added."""
         added = {
             f"{joint}.{what}": PolicyFeature(type=FeatureType.STATE, shape=(1,))
-            for joint in self._live.rig.joint_names
+            for joint in self._joints
             for what in ("angle", "angle_std")
         }
         observed = PipelineFeatureType.OBSERVATION

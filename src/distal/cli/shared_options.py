@@ -249,11 +249,9 @@ def check_command_outputs(
 
 def _files_of(log: Path) -> Iterator[Path]:
     """Yield the files from which a log is read; a ROS bag has several in its folder."""
-    from distal.logs import is_recording
-
     yield log
     folder = log.parent if log.suffix.lower() == ".db3" else log
-    if is_recording(log) and folder.is_dir():
+    if folder.is_dir():
         yield from (file for file in sorted(folder.iterdir()) if file.suffix.lower() in BAG)
 
 

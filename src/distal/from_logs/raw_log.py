@@ -20,11 +20,9 @@ from distal.logs import (
     Episode,
     Source,
     decoded,
-    is_recording,
-    open_recording,
     open_table,
-    recorded_columns,
 )
+from distal.logs.stamps import clock_of
 from distal.units import USUAL, unit_factor
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
@@ -72,23 +70,18 @@ def read_raw(path: Source) -> RawLog:
     Raises:
         LogError: it cannot be read, holds no numbers, or has fewer than `FEWEST_ROWS` rows.
     """
-    if is_recording(path):
-        names = recorded_columns(path)
-        if not names:
-            raise LogError(f"{path}: no message has numbers")
-        read, _ = open_recording(path, names, TIME)
-        check_rows(str(path), len(read[TIME]))
-        return _raw(str(path), read)
-    cells = open_table(path)
-    source = str(path) if isinstance(path, (str, Path, Episode)) else str(cells.path)
+    cells = open_table(path, None, TIME)
+    source = str(path) if isinstance(path, (str, Path, Episode)) else cells.source
     check_rows(source, cells.rows)
     columns = dict[str, Floats]()
     texts = list[str]()
     for name in cells.names:
+        column = cells.columns[name]
+        is_dated = isinstance(column, np.ndarray) and column.dtype.kind == "M"
         try:
-            columns[name] = cells.values([name])[name]
+            columns[name] = clock_of(cells, name, 1.0).time if is_dated else cells.values(name)
         except LogError:
-            if _is_mostly_numeric(cells.column(name)):
+            if _is_mostly_numeric(column):
                 raise
             texts.append(name)
     if not columns:

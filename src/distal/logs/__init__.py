@@ -23,7 +23,6 @@ from distal.logs.log_files import (
     write_log,
 )
 from distal.logs.messages import MessageReader
-from distal.logs.mujoco_recorder import mujoco_recorder
 from distal.logs.outputs import (
     Output,
     check_outputs,
@@ -32,16 +31,13 @@ from distal.logs.outputs import (
     write_together,
     write_whole,
 )
-from distal.logs.recordings import is_recording, open_recording, recorded_columns
 from distal.logs.tables import (
     Episode,
     Source,
     episodes_of,
-    is_dataset,
     open_table,
     read_table,
     sources_of,
-    table_of,
 )
 
 __all__ = [
@@ -66,21 +62,15 @@ __all__ = [
     "file_of",
     "frozen",
     "header",
-    "is_dataset",
-    "is_recording",
-    "mujoco_recorder",
     "name_and_unit",
-    "open_recording",
     "open_table",
     "outputs_in",
     "read_angles",
     "read_log",
     "read_table",
     "read_truth",
-    "recorded_columns",
     "shown",
     "sources_of",
-    "table_of",
     "true_angles",
     "true_torques",
     "unit_of_angles",

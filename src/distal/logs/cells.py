@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain
 from math import inf, isinf, nan
 from pathlib import Path
 from typing import Any
@@ -201,32 +200,45 @@ def dataset_info(folder: Path) -> dict[str, object]:
 Column = NDArray[Any] | list[str]
 """The cells of one column: an array of numbers or dates (``datetime64``), or a list of texts."""
 
+
+def as_column(values: NDArray[Any]) -> Column:
+    """Return an array as cells: what is neither number nor date becomes text."""
+    if values.dtype.kind in "OUT":
+        return ["" if cell is None else str(cell) for cell in values.tolist()]
+    return values
+
+
 MISSING = frozenset({"", "nan", "na", "n/a", "<na>", "null", "none", "-"})
 """Texts of a cell that mean a missing value, in lower case; a cell may be in any case."""
 
 
 @dataclass(frozen=True)
 class Cells:
-    """An open table whose cells are as the file holds them.
+    """A table whose cells are as the file holds them.
 
     Args:
-        blocks: function from names of columns to their cells, some rows at a time, so that a long
-            text is never split as a whole.
+        columns: name → cells, of the columns that were read.
         first_row: row number of the first value in the file, as a text editor counts.
-        names: names of all columns of the table; units are taken off those that `without_units`
+        names: names of all columns of the file; units are taken off those that `without_units`
             knows.
-        rows: number of rows below the header.
         units: name → unit, for columns whose header gave a unit beside a name that was asked for.
-        held: name → cells, of the columns that are in memory as a whole.
     """
 
-    blocks: Callable[[Sequence[str]], Iterable[Sequence[Column]]]
+    columns: Mapping[str, Column]
     path: Path
     first_row: int
     names: tuple[str, ...]
-    rows: int
     units: Mapping[str, str] = field(default_factory=dict)
-    held: Mapping[str, Column] = field(default_factory=dict)
+
+    @property
+    def source(self) -> str:
+        """What the table is called in messages."""
+        return str(self.path)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows below the header."""
+        return len(next(iter(self.columns.values()), ()))
 
     def without_units(self, headers: Mapping[str, tuple[str, str]]) -> Cells:
         """Return the same table with columns called by their names alone.
@@ -234,34 +246,42 @@ class Cells:
         Args:
             headers: name → header and unit, as `units_of` returns them.
         """
-        header_of = {name: header for name, (header, _) in headers.items()}
-        name_of = {header: name for name, header in header_of.items()}
+        name_of = {header: name for name, (header, _) in headers.items()}
         return replace(
             self,
-            blocks=lambda names: self.blocks([header_of.get(name, name) for name in names]),
+            columns={name_of.get(name, name): cells for name, cells in self.columns.items()},
             names=tuple(name_of.get(header, header) for header in self.names),
             units={name: unit for name, (_, unit) in headers.items()},
         )
 
-    def column(self, name: str) -> Column:
-        """Return the cells of a column as the file holds them."""
-        parts = [column for (column,) in self.blocks([name])]
-        return parts[0] if len(parts) == 1 else list(chain.from_iterable(parts))
-
-    def values(self, names: Sequence[str]) -> dict[str, Floats]:
-        """Return columns as numbers, with NaN for missing cells.
+    def values(self, name: str) -> Floats:
+        """Return a column as numbers, with NaN for missing cells.
 
         Raises:
             LogError: a cell is not a finite number; the message says where it is.
         """
-        values = {name: np.empty(self.rows) for name in names}
-        row = 0
-        for columns in self.blocks(names) if names else ():
-            part = slice(row, row + len(columns[0]))
-            for name, column in zip(names, columns):
-                values[name][part] = parsed_cells(column, self.path, name, self.first_row + row)
-            row = part.stop
-        return values
+        return parsed_cells(self.columns[name], self.path, name, self.first_row)
+
+    def in_si(self, name: str, si: str) -> Floats:
+        """Return a column in SI, by the unit in its header; without a unit there, it is unchanged.
+
+        Args:
+            si: SI unit of the quantity.
+        """
+        unit = self.units.get(name)
+        return self.values(name) * scale(
+            unit, si, f"{self.path}: column '{header(name, unit or '')}'"
+        )
+
+    def numbers(self, names: Iterable[str]) -> Cells:
+        """Return the table of some columns, as numbers.
+
+        Raises:
+            LogError: a column is missing, a cell is no number, or there is no row.
+        """
+        names = list(names)
+        self.check(names)
+        return replace(self, columns={name: self.values(name) for name in names})
 
     def check(self, names: Iterable[str]) -> None:
         """Raise a `LogError` where the table lacks one of these columns, or has no row."""
@@ -274,25 +294,28 @@ class Cells:
             raise LogError(f"{self.path}: has a header but no rows")
 
 
-def in_memory(
-    columns: Mapping[str, Column], path: Path, first_row: int, names: Iterable[str]
-) -> Cells:
-    """Return a table of columns that are in memory.
+def compact(cells: list[str], path: Path, name: str, first_row: int) -> Column:
+    """Return cells as numbers, whole ones where all are; unchanged where one is no number."""
+    whole = whole_values(cells)
+    if whole is not None:
+        return whole
+    try:
+        return parsed_cells(cells, path, name, first_row)
+    except LogError:
+        return cells
 
-    Args:
-        columns: name → cells, of the columns that were read.
-        first_row: row number of the first value in the file.
-        names: names of all columns that the file has.
-    """
-    rows = len(next(iter(columns.values()), ()))
-    return Cells(
-        lambda desired: [[columns[name] for name in desired]],
-        path,
-        first_row,
-        tuple(names),
-        rows,
-        held=columns,
-    )
+
+def whole_values(cells: Column) -> NDArray[np.int64] | None:
+    """Return the cells as 64-bit integers, or None where a cell is something else."""
+    if isinstance(cells, np.ndarray):
+        is_whole = cells.dtype.kind in "iu" and cells.max(initial=0) <= np.iinfo(np.int64).max
+        return cells.astype(np.int64, copy=False) if is_whole else None
+    try:
+        return (
+            np.fromiter(map(int, cells), np.int64, len(cells)) if is_plain("".join(cells)) else None
+        )
+    except (ValueError, OverflowError):
+        return None
 
 
 def parsed_cells(column: Column, path: Path, name: str, first_row: int) -> Floats:

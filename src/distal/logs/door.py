@@ -8,7 +8,7 @@ stream gave.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import floor, inf, log, log1p, nan, pi, sqrt
 
@@ -93,7 +93,6 @@ class Door:
         rig: the description.
         sensors: in the order of a sample.
         factors: from logged numbers to SI, with the sensor's sign, (n,).
-        turns: index → the logged number of one turn, at which it wraps, 0 for one that does not.
         ranged: whether the ranges of the joints say in which turn a motor is; before a power-on
             routine they do not.
         doubting: whether readings that may be wrong or old are missing; what moves motors looks at
@@ -105,20 +104,18 @@ class Door:
         rig: Rig,
         sensors: Sequence[Sensor],
         factors: Floats,
-        turns: Mapping[int, float] | None = None,
         *,
         ranged: bool = True,
         doubting: bool = True,
     ) -> None:
         self._sensors = tuple(sensors)
         self._factors = [float(factor) for factor in factors]
-        sizes = turns or {}
         self._registers = [_Register(getattr(s, "counts_per_turn", None)) for s in sensors]
         self._noises = [_Noise() for _ in sensors]
         self._doubting = doubting
         self._moving = [i for i, sensor in enumerate(sensors) if sensor.measures not in REFERENCES]
         self._encoders = {
-            i: encoder_of(rig, sensor, self._factors[i], sizes.get(i), ranged, doubting)
+            i: encoder_of(rig, sensor, self._factors[i], ranged, doubting)
             for i, sensor in enumerate(sensors)
             if sensor.measures in ("position", "angle")
         }

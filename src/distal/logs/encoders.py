@@ -279,14 +279,11 @@ class Encoder:
         return anew, "restarted" if isfinite(self._last) and anew != position else None
 
 
-def encoder_of(
-    rig: Rig, sensor: Sensor, factor: float, asked: float | None, ranged: bool, doubting: bool
-) -> Encoder:
+def encoder_of(rig: Rig, sensor: Sensor, factor: float, ranged: bool, doubting: bool) -> Encoder:
     """Return what follows a sensor of a position or of a joint's angle.
 
     Args:
         factor: from a logged number to SI.
-        asked: logged number of one turn that a user gave, 0 for one that does not wrap, or None.
         ranged: whether the joint's range says in which turn it is.
         doubting: whether a position that its drive cannot have reached waits for the next sample.
     """
@@ -295,9 +292,6 @@ def encoder_of(
     if counts is not None:
         turn = abs(factor) * counts
     wraps = counts is not None and sensor.measures == "position"
-    if asked is not None:
-        wraps = asked > 0.0
-        turn = abs(factor) * asked if wraps else inf
     low, high = motor_range(rig, sensor) if ranged else (-inf, inf)
     drive = next((drive for drive in rig.drives if drive.name == sensor.of), None)
     servo = None if drive is None or drive.servo is None else drive.servo.fastest

@@ -12,16 +12,14 @@ from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.errors import DistalWarning, LogError
-from distal.logs.cells import factor_of, scale, time_factor
+from distal.logs.cells import Cells, factor_of, scale, time_factor
 from distal.logs.door import Door, through
 from distal.logs.encoders import TURN
 from distal.logs.formats import TABLES, file_of
 from distal.logs.log import NO_SOURCE, Log, TruthKind, TruthSource, check_stamps
 from distal.logs.outputs import write_whole
-from distal.logs.reader_process import read_apart
-from distal.logs.recordings import ROW_STAMPS, is_recording, recorded_cells
 from distal.logs.stamps import Clock, clock_of, in_order
-from distal.logs.tables import Source, Table, open_table, table_of
+from distal.logs.tables import Source, open_table
 from distal.rig import REFERENCES, Rig, Sensor, angle_names, log_factor, torque_names
 from distal.units import unit_factor
 
@@ -42,7 +40,7 @@ def read_log(
 
     Args:
         path: CSV, Parquet or HDF5; an MCAP file or a ROS bag, with columns ``/topic.field`` (see
-            `open_recording`); a frame of pandas or polars with the same columns and units; or an
+            `read_recording`); a frame of pandas or polars with the same columns and units; or an
             episode of a dataset.
         truth: the true joint angle: a column of the log, or a second file with ``t`` and ``theta``
             (rad, or the unit in its header).
@@ -64,26 +62,22 @@ def read_log(
     ]
     time_column = rig.log.time.column
     asked = [time_column, *desired, *optional, *([] if truth is None else [str(truth)])]
-    if is_recording(path):
-        unit = unit_factor(rig.log.time.unit, "s")
-        cells = read_apart(recorded_cells, Path(path), asked, time_column, unit)
-    else:
-        cells = open_table(path, asked, time_column)
+    cells = open_table(path, asked, time_column, unit_factor(rig.log.time.unit, "s"))
     column = str(truth) if truth is not None and _is_column(cells.names, str(truth)) else None
     cells.check([time_column])
-    factor = time_factor(rig, cells.units.get(time_column), str(cells.path))
+    factor = time_factor(rig, cells.units.get(time_column), cells.source)
     clock = clock_of(cells, time_column, factor)
-    table = table_of(cells, desired, [*optional, *([column] if column else [])])
+    there = [name for name in [*optional, column] if name in cells.names]
+    table = cells.numbers([*desired, *filter(None, there)])
     time = clock.time
-    stamps = np.asarray(cells.held[ROW_STAMPS]) if is_recording(path) else clock.stamps
+    stamps = clock.stamps
     rows = in_order(time, table.source, table.first_row)
     if rig.log.time.repeated != "refused":
         same = np.diff(time[rows]) == 0.0
         at = len(same) if rig.log.time.repeated == "last" else 0
         rows = rows[~np.insert(same, at, False)]
     if len(rows) < len(time):
-        columns = {name: values[rows] for name, values in table.columns.items()}
-        table = replace(table, columns=columns)
+        table = replace(table, columns={name: table.values(name)[rows] for name in table.columns})
         time = time[rows]
         if stamps is not None:
             stamps = stamps[rows]
@@ -107,7 +101,7 @@ def read_log(
             )
     known = angles | _known_torques(rig, table, readings)
     setpoints = {
-        name: table.columns[column]
+        name: table.values(column)
         * (s.sign * factor_of(s, table.units.get(s.log_column), table.source))
         for name, (column, s) in goals.items()
         if column in table.columns
@@ -115,7 +109,7 @@ def read_log(
     return Log(time, channels, known, table.source, origin, stamps, setpoints)
 
 
-def _known_torques(rig: Rig, table: Table, readings: Mapping[str, Floats]) -> dict[str, Floats]:
+def _known_torques(rig: Rig, table: Cells, readings: Mapping[str, Floats]) -> dict[str, Floats]:
     """Return name → external torque [N m], of the joints whose torque a log has.
 
     A simulated log's own true torque comes before a torque sensor's reading.
@@ -127,7 +121,7 @@ def _known_torques(rig: Rig, table: Table, readings: Mapping[str, Floats]) -> di
 
 def _known_angles(
     rig: Rig,
-    table: Table,
+    table: Cells,
     readings: Mapping[str, Floats],
     column: str | None,
     truth: str | Path | None,
@@ -177,7 +171,7 @@ def _of_references(
 
 def _readings(
     rig: Rig,
-    table: Table,
+    table: Cells,
     time: Floats,
     truth: str | None,
     ranged: bool,
@@ -199,7 +193,7 @@ def _readings(
                     raise
                 warnings.warn(f"{problem}: left out", DistalWarning, stacklevel=3)
     columns = [sensor.log_column for sensor in factors]
-    logged = [table.columns[column] for column in columns]
+    logged = [table.values(column) for column in columns]
     door = Door(rig, [*factors], np.array([*factors.values()]), ranged=ranged)
     samples, lines = through(door, time, logged, columns)
     for line in lines:
@@ -215,7 +209,7 @@ def _readings(
     return readings
 
 
-def _simulated(names: Sequence[str], si: str, table: Table) -> dict[str, Floats]:
+def _simulated(names: Sequence[str], si: str, table: Cells) -> dict[str, Floats]:
     """Return name → the true values in SI that a simulation wrote."""
     there = [name for name in names if f"true_{name}" in table.columns]
     return {name: table.in_si(f"true_{name}", si) for name in there}
@@ -277,7 +271,7 @@ def read_angles(
     cells.check(["t"])
     unit = scale(cells.units.get("t"), "s", f"{cells.path}: column 't'")
     stamps = clock_of(cells, "t", unit).since(start)
-    table = table_of(cells, names)
+    table = cells.numbers(names)
     check_stamps(stamps, table.source, range(table.first_row, table.first_row + len(stamps)))
     return stamps, {name: table.in_si(name, "rad") for name in names}
 

@@ -6,7 +6,7 @@ import csv
 import json
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import is_dataclass
 from math import isnan, nan
 
@@ -16,8 +16,7 @@ from distal.arrays import Floats
 from distal.errors import LogError
 from distal.logs.cells import MISSING, factor_of, time_factor, units_of
 from distal.logs.door import Door, Remark
-from distal.rig import Rig, log_factor
-from distal.units import unit_factor
+from distal.rig import Rig
 
 INDEX = re.compile("[0-9]{1,9}")
 """An index of an array in a path."""
@@ -39,14 +38,21 @@ class MessageReader:
     def __init__(self, rig: Rig, channels: Sequence[str]) -> None:
         sensors = {sensor.name: sensor for sensor in rig.sensors}
         self._time = rig.log.time.column
-        self._time_factor = unit_factor(rig.log.time.unit, "s")
         self._rig = rig
         self._sensors = [sensors[channel] for channel in channels]
         self._columns = [sensor.log_column for sensor in self._sensors]
-        self._factors = np.array([sensor.sign * log_factor(sensor) for sensor in self._sensors])
         self._at: dict[str, int] = {}
         self._separator = ","
-        self._door = Door(rig, self._sensors, self._factors)
+        self._use({})
+
+    def _use(self, units: Mapping[str, str]) -> None:
+        """Take units of columns, name → unit, before those of the rig."""
+        self._time_factor = time_factor(self._rig, units.get(self._time), "the stream")
+        factors = [
+            sensor.sign * factor_of(sensor, units.get(sensor.log_column), "the stream")
+            for sensor in self._sensors
+        ]
+        self._door = Door(self._rig, self._sensors, np.array(factors))
 
     def header(self, line: str) -> None:
         """Read the header of a CSV stream, which must come before the first line.
@@ -75,13 +81,7 @@ class MessageReader:
                 f"the stream's header has none of the columns {', '.join(self._columns)} (it has "
                 f"{known})"
             )
-        units = {name: unit for name, (_, unit) in headers.items()}
-        self._time_factor = time_factor(self._rig, units.get(self._time), "the stream")
-        self._factors[:] = [
-            sensor.sign * factor_of(sensor, units.get(sensor.log_column), "the stream")
-            for sensor in self._sensors
-        ]
-        self._door = Door(self._rig, self._sensors, self._factors)
+        self._use({name: unit for name, (_, unit) in headers.items()})
         self._at = at
 
     @property

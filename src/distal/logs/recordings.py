@@ -12,19 +12,18 @@ from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TypeAlias, TypeGuard
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
 from distal.errors import DistalWarning, LogError, did_you_mean
-from distal.logs.cells import Cells, in_memory
-from distal.logs.formats import Message, UndecodableError, check_is_content, format_of
+from distal.logs.cells import Cells, Column
+from distal.logs.formats import Message, UndecodableError, format_of
 from distal.logs.messages import STAMPS, number_of
 from distal.logs.stamps import (
     LATEST_DATE,
-    REWOUND,
     longest_part,
     say_wild,
     set_backs,
@@ -49,26 +48,17 @@ points. Source: judgement.
 NO_TIME = round(LATEST_DATE * 1e9)
 """Stamp in place of one that is no time [ns]. Source: definition (unit conversion)."""
 
-ROW_STAMPS = "stamps [ns]"
-"""Name under which a recording's stamps are held, beside the columns that were asked for."""
-
-Reading: TypeAlias = tuple[int | None, int, float]
-"""Stamp in the message's header [ns] or None, stamp of the recorder [ns], and value."""
+Reading: TypeAlias = tuple[int, int | None, int, float]
+"""Number of the message in the recording, stamp in its header [ns] or None, stamp of the recorder
+[ns], and value.
+"""
 
 Stamped: TypeAlias = tuple[NDArray[np.int64], Floats]
 """Stamps [ns] and values of a column, (n,) each."""
 
 
-def is_recording(path: object) -> TypeGuard[str | Path]:
-    """Return whether a path is an MCAP file or a ROS bag."""
-    return isinstance(path, (str, Path)) and format_of(path).messages is not None
-
-
-def open_recording(
-    path: str | Path, columns: Sequence[str], time: str, unit: float = 1.0
-) -> tuple[dict[str, Floats], NDArray[np.int64]]:
-    """Return the columns that a recording has, with time from its first stamp on, and the stamps of
-    the rows [ns].
+def read_recording(path: Path, columns: Sequence[str] | None, time: str, unit: float) -> Cells:
+    """Return the columns that a recording has, and the stamps of its rows as dates.
 
     A column is ``/topic.field``, e.g. ``/joint_states.position[0]`` or
     ``/load/left.wrench.force.z``. In ``/joint_states[left_wrist].position``, the name in brackets
@@ -79,17 +69,20 @@ def open_recording(
 
     Args:
         path: an MCAP file, or a bag of ROS 2 (a folder) or ROS 1.
+        columns: names of the columns that are needed; None needs all that hold numbers.
         time: name of the rig's time column.
-        unit: unit of the time column [s].
+        unit: unit of the time column in JSON messages [s].
 
     Raises:
         LogError: the recording cannot be read, a package for that is missing, or none of the
             columns is there.
     """
-    path = Path(path)
+    columns = recorded_columns(path) if columns is None else columns
+    if not columns:
+        raise LogError(f"{path}: no message has numbers")
     readings: dict[str, list[Reading]] = {column: [] for column in columns if column != time}
     topics: set[str] = set()
-    for message in messages_of(path, topics):
+    for number, message in enumerate(messages_of(path, topics)):
         for column, samples in readings.items():
             cell = _cell(message, column)
             if cell is None:
@@ -100,7 +93,7 @@ def open_recording(
                     f"{path}: '{column}' is no number; name one element of it, e.g. {column}[0]"
                 )
             recorded = min(message.recorded, NO_TIME)
-            samples.append((stamp, recorded, _number(path, cell, column)))
+            samples.append((number, stamp, recorded, _number(path, cell, column)))
     readings = {column: samples for column, samples in readings.items() if samples}
     if not readings:
         first = next((column for column in columns if column != time), "")
@@ -115,21 +108,12 @@ def open_recording(
         if len(in_cycle) > 1:
             stamped |= _in_cycles({column: stamped[column] for column in in_cycle})
     rows = _merged([np.unique(stamps) for stamps, _ in stamped.values()])
-    columns_of = {time: (rows - rows[0]) * 1e-9 / unit}
+    columns_of: dict[str, Column] = {time: rows.view("datetime64[ns]")}
     for column, (stamps, values) in stamped.items():
-        columns_of[column] = np.full(len(rows), np.nan)
-        columns_of[column][np.searchsorted(rows, stamps, side="right") - 1] = values
-    return columns_of, rows
-
-
-def recorded_cells(path: Path, columns: Sequence[str], time: str, unit: float) -> Cells:
-    """Return what `open_recording` reads as a table, with the stamps of the rows in its `held`.
-
-    Args:
-        unit: unit of the time column [s].
-    """
-    found, stamps = open_recording(path, columns, time, unit)
-    return in_memory(found | {ROW_STAMPS: stamps}, path, 0, found)
+        cells = np.full(len(rows), np.nan)
+        cells[np.searchsorted(rows, stamps, side="right") - 1] = values
+        columns_of[column] = cells
+    return Cells(columns_of, path, 0, tuple(columns_of))
 
 
 def _number(path: Path, cell: object, name: str) -> float:
@@ -186,17 +170,19 @@ def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, Stampe
     has them, else the recorder's.
 
     A wild stamp is left out with its message, and a topic on another clock than most. Where a clock
-    was set back, only the longest part is taken. All that is said.
+    was set back, all topics are cut at its messages, and only the longest part is taken. All that
+    is said.
     """
     stamped: dict[str, Stamped] = {}
     recorded = dict[str, NDArray[np.int64]]()
+    numbers = dict[str, NDArray[np.int64]]()
     wild_in = dict[str, Bools]()
     for column, samples in readings.items():
         # a stamp of zero counts as missing, unless another stamp of the column is not zero, as in a
         # simulation that begins at zero
-        by_header = any(stamp for stamp, _, _ in samples)
+        by_header = any(stamp for _, stamp, _, _ in samples)
         stamps = np.array(
-            [stamp if by_header and stamp is not None else at for stamp, at, _ in samples]
+            [stamp if by_header and stamp is not None else at for _, stamp, at, _ in samples]
         )
         wild = wild_stamps(stamps)
         # what came late only stands where its stamp is
@@ -207,41 +193,22 @@ def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, Stampe
                 f"{path}: a stamp of '{column}' is beyond {LATEST_DATE:g} s, which is no time; "
                 "what unit has it? (log.time.unit)"
             )
-        stamped[column] = stamps[~wild], np.array([number for _, _, number in samples])[~wild]
-        recorded[column] = np.array([at for _, at, _ in samples])[~wild]
+        stamped[column] = stamps[~wild], np.array([value for _, _, _, value in samples])[~wild]
+        recorded[column] = np.array([at for _, _, at, _ in samples])[~wild]
+        numbers[column] = np.array([number for number, _, _, _ in samples])[~wild]
     for topic, wild in wild_in.items():
         say_wild(str(path), wild, f"message {int(wild.argmax()) + 1} of {topic}")
     _leave_out_another_clock(path, stamped, recorded)
     ends = {column: set_backs(stamps) for column, (stamps, _) in stamped.items()}
-    busiest = max(ends, key=lambda column: (len(ends[column]), len(recorded[column])))
-    steps = [-float(np.diff(stamped[busiest][0])[end - 1]) for end in ends[busiest]]
-    # a column with so few samples does not show that its clock was set back too
-    rare = {
-        column
-        for column, (stamps, _) in stamped.items()
-        if REWOUND * _shortest_interval([stamps]) > min(steps, default=0.0)
-    }
-    went_on = all((np.diff(at) >= 0).all() for at in recorded.values())
-    counts = {len(cuts) for column, cuts in ends.items() if not went_on or column not in rare}
-    if len(counts) > 1:
-        resets = ", ".join(f"{column} {len(cuts)} times" for column, cuts in ends.items())
-        raise LogError(
-            f"{path}: clocks of the topics were set back ({resets}), so that their parts do not "
-            "match; record again"
-        )
-    part = longest_part(ends[busiest], len(recorded[busiest]), str(path))
-    if went_on:
-        # by the recorder's clock all topics are cut at the same moments
-        first = recorded[busiest][part.start] if part.start else -np.inf
-        last = recorded[busiest][part.stop - 1] if part.stop < len(recorded[busiest]) else np.inf
-        inside = {c: (at >= first) & (at <= last) for c, at in recorded.items()}
-    else:
-        number = int(np.searchsorted(ends[busiest], part.start, side="right"))
-        inside = {
-            c: np.searchsorted(ends[c], np.arange(len(at)), side="right") == number
-            for c, at in recorded.items()
-        }
-    return {c: (stamps[inside[c]], values[inside[c]]) for c, (stamps, values) in stamped.items()}
+    first = max(ends, key=lambda column: (len(ends[column]), len(numbers[column])))
+    part = numbers[first][longest_part(ends[first], len(numbers[first]), str(path))]
+    if not len(ends[first]):
+        return stamped
+    cut = dict[str, Stamped]()
+    for column, (stamps, values) in stamped.items():
+        inside = (numbers[column] >= part[0]) & (numbers[column] <= part[-1])
+        cut[column] = stamps[inside], values[inside]
+    return cut
 
 
 def _leave_out_another_clock(
@@ -323,11 +290,10 @@ def messages_of(path: Path, topics: set[str]) -> Iterator[Message]:
     if not path.exists():
         raise LogError(f"{path}: is not there")
     try:
-        check_is_content(path)
         read = format_of(path).messages
         assert read is not None
         yield from read(path, topics)
-    except (LogError, GeneratorExit, MemoryError):
+    except (LogError, GeneratorExit):
         raise
     except Exception as problem:
         raise LogError(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
 from distal.errors import DistalWarning, LogError
-from distal.logs.cells import Cells, Column, is_plain, parsed_cells
+from distal.logs.cells import Cells, Column, whole_values
 from distal.logs.door import IMPROBABLE
 
 Stamps = NDArray[np.int64]
@@ -85,34 +85,12 @@ def clock_of(cells: Cells, name: str, unit: float) -> Clock:
         LogError: a date is missing or cannot be read, or a number is too large for a date in any
             unit.
     """
-    parts = list[NDArray[Any]]()
-    row = cells.first_row
-    is_dated = False
-    for (column,) in cells.blocks([name]):
-        if not parts:
-            is_dated = is_date(str(column[0]).strip())
-        if is_dated:
-            parts.append(_dates(column, cells.path, name, row))
-        elif (counts := _whole_values(column)) is not None:
-            parts.append(counts)
-        else:
-            parts.append(parsed_cells(column, cells.path, name, row))
-        row += len(column)
-    stamps = np.concatenate(parts)
-    return _clock(stamps) if is_dated else _counted(stamps, unit, name, cells.path)
-
-
-def _whole_values(cells: Column) -> Stamps | None:
-    """Return the cells as 64-bit integers, or None where a cell is something else."""
-    if isinstance(cells, np.ndarray):
-        is_whole = cells.dtype.kind in "iu" and cells.max(initial=0) <= np.iinfo(np.int64).max
-        return cells.astype(np.int64, copy=False) if is_whole else None
-    try:
-        return (
-            np.fromiter(map(int, cells), np.int64, len(cells)) if is_plain("".join(cells)) else None
-        )
-    except (ValueError, OverflowError):
-        return None
+    column = cells.columns[name]
+    if is_date(str(column[0]).strip()):
+        return _clock(_dates(column, cells.path, name, cells.first_row))
+    counts = whole_values(column)
+    values = cells.values(name) if counts is None else counts
+    return _counted(values, unit, name, cells.path)
 
 
 def _counted(values: NDArray[Any], unit: float, name: str, path: Path) -> Clock:

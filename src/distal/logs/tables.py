@@ -7,8 +7,8 @@ Every error names the file, row and column, the value found, and what is allowed
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
@@ -21,17 +21,15 @@ from distal.logs.cells import (
     INFO,
     Cells,
     Column,
+    as_column,
     dataset_info,
-    header,
-    in_memory,
     needed,
-    scale,
     units_of,
 )
 from distal.logs.formats import check_is_content, format_of
 from distal.logs.formats.parquet import read_parquet
 from distal.logs.outputs import shown
-from distal.logs.reader_process import read_apart
+from distal.logs.recordings import read_recording
 
 EPISODE = "episode_index"
 """Column that holds the number of the episode to which a row belongs."""
@@ -51,14 +49,11 @@ class Episode:
     number: int
 
     @property
-    def stem(self) -> str:
-        """The episode's name without an ending, for names of files."""
+    def name(self) -> str:
+        """The episode's name in tables of results, and of files without their ending."""
         return f"episode_{self.number:06d}"
 
-    @property
-    def name(self) -> str:
-        """The episode's name in tables of results."""
-        return self.stem
+    stem = name
 
     def __str__(self) -> str:
         """Return file and number."""
@@ -87,12 +82,12 @@ def episodes_of(folder: Path) -> list[Episode]:
     problems = list[LogError]()
     for file in files:
         try:
-            cells = read_apart(read_parquet, file, [EPISODE])
+            cells = read_parquet(file, [EPISODE])
         except LogError as problem:
             problems.append(problem)  # a recording that broke off leaves a file without its end
             continue
         cells.check([EPISODE])
-        values = cells.values([EPISODE])[EPISODE]
+        values = cells.values(EPISODE)
         if not np.isfinite(values).all():
             raise LogError(f"{file}: '{EPISODE}' lacks values")
         for number in map(int, dict.fromkeys(values.tolist())):
@@ -134,15 +129,11 @@ def rows_of_episode(episode: Episode, columns: list[str] | None) -> Cells:
         raise LogError(f"{episode.path}: cannot be read ({problem.strerror or problem})") from None
     cells, values = _file(episode.path, written, asked)
     mine = values == episode.number
-    held = {
-        name: np.asarray(cells.column(name))[mine]
-        for name in cells.names
-        if asked is None or name in asked
+    held: dict[str, Column] = {
+        name: np.asarray(column)[mine] for name, column in cells.columns.items()
     }
     named = {alias[name]: values for name, values in held.items() if name in alias} | held
-    return in_memory(
-        named, episode.path, 1, [*cells.names, *(name for name in named if name not in cells.names)]
-    )
+    return Cells(named, episode.path, 1, tuple(dict.fromkeys((*cells.names, *named))))
 
 
 @lru_cache(maxsize=2)
@@ -152,9 +143,9 @@ def _file(path: Path, written: int, columns: tuple[str, ...] | None) -> tuple[Ce
     The file is kept for the next call, since its episodes are read one after the other. `written`
     is when the file was changed last [ns], so that a changed file is read again.
     """
-    cells = read_apart(read_parquet, path, columns)
+    cells = read_parquet(path, columns)
     cells.check([EPISODE])
-    return cells, cells.values([EPISODE])[EPISODE]
+    return cells, cells.values(EPISODE)
 
 
 class Frame(Protocol):
@@ -172,35 +163,7 @@ Source: TypeAlias = str | Path | Frame | Episode
 """The path of a file, a frame, or an episode of a dataset."""
 
 
-@dataclass(frozen=True)
-class Table:
-    """Columns of a file as numbers, with NaN for missing cells.
-
-    Args:
-        source: what the file is called in messages.
-        columns: name → numbers, (n,) each.
-        first_row: row number of the first value in the file, as a text editor counts.
-        units: name → unit, for columns whose header gave one.
-    """
-
-    source: str
-    columns: dict[str, Floats]
-    first_row: int
-    units: Mapping[str, str] = field(default_factory=dict)
-
-    def in_si(self, name: str, si: str) -> Floats:
-        """Return a column in SI, by the unit in its header; without a unit there, it is unchanged.
-
-        Args:
-            si: SI unit of the quantity.
-        """
-        unit = self.units.get(name)
-        return self.columns[name] * scale(
-            unit, si, f"{self.source}: column '{header(name, unit or '')}'"
-        )
-
-
-def read_table(path: str | Path, desired: Sequence[str] | None = None) -> Table:
+def read_table(path: str | Path, desired: Sequence[str] | None = None) -> Cells:
     """Return columns of a CSV or Parquet file as numbers.
 
     Args:
@@ -212,51 +175,51 @@ def read_table(path: str | Path, desired: Sequence[str] | None = None) -> Table:
         LogError: the file cannot be read, a column is missing or doubled, a cell is not a number, a
             row is short or long, or there is no row.
     """
-    return table_of(open_table(path, desired), desired)
+    cells = open_table(path, desired)
+    return cells.numbers(cells.names if desired is None else desired)
 
 
 def open_table(
-    path: Source, columns: Sequence[str] | None = None, index_name: str | None = None
+    path: Source, columns: Sequence[str] | None = None, time: str = "t", unit: float = 1.0
 ) -> Cells:
-    """Return the cells of a file, of a frame, or of an episode of a dataset.
+    """Return the cells of a file, a recording of topics (`read_recording`), a frame, or
+    an episode of a dataset.
 
     Args:
         path: a path, a frame of any library whose columns have ``to_numpy``, or an episode.
         columns: names of the columns that are needed, with or without units; None needs all. Others
             may be left out where the format allows that.
-        index_name: column for which a pandas frame's index of dates is taken where the frame lacks
-            it.
+        time: time column; a recording has its stamps there, and a pandas frame that lacks it its
+            index of dates.
+        unit: unit of the time column in a recording's JSON messages [s].
 
     Raises:
         LogError: see `read_table`.
     """
-    cells = _opened(path, columns, index_name)
-    return cells.without_units(units_of(cells.names, columns or (), str(cells.path)))
+    cells = _opened(path, columns, time, unit)
+    return cells.without_units(units_of(cells.names, columns or (), cells.source))
 
 
-def _opened(path: Source, columns: Sequence[str] | None, index_name: str | None) -> Cells:
+def _opened(path: Source, columns: Sequence[str] | None, time: str, unit: float) -> Cells:
     if isinstance(path, Episode):
         return rows_of_episode(path, None if columns is None else list(columns))
     if isinstance(path, (str, Path)):
         path = Path(path)
         try:
             is_folder = path.is_dir()
-            exists = path.exists()
         except (OSError, ValueError, RuntimeError) as problem:
             raise LogError(
                 f"{shown(path)}: cannot be read ({getattr(problem, 'strerror', None) or problem})"
             ) from None
+        check_is_content(path)
+        kind = format_of(path)
+        if kind.read is None:
+            return read_recording(path, columns, time, unit)
         if is_folder:
             raise LogError(
                 f"{path}: is a folder without {INFO}, so no dataset; give its files, such as "
                 f"{path}/*.csv"
             )
-        kind = format_of(path)
-        if kind.read is None:
-            raise LogError(f"{path}: is a recording of topics; a CSV or Parquet file is expected")
-        check_is_content(path)
-        if exists and kind.apart:
-            return read_apart(kind.read, path, columns)
         return kind.read(path, columns)
     if not hasattr(path, "columns"):
         raise LogError(f"a log is a path, a frame or a distal.Log; {type(path).__name__} came")
@@ -265,10 +228,10 @@ def _opened(path: Source, columns: Sequence[str] | None, index_name: str | None)
     }
     names = [str(name) for name in path.columns]
     index = getattr(path, "index", None)
-    if index_name is not None and index_name not in names and _is_dated(index):
-        columns_of[index_name] = _column(index)
-        names = [*names, index_name]
-    return in_memory(columns_of, Path("the frame"), 0, names)
+    if time not in names and _is_dated(index):
+        columns_of[time] = _column(index)
+        names = [*names, time]
+    return Cells(columns_of, Path("the frame"), 0, tuple(names))
 
 
 def _is_dated(column: Any) -> bool:
@@ -279,32 +242,8 @@ def _is_dated(column: Any) -> bool:
 def _column(column: Any) -> Column:
     """Return a frame's column or index as cells.
 
-    Dates with a zone are turned into UTC; what is neither number nor date becomes text.
+    Dates with a zone are turned into UTC.
     """
     if _is_dated(column) and getattr(column.dtype, "tz", None) is not None:
         column = getattr(column, "dt", column).tz_convert(None)
-    values = np.asarray(column.to_numpy())
-    if values.dtype.kind in "OUT":
-        return ["" if cell is None else str(cell) for cell in values.tolist()]
-    return values
-
-
-def table_of(cells: Cells, desired: Sequence[str] | None, optional: Iterable[str] = ()) -> Table:
-    """Return columns of an open table as numbers.
-
-    Args:
-        desired: columns that must be there; None takes all.
-        optional: columns that are taken where the table has them.
-
-    Raises:
-        LogError: see `read_table`.
-    """
-    names = (
-        list(cells.names)
-        if desired is None
-        else [*desired, *(c for c in optional if c in cells.names)]
-    )
-    cells.check(names)
-    return Table(
-        str(cells.path), cells.values(list(dict.fromkeys(names))), cells.first_row, cells.units
-    )
+    return as_column(np.asarray(column.to_numpy()))

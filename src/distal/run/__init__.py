@@ -5,7 +5,7 @@ health of a stream.
 from distal.run.batch import estimate_batch
 from distal.run.health import HEALTH, HealthLimits
 from distal.run.live_estimator import JointContact, LiveEstimator
-from distal.run.log_units import LiveInLogUnits, LogUnits
+from distal.run.log_units import LogUnits
 from distal.run.monitor import Monitor, Reading, log_health
 from distal.run.offline import estimate, samples_of, with_channel
 from distal.run.smoothing import smooth
@@ -15,7 +15,6 @@ __all__ = [
     "HealthLimits",
     "JointContact",
     "LiveEstimator",
-    "LiveInLogUnits",
     "LogUnits",
     "Monitor",
     "Reading",

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from copy import deepcopy
-from math import degrees, inf, nan
+from math import inf, nan
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -15,8 +13,6 @@ from distal.errors import EstimationError, did_you_mean
 from distal.estimators import channels_of
 from distal.logs import LARGEST_READING, Door, Remark
 from distal.rig import Rig, as_rig, log_factor
-from distal.run.live_estimator import LiveEstimator
-from distal.run.monitor import Monitor, Reading
 
 TEMPERATURE_SLOPE = -0.0011
 """Relative change of a motor's torque constant per kelvin [1/K]. Source: physics (remanence of
@@ -45,29 +41,24 @@ class LogUnits:
     ```
 
     Values pass through the `Door`: encoders that wrap are followed, registers are decoded, and
-    wrong or old readings are missing. `doubts` says of what the turn is not known, and such a motor
-    is in `in_doubt` until it has moved so far that only one turn is left.
+    wrong or old readings are missing; `remarks` says so, and a `Monitor` takes them, too.
+    A motor whose turn is not known is in `in_doubt` until it has moved so far that only one turn is
+    left.
 
     Args:
         rig: the description, or a shipped rig's name, or a path.
         channels: sensors in a sample; default those of `LiveEstimator(rig)`, in its order.
-        turns: column or sensor → the logged number of one turn, at which it wraps, 0 for one that
-            does not; default `counts_per_turn` of those that are logged in counts.
         temperature_slope: relative change of torque constants with temperature [1/K], used where
             `sample` is given temperatures.
         ranged: whether the ranges of the joints say in which turn a motor is; before a power-on
             routine they do not.
         doubting: whether readings that may be wrong or old are missing, see `Door`.
-
-    Raises:
-        EstimationError: a name in `turns` is no position of the rig, or a turn is no number.
     """
 
     def __init__(
         self,
         rig: Rig | str | Path,
         channels: Sequence[str] | None = None,
-        turns: Mapping[str, float] | None = None,
         temperature_slope: float = TEMPERATURE_SLOPE,
         *,
         ranged: bool = True,
@@ -84,23 +75,17 @@ class LogUnits:
             name: i for names in (self.channels, self.columns) for i, name in enumerate(names)
         }
         self._slope = temperature_slope
-        self._turns = self._turn_sizes({} if turns is None else turns)
         self._ways = {"ranged": ranged, "doubting": doubting}
         self.reset()
 
     def reset(self) -> None:
         """Forget in which turns the encoders are, and all else that was learned from readings."""
-        self._door = Door(self.rig, self._sensors, self._factors, self._turns, **self._ways)
+        self._door = Door(self.rig, self._sensors, self._factors, **self._ways)
 
     @property
     def remarks(self) -> tuple[Remark, ...]:
         """What was done with the readings of the last sample."""
         return self._door.remarks
-
-    @property
-    def doubts(self) -> tuple[str, ...]:
-        """Sentences on the encoders that may have turned without a value before the last sample."""
-        return tuple(remark.text for remark in self.remarks if remark.kind.endswith("turn"))
 
     @property
     def restarts(self) -> tuple[str, ...]:
@@ -129,20 +114,6 @@ class LogUnits:
         )
         other._door.follow(self._door)
         return other
-
-    def _turn_sizes(self, asked: Mapping[str, float]) -> dict[int, float]:
-        """Return channel → the logged number of one turn, of those that a user gave."""
-        sizes = dict[int, float]()
-        for name, turn in asked.items():
-            at = self._index(name)
-            if self._sensors[at].measures != "position":
-                raise EstimationError(f"turns: '{name}' is no position; only these wrap")
-            if not isinstance(turn, (int, float)) or not 0.0 <= turn < 1e9:
-                raise EstimationError(
-                    f"turns: '{name}' needs the log's number of one turn, {turn!r} came"
-                )
-            sizes[at] = turn
-        return sizes
 
     def _index(self, name: str) -> int:
         if name not in self._at:
@@ -209,103 +180,6 @@ class LogUnits:
             for i, sensor in enumerate(self._sensors)
             if sensor.of == motor and sensor.measures == "force"
         ]
-
-
-class LiveInLogUnits:
-    """A `LiveEstimator` that takes logged values and returns angles in a chosen unit.
-
-    A sample raises an error only for an unknown name, for a value that is no number, or for one
-    that no sensor reaches; else see `Monitor`. Where an encoder may have turned without a value,
-    the estimator begins anew with half of the joints' largest range as standard deviation.
-
-    Args:
-        rig: the description, or a shipped rig's name, or a path.
-        unit: of `angles` and `stds`.
-        turns: see `LogUnits`.
-        compiled: compile the kernel where possible.
-    """
-
-    def __init__(
-        self,
-        rig: Rig | str | Path,
-        unit: Literal["deg", "rad"] = "deg",
-        turns: Mapping[str, float] | None = None,
-        compiled: bool = True,
-    ) -> None:
-        if unit not in ("deg", "rad"):
-            raise EstimationError(f"angles are in deg or rad, {unit!r} came")
-        self._live = LiveEstimator(rig, compiled=compiled)
-        self._monitor = Monitor(self._live)
-        self._units = LogUnits(self._live.rig, self._live.channels, turns)
-        self._scale = degrees(1.0) if unit == "deg" else 1.0
-        self._joints = tuple(self._live.rig.joint_names)
-        self._reading: Reading | None = None
-
-    def __copy__(self) -> LiveInLogUnits:
-        """Return a copy that goes on independently; arrays are never shared."""
-        return deepcopy(self)
-
-    @property
-    def rig(self) -> Rig:
-        """The description of the rig that the estimator runs on."""
-        return self._live.rig
-
-    @property
-    def live(self) -> LiveEstimator:
-        """The estimator that takes in the converted samples."""
-        return self._live
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Names of the logged columns of a sample, in order."""
-        return self._units.columns
-
-    @property
-    def reading(self) -> Reading | None:
-        """The last reading, in SI, with its health; None before the first sample."""
-        return self._reading
-
-    def step(
-        self, time: float, values: Values, temperatures: Mapping[str, float] | None = None
-    ) -> dict[str, float]:
-        """Take in logged values and return joint → angle in the chosen unit, NaN where the sample
-        was skipped.
-
-        Args:
-            time: stamp [s].
-            values: by column or sensor, or in the order of `columns`; missing ones are NaN, None or
-                left out.
-            temperatures: motor → its temperature [°C].
-
-        Raises:
-            EstimationError: a value is no number or is beyond all sensors, or a name is unknown.
-        """
-        sample = self._units.sample(time, values, temperatures)
-        if self._units.doubts and self._live.samples:
-            low, high = np.array([joint.travel for joint in self.rig.joints]).T
-            self._live.reset(
-                np.clip(self._live.angles, low, high).tolist(), float(np.max(high - low)) / 2
-            )
-        self._reading = self._monitor.take(time, sample, self._units.remarks)
-        return self.angles
-
-    @property
-    def angles(self) -> dict[str, float]:
-        """Joint → angle of the last reading, in the chosen unit."""
-        values = (nan,) * len(self._joints) if self._reading is None else self._reading.angles
-        return {name: self._scale * value for name, value in zip(self._joints, values)}
-
-    @property
-    def stds(self) -> dict[str, float]:
-        """Joint → standard deviation of the error of its last angle, in the chosen unit."""
-        values = (nan,) * len(self._joints) if self._reading is None else self._reading.angle_stds
-        return {name: self._scale * value for name, value in zip(self._joints, values)}
-
-    def reset(self) -> None:
-        """Forget everything: the next sample is the first."""
-        self._units.reset()
-        self._monitor.reset()
-        self._reading = None
 
 
 def _number(name: str, value: object) -> float:

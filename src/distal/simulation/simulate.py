@@ -15,7 +15,7 @@ from distal.arrays import Floats
 from distal.errors import ScenarioError
 from distal.kernels import Feed, advance_all
 from distal.logs import Log, TruthSource
-from distal.logs.reader_process import MEMORY_VARIABLE, memory_limit
+from distal.logs.memory import MEMORY_VARIABLE, memory_limit
 from distal.model import Mechanism, substeps
 from distal.rig import Rig, angle_names, as_rig, torque_names
 from distal.simulation.plant_kernel import longest_interval, plant_kernel

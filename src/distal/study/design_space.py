@@ -16,7 +16,7 @@ from distal.arrays import Floats
 from distal.control import COMMAND, ENCODER, RATIO
 from distal.errors import DistalError, StudyError, did_you_mean
 from distal.estimators import ESTIMATORS
-from distal.logs.reader_process import MEMORY_VARIABLE, memory_limit
+from distal.logs.memory import MEMORY_VARIABLE, memory_limit
 from distal.rig import ALL, Rig, known_to_a_factor, named, number, parameters_below
 from distal.study.description import Plan
 from distal.units import to_si

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
-import sys
 import warnings
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import BinaryIO
 
@@ -15,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import DistalWarning, LogError
-from distal.logs.cells import Cells
+from distal.logs.cells import Cells, Column, compact, needed
 from distal.logs.formats.format import Format
-from distal.logs.reader_process import COPIES, check_memory, check_rows, memory_limit
+from distal.logs.memory import COPIES, check_rows, memory_limit
 from distal.logs.stamps import is_date
 
 SEPARATORS = (",", ";", "\t")
@@ -33,79 +32,82 @@ MARK = b"\xef\xbb\xbf"
 
 
 def read_csv(path: Path, columns: Sequence[str] | None = None) -> Cells:
-    """Return the cells of a CSV file as text.
+    """Return the cells of a CSV file: numbers, and as text the columns that hold others.
 
-    The file is checked as a whole, a block of lines after the other, and its columns are split off
-    in blocks when they are asked for, so that no more than a block of it is in memory. Where its
-    first row holds numbers, it has no header, and its columns are called ``column 1`` and so on.
+    The file is read once, a block of lines after the other, so that no more than a block of its
+    numbers is in memory as text. Where its first row holds numbers, it has no header, and its
+    columns are called ``column 1`` and so on.
 
     Args:
-        columns: names of the columns that are needed, which may be numbers; others are there too.
+        columns: names of the columns that are needed, which may be numbers; None needs all.
 
     Raises:
         LogError: the file cannot be read or is no text, the header repeats a name, a row is short,
             long or blank, or a quote is left open.
     """
     try:
-        held = None if path.is_file() else _of_pipe(path)
-
-        def opened() -> BinaryIO:
-            return path.open("rb") if held is None else io.BytesIO(held)
-
-        with opened() as file:
-            file.seek(len(MARK) if file.read(len(MARK)) == MARK else 0)
-            first_row = 1
-            begin = file.tell()
-            while (line := file.readline()) and not line.strip(b"\r\n"):
-                first_row += 1
-                begin = file.tell()
-            if not line.strip():
-                raise LogError(f"{path}: is empty")
-            if line.startswith(b"#"):
-                raise LogError(
-                    f"{path}: row {first_row}: begins with '#'; comment lines are not supported, "
-                    "remove them"
-                )
-            separator = max(SEPARATORS, key=_text(path, line, first_row).count)
-            names = tuple(cell.strip() for cell in _cells(path, line, separator, first_row))
-            if all(map(_is_value, names)) and any(names) and not set(names) & set(columns or ()):
-                names = tuple(f"column {k + 1}" for k in range(len(names)))
-                warnings.warn(
-                    f"{path}: has no header; its columns are called '{names[0]}' to '{names[-1]}'",
-                    DistalWarning,
-                    stacklevel=4,
-                )
-            else:
-                first_row += 1
-                begin = file.tell()
-            name, count = Counter(names).most_common(1)[0]
-            if count > 1:
-                raise LogError(
-                    f"{path}: the header has column '{name}' more than once; names must differ"
-                )
-            file.seek(begin)
-            rows, end = _checked(path, file, separator, len(names), first_row)
+        with path.open("rb") as file:
+            return _read(path, file, columns)
     except OSError as problem:
         raise LogError(f"{path}: cannot be read ({problem.strerror or problem})") from None
 
-    def blocks(desired: Sequence[str]) -> Iterator[list[list[str]]]:
-        check_rows(path, rows, len(desired))
-        positions = [names.index(name) for name in desired]
-        with opened() as file:
-            file.seek(begin)
-            for block in _blocks(file, end):
-                cells = _cells(path, block, separator)
-                yield [cells[position :: len(names)] for position in positions]
 
-    return Cells(blocks, path, first_row, names, rows)
-
-
-def _of_pipe(path: Path) -> bytes:
-    """Return what a pipe or a device gives, which has no size and may never end."""
-    with path.open("rb") as file:
-        data = file.read(memory_limit() // COPIES + 1)
-    check_memory(path, COPIES * len(data), f"has more than {len(data) / 1e9:.1f} GB")
-    return data
+def _read(path: Path, file: BinaryIO, columns: Sequence[str] | None) -> Cells:
+    longest = memory_limit() // COPIES  # of a line: a device may never end one
+    row = 1
+    line = file.readline(longest).removeprefix(MARK)
+    while line and not line.strip(b"\r\n"):
+        row += 1
+        line = file.readline(longest)
+    if not line.strip():
+        raise LogError(f"{path}: is empty")
+    if line.startswith(b"#"):
+        raise LogError(
+            f"{path}: row {row}: begins with '#'; comment lines are not supported, remove them"
+        )
+    separator = max(SEPARATORS, key=_text(path, line, row).count)
+    (cells,) = _rows(path, line, separator, row)
+    names = tuple(cell.strip() for cell in cells)
+    if all(map(_is_value, names)) and any(names) and not set(names) & set(columns or ()):
+        names = tuple(f"column {k + 1}" for k in range(len(names)))
+        warnings.warn(
+            f"{path}: has no header; its columns are called '{names[0]}' to '{names[-1]}'",
+            DistalWarning,
+            stacklevel=5,
+        )
+    else:
+        row += 1
+        line = b""
+    name, count = Counter(names).most_common(1)[0]
+    if count > 1:
+        raise LogError(f"{path}: the header has column '{name}' more than once; names must differ")
+    first_row = row
+    parts: dict[str, list[Column]] = {name: [] for name in names if needed(name, columns)}
+    blank = 0
+    while block := line + file.read(BLOCK) + file.readline(longest):
+        line = b""
+        begin = row
+        rows = list[list[str]]()
+        for cells in _rows(path, block, separator, row):
+            if len(cells) <= 1 and not "".join(cells).strip():
+                blank = blank or row  # at the end it is no row
+            elif blank:
+                raise LogError(f"{path}: row {blank}: is blank; remove it")
+            elif len(cells) != len(names):
+                kind = "short" if len(cells) < len(names) else "long"
+                raise LogError(
+                    f"{path}: row {row}: is too {kind} ({len(cells)} cells; the header has "
+                    f"{len(names)})"
+                )
+            else:
+                rows.append(cells)
+            row += 1
+        for name, column in zip(names, zip(*rows)):
+            if name in parts:
+                parts[name].append(compact(list(column), path, name, begin))
+        check_rows(path, row - first_row, len(parts))
+    held = {name: _joined(of_column) for name, of_column in parts.items()}
+    return Cells(held, path, first_row, names)
 
 
 def _is_value(cell: str) -> bool:
@@ -117,56 +119,22 @@ def _is_value(cell: str) -> bool:
     return True
 
 
-def _blocks(file: BinaryIO, end: int = sys.maxsize) -> Iterator[bytes]:
-    """Yield whole lines of a file up to the position `end`, some at a time."""
-    while block := file.read(min(BLOCK, end - file.tell())):
-        yield block + file.readline(max(end - file.tell(), 0))
-
-
-def _checked(
-    path: Path, file: BinaryIO, separator: str, width: int, first_row: int
-) -> tuple[int, int]:
-    """Return the number of rows from here on, and where the last one ends; raise a `LogError` where
-    one is no text, or blank, or shorter or longer than the header. Blank lines at the end are no
-    rows.
-    """
-    row = last = first_row - 1
-    position = end = file.tell()
-    for block in _blocks(file):
-        _text(path, block, row + 1)
-        lines = io.BytesIO(block)
-        widths: Iterable[int] = (line.count(separator.encode()) + 1 for line in io.BytesIO(block))
-        if b'"' in block:
-            widths = map(len, _rows(path, block, separator, row + 1))
-        for line, cells in zip(lines, widths):
-            row += 1
-            position += len(line)
-            if cells <= 1 and not line.strip():
-                continue
-            if row > last + 1:
-                raise LogError(f"{path}: row {last + 1}: is blank; remove it")
-            if cells != width:
-                kind = "short" if cells < width else "long"
-                raise LogError(
-                    f"{path}: row {row}: is too {kind} ({cells} cells; the header has {width})"
-                )
-            last = row
-            end = position
-    return last - first_row + 1, end
-
-
-def _cells(path: Path, block: bytes, separator: str, first_row: int = 0) -> list[str]:
-    """Return the cells of some lines, one row after the other."""
-    if b'"' in block:
-        return [cell for row in _rows(path, block, separator, first_row) for cell in row]
-    return block.removesuffix(b"\n").decode().replace("\n", separator).split(separator)
+def _joined(parts: list[Column]) -> Column:
+    """Return a column of its parts: as text where one of them is."""
+    arrays = [part for part in parts if isinstance(part, np.ndarray)]
+    if arrays and len(arrays) == len(parts):
+        return np.concatenate(arrays)
+    return [cell for part in parts for cell in map(str, part)]
 
 
 def _rows(path: Path, block: bytes, separator: str, first_row: int) -> list[list[str]]:
-    """Return the cells of each of some lines with quotes; raise a `LogError` where a quoted cell
-    goes on in the next line.
+    """Return the cells of each of some lines; raise a `LogError` where a quoted cell goes on in the
+    next line.
     """
-    lines = (line.removesuffix(b"\n").decode() for line in io.BytesIO(block))
+    text = _text(path, block, first_row)
+    lines = text.removesuffix("\n").split("\n")
+    if '"' not in text:
+        return [line.split(separator) for line in lines]
     reader = csv.reader(lines, delimiter=separator, strict=True)
     rows: list[list[str]] = []
     try:
@@ -222,4 +190,4 @@ def write_csv(columns: Mapping[str, NDArray[np.generic]], file: BinaryIO) -> Non
     text.detach()
 
 
-CSV = Format(endings=(".csv", ".txt"), read=read_csv, write=write_csv, apart=False)
+CSV = Format(endings=(".csv", ".txt"), read=read_csv, write=write_csv)

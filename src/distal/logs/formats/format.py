@@ -46,7 +46,7 @@ class Message:
         """
         try:
             return self.decode()
-        except (LogError, MemoryError):
+        except LogError:
             raise
         except Exception as problem:
             raise UndecodableError(
@@ -79,8 +79,6 @@ class Format:
             this format.
         package: package without which nothing can be written, and the extra of distal that installs
             it; None where no package is needed.
-        apart: whether files are read in a process of their own. Formats that are read by compiled
-            code need this, since a damaged file may end the process.
         folder: name of the file that marks a folder as a log of this format; None where no folder
             is one.
     """
@@ -90,5 +88,4 @@ class Format:
     messages: Callable[[Path, set[str]], Iterator[Message]] | None = None
     write: Callable[[Mapping[str, NDArray[np.generic]], BinaryIO], None] | None = None
     package: tuple[str, str] | None = None
-    apart: bool = True
     folder: str | None = None

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from distal.errors import LogError
-from distal.logs.cells import WIDEST_VECTOR, Cells, Column, in_memory, needed, numbered
+from distal.logs.cells import WIDEST_VECTOR, Cells, Column, needed
 from distal.logs.formats.format import Format
-from distal.logs.reader_process import COPIES, check_memory
+from distal.logs.memory import COPIES, check_memory
 
 
 def read_hdf5(path: Path, columns: Sequence[str] | None) -> Cells:
@@ -51,7 +51,9 @@ def read_hdf5(path: Path, columns: Sequence[str] | None) -> Cells:
             held = dict[str, Column]()
             for column, (name, k) in chosen.items():
                 held[column] = np.asarray(sets[name][:] if k is None else sets[name][:, k])
-    except OSError as problem:
+    except LogError:
+        raise
+    except Exception as problem:  # of a damaged file h5py may raise anything
         raise LogError(
             f"{path}: is not an HDF5 file, or a damaged one ({str(problem)[:120]})"
         ) from None
@@ -61,7 +63,7 @@ def read_hdf5(path: Path, columns: Sequence[str] | None) -> Cells:
             f"{path}: its columns have different lengths: {', '.join(map(str, sorted(lengths)))} "
             "rows"
         )
-    return in_memory(held, path, 1, list(positions))
+    return Cells(held, path, 1, tuple(positions))
 
 
 def _is_column(part: Any) -> bool:
@@ -77,13 +79,7 @@ def _is_column(part: Any) -> bool:
 def _columns(name: str, part: Any) -> list[tuple[str, int | None]]:
     if len(part.shape) == 1:
         return [(name, None)]
-    names = part.attrs.get("names")
-    identified = (
-        None
-        if names is None
-        else [n.decode() if isinstance(n, bytes) else str(n) for n in np.ravel(names)]
-    )
-    return [(column, k) for k, column in enumerate(numbered(name, identified, part.shape[1]))]
+    return [(f"{name}.{k}", k) for k in range(part.shape[1])]
 
 
 HDF5 = Format(endings=(".h5", ".hdf5"), read=read_hdf5)

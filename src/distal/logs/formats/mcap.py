@@ -13,7 +13,7 @@ from typing import Any, BinaryIO
 
 from distal.errors import DistalWarning, LogError
 from distal.logs.formats.format import Format, Message
-from distal.logs.reader_process import COPIES, check_memory, memory_limit
+from distal.logs.memory import memory_limit
 
 MAGIC = b"\x89MCAP0\r\n"
 """First and last bytes of an MCAP file. Source: definition (MCAP specification)."""
@@ -28,23 +28,13 @@ def read_mcap(path: Path, topics: set[str]) -> Iterator[Message]:
         topics: a set, into which the names of the topics are put.
     """
     try:
-        from mcap.reader import NonSeekingReader, make_reader
+        from mcap.reader import NonSeekingReader
     except ImportError:
         raise LogError(f"{path}: MCAP needs the package mcap (pip install '.[mcap]')") from None
     stores: dict[int, Any] = {}
     with path.open("rb") as file:
         complete = _is_complete(path, file)
-        if complete:
-            reader = make_reader(file)
-            summary = reader.get_summary()
-            for chunk in [] if summary is None else summary.chunk_indexes:
-                check_memory(
-                    path,
-                    COPIES * chunk.uncompressed_size,
-                    f"its header says {chunk.uncompressed_size:,} bytes in a chunk",
-                )
-        else:
-            reader = NonSeekingReader(file, record_size_limit=memory_limit())
+        reader = NonSeekingReader(file, record_size_limit=memory_limit())
         # in the order of recording, which shows where a clock was set back; where a file ends in
         # the middle of something, its reader may raise anything
         with suppress(*(() if complete else (Exception,))):

@@ -12,12 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import LogError
-from distal.logs.cells import Cells, Column, component_names_in, in_memory, needed, numbered
+from distal.logs.cells import (
+    WIDEST_VECTOR,
+    Cells,
+    Column,
+    as_column,
+    component_names_in,
+    needed,
+    numbered,
+)
 from distal.logs.formats.format import Format
-from distal.logs.reader_process import check_rows
-
-TEXTS = ("string", "large_string", "string_view")
-"""Names of Arrow's types of text."""
+from distal.logs.memory import check_rows
 
 
 def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
@@ -27,8 +32,8 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
         columns: names of the columns that are needed; None needs all.
 
     Raises:
-        LogError: the file is not Parquet, the columns take more memory than is allowed or hold
-            neither numbers nor dates nor text, or pyarrow is missing.
+        LogError: the file is not Parquet, the columns take more memory than is allowed, or pyarrow
+            is missing.
     """
     try:
         import pyarrow
@@ -47,16 +52,16 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
             parts = _parts(path, file)
             chosen = {name: part for name, part in parts.items() if needed(name, columns)}
             read = list(dict.fromkeys(column for column, _ in chosen.values()))
-            check_rows(path, file.metadata.num_rows, len(read))
+            check_rows(path, file.metadata.num_rows, len(chosen))
             table = file.read(columns=read, use_threads=False)
             held = {
                 name: _column(path, column, table[column], at)
                 for name, (column, at) in chosen.items()
             }
-            return in_memory(held, path, 1, parts)
-        except MemoryError:  # Arrow's memory error is one of both kinds
+            return Cells(held, path, 1, tuple(parts))
+        except LogError:
             raise
-        except (pyarrow.ArrowException, OSError, KeyError, UnicodeDecodeError) as problem:
+        except Exception as problem:  # of a damaged file Arrow may raise anything
             raise LogError(
                 f"{path}: is not a Parquet file ({(str(problem).splitlines() or [''])[0][:160]})"
             ) from None
@@ -74,15 +79,15 @@ def _parts(path: Path, file: Any) -> dict[str, tuple[str, int | None]]:
     of_vectors = dict[str, tuple[str, int | None]]()
     for column in file.schema_arrow:
         kind = column.type
-        first = None
+        length = 0
         is_vector = (
             types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind)
         )
         if is_vector and (types.is_floating(kind.value_type) or types.is_integer(kind.value_type)):
             batch = next(file.iter_batches(1, columns=[column.name]), None)
-            first = None if batch is None or not batch.num_rows else batch[0][0].as_py()
-        if first:
-            names = numbered(column.name, component_names_in(path, column.name), len(first))
+            length = 0 if batch is None or not batch.num_rows else len(batch[0][0].values or ())
+        if 0 < length <= WIDEST_VECTOR:
+            names = numbered(column.name, component_names_in(path, column.name), length)
             of_vectors |= {name: (column.name, k) for k, name in enumerate(names)}
         else:
             plain[column.name] = column.name, None
@@ -94,7 +99,6 @@ def _column(path: Path, name: str, column: Any, at: int | None) -> Column:
     numbers stay whole where none is missing, dates keep their unit.
     """
     import pyarrow.compute
-    from pyarrow import types
 
     if at is not None:
         lengths = pyarrow.compute.list_value_length(column)
@@ -103,20 +107,7 @@ def _column(path: Path, name: str, column: Any, at: int | None) -> Column:
                 f"{path}: column '{name}' holds vectors of different lengths, or misses some"
             )
         column = pyarrow.compute.list_element(column, at)
-    kind = column.type
-    if str(kind) in TEXTS:
-        texts: list[str] = column.fill_null("").to_pylist()
-        return texts
-    if types.is_decimal(kind):
-        column = column.cast("float64")
-    elif not (
-        types.is_integer(kind)
-        or types.is_floating(kind)
-        or types.is_timestamp(kind)
-        or types.is_date(kind)
-    ):
-        raise LogError(f"{path}: column '{name}' holds {kind}; numbers are expected")
-    return np.asarray(column.to_numpy())
+    return as_column(column.to_numpy())
 
 
 def write_parquet(columns: Mapping[str, NDArray[np.generic]], file: BinaryIO) -> None:
