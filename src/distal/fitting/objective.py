@@ -5,7 +5,7 @@ lanes.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -93,13 +93,6 @@ class Problem:
             for log_data in self.data
         )
         return replace(self, data=data, weight=None)
-
-    def among(self, logs: Sequence[int]) -> Problem:
-        """Return the problem of some of the logs, by their indices, with the same weights."""
-        weight = self.weight
-        if weight is not None:
-            weight = replace(weight, counts=tuple(weight.counts[j] for j in logs))
-        return replace(self, data=tuple(self.data[j] for j in logs), weight=weight)
 
     def assessed(self, z: Floats) -> Problem:
         """Return the problem with the weights of the channels' values as found at a point z,
@@ -324,23 +317,23 @@ class Problem:
         """Return −ln p of logs and prior at z, its gradient, and the logs' information; `widths`
         are as in `of_logs`.
         """
-        return self.summed(self.of_logs(z, widths), z)
+        return self.summed(dict(enumerate(self.of_logs(z, widths))), z)
 
-    def summed(self, of_logs: Sequence[Derivatives], z: Floats) -> Derivatives:
-        """Return the derivatives of all logs and the prior at z, from the derivatives of each log
-        there.
+    def summed(self, of_logs: Mapping[int, Derivatives], z: Floats) -> Derivatives:
+        """Return the derivatives of some logs and the prior at z, from the derivatives of each of
+        these logs there, by its index.
         """
         n = self.size
         gradient = np.zeros(n)
         information = np.zeros((n, n))
         meat = np.zeros((n, n))
-        for j, part in enumerate(of_logs):
+        for j, part in of_logs.items():
             square = np.ix_(self.columns(j), self.columns(j))
             gradient[self.columns(j)] += part.gradient
             information[square] += part.information
             meat[square] += part.meat
-        cost = sum(part.cost for part in of_logs) + self._prior(z)
-        spans = sum(part.spans for part in of_logs)
-        return Derivatives(
-            cost, gradient + self.prior_information @ z, information, meat, spans, tuple(of_logs)
-        )
+        parts = tuple(of_logs.values())
+        cost = sum(part.cost for part in parts) + self._prior(z)
+        spans = sum(part.spans for part in parts)
+        gradient += self.prior_information @ z
+        return Derivatives(cost, gradient, information, meat, spans, parts)
