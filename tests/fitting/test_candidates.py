@@ -94,9 +94,7 @@ def test_maps_learn_from_numbers_that_have_not_seen_the_log(
         moved = own.optimum.z != whole.optimum.z
         assert moved.any()
         assert not moved[whole.left].any()
-        of_log = {
-            (part.name, log): z for (part, log), z in zip(whole.problem.parts, own.optimum.z)
-        }
+        of_log = {(part.name, log): z for (part, log), z in zip(whole.problem.parts, own.optimum.z)}
         for part, log in whole.problem.parts:
             if log == gone:
                 assert of_log[part.name, gone] == of_log[part.name, 1 - gone]

@@ -21,7 +21,13 @@ from distal.fitting.judge import WRITTEN, Judged, Learned, judge, learned_by
 from distal.fitting.learn_free_motion import efforts_of, untouched
 from distal.fitting.learned_maps import logs_read
 from distal.fitting.log_checks import check_logs, touched_logs
-from distal.fitting.map_samples import ReferenceLag, counted_from, reference_lag, reference_offset
+from distal.fitting.map_samples import (
+    counted_from,
+    reference_lag,
+    reference_offset,
+    said_of_lag,
+    without_lag,
+)
 from distal.fitting.result import Fit
 from distal.fitting.standard_errors import far_from_priors
 from distal.from_logs import rig_from_logs
@@ -117,13 +123,13 @@ def fit(
     read = [log for i, log in enumerate(read) if i not in touched]
     if units is not None:
         groups_of([log.source for log in read], units)
-    found_lag = ReferenceLag(lag) if lag is not None else _lag(read, rig, units)
-    read = found_lag.taken_off(read, rig)
+    found_lag = _lag(read, rig, units) if lag is None else lag
+    read = without_lag(read, rig, found_lag)
     servos = servos_of(read, rig)
     rig = rig.with_values(servos)
     judged = judge(read, rig, options, progress)
     learned = _followed(judged, read)
-    doubts = (*found_lag.sentences, *_touched(aside), *learned.doubts)
+    doubts = (*said_of_lag(found_lag), *_touched(aside), *learned.doubts)
     learned = replace(learned, doubts=doubts)
     for line in far_from_priors(learned.parameters.fitted, learned.parameters.problem):
         warnings.warn(line, DistalWarning, stacklevel=2)
@@ -189,14 +195,14 @@ def _failure(rig: Rig, log: Log, learned: Learned, options: Options) -> str | No
     return f"{what}{now:.2g}° on {shown(log.source)}, where left out it had {before:.2g}°"
 
 
-def _lag(logs: Sequence[Log], rig: Rig, units: str | None) -> ReferenceLag:
-    """Return the lag of the reference; none where the map on readings cannot run."""
+def _lag(logs: Sequence[Log], rig: Rig, units: str | None) -> float:
+    """Return the lag of the reference [s]; 0 where the map on readings cannot run."""
     with_reference = [log for log in logs if true_angles(log, rig.joint_names) is not None]
     try:
         groups = groups_among(with_reference, units)
         return reference_lag(with_reference, rig, folds_of(groups))
     except EstimationError:
-        return ReferenceLag()
+        return 0.0
 
 
 def _touched(aside: Sequence[Log]) -> list[str]:
