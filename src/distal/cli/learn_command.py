@@ -168,7 +168,6 @@ def learn_command(
             description,
             progress=lambda doing: show(f"{doing.stage}, about {doing.share:.0%} done"),
             lag=None if reference_lag is None else in_si(reference_lag, "s"),
-            guessed=rig is None,
         )
     say_fit(result)
     then = f"; next: distal estimate LOG --rig {out}, distal lab {out}, export-c"

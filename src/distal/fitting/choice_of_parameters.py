@@ -76,7 +76,6 @@ class Options:
     seed: int = 0
     workers: int = 2
     compiled: bool = True
-    guessed: bool = False
 
 
 NOISE_RANGE = 25.0

@@ -61,7 +61,6 @@ def fit(
     progress: Progress | None = None,
     units: str | None = None,
     lag: float | None = None,
-    guessed: bool = False,
 ) -> Fit:
     """Fit a rig's parameters and noise to logs, learn a map of the angle error that remains, and
     test both on held-out logs.
@@ -94,8 +93,6 @@ def fit(
         lag: by how much the true angles are later than the drives [s]; None: it is found, and taken
             off where it makes the logs more probable by more than its standard error. A joint that
             follows its drives late looks the same.
-        guessed: whether the structure of the rig is a guess, as from logs alone: maps may then read
-            the sensors of all its independent parts.
 
     Raises:
         FitError: the logs cannot be fitted; says which and why.
@@ -114,7 +111,6 @@ def fit(
         seed=int(seed),
         workers=workers,
         compiled=compiled,
-        guessed=guessed,
     )
     read = _read(logs, rig, truth, homing)
     start_rig = rig
@@ -293,5 +289,5 @@ def learn(
     """
     draft = rig_from_logs(logs, truth=truth, drives=drives, ignore=ignore)
     read = [read_log(source, draft.rig) for source in logs]
-    result = fit(read, draft.rig, progress=progress, lag=lag, guessed=True)
+    result = fit(read, draft.rig, progress=progress, lag=lag)
     return replace(result, text=draft.text)

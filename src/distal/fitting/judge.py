@@ -14,7 +14,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.confidence import BAND
-from distal.estimators import samples_of_angles
+from distal.estimators import channels_of, parts_of, samples_of_angles
 from distal.fitting.candidates import (
     AS_GIVEN,
     BY_EQUATIONS,
@@ -32,7 +32,6 @@ from distal.fitting.free_parameter import FittedParameter, assignments, describe
 from distal.fitting.learned_maps import (
     MapFit,
     map_of,
-    parts_read,
     with_its_reference_error,
 )
 from distal.fitting.map_samples import counted_from
@@ -346,6 +345,6 @@ def readings_map(training: Training) -> MapFit:
     """Return the map of the angles by readings alone."""
     data = [samples_of_angles(log, training.rig) for log in training.logs]
     homing = training.options.homing
-    parts = parts_read(data, training.rig, training.folds, training.options.guessed)
+    parts = parts_of(training.rig, channels_of(training.rig, "regression"))
     map_fit = map_of(data, training.rig, "readings", parts, training.folds, homing)
     return map_fit if homing is not None else with_its_reference_error(map_fit, training.logs)
