@@ -73,7 +73,6 @@ class Options:
     homing: float | None = None
     noise: bool = True
     units: str | None = None
-    seed: int = 0
     workers: int = 2
     compiled: bool = True
 

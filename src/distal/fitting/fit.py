@@ -55,7 +55,6 @@ def fit(
     homing: float | None = None,
     noise: bool = True,
     truth: str | None = None,
-    seed: int = 0,
     workers: int = 2,
     compiled: bool = True,
     progress: Progress | None = None,
@@ -83,7 +82,6 @@ def fit(
         homing: for how long the reference will be read in use [s]; None: it will not be read.
         noise: whether the sensors' noise is fitted too.
         truth: column of the true angle, where logs are read from files.
-        seed: seed of the random points where the search may start.
         workers: number of threads; the result does not depend on it.
         compiled: whether the filter is compiled; else it is interpreted.
         progress: called with what the fit is doing.
@@ -100,15 +98,12 @@ def fit(
         RigError: the rig is unknown or wrong.
     """
     rig = (as_rig(rig)).bare()  # maps of an earlier fit are learned anew
-    if not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise FitError(f"seed must be a whole number from 0, {seed!r} came")
     options = Options(
         free=_listed(free),
         per_log=_listed(per_log),
         homing=homing,
         noise=noise,
         units=units,
-        seed=int(seed),
         workers=workers,
         compiled=compiled,
     )

@@ -62,12 +62,6 @@ class SearchSettings:
         smallest_noise_width: the same for the size of a noise, which also changes where a joint
             slips.
         wider: factor on the width after a step that gained too little.
-        coarse_share: share of each log, its beginning, with which the start is searched.
-        coarse_least: least number of samples of each log for that search.
-        coarse_iterations: largest number of its iterations.
-        starts: number of points drawn from the priors that are tried as starts, beside their mean.
-        unknown_spread: std of those points where there is no prior, in units of the coordinate, of
-            which one is a tenth of the value.
     """
 
     settled: float = 5e-3
@@ -82,11 +76,6 @@ class SearchSettings:
     smallest_width: float = 1e-3
     smallest_noise_width: float = 0.05
     wider: float = 4.0
-    coarse_share: float = 0.25
-    coarse_least: int = 400
-    coarse_iterations: int = 8
-    starts: int = 16
-    unknown_spread: float = 2.0
 
 
 @dataclass(frozen=True)

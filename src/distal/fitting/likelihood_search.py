@@ -36,37 +36,6 @@ class Optimum:
     interrupted: bool = False
 
 
-def coarse_start(
-    problem: Problem, seed: int, begin: Floats, progress: Progress | None = None
-) -> Optimum:
-    """Return where to begin the search: the end of a short search with the beginnings of the logs.
-
-    The short search begins at the coordinates `begin`, (n,). Where these are the priors' mean, it
-    begins at the likeliest of that mean and some points drawn from the priors.
-    """
-    settings = problem.settings
-    zero = _inside(problem, begin)
-    coarse = problem.beginning(settings.coarse_share, settings.coarse_least).assessed(zero)
-    noise = np.array([part.noise for part, _ in problem.parts])
-    spreads = np.where(
-        noise,
-        0.0,
-        np.where(np.isfinite(problem.prior_stds), problem.prior_stds, settings.unknown_spread),
-    )
-    rng = np.random.default_rng(seed)
-    drawn = (
-        []
-        if begin.any()
-        else [
-            _inside(problem, spreads * rng.normal(size=problem.size))
-            for _ in range(settings.starts)
-        ]
-    )
-    points = [zero, *drawn]
-    likeliest = points[int(np.argmin(coarse.costs(points)))]
-    return search(coarse.assessed(likeliest), likeliest, progress, most=settings.coarse_iterations)
-
-
 def most_likely(
     problem: Problem, start: Floats, progress: Progress | None = None
 ) -> tuple[Problem, Optimum]:
