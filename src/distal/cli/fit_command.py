@@ -117,7 +117,7 @@ def fit_command(
             homing=home,
             noise=noise,
             units=units,
-            progress=lambda doing: show(f"{doing.stage}, about {doing.share:.0%} done"),
+            progress=show,
             lag=None if reference_lag is None else in_si(reference_lag, "s"),
         )
     say_fit(result)

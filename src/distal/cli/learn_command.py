@@ -166,7 +166,7 @@ def learn_command(
         result = fit(
             read,
             description,
-            progress=lambda doing: show(f"{doing.stage}, about {doing.share:.0%} done"),
+            progress=show,
             lag=None if reference_lag is None else in_si(reference_lag, "s"),
         )
     say_fit(result)

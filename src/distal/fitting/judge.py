@@ -27,7 +27,7 @@ from distal.fitting.candidates import (
     filter_candidate,
     tried_parts,
 )
-from distal.fitting.choice_of_parameters import Options, Progress, judging
+from distal.fitting.choice_of_parameters import Options, Progress
 from distal.fitting.free_parameter import FittedParameter, assignments, described
 from distal.fitting.learned_maps import (
     MapFit,
@@ -154,10 +154,6 @@ def _of_filter(samples: Samples | None, judged: Floats, begin: float) -> Score |
     return Score.of(errors, begin)
 
 
-JUDGED = 5
-"""Number of candidates of a fit at most, for the bar alone. Source: layout."""
-
-
 @dataclass(frozen=True)
 class Learned:
     """All that is learned from logs.
@@ -250,15 +246,16 @@ def judge(
     if line is None:
         chosen = _alone(solutions[-1], rig)
         return Judged(logs, training, line, solutions, models, chosen, candidates, stopped)
+    say = progress or (lambda _: None)
     try:
         for name, way, parameters in _ways(training, solutions):
-            judging(progress, f"judging {name}", len(candidates), JUDGED)
+            say(f"judging {name}")
             candidates.append(filter_candidate(name, way, parameters))
         tried = Tried() if stopped else tried_parts(logs, rig, options, solutions[0])
         models += tried.parameters
         for part, parameters in tried.named:
             name = f"{BY_EQUATIONS}, with {part.name}"
-            judging(progress, f"judging {name}", len(candidates), JUDGED)
+            say(f"judging {name}")
             way = replace(training, rig=rig.with_values(part.values), part=part)
             candidates.append(filter_candidate(name, way, parameters))
     except KeyboardInterrupt:
