@@ -17,7 +17,7 @@ from distal.confidence import BAND
 from distal.errors import DistalWarning, DivergedError, EstimationError, FitError
 from distal.fitting.candidates import groups_among
 from distal.fitting.choice_of_parameters import Options, Progress
-from distal.fitting.judge import WRITTEN, Judged, Learned, judge, learned_by
+from distal.fitting.judge import WRITTEN, Judged, judge
 from distal.fitting.learn_free_motion import efforts_of, untouched
 from distal.fitting.learned_maps import logs_read
 from distal.fitting.log_checks import check_logs, touched_logs
@@ -121,13 +121,13 @@ def fit(
     judged = judge(read, rig, options, progress)
     learned = _followed(judged, read)
     doubts = (*said_of_lag(found_lag), *_touched(aside), *learned.doubts)
-    learned = replace(learned, doubts=doubts)
+    added = {**servos, **learned.added}
     for line in far_from_priors(learned.parameters.fitted, learned.parameters.problem):
         warnings.warn(line, DistalWarning, stacklevel=2)
-    return Fit.of(learned, start_rig, read, options, servos)
+    return replace(learned, start=start_rig, added=added, doubts=doubts)
 
 
-def _followed(judged: Judged, logs: Sequence[Log]) -> Learned:
+def _followed(judged: Judged, logs: Sequence[Log]) -> Fit:
     """Return what is learned by the best candidate, with its normal forces of free motion; where
     the rig, as it would be written, fails on a log, by the next one, and at last by readings alone.
 
@@ -144,7 +144,7 @@ def _followed(judged: Judged, logs: Sequence[Log]) -> Learned:
                     f"logs left out, a straight line of the readings by {np.rad2deg(line):.2g}°"
                 )
                 continue
-            learned = _with_free_motion(learned_by(judged, candidate), judged)
+            learned = _with_free_motion(Fit.of(judged, candidate), judged)
             for rig in dict.fromkeys((learned.rig, untouched(learned.rig))):
                 failures = (_failure(rig, log, learned, judged.training.options) for log in logs)
                 failure = next(filter(None, failures), None)
@@ -154,12 +154,12 @@ def _followed(judged: Judged, logs: Sequence[Log]) -> Learned:
                 doubts.append(f"the filter of {candidate.name}{touches} {failure}")
         doubts.append("no filter is written: the angles are those of the map on readings alone")
         best = replace(best, data={})
-        learned = _with_free_motion(learned_by(judged, best), judged)
+        learned = _with_free_motion(Fit.of(judged, best), judged)
         return replace(learned, doubts=(*doubts, *learned.doubts))
-    return learned_by(judged, best)
+    return Fit.of(judged, best)
 
 
-def _failure(rig: Rig, log: Log, learned: Learned, options: Options) -> str | None:
+def _failure(rig: Rig, log: Log, learned: Fit, options: Options) -> str | None:
     """Return in words how a rig fails on a log that it was learned from; None where it does not."""
     homing = options.homing
     try:
@@ -208,7 +208,7 @@ def _touched(aside: Sequence[Log]) -> list[str]:
     ]
 
 
-def _with_free_motion(learned: Learned, judged: Judged) -> Learned:
+def _with_free_motion(learned: Fit, judged: Judged) -> Fit:
     """Return what was learned, with the normal forces of free motion (`efforts_of`), and how well
     the rig did on logs left out, where these are not few.
     """
