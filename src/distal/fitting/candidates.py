@@ -169,36 +169,25 @@ def with_parts(
     rig: Rig,
     options: Options,
     begin: ParameterEstimates,
-) -> tuple[tuple[MissingTerm, ParameterEstimates], ...]:
-    """Return those of the terms that the rig can have, each with the parameter estimates of the rig
-    with it.
+) -> list[tuple[MissingTerm, ParameterEstimates]]:
+    """Return those of the terms that the rig can have, each with the parameter estimates of the
+    rig's equations with it.
 
     The searches begin at the estimates `begin`, without the term.
     """
-    fits = [(part, parameters_with(part, logs, rig, options, begin)) for part in parts]
-    return tuple((part, parameters) for part, parameters in fits if parameters is not None)
-
-
-def parameters_with(
-    part: MissingTerm, logs: Sequence[Log], rig: Rig, options: Options, begin: ParameterEstimates
-) -> ParameterEstimates | None:
-    """Return the parameter estimates of a rig's equations with a term more; None where the rig
-    cannot have this term.
-
-    The search begins at the estimates `begin`, without the term.
-    """
-    if not part.values:
-        return None
-    try:
-        parameters = by_equations(
-            problem_of(logs, rig.with_values(part.values), options), options, None, begin
-        )
-    except DistalError:
-        return None
-    if parameters is not None and parameters.optimum.interrupted:
-        # the caller has the estimates without the term
-        raise KeyboardInterrupt
-    return parameters
+    fits = []
+    for part in parts:
+        try:
+            problem = problem_of(logs, rig.with_values(part.values), options)
+            parameters = by_equations(problem, options, None, begin) if part.values else None
+        except DistalError:
+            continue
+        if parameters is not None and parameters.optimum.interrupted:
+            # the caller has the estimates without the term
+            raise KeyboardInterrupt
+        if parameters is not None:
+            fits.append((part, parameters))
+    return fits
 
 
 def _residual(parameters: ParameterEstimates) -> float:
@@ -342,30 +331,44 @@ class Candidate:
     part: MissingTerm | None = None
 
 
-@dataclass(frozen=True)
-class _Run:
-    """The filter's estimates along the logs, with parameters that have not seen them, by the index
-    of the log.
-    """
-
-    rig: Rig
-    hold: bool
-    data: Mapping[int, Samples]
-    refused: Sequence[str]
-
-
 def filter_candidate(
     name: str, training: Training, parameters: ParameterEstimates | None
 ) -> Candidate:
     """Return the candidate of a rig's filter with the given parameter estimates; None stands for
     the original values.
+
+    It takes the parameters as exactly known where it then errs far less.
     """
-    run = _surest(_run(training, parameters, False), training, parameters)
+    plain = _filtered(name, training, parameters, False)
+    if parameters is None or training.options.homing is not None:
+        return plain
+    surer = _filtered(name, training, parameters, True)
+    errors = [mean_rms(way.data, None) for way in (surer, plain)]
+    better = len(surer.data) == len(plain.data) and errors[0] < NAMED * errors[1]
+    return surer if better else plain
+
+
+def _filtered(
+    name: str, training: Training, parameters: ParameterEstimates | None, hold: bool
+) -> Candidate:
+    def described_by(source: ParameterEstimates) -> Rig:
+        return described(training.rig, assignments(source.fitted, source.problem.filter.rig, hold))
+
+    rig = training.rig
+    rigs = (training.rig,) * len(training.folds)
+    if parameters is not None:
+        of_folds = parameters_without(parameters, training.logs, training.folds)
+        fold_rigs = [described_by(of_fold) for of_fold in of_folds]
+        rig = described_by(parameters)
+        rigs = tuple(fold_rigs[fold] for fold in training.folds)
+    homing = training.options.homing
+    data, refused = filtered(
+        training.logs, rigs, homing, "quick" if training.options.compiled else False
+    )
     # what a log teaches cannot be judged on it
-    judged = bool(run.data) and len(set(training.folds)) > 1
-    error = mean_rms(run.data, training.options.homing) if judged else np.inf
-    refused = tuple(run.refused)
-    return Candidate(name, run.rig, parameters, run.hold, error, run.data, refused, training.part)
+    judged = bool(data) and len(set(training.folds)) > 1
+    error = mean_rms(data, homing) if judged else np.inf
+    return Candidate(name, rig, parameters, hold, error, data, tuple(refused), training.part)
 
 
 def answer_maps(candidate: Candidate, training: Training, line: MapFit) -> tuple[MapFit, ...]:
@@ -387,41 +390,3 @@ def answer_maps(candidate: Candidate, training: Training, line: MapFit) -> tuple
         return line, beside
     beside = with_its_reference_error(beside, training.logs)
     return pooled(beside, line, candidate.data, training.logs)
-
-
-def _surest(run: _Run, training: Training, parameters: ParameterEstimates | None) -> _Run:
-    """Return the run of the filter that takes the parameters as exactly known, where it errs far
-    less than the given run.
-    """
-    if parameters is None or training.options.homing is not None:
-        return run
-    surer = _run(training, parameters, True)
-    return (
-        surer
-        if len(surer.data) == len(run.data)
-        and mean_rms(surer.data, None) < NAMED * mean_rms(run.data, None)
-        else run
-    )
-
-
-def _run(training: Training, parameters: ParameterEstimates | None, hold: bool) -> _Run:
-    def described_by(source: ParameterEstimates) -> Rig:
-        return described(training.rig, assignments(source.fitted, source.problem.filter.rig, hold))
-
-    rig = training.rig
-    rigs = (training.rig,) * len(training.folds)
-    if parameters is not None:
-        of_folds = parameters_without(parameters, training.logs, training.folds)
-        fold_rigs = [described_by(of_fold) for of_fold in of_folds]
-        rig = described_by(parameters)
-        rigs = tuple(fold_rigs[fold] for fold in training.folds)
-    return _Run(
-        rig,
-        hold,
-        *filtered(
-            training.logs,
-            rigs,
-            training.options.homing,
-            "quick" if training.options.compiled else False,
-        ),
-    )
