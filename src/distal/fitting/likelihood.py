@@ -211,7 +211,7 @@ def evened(run: Innovations, weighing: Weighing) -> Floats:
 
 def derivatives_of(
     base: Innovations,
-    ends: Sequence[tuple[Innovations, Innovations]],
+    ends: Sequence[Innovations],
     widths: Floats,
     weighing: Weighing,
 ) -> Derivatives:
@@ -223,9 +223,8 @@ def derivatives_of(
 
     Args:
         base: the run at the point.
-        ends: for each coordinate the runs at the upper and the lower end of a step.
-        widths: distance from the lower to the upper end, (n,); 0 for a coordinate that is not
-            varied.
+        ends: for each coordinate the run at the end of a step.
+        widths: the steps, (n,); 0 for a coordinate that is not varied.
         weighing: weights of the log's values.
     """
     compared = np.isfinite(base.values)
@@ -234,13 +233,11 @@ def derivatives_of(
     spread = (base.variances * weighing.scale)[compared]
     slopes = np.zeros((len(ends), len(nu)))
     log_slopes = np.zeros((len(ends), len(nu)))
-    for k, (up, down) in enumerate(ends):
+    for k, end in enumerate(ends):
         if widths[k] != 0.0:
             with np.errstate(all="ignore"):  # an end may have left all bounds
-                slopes[k] = (up.values[compared] - down.values[compared]) / widths[k]
-                log_slopes[k] = (
-                    np.log(up.variances[compared] / down.variances[compared]) / widths[k]
-                )
+                slopes[k] = (end.values - base.values)[compared] / widths[k]
+                log_slopes[k] = np.log(end.variances / base.variances)[compared] / widths[k]
     # what is compared may change at the ends (a slider at a stop): such a sample has no slope
     slopes[~(np.abs(slopes) < UNBOUNDED)] = 0.0
     log_slopes[~(np.abs(log_slopes) < UNBOUNDED)] = 0.0

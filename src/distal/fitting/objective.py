@@ -292,9 +292,8 @@ class Problem:
         scale = self.scales(bases)
         derivatives = []
         for j, (base, side) in enumerate(zip(bases, sides)):
-            pairs = [(end, base) for end in side]
             steps = (ends - z)[self.columns(j)]
-            derivatives.append(derivatives_of(base, pairs, steps, self._weighing(j, scale)))
+            derivatives.append(derivatives_of(base, side, steps, self._weighing(j, scale)))
         return derivatives
 
     def derivatives(self, z: Floats, widths: Floats) -> Derivatives:
