@@ -4,7 +4,7 @@
 that share no code with `distal.model` (`benchmarks.touch`), runs `distal learn` on their
 calibration logs without a rig file, reads the file that it wrote, and judges it on logs of free
 motion that nothing has seen. Beside it stands the yardstick that errs least on each calibration log
-by the rest of them: least squares, the same with lags or with plays, and boosted trees.
+by the rest of them: least squares, the same with lags, and boosted trees.
 
 `python -m benchmarks.learned by-hand` fits by `distal fit` the rig files that somebody wrote for
 these plants, and judges both on the same logs.
@@ -185,7 +185,7 @@ COLUMNS = (
     "learned [°]",
     "the yardstick that its logs choose [°]",
     "ratio, median",
-    "straight, lags, plays, trees [°]",
+    "straight, lags, trees [°]",
     "inside [%]",
     "half-width over what 95 % need",
     "seconds",

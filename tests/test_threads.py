@@ -9,7 +9,6 @@ import pytest
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from distal import fit
-from distal.fitting import Doing
 from distal.parallel import one_blas_thread
 from tests.support.foreign_plants import finger_log, finger_rig
 
@@ -70,7 +69,7 @@ def test_limits_come_back_after_two_that_overlap(main_last: bool) -> None:
 def test_a_fit_runs_with_one_and_gives_the_limits_back() -> None:
     before, seen = threads(), list[int]()
 
-    def look(doing: Doing) -> None:
+    def look(doing: str) -> None:
         seen.extend(threads())
 
     fit([finger_log(0, 3.0)], finger_rig(), progress=look)

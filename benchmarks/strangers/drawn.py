@@ -14,13 +14,11 @@ releases can be asked too: `PYTHONPATH=/path/to/older/src:. python -m benchmarks
 from __future__ import annotations
 
 import argparse
-import inspect
 import json
 import time
 import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -46,13 +44,11 @@ if TYPE_CHECKING:
 NAME = "drawn"
 RIGS = 40
 """How many rigs."""
-STARTS = 3
-"""So many other starts are tried where a fit offers it."""
 ESTIMATORS = ("plant known", "adaptive", "regression")
 """The default one as it is given the plant's numbers; the default one, and the obvious one, with
 the fitted rig.
 """
-BAND, LOST, LOWER = 1.959963984540054, 90.0, 1.0
+BAND, LOST = 1.959963984540054, 90.0
 """Stds of half a 95 % band; the error of what is refused [deg]; −ln p that is lower by this
 elsewhere was missed.
 """
@@ -76,33 +72,7 @@ def judged(log: Log, rig: Rig, estimator: str) -> Raw:
     }
 
 
-def fitted(logs: Sequence[Log], rig: Rig, seed: int | None = None) -> Any:
-    """Return the fit of a rig to logs, where a seed is given with the starts that it draws."""
-    return fit(logs, rig) if seed is None else fit(logs, rig, seed=seed)
-
-
-def cost_of(found: Any) -> float:
-    """Return −ln p at the end of the best search of a fit."""
-    searched = (candidate.parameters for candidate in found.candidates)
-    return float(next(each.optimum.cost for each in searched if each is not None))
-
-
-def other_starts(logs: Sequence[Log], rig: Rig, found: Any, count: int) -> list[float]:
-    """Return −ln p that fits from other starts end with, less that of the fit; none where a release
-    does not offer it.
-
-    TO BE CHANGED WITH `distal.fit`: its starts are drawn by `seed`, see `cost_of` for −ln p.
-    """
-    if "seed" not in inspect.signature(fit).parameters:
-        return []
-    costs = []
-    for seed in range(1, count + 1):
-        with suppress(DistalError):
-            costs.append(cost_of(fitted(logs, rig, seed)) - cost_of(found))
-    return costs
-
-
-def run_rig(seed: int, stops: bool = False, starts: int = 0) -> Raw:
+def run_rig(seed: int, stops: bool = False) -> Raw:
     """Return all that is reported of the rig of a seed."""
     began, rig = time.process_time(), drawn_rig(seed, stops)
     logs, left = logs_of(rig, seed)
@@ -125,7 +95,7 @@ def run_rig(seed: int, stops: bool = False, starts: int = 0) -> Raw:
     began, clock = time.process_time(), time.perf_counter()
     found: Any = None
     try:
-        found = fitted(fit_to, described)
+        found = fit(fit_to, described)
     except Exception as problem:  # one that ends with an error is an outcome too
         said["refused"] = f"{type(problem).__name__}: {problem}"
     said |= {"fit_s": time.process_time() - began, "clock_s": time.perf_counter() - clock}
@@ -148,7 +118,6 @@ def run_rig(seed: int, stops: bool = False, starts: int = 0) -> Raw:
     ]
     if found:
         said |= {"converged": bool(found.converged), "doubts": list(getattr(found, "doubts", ()))}
-        said["others"] = other_starts(fit_to, described, found, starts)
     lost = {"rms": LOST, "inside": 0.0, "half": 0.0}
     for name in ESTIMATORS[1:]:
         for log in others:
@@ -157,11 +126,11 @@ def run_rig(seed: int, stops: bool = False, starts: int = 0) -> Raw:
     return said
 
 
-def quiet(seed: int, stops: bool, starts: int) -> Raw:
+def quiet(seed: int, stops: bool) -> Raw:
     """Return what is reported of a rig, without the warnings of its fit."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return run_rig(seed, stops, starts)
+        return run_rig(seed, stops)
 
 
 def within(said: Raw) -> list[bool]:
@@ -201,8 +170,6 @@ def line(said: Raw) -> str:
         for estimator in ESTIMATORS:
             rms, inside = (np.mean(of(said, estimator, key, outside)) for key in ("rms", "inside"))
             parts.append(f"{estimator} {rms:.2f}° ({100 * inside:.0f} %)")
-    if said.get("others"):
-        parts.append(f"other starts {', '.join(f'{one:+.1f}' for one in said['others'])}")
     return "  ".join(parts)
 
 
@@ -219,10 +186,6 @@ def summary(records: Sequence[Raw]) -> list[list[str]]:
     }
     measures: list[tuple[str, Callable[[Raw], Sequence[float]]]] = [
         ("converged [%]", lambda one: [one.get("converged", False)]),
-        (
-            "−ln p nowhere lower [%]",
-            lambda one: [min(one["others"]) > -LOWER] if one.get("others") else [],
-        ),
         ("numbers within 2 errors [%]", within),
         (
             "told, of what the logs tell [%]",
@@ -311,17 +274,11 @@ def main() -> None:
         action="store_true",
         help="calibration rests in hard stops for a third of its time",
     )
-    parser.add_argument(
-        "--starts",
-        type=int,
-        default=STARTS,
-        help="fits from other starts; each takes as long as the fit",
-    )
     parser.add_argument("--save", type=Path, metavar="FILE.json")
     parser.add_argument("--processes", type=int, default=1)
     asked = parser.parse_args()
     seeds = range(asked.first_seed, asked.first_seed + asked.rigs)
-    work, records = partial(quiet, stops=asked.stops, starts=asked.starts), list[Raw]()
+    work, records = partial(quiet, stops=asked.stops), list[Raw]()
     with ProcessPoolExecutor(asked.processes) as pool:
         for said in map(work, seeds) if asked.processes == 1 else pool.map(work, seeds):
             records.append(said)

@@ -29,6 +29,3 @@ def test_a_fits_rows_are_a_logs_samples_with_their_intervals() -> None:
     assert (data.rows[data.last, 1 + width + at] == 1.0).all()
     np.testing.assert_allclose(data.rows[data.last, width], 0.6 * angle)
     assert len(data.rows) == 40
-    begun = data.beginning(10)
-    np.testing.assert_array_equal(begun.rows, data.rows[: data.last[9] + 1])
-    assert len(begun.log) == len(begun.samples) == len(begun.last) == 10

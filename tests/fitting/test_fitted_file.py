@@ -16,7 +16,7 @@ from distal.fitting import judge as judging
 from distal.fitting.candidates import Candidate, MissingTerm, Training, filter_candidate, with_parts
 from distal.fitting.choice_of_parameters import Options
 from distal.fitting.fitted_file import plain_value
-from distal.fitting.judge import WRITTEN, Compared, Judged, Learned, Score, learned_by, readings_map
+from distal.fitting.judge import WRITTEN, Compared, Judged, Score, readings_map
 from distal.fitting.parameter_estimates import among_models, parameters_of, problem_of
 from distal.fitting.result import Fit
 from distal.rig import build_rig, parse_toml
@@ -76,7 +76,7 @@ class Found:
         self.candidates = [filter_candidate(*way) for way in ways]
         self.models = [self.solutions[0], *(parameters for _, parameters in named)]
 
-    def learned(self, candidate: Candidate, *, others: bool = True) -> Learned:
+    def learned(self, candidate: Candidate, *, others: bool = True) -> Fit:
         """Return what a candidate teaches, with or without what other models make of the logs."""
         models = self.models if others else []
         judged = Judged(
@@ -89,7 +89,7 @@ class Found:
             self.candidates,
             False,
         )
-        return learned_by(judged, candidate)
+        return Fit.of(judged, candidate)
 
 
 @pytest.fixture(scope="module")
@@ -97,9 +97,8 @@ def found(rig: Rig) -> Found:
     return Found(rig)
 
 
-def check(found: Found, learned: Learned, text: str | None, path: Path) -> str:
+def check(result: Fit, text: str | None, path: Path) -> str:
     """Write what was learned and read it again."""
-    result = Fit.of(learned, found.rig, found.logs, OPTIONS)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         result.save(path, text)
@@ -126,7 +125,7 @@ def test_each_candidate_is_written_as_it_was_judged(
     """
     candidate = found.candidates[which]
     learned = found.learned(candidate, others=others)
-    written = check(found, learned, text, tmp_path / "fitted.toml")
+    written = check(learned, text, tmp_path / "fitted.toml")
     assert "# bought in March" in written
     assert load_rig(tmp_path / "fitted.toml").bare() == candidate.rig.bare()
 
@@ -135,7 +134,7 @@ def test_each_candidate_is_written_as_it_was_judged(
 def test_an_encoders_zero_that_no_score_shows_is_said(
     share: float, said: bool, found: Found
 ) -> None:
-    result = Fit.of(found.learned(found.candidates[0]), found.rig, found.logs, OPTIONS)
+    result = found.learned(found.candidates[0])
     result = replace(result, reference_offset=share * result.scores()[0][1])
     assert any("whose own zero may be off by" in line for line in result.advice()) == said
 
@@ -143,8 +142,7 @@ def test_an_encoders_zero_that_no_score_shows_is_said(
 @pytest.mark.parametrize(("ratio", "said"), [(0.94, True), (0.97, False)])
 def test_another_way_that_errs_less_is_said_first(ratio: float, said: bool, found: Found) -> None:
     """By more than 5 %."""
-    learned = found.learned(found.candidates[0])
-    result = Fit.of(learned, found.rig, found.logs, OPTIONS)
+    result = found.learned(found.candidates[0])
     name = "least squares with lags"
     scores = {WRITTEN: Score(0.01, 0.95, 0.02), name: Score(0.01 * ratio, np.nan, np.nan)}
     answer = replace(result, compared=(Compared("log", scores),)).answer()
@@ -170,7 +168,7 @@ def test_the_candidates_are_of_each_kind(found: Found) -> None:
 
 def test_a_file_of_its_own_is_written_anew(found: Found, tmp_path: Path) -> None:
     candidate = found.candidates[0]
-    check(found, found.learned(candidate), None, tmp_path / "fitted.toml")
+    check(found.learned(candidate), None, tmp_path / "fitted.toml")
 
 
 @pytest.mark.parametrize("after", [pytest.param(0, marks=pytest.mark.more), 1])
@@ -191,10 +189,10 @@ def test_one_that_was_interrupted_is_written(
     monkeypatch.setattr(judging, "filter_candidate", judged_so_far)
     judged = judging.judge(found.logs, found.rig, OPTIONS)
     assert [candidate.name for candidate in judged.candidates] == calls
-    learned = learned_by(judged, judged.chosen)
+    learned = Fit.of(judged, judged.chosen)
     assert learned.interrupted
     assert ("filter" in learned.maps, len(learned.compared)) == (after == 1, 3 * after)
-    written = check(found, learned, text, tmp_path / "fitted.toml")
+    written = check(learned, text, tmp_path / "fitted.toml")
     assert "interrupted" in written
 
 
@@ -203,12 +201,11 @@ def test_without_an_angle_parameters_alone_are_written(
 ) -> None:
     chosen = judging._alone(found.solutions[-1], found.rig)
     judged = Judged(found.logs, found.training, None, found.solutions, [], chosen, [], False)
-    check(found, learned_by(judged, chosen), text, tmp_path / "fitted.toml")
+    check(Fit.of(judged, chosen), text, tmp_path / "fitted.toml")
 
 
 def test_the_text_of_another_rig_is_refused(found: Found, text: str, tmp_path: Path) -> None:
-    learned = found.learned(found.candidates[0])
-    result = Fit.of(learned, found.rig, found.logs, OPTIONS)
+    result = found.learned(found.candidates[0])
     other = text.replace('name = "finger"', 'name = "thumb"').replace('"finger"', '"thumb"')
     with pytest.raises(RigError, match="not that of the rig that was fitted"):
         result.save(tmp_path / "fitted.toml", other)
@@ -222,7 +219,7 @@ def test_what_does_not_fit_into_the_text_is_written_anew(
     monkeypatch.setattr("distal.fitting.fitted_file._put_into", lambda *_: text)
     candidate = next(c for c in found.candidates if c.parameters is not None)
     assert candidate.parameters is not None
-    result = Fit.of(found.learned(candidate), found.rig, found.logs, OPTIONS)
+    result = found.learned(candidate)
     with pytest.warns(DistalWarning, match="written anew"):
         result.save(tmp_path / "fitted.toml", text)
     assert load_rig(tmp_path / "fitted.toml") == result.rig

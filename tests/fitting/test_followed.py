@@ -71,7 +71,8 @@ def written(
     compared = (Compared("one.csv", {WRITTEN: Score(0.01, 0.95, 0.02)}),)
     monkeypatch.setattr(FIT, "estimate", estimate)
     monkeypatch.setattr(FIT, "reference_offset", lambda *_: 0.0)
-    monkeypatch.setattr(FIT, "learned_by", lambda _, one: Learned(one.rig, (), compared))
+    made = SimpleNamespace(of=lambda _, one: Learned(one.rig, (), compared))
+    monkeypatch.setattr(FIT, "Fit", made)
     monkeypatch.setattr(
         FIT, "_with_free_motion", lambda learned, *_: replace(learned, doubts=("whole",))
     )

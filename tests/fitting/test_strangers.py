@@ -32,7 +32,7 @@ def test_a_rig_with_other_physics(log_of: object, rig_of: object) -> None:
     assert len(found.compared) == 3
     names = [name for name, _, _ in found.scores()]
     assert names[0] == WRITTEN
-    assert {AS_GIVEN, REGRESSION, "least squares with plays"} <= set(names)
+    assert {AS_GIVEN, REGRESSION, "least squares with lags"} <= set(names)
     ours, theirs = (
         [estimate(log, found.rig, name) for log in logs[3:]] for name in ("adaptive", "regression")
     )

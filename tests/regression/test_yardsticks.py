@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from distal.regression import YARDSTICKS, Samples, yardstick_error
-from distal.regression.least_squares import LAGS, PLAYS
+from distal.regression.least_squares import LAGS
 
 
 def log_of(seed: int, count: int = 400) -> Samples:
@@ -26,25 +25,12 @@ def log_of(seed: int, count: int = 400) -> Samples:
     return Samples("log", time, readings, nothing, angles, np.zeros((count, 2)))
 
 
-def played(x: Any, half: float) -> Any:
-    out, z = [], x[0]
-    for value in x:
-        z = min(max(z, value - half), value + half)
-        out.append(z)
-    return np.array(out)
-
-
 def by_hand(name: str, training: list[Samples], test: Samples) -> float:
-    every = np.vstack([log.readings for log in training])
-    widths = every.max(axis=0) - every.min(axis=0)
-
     def phi(log: Samples) -> Any:
         t, y = log.time, log.readings
         columns = [np.ones(len(t)), *y.T]
         if "lags" in name:
             columns += [np.interp(t - lag, t, c) for lag in LAGS for c in y.T]
-        if "plays" in name:
-            columns += [played(c, s * w) for s in PLAYS for c, w in zip(y.T, widths)]
         return np.column_stack(columns)
 
     squares = []
@@ -57,18 +43,7 @@ def by_hand(name: str, training: list[Samples], test: Samples) -> float:
     return float(np.sqrt(np.mean(np.concatenate(squares))))
 
 
-LINES = [name for name in YARDSTICKS if "trees" not in name]
-
-
-def test_boosted_trees_follow_a_bend_that_least_squares_do_not() -> None:
-    pytest.importorskip("sklearn", reason="scikit-learn is not installed")
-    logs = [log_of(seed) for seed in range(4)]
-    bent = [replace(log, targets=np.abs(log.readings[:, :1])) for log in logs]
-    errors = {name: yardstick_error(name, bent[:3], bent[3]) for name in YARDSTICKS}
-    assert errors["boosted trees with lags"] < 0.5 * min(errors[name] for name in LINES)
-
-
-@pytest.mark.parametrize("name", LINES)
+@pytest.mark.parametrize("name", YARDSTICKS)
 def test_a_yardstick_is_ordinary_least_squares(name: str) -> None:
     training, test = [log_of(1), log_of(2)], log_of(3)
     assert yardstick_error(name, training, test) == pytest.approx(

@@ -83,7 +83,6 @@ def fit_command(
     ] = None,
     reference_lag: LagOption = None,
     minutes: MinutesOption = None,
-    seed: Annotated[int, Option(min=0, help="Seed of the starts.")] = 0,
     set_: SetOption = None,
 ) -> None:
     """Fit a rig's parameters and noise to logs, say which ones the logs determine, and write a rig
@@ -110,9 +109,8 @@ def fit_command(
             per_log or (),
             homing=home,
             noise=noise,
-            seed=seed,
             units=units,
-            progress=lambda doing: show(f"{doing.stage}, about {doing.share:.0%} done"),
+            progress=show,
             lag=None if reference_lag is None else in_si(reference_lag, "s"),
         )
     say_fit(result)

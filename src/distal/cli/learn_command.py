@@ -159,9 +159,8 @@ def learn_command(
         result = fit(
             read,
             description,
-            progress=lambda doing: show(f"{doing.stage}, about {doing.share:.0%} done"),
+            progress=show,
             lag=None if reference_lag is None else in_si(reference_lag, "s"),
-            guessed=rig is None,
         )
     say_fit(result)
     result.save(out, text)

@@ -3,7 +3,7 @@ can identify.
 """
 
 from distal.fitting.candidates import AS_GIVEN
-from distal.fitting.choice_of_parameters import Doing, Options
+from distal.fitting.choice_of_parameters import Options
 from distal.fitting.fit import fit, learn
 from distal.fitting.free_parameter import FittedParameter
 from distal.fitting.judge import WRITTEN, Compared, Score
@@ -19,7 +19,6 @@ __all__ = [
     "SETTLING",
     "WRITTEN",
     "Compared",
-    "Doing",
     "Fit",
     "FittedParameter",
     "MapFit",

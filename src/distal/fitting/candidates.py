@@ -25,7 +25,7 @@ from distal.fitting.learned_maps import (
     with_its_reference_error,
     with_shares,
 )
-from distal.fitting.likelihood_search import search
+from distal.fitting.likelihood_search import damped_step
 from distal.fitting.log_checks import unknown_joints
 from distal.fitting.map_samples import filtered, mean_rms
 from distal.fitting.parameter_estimates import (
@@ -169,48 +169,31 @@ def with_parts(
     rig: Rig,
     options: Options,
     begin: ParameterEstimates,
-) -> tuple[tuple[MissingTerm, ParameterEstimates], ...]:
-    """Return those of the terms that the rig can have, each with the parameter estimates of the rig
-    with it.
+) -> list[tuple[MissingTerm, ParameterEstimates]]:
+    """Return those of the terms that the rig can have, each with the parameter estimates of the
+    rig's equations with it.
 
     The searches begin at the estimates `begin`, without the term.
     """
-    fits = [(part, parameters_with(part, logs, rig, options, begin)) for part in parts]
-    return tuple((part, parameters) for part, parameters in fits if parameters is not None)
-
-
-def parameters_with(
-    part: MissingTerm, logs: Sequence[Log], rig: Rig, options: Options, begin: ParameterEstimates
-) -> ParameterEstimates | None:
-    """Return the parameter estimates of a rig's equations with a term more; None where the rig
-    cannot have this term.
-
-    The search begins at the estimates `begin`, without the term.
-    """
-    if not part.values:
-        return None
-    try:
-        parameters = by_equations(
-            problem_of(logs, rig.with_values(part.values), options), options, None, begin
-        )
-    except DistalError:
-        return None
-    if parameters is not None and parameters.optimum.interrupted:
-        # the caller has the estimates without the term
-        raise KeyboardInterrupt
-    return parameters
+    fits = []
+    for part in parts:
+        try:
+            problem = problem_of(logs, rig.with_values(part.values), options)
+            parameters = by_equations(problem, options, None, begin) if part.values else None
+        except DistalError:
+            continue
+        if parameters is not None and parameters.optimum.interrupted:
+            # the caller has the estimates without the term
+            raise KeyboardInterrupt
+        if parameters is not None:
+            fits.append((part, parameters))
+    return fits
 
 
 def _residual(parameters: ParameterEstimates) -> float:
     """Return the geometric mean over all rows of √(mean ν²/S), where a mean below 1 counts as 1."""
     ratios = np.maximum([ratio for ratio in parameters.nis if np.isfinite(ratio)], 1.0)
     return float(np.exp(np.mean(0.5 * np.log(ratios))))
-
-
-JACKKNIFE_STEPS = 1
-"""Number of Newton steps from the parameters of all logs, where the slopes of each log are known
-(the infinitesimal jackknife). Source: reference (Giordano et al., AISTATS 2019).
-"""
 
 
 def parameters_without(
@@ -227,51 +210,27 @@ def parameters_without(
 
 
 def without(parameters: ParameterEstimates, logs: Sequence[Log]) -> ParameterEstimates:
-    """Return the parameters that all logs but some tell, `logs`; which of them are fitted, and
-    their stds, stay those of all logs.
+    """Return the parameters that all logs but some tell, `logs`: one Newton step away, by the
+    slopes of each log, which are known (the infinitesimal jackknife; Giordano et al., AISTATS
+    2019). Which of them are fitted, and their stds, stay those of all logs.
+
+    What each log has anew is in a log that is left out as in the others in the mean.
     """
     problem = parameters.problem
     optimum = parameters.optimum
-    uncertainty = parameters.uncertainty
     out = [any(data.log is log for log in logs) for data in problem.data]
-    remaining = problem.among([j for j, gone in enumerate(out) if not gone])
-    columns = np.array(
-        [k for k, (_, log) in enumerate(problem.parts) if log is None or not out[log]]
+    known = {j: of_log for j, of_log in enumerate(optimum.derivatives.of_logs) if not out[j]}
+    z = optimum.z
+    z = z + damped_step(problem, z, problem.summed(known, z), ~parameters.left)[0]
+    for k, (part, log) in enumerate(problem.parts):
+        if log is not None and out[log]:
+            others = [i for i, (p, j) in enumerate(problem.parts) if p is part and j in known]
+            z[k] = np.mean(z[others])
+    moved = replace(optimum, z=z)
+    fitted = fitted_parameters(
+        problem, moved, parameters.uncertainty, parameters.left, parameters.held
     )
-    of_logs = [
-        derivatives for derivatives, gone in zip(optimum.derivatives.of_logs, out) if not gone
-    ]
-    at = remaining.summed(of_logs, optimum.z[columns])
-    again = search(
-        remaining,
-        optimum.z[columns],
-        most=JACKKNIFE_STEPS,
-        fixed=parameters.left[columns],
-        at_start=at,
-    )
-    if again.interrupted:
-        raise KeyboardInterrupt  # a search that was interrupted judges nothing
-    square = np.ix_(columns, columns)
-    determined = uncertainty.determined[columns]
-    together = uncertainty.together[columns]
-    covariance = uncertainty.covariance[square]
-    errors = replace(uncertainty, covariance=covariance, determined=determined, together=together)
-    left = parameters.left[columns]
-    held = parameters.held[columns]
-    fitted = tuple(
-        fitted_parameters(
-            remaining, replace(again, converged=optimum.converged), errors, left, held
-        )
-    )
-    return replace(
-        parameters,
-        problem=remaining,
-        optimum=again,
-        uncertainty=errors,
-        fitted=fitted,
-        left=left,
-        held=held,
-    )
+    return replace(parameters, optimum=moved, fitted=tuple(fitted))
 
 
 AS_GIVEN = "the rig as given"
@@ -372,30 +331,44 @@ class Candidate:
     part: MissingTerm | None = None
 
 
-@dataclass(frozen=True)
-class _Run:
-    """The filter's estimates along the logs, with parameters that have not seen them, by the index
-    of the log.
-    """
-
-    rig: Rig
-    hold: bool
-    data: Mapping[int, Samples]
-    refused: Sequence[str]
-
-
 def filter_candidate(
     name: str, training: Training, parameters: ParameterEstimates | None
 ) -> Candidate:
     """Return the candidate of a rig's filter with the given parameter estimates; None stands for
     the original values.
+
+    It takes the parameters as exactly known where it then errs far less.
     """
-    run = _surest(_run(training, parameters, False), training, parameters)
+    plain = _filtered(name, training, parameters, False)
+    if parameters is None or training.options.homing is not None:
+        return plain
+    surer = _filtered(name, training, parameters, True)
+    errors = [mean_rms(way.data, None) for way in (surer, plain)]
+    better = len(surer.data) == len(plain.data) and errors[0] < NAMED * errors[1]
+    return surer if better else plain
+
+
+def _filtered(
+    name: str, training: Training, parameters: ParameterEstimates | None, hold: bool
+) -> Candidate:
+    def described_by(source: ParameterEstimates) -> Rig:
+        return described(training.rig, assignments(source.fitted, source.problem.filter.rig, hold))
+
+    rig = training.rig
+    rigs = (training.rig,) * len(training.folds)
+    if parameters is not None:
+        of_folds = parameters_without(parameters, training.logs, training.folds)
+        fold_rigs = [described_by(of_fold) for of_fold in of_folds]
+        rig = described_by(parameters)
+        rigs = tuple(fold_rigs[fold] for fold in training.folds)
+    homing = training.options.homing
+    data, refused = filtered(
+        training.logs, rigs, homing, "quick" if training.options.compiled else False
+    )
     # what a log teaches cannot be judged on it
-    judged = bool(run.data) and len(set(training.folds)) > 1
-    error = mean_rms(run.data, training.options.homing) if judged else np.inf
-    refused = tuple(run.refused)
-    return Candidate(name, run.rig, parameters, run.hold, error, run.data, refused, training.part)
+    judged = bool(data) and len(set(training.folds)) > 1
+    error = mean_rms(data, homing) if judged else np.inf
+    return Candidate(name, rig, parameters, hold, error, data, tuple(refused), training.part)
 
 
 def answer_maps(candidate: Candidate, training: Training, line: MapFit) -> tuple[MapFit, ...]:
@@ -417,41 +390,3 @@ def answer_maps(candidate: Candidate, training: Training, line: MapFit) -> tuple
         return line, beside
     beside = with_its_reference_error(beside, training.logs)
     return pooled(beside, line, candidate.data, training.logs)
-
-
-def _surest(run: _Run, training: Training, parameters: ParameterEstimates | None) -> _Run:
-    """Return the run of the filter that takes the parameters as exactly known, where it errs far
-    less than the given run.
-    """
-    if parameters is None or training.options.homing is not None:
-        return run
-    surer = _run(training, parameters, True)
-    return (
-        surer
-        if len(surer.data) == len(run.data)
-        and mean_rms(surer.data, None) < NAMED * mean_rms(run.data, None)
-        else run
-    )
-
-
-def _run(training: Training, parameters: ParameterEstimates | None, hold: bool) -> _Run:
-    def described_by(source: ParameterEstimates) -> Rig:
-        return described(training.rig, assignments(source.fitted, source.problem.filter.rig, hold))
-
-    rig = training.rig
-    rigs = (training.rig,) * len(training.folds)
-    if parameters is not None:
-        of_folds = parameters_without(parameters, training.logs, training.folds)
-        fold_rigs = [described_by(of_fold) for of_fold in of_folds]
-        rig = described_by(parameters)
-        rigs = tuple(fold_rigs[fold] for fold in training.folds)
-    return _Run(
-        rig,
-        hold,
-        *filtered(
-            training.logs,
-            rigs,
-            training.options.homing,
-            "quick" if training.options.compiled else False,
-        ),
-    )

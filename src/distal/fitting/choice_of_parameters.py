@@ -16,34 +16,8 @@ from distal.fitting.free_parameter import NOISY, POINTS, Free
 from distal.model import Mechanism
 from distal.rig import REFERENCES, Number, Rig, Sensor, in_words, named, number, part_at
 
-TYPICAL_ITERATIONS = 8.0
-"""Typical number of iterations of a search, for the bar alone. Source: layout."""
-
-BEFORE_SEARCH = 0.05
-"""Share of the time that has passed when the search begins. Source: layout."""
-
-AFTER_SEARCH = 0.35
-"""Share of the time that has passed when the search ends and candidates are judged. Source: layout.
-"""
-
-
-@dataclass(frozen=True)
-class Doing:
-    """What a fit is doing now.
-
-    Args:
-        stage: the stage in words.
-        share: about which share of the fit is done.
-        iteration: of the search; 0 outside a search.
-    """
-
-    stage: str
-    share: float
-    iteration: int = 0
-
-
-Progress = Callable[[Doing], None]
-"""A function that is called with what the fit is doing."""
+Progress = Callable[[str], None]
+"""A function that is called with what the fit is doing, in words."""
 
 
 def searching(progress: Progress | None, stage: str) -> Callable[[int, float], None] | None:
@@ -52,16 +26,7 @@ def searching(progress: Progress | None, stage: str) -> Callable[[int, float], N
     """
     if progress is None:
         return None
-    room = AFTER_SEARCH - BEFORE_SEARCH
-    return lambda iteration, _: progress(
-        Doing(stage, BEFORE_SEARCH + room * iteration / (iteration + TYPICAL_ITERATIONS), iteration)
-    )
-
-
-def judging(progress: Progress | None, stage: str, done: int, count: int) -> None:
-    """Report that a candidate is judged next, after `done` of `count` candidates."""
-    if progress is not None:
-        progress(Doing(stage, AFTER_SEARCH + (1.0 - AFTER_SEARCH) * done / count))
+    return lambda iteration, _: progress(f"{stage}, step {iteration}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,10 +38,8 @@ class Options:
     homing: float | None = None
     noise: bool = True
     units: str | None = None
-    seed: int = 0
     workers: int = 2
     compiled: bool = True
-    guessed: bool = False
 
 
 NOISE_RANGE = 25.0

@@ -17,11 +17,17 @@ from distal.confidence import BAND
 from distal.errors import DistalWarning, DivergedError, EstimationError, FitError
 from distal.fitting.candidates import groups_among
 from distal.fitting.choice_of_parameters import Options, Progress
-from distal.fitting.judge import WRITTEN, Judged, Learned, judge, learned_by
+from distal.fitting.judge import WRITTEN, Judged, judge
 from distal.fitting.learn_free_motion import efforts_of, untouched
 from distal.fitting.learned_maps import logs_read
 from distal.fitting.log_checks import check_logs, touched_logs
-from distal.fitting.map_samples import ReferenceLag, counted_from, reference_lag, reference_offset
+from distal.fitting.map_samples import (
+    counted_from,
+    reference_lag,
+    reference_offset,
+    said_of_lag,
+    without_lag,
+)
 from distal.fitting.result import Fit
 from distal.fitting.standard_errors import far_from_priors
 from distal.from_logs import rig_from_logs
@@ -49,13 +55,11 @@ def fit(
     homing: float | None = None,
     noise: bool = True,
     truth: str | None = None,
-    seed: int = 0,
     workers: int = 2,
     compiled: bool = True,
     progress: Progress | None = None,
     units: str | None = None,
     lag: float | None = None,
-    guessed: bool = False,
 ) -> Fit:
     """Fit a rig's parameters and noise to logs, learn a map of the angle error that remains, and
     test both on held-out logs.
@@ -78,7 +82,6 @@ def fit(
         homing: for how long the reference will be read in use [s]; None: it will not be read.
         noise: whether the sensors' noise is fitted too.
         truth: column of the true angle, where logs are read from files.
-        seed: seed of the random points where the search may start.
         workers: number of threads; the result does not depend on it.
         compiled: whether the filter is compiled; else it is interpreted.
         progress: called with what the fit is doing.
@@ -88,8 +91,6 @@ def fit(
         lag: by how much the true angles are later than the drives [s]; None: it is found, and taken
             off where it makes the logs more probable by more than its standard error. A joint that
             follows its drives late looks the same.
-        guessed: whether the structure of the rig is a guess, as from logs alone: maps may then read
-            the sensors of all its independent parts.
 
     Raises:
         FitError: the logs cannot be fitted; says which and why.
@@ -97,18 +98,14 @@ def fit(
         RigError: the rig is unknown or wrong.
     """
     rig = (as_rig(rig)).bare()  # maps of an earlier fit are learned anew
-    if not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise FitError(f"seed must be a whole number from 0, {seed!r} came")
     options = Options(
         free=_listed(free),
         per_log=_listed(per_log),
         homing=homing,
         noise=noise,
         units=units,
-        seed=int(seed),
         workers=workers,
         compiled=compiled,
-        guessed=guessed,
     )
     read = _read(logs, rig, truth, homing)
     start_rig = rig
@@ -117,20 +114,20 @@ def fit(
     read = [log for i, log in enumerate(read) if i not in touched]
     if units is not None:
         groups_of([log.source for log in read], units)
-    found_lag = ReferenceLag(lag) if lag is not None else _lag(read, rig, units)
-    read = found_lag.taken_off(read, rig)
+    found_lag = _lag(read, rig, units) if lag is None else lag
+    read = without_lag(read, rig, found_lag)
     servos = servos_of(read, rig)
     rig = rig.with_values(servos)
     judged = judge(read, rig, options, progress)
     learned = _followed(judged, read)
-    doubts = (*found_lag.sentences, *_touched(aside), *learned.doubts)
-    learned = replace(learned, doubts=doubts)
+    doubts = (*said_of_lag(found_lag), *_touched(aside), *learned.doubts)
+    added = {**servos, **learned.added}
     for line in far_from_priors(learned.parameters.fitted, learned.parameters.problem):
         warnings.warn(line, DistalWarning, stacklevel=2)
-    return Fit.of(learned, start_rig, read, options, servos)
+    return replace(learned, start=start_rig, added=added, doubts=doubts)
 
 
-def _followed(judged: Judged, logs: Sequence[Log]) -> Learned:
+def _followed(judged: Judged, logs: Sequence[Log]) -> Fit:
     """Return what is learned by the best candidate, with its normal forces of free motion; where
     the rig, as it would be written, fails on a log, by the next one, and at last by readings alone.
 
@@ -147,7 +144,7 @@ def _followed(judged: Judged, logs: Sequence[Log]) -> Learned:
                     f"logs left out, a straight line of the readings by {np.rad2deg(line):.2g}°"
                 )
                 continue
-            learned = _with_free_motion(learned_by(judged, candidate), judged)
+            learned = _with_free_motion(Fit.of(judged, candidate), judged)
             for rig in dict.fromkeys((learned.rig, untouched(learned.rig))):
                 failures = (_failure(rig, log, learned, judged.training.options) for log in logs)
                 failure = next(filter(None, failures), None)
@@ -157,12 +154,12 @@ def _followed(judged: Judged, logs: Sequence[Log]) -> Learned:
                 doubts.append(f"the filter of {candidate.name}{touches} {failure}")
         doubts.append("no filter is written: the angles are those of the map on readings alone")
         best = replace(best, data={})
-        learned = _with_free_motion(learned_by(judged, best), judged)
+        learned = _with_free_motion(Fit.of(judged, best), judged)
         return replace(learned, doubts=(*doubts, *learned.doubts))
-    return learned_by(judged, best)
+    return Fit.of(judged, best)
 
 
-def _failure(rig: Rig, log: Log, learned: Learned, options: Options) -> str | None:
+def _failure(rig: Rig, log: Log, learned: Fit, options: Options) -> str | None:
     """Return in words how a rig fails on a log that it was learned from; None where it does not."""
     homing = options.homing
     try:
@@ -189,14 +186,14 @@ def _failure(rig: Rig, log: Log, learned: Learned, options: Options) -> str | No
     return f"{what}{now:.2g}° on {shown(log.source)}, where left out it had {before:.2g}°"
 
 
-def _lag(logs: Sequence[Log], rig: Rig, units: str | None) -> ReferenceLag:
-    """Return the lag of the reference; none where the map on readings cannot run."""
+def _lag(logs: Sequence[Log], rig: Rig, units: str | None) -> float:
+    """Return the lag of the reference [s]; 0 where the map on readings cannot run."""
     with_reference = [log for log in logs if true_angles(log, rig.joint_names) is not None]
     try:
         groups = groups_among(with_reference, units)
         return reference_lag(with_reference, rig, folds_of(groups))
     except EstimationError:
-        return ReferenceLag()
+        return 0.0
 
 
 def _touched(aside: Sequence[Log]) -> list[str]:
@@ -211,7 +208,7 @@ def _touched(aside: Sequence[Log]) -> list[str]:
     ]
 
 
-def _with_free_motion(learned: Learned, judged: Judged) -> Learned:
+def _with_free_motion(learned: Fit, judged: Judged) -> Fit:
     """Return what was learned, with the normal forces of free motion (`efforts_of`), and how well
     the rig did on logs left out, where these are not few.
     """
@@ -287,5 +284,5 @@ def learn(
     """
     draft = rig_from_logs(logs, truth=truth, drives=drives, ignore=ignore)
     read = [read_log(source, draft.rig) for source in logs]
-    result = fit(read, draft.rig, progress=progress, lag=lag, guessed=True)
+    result = fit(read, draft.rig, progress=progress, lag=lag)
     return replace(result, text=draft.text)

@@ -72,14 +72,6 @@ class Data:
     rows: Floats
     last: NDArray[np.intp]
 
-    def beginning(self, count: int) -> Data:
-        """Return the first `count` samples of the log."""
-        count = min(count, len(self.last))
-        log = Log(self.log.time[:count], {}, {}, self.log.source)
-        return Data(
-            log, self.samples[:count], self.rows[: self.last[count - 1] + 1], self.last[:count]
-        )
-
 
 class FitFilter:
     """The filter of a fit: the free parameters are inputs of its kernel, and several runs go

@@ -20,7 +20,7 @@ the inverse dynamic model (Gautier and Khalil, IEEE T-RA 6, 1990; Janot et al., 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
@@ -318,12 +318,6 @@ class InverseProblem(Problem):
 
     def _times(self, log: int) -> Floats:
         return self.motions[log].time
-
-    def among(self, logs: Sequence[int]) -> InverseProblem:
-        """Return the problem of some of the logs, by their indices."""
-        problem = super().among(logs)
-        assert isinstance(problem, InverseProblem)
-        return replace(problem, motions=tuple(self.motions[j] for j in logs))
 
     @property
     def _kernel(self) -> Kernel:

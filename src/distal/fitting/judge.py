@@ -1,5 +1,5 @@
 """Everything that is learned from logs: `judge` makes all candidates and scores them on logs left
-out, `learned_by` is what is written of one.
+out; `Fit.of` is what is written of one.
 
 A filter has parameters that the other logs tell (`jackknife`), a map weights of the other logs, and
 least squares are solved without the log.
@@ -14,32 +14,28 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.confidence import BAND
-from distal.estimators import samples_of_angles
+from distal.estimators import channels_of, parts_of, samples_of_angles
 from distal.fitting.candidates import (
     AS_GIVEN,
     BY_EQUATIONS,
     BY_FILTER,
     Candidate,
-    MissingTerm,
     Training,
     Tried,
-    answer_maps,
     filter_candidate,
     tried_parts,
 )
-from distal.fitting.choice_of_parameters import Options, Progress, judging
-from distal.fitting.free_parameter import FittedParameter, assignments, described
+from distal.fitting.choice_of_parameters import Options, Progress
+from distal.fitting.free_parameter import assignments, described
 from distal.fitting.learned_maps import (
     MapFit,
     map_of,
-    parts_read,
     with_its_reference_error,
 )
 from distal.fitting.map_samples import counted_from
 from distal.fitting.map_search import HeldOut
 from distal.fitting.parameter_estimates import (
     ParameterEstimates,
-    among_models,
     parameters_of,
     problem_of,
 )
@@ -155,48 +151,6 @@ def _of_filter(samples: Samples | None, judged: Floats, begin: float) -> Score |
     return Score.of(errors, begin)
 
 
-JUDGED = 5
-"""Number of candidates of a fit at most, for the bar alone. Source: layout."""
-
-
-@dataclass(frozen=True)
-class Learned:
-    """All that is learned from logs.
-
-    Args:
-        rig: the description with all results in it.
-        parameters: the estimates of the rig's parameters.
-        kept: whether `rig` has these estimates; else it has the original values.
-        hold: whether filters take the parameters as exactly known.
-        maps: the learned maps by their kinds, see `LearnedMaps`.
-        part: the term of the physics that the rig lacked and `rig` now has, if any.
-        candidates: the candidates that were judged, the chosen one first.
-        compared: the scores on each log left out.
-        interrupted: whether the user interrupted what was done.
-        doubts: sentences with the reasons not to trust the fit.
-    """
-
-    rig: Rig
-    parameters: ParameterEstimates
-    kept: bool
-    hold: bool
-    maps: Mapping[str, MapFit]
-    part: MissingTerm | None
-    candidates: tuple[Candidate, ...]
-    compared: tuple[Compared, ...]
-    interrupted: bool
-    doubts: tuple[str, ...]
-
-    @property
-    def fitted(self) -> tuple[FittedParameter, ...]:
-        """Every free parameter with its value in `rig`."""
-        return (
-            self.parameters.fitted
-            if self.kept
-            else tuple(part.as_it_came for part in self.parameters.fitted)
-        )
-
-
 @dataclass(frozen=True)
 class Judged:
     """The candidates for a description of some logs, and what each of them is written from.
@@ -251,15 +205,16 @@ def judge(
     if line is None:
         chosen = _alone(solutions[-1], rig)
         return Judged(logs, training, line, solutions, models, chosen, candidates, stopped)
+    say = progress or (lambda _: None)
     try:
         for name, way, parameters in _ways(training, solutions):
-            judging(progress, f"judging {name}", len(candidates), JUDGED)
+            say(f"judging {name}")
             candidates.append(filter_candidate(name, way, parameters))
         tried = Tried() if stopped else tried_parts(logs, rig, options, solutions[0])
         models += tried.parameters
         for part, parameters in tried.named:
             name = f"{BY_EQUATIONS}, with {part.name}"
-            judging(progress, f"judging {name}", len(candidates), JUDGED)
+            say(f"judging {name}")
             way = replace(training, rig=rig.with_values(part.values), part=part)
             candidates.append(filter_candidate(name, way, parameters))
     except KeyboardInterrupt:
@@ -281,39 +236,6 @@ def _ways(
     return [*of_rig, (AS_GIVEN, training, None)]
 
 
-def learned_by(judged: Judged, chosen: Candidate) -> Learned:
-    """Return all that is learned if a candidate is chosen: its parameters, and its maps with those
-    that are learned beside it from the same logs.
-    """
-    line = judged.line
-    alone = judged.solutions[-1] if chosen.parameters is None else chosen.parameters
-    parameters = among_models(alone, judged.models)
-    learned = chosen.rig.bare()
-    maps = () if line is None else answer_maps(chosen, judged.training, line)
-    by_kind = {map_fit.kind: map_fit for map_fit in maps}
-    ranked = sorted(
-        judged.candidates, key=lambda candidate: (candidate is not chosen, candidate.error)
-    )
-    compared = comparisons(judged.training, ranked, by_kind) if ranked else ()
-    return Learned(
-        rig=learned.with_map(**{map_fit.kind: map_fit.maps for map_fit in maps}),
-        parameters=parameters,
-        kept=chosen.parameters is not None,
-        hold=chosen.hold,
-        maps=by_kind,
-        part=chosen.part,
-        candidates=tuple(replace(candidate, data={}) for candidate in ranked),
-        compared=compared,
-        interrupted=judged.interrupted,
-        doubts=(
-            *parameters.doubts,
-            *_unknown(judged.training.unknown),
-            *chosen.refused,
-            *_as_given(chosen, judged.candidates),
-        ),
-    )
-
-
 def _alone(parameters: ParameterEstimates, rig: Rig) -> Candidate:
     """Return the candidate of parameter estimates alone, which nothing judges because some joint's
     angle is known in no log.
@@ -322,30 +244,10 @@ def _alone(parameters: ParameterEstimates, rig: Rig) -> Candidate:
     return Candidate("numbers", rig, parameters, False, float("nan"), {})
 
 
-def _unknown(joints: Sequence[str]) -> list[str]:
-    if not joints:
-        return []
-    return [
-        f"the angle of {', '.join(joints)} is known in no log: parameters of the rig are fitted, "
-        "but no map, which is of all joints"
-    ]
-
-
-def _as_given(chosen: Candidate, candidates: Sequence[Candidate]) -> list[str]:
-    """Return a sentence where the rig as given errs least on held-out logs."""
-    fitted = [candidate.error for candidate in candidates if candidate.parameters is not None]
-    if not fitted or chosen.parameters is not None:
-        return []
-    return [
-        f"{AS_GIVEN} errs less on held-out logs ({np.rad2deg(chosen.error):.2f}°) than the fitted "
-        f"one ({np.rad2deg(min(fitted)):.2f}°): its parameters are kept"
-    ]
-
-
 def readings_map(training: Training) -> MapFit:
     """Return the map of the angles by readings alone."""
     data = [samples_of_angles(log, training.rig) for log in training.logs]
     homing = training.options.homing
-    parts = parts_read(data, training.rig, training.folds, training.options.guessed)
+    parts = parts_of(training.rig, channels_of(training.rig, "regression"))
     map_fit = map_of(data, training.rig, "readings", parts, training.folds, homing)
     return map_fit if homing is not None else with_its_reference_error(map_fit, training.logs)

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from distal.estimators import channels_of, of_part, parts_of, samples_of_angles
+from distal.estimators import channels_of, of_part, samples_of_angles
 from distal.fitting.map_samples import (
     reference_variances,
 )
-from distal.fitting.map_search import HeldOut, clearly_gains, learned_map, scores_of
+from distal.fitting.map_search import HeldOut, learned_map, scores_of
 from distal.logs import Log, Source, read_log
-from distal.regression import Samples, line_errors
+from distal.regression import Samples
 from distal.rig import LearnedMap, MapArrays, Rig
 
 Part = dict[str, tuple[str, ...]]
@@ -66,7 +66,7 @@ def map_of(
         data: the samples of each log, of all sensors and joints.
         kind: ``readings``: of the angles, by readings alone; ``filter``: of what the angles of
             `adaptive` lack.
-        parts: what each map speaks of and reads, see `parts_read`.
+        parts: what each map speaks of and reads.
         folds: the fold of each log.
         homing: length of the homing window [s], or None.
     """
@@ -79,43 +79,6 @@ def map_of(
         maps.append(learned)
         errors.update(zip(part["joints"], held_out))
     return MapFit(kind, tuple(maps), rig, errors)
-
-
-def parts_read(
-    data: Sequence[Samples], rig: Rig, folds: Sequence[int], guessed: bool = False
-) -> list[Part]:
-    """Return what the map of each independent part of a rig speaks of and reads: its own sensors;
-    or those of all parts, where these tell its joints clearly better and the structure of the rig
-    is `guessed`, since fingers that move together in all logs seem to tell of each other.
-
-    Args:
-        data: the samples of each log, of all sensors and joints, with the angles as targets.
-        folds: the fold of each log.
-    """
-    channels = channels_of(rig, "regression")
-    names = tuple(sensor.name for sensor in channels.proximal)
-    every = {"channels": names, "positions": tuple(s.name for s in channels.positions)}
-    parts = parts_of(rig, channels)
-    if len(parts) == 1 or not guessed:
-        return parts
-
-    def seen(part: Part, read: Sequence[str]) -> list[Samples]:
-        return [of_part(log, rig, names, part["joints"], read) for log in data]
-
-    return [
-        {**part, **every}
-        if _tells_more(seen(part, names), seen(part, part["channels"]), folds)
-        else part
-        for part in parts
-    ]
-
-
-def _tells_more(wide: Sequence[Samples], narrow: Sequence[Samples], folds: Sequence[int]) -> bool:
-    """Return whether the readings of all parts tell a part's joints better than its own do: least
-    squares err less on logs left out, since a description may lack what joins two parts.
-    """
-    before, after = (line_errors(logs, folds) for logs in (narrow, wide))
-    return clearly_gains(np.log(np.divide(before, np.maximum(after, 1e-300))).tolist())
 
 
 def with_its_reference_error(of_kind: MapFit, logs: Sequence[Log]) -> MapFit:

@@ -62,12 +62,6 @@ class SearchSettings:
         smallest_noise_width: the same for the size of a noise, which also changes where a joint
             slips.
         wider: factor on the width after a step that gained too little.
-        coarse_share: share of each log, its beginning, with which the start is searched.
-        coarse_least: least number of samples of each log for that search.
-        coarse_iterations: largest number of its iterations.
-        starts: number of points drawn from the priors that are tried as starts, beside their mean.
-        unknown_spread: std of those points where there is no prior, in units of the coordinate, of
-            which one is a tenth of the value.
     """
 
     settled: float = 5e-3
@@ -82,11 +76,6 @@ class SearchSettings:
     smallest_width: float = 1e-3
     smallest_noise_width: float = 0.05
     wider: float = 4.0
-    coarse_share: float = 0.25
-    coarse_least: int = 400
-    coarse_iterations: int = 8
-    starts: int = 16
-    unknown_spread: float = 2.0
 
 
 @dataclass(frozen=True)
@@ -222,7 +211,7 @@ def evened(run: Innovations, weighing: Weighing) -> Floats:
 
 def derivatives_of(
     base: Innovations,
-    ends: Sequence[tuple[Innovations, Innovations]],
+    ends: Sequence[Innovations],
     widths: Floats,
     weighing: Weighing,
 ) -> Derivatives:
@@ -234,9 +223,8 @@ def derivatives_of(
 
     Args:
         base: the run at the point.
-        ends: for each coordinate the runs at the upper and the lower end of a step.
-        widths: distance from the lower to the upper end, (n,); 0 for a coordinate that is not
-            varied.
+        ends: for each coordinate the run at the end of a step.
+        widths: the steps, (n,); 0 for a coordinate that is not varied.
         weighing: weights of the log's values.
     """
     compared = np.isfinite(base.values)
@@ -245,13 +233,11 @@ def derivatives_of(
     spread = (base.variances * weighing.scale)[compared]
     slopes = np.zeros((len(ends), len(nu)))
     log_slopes = np.zeros((len(ends), len(nu)))
-    for k, (up, down) in enumerate(ends):
+    for k, end in enumerate(ends):
         if widths[k] != 0.0:
             with np.errstate(all="ignore"):  # an end may have left all bounds
-                slopes[k] = (up.values[compared] - down.values[compared]) / widths[k]
-                log_slopes[k] = (
-                    np.log(up.variances[compared] / down.variances[compared]) / widths[k]
-                )
+                slopes[k] = (end.values - base.values)[compared] / widths[k]
+                log_slopes[k] = np.log(end.variances / base.variances)[compared] / widths[k]
     # what is compared may change at the ends (a slider at a stop): such a sample has no slope
     slopes[~(np.abs(slopes) < UNBOUNDED)] = 0.0
     log_slopes[~(np.abs(log_slopes) < UNBOUNDED)] = 0.0

@@ -36,37 +36,6 @@ class Optimum:
     interrupted: bool = False
 
 
-def coarse_start(
-    problem: Problem, seed: int, begin: Floats, progress: Progress | None = None
-) -> Optimum:
-    """Return where to begin the search: the end of a short search with the beginnings of the logs.
-
-    The short search begins at the coordinates `begin`, (n,). Where these are the priors' mean, it
-    begins at the likeliest of that mean and some points drawn from the priors.
-    """
-    settings = problem.settings
-    zero = _inside(problem, begin)
-    coarse = problem.beginning(settings.coarse_share, settings.coarse_least).assessed(zero)
-    noise = np.array([part.noise for part, _ in problem.parts])
-    spreads = np.where(
-        noise,
-        0.0,
-        np.where(np.isfinite(problem.prior_stds), problem.prior_stds, settings.unknown_spread),
-    )
-    rng = np.random.default_rng(seed)
-    drawn = (
-        []
-        if begin.any()
-        else [
-            _inside(problem, spreads * rng.normal(size=problem.size))
-            for _ in range(settings.starts)
-        ]
-    )
-    points = [zero, *drawn]
-    likeliest = points[int(np.argmin(coarse.costs(points)))]
-    return search(coarse.assessed(likeliest), likeliest, progress, most=settings.coarse_iterations)
-
-
 def most_likely(
     problem: Problem, start: Floats, progress: Progress | None = None
 ) -> tuple[Problem, Optimum]:
@@ -91,7 +60,6 @@ def search(
     most: int | None = None,
     fixed: Bools | None = None,
     near: Derivatives | None = None,
-    at_start: Derivatives | None = None,
 ) -> Optimum:
     """Return the local minimum of −ln p that Fisher scoring leads to from a start.
 
@@ -108,13 +76,11 @@ def search(
         most: largest number of iterations; default `SearchSettings.iterations`.
         fixed: which coordinates stay as they are, (n,).
         near: derivatives near the start, which give the widths of the first differences.
-        at_start: derivatives at the start, where they are known already.
     """
     settings = problem.settings
     free = np.ones(problem.size, dtype=bool) if fixed is None else ~fixed
     z = _inside(problem, start)
-    near_by = near if at_start is None else at_start
-    widths = first_widths(problem) if near_by is None else widths_at(problem, z, near_by)
+    widths = first_widths(problem) if near is None else widths_at(problem, z, near)
     n = problem.size  # an interruption may come before the first derivatives
     optimum = Optimum(
         z, np.inf, Derivatives(np.inf, np.zeros(n), np.zeros((n, n)), np.zeros((n, n)), 0)
@@ -122,12 +88,8 @@ def search(
     wider = 1.0
     damping = settings.first_damping
     try:
-        derivatives = (
-            problem.derivatives(z, np.where(free, widths, 0.0)) if at_start is None else at_start
-        )
-        # derivatives may have scales of other logs too: the cost is this problem's own
-        cost = derivatives.cost if at_start is None else float(problem.costs([z])[0])
-        optimum = Optimum(z, cost, derivatives)
+        derivatives = problem.derivatives(z, np.where(free, widths, 0.0))
+        optimum = Optimum(z, derivatives.cost, derivatives)
         last = settings.iterations if most is None else most
         for iteration in range(1, last + 1):
             dampings = [0.0, *(damping * times for times in settings.dampings)]

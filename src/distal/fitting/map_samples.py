@@ -5,7 +5,7 @@ how much later a reference is than the drives, by the density of the map on read
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -172,58 +172,45 @@ BRIDGED = 2.5
 """Gap of a reference that is interpolated, in its usual intervals [1]. Source: judgement."""
 
 
-@dataclass(frozen=True)
-class ReferenceLag:
-    """The lag of a reference behind the drives [s], and the drift of its clock [s/s]; both are zero
-    where they do not make it clearly more probable on logs held out.
-    """
-
-    lag: float = 0.0
-    drift: float = 0.0
-
-    @property
-    def sentences(self) -> list[str]:
-        """What a user should know of them."""
-        if self.lag == 0.0:
-            return []
-        which = "later" if self.lag > 0.0 else "earlier"
-        lines = [
-            f"the reference is taken as {1e3 * abs(self.lag):.0f} ms {which} than the drives, and "
-            "moved by that; a joint that follows its drives late looks the same (--reference-lag 0 "
-            "leaves it as it is)"
-        ]
-        if self.drift != 0.0:
-            lines.append(
-                "the reference's clock drifts beside that of the drives; read both by one clock"
-            )
-        return lines
-
-    def taken_off(self, logs: Sequence[Log], rig: Rig) -> list[Log]:
-        """Return the logs with their true angles moved back in time by the lag."""
-        if self.lag == 0.0:
-            return list(logs)
-        names = angle_names(rig.joint_names)
-        return [
-            replace(
-                log,
-                truth={
-                    name: _moved(log.time, values, self.lag) if name in names else values
-                    for name, values in log.truth.items()
-                },
-            )
-            for log in logs
-        ]
+def said_of_lag(lag: float) -> list[str]:
+    """Return what a user should know of a lag of the reference [s]; nothing of none."""
+    if lag == 0.0:
+        return []
+    which = "later" if lag > 0.0 else "earlier"
+    return [
+        f"the reference is taken as {1e3 * abs(lag):.0f} ms {which} than the drives, and "
+        "moved by that; a joint that follows its drives late looks the same (--reference-lag 0 "
+        "leaves it as it is)"
+    ]
 
 
-def reference_lag(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> ReferenceLag:
-    """Return the lag of the true angles of some logs, each of which is in a fold.
+def without_lag(logs: Sequence[Log], rig: Rig, lag: float) -> list[Log]:
+    """Return the logs with their true angles moved back in time by a lag [s]."""
+    if lag == 0.0:
+        return list(logs)
+    names = angle_names(rig.joint_names)
+    return [
+        replace(
+            log,
+            truth={
+                name: _moved(log.time, values, lag) if name in names else values
+                for name, values in log.truth.items()
+            },
+        )
+        for log in logs
+    ]
+
+
+def reference_lag(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> float:
+    """Return the lag of the true angles of some logs [s], each of which is in a fold; 0 where none
+    makes them clearly more probable on logs held out.
 
     The joints' angles at t + lag are mapped from what is read up to t, and the lag is that with the
     largest density of held-out logs. A joint that follows its drives late looks the same, so that
     the lag is an assumption.
     """
     if len(set(folds)) < FEWEST_LOGS:
-        return ReferenceLag()
+        return 0.0
     samples = [samples_of_angles(log, rig) for log in logs]
     targets = np.vstack([log.targets for log in samples])
     joints = [j for j, column in enumerate(targets.T) if np.isfinite(column).any()]
@@ -232,8 +219,8 @@ def reference_lag(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> Refere
     names = {key: tuple(sensor.name for sensor in sensors) for key, sensors in of.items()}
     seen = Seen.of(samples, names)
 
-    def densities(lag: float, drift: float = 0.0) -> Floats:
-        moved = [_late(log, lag, drift) for log in samples]
+    def densities(lag: float) -> Floats:
+        moved = [_late(log, lag) for log in samples]
         tasks = (seen.task(moved, joint, folds)[0] for joint in joints)
         return np.asarray(sum(_best(task) for task in tasks))
 
@@ -249,15 +236,9 @@ def reference_lag(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> Refere
         method="bounded",
         options={"xatol": 1e-3},
     )
-    usual, late = densities(0.0), densities(float(search.x))
     lag = float(search.x)
-    if abs(lag) < STEP or not clearly_gains(late - usual):
-        return ReferenceLag()
-    longest = max(float(np.ptp(log.time)) for log in samples)
-    for drift in (0.05 / longest, -0.05 / longest):
-        if clearly_gains(densities(lag, drift) - late):
-            return ReferenceLag(lag, drift)
-    return ReferenceLag(lag)
+    clear = abs(lag) >= STEP and clearly_gains(densities(lag) - densities(0.0))
+    return lag if clear else 0.0
 
 
 def _best(task: Task) -> Floats:
@@ -266,14 +247,12 @@ def _best(task: Task) -> Floats:
     return max(search, key=lambda densities_there: float(np.mean(densities_there)))
 
 
-def _late(samples: Samples, lag: float, drift: float) -> Samples:
-    middle = samples.time - samples.time.mean()
-    lags = lag + drift * middle
-    targets = [_moved(samples.time, column, lags) for column in samples.targets.T]
+def _late(samples: Samples, lag: float) -> Samples:
+    targets = [_moved(samples.time, column, lag) for column in samples.targets.T]
     return replace(samples, targets=np.column_stack(targets))
 
 
-def _moved(time: Floats, values: Floats, lag: float | Floats) -> Floats:
+def _moved(time: Floats, values: Floats, lag: float) -> Floats:
     """Return values at the times that are later by a lag, NaN in gaps and beyond their ends."""
     finite = np.flatnonzero(np.isfinite(values))
     if len(finite) < 2:

@@ -5,7 +5,7 @@ lanes.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -61,9 +61,6 @@ class Problem:
         data: the logs.
         homing: for how long the reference is read [s], None for never; with it only the reference
             after that time is compared.
-        aided: whether, without homing, the reference is read wherever it is known, as one more
-            sensor. This identifies more where the model is right; where the model is wrong it hides
-            the errors of the angle.
         workers: number of threads; the result does not depend on it.
         weight: weights of the channels' values; None before they are assessed, when every value
             counts in full.
@@ -78,28 +75,10 @@ class Problem:
     free: tuple[Free, ...]
     data: tuple[Data, ...]
     homing: float | None = None
-    aided: bool = False
     workers: int = 2
     weight: Weight | None = None
     noises: tuple[Free, ...] = ()
     settings: SearchSettings = field(default_factory=SearchSettings)
-
-    def beginning(self, share: float, least: int) -> Problem:
-        """Return the problem of the beginnings of the logs: a `share` of each, at least `least`
-        samples, without weights.
-        """
-        data = tuple(
-            log_data.beginning(max(least, round(share * len(log_data.last))))
-            for log_data in self.data
-        )
-        return replace(self, data=data, weight=None)
-
-    def among(self, logs: Sequence[int]) -> Problem:
-        """Return the problem of some of the logs, by their indices, with the same weights."""
-        weight = self.weight
-        if weight is not None:
-            weight = replace(weight, counts=tuple(weight.counts[j] for j in logs))
-        return replace(self, data=tuple(self.data[j] for j in logs), weight=weight)
 
     def assessed(self, z: Floats) -> Problem:
         """Return the problem with the weights of the channels' values as found at a point z,
@@ -215,8 +194,6 @@ class Problem:
         """The kernel's rows of each log; where the reference is not read, its mask says that it is
         compared only.
         """
-        if self.aided and self.homing is None:
-            return tuple(data.rows for data in self.data)
         masked = []
         for data in self.data:
             rows = data.rows.copy()
@@ -315,32 +292,31 @@ class Problem:
         scale = self.scales(bases)
         derivatives = []
         for j, (base, side) in enumerate(zip(bases, sides)):
-            pairs = [(end, base) for end in side]
             steps = (ends - z)[self.columns(j)]
-            derivatives.append(derivatives_of(base, pairs, steps, self._weighing(j, scale)))
+            derivatives.append(derivatives_of(base, side, steps, self._weighing(j, scale)))
         return derivatives
 
     def derivatives(self, z: Floats, widths: Floats) -> Derivatives:
         """Return −ln p of logs and prior at z, its gradient, and the logs' information; `widths`
         are as in `of_logs`.
         """
-        return self.summed(self.of_logs(z, widths), z)
+        return self.summed(dict(enumerate(self.of_logs(z, widths))), z)
 
-    def summed(self, of_logs: Sequence[Derivatives], z: Floats) -> Derivatives:
-        """Return the derivatives of all logs and the prior at z, from the derivatives of each log
-        there.
+    def summed(self, of_logs: Mapping[int, Derivatives], z: Floats) -> Derivatives:
+        """Return the derivatives of some logs and the prior at z, from the derivatives of each of
+        these logs there, by its index.
         """
         n = self.size
         gradient = np.zeros(n)
         information = np.zeros((n, n))
         meat = np.zeros((n, n))
-        for j, part in enumerate(of_logs):
+        for j, part in of_logs.items():
             square = np.ix_(self.columns(j), self.columns(j))
             gradient[self.columns(j)] += part.gradient
             information[square] += part.information
             meat[square] += part.meat
-        cost = sum(part.cost for part in of_logs) + self._prior(z)
-        spans = sum(part.spans for part in of_logs)
-        return Derivatives(
-            cost, gradient + self.prior_information @ z, information, meat, spans, tuple(of_logs)
-        )
+        parts = tuple(of_logs.values())
+        cost = sum(part.cost for part in parts) + self._prior(z)
+        spans = sum(part.spans for part in parts)
+        gradient += self.prior_information @ z
+        return Derivatives(cost, gradient, information, meat, spans, parts)

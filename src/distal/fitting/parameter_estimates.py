@@ -16,7 +16,7 @@ from distal.fitting.choice_of_parameters import Options, Progress, choose, searc
 from distal.fitting.fit_filter import FitFilter
 from distal.fitting.free_parameter import FittedParameter, Free
 from distal.fitting.inverse_dynamics import SMOOTHED, Equations, inverse_problem
-from distal.fitting.likelihood_search import Optimum, coarse_start, hessian, most_likely, search
+from distal.fitting.likelihood_search import Optimum, hessian, most_likely, search
 from distal.fitting.objective import Problem
 from distal.fitting.standard_errors import (
     CONFOUNDED,
@@ -42,16 +42,6 @@ DIVERGED = (
     "{}: the filter leaves all bounds on these logs; check the units of logs and rig "
     "(distal estimate)"
 )
-
-REFERENCE_RATIO = 2.0
-"""Largest mean ν²/S of a channel with which the reference may become one more sensor. Source:
-judgement.
-"""
-
-HAUSMAN = 4.0
-"""Largest mean change of the rig's parameters, squared and over their variances, with which the
-reference may become one more sensor. Source: judgement.
-"""
 
 
 @dataclass(frozen=True)
@@ -106,7 +96,7 @@ def parameters_of(
         return [equations]
     return [
         *([] if equations is None else [equations]),
-        by_filter(problem, options, equations, progress),
+        by_filter(problem, equations, progress),
     ]
 
 
@@ -134,27 +124,23 @@ def by_equations(
 
 
 def by_filter(
-    problem: Problem, options: Options, begin: ParameterEstimates | None, progress: Progress | None
+    problem: Problem, begin: ParameterEstimates | None, progress: Progress | None
 ) -> ParameterEstimates:
     """Return the parameters with which a rig's filter predicts the readings best.
 
-    The search begins at `begin`, estimates by the rig's equations; None stands for the priors'
-    mean, from which a short search finds the beginning.
+    The search begins at `begin`, estimates by the rig's equations, or where the filter diverges
+    there, at the priors' mean; None stands for that mean too.
 
     Raises:
         FitError: the filter leaves all bounds on the logs.
     """
-    start = (
-        np.zeros(problem.size)
-        if begin is None
-        else _translated(begin.problem, begin.optimum.z, problem)
-    )
-    costs = problem.costs([np.zeros(problem.size), start])
-    if not np.isfinite(costs).any():
-        raise FitError(DIVERGED.format(problem.filter.rig.name))
-    if begin is None or not np.isfinite(costs[1]):
-        start = coarse_start(problem, options.seed, start, searching(progress, "searching")).z
-    return _searched(problem, start, searching(progress, "by its filter"))
+    starts = [np.zeros(problem.size)]
+    if begin is not None:
+        starts.insert(0, _translated(begin.problem, begin.optimum.z, problem))
+    for start, cost in zip(starts, problem.costs(starts)):
+        if np.isfinite(cost):
+            return _searched(problem, start, searching(progress, "by its filter"))
+    raise FitError(DIVERGED.format(problem.filter.rig.name))
 
 
 def from_start(problem: Problem, start: Floats) -> ParameterEstimates:
@@ -219,8 +205,6 @@ def _searched(
     one after the other is held until the rest is identified.
     """
     problem, optimum = most_likely(problem, start, progress)
-    if not problem.asks_equations and not optimum.interrupted:
-        problem, optimum = _with_reference(problem, optimum, progress)
     uncertainty = uncertainty_at(problem, optimum.derivatives, optimum.z)
     may_stay = np.array(
         [not part.noise and log is None and part.has_prior for part, log in problem.parts]
@@ -283,7 +267,7 @@ def problem_of(logs: Sequence[Log], rig: Rig, options: Options) -> Problem:
         )
     fit_filter = _filter(with_reference, references, free, options.compiled)
     data = tuple(fit_filter.data_of(log) for log in logs)
-    problem = Problem(fit_filter, free, data, options.homing, False, options.workers)
+    problem = Problem(fit_filter, free, data, options.homing, options.workers)
     if not Equations.apply_to(fit_filter) and not np.isfinite(
         problem.costs([np.zeros(problem.size)])[0]
     ):
@@ -297,35 +281,6 @@ def _filter(
 ) -> FitFilter:
     """Return the filter of a fit; the folds of a fit share it, so that it is compiled once."""
     return FitFilter(rig, references, free, compiled)
-
-
-def _with_reference(
-    problem: Problem, optimum: Optimum, progress: Callable[[int, float], None] | None
-) -> tuple[Problem, Optimum]:
-    """Return problem and search with the reference as one more sensor, or as they are where the two
-    contradict each other.
-
-    With the reference read, the logs identify more where the model is right; where the model is
-    wrong it hides the errors of the angle. So it is read where no channel has larger innovations
-    than expected, and the two fits are compared as Hausman does (Econometrica 46, 1978): the rig's
-    parameters may not change by more than their errors without the reference allow.
-    """
-    if (
-        problem.homing is not None
-        or float(np.max(problem.scales(problem.at(optimum.z)))) > REFERENCE_RATIO
-    ):
-        return problem, optimum
-    parameters = np.flatnonzero([not part.noise for part, _ in problem.parts])
-    covariance = uncertainty_at(problem, optimum.derivatives, optimum.z).covariance[
-        np.ix_(parameters, parameters)
-    ]
-    with_it, tried = most_likely(replace(problem, aided=True), optimum.z, progress)
-    moved = (tried.z - optimum.z)[parameters]
-    if tried.interrupted or not moved @ np.linalg.solve(covariance, moved) < HAUSMAN * len(
-        parameters
-    ):
-        return problem, replace(optimum, interrupted=tried.interrupted)
-    return with_it, tried
 
 
 def _next_held(

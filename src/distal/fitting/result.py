@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from distal.confidence import COVERED_TEXT
 from distal.errors import DistalError
-from distal.fitting.candidates import BY_EQUATIONS, Candidate
-from distal.fitting.choice_of_parameters import Options, paths_of
+from distal.fitting.candidates import AS_GIVEN, BY_EQUATIONS, Candidate, answer_maps
+from distal.fitting.choice_of_parameters import paths_of
 from distal.fitting.fitted_file import MARK, plain_value, write_fitted
 from distal.fitting.free_parameter import FittedParameter, assignments
-from distal.fitting.judge import REGRESSION, WRITTEN, Compared, Learned
+from distal.fitting.judge import REGRESSION, WRITTEN, Compared, Judged, comparisons
 from distal.fitting.learned_maps import MapFit
 from distal.fitting.map_samples import reference_offset, reference_std
-from distal.logs import Log, shown
+from distal.fitting.parameter_estimates import ParameterEstimates, among_models
+from distal.logs import shown
 from distal.regression import YARDSTICKS
 from distal.rig import Rig
 from distal.units import rounded
@@ -40,14 +41,13 @@ class Fit:
     Args:
         rig: the description with all that was learned.
         start: the original description.
-        model: the original description with the servos and the term that the fit added, if any.
         part: name of the term that the original rig lacked; empty where none was added.
-        fitted: every free parameter.
+        parameters: the estimates of the rig's parameters.
+        kept: whether `rig` has these estimates; else it has the original values.
         logs: names of the logs.
         duration: total duration of the logs [s].
         samples: total number of samples.
         homing: for how long the reference was read [s]; None: see `fit`.
-        converged: whether the search converged; if not, there are no standard errors.
         interrupted: whether the user interrupted the fit.
         maps: the learned maps by their kinds, see `LearnedMaps`.
         compared: each log of known angle, with the scores on it of all that the other logs teach.
@@ -64,14 +64,13 @@ class Fit:
 
     rig: Rig
     start: Rig
-    model: Rig
     part: str
-    fitted: tuple[FittedParameter, ...]
+    parameters: ParameterEstimates
+    kept: bool
     logs: tuple[str, ...]
     duration: float
     samples: int
     homing: float | None
-    converged: bool
     interrupted: bool
     maps: Mapping[str, MapFit] = field(default_factory=dict)
     compared: tuple[Compared, ...] = ()
@@ -84,53 +83,67 @@ class Fit:
     text: str = ""
 
     @classmethod
-    def of(
-        cls,
-        learned: Learned,
-        start: Rig,
-        logs: Sequence[Log],
-        options: Options,
-        servos: Mapping[str, object] | None = None,
-    ) -> Fit:
-        """Return the result of a fit from what was learned from logs.
-
-        Args:
-            learned: what was learned.
-            start: the original rig.
-            logs: the logs.
-            options: those of the fit.
-            servos: path → stiffness or dead band of a servo.
+    def of(cls, judged: Judged, chosen: Candidate) -> Fit:
+        """Return the result of a fit if a candidate is chosen: its parameters, and its maps with
+        those that are learned beside it from the same logs.
         """
-        part = {} if learned.part is None else learned.part.values
-        servos = {} if servos is None else servos
-        parameters = learned.parameters
-        n_sensors = len(start.sensors)
+        training = judged.training
+        alone = judged.solutions[-1] if chosen.parameters is None else chosen.parameters
+        parameters = among_models(alone, judged.models)
+        maps = () if judged.line is None else answer_maps(chosen, training, judged.line)
+        by_kind = {map_fit.kind: map_fit for map_fit in maps}
+        ranked = sorted(judged.candidates, key=lambda one: (one is not chosen, one.error))
+        added = {} if chosen.part is None else chosen.part.values
+        logs = judged.logs
+        return cls(
+            rig=chosen.rig.bare().with_map(**{kind: of.maps for kind, of in by_kind.items()}),
+            start=training.rig,
+            part="" if chosen.part is None else chosen.part.name,
+            parameters=parameters,
+            kept=chosen.parameters is not None,
+            logs=tuple(log.source for log in logs),
+            duration=float(sum(log.time[-1] - log.time[0] for log in logs)),
+            samples=sum(len(log) for log in logs),
+            homing=training.options.homing,
+            interrupted=judged.interrupted,
+            maps=by_kind,
+            compared=comparisons(training, ranked, by_kind) if ranked else (),
+            doubts=(
+                *parameters.doubts,
+                *_unknown(training.unknown),
+                *chosen.refused,
+                *_as_given(chosen, ranked),
+            ),
+            hold=chosen.hold,
+            added=added,
+            candidates=tuple(replace(candidate, data={}) for candidate in ranked),
+            reference_std=max((reference_std(training.rig, log) for log in logs), default=0.0),
+            reference_offset=max(
+                (reference_offset(training.rig, log) for log in logs), default=0.0
+            ),
+        )
+
+    @property
+    def model(self) -> Rig:
+        """The original description with the servos and the term that the fit added, if any."""
+        return self.start.with_values(self.added)
+
+    @property
+    def converged(self) -> bool:
+        """Whether the search converged; if not, there are no standard errors."""
+        return self.parameters.optimum.converged
+
+    @property
+    def fitted(self) -> tuple[FittedParameter, ...]:
+        """Every free parameter of the rig, with its value in `rig`."""
+        n_sensors = len(self.start.sensors)
 
         def of_rig(part: FittedParameter) -> bool:
             kind, index, *_ = part.paths[0].split(".")
             return kind != "sensors" or int(index) < n_sensors
 
-        return cls(
-            rig=learned.rig,
-            start=start,
-            model=start.with_values({**servos, **part}),
-            part="" if learned.part is None else learned.part.name,
-            added={**servos, **part},
-            fitted=tuple(part for part in learned.fitted if of_rig(part)),
-            logs=tuple(log.source for log in logs),
-            duration=float(sum(log.time[-1] - log.time[0] for log in logs)),
-            samples=sum(len(log) for log in logs),
-            homing=options.homing,
-            converged=parameters.optimum.converged,
-            interrupted=learned.interrupted,
-            maps=learned.maps,
-            compared=learned.compared,
-            doubts=learned.doubts,
-            hold=learned.hold,
-            candidates=learned.candidates,
-            reference_std=max((reference_std(start, log) for log in logs), default=0.0),
-            reference_offset=max((reference_offset(start, log) for log in logs), default=0.0),
-        )
+        parts = filter(of_rig, self.parameters.fitted)
+        return tuple(part if self.kept else part.as_it_came for part in parts)
 
     def __repr__(self) -> str:
         """Return the fit in a few words: logs, convergence, number of parameters, best scores."""
@@ -293,3 +306,23 @@ class Fit:
             lines.append("# The search was interrupted: these are the best values so far.")
         lines += [f"# {line}" for line in self.advice()]
         return "\n".join(lines) + "\n\n"
+
+
+def _unknown(joints: Sequence[str]) -> list[str]:
+    if not joints:
+        return []
+    return [
+        f"the angle of {', '.join(joints)} is known in no log: parameters of the rig are fitted, "
+        "but no map, which is of all joints"
+    ]
+
+
+def _as_given(chosen: Candidate, candidates: Sequence[Candidate]) -> list[str]:
+    """Return a sentence where the rig as given errs least on held-out logs."""
+    fitted = [candidate.error for candidate in candidates if candidate.parameters is not None]
+    if not fitted or chosen.parameters is not None:
+        return []
+    return [
+        f"{AS_GIVEN} errs less on held-out logs ({np.rad2deg(chosen.error):.2f}°) than the fitted "
+        f"one ({np.rad2deg(min(fitted)):.2f}°): its parameters are kept"
+    ]

@@ -1,7 +1,6 @@
 """Least squares of logs. As yardsticks they give the angles by the readings, as ten lines of NumPy
-would do it, beside boosted trees where scikit-learn is installed: without prior, band or limits,
-and in no rig file. Each fit is compared with them on the same held-out logs, which shows whether
-its physical model errs less.
+would do it: without prior, band or limits, and in no rig file. Each fit is compared with them on
+the same held-out logs, which shows whether its physical model errs less.
 
 Of servos, where logs hold the setpoints that were sent, they give stiffness K and dead band δ: one
 with a lag T stands at the position s for which  u − s = F/K + δ d + T ds/dt,  with u its setpoint,
@@ -11,7 +10,6 @@ F its force and d, from −1 to 1, its last direction of motion.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from importlib.util import find_spec
 
 import numpy as np
 
@@ -23,17 +21,12 @@ from distal.rig import Capstan, Rig, Slider
 LAGS = (0.05, 0.2, 0.8)
 """Delays of the earlier readings that "with lags" uses too [s]. Source: judgement."""
 
-PLAYS = (0.02, 0.05, 0.15)
-"""Half-widths of the play operators of "with plays", as shares of the range of each reading.
-Source: judgement.
-"""
 
-
-def _straight(samples: Samples, ranges: Floats) -> Floats:
+def _straight(samples: Samples) -> Floats:
     return samples.held
 
 
-def _with_lags(samples: Samples, ranges: Floats) -> Floats:
+def _with_lags(samples: Samples) -> Floats:
     since = samples.time - samples.time[0]
     earlier = [
         np.column_stack([np.interp(since - lag, since, column) for column in samples.held.T])
@@ -42,49 +35,12 @@ def _with_lags(samples: Samples, ranges: Floats) -> Floats:
     return np.column_stack([samples.held, *earlier])
 
 
-def _with_plays(samples: Samples, ranges: Floats) -> Floats:
-    passed = [
-        played(column, share * width)
-        for share in PLAYS
-        for column, width in zip(samples.held.T, ranges)
-    ]
-    return np.column_stack([samples.held, *passed])
-
-
-Regressor = Callable[[Floats, Floats, Floats], Floats]
-"""Function of (φ, angles, φ of the held-out log) that returns its angles."""
-
-
-def _least_squares(phi: Floats, angles: Floats, held_out: Floats) -> Floats:
-    # columns are scaled to one size against rounding errors
-    size = np.maximum(np.sqrt(np.mean(phi**2, axis=0)), 1e-300)
-    predicted: Floats = held_out @ (np.linalg.lstsq(phi / size, angles)[0] / size)
-    return predicted
-
-
-def _boosted_trees(phi: Floats, angles: Floats, held_out: Floats) -> Floats:
-    """Return what gradient boosting predicts (Friedman, Ann. Stat. 29, 2001), with the defaults of
-    scikit-learn.
-    """
-    from sklearn.ensemble import HistGradientBoostingRegressor
-
-    trees = HistGradientBoostingRegressor(random_state=0).fit(phi, angles)
-    predicted: Floats = trees.predict(held_out)
-    return predicted
-
-
-YARDSTICKS: Mapping[str, tuple[Callable[[Samples, Floats], Floats], Regressor]] = {
-    "least squares": (_straight, _least_squares),
-    "least squares with lags": (_with_lags, _least_squares),
-    "least squares with plays": (_with_plays, _least_squares),
-    **(
-        {"boosted trees with lags": (_with_lags, _boosted_trees)}
-        if find_spec("sklearn") is not None
-        else {}
-    ),
+YARDSTICKS: Mapping[str, Callable[[Samples], Floats]] = {
+    "least squares": _straight,
+    "least squares with lags": _with_lags,
 }
 """Name → function that returns the columns φ(y) beside the constant, (k, n), from the samples of a
-log and the ranges of the readings, (m,); and the regressor.
+log.
 """
 
 
@@ -94,11 +50,11 @@ def yardstick_error(name: str, training: Sequence[Samples], held_out: Samples) -
 
     It takes all samples of the training logs whose angle is known, see `YARDSTICKS`.
     """
-    ranges = np.ptp(np.vstack([samples.held for samples in training]), axis=0)
-    columns, regressor = YARDSTICKS[name]
+    test, *designs = (
+        np.column_stack([np.ones(len(log.time)), YARDSTICKS[name](log)])
+        for log in (held_out, *training)
+    )
     squares = []
-    test = _design(columns, held_out, ranges)
-    designs = [_design(columns, samples, ranges) for samples in training]
     for joint in range(held_out.targets.shape[1]):
         targets = [samples.targets[:, joint] for samples in training]
         rows = [np.isfinite(target) for target in targets]
@@ -106,7 +62,10 @@ def yardstick_error(name: str, training: Sequence[Samples], held_out: Samples) -
         angles = np.concatenate([target[known] for target, known in zip(targets, rows)])
         if not len(angles):
             return float("nan")
-        error = regressor(phi, angles, test) - held_out.targets[:, joint]
+        # columns are scaled to one size against rounding errors
+        size = np.maximum(np.sqrt(np.mean(phi**2, axis=0)), 1e-300)
+        weights = np.linalg.lstsq(phi / size, angles)[0] / size
+        error = test @ weights - held_out.targets[:, joint]
         squares.append(error[np.isfinite(error)] ** 2)
     return float(np.sqrt(np.mean(np.concatenate(squares))))
 
@@ -120,12 +79,6 @@ def line_errors(logs: Sequence[Samples], folds: Sequence[int]) -> list[float]:
         for out, remaining in splits(folds)
         for k in out
     ]
-
-
-def _design(
-    columns: Callable[[Samples, Floats], Floats], samples: Samples, ranges: Floats
-) -> Floats:
-    return np.column_stack([np.ones(len(samples.time)), columns(samples, ranges)])
 
 
 TURNS = 3.0
