@@ -29,6 +29,7 @@ from tests.support.hands_plants import bowden_log, bowden_rig, ropes_log, ropes_
 
 from benchmarks.report import table
 from distal import DistalError, Log, Rig, estimate, fit, load_rig, read_log
+from distal.confidence import BAND
 from distal.fitting import likelihood_search
 from distal.fitting.objective import Problem
 from distal.kernels import Kernel, LaneKernel
@@ -152,7 +153,11 @@ def judged(rig: Rig, logs: list[Log], estimator: str = "adaptive") -> dict[str, 
             for n, (a, b) in parts.items()
         }
         errors.append(
-            {**own, "inside": found.inside_band(), "half": float(np.rad2deg(found.half_width()))}
+            {
+                **own,
+                "inside": found.inside_band(),
+                "half": float(np.rad2deg(BAND * np.mean(found.angle_stds))),
+            }
         )
     return {name: float(np.mean([one[name] for one in errors])) for name in errors[0]}
 

@@ -299,21 +299,6 @@ class Estimate:
                 )
         return list(columns.values())
 
-    def torque_errors(self) -> Floats:
-        """Return estimated minus true external torque [N m], NaN where the truth is not known.
-
-        The shape is (k,) for one joint, else (k, n_joints).
-
-        Raises:
-            EstimationError: no true torque is known, or none is estimated.
-        """
-        if self.torque_truths is None:
-            raise EstimationError(
-                "the log has no true torque; add a sensor that measures the torque of the joint"
-            )
-        errors = self.external_torques - self.torque_truths
-        return errors[:, 0] if len(self.joint_names) == 1 else errors
-
     def errors(self) -> Floats:
         """Return estimated minus true angle [rad], NaN where the truth is missing.
 
@@ -334,10 +319,6 @@ class Estimate:
     def max_error(self) -> float:
         """Return the largest magnitude of the `errors` [rad]."""
         return float(np.nanmax(np.abs(self.errors())))
-
-    def half_width(self) -> float:
-        """Return the mean half-width of the band over all samples and joints [rad]."""
-        return float(BAND * np.mean(self.angle_stds))
 
     def inside_band(self) -> float:
         """Return the coverage of the band: the share of samples, over all joints, whose truth
