@@ -8,7 +8,7 @@ import pytest
 from distal import LiveEstimator, Log, Monitor, Rig, estimate, load_scenario, scenario_rig, simulate
 from distal.estimators import first_values
 from distal.rig import build_rig
-from distal.run import HEALTH, Reading, samples_of
+from distal.run import HEALTH, HealthLimits, Reading, samples_of
 
 GOOD = "untested"
 """The word for good readings of a rig that no log taught."""
@@ -67,6 +67,12 @@ class TestHealth:
         assert readings[99].doubted == ()
         first = next(one for one in readings if one.health == "dead")
         assert first.doubted == (sensor.of,)
+
+    def test_limits_are_those_that_are_given(self, rig: Rig, log: Log) -> None:
+        patient = Monitor(LiveEstimator(rig), HealthLimits(waiting=50.0))
+        readings = take(patient, log, [*range(100), *range(120, 200)])
+        assert "gap" not in {one.health for one in readings}
+        assert patient.clone(LiveEstimator(rig))._limits.waiting == 50.0
 
     def test_stamps_of_another_rate_are_no_gaps(self, rig: Rig, log: Log) -> None:
         """Three times as slow as the rig says; four of these missing are a gap all the same."""

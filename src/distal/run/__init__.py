@@ -3,7 +3,7 @@ health of a stream.
 """
 
 from distal.run.batch import estimate_batch
-from distal.run.health import HEALTH
+from distal.run.health import HEALTH, HealthLimits
 from distal.run.live_estimator import JointContact, LiveEstimator
 from distal.run.log_units import LogUnits
 from distal.run.monitor import Monitor, Reading, log_health
@@ -12,6 +12,7 @@ from distal.run.smoothing import smooth
 
 __all__ = [
     "HEALTH",
+    "HealthLimits",
     "JointContact",
     "LiveEstimator",
     "LogUnits",

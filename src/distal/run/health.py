@@ -76,7 +76,7 @@ definition (of the exported C).
 
 @dataclass(frozen=True, kw_only=True)
 class HealthLimits:
-    """What a `Monitor` and exported filters say a word about.
+    """What a `Monitor` says a word about; exported filters have the defaults.
 
     Args:
         longest_gap: longest gap that the filter bridges [s]; after a longer one, and longer than
@@ -107,7 +107,6 @@ class HealthLimits:
 
 
 LIMITS = HealthLimits()
-"""Of every stream."""
 
 
 @dataclass(frozen=True)
@@ -160,7 +159,7 @@ def word_code(word: Health) -> int:
     return list(HEALTH).index(word)
 
 
-def watch_of(estimator: KernelEstimator) -> Watch:
+def watch_of(estimator: KernelEstimator, limits: HealthLimits = LIMITS) -> Watch:
     """Return the function that judges the samples of an estimator, with its layouts."""
     sensors = {sensor.name: sensor for sensor in estimator.rig.sensors}
     chosen = [sensors[name] for name in estimator.channels]
@@ -236,13 +235,13 @@ def watch_of(estimator: KernelEstimator) -> Watch:
     first = came["first"]
     dt = came["dt"]
     mask = came["mask"]
-    since = ca.if_else(ca.logic_and(dt > 0, dt < LIMITS.longest_gap), dt, interval)
-    share = ca.fmin(since / LIMITS.memory, 1)
+    since = ca.if_else(ca.logic_and(dt > 0, dt < limits.longest_gap), dt, interval)
+    share = ca.fmin(since / limits.memory, 1)
     # a sensor without a first value is missing from the beginning; a known angle, which homes,
     # never is
     overdue = _column(
         [
-            NEVER if role is Role.REFERENCE else LIMITS.overdue / s.rate
+            NEVER if role is Role.REFERENCE else limits.overdue / s.rate
             for s, role in zip(chosen, roles)
         ]
     )
@@ -287,17 +286,17 @@ def watch_of(estimator: KernelEstimator) -> Watch:
     usual_pace = ca.if_else(was["pace"] > 0, was["pace"], ca.fmax(dt / interval, 1))
     change = ca.fmin(dt / interval, 2 * usual_pace) - usual_pace
     pace = ca.if_else(
-        first, was["pace"], usual_pace + ca.fmin(ca.fmax(dt, interval) / LIMITS.memory, 1) * change
+        first, was["pace"], usual_pace + ca.fmin(ca.fmax(dt, interval) / limits.memory, 1) * change
     )
     flags: dict[str, Vector] = {
         "gap": ca.logic_and(
-            ca.logic_not(first), dt > LIMITS.waiting * interval * ca.fmax(usual_pace, 1)
+            ca.logic_not(first), dt > limits.waiting * interval * ca.fmax(usual_pace, 1)
         ),
         "hurried": ca.logic_and(ca.logic_not(first), pace < HURRIED),
         "nothing": ca.logic_not(_any(mask)),
         # where no log said what is normal, innovations may be too large, but never right
         "untested": ca.SX(is_untaught),
-        "unknown": ca.logic_and(ca.logic_not(first), _any(came["stds"] > LIMITS.unknown)),
+        "unknown": ca.logic_and(ca.logic_not(first), _any(came["stds"] > limits.unknown)),
     }
     flags |= {
         "touched": is_touched * is_untaught,
@@ -307,11 +306,11 @@ def watch_of(estimator: KernelEstimator) -> Watch:
         "stuck": stuck,
         "missing": missing,
         "wrong": wrong,
-        "large": (ratio > LIMITS.large) * is_untaught,
+        "large": (ratio > limits.large) * is_untaught,
         "left": left,
     }
     visits = [
-        _at_end(end, was["furthest"][k], was["found"][k], came["values"], mask)
+        _at_end(end, was["furthest"][k], was["found"][k], came["values"], mask, limits)
         for k, end in enumerate(ends)
     ]
     furthest, sizes = (
@@ -344,6 +343,7 @@ def _at_end(
     found: Scalar,
     values: Vector,
     mask: Vector,
+    limits: HealthLimits,
 ) -> tuple[Scalar, Scalar]:
     """Return the furthest reading of this visit to an end, and how much further the joint is than
     it can be [deg], or 0.
@@ -354,10 +354,10 @@ def _at_end(
     read = mask[end.position] * mask[end.torque]
     reading = end.way * values[end.position]
     before = degrees(end.joint) * (reading - end.contact)
-    further = ca.logic_and(read, ca.logic_and(before > -LIMITS.near, reading > furthest + end.same))
+    further = ca.logic_and(read, ca.logic_and(before > -limits.near, reading > furthest + end.same))
     over = before - degrees(end.joint * end.give) * ca.fabs(values[end.torque])
     found = ca.if_else(ca.logic_and(further, over > degrees(end.room)), ca.fmax(found, over), found)
-    left = ca.logic_and(read, before < -LIMITS.away)
+    left = ca.logic_and(read, before < -limits.away)
     return ca.if_else(left, -NEVER, ca.if_else(further, reading, furthest)), ca.if_else(
         left, 0, found
     )

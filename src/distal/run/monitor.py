@@ -19,7 +19,7 @@ from distal.kernels import Evaluation
 from distal.logs import LARGEST_READING, Log, Remark
 from distal.logs.stamps import REWOUND
 from distal.rig import Rig
-from distal.run.health import LIMITS, WORDS, Health, Watch, begun, watch_of, word_code
+from distal.run.health import LIMITS, WORDS, Health, HealthLimits, Watch, begun, watch_of, word_code
 from distal.run.live_estimator import LATEST, JointContact, LiveEstimator, only
 
 OF_REMARKS: dict[str, Health] = {
@@ -98,9 +98,10 @@ class Monitor:
     error.
     """
 
-    def __init__(self, live: LiveEstimator) -> None:
+    def __init__(self, live: LiveEstimator, limits: HealthLimits = LIMITS) -> None:
         self._live = live
-        self._watch = watch = watch_of(live.estimator)
+        self._limits = limits
+        self._watch = watch = watch_of(live.estimator, limits)
         self._drive_of = list(_drives_of_findings(watch, live))
         self._check = Evaluation(watch.function)
         self._sample = np.zeros(watch.sample.size)
@@ -124,13 +125,13 @@ class Monitor:
 
     def clone(self, live: LiveEstimator) -> Monitor:
         """Return a monitor with the same memory for `live`, a clone of its estimator."""
-        return _with_memory(live, self._remembered())
+        return _with_memory(live, self._limits, self._remembered())
 
     def __reduce__(self) -> tuple[object, ...]:
         """Return how to make this monitor again, also in another process: its estimator and its
         memory.
         """
-        return _with_memory, (self._live, self._remembered())
+        return _with_memory, (self._live, self._limits, self._remembered())
 
     def _remembered(self) -> dict[str, object]:
         names = ("_anew", "_fresh", "_late", "_last_late", "_time")
@@ -192,7 +193,7 @@ class Monitor:
                 return skipped
             if self._late >= REWOUND:
                 self._restart(f"the clock was set back by {-gap:.3g} s")
-            elif gap > max(LIMITS.longest_gap, 3 * live.interval):
+            elif gap > max(self._limits.longest_gap, 3 * live.interval):
                 self._restart(
                     f"no sample for {gap:.3g} s; the rig says every {live.interval:.3g} s"
                 )
@@ -345,7 +346,7 @@ class Monitor:
         angles = self._live.angles
         has_angles = self._live.samples and bool(np.all(np.abs(angles) <= LARGEST_ANGLE))
         reached = np.clip(angles, *self._reach)
-        self._live.reset(tuple(reached.tolist()) if has_angles else None, LIMITS.anywhere)
+        self._live.reset(tuple(reached.tolist()) if has_angles else None, self._limits.anywhere)
         self._anew = why
         pace = self._watch.memory["pace"]
         memory = begun(self._watch)
@@ -373,8 +374,10 @@ def _drives_of_findings(watch: Watch, live: LiveEstimator) -> Iterator[tuple[int
         yield from zip(range(watch.findings[finding].start, watch.findings.size), names)
 
 
-def _with_memory(live: LiveEstimator, remembered: Mapping[str, object]) -> Monitor:
-    monitor = Monitor(live)
+def _with_memory(
+    live: LiveEstimator, limits: HealthLimits, remembered: Mapping[str, object]
+) -> Monitor:
+    monitor = Monitor(live, limits)
     for name, value in remembered.items():
         setattr(monitor, name, copy(value))
     return monitor
