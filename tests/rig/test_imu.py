@@ -191,7 +191,7 @@ def test_a_gyroscope_that_walks_has_a_state_that_walks(rig: Rig) -> None:
     assert states.lasting[states.names.index("mounting_imu")]
 
 
-@pytest.mark.parametrize("name", ["inextensible", "elastic", "ekf", "ekf-2008"])
+@pytest.mark.parametrize("name", ["inextensible", "elastic"])
 def test_an_estimator_that_cannot_use_it_says_so(name: str, rig: Rig, logs: list[Log]) -> None:
     bare = estimate(logs[0], load_rig("finger-2n"), name)
     result = estimate(logs[0], rig, name)

@@ -113,12 +113,6 @@ def export_command(
     ]
     title = f"{estimator} for {exported.estimator.rig.name}, in {exported.real.type}"
     table(title, ["what", "how much"], rows)
-    if exported.real.single and exported.jumps:
-        warn(
-            f"in float, {estimator} may differ from double by more than its band, since it jumps "
-            "from sticking to "
-            "slipping; adaptive does not"
-        )
     if out is not None:
         say(
             f"wrote {exported.name}.c, {exported.name}.h, replay.c, CMakeLists.txt and README.md "

@@ -138,7 +138,6 @@ def readme(exported: Exported, use: str) -> str:
         use: template of the last part, which says what to do with the files.
     """
     real = exported.real
-    jumps = "" if not real.single or not exported.jumps else _JUMPS
     estimator = exported.estimator
     channels = enumerate(estimator.channels)
     values = {
@@ -146,7 +145,6 @@ def readme(exported: Exported, use: str) -> str:
         "rig": comment(estimator.rig.name),
         "estimator": estimator.name,
         "real": real.type,
-        "jumps": jumps,
         "channels": "\n".join(f"| {i} | `{channel}` |" for i, channel in channels),
         "n_states": len(estimator.state_names),
         "state_bytes": f"{exported.state_bytes:,}",
@@ -183,17 +181,12 @@ if(NOT CMAKE_CROSSCOMPILING AND CMAKE_SOURCE_DIR STREQUAL CMAKE_CURRENT_SOURCE_D
 endif()
 """
 
-_JUMPS = """
-In float this estimator may differ from double by much more than its band: it jumps where a body
-goes from sticking to slipping. `adaptive` does not; or export it in double.
-"""
-
 _README = """\
 # $name$
 
 Written by `distal export-c`: `$estimator$` for the rig "$rig$", in C99 with `$real$`. No malloc, no
 globals: the caller owns the state.
-$jumps$
+
 ```c
 #include "$name$.h"
 
