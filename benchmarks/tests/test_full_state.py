@@ -121,9 +121,9 @@ def test_sequential_joseph_equals_the_update_with_all_values_at_once() -> None:
         ca.SX.sym("e", m),
         ca.SX.sym("H", m, n),
         ca.SX.sym("r", m),
+        ca.SX.sym("mask", m),
     ]
-    mask = ca.SX.sym("mask", m)
-    function = ca.Function("update", [*symbols, mask], list(update(*symbols, mask)))
+    function = ca.Function("update", symbols, list(update(*symbols)))
     x, p, innovations, variances = (
         part.full() for part in function(mean, covariance, residual, jacobian, r, np.ones(m))
     )

@@ -14,11 +14,12 @@ from tests.estimators.test_contract import log, rig  # noqa: F401
 from tests.estimators.test_covariances import test_a_reported_covariance_is_one as is_covariance
 from tests.estimators.test_first_sample import test_offsets_and_gains_are_taken_off as takes_off
 from tests.export import test_export as exports
+from tests.export.helpers import spoiled
 from tests.kernels.test_kernels import test_estimators_compiled_and_interpreted_agree as agrees
 from tests.run import test_batch as batches
 
 import benchmarks.paper_2008  # noqa: F401 - the estimators ekf and ekf-2008
-from distal import Log, Rig, shipped_rigs
+from distal import Log, Rig, load_scenario, shipped_rigs, simulate
 
 NAMES = ("ekf-2008", "ekf")
 CHECKS = [
@@ -47,10 +48,10 @@ def test_its_covariances_are_some(which: str, name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_its_c_gives_the_numbers_of_python(name: str, rig: Rig, tmp_path: Path) -> None:  # noqa: F811
-    plain = exports.simulate(rig, exports.load_scenario("series-2"), 5)
-    spoiled = exports.spoiled(plain)
-    exports.test_a_whole_log_under_sanitizers(rig, spoiled, plain, name, False, tmp_path)
-    exports.test_beliefs_and_innovations_are_pythons(rig, spoiled, name, tmp_path)
+    plain = simulate(rig, load_scenario("series-2"), 5)
+    bad = spoiled(plain)
+    exports.test_a_whole_log_under_sanitizers(rig, bad, plain, name, False, tmp_path)
+    exports.test_beliefs_and_innovations_are_pythons(rig, bad, name, tmp_path)
 
 
 @pytest.mark.parametrize("name", NAMES)
