@@ -33,6 +33,7 @@ from tests.support.cases import (
 )
 from tests.support.lower_bound import lower_bound
 
+import benchmarks.paper_2008  # noqa: F401 - the estimators ekf and ekf-2008
 from benchmarks.report import FOLDER, table
 from benchmarks.rivals import RIVALS
 from distal import ESTIMATORS, Log, Rig, estimate, load_rig, read_log

@@ -17,6 +17,9 @@ from distal.sensor_errors import SensorErrors
 
 Floats = NDArray[np.float64]
 
+PULLEYS = {f"tendons.{i}.insertion": {"kind": "pulley", "radius": "9.53 mm"} for i in (0, 1)}
+"""Insertions with which a wild displacement is a wild angle for estimators that trust it."""
+
 
 def finite_difference(
     function: Callable[[Floats], Floats], at: Floats, steps: Floats | float = 1e-6

@@ -15,15 +15,11 @@ SERVO = {
     "adaptive": 0.35,
     "inextensible": 11.5,
     "elastic": 1.1,
-    "ekf-2008": 0.85,
-    "ekf": 0.38,
 }
 HAND = {
     "adaptive": 5.5,
     "inextensible": 6.0,
     "elastic": 6.5,
-    "ekf-2008": 5.5,
-    "ekf": 5.5,
 }
 
 

@@ -35,9 +35,8 @@ def test_logs(tmp_path: Path, rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("csv", [True, False])
-@pytest.mark.parametrize("estimator", ["adaptive", "ekf"])
-def test_streams(csv: bool, estimator: str) -> None:
-    stream = Stream(load_rig("paper-2008-printed"), csv, estimator)
+def test_streams(csv: bool) -> None:
+    stream = Stream(load_rig("paper-2008-printed"), csv)
     outcomes = [stream.attempt(seed) for seed in range(300)]
     assert [one.why for one in outcomes if not one.kept] == []
     assert {one.kind for one in outcomes} == {"taken", "refused"}

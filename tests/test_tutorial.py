@@ -40,9 +40,9 @@ def alike(shown: str, printed: str) -> bool:
 
 
 def test_lines_are_compared_as_they_should() -> None:
-    assert alike("ekf: 1.5° (…)", "ekf:   1.4° (whatever)")
-    assert not alike("ekf: 1.5°", "ekf: 2.5°")
-    assert not alike("ekf: 1.5°", "ukf: 1.5°")
+    assert alike("adaptive: 1.5° (…)", "adaptive:   1.4° (whatever)")
+    assert not alike("adaptive: 1.5°", "adaptive: 2.5°")
+    assert not alike("adaptive: 1.5°", "adaptable: 1.5°")
 
 
 @pytest.mark.slow

@@ -11,7 +11,8 @@ from itertools import product
 
 import numpy as np
 
-from distal.estimators import FullStateFilter, KernelEstimator, Noise, make_estimator, paper_noise
+from benchmarks.paper_2008.full_state import FullStateFilter, Noise, estimate_twice, paper_noise
+from distal.estimators import KernelEstimator, make_estimator
 from distal.logs import Log
 from distal.model import Mechanism
 from distal.results import Estimate
@@ -177,7 +178,7 @@ def run_series(
             asked["hung weights"] = (hung_weights(log, scenario), paper)
             asked["better cells"] = (read(seed, BETTER_CELLS), paper)
         estimates = {
-            name: estimate(of, rig, by, passes=2 if name in TWO_PASSES else 1)
+            name: estimate_twice(of, rig, by) if name in TWO_PASSES else estimate(of, rig, by)
             for name, (of, by) in asked.items()
         }
         runs.append(SeriesRun(series, plant.name, seed, rig, log, estimates))

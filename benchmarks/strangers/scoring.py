@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+import benchmarks.paper_2008  # noqa: F401 - the estimators ekf and ekf-2008
 from benchmarks.strangers.library import (
     DistalError,
     Log,

@@ -41,7 +41,7 @@ def completed(line: str, folder: Path) -> list[str]:
         ("distal estimate log.csv --rig paper-2008-p", ["paper-2008-printed"]),
         ("distal rig show mi", ["mine.toml"]),
         ("distal simulate ", [*shipped_scenarios(), "mine.toml"]),
-        ("distal estimate log.csv -e ek", ["ekf", "ekf-2008"]),
+        ("distal estimate log.csv -e e", ["elastic"]),
     ],
 )
 def test_words_are_completed(tmp_path: Path, line: str, expected: list[str]) -> None:

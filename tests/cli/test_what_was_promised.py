@@ -96,8 +96,8 @@ def test_no_file_of_another_kind_is_replaced(
 
 
 def test_smoothing_is_of_adaptive(run, log: Path) -> None:
-    words = ("estimate", log, "--rig", "paper-2008", "--smooth", "-e", "ekf")
-    refused(run(*words), "--smooth is of adaptive; leave out -e ekf")
+    words = ("estimate", log, "--rig", "paper-2008", "--smooth", "-e", "elastic")
+    refused(run(*words), "--smooth is of adaptive; leave out -e elastic")
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("deg", np.rad2deg(1.0)), ("rad", 1.0)])

@@ -241,7 +241,7 @@ class TestLogs:
         assert (result.prior_means[at], result.prior_stds[at]) == pytest.approx((1.0, 0.1))
         assert np.isnan(result.prior_stds[result.state_names.index("theta")])
         assert np.isnan(result.prior_stds[result.state_names.index("friction_left")])
-        assert estimate(log, rig, "ekf").prior_means is None
+        assert estimate(log, rig, "elastic").prior_means is None
 
     def test_log_and_rig_come_together(self, rig: Rig, log: Log) -> None:
         with pytest.raises(EstimationError, match="both the log and the rig"):

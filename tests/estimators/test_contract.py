@@ -270,6 +270,6 @@ def test_one_sensor_per_thing(name: str, rig: Rig) -> None:
 
 def test_unknown_estimators() -> None:
     with pytest.raises(
-        EstimationError, match=r"unknown estimator 'ekf-2009'; did you mean 'ekf-2008'\?"
+        EstimationError, match=r"unknown estimator 'elstic'; did you mean 'elastic'\?"
     ):
-        make_estimator("ekf-2009", load_rig("paper-2008-printed"))
+        make_estimator("elstic", load_rig("paper-2008-printed"))

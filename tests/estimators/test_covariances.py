@@ -59,18 +59,8 @@ def with_maps(rig: Rig) -> Rig:
     return touched.with_map(torque=touched.map.readings)
 
 
-FULL_FILTERS = ("ekf", "ekf-2008")
-
-
-@pytest.mark.parametrize(
-    ("rig_name", "name"),
-    [
-        # over sixteen joints their functions take seconds to build
-        pytest.param(r, n, marks=[pytest.mark.more] if r == "hand" and n in FULL_FILTERS else [])
-        for r in shipped_rigs()
-        for n in ("adaptive", "regression", "elastic", "inextensible", *FULL_FILTERS)
-    ],
-)
+@pytest.mark.parametrize("rig_name", shipped_rigs())
+@pytest.mark.parametrize("name", ["adaptive", "regression", "elastic", "inextensible"])
 def test_a_reported_covariance_is_one(rig_name: str, name: str) -> None:
     """With every reading there, and with a third of them missing."""
     assert name in ESTIMATORS

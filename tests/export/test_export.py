@@ -87,12 +87,8 @@ def replayed(program: Path, log: Path) -> np.ndarray:
 @pytest.mark.parametrize(
     ("name", "single"),
     [
-        pytest.param("adaptive", False, id="double-adaptive", marks=pytest.mark.more),
+        pytest.param("adaptive", False, id="double-adaptive"),
         pytest.param("adaptive", True, id="float-adaptive"),
-        pytest.param("ekf", False, id="double-ekf"),
-        pytest.param("ekf", True, id="float-ekf", marks=pytest.mark.more),
-        pytest.param("ekf-2008", False, id="double-ekf-2008", marks=pytest.mark.more),
-        pytest.param("ekf-2008", True, id="float-ekf-2008", marks=pytest.mark.more),
     ],
 )
 def test_a_whole_log_under_sanitizers(
@@ -100,10 +96,6 @@ def test_a_whole_log_under_sanitizers(
 ) -> None:
     """As Python to 1e-9 in double, to 0.02° in float; no address or undefined behaviour is
     reported.
-
-    The full-state filters jump where a linearisation changes from sticking to slipping: in float,
-    the spoiled log is for the sanitizers only, and bands of ±24° are compared to 1 %; see
-    docs/how-to/microcontroller.md.
     """
     program = build(
         c_filter(rig, name, single),
@@ -114,19 +106,15 @@ def test_a_whole_log_under_sanitizers(
         "-fno-sanitize-recover=all",
     )
     tolerance = np.deg2rad(0.02) if single else 1e-9
-    for each, compared in (
-        (log, not single or name == "adaptive"),
-        (plain, name != "ekf" or not single),
-    ):
+    for each in (log, plain):
         write_log(each, rig, tmp_path / "log.csv")
         rows, known = replayed(program, tmp_path / "log.csv"), estimate(each, rig, name)
         np.testing.assert_allclose(rows[:, 0], each.time, atol=1e-12)
         assert np.isfinite(rows).all()
-        if compared:
-            np.testing.assert_allclose(rows[:, 1], known.theta, atol=tolerance)
-            np.testing.assert_allclose(
-                rows[:, 2], known.theta_std, atol=tolerance, rtol=0.01 if single else 0.0
-            )
+        np.testing.assert_allclose(rows[:, 1], known.theta, atol=tolerance)
+        np.testing.assert_allclose(
+            rows[:, 2], known.theta_std, atol=tolerance, rtol=0.01 if single else 0.0
+        )
 
 
 @needs_compiler
@@ -312,7 +300,7 @@ class Library:
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", ["adaptive", "ekf-2008"])
+@pytest.mark.parametrize("name", ["adaptive", "elastic"])
 def test_beliefs_and_innovations_are_pythons(rig: Rig, log: Log, name: str, tmp_path: Path) -> None:
     """The whole state and every innovation, from the prior on."""
     estimator = make_estimator(name, rig)
@@ -376,7 +364,7 @@ def test_the_header_says_shapes_units_and_order(rig: Rig) -> None:
 
 
 def test_float_calls_only_float_functions(rig: Rig) -> None:
-    for name in ("adaptive", "ekf-2008"):
+    for name in ("adaptive", "elastic"):
         source = re.sub(r"/\*.*?\*/", "", c_filter(rig, name, True).source, flags=re.S)
         assert "double" not in source
         assert not re.search(
@@ -414,10 +402,9 @@ GOLDEN = Path(__file__).parent / "golden"
 
 
 @pytest.mark.stored
-@pytest.mark.parametrize("estimator", ["adaptive", "ekf-2008"])
-def test_golden_files(estimator: str, request: pytest.FixtureRequest) -> None:
+def test_golden_files(request: pytest.FixtureRequest) -> None:
     """What is written is what was looked at; `pytest --update-golden` writes it anew."""
-    made = c_filter(load_rig("capstan-joint"), estimator, True, c_name(f"capstan_{estimator}"))
+    made = c_filter(load_rig("capstan-joint"), "adaptive", True, "capstan_adaptive")
     for name, text in ((f"{made.name}.h", made.header), (f"{made.name}.c", made.source)):
         path = GOLDEN / name
         if request.config.getoption("--update-golden"):
@@ -452,8 +439,8 @@ def test_replay_reads_what_estimate_reads(rig: Rig, plain: Log, tmp_path: Path) 
     short = plain.select(slice(0, 60))
     write_log(short, rig, tmp_path / "log.csv")
     rows = [line.split(",")[:5] for line in (tmp_path / "log.csv").read_text().splitlines()]
-    program = build(c_filter(rig, "ekf-2008"), tmp_path, "-O1")
-    known = estimate(short, rig, "ekf-2008").theta
+    program = build(c_filter(rig, "elastic"), tmp_path, "-O1")
+    known = estimate(short, rig, "elastic").theta
     good = {
         "ends": "\r\n".join(",".join(row) for row in rows) + "\n\n\n",
         "order": "\n".join(
@@ -495,27 +482,27 @@ def test_names_that_would_break_the_text(rig: Rig, plain: Log, tmp_path: Path) -
     from distal.rig import build_rig
 
     odd = build_rig(raw, "odd")
-    made = c_filter(odd, "ekf-2008", name="odd")
+    made = c_filter(odd, "elastic", name="odd")
     write_log(plain.select(slice(0, 50)), odd, tmp_path / "log.csv")
     text = (tmp_path / "log.csv").read_text()
     (tmp_path / "log.csv").write_text(text.replace('"' + column.replace('"', '""') + '"', column))
     rows = replayed(build(made, tmp_path, "-O1", "-Wpedantic"), tmp_path / "log.csv")
     np.testing.assert_allclose(
-        rows[:, 1], estimate(plain.select(slice(0, 50)), odd, "ekf-2008").theta, atol=1e-9
+        rows[:, 1], estimate(plain.select(slice(0, 50)), odd, "elastic").theta, atol=1e-9
     )
-    export_c(odd, tmp_path, "ekf-2008", name="odd")
+    export_c(odd, tmp_path, "elastic", name="odd")
     assert "$real$ $name$" in (tmp_path / "README.md").read_text()
     with pytest.raises(ExportError, match="up to 100"):
-        c_filter(rig, "ekf-2008", name="x" * 200)
+        c_filter(rig, "elastic", name="x" * 200)
 
 
 def test_what_is_not_ours_is_not_replaced(rig: Rig, tmp_path: Path) -> None:
     (tmp_path / "README.md").write_text("my hand")
     with pytest.raises(OutputError, match="was not written by export-c"):
-        export_c(rig, tmp_path, "ekf-2008")
+        export_c(rig, tmp_path, "elastic")
     assert [path.name for path in tmp_path.iterdir()] == ["README.md"]
     (tmp_path / "README.md").unlink()
-    for estimator in ("ekf-2008", "adaptive"):
+    for estimator in ("elastic", "adaptive"):
         export_c(rig, tmp_path, estimator, name=estimator.replace("-", "_"))
     assert len(list(tmp_path.iterdir())) == 5
 
@@ -535,7 +522,7 @@ def test_the_command(tmp_path: Path) -> None:
 @pytest.mark.skipif(shutil.which("g++") is None, reason="g++ is not installed")
 def test_from_cpp(rig: Rig, tmp_path: Path) -> None:
     """The header in C++, the source in C, linked."""
-    made = c_filter(rig, "ekf-2008", name="finger")
+    made = c_filter(rig, "elastic", name="finger")
     program = """#include "finger.h"
 int main() {
   finger_state state;

@@ -247,7 +247,7 @@ def test_sensors_that_are_called_as_outputs_are(rig: Rig, tmp_path: Path) -> Non
     for sensor, name in zip(raw["sensors"], ("angle", "time", "health"), strict=False):
         sensor["name"] = name
     made = export_fmu(
-        build_rig(raw, "odd"), tmp_path / "odd.fmu", "ekf-2008", "odd", everywhere=False
+        build_rig(raw, "odd"), tmp_path / "odd.fmu", "elastic", "odd", everywhere=False
     )
     assert validate_fmu(str(tmp_path / "odd.fmu")) == []
     assert made.outputs == ("angle_estimate", "angle_std", "health_estimate")

@@ -154,4 +154,4 @@ def test_what_cannot_home_is_refused() -> None:
         with pytest.raises(EstimationError, match="a homing angle is known"):
             homing_filter(rig, bad)
     with pytest.raises(ExportError, match="adaptive homes while it runs"):
-        c_filter(rig, "ekf-2008", home=0.1)
+        c_filter(rig, "elastic", home=0.1)

@@ -92,7 +92,7 @@ def test_accepted_names_compile(names: list[str], tmp_path: Path) -> None:
     name.
     """
     rig = load_rig("capstan-joint")
-    export_c(rig, tmp_path, "ekf-2008", name="finger")
+    export_c(rig, tmp_path, "elastic", name="finger")
     texts = {path: path.read_text() for path in tmp_path.iterdir()}
     flags = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-fsyntax-only"]
     for name in names:
@@ -130,7 +130,7 @@ def test_all_files_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     """
 
     rig = load_rig("capstan-joint")
-    export_c(rig, tmp_path, "ekf-2008", name="finger")
+    export_c(rig, tmp_path, "elastic", name="finger")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     real = outputs.put
     for full in range(len(export_files("finger"))):
@@ -145,9 +145,9 @@ def test_all_files_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
         monkeypatch.setattr(outputs, "put", limited)
         with pytest.raises(OutputError, match="No space left"):
-            export_c(rig, tmp_path, "ekf-2008", single=True, name="finger")
+            export_c(rig, tmp_path, "elastic", single=True, name="finger")
         monkeypatch.setattr(outputs, "put", real)
         assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
-    export_c(rig, tmp_path, "ekf-2008", single=True, name="finger")
+    export_c(rig, tmp_path, "elastic", single=True, name="finger")
     assert {path.name for path in tmp_path.iterdir()} == set(before)
     assert (tmp_path / "finger.c").read_bytes() != before["finger.c"]

@@ -92,8 +92,8 @@ SAMPLES = (
 
 
 FAR = 1.0
-"""An angle that no good sample here has [rad]: a wild value must not lead `adaptive` there; `ekf`
-trusts every sample.
+"""An angle that no good sample here has [rad]: a wild value must not lead `adaptive` there; others
+trust every sample.
 """
 
 

@@ -28,7 +28,7 @@ def test_a_reference_helps_and_does_not_leak() -> None:
         Log(log.time, log.channels, lying, log.source, log.truth_source), rig, homing=1.0
     )
     np.testing.assert_array_equal(homed.theta, other.theta)
-    for name in ("inextensible", "elastic", "ekf"):
+    for name in ("inextensible", "elastic"):
         shifted = estimate(log, rig, name, homing=1.0)
         early = estimate(log, rig, name).theta[log.time < 1.0] - log.truth["theta"][log.time < 1.0]
         np.testing.assert_allclose(

@@ -86,18 +86,18 @@ class Case:
     def words(self, rig: Path | str, log: Path) -> str:
         """Return the lines for a shell that stand for the row."""
         log_words = f"{log.name} --rig {rig}"
-        estimator = "" if self.rig == MANY and "ekf" in self.estimator else self.estimator
         if self.command == "estimate" or (self.command == "fit" and self.rig == MANY):
-            options = " ".join((estimator, self.homing, self.smooth, self.findings))
+            options = " ".join((self.estimator, self.homing, self.smooth, self.findings))
             given = f"--truth {log.stem}.truth.csv" if self.given else ""
             return f"distal estimate {log_words} {options} {given} --out out.csv --plot out.svg"
         if self.command == "stream":
-            return f"distal stream --rig {rig} {estimator} < {log.name} > out.csv"
+            return f"distal stream --rig {rig} {self.estimator} < {log.name} > out.csv"
         if self.command == "fit":
             return f"distal fit {log_words} {self.homing} --out out.toml"
+        chosen = self.estimator.removeprefix("-e ")
         return (
-            f"distal export-c {rig} {estimator} --out c --name made\n"
-            f"{sys.executable} {REPLAY} {rig} made {estimator.removeprefix('-e ')} > c/replay.c\n"
+            f"distal export-c {rig} {self.estimator} --out c --name made\n"
+            f"{sys.executable} {REPLAY} {rig} made {chosen} > c/replay.c\n"
             "cd c\ncc -std=c99 -O1 -fno-math-errno replay.c made.c -lm -o replay\n"
             f"./replay ../{log.name} > ../out.csv"
         )
@@ -110,8 +110,6 @@ ESTIMATE = {
     "estimator": (
         "",
         *(f"-e {name}" for name in ("adaptive", "regression", "elastic", "inextensible")),
-        "-e ekf",
-        "-e ekf-2008",
     ),
     "homing": ("", "--homing 0.2s", "--homing 1s"),
     "smooth": ("", "--smooth"),

@@ -69,7 +69,7 @@ def test_scan_is_many_steps_and_compiled_is_interpreted(fresh: Path) -> None:
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", ["inextensible", "elastic", "ekf-2008", "ekf"])
+@pytest.mark.parametrize("name", ["inextensible", "elastic"])
 def test_estimators_compiled_and_interpreted_agree(name: str) -> None:
     """To 1e-9 over a whole log, relative to each state's range."""
     scenario = load_scenario("series-2")
@@ -201,7 +201,7 @@ def test_several_processes_at_once(fresh: Path, count: int) -> None:
 
 def test_source_depends_on_the_structure_not_on_the_values(paper_rig: Rig) -> None:
     def source(rig: Rig) -> str:
-        return c_source(make_estimator("ekf", rig, compiled=False).kernel.function)
+        return c_source(make_estimator("adaptive", rig, compiled=False).kernel.function)
 
     assert source(paper_rig) == source(paper_rig.with_values({"tendons.0.stiffness": 700.0}))
     assert source(paper_rig) != source(paper_rig.with_values({"tendons.0.damping": 1.0}))

@@ -320,7 +320,7 @@ SWING = {
 def test_one_joint_as_a_chain_of_one_gives_the_same_numbers(
     touched: float, fewest: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Motion with stops, adaptive with and without an external torque, ekf: 1e-10; also moved as a
+    """Motion with stops, adaptive with and without an external torque: 1e-10; also moved as a
     chain is moved.
     """
     monkeypatch.setattr(distal.model.mechanism, "SMALLEST_CHAIN", fewest)
@@ -329,7 +329,7 @@ def test_one_joint_as_a_chain_of_one_gives_the_same_numbers(
     logs = [simulate(rig, build_scenario(SWING), seed=1) for rig in (lumped, chain)]
     assert np.ptp(logs[0].truth["theta"]) > 0.3
     np.testing.assert_allclose(logs[0].truth["theta"], logs[1].truth["theta"], rtol=0, atol=1e-10)
-    for name in ("adaptive", "ekf", "elastic"):
+    for name in ("adaptive", "elastic"):
         one, other = (estimate(logs[0], rig, name) for rig in (lumped, chain))
         np.testing.assert_allclose(one.means, other.means, rtol=0, atol=1e-10)
         np.testing.assert_allclose(one.stds[:, 0], other.stds[:, 0], rtol=0, atol=1e-10)

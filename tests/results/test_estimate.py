@@ -15,7 +15,7 @@ from distal.errors import EstimationError
 def result() -> Estimate:
     scenario = load_scenario("series-2")
     rig = scenario_rig(scenario)
-    return estimate(simulate(rig, scenario), rig, "ekf")
+    return estimate(simulate(rig, scenario), rig, "adaptive")
 
 
 def test_numbers(result: Estimate) -> None:
@@ -35,11 +35,11 @@ def test_frames(result: Estimate) -> None:
         "t [s]",
         "theta [deg]",
         "theta_std [deg]",
-        "position_left [m]",
-        "position_left_std [m]",
+        "theta_dot [deg/s]",
+        "theta_dot_std [deg/s]",
     ]
     np.testing.assert_allclose(every["theta [deg]"], np.rad2deg(result.theta))
-    np.testing.assert_array_equal(every["position_left [m]"], result.state("position_left"))
+    np.testing.assert_array_equal(every["friction_left [N]"], result.state("friction_left"))
     with pytest.raises(EstimationError, match="unit 'grad': angles are written in rad or deg"):
         result.columns("grad")
 

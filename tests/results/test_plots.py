@@ -36,7 +36,7 @@ def log(rig: Rig) -> Log:
 
 @pytest.fixture(scope="module")
 def result(log: Log, rig: Rig) -> Estimate:
-    return estimate(log, rig, "ekf")
+    return estimate(log, rig, "adaptive")
 
 
 @pytest.mark.parametrize("kind", ["png", "svg", "pdf"])
@@ -47,7 +47,7 @@ def test_plots(result: Estimate, tmp_path: Path, kind: str) -> None:
     assert figure.axes[-1].get_xlabel() == "time [s]"
     assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == [
         "truth",
-        "ekf, 95 % band",
+        "adaptive, 95 % band",
     ]
     plot_estimates([result], two)
     assert one.read_bytes() == two.read_bytes()
@@ -142,7 +142,7 @@ def test_bands_are_seen_at_any_width(result: Estimate) -> None:
 def test_an_estimate_in_words_and_as_a_table(result: Estimate) -> None:
     text = repr(result)
     assert text.startswith(
-        "800 samples of 'Nylon-tendon disk (k = 806 N/m)', 0 to 7.99 s; ekf: angle from "
+        "800 samples of 'Nylon-tendon disk (k = 806 N/m)', 0 to 7.99 s; adaptive: angle from "
     )
     assert len(text) < 250
     assert str(result) == text

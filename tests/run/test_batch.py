@@ -23,6 +23,7 @@ from distal.errors import DistalError, EstimationError, LogError
 from distal.kernels import find_compiler, lanes_here
 from distal.logs import write_log
 from distal.simulation import build_scenario
+from tests.helpers import PULLEYS
 
 SEEDS = 11
 
@@ -34,7 +35,11 @@ def rig() -> Rig:
 
 @pytest.fixture(scope="module")
 def logs(rig: Rig) -> list[Log]:
-    """Logs of different lengths; one with gaps, one with missing values."""
+    return made_logs(rig)
+
+
+def made_logs(rig: Rig) -> list[Log]:
+    """Return logs of different lengths; one with gaps, one with missing values."""
     made = [simulate(rig, load_scenario("series-2"), seed) for seed in range(SEEDS)]
     made = [log.select(slice(0, 150 + 37 * i)) for i, log in enumerate(made)]
     made[3] = made[3].select(np.r_[0:60, 90:200])
@@ -51,13 +56,11 @@ def same(one, other) -> None:
         np.testing.assert_array_equal(getattr(one, part), getattr(other, part))
 
 
-# runs lie side by side in compiled kernels only; those of adaptive and ekf take seconds to compile
+# runs lie side by side in compiled kernels only; those of adaptive take seconds to compile
 @pytest.mark.parametrize(
     "name",
     [
         pytest.param("adaptive", marks=pytest.mark.slow),
-        pytest.param("ekf", marks=pytest.mark.slow),
-        "ekf-2008",
         "elastic",
     ],
 )
@@ -90,7 +93,7 @@ def test_other_rigs_and_homing(name: str) -> None:
 
 
 @pytest.mark.usefixtures("as_users_compile")
-@pytest.mark.parametrize("name", [pytest.param("adaptive", marks=pytest.mark.slow), "ekf-2008"])
+@pytest.mark.parametrize("name", [pytest.param("adaptive", marks=pytest.mark.slow), "elastic"])
 def test_without_a_compiler_the_same(rig: Rig, logs: list[Log], name: str) -> None:
     for log, result in zip(logs[:3], estimate_batch(logs[:3], rig, name, compiled=False)):
         np.testing.assert_allclose(result.means, estimate(log, rig, name).means, atol=1e-9)
@@ -104,13 +107,14 @@ def test_a_bad_log_is_named_or_left_out(rig: Rig, logs: list[Log], tmp_path: Pat
     wild = Log(logs[2].time, wild, {}, "wild.csv")
     mixed = [tmp_path / "absent.csv", good, lacks, wild, logs[4]]
     failed: dict[str, DistalError] = {}
-    results = list(estimate_batch(mixed, rig, "ekf", skip=failed.__setitem__))
+    rig = rig.with_values(PULLEYS)
+    results = list(estimate_batch(mixed, rig, "inextensible", skip=failed.__setitem__))
     assert [len(result) for result in results] == [len(logs[0]), len(logs[4])]
     assert set(failed) == {str(mixed[0]), "lacks.csv", "wild.csv"}
     with pytest.raises(LogError, match="absent"):
-        list(estimate_batch(mixed, rig, "ekf"))
+        list(estimate_batch(mixed, rig, "inextensible"))
     with pytest.raises(EstimationError, match=r"lacks\.csv"):
-        list(estimate_batch(mixed[1:], rig, "ekf"))
+        list(estimate_batch(mixed[1:], rig, "inextensible"))
     with pytest.raises(EstimationError, match="for one there is estimate"):
         estimate_batch(logs[0], rig)
     with pytest.raises(EstimationError, match="whole number from 1"):

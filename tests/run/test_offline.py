@@ -22,11 +22,6 @@ from distal.logs import write_log
 from tests.support.cases import paper_log, paper_rig
 
 
-def test_passes_are_for_the_papers_filters() -> None:
-    with pytest.raises(EstimationError, match="one pass"):
-        estimate(paper_log("servo", "as the rig", 0), paper_rig("as the rig"), "adaptive", passes=2)
-
-
 def test_what_is_no_estimator_is_refused() -> None:
     log, rig = paper_log("servo", "as the rig", 0), paper_rig("as the rig")
     with pytest.raises(EstimationError, match="an estimator is a name or one from make_estimator"):

@@ -49,11 +49,6 @@ if TYPE_CHECKING:
 FEW = 4
 """Number of warnings printed for many logs; the others are counted. Source: layout."""
 
-MOST_FULL = 6
-"""Number of joints up to which the filters on the full state are compared unasked; with more, a
-compiler takes minutes. Source: judgement.
-"""
-
 
 def estimate_command(
     logs: Annotated[
@@ -86,7 +81,7 @@ def estimate_command(
             "--estimator",
             "-e",
             help=(
-                "adaptive, ekf, ekf-2008, elastic, inextensible or regression; repeatable, the "
+                "adaptive, elastic, inextensible or regression; repeatable, the "
                 "first is "
                 "written. Default: adaptive; where the angle is known, all of them, to compare."
             ),
@@ -273,16 +268,7 @@ def _names(asked: list[str] | None, rig: Rig, is_known: bool) -> list[str]:
 
     _check_names(asked or (), rig)
     usual = usual_estimator(rig)
-    names = list(dict.fromkeys(asked or ([usual, *ESTIMATORS] if is_known else [usual])))
-    left = [name for name in names if name.startswith("ekf")]
-    if asked or len(rig.joints) <= MOST_FULL or not left:
-        return names
-    # these filters treat all joints together; adaptive treats each finger by itself
-    say(
-        f"{' and '.join(left)} left out: a compiler takes minutes over {len(rig.joints)} joints; "
-        "ask with -e"
-    )
-    return [name for name in names if name not in left]
+    return list(dict.fromkeys(asked or ([usual, *ESTIMATORS] if is_known else [usual])))
 
 
 def _at_home(log: Log, rig: Rig, positions: list[str], home: float | None) -> tuple[Log, Rig]:

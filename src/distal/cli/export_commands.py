@@ -88,12 +88,6 @@ def export_command(
     ]
     title = f"{estimator} for {exported.estimator.rig.name}, in {exported.real.type}"
     table(title, ["what", "how much"], rows)
-    if exported.real.single and exported.jumps:
-        warn(
-            f"in float, {estimator} may differ from double by more than its band, since it jumps "
-            "from sticking to "
-            "slipping; adaptive does not"
-        )
     say(f"wrote {', '.join(files)} to {out}")
 
 

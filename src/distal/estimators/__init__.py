@@ -13,7 +13,6 @@ from distal.estimators.estimator_protocol import (
     sample_problem,
     wild_problem,
 )
-from distal.estimators.full_state import FullStateFilter, Noise, paper_noise, rig_noise
 from distal.estimators.kinematic import KinematicEstimator
 from distal.estimators.read_channels import Channels, channels_of, first_values
 from distal.estimators.registry import (
@@ -47,10 +46,8 @@ __all__ = [
     "AdaptiveFilter",
     "Belief",
     "Channels",
-    "FullStateFilter",
     "KernelEstimator",
     "KinematicEstimator",
-    "Noise",
     "RegressionEstimator",
     "Robustness",
     "StateKind",
@@ -63,9 +60,7 @@ __all__ = [
     "make_estimator",
     "of_part",
     "offsets_of",
-    "paper_noise",
     "parts_of",
-    "rig_noise",
     "sample_problem",
     "samples_of_angles",
     "state_units",

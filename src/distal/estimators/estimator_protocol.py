@@ -163,7 +163,7 @@ class KernelEstimator:
             EstimationError: this estimator has no such function and cannot be exported.
         """
         raise EstimationError(
-            f"{self.name} cannot be exported; adaptive, ekf, ekf-2008, inextensible and elastic can"
+            f"{self.name} cannot be exported; adaptive, inextensible and elastic can"
         )
 
     def scan(

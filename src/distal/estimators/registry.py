@@ -7,7 +7,6 @@ from collections.abc import Callable
 from distal.errors import EstimationError, did_you_mean
 from distal.estimators.adaptive import AdaptiveFilter
 from distal.estimators.estimator_protocol import KernelEstimator
-from distal.estimators.full_state import FullStateFilter, paper_noise, rig_noise
 from distal.estimators.kinematic import KinematicEstimator
 from distal.estimators.regression_estimator import RegressionEstimator
 from distal.rig import Rig
@@ -17,10 +16,8 @@ ESTIMATORS: dict[str, Callable[[Rig, bool], KernelEstimator]] = {
     "regression": lambda rig, compiled: RegressionEstimator(rig, compiled),
     "inextensible": lambda rig, compiled: KinematicEstimator("inextensible", rig, False, compiled),
     "elastic": lambda rig, compiled: KinematicEstimator("elastic", rig, True, compiled),
-    "ekf-2008": lambda rig, compiled: FullStateFilter("ekf-2008", rig, paper_noise(rig), compiled),
-    "ekf": lambda rig, compiled: FullStateFilter("ekf", rig, rig_noise(rig), compiled),
 }
-"""Name of an estimator → function (rig, compiled) that makes it."""
+"""Name of an estimator → function (rig, compiled) that makes it. A program adds its own here."""
 
 DEFAULT = "adaptive"
 """Name of the estimator that is used where none is named."""

@@ -8,13 +8,10 @@ from enum import Enum
 from distal.estimators.estimator_protocol import KernelEstimator
 from distal.rig import (
     Rig,
-    angle_names,
     effort_unit,
     number,
     position_unit,
-    speed_names,
     tendon_angle_name,
-    torque_names,
 )
 
 
@@ -42,24 +39,15 @@ def kinds_of(estimator: KernelEstimator) -> tuple[tuple[StateKind, ...], tuple[s
     """Return the kind of each state of an estimator, (n,), and the component of the rig that it
     belongs to, (n,).
 
-    Where the estimator does not give them, states of the joints are known by their names; all
-    others are `StateKind.OTHER`, and their component is their name.
+    Where the estimator does not give them, the first states are the joints' angles; all others are
+    `StateKind.OTHER`, and their component is their name.
     """
     if hasattr(estimator, "state_kinds") and hasattr(estimator, "state_parts"):
         return estimator.state_kinds, estimator.state_parts
     joints = estimator.rig.joint_names
-    every = (
-        (StateKind.ANGLE, angle_names),
-        (StateKind.SPEED, speed_names),
-        (StateKind.EXTERNAL_TORQUE, torque_names),
-    )
-    of_joints = {
-        name: (kind, joint) for kind, named in every for name, joint in zip(named(joints), joints)
-    }
-    kinds_and_parts = [
-        of_joints.get(name, (StateKind.OTHER, name)) for name in estimator.state_names
-    ]
-    return tuple(kind for kind, _ in kinds_and_parts), tuple(part for _, part in kinds_and_parts)
+    others = estimator.state_names[len(joints) :]
+    kinds = [StateKind.ANGLE] * len(joints) + [StateKind.OTHER] * len(others)
+    return tuple(kinds), (*joints, *others)
 
 
 _OF_JOINT = {
@@ -84,9 +72,6 @@ def state_units(estimator: KernelEstimator) -> tuple[str, ...]:
     """
     rig: Rig = estimator.rig
     by_name = dict.fromkeys((tendon_angle_name(tendon.name) for tendon in rig.tendons), "rad")
-    for drive in rig.drives:
-        position = position_unit(drive)
-        by_name |= {f"position_{drive.name}": position, f"velocity_{drive.name}": f"{position}/s"}
     drives = {drive.name: drive for drive in rig.drives}
     sensors = {sensor.name: sensor for sensor in rig.sensors}
 

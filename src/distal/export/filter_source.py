@@ -13,7 +13,6 @@ from distal.estimators import (
     LARGEST_ANGLE,
     SHORTEST,
     AdaptiveFilter,
-    FullStateFilter,
     KernelEstimator,
     make_estimator,
     state_units,
@@ -71,13 +70,6 @@ class Exported(Translated):
         adds.
         """
         return self.real.size * self.scratch
-
-    @property
-    def jumps(self) -> bool:
-        """Whether the estimate jumps where a body goes from sticking to slipping; float and double
-        may do so at different samples.
-        """
-        return isinstance(self.estimator, FullStateFilter)
 
 
 def c_filter(

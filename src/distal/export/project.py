@@ -128,7 +128,6 @@ def readme(exported: Exported) -> str:
     time.
     """
     real = exported.real
-    jumps = "" if not real.single or not exported.jumps else _JUMPS
     estimator = exported.estimator
     channels = enumerate(estimator.channels)
     values = {
@@ -136,7 +135,6 @@ def readme(exported: Exported) -> str:
         "rig": comment(estimator.rig.name),
         "estimator": estimator.name,
         "real": real.type,
-        "jumps": jumps,
         "channels": "\n".join(f"| {i} | `{channel}` |" for i, channel in channels),
         "n_states": len(estimator.state_names),
         "state_bytes": f"{exported.state_bytes:,}",
@@ -159,17 +157,12 @@ architectures=*
 includes=$name$.h
 """
 
-_JUMPS = """
-In float this estimator may differ from double by much more than its band: it jumps where a body
-goes from sticking to slipping. `adaptive` does not; or export it in double.
-"""
-
 _README = """\
 # $name$
 
 Written by `distal export-c`: `$estimator$` for the rig "$rig$", in C99 with `$real$`. No malloc, no
 globals: the caller owns the state.
-$jumps$
+
 ```c
 #include "$name$.h"
 

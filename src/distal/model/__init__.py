@@ -11,7 +11,7 @@ from distal.model.friction import (
     soft,
     soft_moments,
 )
-from distal.model.intervals import interval_step, tangent_step
+from distal.model.intervals import interval_step
 from distal.model.mechanism import GRAVITY, Mechanism, Moment
 from distal.model.plays import stretched
 from distal.model.stepping import (
@@ -56,5 +56,4 @@ __all__ = [
     "stiffest_frequency",
     "stretched",
     "substeps",
-    "tangent_step",
 ]

@@ -17,7 +17,6 @@ from distal.estimators import (
     WILD,
     AdaptiveFilter,
     Belief,
-    FullStateFilter,
     KernelEstimator,
     RegressionEstimator,
     StateKind,
@@ -29,7 +28,7 @@ from distal.estimators import (
 )
 from distal.homing.home import home, with_prior_maps
 from distal.homing.reference import check_homing, homed, with_references
-from distal.kernels import AT_ONCE, covariance_of
+from distal.kernels import AT_ONCE
 from distal.logs import LARGEST_READING, Log, Source, frozen, read_log, true_angles, true_torques
 from distal.logs.log import sealed
 from distal.results import Estimate
@@ -86,7 +85,6 @@ def estimate(
     log: Log | Source,
     rig: Rig | str | Path,
     estimator: str | KernelEstimator | None = None,
-    passes: int = 1,
     truth: str | Path | None = None,
     *,
     compiled: bool = True,
@@ -105,8 +103,6 @@ def estimate(
         rig: the description, or a shipped rig's name, or a path.
         estimator: a name (see `ESTIMATORS`), or one from `make_estimator`; None: the rig's usual
             one.
-        passes: how often to filter; each pass starts with the last covariance of the one before, as
-            in the 2008 paper.
         truth: column or file of the true angle, if `log` is not a `Log`.
         compiled: compile kernels where possible.
         homing: for how long the true angle is used as a reference [s]; afterwards the estimate is
@@ -130,24 +126,12 @@ def estimate(
         )
     log = log if isinstance(log, Log) else read_log(log, rig, truth)
     chosen = estimator_for(log, rig, estimator, compiled, homing)
-    if not isinstance(passes, int) or passes < 1:
-        raise EstimationError(f"passes must be at least 1, {passes!r} came")
-    if passes > 1 and not isinstance(chosen, FullStateFilter):
-        raise EstimationError(
-            f"{chosen.name} takes one pass; passes is for the filters of the paper's kind "
-            "(ekf-2008, ekf)"
-        )
     run = prepared(log, chosen, homing)
-    if passes == 1 and not covariances:
+    if not covariances:
         return without_covariances(run, every=every)
-    for _ in range(passes):
-        means, matrices, innovations, variances = run.estimator.scan(
-            run.start, log.time, run.samples
-        )
-        spreads = np.diagonal(matrices, axis1=1, axis2=2)
-        check_bounds(run, means, spreads)
-        if passes > 1:
-            run = replace(run, start=with_covariance(run.start, matrices[-1]))
+    means, matrices, innovations, variances = run.estimator.scan(run.start, log.time, run.samples)
+    spreads = np.diagonal(matrices, axis1=1, axis2=2)
+    check_bounds(run, means, spreads)
     return finished(run, means, spreads, innovations, variances, matrices)
 
 
@@ -403,10 +387,3 @@ def out_of_bounds(means: Floats, spreads: Floats, n_joints: int = 1) -> NDArray[
     fine = (np.isfinite(means) & np.isfinite(spreads) & (spreads >= 0.0)).all(axis=1)
     fine &= (np.abs(means[:, :n_joints]) <= LARGEST_ANGLE).all(axis=1)
     return np.flatnonzero(~fine)
-
-
-def with_covariance(belief: Belief, covariance: Floats) -> Belief:
-    """Return the belief with another covariance of its states, (n, n)."""
-    kernel_state = np.array(belief.kernel_state)
-    covariance_of(kernel_state, belief.size)[:] = covariance
-    return Belief(belief.time, frozen(kernel_state), belief.size, belief.samples)

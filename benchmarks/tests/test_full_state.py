@@ -5,13 +5,30 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
-
-from distal import Log, estimate, load_scenario, scenario_rig, simulate
-from distal.errors import DistalWarning, EstimationError
-from distal.estimators import FullStateFilter, make_estimator, paper_noise, rig_noise
-from distal.estimators.kalman import predict_covariance, update
-from tests.estimators.linear import linear_log, linear_model, linear_rig
 from tests.helpers import rms_degrees
+
+from benchmarks.paper_2008.full_state import (
+    FullStateFilter,
+    estimate_twice,
+    paper_noise,
+    rig_noise,
+    state_names,
+)
+from benchmarks.paper_2008.kalman import predict_covariance, update
+from benchmarks.tests.linear import linear_log, linear_model, linear_rig
+from distal import (
+    LiveEstimator,
+    Log,
+    Monitor,
+    estimate,
+    load_rig,
+    load_scenario,
+    scenario_rig,
+    simulate,
+)
+from distal.errors import DistalWarning, EstimationError
+from distal.estimators import StateKind, external_torques_of, kinds_of, make_estimator
+from distal.rig import build_rig
 
 DT = 0.01
 
@@ -104,9 +121,9 @@ def test_sequential_joseph_equals_the_update_with_all_values_at_once() -> None:
         ca.SX.sym("e", m),
         ca.SX.sym("H", m, n),
         ca.SX.sym("r", m),
+        ca.SX.sym("mask", m),
     ]
-    mask = ca.SX.sym("mask", m)
-    function = ca.Function("update", [*symbols, mask], list(update(*symbols, mask)))
+    function = ca.Function("update", symbols, list(update(*symbols)))
     x, p, innovations, variances = (
         part.full() for part in function(mean, covariance, residual, jacobian, r, np.ones(m))
     )
@@ -157,8 +174,8 @@ def test_second_pass_starts_with_the_last_covariance() -> None:
     scenario = load_scenario("series-2")
     rig = scenario_rig(scenario)
     log = simulate(rig, scenario)
-    one, two = estimate(log, rig, "ekf-2008"), estimate(log, rig, "ekf-2008", passes=2)
     estimator = FullStateFilter("ekf-2008", rig, paper_noise(rig))
+    one, two = estimate(log, rig, estimator), estimate_twice(log, rig, estimator)
     first = np.array([log.channels[name][0] for name in estimator.channels])
     belief = estimator.initial(0.0, first)
     kernel_state = np.array(belief.kernel_state)
@@ -169,8 +186,6 @@ def test_second_pass_starts_with_the_last_covariance() -> None:
     means, covariances, *_ = estimator.scan(begun, np.zeros(1), first[None])
     np.testing.assert_allclose(two.means[0], means[0])
     np.testing.assert_allclose(two.covariances[0], covariances[0])
-    with pytest.raises(EstimationError, match="passes must be at least 1"):
-        estimate(log, rig, "ekf-2008", passes=0)
 
 
 def test_a_tension_sensor_is_a_measurement(paper_rig: object) -> None:
@@ -181,8 +196,6 @@ def test_a_tension_sensor_is_a_measurement(paper_rig: object) -> None:
         dumped["sensors"][2 * i + 1].update(
             name=f"t{i}", measures="tension", of=name, column=f"t{i}", noise=0.05
         )
-    from distal.rig import build_rig
-
     other = build_rig(dumped, "with tension sensors")
     loaded = scenario.model_copy(update={"rig": "unused"})
     log = simulate(other, loaded)
@@ -199,3 +212,50 @@ def test_a_delay_is_not_modelled_and_said() -> None:
     rig = scenario_rig(load_scenario("series-2"))
     with pytest.warns(DistalWarning, match="sensor 'x1' is late by 0.02 s.*shift the column"):
         make_estimator("ekf", rig.with_values({"sensors.x1.delay": "20 ms"}))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_variances_are_never_negative_however_absurd_the_noise(seed: int) -> None:
+    """Sensors whose noise differs by 30 orders of magnitude: terms of the covariance cancel to less
+    than their rounding.
+    """
+    rng = np.random.default_rng(seed)
+    sets = [
+        f"sensors.{name}.noise={10.0 ** rng.uniform(-19, 11)}" for name in ("x1", "u1", "x2", "u2")
+    ]
+    sets += [f"sensors.{name}.linearity=0" for name in ("x1", "x2")]
+    sets += [f"joints.0.initial={{value=0.0,std={10.0 ** rng.uniform(-12, 2)}}}"]
+    monitor = Monitor(live := LiveEstimator(load_rig("paper-2008-printed", sets), "ekf"))
+    for k in range(150):
+        reading = monitor.take(
+            0.01 * k, np.array([1e-3 * np.sin(k / 20), 0.0, 2.0 + np.sin(k / 20), 2.0])
+        )
+        assert np.diagonal(live.covariance).min() >= 0.0
+        assert np.isfinite(reading.angle_std) or reading.health == "bad"
+
+
+def test_coupled_joints_are_refused() -> None:
+    raw = load_rig("finger-n-plus-1").model_dump()
+    raw["joints"][2].update(coupled={"joint": "pip", "ratio": 0.8}, stops=None, initial=0.0)
+    with pytest.raises(
+        EstimationError, match=r"ekf: a coupled joint \(dip\) has no state of its own here"
+    ):
+        make_estimator("ekf", build_rig(raw, "coupled"))
+
+
+def test_the_kinds_of_its_states_are_known() -> None:
+    rig = load_rig("paper-2008")
+    estimator = make_estimator("ekf", rig, False)
+    kinds, parts = kinds_of(estimator)
+    found = dict(zip(state_names(rig), zip(kinds, parts)))
+    assert found["theta"] == (StateKind.ANGLE, "link")
+    assert found["theta_dot"] == (StateKind.SPEED, "link")
+    assert found["position_left"] == found["velocity_left"] == (StateKind.OTHER, "left")
+    assert external_torques_of(estimator) == {}
+
+
+def test_a_name_that_is_nearly_one_of_them_names_it() -> None:
+    with pytest.raises(
+        EstimationError, match=r"unknown estimator 'ekf-2009'; did you mean 'ekf-2008'\?"
+    ):
+        make_estimator("ekf-2009", load_rig("paper-2008-printed"))

@@ -1,24 +1,31 @@
 """Extended Kalman filters on the full state, as in the 2008 paper: forces are inputs, displacements
 are measured.
+
+They are estimators that are written outside of the package. What one needs is a
+`distal.estimators.KernelEstimator` with its kernel, the prior's function and the names of its
+states, and an entry in `distal.ESTIMATORS`, which gives it a name everywhere in Python.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
+from benchmarks.paper_2008.kalman import predict_covariance, update
+from benchmarks.paper_2008.tangent_step import tangent_step
+from distal import ESTIMATORS, Estimate, KernelEstimator, Log, estimate
 from distal.arrays import Floats
 from distal.errors import EstimationError
-from distal.estimators.estimator_protocol import KernelEstimator
-from distal.estimators.kalman import predict_covariance, update
+from distal.estimators import Channels, StateKind, channels_of
 from distal.estimators.kinematic import error_of, first_drives
-from distal.estimators.read_channels import UNKNOWN_POSITION, Channels, channels_of, sensor_for
+from distal.estimators.read_channels import UNKNOWN_POSITION, sensor_for
 from distal.expressions import Vector
 from distal.kernels import Kernel, Layout, kernel_state_layout
-from distal.model import Mechanism, substeps, tangent_step
+from distal.model import Mechanism, substeps
 from distal.rig import Rig, Sensor, angle_names, gain_of, speed_names
 from distal.sensor_errors import variance
 
@@ -156,6 +163,23 @@ class FullStateFilter(KernelEstimator):
         super().__init__(
             name, rig, kernel, p, channels=channels, state_names=state_names(rig), measured=measured
         )
+        joints, drives = rig.joint_names, rig.drive_names
+        others = (StateKind.OTHER,) * len(drives)
+        angles, speeds = ((kind,) * len(joints) for kind in (StateKind.ANGLE, StateKind.SPEED))
+        self.state_kinds = (*angles, *others, *speeds, *others)
+        self.state_parts = (*joints, *drives, *joints, *drives)
+        self._first: Floats | None = None
+
+    def beginning_with(self, covariance: Floats) -> FullStateFilter:
+        """Return the filter with another covariance before the first sample, (n, n)."""
+        other = copy(self)
+        other._first = covariance
+        return other
+
+    def prior(self, sample: Floats, p: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return mean, (n,), covariance, (n, n), and the pulls before the first sample."""
+        mean, covariance, pulls = super().prior(sample, p)
+        return mean, covariance if self._first is None else self._first, pulls
 
     def prior_function(self) -> ca.Function:
         """Return the function (values, mask, p) → (mean, covariance's diagonal, memory) before the
@@ -245,3 +269,19 @@ def paper_noise(rig: Rig, q: float = 1e-3, r: float = 1e-9, p0: float = 1.0) -> 
         np.full(m, r),
         np.full(n, p0),
     )
+
+
+def estimate_twice(log: Log, rig: Rig, chosen: KernelEstimator) -> Estimate:
+    """Return the estimate of a second pass over a log, which begins with the last covariance of the
+    first, as the paper's filter did; it is one of these filters.
+    """
+    assert isinstance(chosen, FullStateFilter)
+    covariances = estimate(log, rig, chosen).covariances
+    assert covariances is not None  # `estimate` keeps them
+    return estimate(log, rig, chosen.beginning_with(covariances[-1]))
+
+
+ESTIMATORS["ekf-2008"] = lambda rig, compiled: FullStateFilter(
+    "ekf-2008", rig, paper_noise(rig), compiled
+)
+ESTIMATORS["ekf"] = lambda rig, compiled: FullStateFilter("ekf", rig, rig_noise(rig), compiled)
