@@ -201,7 +201,7 @@ Column = NDArray[Any] | list[str]
 """The cells of one column: an array of numbers or dates (``datetime64``), or a list of texts."""
 
 
-def as_column(values: NDArray[Any]) -> Column:
+def as_column(values: NDArray[np.generic]) -> Column:
     """Return an array as cells: what is neither number nor date becomes text."""
     if values.dtype.kind in "OUT":
         return ["" if cell is None else str(cell) for cell in values.tolist()]
@@ -273,7 +273,7 @@ class Cells:
             unit, si, f"{self.path}: column '{header(name, unit or '')}'"
         )
 
-    def numbers(self, names: Iterable[str]) -> Cells:
+    def parsed(self, names: Iterable[str]) -> Cells:
         """Return the table of some columns, as numbers.
 
         Raises:

@@ -68,7 +68,7 @@ def read_log(
     factor = time_factor(rig, cells.units.get(time_column), cells.source)
     clock = clock_of(cells, time_column, factor)
     there = [name for name in [*optional, column] if name in cells.names]
-    table = cells.numbers([*desired, *filter(None, there)])
+    table = cells.parsed([*desired, *filter(None, there)])
     time = clock.time
     stamps = clock.stamps
     rows = in_order(time, table.source, table.first_row)
@@ -271,7 +271,7 @@ def read_angles(
     cells.check(["t"])
     unit = scale(cells.units.get("t"), "s", f"{cells.path}: column 't'")
     stamps = clock_of(cells, "t", unit).since(start)
-    table = cells.numbers(names)
+    table = cells.parsed(names)
     check_stamps(stamps, table.source, range(table.first_row, table.first_row + len(stamps)))
     return stamps, {name: table.in_si(name, "rad") for name in names}
 

@@ -175,7 +175,7 @@ def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, Stampe
     """
     stamped: dict[str, Stamped] = {}
     recorded = dict[str, NDArray[np.int64]]()
-    numbers = dict[str, NDArray[np.int64]]()
+    orders = dict[str, NDArray[np.int64]]()
     wild_in = dict[str, Bools]()
     for column, samples in readings.items():
         # a stamp of zero counts as missing, unless another stamp of the column is not zero, as in a
@@ -195,18 +195,18 @@ def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, Stampe
             )
         stamped[column] = stamps[~wild], np.array([value for _, _, _, value in samples])[~wild]
         recorded[column] = np.array([at for _, _, at, _ in samples])[~wild]
-        numbers[column] = np.array([number for number, _, _, _ in samples])[~wild]
+        orders[column] = np.array([number for number, _, _, _ in samples])[~wild]
     for topic, wild in wild_in.items():
         say_wild(str(path), wild, f"message {int(wild.argmax()) + 1} of {topic}")
     _leave_out_another_clock(path, stamped, recorded)
     ends = {column: set_backs(stamps) for column, (stamps, _) in stamped.items()}
-    first = max(ends, key=lambda column: (len(ends[column]), len(numbers[column])))
-    part = numbers[first][longest_part(ends[first], len(numbers[first]), str(path))]
+    first = max(ends, key=lambda column: (len(ends[column]), len(orders[column])))
+    part = orders[first][longest_part(ends[first], len(orders[first]), str(path))]
     if not len(ends[first]):
         return stamped
     cut = dict[str, Stamped]()
     for column, (stamps, values) in stamped.items():
-        inside = (numbers[column] >= part[0]) & (numbers[column] <= part[-1])
+        inside = (orders[column] >= part[0]) & (orders[column] <= part[-1])
         cut[column] = stamps[inside], values[inside]
     return cut
 

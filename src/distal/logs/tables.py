@@ -176,7 +176,7 @@ def read_table(path: str | Path, desired: Sequence[str] | None = None) -> Cells:
             row is short or long, or there is no row.
     """
     cells = open_table(path, desired)
-    return cells.numbers(cells.names if desired is None else desired)
+    return cells.parsed(cells.names if desired is None else desired)
 
 
 def open_table(
