@@ -219,13 +219,13 @@ def without(parameters: ParameterEstimates, logs: Sequence[Log]) -> ParameterEst
     problem = parameters.problem
     optimum = parameters.optimum
     out = [any(data.log is log for log in logs) for data in problem.data]
-    known = {j: of_log for j, of_log in enumerate(optimum.derivatives.of_logs) if not out[j]}
+    remaining = {j: of_log for j, of_log in enumerate(optimum.derivatives.of_logs) if not out[j]}
     z = optimum.z
-    z = z + damped_step(problem, z, problem.summed(known, z), ~parameters.left)[0]
+    z = z + damped_step(problem, z, problem.summed(remaining, z), ~parameters.left)[0]
     for k, (part, log) in enumerate(problem.parts):
         if log is not None and out[log]:
-            others = [i for i, (p, j) in enumerate(problem.parts) if p is part and j in known]
-            z[k] = np.mean(z[others])
+            alike = [i for i, (p, j) in enumerate(problem.parts) if p is part and j in remaining]
+            z[k] = np.mean(z[alike])
     moved = replace(optimum, z=z)
     fitted = fitted_parameters(
         problem, moved, parameters.uncertainty, parameters.left, parameters.held

@@ -61,6 +61,9 @@ class Problem:
         data: the logs.
         homing: for how long the reference is read [s], None for never; with it only the reference
             after that time is compared.
+        aided: whether, without homing, the reference is read wherever it is known, as one more
+            sensor. This identifies more where the model is right; where the model is wrong it hides
+            the errors of the angle.
         workers: number of threads; the result does not depend on it.
         weight: weights of the channels' values; None before they are assessed, when every value
             counts in full.
@@ -75,6 +78,7 @@ class Problem:
     free: tuple[Free, ...]
     data: tuple[Data, ...]
     homing: float | None = None
+    aided: bool = False
     workers: int = 2
     weight: Weight | None = None
     noises: tuple[Free, ...] = ()
@@ -194,6 +198,8 @@ class Problem:
         """The kernel's rows of each log; where the reference is not read, its mask says that it is
         compared only.
         """
+        if self.aided and self.homing is None:
+            return tuple(data.rows for data in self.data)
         masked = []
         for data in self.data:
             rows = data.rows.copy()

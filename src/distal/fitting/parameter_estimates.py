@@ -44,6 +44,17 @@ DIVERGED = (
 )
 
 
+REFERENCE_RATIO = 2.0
+"""Largest mean ν²/S of a channel with which the reference may become one more sensor. Source:
+judgement.
+"""
+
+HAUSMAN = 4.0
+"""Largest mean change of the rig's parameters, squared and over their variances, with which the
+reference may become one more sensor. Source: judgement.
+"""
+
+
 @dataclass(frozen=True)
 class ParameterEstimates:
     """The parameters of a rig as logs tell them.
@@ -205,6 +216,8 @@ def _searched(
     one after the other is held until the rest is identified.
     """
     problem, optimum = most_likely(problem, start, progress)
+    if not problem.asks_equations and not optimum.interrupted:
+        problem, optimum = _with_reference(problem, optimum, progress)
     uncertainty = uncertainty_at(problem, optimum.derivatives, optimum.z)
     may_stay = np.array(
         [not part.noise and log is None and part.has_prior for part, log in problem.parts]
@@ -267,7 +280,7 @@ def problem_of(logs: Sequence[Log], rig: Rig, options: Options) -> Problem:
         )
     fit_filter = _filter(with_reference, references, free, options.compiled)
     data = tuple(fit_filter.data_of(log) for log in logs)
-    problem = Problem(fit_filter, free, data, options.homing, options.workers)
+    problem = Problem(fit_filter, free, data, options.homing, False, options.workers)
     if not Equations.apply_to(fit_filter) and not np.isfinite(
         problem.costs([np.zeros(problem.size)])[0]
     ):
@@ -281,6 +294,35 @@ def _filter(
 ) -> FitFilter:
     """Return the filter of a fit; the folds of a fit share it, so that it is compiled once."""
     return FitFilter(rig, references, free, compiled)
+
+
+def _with_reference(
+    problem: Problem, optimum: Optimum, progress: Callable[[int, float], None] | None
+) -> tuple[Problem, Optimum]:
+    """Return problem and search with the reference as one more sensor, or as they are where the two
+    contradict each other.
+
+    With the reference read, the logs identify more where the model is right; where the model is
+    wrong it hides the errors of the angle. So it is read where no channel has larger innovations
+    than expected, and the two fits are compared as Hausman does (Econometrica 46, 1978): the rig's
+    parameters may not change by more than their errors without the reference allow.
+    """
+    if (
+        problem.homing is not None
+        or float(np.max(problem.scales(problem.at(optimum.z)))) > REFERENCE_RATIO
+    ):
+        return problem, optimum
+    parameters = np.flatnonzero([not part.noise for part, _ in problem.parts])
+    covariance = uncertainty_at(problem, optimum.derivatives, optimum.z).covariance[
+        np.ix_(parameters, parameters)
+    ]
+    with_it, tried = most_likely(replace(problem, aided=True), optimum.z, progress)
+    moved = (tried.z - optimum.z)[parameters]
+    if tried.interrupted or not moved @ np.linalg.solve(covariance, moved) < HAUSMAN * len(
+        parameters
+    ):
+        return problem, replace(optimum, interrupted=tried.interrupted)
+    return with_it, tried
 
 
 def _next_held(

@@ -92,7 +92,7 @@ class Fit:
         parameters = among_models(alone, judged.models)
         maps = () if judged.line is None else answer_maps(chosen, training, judged.line)
         by_kind = {map_fit.kind: map_fit for map_fit in maps}
-        ranked = sorted(judged.candidates, key=lambda one: (one is not chosen, one.error))
+        ranked = sorted(judged.candidates, key=lambda way: (way is not chosen, way.error))
         added = {} if chosen.part is None else chosen.part.values
         logs = judged.logs
         return cls(
