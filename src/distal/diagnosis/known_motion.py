@@ -18,6 +18,7 @@ from distal.arrays import Floats
 from distal.diagnosis.causes import Cause
 from distal.estimators import AdaptiveFilter
 from distal.logs import Log
+from distal.regression import played
 from distal.rig import Sensor
 
 TURNS_BACK = 0.02
@@ -146,11 +147,7 @@ def _fitted(cause: Cause, column: Floats, drive: _Drive) -> list[float]:
 
 def _direction(readings: Floats) -> Floats:
     """Return the direction in which a drive last moved, −1 to 1, by a play operator."""
-    half = max(TURNS_BACK * float(np.ptp(readings)), 1e-300) if len(readings) else 1.0
-    passed = np.empty_like(readings)
-    held = readings[0] if len(readings) else 0.0
-    for k, reading in enumerate(readings.tolist()):
-        held = min(max(held, reading - half), reading + half)
-        passed[k] = held
-    ways: Floats = (readings - passed) / half
-    return ways
+    if not len(readings):
+        return readings
+    half = max(TURNS_BACK * float(np.ptp(readings)), 1e-300)
+    return (readings - played(readings, half)) / half

@@ -15,7 +15,8 @@ from distal.arrays import Floats
 from distal.errors import RigError
 from distal.from_logs.column_values import ColumnRole, longest_run
 from distal.from_logs.motion_data import THRESHOLDS, MotionData, scaled_solution
-from distal.from_logs.raw_log import RawLog
+from distal.from_logs.raw_log import FEWEST_ROWS, RawLog
+from distal.from_logs.structure import Fold, folds_of, pooled
 from distal.logs import Log
 from distal.regression import FEWEST_LOGS
 
@@ -121,16 +122,19 @@ def odd_log(logs: Sequence[MotionData]) -> list[str]:
     Raises:
         RigError: it is so unlike that no rig must be learned from all of them.
     """
-    usable = [log for log in logs if np.isfinite(log.angles).all(axis=1).sum() > 1]
+    usable = [log for log in logs if np.isfinite(log.angles).all(axis=1).sum() >= FEWEST_ROWS]
     if len(usable) < FEWEST_LOGS:
         return []
-    rests = [[log for log in usable if log is not left] for left in usable]
-    alone = np.array([_residual(rest, rest) for rest in rests])
+    drives = [folds_of(usable, d) for d in range(logs[0].positions.shape[1])]
+    indices = list(range(len(usable)))
+    rests = [[k for k in indices if k != left] for left in indices]
+    alone = np.array([_residual(drives, rest, rest) for rest in rests])
     worst = int(np.argmin(np.max(alone, axis=1)))
-    if (_residual(usable, usable) < THRESHOLDS.odd * np.maximum(alone[worst], 1e-12)).all():
+    alike = THRESHOLDS.odd * np.maximum(alone[worst], 1e-12)
+    if (_residual(drives, indices, indices) < alike).all():
         return []
     log = usable[worst]
-    unlike = float(np.max(_residual(rests[worst], [log])))
+    unlike = float(np.max(_residual(drives, rests[worst], [worst])))
     if unlike >= THRESHOLDS.of_another_rig:
         raise RigError(
             f"{log.source} does not agree with the other logs: are columns swapped, mirrored or in "
@@ -142,29 +146,17 @@ def odd_log(logs: Sequence[MotionData]) -> list[str]:
     ]
 
 
-def _regression(log: MotionData, drive: int) -> tuple[Floats, Floats]:
-    """Return the columns of a drive's regression and the drive, each about its mean."""
-    usable = np.isfinite(log.angles).all(axis=1)
-    columns = [log.angles[usable], log.directions[usable, drive][:, None]]
-    effort = log.efforts[usable, drive]
-    if np.isfinite(effort).all():
-        columns.append(effort[:, None])
-    matrix = np.column_stack(columns)
-    target = log.positions[usable, drive]
-    return matrix - matrix.mean(axis=0), target - target.mean()
-
-
-def _residual(training: Sequence[MotionData], tested: Sequence[MotionData]) -> Floats:
-    """Return the RMS residual of each drive per RMS of its motion in the training logs."""
+def _residual(
+    drives: Sequence[Sequence[Fold]], training: Sequence[int], tested: Sequence[int]
+) -> Floats:
+    """Return the RMS residual of each drive in some logs, per RMS of its motion in those by which
+    all joints explain it.
+    """
     residuals = []
-    for drive in range(training[0].positions.shape[1]):
-        parts = [_regression(log, drive) for log in training]
-        target = np.concatenate([values for _, values in parts])
-        coefficients, _ = scaled_solution(np.vstack([matrix for matrix, _ in parts]), target)
-        errors = [
-            values - matrix @ coefficients
-            for matrix, values in (_regression(log, drive) for log in tested)
-        ]
-        scale = max(float(np.std(target)), 1e-300)
-        residuals.append(np.sqrt(np.mean(np.concatenate(errors) ** 2)) / scale)
+    for folds in drives:
+        joints = range(folds[0].angles.shape[1])
+        columns, target = pooled([folds[k] for k in training], joints)
+        matrix, values = pooled([folds[k] for k in tested], joints)
+        errors = values - matrix @ scaled_solution(columns, target)[0]
+        residuals.append(np.sqrt(np.mean(errors**2)) / max(float(np.std(target)), 1e-300))
     return np.array(residuals)

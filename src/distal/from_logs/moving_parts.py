@@ -1,7 +1,7 @@
 """The joints and drives that logs show, and what they cannot tell of them.
 
-What the drives' positions tell of the joints, by least squares on logs that were left out: more
-than the joints tell of them in a soft body, or where several joints share few drives.
+What the drives' positions tell of the joints, by least squares: more than the joints tell of them
+in a soft body, or where several joints share few drives.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from distal.arrays import Floats
 from distal.errors import RigError
 from distal.from_logs.column_values import ColumnRole
 from distal.from_logs.found_parts import FoundDrive, FoundJoint
-from distal.from_logs.motion_data import BETTER, THRESHOLDS, MotionData, left_out
+from distal.from_logs.motion_data import BETTER, THRESHOLDS, MotionData
 from distal.from_logs.sizes import drive_sizes
 from distal.from_logs.structure import (
     EXPLAINED,
@@ -26,51 +26,16 @@ from distal.from_logs.structure import (
 from distal.rig.plausibility import USUAL
 
 
-def drive_helps(logs: Sequence[MotionData], drive: int) -> bool:
-    """Return whether least squares of some joint on the drives errs clearly more without a drive,
-    on logs that were left out.
-    """
-    every = range(logs[0].positions.shape[1])
-    remaining = [d for d in every if d != drive]
-    usable = _usable(logs, len(every))
-    if len(usable) < 2 or not remaining:
-        return False
-    return bool(np.any(_errors(usable, list(every)) < BETTER * _errors(usable, remaining)))
-
-
-def explained_by_drives(logs: Sequence[MotionData], joint: int) -> float:
-    """Return the share of a joint's variance that all drives explain on logs left out, 0 where it
-    cannot be said.
-    """
-    every = list(range(logs[0].positions.shape[1]))
-    usable = _usable(logs, len(every))
-    if len(usable) < 2:
-        return 0.0
-    total = np.mean([np.var(_centred(log, every)[1][:, joint]) for log in usable])
-    return float(1.0 - _errors(usable, every)[joint] ** 2 / max(float(total), 1e-300))
-
-
-def _usable(logs: Sequence[MotionData], drives: int) -> list[MotionData]:
-    return [log for log in logs if np.isfinite(log.angles).all(axis=1).sum() > drives]
-
-
-def _errors(logs: Sequence[MotionData], drives: list[int]) -> Floats:
-    """Return the RMS error of each joint by least squares on some drives, each log left out once
-    [rad].
-    """
-    parts = [_centred(log, drives) for log in logs]
-    squares = []
-    for j in range(logs[0].angles.shape[1]):
-        residuals = left_out([(columns, angles[:, j]) for columns, angles in parts])
-        squares.append(np.mean([np.mean(errors**2) for errors in residuals]))
-    return np.sqrt(squares)
-
-
-def _centred(log: MotionData, drives: list[int]) -> tuple[Floats, Floats]:
-    known = np.isfinite(log.angles).all(axis=1)
-    columns = log.positions[known][:, drives]
-    angles = log.angles[known]
-    return columns - columns.mean(axis=0), angles - angles.mean(axis=0)
+def unexplained(logs: Sequence[MotionData], drives: Sequence[int]) -> Floats:
+    """Return the share of each joint's variance that least squares on some drives leave."""
+    parts = []
+    for log in logs:
+        columns = np.column_stack([log.positions[:, list(drives)], log.angles])
+        known = columns[np.isfinite(log.angles).all(axis=1)]
+        parts.append(known - known.mean(axis=0) if len(known) else known)
+    positions, angles = np.split(np.vstack(parts), [len(drives)], axis=1)
+    left = angles - positions @ np.linalg.lstsq(positions, angles)[0]
+    return np.asarray(np.sum(left**2, axis=0) / np.maximum(np.sum(angles**2, axis=0), 1e-300))
 
 
 def joints_of(references: Sequence[ColumnRole], logs: Sequence[MotionData]) -> list[FoundJoint]:
@@ -103,10 +68,13 @@ def drives_of(
     efforts = {column.part: column for column in columns if column.role == "effort"}
     structures = dict[int, DriveStructure]()
     left = []
+    indices = range(len(positions))
     for d, column in enumerate(positions):
         structure = drive_structure(logs, d, free)
         moves = structure is not None and structure.explained >= EXPLAINED
-        if structure is None or not (moves or drive_helps(logs, d)):
+        without = unexplained(logs, [other for other in indices if other != d])
+        helps = (unexplained(logs, indices) < BETTER**2 * without).any()
+        if structure is None or not (moves or helps):
             left.append(f"{column.header} moves none of the joints that are known: left out")
             continue
         structures[d] = structure
@@ -153,13 +121,14 @@ def _move_all(
     the latter.
     """
     shared = list[tuple[int, int]]()
+    is_explained = unexplained(logs, range(logs[0].positions.shape[1])) <= 1.0 - EXPLAINED
     for joint in free:
         if any(joint in structure.joints for structure in structures.values()):
             continue
         rival = _rival_of(joint, structures)
         if rival is not None:
             structures[rival] = as_rival(logs, rival, structures[rival])
-        elif structures and explained_by_drives(logs, joint) >= EXPLAINED:
+        elif structures and is_explained[joint]:
             ways = {d: with_joint(logs, d, moved, joint) for d, moved in structures.items()}
             best = min(ways, key=lambda d: ways[d][1])
             structures[best] = ways[best][0]

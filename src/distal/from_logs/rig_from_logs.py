@@ -126,19 +126,13 @@ def _with_links(
 def _in_order(joints: Sequence[FoundJoint], parents: Sequence[int | None]) -> list[int]:
     """Return the joints, each behind the one that carries it and the one that it follows."""
     names = [joint.name for joint in joints]
-    order = list[int]()
 
-    def append(j: int) -> None:
+    def path(j: int) -> tuple[int, ...]:
         follows = joints[j].follows
-        for before in (parents[j], None if follows is None else names.index(follows)):
-            if before is not None:
-                append(before)
-        if j not in order:
-            order.append(j)
+        before = parents[j] if follows is None else names.index(follows)
+        return (j,) if before is None else (*path(before), j)
 
-    for j in range(len(joints)):
-        append(j)
-    return order
+    return sorted(range(len(joints)), key=path)
 
 
 LENGTH = 40.0

@@ -23,7 +23,7 @@ from itertools import combinations
 
 import numpy as np
 
-from distal.arrays import Bools, Floats
+from distal.arrays import Floats
 from distal.from_logs.motion_data import (
     BETTER,
     THRESHOLDS,
@@ -108,7 +108,7 @@ class DriveStructure:
 
 
 @dataclass(frozen=True)
-class _Fold:
+class Fold:
     """A log for one drive: columns of the regression without a constant, and the drive."""
 
     angles: Floats
@@ -122,7 +122,7 @@ def drive_structure(
     """Return what a drive moves of the joints that are `free`, by their indices; None where no log
     knows their angles.
     """
-    folds = _folds(logs, drive)
+    folds = folds_of(logs, drive)
     if not folds:
         return None
     candidates = _candidates(folds, free)
@@ -141,7 +141,7 @@ def with_joint(
     """Return what a drive moves if it moves one joint more, and its mean squared error on logs left
     out over that without this joint.
     """
-    folds = _folds(logs, drive)
+    folds = folds_of(logs, drive)
     more = tuple(sorted((*structure.joints, joint)))
     ratio = np.mean(_block_errors(folds, more)) / np.mean(_block_errors(folds, structure.joints))
     return _described(logs, drive, more, None), float(ratio)
@@ -153,7 +153,7 @@ def as_rival(logs: Sequence[MotionData], drive: int, structure: DriveStructure) 
     return _described(logs, drive, structure.rival, structure.joints)
 
 
-def _folds(logs: Sequence[MotionData], drive: int, moving: bool = False) -> list[_Fold]:
+def folds_of(logs: Sequence[MotionData], drive: int, moving: bool = False) -> list[Fold]:
     """Return the logs for one drive, of which only samples in which it is `moving` may count."""
     folds = []
     for log in logs:
@@ -167,28 +167,20 @@ def _folds(logs: Sequence[MotionData], drive: int, moving: bool = False) -> list
         if usable.sum() < FEWEST_ROWS:
             continue
         folds.append(
-            _Fold(
+            Fold(
                 log.angles[usable],
                 np.column_stack(regressors)[usable],
                 log.positions[usable, drive],
             )
         )
     if len(folds) == 1:
-        return [_part(folds[0], rows) for rows in _blocks(len(folds[0].target), BLOCKS)]
+        (fold,) = folds
+        columns = (fold.angles, fold.others, fold.target)
+        return [Fold(*parts) for parts in zip(*(np.array_split(c, BLOCKS) for c in columns))]
     return folds
 
 
-def _part(fold: _Fold, rows: Bools) -> _Fold:
-    return _Fold(fold.angles[rows], fold.others[rows], fold.target[rows])
-
-
-def _blocks(n: int, count: int) -> list[Bools]:
-    """Return masks of parts of n samples that follow each other."""
-    part = np.minimum(np.arange(n) * count // max(n, 1), count - 1)
-    return [part == k for k in range(count)]
-
-
-def _candidates(folds: Sequence[_Fold], free: Sequence[int]) -> list[tuple[int, ...]]:
+def _candidates(folds: Sequence[Fold], free: Sequence[int]) -> list[tuple[int, ...]]:
     """Return the sets of joints that a drive may move."""
     joints = list(free)
     if len(joints) > THRESHOLDS.joints_at_once:
@@ -197,21 +189,24 @@ def _candidates(folds: Sequence[_Fold], free: Sequence[int]) -> list[tuple[int, 
     return [chosen for size in range(1, len(joints) + 1) for chosen in combinations(joints, size)]
 
 
-def _centred(fold: _Fold, joints: Sequence[int]) -> tuple[Floats, Floats]:
+def _centred(fold: Fold, joints: Sequence[int]) -> tuple[Floats, Floats]:
     """Return columns and target of a log about their means: each log has a zero of its own."""
     columns = np.column_stack([fold.angles[:, list(joints)], fold.others])
     return columns - columns.mean(axis=0), fold.target - fold.target.mean()
 
 
-def _solve(folds: Sequence[_Fold], joints: Sequence[int]) -> Floats:
+def _solve(folds: Sequence[Fold], joints: Sequence[int]) -> Floats:
     """Return the coefficients of least squares over several logs."""
+    return scaled_solution(*pooled(folds, joints))[0]
+
+
+def pooled(folds: Sequence[Fold], joints: Sequence[int]) -> tuple[Floats, Floats]:
+    """Return columns and target of several logs, each about its own mean."""
     parts = [_centred(fold, joints) for fold in folds]
-    columns = np.vstack([matrix for matrix, _ in parts])
-    target = np.concatenate([values for _, values in parts])
-    return scaled_solution(columns, target)[0]
+    return np.vstack([matrix for matrix, _ in parts]), np.concatenate([v for _, v in parts])
 
 
-def _sizes(folds: Sequence[_Fold], joints: Sequence[int]) -> Floats:
+def _sizes(folds: Sequence[Fold], joints: Sequence[int]) -> Floats:
     """Return the coefficients of `_solve`, by the regression of the effort on the others where that
     explains it well.
 
@@ -222,9 +217,7 @@ def _sizes(folds: Sequence[_Fold], joints: Sequence[int]) -> Floats:
     effort = len(joints) + 1
     if len(forward) <= effort:
         return forward
-    parts = [_centred(fold, joints) for fold in folds]
-    columns = np.vstack([matrix for matrix, _ in parts])
-    position = np.concatenate([values for _, values in parts])
+    columns, position = pooled(folds, joints)
     causes = np.column_stack([np.delete(columns, effort, axis=1), position])
     solution, _ = scaled_solution(causes, columns[:, effort])
     compliance = 1.0 / solution[-1]
@@ -234,10 +227,10 @@ def _sizes(folds: Sequence[_Fold], joints: Sequence[int]) -> Floats:
     return np.asarray(np.insert(-compliance * solution[:-1], effort, compliance))
 
 
-def _block_errors(folds: Sequence[_Fold], joints: Sequence[int]) -> Floats:
+def _block_errors(folds: Sequence[Fold], joints: Sequence[int]) -> Floats:
     """Return mean squared errors of parts of each log, by the coefficients of the other logs."""
     residuals = left_out([_centred(fold, joints) for fold in folds])
-    parts = [errors[rows] for errors in residuals for rows in _blocks(len(errors), BLOCKS)]
+    parts = [part for errors in residuals for part in np.array_split(errors, BLOCKS)]
     return np.array([np.mean(errors**2) for errors in parts])
 
 
@@ -248,7 +241,7 @@ def _is_within(errors: Floats, least: Floats) -> bool:
     return bool(np.mean(difference) <= WITHIN * standard_error)
 
 
-def _without_small(folds: Sequence[_Fold], joints: tuple[int, ...]) -> tuple[int, ...]:
+def _without_small(folds: Sequence[Fold], joints: tuple[int, ...]) -> tuple[int, ...]:
     """Return joints without those whose motion hardly moves the drive; the largest stays."""
     coefficients = _solve(folds, joints)[: len(joints)]
     widths = np.ptp(np.vstack([fold.angles for fold in folds]), axis=0)[list(joints)]
@@ -263,7 +256,7 @@ def _described(
 ) -> DriveStructure:
     """Return the coefficients of all logs, and their scatter over logs left out."""
     n = len(joints)
-    folds = _folds(logs, drive, moving=True)
+    folds = folds_of(logs, drive, moving=True)
     has_effort = folds[0].others.shape[1] > 1
     effort = 0.0
     forms: tuple[str, ...] = ()
@@ -285,8 +278,8 @@ def _described(
         + by_term.get("curvature", 0.0) * effort**2
         for fold in folds
     ]
-    every = _folds(logs, drive)
-    alone = [_Fold(fold.angles, fold.others[:, :0], fold.target) for fold in every]
+    every = folds_of(logs, drive)
+    alone = [Fold(fold.angles, fold.others[:, :0], fold.target) for fold in every]
     by_joints = np.sqrt(np.mean(_block_errors(alone, joints)))
     total = np.std(np.concatenate([fold.target - fold.target.mean() for fold in every]))
     return DriveStructure(
@@ -308,7 +301,7 @@ def _described(
     )
 
 
-def _jackknife(folds: Sequence[_Fold], joints: Sequence[int]) -> Floats:
+def _jackknife(folds: Sequence[Fold], joints: Sequence[int]) -> Floats:
     """Return the standard errors of the coefficients, by their scatter over logs left out."""
     count = len(folds)
     left_out = np.array(
@@ -318,7 +311,7 @@ def _jackknife(folds: Sequence[_Fold], joints: Sequence[int]) -> Floats:
     return np.asarray(np.sqrt((count - 1) / count * squares))
 
 
-def _clear_forms(folds: Sequence[_Fold], joints: Sequence[int], effort: float) -> tuple[str, ...]:
+def _clear_forms(folds: Sequence[Fold], joints: Sequence[int], effort: float) -> tuple[str, ...]:
     """Return those of the terms `growth` and `curvature` that help on logs left out, the more
     helpful one first.
     """
@@ -337,7 +330,7 @@ def _clear_forms(folds: Sequence[_Fold], joints: Sequence[int], effort: float) -
     return forms
 
 
-def _with_forms(folds: Sequence[_Fold], forms: Sequence[str], effort: float) -> list[_Fold]:
+def _with_forms(folds: Sequence[Fold], forms: Sequence[str], effort: float) -> list[Fold]:
     """Return logs with the columns of some terms about a mean `effort`."""
     extended = []
     for fold in folds:
@@ -345,5 +338,5 @@ def _with_forms(folds: Sequence[_Fold], forms: Sequence[str], effort: float) -> 
         beyond = fold.others[:, 1] - effort
         columns = {"growth": direction * beyond, "curvature": beyond**2}
         terms = np.column_stack([fold.others, *(columns[form] for form in forms)])
-        extended.append(_Fold(fold.angles, terms, fold.target))
+        extended.append(Fold(fold.angles, terms, fold.target))
     return extended
