@@ -126,12 +126,12 @@ def odd_log(logs: Sequence[MotionData]) -> list[str]:
     if len(usable) < FEWEST_LOGS:
         return []
     drives = [folds_of(usable, d) for d in range(logs[0].positions.shape[1])]
-    every = list(range(len(usable)))
-    rests = [[k for k in every if k != left] for left in every]
+    indices = list(range(len(usable)))
+    rests = [[k for k in indices if k != left] for left in indices]
     alone = np.array([_residual(drives, rest, rest) for rest in rests])
     worst = int(np.argmin(np.max(alone, axis=1)))
     alike = THRESHOLDS.odd * np.maximum(alone[worst], 1e-12)
-    if (_residual(drives, every, every) < alike).all():
+    if (_residual(drives, indices, indices) < alike).all():
         return []
     log = usable[worst]
     unlike = float(np.max(_residual(drives, rests[worst], [worst])))
@@ -155,8 +155,8 @@ def _residual(
     residuals = []
     for folds in drives:
         joints = range(folds[0].angles.shape[1])
-        known, target = pooled([folds[k] for k in training], joints)
+        columns, target = pooled([folds[k] for k in training], joints)
         matrix, values = pooled([folds[k] for k in tested], joints)
-        errors = values - matrix @ scaled_solution(known, target)[0]
+        errors = values - matrix @ scaled_solution(columns, target)[0]
         residuals.append(np.sqrt(np.mean(errors**2)) / max(float(np.std(target)), 1e-300))
     return np.array(residuals)

@@ -68,12 +68,12 @@ def drives_of(
     efforts = {column.part: column for column in columns if column.role == "effort"}
     structures = dict[int, DriveStructure]()
     left = []
-    every = range(len(positions))
+    indices = range(len(positions))
     for d, column in enumerate(positions):
         structure = drive_structure(logs, d, free)
         moves = structure is not None and structure.explained >= EXPLAINED
-        without = unexplained(logs, [other for other in every if other != d])
-        helps = (unexplained(logs, every) < BETTER**2 * without).any()
+        without = unexplained(logs, [other for other in indices if other != d])
+        helps = (unexplained(logs, indices) < BETTER**2 * without).any()
         if structure is None or not (moves or helps):
             left.append(f"{column.header} moves none of the joints that are known: left out")
             continue
@@ -121,14 +121,14 @@ def _move_all(
     the latter.
     """
     shared = list[tuple[int, int]]()
-    told = unexplained(logs, range(logs[0].positions.shape[1])) <= 1.0 - EXPLAINED
+    is_explained = unexplained(logs, range(logs[0].positions.shape[1])) <= 1.0 - EXPLAINED
     for joint in free:
         if any(joint in structure.joints for structure in structures.values()):
             continue
         rival = _rival_of(joint, structures)
         if rival is not None:
             structures[rival] = as_rival(logs, rival, structures[rival])
-        elif structures and told[joint]:
+        elif structures and is_explained[joint]:
             ways = {d: with_joint(logs, d, moved, joint) for d, moved in structures.items()}
             best = min(ways, key=lambda d: ways[d][1])
             structures[best] = ways[best][0]
