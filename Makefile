@@ -150,6 +150,7 @@ results: $(STAMP)
 	$(BIN)/python -m benchmarks.soak
 	$(BIN)/python -m benchmarks.long_log
 	$(BIN)/python -m benchmarks.study
+	$(BIN)/python -m benchmarks.batch_estimator
 
 strangers: $(STAMP)
 	$(BIN)/python -m benchmarks.strangers --compare benchmarks/recorded/release-0.1.json

@@ -14,9 +14,9 @@ from scipy.stats import binom
 from distal import Log, Rig, estimate, load_rig, load_scenario, read_log, simulate
 from distal.confidence import BAND, COVERED
 from distal.diagnosis import why_diverged
+from distal.diagnosis.cause_search import Search
 from distal.diagnosis.causes import Cause, causes_of
 from distal.diagnosis.diagnose import against_truth, elsewhere, out_of_range
-from distal.diagnosis.naming import Search
 from distal.diagnosis.perturbed_runs import MOST_SAMPLES, PerturbedRuns, derivatives_of
 from distal.diagnosis.score_test import LEVEL, SPAN
 from distal.estimators import AdaptiveFilter

@@ -17,7 +17,7 @@ from distal.fitting.candidates import (
     parameters_without,
 )
 from distal.fitting.choice_of_parameters import Options
-from distal.fitting.judge import REGRESSION, WRITTEN, judge
+from distal.fitting.cross_validation import REGRESSION, WRITTEN, judge
 from distal.fitting.learn_free_motion import untouched
 from distal.fitting.map_samples import filtered
 from distal.fitting.parameter_estimates import ParameterEstimates

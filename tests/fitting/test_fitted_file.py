@@ -12,11 +12,11 @@ import tomlkit
 
 from distal import Rig, fit, load_rig
 from distal.errors import DistalWarning, RigError
-from distal.fitting import judge as judging
+from distal.fitting import cross_validation as judging
 from distal.fitting.candidates import Candidate, MissingTerm, Training, filter_candidate, with_parts
 from distal.fitting.choice_of_parameters import Options
+from distal.fitting.cross_validation import WRITTEN, Compared, Judged, Score, readings_map
 from distal.fitting.fitted_file import plain_value
-from distal.fitting.judge import WRITTEN, Compared, Judged, Score, readings_map
 from distal.fitting.parameter_estimates import among_models, parameters_of, problem_of
 from distal.fitting.result import Fit
 from distal.rig import build_rig, parse_toml

@@ -15,7 +15,7 @@ from distal.confidence import BAND
 from distal.errors import DivergedError
 from distal.fitting.candidates import Training
 from distal.fitting.choice_of_parameters import Options
-from distal.fitting.judge import WRITTEN, Compared, Score
+from distal.fitting.cross_validation import WRITTEN, Compared, Score
 from distal.fitting.learn_free_motion import untouched
 from distal.rig.validation import angle_names
 

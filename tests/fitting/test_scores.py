@@ -11,7 +11,7 @@ from distal.confidence import BAND
 from distal.estimators import samples_of_angles
 from distal.fitting.candidates import Training
 from distal.fitting.choice_of_parameters import Options
-from distal.fitting.judge import REGRESSION, WRITTEN, Score, comparisons, readings_map
+from distal.fitting.cross_validation import REGRESSION, WRITTEN, Score, comparisons, readings_map
 from distal.fitting.map_samples import SETTLING
 from distal.fitting.map_search import HeldOut
 from distal.regression import yardstick_error

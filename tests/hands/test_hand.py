@@ -17,8 +17,8 @@ from distal.errors import CommandError, EstimationError, OutputError
 from distal.hands import Hand, Motors
 from distal.hands.motors import OrcaMotors
 from distal.rig import Rig, build_rig, load_rig, log_factor, range_ends
-from distal.rig.hand_tables.described import hand_of
-from distal.rig.hand_tables.rows import Row
+from distal.rig.hand_tables.rig_of_table import hand_of
+from distal.rig.hand_tables.table_rows import Row
 from tests.support.hands import rig_of
 from tests.support.servo_hands import orca_like
 

@@ -19,8 +19,8 @@ from distal.cli.app import app
 from distal.errors import DistalWarning, LogError
 from distal.logs import Episode, Log, episodes_of
 from distal.rig import Rig
-from distal.rig.hand_tables.described import hand_of
-from distal.rig.hand_tables.rows import Row
+from distal.rig.hand_tables.rig_of_table import hand_of
+from distal.rig.hand_tables.table_rows import Row
 from distal.run import estimate_batch
 
 NAMES = ("motor.pos", "motor.current")

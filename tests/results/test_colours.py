@@ -1,4 +1,4 @@
-"""Colours stand once, in results/style.py."""
+"""Colours stand once, in results/plot_style.py."""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@ test.
 
 from distal.diagnosis.diagnose import diagnose, why_diverged
 from distal.diagnosis.finding import Finding, Kind
-from distal.diagnosis.of_estimate import Diagnosis, diagnose_estimate
+from distal.diagnosis.innovation_tests import Diagnosis, diagnose_estimate
 
 __all__ = [
     "Diagnosis",

@@ -11,17 +11,17 @@ import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.confidence import BAND, COVERED
+from distal.diagnosis.cause_search import UNFELT, Search, candidates, unfelt, wrong_readings
 from distal.diagnosis.causes import Cause, causes_of
 from distal.diagnosis.finding import COMPLIANCE, SCALE, THRESHOLDS, ZERO, Finding, Kind, named_cause
-from distal.diagnosis.known_motion import sizes
-from distal.diagnosis.naming import UNFELT, Search, candidates, unfelt, wrong_readings
-from distal.diagnosis.of_estimate import (
+from distal.diagnosis.innovation_tests import (
     ChannelStatistics,
     Diagnosis,
     channels_of,
     diagnose_estimate,
     statistics_of,
 )
+from distal.diagnosis.known_motion import sizes
 from distal.diagnosis.perturbed_runs import Change, Outcome, PerturbedRuns, derivatives_of
 from distal.diagnosis.score_test import SPAN, quantile
 from distal.errors import EstimationError

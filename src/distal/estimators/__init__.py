@@ -2,7 +2,6 @@
 
 from distal.estimators.adaptive import AdaptiveFilter, Robustness
 from distal.estimators.belief import Belief
-from distal.estimators.directions import directions
 from distal.estimators.estimator_protocol import (
     LARGEST_ANGLE,
     SHORTEST,
@@ -35,6 +34,7 @@ from distal.estimators.state_kinds import (
     state_units,
     states_of,
 )
+from distal.estimators.unsensed_directions import directions
 
 __all__ = [
     "DEFAULT",

@@ -9,9 +9,9 @@ import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
-from distal.estimators.directions import directions
 from distal.estimators.estimator_protocol import KernelEstimator
 from distal.estimators.read_channels import Channels, channels_of, sensor_for
+from distal.estimators.unsensed_directions import directions
 from distal.expressions import Matrix, Scalar, Vector
 from distal.kernels import Kernel, kernel_state_layout
 from distal.kernels.layout import is_read

@@ -4,9 +4,9 @@ can identify.
 
 from distal.fitting.candidates import AS_GIVEN
 from distal.fitting.choice_of_parameters import Options
+from distal.fitting.cross_validation import WRITTEN, Compared, Score
 from distal.fitting.fit import fit, learn
 from distal.fitting.free_parameter import FittedParameter
-from distal.fitting.judge import WRITTEN, Compared, Score
 from distal.fitting.learned_maps import (
     MapFit,
 )

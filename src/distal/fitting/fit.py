@@ -17,7 +17,7 @@ from distal.confidence import BAND
 from distal.errors import DistalWarning, DivergedError, EstimationError, FitError
 from distal.fitting.candidates import groups_among
 from distal.fitting.choice_of_parameters import Options, Progress
-from distal.fitting.judge import WRITTEN, Judged, judge
+from distal.fitting.cross_validation import WRITTEN, Judged, judge
 from distal.fitting.learn_free_motion import efforts_of, untouched
 from distal.fitting.learned_maps import logs_read
 from distal.fitting.log_checks import check_logs, touched_logs

@@ -12,9 +12,9 @@ from distal.confidence import COVERED_TEXT
 from distal.errors import DistalError
 from distal.fitting.candidates import AS_GIVEN, BY_EQUATIONS, Candidate, answer_maps
 from distal.fitting.choice_of_parameters import paths_of
+from distal.fitting.cross_validation import REGRESSION, WRITTEN, Compared, Judged, comparisons
 from distal.fitting.fitted_file import MARK, plain_value, write_fitted
 from distal.fitting.free_parameter import FittedParameter, assignments
-from distal.fitting.judge import REGRESSION, WRITTEN, Compared, Judged, comparisons
 from distal.fitting.learned_maps import MapFit
 from distal.fitting.map_samples import reference_offset, reference_std
 from distal.fitting.parameter_estimates import ParameterEstimates, among_models

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 from distal.from_logs.column_names import Role
 from distal.from_logs.columns import Overrides, column_roles
+from distal.from_logs.drafted_parts import column_of
 from distal.from_logs.raw_log import rates_of, read_raw, time_unit, with_same_columns
-from distal.from_logs.raw_parts import column_of
 from distal.logs import Source, name_and_unit
 from distal.rig import Rig
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.from_logs.column_values import ColumnRole
+from distal.from_logs.drive_and_tendon_sizes import DriveSizes
 from distal.from_logs.motion_data import THRESHOLDS, MotionData, factor_of_column, speed_of
-from distal.from_logs.sizes import DriveSizes
-from distal.from_logs.structure import DriveStructure
+from distal.from_logs.which_drive_moves_what import DriveStructure
 
 
 @dataclass(frozen=True)

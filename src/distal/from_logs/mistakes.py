@@ -16,7 +16,7 @@ from distal.errors import RigError
 from distal.from_logs.column_values import ColumnRole, longest_run
 from distal.from_logs.motion_data import THRESHOLDS, MotionData, scaled_solution
 from distal.from_logs.raw_log import FEWEST_ROWS, RawLog
-from distal.from_logs.structure import Fold, folds_of, pooled
+from distal.from_logs.which_drive_moves_what import Fold, folds_of, pooled
 from distal.logs import Log
 from distal.regression import FEWEST_LOGS
 

@@ -19,7 +19,7 @@ from distal.arrays import Bools, Floats
 from distal.from_logs.column_values import ColumnRole, in_si
 from distal.from_logs.raw_log import RawLog
 from distal.regression import played
-from distal.rig.hand_tables.described import ASSUMED
+from distal.rig.hand_tables.rig_of_table import ASSUMED
 from distal.units import unit_factor
 
 

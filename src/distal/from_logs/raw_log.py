@@ -91,7 +91,7 @@ def read_raw(path: Source) -> RawLog:
 
 def _raw(source: str, columns: Mapping[str, Floats], texts: tuple[str, ...] = ()) -> RawLog:
     """Return a log in which registers that hold a sign are decoded and single wild readings are
-    missing, as the door of readings does it with the written rig.
+    missing, as the conversion of readings does it with the written rig.
     """
     read = {name: decoded(values) for name, values in columns.items()}
     wild = {name: is_wild for name, values in read.items() if (is_wild := _wild(values)).any()}

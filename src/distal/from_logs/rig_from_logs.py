@@ -17,25 +17,7 @@ from typing import cast
 from distal.errors import RigError, one_line
 from distal.from_logs.column_values import TAKEN_FORCES, ColumnRole
 from distal.from_logs.columns import Overrides, column_roles
-from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulls_of
-from distal.from_logs.link_masses import MASS, Links, links_of
-from distal.from_logs.mistakes import left_columns, remarks
-from distal.from_logs.motion_data import MotionData, motion_data
-from distal.from_logs.moving_parts import (
-    check_arms,
-    check_moved,
-    drive_in_words,
-    drives_of,
-    joints_of,
-)
-from distal.from_logs.raw_log import (
-    rates_of,
-    read_raw,
-    time_unit,
-    with_same_columns,
-    without_repeats,
-)
-from distal.from_logs.raw_parts import (
+from distal.from_logs.drafted_parts import (
     Raw,
     about,
     column_of,
@@ -45,6 +27,24 @@ from distal.from_logs.raw_parts import (
     raw_joint,
     raw_tendons,
     reference,
+)
+from distal.from_logs.drives_and_joints import (
+    check_arms,
+    check_moved,
+    drive_in_words,
+    drives_of,
+    joints_of,
+)
+from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulls_of
+from distal.from_logs.link_masses import MASS, Links, links_of
+from distal.from_logs.mistakes import left_columns, remarks
+from distal.from_logs.motion_data import MotionData, motion_data
+from distal.from_logs.raw_log import (
+    rates_of,
+    read_raw,
+    time_unit,
+    with_same_columns,
+    without_repeats,
 )
 from distal.logs import Source
 from distal.model import GRAVITY

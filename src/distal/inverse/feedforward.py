@@ -14,9 +14,9 @@ import casadi as ca
 import numpy as np
 
 from distal.expressions import Matrix, Vector
-from distal.inverse.balance import Balance, traced
 from distal.inverse.pid import limited
 from distal.inverse.tension_distribution import FARTHEST, least_pulls, solved
+from distal.inverse.torque_balance import Balance, traced
 from distal.kernels import Layout
 from distal.rig import Rig
 

@@ -1,7 +1,6 @@
 """Read, check and write logs, which are time series of sensor readings."""
 
 from distal.logs.cells import Column, header, name_and_unit
-from distal.logs.door import Door, Remark, decoded
 from distal.logs.encoders import Limits
 from distal.logs.formats import TABLES, check_format, file_of
 from distal.logs.log import (
@@ -31,6 +30,7 @@ from distal.logs.outputs import (
     write_together,
     write_whole,
 )
+from distal.logs.raw_to_si import RawToSI, Remark, decoded
 from distal.logs.tables import (
     Episode,
     Source,
@@ -45,12 +45,12 @@ __all__ = [
     "LARGEST_READING",
     "TABLES",
     "Column",
-    "Door",
     "Episode",
     "Limits",
     "Log",
     "MessageReader",
     "Output",
+    "RawToSI",
     "Remark",
     "Source",
     "TruthKind",

@@ -12,8 +12,8 @@ from distal.rig import Rig, Sensor, drive_travel, motor_range, step_of
 from distal.rig.sensors.base import AngleSensor
 
 Kind = Literal["turn", "unknown turn", "restarted", "decoded", "left out", "jumped", "repeated"]
-"""What the door did with a reading: its turn may be another one, or is a guess; it counts from
-another turn than before; its register was decoded; it is missing since it may be a wrong one; it
+"""What was done with a reading: its turn may be another one, or is a guess; it counts from another
+turn than before; its register was decoded; it is missing since it may be a wrong one; it
 jumped and stays there; it is missing since it repeats the last one.
 """
 
@@ -45,7 +45,7 @@ class Limits:
         unusual: motion in two samples, by its median, above which a reading is not believed at once
             [1].
         rate: relative change of that median with a sample [1].
-        rare: weight of a sample in the means that the door follows [1].
+        rare: weight of a sample in the means that the conversion follows [1].
         often: share of readings that were left out, above which the others are not believed either
             [1].
     """

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from distal.arrays import Floats
 from distal.errors import DistalWarning, LogError
 from distal.logs.cells import Cells, factor_of, scale, time_factor
-from distal.logs.door import Door, through
 from distal.logs.encoders import TURN
 from distal.logs.formats import TABLES, file_of
 from distal.logs.log import NO_SOURCE, Log, TruthKind, TruthSource, check_stamps
 from distal.logs.outputs import write_whole
+from distal.logs.raw_to_si import RawToSI, through
 from distal.logs.stamps import Clock, clock_of, in_order
 from distal.logs.tables import Source, open_table
 from distal.rig import REFERENCES, Rig, Sensor, angle_names, log_factor, torque_names
@@ -176,8 +176,8 @@ def _readings(
     truth: str | None,
     ranged: bool,
 ) -> dict[str, Floats]:
-    """Return sensor → its readings in SI, of those in a table, as they pass through the door. A
-    reference in a unit of something else is left out, unless its column is asked for as the
+    """Return sensor → its readings in SI, of those in a table, by the conversion. A reference
+    in a unit of something else is left out, unless its column is asked for as the
     `truth`.
 
     The angle of a reference that wraps is in the turn in which its joint can be.
@@ -194,8 +194,8 @@ def _readings(
                 warnings.warn(f"{problem}: left out", DistalWarning, stacklevel=3)
     columns = [sensor.log_column for sensor in factors]
     logged = [table.values(column) for column in columns]
-    door = Door(rig, [*factors], np.array([*factors.values()]), ranged=ranged)
-    samples, lines = through(door, time, logged, columns)
+    to_si = RawToSI(rig, [*factors], np.array([*factors.values()]), ranged=ranged)
+    samples, lines = through(to_si, time, logged, columns)
     for line in lines:
         warnings.warn(f"{table.source}: {line}", DistalWarning, stacklevel=3)
     readings = {sensor.name: values for sensor, values in zip(factors, samples)}

@@ -15,7 +15,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import LogError
 from distal.logs.cells import MISSING, factor_of, time_factor, units_of
-from distal.logs.door import Door, Remark
+from distal.logs.raw_to_si import RawToSI, Remark
 from distal.rig import Rig
 
 INDEX = re.compile("[0-9]{1,9}")
@@ -52,7 +52,7 @@ class MessageReader:
             sensor.sign * factor_of(sensor, units.get(sensor.log_column), "the stream")
             for sensor in self._sensors
         ]
-        self._door = Door(self._rig, self._sensors, np.array(factors))
+        self._to_si = RawToSI(self._rig, self._sensors, np.array(factors))
 
     def header(self, line: str) -> None:
         """Read the header of a CSV stream, which must come before the first line.
@@ -86,8 +86,8 @@ class MessageReader:
 
     @property
     def remarks(self) -> tuple[Remark, ...]:
-        """What was done with the readings of the last sample, see `Door`."""
-        return self._door.remarks
+        """What was done with the readings of the last sample, see `RawToSI`."""
+        return self._to_si.remarks
 
     @property
     def absent(self) -> list[str]:
@@ -119,7 +119,7 @@ class MessageReader:
 
     def _in_si(self, time: float, cells: Iterable[object]) -> Floats:
         readings = [number_of(cell, name) for cell, name in zip(cells, self._columns)]
-        return self._door.take(time, readings)
+        return self._to_si.take(time, readings)
 
     def json(self, text: str | bytes) -> tuple[float, Floats]:
         """Return the stamp [s] and the sample of a JSON object, in SI, (m,).

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from distal.arrays import Bools, Floats
 from distal.errors import DistalWarning, LogError
 from distal.logs.cells import Cells, Column, whole_values
-from distal.logs.door import IMPROBABLE
+from distal.logs.raw_to_si import IMPROBABLE
 
 Stamps = NDArray[np.int64]
 """Stamps since 1970 [ns], (n,)."""

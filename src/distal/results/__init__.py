@@ -1,12 +1,7 @@
 """Results of an estimator on a log: angles, bands and innovations, and their plots."""
 
 from distal.results.estimate import Estimate
-from distal.results.plots import (
-    PANELS,
-    check_panels,
-    plot_estimates,
-)
-from distal.results.style import (
+from distal.results.plot_style import (
     BAD,
     BLACK,
     COLOURS,
@@ -30,6 +25,11 @@ from distal.results.style import (
     plot_kind,
     save_figure,
     verdict,
+)
+from distal.results.plots import (
+    PANELS,
+    check_panels,
+    plot_estimates,
 )
 
 __all__ = [

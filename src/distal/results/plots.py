@@ -14,7 +14,7 @@ from distal.arrays import Floats
 from distal.confidence import BAND, COVERED_TEXT
 from distal.errors import OutputError, did_you_mean
 from distal.logs import Log
-from distal.results.style import (
+from distal.results.plot_style import (
     BLACK,
     COLOURS,
     PALE,

@@ -25,8 +25,8 @@ from distal.rig.files import (
     shipped_in,
     shipped_rigs,
 )
-from distal.rig.hand_tables.described import from_table
-from distal.rig.hand_tables.makers import from_orca, orca_order
+from distal.rig.hand_tables.orca import from_orca, orca_order
+from distal.rig.hand_tables.rig_of_table import from_table
 from distal.rig.joints import Joint
 from distal.rig.learned import (
     HALF_WIDTHS,
@@ -65,7 +65,7 @@ from distal.rig.sensors.registry import (
     travel_of,
 )
 from distal.rig.subsystems import Subsystem, independent_parts
-from distal.rig.tendon_routing import Linkage, Pinned, Polynomial, Pulley, Size
+from distal.rig.tendon_crossings import Linkage, Pinned, Polynomial, Pulley, Size
 from distal.rig.tendons import Meeting, Tendon
 from distal.rig.touch import contact_shape
 from distal.rig.validation import (

@@ -20,7 +20,7 @@ from distal.rig.quantities import (
     Stiffness,
     Turn,
 )
-from distal.rig.tendon_routing import (
+from distal.rig.tendon_crossings import (
     Crossing,
     Insertion,
     Polynomial,

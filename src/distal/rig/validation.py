@@ -14,7 +14,7 @@ from pydantic_core import ErrorDetails
 
 from distal.errors import DistalError
 from distal.rig.sensors.registry import UNITS
-from distal.rig.tendon_routing import KINDS as INSERTIONS
+from distal.rig.tendon_crossings import KINDS as INSERTIONS
 
 
 def angle_names(joints: Sequence[str]) -> tuple[str, ...]:

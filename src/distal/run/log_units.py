@@ -11,7 +11,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import EstimationError, did_you_mean
 from distal.estimators import channels_of
-from distal.logs import LARGEST_READING, Door, Remark
+from distal.logs import LARGEST_READING, RawToSI, Remark
 from distal.rig import Rig, as_rig, log_factor
 
 TEMPERATURE_SLOPE = -0.0011
@@ -40,7 +40,7 @@ class LogUnits:
     sample = units.sample(time, {"m1_position": 2048, "m1_current": 35})
     ```
 
-    Values pass through the `Door`: encoders that wrap are followed, registers are decoded, and
+    Values pass through the `RawToSI`: encoders that wrap are followed, registers are decoded, and
     wrong or old readings are missing; `remarks` says so, and a `Monitor` takes them, too.
     A motor whose turn is not known is in `in_doubt` until it has moved so far that only one turn is
     left.
@@ -52,7 +52,7 @@ class LogUnits:
             `sample` is given temperatures.
         ranged: whether the ranges of the joints say in which turn a motor is; before a power-on
             routine they do not.
-        doubting: whether readings that may be wrong or old are missing, see `Door`.
+        doubting: whether readings that may be wrong or old are missing, see `RawToSI`.
     """
 
     def __init__(
@@ -80,12 +80,12 @@ class LogUnits:
 
     def reset(self) -> None:
         """Forget in which turns the encoders are, and all else that was learned from readings."""
-        self._door = Door(self.rig, self._sensors, self._factors, **self._ways)
+        self._to_si = RawToSI(self.rig, self._sensors, self._factors, **self._ways)
 
     @property
     def remarks(self) -> tuple[Remark, ...]:
         """What was done with the readings of the last sample."""
-        return self._door.remarks
+        return self._to_si.remarks
 
     @property
     def restarts(self) -> tuple[str, ...]:
@@ -101,7 +101,7 @@ class LogUnits:
     @property
     def in_doubt(self) -> tuple[str, ...]:
         """Motors that may be in several turns."""
-        return self._door.in_doubt
+        return self._to_si.in_doubt
 
     def followed_by(self, rig: Rig) -> LogUnits:
         """Return a converter for another description of the same motors, in the turns in which they
@@ -112,7 +112,7 @@ class LogUnits:
         other = LogUnits(
             rig, self.channels, temperature_slope=self._slope, doubting=self._ways["doubting"]
         )
-        other._door.follow(self._door)
+        other._to_si.follow(self._to_si)
         return other
 
     def _index(self, name: str) -> int:
@@ -142,7 +142,7 @@ class LogUnits:
         if wild.any():
             at = int(np.argmax(wild))
             raise EstimationError(f"'{self.columns[at]}' cannot be {logged[at]:g}")
-        sample = self._door.take(time, logged.tolist())
+        sample = self._to_si.take(time, logged.tolist())
         for name, temperature in (temperatures or {}).items():
             _check_temperature(name, temperature)
             for i in self._torques_of(name):
@@ -167,7 +167,7 @@ class LogUnits:
         such as a goal for a motor.
         """
         i = self._index(channel)
-        return (value - self._door.ahead(i)) / float(self._factors[i])
+        return (value - self._to_si.ahead(i)) / float(self._factors[i])
 
     def _torques_of(self, motor: str) -> list[int]:
         drives = self.rig.drive_names

@@ -30,7 +30,7 @@ OF_REMARKS: dict[str, Health] = {
     "jumped": "disagrees",
     "repeated": "missing",
 }
-"""What the door did with a reading → the health word that reports it."""
+"""What the conversion did with a reading → the health word that reports it."""
 
 UNUSABLE = frozenset({"bad", "dead"})
 """The health words of readings with which nothing is controlled."""
@@ -169,7 +169,7 @@ class Monitor:
         Args:
             time: stamp [s].
             sample: values of `channels`, SI, NaN where missing, (n_channels,).
-            remarks: what the `Door` did with its readings.
+            remarks: what the `RawToSI` did with its readings.
         """
         live = self._live
         if not isinstance(time, (float, int)) or not abs(time) <= LATEST:

@@ -18,9 +18,9 @@ from distal.estimators.adaptive.guards import Robustness
 from distal.estimators.adaptive.states import KINDS, Kind, StateVector
 from distal.estimators.adaptive.touch import TORQUE
 from distal.estimators.belief import Report
-from distal.estimators.directions import directions
 from distal.estimators.estimator_protocol import KernelEstimator
 from distal.estimators.read_channels import channels_of
+from distal.estimators.unsensed_directions import directions
 from distal.kernels import Compiled, Structure, kernel_of, structure_of
 from distal.logs import frozen
 from distal.regression import (

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from distal.errors import RigError
 from distal.rig.files import Guess, Imported, name_of
-from distal.rig.hand_tables.rows import Row, read_rows
+from distal.rig.hand_tables.table_rows import Row, read_rows
 
 Raw = dict[str, object]
 

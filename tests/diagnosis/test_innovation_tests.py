@@ -13,7 +13,7 @@ from distal.confidence import LARGE_PRIOR, SMALL
 from distal.diagnosis import Finding
 from distal.diagnosis import diagnose_estimate as of_estimate
 from distal.diagnosis.finding import THRESHOLDS
-from distal.diagnosis.of_estimate import (
+from distal.diagnosis.innovation_tests import (
     LONGEST_LINE,
     _neighbours,
     _since,

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from distal import Rig, estimate
-from distal.hands import calibrate, part_fit
+from distal.hands import calibrate, finger_fit
 from distal.hands.sweeps import Sweep, is_pair
 from distal.rig import Capstan, Number, independent_parts, number
-from distal.rig.hand_tables.described import hand_of
-from distal.rig.hand_tables.rows import Row
+from distal.rig.hand_tables.rig_of_table import hand_of
+from distal.rig.hand_tables.table_rows import Row
 from tests.support.hands import calibrated, log_of, motion, ratio, rig_of
 from tests.support.servo_hands import aero_like, orca_like
 
@@ -55,7 +55,7 @@ SWEEPS = (swept(1, 2.0), swept(-1, -0.6), swept(1, 2.0), swept(-1, -0.6), swept(
 
 def test_the_zero_of_a_pair_puts_the_middle_of_its_travel_in_the_middle_of_the_range() -> None:
     rig = pair_rig()
-    found = rig.with_values(part_fit._zeros(rig, {"m1": SWEEPS}))
+    found = rig.with_values(finger_fit._zeros(rig, {"m1": SWEEPS}))
     motor, arm = found.drives[0], found.tendons[0].arms()["index_mcp"]
     assert isinstance(motor, Capstan)
     zero = found.sensors_of("position")[0].bias
@@ -70,7 +70,7 @@ def test_the_zero_of_a_pair_puts_the_middle_of_its_travel_in_the_middle_of_the_r
 def test_the_zero_of_one_tendon_has_all_joints_at_their_stops_where_it_ends() -> None:
     rig = finger()
     assert not is_pair(rig, "m")
-    found = rig.with_values(part_fit._zeros(rig, {"m": SWEEPS}))
+    found = rig.with_values(finger_fit._zeros(rig, {"m": SWEEPS}))
     zero = found.sensors_of("position")[0].bias.value
     length = sum(ARMS) * HIGH + rig.tendons[0].slack.value
     assert (2.0 - zero) * SPOOL == pytest.approx(length)
@@ -81,7 +81,7 @@ def test_the_first_sweep_leaves_the_joint_at_that_end() -> None:
     low, high = rig.joints[0].travel
     for way, end in ((1, high), (-1, low)):
         sweeps = {"m1": (swept(way, way * 1.0), *SWEEPS[1:], swept(-1, -0.6))}
-        prior = rig.with_values(part_fit._at_ends(rig, sweeps))
+        prior = rig.with_values(finger_fit._at_ends(rig, sweeps))
         assert prior.joints[0].initial.value == pytest.approx(end)
         assert prior.joints[0].initial.std == pytest.approx(np.deg2rad(1.0))
         # the torque is known no better than the motor's friction
@@ -138,7 +138,7 @@ def test_bends_of_the_torque_are_tried_at_other_joints(monkeypatch: pytest.Monke
     assert rest is not None
     tensions = tuple((HIGH - rest.rest_angle.value) / arm for arm in ARMS)
     valley = Valley(rig, (springs[0], springs[1]), (tensions[0], tensions[1]))
-    ((one, other, share),) = part_fit._exchanges(valley, rig)  # type: ignore[arg-type]
+    ((one, other, share),) = finger_fit._exchanges(valley, rig)  # type: ignore[arg-type]
     assert (one, other) == (0, 1)
     assert share == pytest.approx(tensions[1] / tensions[0])
 
@@ -146,8 +146,8 @@ def test_bends_of_the_torque_are_tried_at_other_joints(monkeypatch: pytest.Monke
         nearest = min(problem.ends, key=lambda end: float(np.sum((start - end) ** 2)))
         return problem, SimpleNamespace(z=nearest)
 
-    monkeypatch.setattr(part_fit, "most_likely", most_likely)
-    begin = part_fit._likeliest(valley, rig)  # type: ignore[arg-type]
+    monkeypatch.setattr(finger_fit, "most_likely", most_likely)
+    begin = finger_fit._likeliest(valley, rig)  # type: ignore[arg-type]
     np.testing.assert_allclose(begin, valley.ends[1])
 
 

@@ -1,7 +1,7 @@
-"""The door of readings: logged numbers as samples in SI, one after the other, without what
+"""Raw readings to SI: logged numbers as samples in SI, one after the other, without what
 registers, encoders and drivers did to them.
 
-Logs, streams and hands pass through the same door, sample by sample, so that a log gives what its
+Logs, streams and hands pass the same conversion, sample by sample, so that a log gives what its
 stream gave.
 """
 
@@ -55,7 +55,7 @@ SENTENCES: dict[Kind, str] = {
 
 @dataclass(frozen=True)
 class Remark:
-    """What the door did with a reading.
+    """What the conversion did with a reading.
 
     Args:
         kind: see `Kind`.
@@ -74,7 +74,7 @@ class Remark:
         return SENTENCES[self.kind].format(name, self.size)
 
 
-class Door:
+class RawToSI:
     """Turns logged numbers into samples in SI.
 
     * Registers that hold a sign (`REGISTERS`), read as numbers without a sign, are decoded, since
@@ -142,8 +142,8 @@ class Door:
         """Return how much a channel's position is ahead of its reading, whole turns [SI]."""
         return self._encoders[i].ahead if i in self._encoders else 0.0
 
-    def follow(self, other: Door) -> None:
-        """Go on in the turns in which encoders of another door that wrap are now."""
+    def follow(self, other: RawToSI) -> None:
+        """Go on in the turns in which encoders of another conversion that wrap are now."""
         for i, encoder in self._encoders.items():
             encoder.follow(other._encoders[i])
 
@@ -354,13 +354,13 @@ class _Noise:
 
 
 def through(
-    door: Door,
+    to_si: RawToSI,
     time: Floats,
     logged: Sequence[Floats],
     columns: Sequence[str],
 ) -> tuple[list[Floats], list[str]]:
     """Return the readings of each sensor over a log [SI], (k,) each, and a sentence on each thing
-    that the door did.
+    that the conversion did.
 
     Args:
         time: stamps [s], (k,).
@@ -372,14 +372,14 @@ def through(
     firsts = dict[Remark, float]()
     # a view gives one number after the other, so that they are never all in memory as objects
     for k, (stamp, *row) in enumerate(zip(time.data, *(values.data for values in logged))):
-        samples[:, k] = door.take(stamp, row)
-        for remark in door.remarks:
+        samples[:, k] = to_si.take(stamp, row)
+        for remark in to_si.remarks:
             # where a log begins it is taken as it is
             if remark.kind != "unknown turn":
                 same = replace(remark, size=0.0)
                 counts[same] += 1
                 firsts.setdefault(same, stamp)
-    column_of = dict(zip(door.sensors, columns))
+    column_of = dict(zip(to_si.sensors, columns))
     lines = [
         f"{replace(remark, sensor=column_of.get(remark.sensor, '')).text} ({counts[remark]} "
         f"readings, the first at {first:g} s)"

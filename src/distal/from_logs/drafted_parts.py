@@ -10,15 +10,15 @@ from math import degrees, isfinite, pi
 import numpy as np
 
 from distal.from_logs.column_values import ColumnRole
+from distal.from_logs.drive_and_tendon_sizes import DriveSizes
 from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulled_both_ways, pulls_of
 from distal.from_logs.link_masses import JointBalance, joint_balance
 from distal.from_logs.motion_data import THRESHOLDS, MotionData, counts_of
-from distal.from_logs.sizes import DriveSizes
 from distal.from_logs.stops import joint_stops
 from distal.logs import name_and_unit
-from distal.logs.door import IMPROBABLE
+from distal.logs.raw_to_si import IMPROBABLE
 from distal.rig import Guess
-from distal.rig.hand_tables.described import ASSUMED
+from distal.rig.hand_tables.rig_of_table import ASSUMED
 from distal.units import to_si
 
 Raw = dict[str, object]
@@ -343,7 +343,7 @@ def _errors(column: ColumnRole, rates: Mapping[str, float]) -> Raw:
     noise = max(values.noise, 0.3 * values.step, 1e-6 * values.width)
     errors: Raw = {"rate": number(rates[column.header]), "noise": number(noise, column.unit)}
     step = values.step
-    # the chance that readings with this noise are alike, see `logs.door`
+    # the chance that readings with this noise are alike, see `logs.raw_to_si`
     if noise > step and (step / (2.0 * pi**0.5 * noise)) ** (values.stays - 1) < IMPROBABLE:
         step = noise
     if step > 0.0 and column.si != "count":

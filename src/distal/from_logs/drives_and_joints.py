@@ -13,10 +13,10 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import RigError
 from distal.from_logs.column_values import ColumnRole
+from distal.from_logs.drive_and_tendon_sizes import drive_sizes
 from distal.from_logs.found_parts import FoundDrive, FoundJoint
 from distal.from_logs.motion_data import BETTER, THRESHOLDS, MotionData
-from distal.from_logs.sizes import drive_sizes
-from distal.from_logs.structure import (
+from distal.from_logs.which_drive_moves_what import (
     EXPLAINED,
     DriveStructure,
     as_rival,

@@ -1,4 +1,4 @@
-"""The door of readings: what registers, encoders and drivers do is undone alike for a table, a
+"""The conversion of readings: what registers, encoders and drivers do is undone alike for a table, a
 stream of lines or messages, and values that are given one by one.
 """
 

@@ -27,9 +27,9 @@ from distal.from_logs.motion_data import (
     scaled_solution,
     smoothed,
 )
-from distal.from_logs.structure import EXPLAINED, DriveStructure
+from distal.from_logs.which_drive_moves_what import EXPLAINED, DriveStructure
 from distal.model.plays import STEEPEST
-from distal.rig.hand_tables.described import ASSUMED
+from distal.rig.hand_tables.rig_of_table import ASSUMED
 from distal.units import to_si
 
 

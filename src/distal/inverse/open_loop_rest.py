@@ -20,10 +20,10 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.expressions import Matrix, Vector
-from distal.inverse.balance import traced
 from distal.inverse.feedforward import KERNEL, STEPS, CommandModel
 from distal.inverse.pid import limited
 from distal.inverse.tension_distribution import solved
+from distal.inverse.torque_balance import traced
 from distal.kernels import Layout
 from distal.rig import Rig
 
