@@ -23,7 +23,7 @@ import numpy as np
 from distal import Log, Rig, load_rig, simulate, write_log
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive.filter_function import adaptive_function
-from distal.inverse.live_inverse_function import LiveModel
+from distal.inverse.live_command_function import LiveModel
 from distal.inverse.open_loop_rest import RestModel
 from distal.kernels import Feed, Kernel, Structure, advance_all, lanes_here, structure_of
 from distal.model import Mechanism

@@ -223,7 +223,7 @@ def records_of(seed: int, stops: bool = False) -> list[Record]:
     """Return the records of a rig for the tables of all benches."""
     from benchmarks.strangers.scoring import Record
 
-    said, records = quiet(seed, stops, 0), []
+    said, records = quiet(seed, stops), []
     for one in said["judged"]:
         case = (
             f"{'one joint' if said['joints'] == 1 else 'several'}, "

@@ -1,7 +1,7 @@
 """The motors of an Aero Hand for `distal.hands.Hand`, through its own SDK: copy this file beside yours.
 
-    aero = aero_open_sdk.aero_hand.AeroHand(port)
-    hand = Hand(AeroMotors(aero, rig), rig)  # rig: from the table of aero_table.py
+aero = aero_open_sdk.aero_hand.AeroHand(port)
+hand = Hand(AeroMotors(aero, rig), rig)  # rig: from the table of aero_table.py
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ class AeroMotors:
     def read(self) -> dict[str, float]:
         """Return actuations [deg] and currents [mA] by column."""
         found = {}
-        for name, position, current in zip(self._names, self._hand.get_actuations(), self._hand.get_actuator_currents()):
+        for name, position, current in zip(
+            self._names, self._hand.get_actuations(), self._hand.get_actuator_currents()
+        ):
             for column, value in ((f"{name}_position", position), (f"{name}_current", current)):
                 if value is not None and isfinite(value):
                     found[column] = float(value)
@@ -28,7 +30,11 @@ class AeroMotors:
 
     def temperatures(self) -> dict[str, float]:
         """Return motor → temperature [°C]."""
-        return {n: float(value) for n, value in zip(self._names, self._hand.get_actuator_temperatures()) if value is not None}
+        return {
+            n: float(value)
+            for n, value in zip(self._names, self._hand.get_actuator_temperatures())
+            if value is not None
+        }
 
     def write(self, goals: dict[str, float]) -> None:
         """Send actuations [deg]; a motor without a goal keeps the goal that it was sent last.

@@ -50,7 +50,9 @@ model = runpy.run_path(str(root / "joints_to_actuations.py"), run_name="asked")
 turned, spool = model["JointsToActuationsModel"]().hand_actuations, model["MOTOR_PULLEY_RADIUS"]
 still = np.array(turned([0.0] * len(joints)), dtype=float)
 turns = [np.array(turned(list(row)), dtype=float) - still for row in np.eye(len(joints))]
-print("joint,motor,low [deg],high [deg],direction,spool_radius [mm],joint_radius [mm],back,unit,zero [deg]")
+print(
+    "joint,motor,low [deg],high [deg],direction,spool_radius [mm],joint_radius [mm],back,unit,zero [deg]"
+)
 for m, motor in enumerate(motors):
     moved = [j for j in range(len(joints)) if abs(turns[j][m]) > SMALLEST]
     # a motor that turns one joint, as far as itself, holds it both ways
@@ -58,5 +60,14 @@ for m, motor in enumerate(motors):
     for j in moved:
         direction, back = 1 if turns[j][m] > 0 else -1, "tendon" if direct else "spring"
         print(
-            joints[j], motor.removesuffix("_act"), *ends[j], direction, spool, abs(turns[j][m]) * spool, back, "deg", 0, sep=","
+            joints[j],
+            motor.removesuffix("_act"),
+            *ends[j],
+            direction,
+            spool,
+            abs(turns[j][m]) * spool,
+            back,
+            "deg",
+            0,
+            sep=",",
         )

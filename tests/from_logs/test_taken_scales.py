@@ -11,7 +11,7 @@ import distal
 from distal.cli.app import app
 from distal.hands import Hand
 from distal.hands.calibrate import calibrate
-from distal.hands.routine import Routine
+from distal.hands.power_on_routine import Routine
 from distal.inverse import Inverse, LiveInverse
 from distal.rig import Rig, rig_text, scales_in_words
 from tests.hands.test_hand import Orca, sound_rig

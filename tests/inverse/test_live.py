@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from distal import Inverse, LiveInverse, Rig, load_rig
 from distal.errors import CommandError
 from distal.inverse import Feedback
+from distal.inverse.live_command_function import RESPONDS, SMOOTHED, guide_function, readings
 from distal.inverse.live_inverse import ACROSS
-from distal.inverse.live_inverse_function import RESPONDS, SMOOTHED, guide_function, readings
 from distal.inverse.pid import LEAVES
 from distal.inverse.servo_setpoints import followable, sent
 from tests.learned_maps import constant_map

@@ -21,8 +21,8 @@ from distal.export.c_text import (
 )
 from distal.inverse.feedforward import ROUNDS
 from distal.inverse.goal_gate import crossed_joints
+from distal.inverse.live_command_function import LiveModel
 from distal.inverse.live_inverse import live_parameters
-from distal.inverse.live_inverse_function import LiveModel
 from distal.inverse.motor_readings import MotorReadings
 from distal.rig import Rig
 from distal.run.health import LIMITS

@@ -12,9 +12,9 @@ import numpy as np
 from distal.errors import FitError, RigError
 from distal.estimators import Robustness, channels_of
 from distal.estimators.adaptive import FilterContext, uncertain_parameters
-from distal.fitting.free_parameter import NOISY, POINTS, Free
+from distal.fitting.free_parameter import NOISY, POINTS, Free, free_noise, free_parameter
 from distal.model import Mechanism
-from distal.rig import REFERENCES, Number, Rig, Sensor, in_words, named, number, part_at
+from distal.rig import REFERENCES, Number, Rig, Sensor, named, number, part_at
 
 Progress = Callable[[str], None]
 """A function that is called with what the fit is doing, in words."""
@@ -42,23 +42,10 @@ class Options:
     compiled: bool = True
 
 
-NOISE_RANGE = 25.0
-"""Largest factor by which the size of a noise changes in a fit, either way: a model without noise
-would have standard errors of zero. Source: judgement.
-"""
-
-NOISE_PRIOR = 1.0
-"""Standard deviation of the prior of a noise's size, as a share of its start: a factor of two
-either way. Source: judgement.
-"""
-
 EXACT = np.deg2rad(0.02)
 """Least std of the random error of a reference angle [rad], since the model's own time steps err as
 much. Source: judgement.
 """
-
-SMALLEST_NUMBER = 1e-3
-"""Lower bound of a positive parameter, as a share of its start. Source: judgement."""
 
 
 def choose(
@@ -151,7 +138,7 @@ def _uncertain(
             # a parameter that also errs alone is varied alone, with the std of both errors
             parameters = [parameter for parameter in parameters if parameter.independent_std == 0.0]
         if parameters:
-            free.append(_free(rig, parameters, False))
+            free.append(free_parameter(rig, parameters, False))
     taken = {path for part in free for path in part.paths} | per_log_paths
     alike: dict[tuple[str, float, float], list[Number]] = {}
     for path in _held(rig):
@@ -160,7 +147,7 @@ def _uncertain(
             # one pulley serves all its tendons: insertions with the same number are varied together
             shared = path.split(".", 2)[2] if ".insertion." in path else path
             alike.setdefault((shared, held.value, held.std), []).append(held)
-    return free + [_free(rig, parameters, False) for parameters in alike.values()]
+    return free + [free_parameter(rig, parameters, False) for parameters in alike.values()]
 
 
 def _biases(rig: Rig, several: bool) -> list[Free]:
@@ -177,7 +164,7 @@ def _biases(rig: Rig, several: bool) -> list[Free]:
     uncertain = [
         (bias, per_log) for bias, per_log in parameters if bias.std > 0.0 and not bias.hold
     ]
-    return [_free(rig, [bias], per_log) for bias, per_log in uncertain]
+    return [free_parameter(rig, [bias], per_log) for bias, per_log in uncertain]
 
 
 def _held(rig: Rig) -> list[str]:
@@ -220,59 +207,7 @@ def _asked(rig: Rig, desired: str, per_log: bool) -> Free:
         parameters = [number(rig, path) for path in paths_of(rig, desired)]
     except RigError as problem:
         raise FitError(f"{'--per-log' if per_log else '--free'} {problem}") from None
-    return _free(rig, parameters, per_log)
-
-
-def _free(rig: Rig, parameters: Sequence[Number], per_log: bool) -> Free:
-    first = parameters[0]
-    paths = tuple(parameter.path for parameter in parameters)
-    starts = tuple(parameter.value for parameter in parameters)
-    name = in_words(rig, *paths)
-    position = named(rig, first.path)
-    if not first.is_parameter:
-        return _noise(rig, parameters)
-    if first.value == 0.0 and first.std == 0.0:
-        raise FitError(
-            f"'{position}' is zero without a std, so its size is unknown; give it one "
-            f"(--set {position}.std=…) to say how large it may be"
-        )
-    if per_log and first.std == 0.0:
-        raise FitError(
-            f"'{position}' has no std; what differs from log to log needs one "
-            f"(--set {position}.std=…)"
-        )
-    low = {"any": -np.inf, "nonnegative": 0.0, "positive": SMALLEST_NUMBER * first.value}[
-        first.quantity.bound
-    ]
-    if 0.0 in starts and len(set(starts)) > 1:
-        raise FitError(
-            f"'{name}' varies its numbers by one factor, but some are zero; name them one by one"
-        )
-    scale = first.std if first.std > 0.0 else 0.1 * abs(first.value)
-    std = first.std if first.std > 0.0 else float("nan")
-    rough = first.is_rough
-    si = first.quantity.si
-    low = SMALLEST_NUMBER * first.value if rough else low
-    return Free(
-        name, paths, starts, std, scale, low, np.inf, si, logarithmic=rough, per_log=per_log
-    )
-
-
-def _noise(rig: Rig, parameters: Sequence[Number], prior: bool = True) -> Free:
-    first = parameters[0]
-    if first.value <= 0.0:
-        raise FitError(
-            f"'{named(rig, first.path)}' is zero; a noise that is fitted needs a size to start from"
-        )
-    start = first.value
-    paths = tuple(parameter.path for parameter in parameters)
-    starts = tuple(parameter.value for parameter in parameters)
-    std = NOISE_PRIOR * start if prior else float("nan")
-    low = start / NOISE_RANGE
-    high = start * NOISE_RANGE
-    si = first.quantity.si
-    name = in_words(rig, *paths)
-    return Free(name, paths, starts, std, start, low, high, si, logarithmic=True, noise=True)
+    return free_parameter(rig, parameters, per_log)
 
 
 def _noises(rig: Rig, references: Sequence[Sensor], homing: bool) -> list[Free]:
@@ -295,10 +230,10 @@ def _noises(rig: Rig, references: Sequence[Sensor], homing: bool) -> list[Free]:
     free = []
     for indices in groups.values():
         paths = [f"sensors.{i}.noise" for i in indices]
-        free.append(_noise(rig, [number(rig, path) for path in paths]))
+        free.append(free_noise(rig, [number(rig, path) for path in paths]))
     for at, sensor in enumerate(rig.sensors):
         if sensor.name in angles and sensor.noise > 0.0:
-            reference_noise = _noise(rig, [number(rig, f"sensors.{at}.noise")], prior=False)
+            reference_noise = free_noise(rig, [number(rig, f"sensors.{at}.noise")], prior=False)
             free.append(
                 replace(
                     reference_noise, low=min(max(reference_noise.low, EXACT), reference_noise.start)
@@ -312,7 +247,7 @@ def _noises(rig: Rig, references: Sequence[Sensor], homing: bool) -> list[Free]:
         f"joints.{j}.unmodelled" for j, joint in enumerate(rig.joints) if joint.unmodelled > 0.0
     ]
     free += [
-        replace(_noise(rig, [number(rig, path)]), kept_by_file=path.endswith(".unmodelled"))
+        replace(free_noise(rig, [number(rig, path)]), kept_by_file=path.endswith(".unmodelled"))
         for path in paths
     ]
     return free

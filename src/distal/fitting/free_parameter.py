@@ -12,7 +12,8 @@ from math import exp, inf, isnan, log, log1p
 
 import numpy as np
 
-from distal.rig import Number, Rig, named, number, part_at
+from distal.errors import FitError
+from distal.rig import Number, Rig, in_words, named, number, part_at
 from distal.rig.quantities import SMALLEST
 
 DIGITS = 7
@@ -36,6 +37,20 @@ SMALLEST_RELATIVE_STD = 0.002
 """Least std in a fitted file, as a share of the value, since a rig differs that much from day to
 day. Source: judgement.
 """
+
+
+NOISE_RANGE = 25.0
+"""Largest factor by which the size of a noise changes in a fit, either way: a model without noise
+would have standard errors of zero. Source: judgement.
+"""
+
+NOISE_PRIOR = 1.0
+"""Standard deviation of the prior of a noise's size, as a share of its start: a factor of two
+either way. Source: judgement.
+"""
+
+SMALLEST_NUMBER = 1e-3
+"""Lower bound of a positive parameter, as a share of its start. Source: judgement."""
 
 
 @dataclass(frozen=True)
@@ -301,6 +316,69 @@ class Free:
     def slope(self, z: float) -> float:
         """Return the derivative of the first parameter's value by the coordinate, d value/dz."""
         return self.value(z) if self.logarithmic else self.scale
+
+
+def free_parameter(rig: Rig, parameters: Sequence[Number], per_log: bool) -> Free:
+    """Return what a fit varies of some parameters by one factor: its prior is the rig's std, and
+    its bounds are those of its kind; `per_log` says whether each log has a value of its own.
+
+    Raises:
+        FitError: a parameter is zero and its size unknown.
+    """
+    first = parameters[0]
+    paths = tuple(parameter.path for parameter in parameters)
+    starts = tuple(parameter.value for parameter in parameters)
+    name = in_words(rig, *paths)
+    position = named(rig, first.path)
+    if not first.is_parameter:
+        return free_noise(rig, parameters)
+    if first.value == 0.0 and first.std == 0.0:
+        raise FitError(
+            f"'{position}' is zero without a std, so its size is unknown; give it one "
+            f"(--set {position}.std=…) to say how large it may be"
+        )
+    if per_log and first.std == 0.0:
+        raise FitError(
+            f"'{position}' has no std; what differs from log to log needs one "
+            f"(--set {position}.std=…)"
+        )
+    low = {"any": -np.inf, "nonnegative": 0.0, "positive": SMALLEST_NUMBER * first.value}[
+        first.quantity.bound
+    ]
+    if 0.0 in starts and len(set(starts)) > 1:
+        raise FitError(
+            f"'{name}' varies its numbers by one factor, but some are zero; name them one by one"
+        )
+    scale = first.std if first.std > 0.0 else 0.1 * abs(first.value)
+    std = first.std if first.std > 0.0 else float("nan")
+    rough = first.is_rough
+    si = first.quantity.si
+    low = SMALLEST_NUMBER * first.value if rough else low
+    return Free(
+        name, paths, starts, std, scale, low, np.inf, si, logarithmic=rough, per_log=per_log
+    )
+
+
+def free_noise(rig: Rig, parameters: Sequence[Number], prior: bool = True) -> Free:
+    """Return what a fit varies of some noises by one factor, with a `prior` or without.
+
+    Raises:
+        FitError: a noise is zero.
+    """
+    first = parameters[0]
+    if first.value <= 0.0:
+        raise FitError(
+            f"'{named(rig, first.path)}' is zero; a noise that is fitted needs a size to start from"
+        )
+    start = first.value
+    paths = tuple(parameter.path for parameter in parameters)
+    starts = tuple(parameter.value for parameter in parameters)
+    std = NOISE_PRIOR * start if prior else float("nan")
+    low = start / NOISE_RANGE
+    high = start * NOISE_RANGE
+    si = first.quantity.si
+    name = in_words(rig, *paths)
+    return Free(name, paths, starts, std, start, low, high, si, logarithmic=True, noise=True)
 
 
 def _log(value: float) -> float:

@@ -28,7 +28,7 @@ from distal.from_logs.motion_data import (
     smoothed,
 )
 from distal.from_logs.which_drive_moves_what import EXPLAINED, DriveStructure
-from distal.model.plays import STEEPEST
+from distal.model.springs import STEEPEST
 from distal.rig.hand_tables.rig_of_table import ASSUMED
 from distal.units import to_si
 

@@ -15,9 +15,9 @@ import numpy as np
 
 from distal.errors import DistalWarning, FitError, LogError
 from distal.fitting.fitted_file import MARK, write_fitted
-from distal.hands.findings import Fault, check_units, faults_of, slack_of
 from distal.hands.finger_fit import part_values
 from distal.hands.sweeps import Sweep, sweeps_of
+from distal.hands.tendon_faults import Fault, check_units, faults_of, slack_of
 from distal.logs import Log, Source, read_log
 from distal.regression import servos_of
 from distal.rig import Rig, as_rig, check_scales, independent_parts

@@ -16,8 +16,8 @@ from distal.fitting.free_parameter import assignments
 from distal.fitting.likelihood_search import most_likely
 from distal.fitting.objective import Problem
 from distal.fitting.parameter_estimates import ParameterEstimates, from_start, problem_of
-from distal.hands.findings import excess
 from distal.hands.sweeps import Sweep, contacts, is_pair, needed
+from distal.hands.tendon_faults import excess
 from distal.logs import Log
 from distal.rig import Rig, Subsystem
 

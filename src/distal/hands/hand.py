@@ -17,7 +17,7 @@ from distal.confidence import CLEARLY
 from distal.errors import CommandError, DistalError, EstimationError, did_you_mean
 from distal.hands.calibrate import Calibrated, calibrate
 from distal.hands.motors import TorqueLimited, motors_of
-from distal.hands.routine import Routine, RoutineOptions
+from distal.hands.power_on_routine import Routine, RoutineOptions
 from distal.inverse import LiveInverse
 from distal.inverse.goal_gate import GoalGate
 from distal.logs import Output, check_outputs, write_log
@@ -25,7 +25,7 @@ from distal.rig import Rig, as_rig
 from distal.rig.drive_range import KNOWN
 from distal.run import HEALTH, LiveEstimator, LogUnits, Monitor, Reading
 from distal.run.health import Health
-from distal.run.log_units import HOTTEST
+from distal.run.live_to_si import HOTTEST
 
 HOT = 65.0
 """Temperature above which a motor is hot [°C]. Source: judgement."""

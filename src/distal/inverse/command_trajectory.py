@@ -21,7 +21,7 @@ from distal.inverse.command_result import (
     within_stops,
 )
 from distal.inverse.feedforward import ROUNDS
-from distal.inverse.live_inverse_function import readings
+from distal.inverse.live_command_function import readings
 from distal.inverse.open_loop_rest import RestModel, position_variances
 from distal.inverse.servo_setpoints import followable, sent
 from distal.inverse.tension_distribution import LEAST_TENSION, least_tension_of

@@ -17,7 +17,7 @@ from distal.errors import CommandError
 from distal.estimators import SHORTEST, AdaptiveFilter, sample_problem
 from distal.inverse.feedforward import ROUNDS
 from distal.inverse.goal_gate import GoalGate, columns_of, crossed_joints
-from distal.inverse.live_inverse_function import LiveModel
+from distal.inverse.live_command_function import LiveModel
 from distal.inverse.pid import Feedback
 from distal.inverse.tension_distribution import LEAST_TENSION, least_tension_of
 from distal.kernels import Layout, kernel_of

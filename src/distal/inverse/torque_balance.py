@@ -23,7 +23,7 @@ from distal.expressions import Matrix, Vector
 from distal.inverse.command_inputs import DERIVED, command_inputs
 from distal.model import Mechanism
 from distal.model.parameters import Derived, Symbolic
-from distal.model.tendons import Pulls
+from distal.model.tendon_tensions import Pulls
 from distal.rig import Rig
 
 

@@ -1,6 +1,7 @@
 """Read, check and write logs, which are time series of sensor readings."""
 
-from distal.logs.cells import Column, header, name_and_unit
+from distal.logs.cells import Column
+from distal.logs.column_units import header, name_and_unit
 from distal.logs.encoders import Limits
 from distal.logs.formats import TABLES, check_format, file_of
 from distal.logs.log import (

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.errors import DistalWarning, LogError
-from distal.logs.cells import Cells, factor_of, scale, time_factor
+from distal.logs.cells import Cells
+from distal.logs.column_units import factor_of, scale, time_factor
 from distal.logs.encoders import TURN
 from distal.logs.formats import TABLES, file_of
 from distal.logs.log import NO_SOURCE, Log, TruthKind, TruthSource, check_stamps

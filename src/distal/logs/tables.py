@@ -17,15 +17,8 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import DistalWarning, LogError
-from distal.logs.cells import (
-    INFO,
-    Cells,
-    Column,
-    as_column,
-    dataset_info,
-    needed,
-    units_of,
-)
+from distal.logs.cells import INFO, Cells, Column, as_column, dataset_info
+from distal.logs.column_units import needed, units_of
 from distal.logs.formats import check_is_content, format_of
 from distal.logs.formats.parquet import read_parquet
 from distal.logs.outputs import shown

@@ -13,7 +13,7 @@ from distal.model.friction import (
 )
 from distal.model.intervals import interval_step
 from distal.model.mechanism import GRAVITY, Mechanism, Moment
-from distal.model.plays import stretched
+from distal.model.springs import stretched
 from distal.model.stepping import (
     RESOLUTION,
     Kick,

@@ -3,6 +3,7 @@ kernel; and other regressions of several logs.
 """
 
 from distal.regression.features import Shape, features_along, features_function
+from distal.regression.folds import FEWEST_LOGS, folds_of, groups_of, splits
 from distal.regression.homed_map import homed_memory
 from distal.regression.known_window import (
     conformal_factor,
@@ -28,7 +29,7 @@ from distal.regression.posterior import (
     shape_for,
 )
 from distal.regression.reported_map import ReportedMap, reporting_function
-from distal.regression.samples import FEWEST_LOGS, Samples, folds_of, groups_of, played, splits
+from distal.regression.samples import Samples, played
 
 __all__ = [
     "FEWEST_LOGS",

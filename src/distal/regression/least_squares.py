@@ -15,7 +15,8 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.logs import Log
-from distal.regression.samples import Samples, played, splits
+from distal.regression.folds import splits
+from distal.regression.samples import Samples, played
 from distal.rig import Capstan, Rig, Slider
 
 LAGS = (0.05, 0.2, 0.8)

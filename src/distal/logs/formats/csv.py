@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import DistalWarning, LogError
-from distal.logs.cells import Cells, Column, compact, needed
+from distal.logs.cells import Cells, Column, compact
+from distal.logs.column_units import needed
 from distal.logs.formats.format import Format
 from distal.logs.memory import COPIES, check_rows, memory_limit
 from distal.logs.stamps import is_date

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from distal.errors import LogError
-from distal.logs.cells import WIDEST_VECTOR, Cells, Column, needed
+from distal.logs.cells import WIDEST_VECTOR, Cells, Column
+from distal.logs.column_units import needed
 from distal.logs.formats.format import Format
 from distal.logs.memory import COPIES, check_memory
 

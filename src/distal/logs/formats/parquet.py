@@ -12,15 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import LogError
-from distal.logs.cells import (
-    WIDEST_VECTOR,
-    Cells,
-    Column,
-    as_column,
-    component_names_in,
-    needed,
-    numbered,
-)
+from distal.logs.cells import WIDEST_VECTOR, Cells, Column, as_column, component_names_in, numbered
+from distal.logs.column_units import needed
 from distal.logs.formats.format import Format
 from distal.logs.memory import check_rows
 

@@ -10,9 +10,11 @@ from dataclasses import dataclass
 import casadi as ca
 
 from distal.expressions import Scalar, Vector
-from distal.model.lengths import Lengths
 from distal.model.parameters import NOTHING_DERIVED, Derived, Parameters
-from distal.model.plays import Bounds, Pull, Sheath, balanced, gap, plays_of, stretched
+from distal.model.plays import Bounds, Pull, balanced, gap, plays_of
+from distal.model.sheath import Sheath
+from distal.model.springs import stretched
+from distal.model.tendon_lengths import Lengths
 from distal.rig import Rig
 
 
