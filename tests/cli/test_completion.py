@@ -51,4 +51,6 @@ def test_words_are_completed(tmp_path: Path, line: str, expected: list[str]) -> 
 
 
 def test_the_estimators_are_those_that_there_are() -> None:
-    assert sorted(ESTIMATORS) == list(ESTIMATOR_NAMES)
+    # a benchmark that ran in the same process may have added its own
+    ours = [name for name, make in ESTIMATORS.items() if make.__module__.startswith("distal.")]
+    assert sorted(ours) == list(ESTIMATOR_NAMES)
