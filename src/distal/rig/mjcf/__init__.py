@@ -3,6 +3,6 @@ MuJoCo computes.
 """
 
 from distal.rig.mjcf.bodies import joint_name, tendon_name
-from distal.rig.mjcf.loading import mujoco_module, rest_lengths
+from distal.rig.mjcf.loading import EMBEDDED, mujoco_module, rest_lengths
 
-__all__ = ["joint_name", "mujoco_module", "rest_lengths", "tendon_name"]
+__all__ = ["EMBEDDED", "joint_name", "mujoco_module", "rest_lengths", "tendon_name"]

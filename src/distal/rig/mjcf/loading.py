@@ -83,6 +83,10 @@ def _one_line(problem: Exception) -> str:
     return " ".join(str(problem).split())
 
 
+EMBEDDED = "distal_rig"
+"""Name of the text in a model that holds the rig that it was written from."""
+
+
 @dataclass(frozen=True)
 class AssumedOfModels:
     """Values for what a model does not have, with wide stds.
