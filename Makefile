@@ -142,6 +142,7 @@ results: $(STAMP)
 	$(BIN)/python -m benchmarks.robot_datasets
 	$(BIN)/python -m benchmarks.paper_search
 	$(BIN)/python -m benchmarks.models
+	$(BIN)/python -m benchmarks.mujoco_tendons
 	$(BIN)/python -m benchmarks.sensitivity
 	$(BIN)/python -m benchmarks.silent
 	$(BIN)/python -m benchmarks.wrong_inputs

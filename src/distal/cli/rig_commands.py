@@ -1,5 +1,6 @@
 """`distal rigs`; `distal rig check`, `draw`, `show`, `new`; `distal rig from-table`, `from-orca`,
-`from-mjcf`: a rig file from a table or from a maker's or a simulator's files.
+`from-mjcf`: a rig file from a table or from a maker's or a simulator's files; `to-mjcf`: a model
+for MuJoCo from a rig.
 """
 
 from __future__ import annotations
@@ -164,6 +165,9 @@ def _write(imported: Imported, out: Path, source: str) -> None:
     say(f"{imported.rig}")
     for note in imported.notes:
         say(f"  {note}")
+    if not imported.missing:  # the model holds the whole rig
+        say(f"wrote {out}")
+        return
     say(f"not in the {source}, so written with a guess and a wide std:")
     say(f"  {', '.join(imported.missing)}")
     say(f"wrote {out}; look for 'not in the {source}' in it, then `distal rig check {out}`")
@@ -225,3 +229,32 @@ def from_mjcf_command(
         raise RigError(f"--length-unit must be m, cm or mm, '{length_unit}' came")
     chosen = [name.strip() for name in joints.split(",")] if joints else None
     _write(from_mujoco(model, chain, chosen, LENGTH_UNITS[length_unit]), out, "model")
+
+
+@app.command("to-mjcf")
+def to_mjcf_command(
+    rig: RigArgument,
+    out: Annotated[Path, Option(help="Where to write the model.")] = Path("model.xml"),
+    into: Annotated[
+        Path | None, Option(help="A model with the rig's joints, which gets its numbers.")
+    ] = None,
+    draws: Annotated[int, Option(min=0, help="Number of models, drawn by the rig's stds.")] = 0,
+    set_: SetOption = None,
+) -> None:
+    """Write a rig as a MuJoCo model."""
+    from distal.logs import write_whole
+    from distal.rig import load_rig
+    from distal.rig.mjcf.loading import mujoco_module
+    from distal.study.design_space import built_values, draws_of, scores
+
+    mujoco_module()
+    from distal.bridges.mujoco import to_mjcf
+
+    described = load_rig(rig, set_ or ()).bare()
+    paths = [out.with_stem(f"{out.stem}-{n + 1}") for n in range(draws)] or [out]
+    drawn = draws_of(described) if draws else ()
+    for n, path in enumerate(paths):
+        check_command_outputs(to_file("--out", path), rig=rig, logs=filter(None, [into]))
+        values = built_values(described, drawn, scores(drawn, [n]))
+        write_whole(path, to_mjcf(described.with_values(values), into))
+        say(f"wrote {path}")

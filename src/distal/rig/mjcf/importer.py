@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from distal.errors import RigError, did_you_mean
-from distal.rig.files import Imported, name_of
+from distal.rig.files import Imported, build_rig, name_of, parse_toml
 from distal.rig.mjcf.bodies import (
     Coupled,
     Units,
@@ -26,6 +26,7 @@ from distal.rig.mjcf.bodies import (
 from distal.rig.mjcf.loading import (
     ASSUMED,
     CROSSED,
+    EMBEDDED,
     load_model,
     mujoco_module,
     over_ranges,
@@ -215,7 +216,8 @@ def from_mujoco(
 
     Only joints that a driven tendon turns, or that are coupled to one of these, are kept; all
     others are held where the model has them. The lengths of a tendon become pulleys, or the lowest
-    polynomial that leaves at most 1 % of each moment arm. Angles are those of the model.
+    polynomial that leaves at most 1 % of each moment arm. Angles are those of the model. A model
+    that was written from a rig holds that rig, which is returned unless joints are chosen.
 
     Args:
         model: the model, or the path of its file.
@@ -238,6 +240,10 @@ def from_mujoco(
         title = Path(model).stem
         model = load_model(model)
     title = _title(model, title)
+    text = package.mj_name2id(model, package.mjtObj.mjOBJ_TEXT, EMBEDDED)
+    if text >= 0 and chain is None and joints is None:
+        written = bytes(model.text_data)[model.text_adr[text] :].split(b"\0")[0].decode()
+        return Imported(build_rig(parse_toml(written, title, RigError), title), written, (), ())
     driven, notes = driven_tendons(model)
     hinges = turning_joints(model, chain, joints)
     poses = over_ranges(model, hinges)

@@ -59,6 +59,10 @@ def load_model(path: str | Path) -> mujoco.MjModel:
         raise RigError(f"{path}: MuJoCo does not take it: {said}") from None
 
 
+EMBEDDED = "distal_rig"
+"""Name of the text in a model that holds the rig that it was written from."""
+
+
 @dataclass(frozen=True)
 class AssumedOfModels:
     """Values for what a model does not have, with wide stds.
