@@ -285,7 +285,7 @@ def test_rows_of_tables_are_counted() -> None:
 
 
 def test_the_documentation_is_short() -> None:
-    """Said once, in few words: all of it below 30,000 words, a page below 3,000, a task below 800."""
+    """Said once: all of it in less than 30,000 words, a page in 3,000, a task in 800."""
     looked_up = (*GENERATED, "reference/glossary.md")
     counted = {page: words(page) for page in PAGES if page not in looked_up}
     text = "".join(page.read_text(encoding="utf-8") for page in DOCS.rglob("*.md"))

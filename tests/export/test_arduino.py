@@ -90,10 +90,10 @@ def test_titles_are_anything(tmp_path: Path) -> None:
 
 def test_what_the_user_edits_stays(tmp_path: Path) -> None:
     rig, said = load_rig("capstan-joint"), tmp_path / "library.properties"
-    export_c(rig, tmp_path, "ekf-2008", name="joint", arduino=True)
+    export_c(rig, tmp_path, "elastic", name="joint", arduino=True)
     said.write_text(said.read_text().replace("author=distal export-c", "author=me"))
     (tmp_path / "src" / "joint.c").write_text("/* distal export-c, old */")
-    export_c(rig, tmp_path, "ekf-2008", name="joint", arduino=True)
+    export_c(rig, tmp_path, "elastic", name="joint", arduino=True)
     assert "author=me" in said.read_text()
     assert "joint_step" in (tmp_path / "src" / "joint.c").read_text()
 
