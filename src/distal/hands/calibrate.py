@@ -143,9 +143,12 @@ def calibrate(
             unknown = {"value": sensor.bias.value, "std": ASSUMED.unknown_zero_std}
             values[f"sensors.{sensor.name}.bias"] = unknown
     found_rig = rig.with_values(values)
-    said = {doubt.drive for doubt in doubts if doubt.kind == "slack"}
+    slackened = {doubt.drive for doubt in doubts if doubt.kind == "slack"}
     sound_sweeps = {
-        name: sweeps[name] for part in sound for name in part.rig.drive_names if name not in said
+        name: sweeps[name]
+        for part in sound
+        for name in part.rig.drive_names
+        if name not in slackened
     }
     slack = slack_of(found_rig, rig, sound_sweeps)
     return Calibrated(found_rig, rig, values, (*doubts, *faults, *slack), notes)
@@ -158,17 +161,17 @@ def _accepted(
     values = {path: value for doubt in doubts for path, value in doubt.values.items()}
     corrected = rig.with_values(values)
     signs = dict[str, int]()
-    for before, after in zip(rig.sensors, corrected.sensors):
-        signs[before.name] = signs[before.of] = before.sign * after.sign
+    for sensor, other in zip(rig.sensors, corrected.sensors):
+        signs[sensor.name] = signs[sensor.of] = sensor.sign * other.sign
     turned = replace(
         log,
-        channels={name: signs.get(name, 1) * one for name, one in log.channels.items()},
-        goals={name: signs.get(name, 1) * one for name, one in log.goals.items()},
+        channels={name: signs.get(name, 1) * v for name, v in log.channels.items()},
+        goals={name: signs.get(name, 1) * v for name, v in log.goals.items()},
     )
-    found = calibrate(turned, corrected, stopped)
+    after = calibrate(turned, corrected, stopped)
     notes = [f"corrected: {d.sentence.partition('. ')[0]}" for d in doubts if d.values]
     return replace(
-        found, start=rig, values={**values, **found.values}, notes=(*found.notes, *notes)
+        after, start=rig, values={**values, **after.values}, notes=(*after.notes, *notes)
     )
 
 

@@ -26,9 +26,6 @@ RARE = log(2 * NormalDist().cdf(-CLEARLY))
 definition (level of `CLEARLY`).
 """
 
-WAYS = np.array([1, -1])
-"""Directions in which a motor's readings go towards its ends [1]. Source: definition."""
-
 NONE = np.zeros((2, 1))
 """No unknown. Source: definition."""
 
@@ -43,8 +40,6 @@ DONE = {
 
 ACCEPT = "; --accept puts the first into the file"
 
-Judged = tuple[float, float, float, float]
-
 Cause = tuple[float, str, Mapping[str, object]]
 """Log probability of what was met, words, and values by path that correct the file."""
 
@@ -57,16 +52,20 @@ class _Line:
     def __init__(self, rig: Rig, name: str, sweeps: Sequence[Sweep]) -> None:
         drive = rig.drive(name)
         assert isinstance(drive, Capstan)
-        self.name, self.radius = name, drive.radius
+        self.name = name
+        self.radius = drive.radius
         self.sensors = [sensor for sensor in rig.sensors if sensor.of == name]
         position = next(sensor for sensor in self.sensors if sensor.measures == "position")
-        self.zero, self.sign, self.bias = position.bias, position.sign, f"{position.name}.bias"
-        self.tendons = sorted(rig.tendons_of(name), key=lambda tendon: -tendon.winding)
+        self.zero = position.bias
+        self.sign = position.sign
+        self.bias = f"sensors.{position.name}.bias"
+        self.tendons = rig.tendons_of(name)
         self.joint = joint = next(j for j in rig.joints if j.name in self.tendons[0].joints)
         level = np.median([abs(sweep.level) for sweep in sweeps]) / self.radius.value
         rows = []
         for tendon in self.tendons:
-            way, arm = tendon.winding, tendon.arms()[joint.name]
+            way = tendon.winding
+            arm = tendon.arms()[joint.name]
             # some part of what moves the motor stretches the tendon before the joint moves
             stretch = level / tendon.stiffness.value
             of = [sweep for sweep in sweeps[1:] if sweep.way == way]
@@ -75,26 +74,23 @@ class _Line:
             length = arm * joint.travel[arm > 0] + tendon.slack.value + stretch / 2
             stds = (arm * joint.stops_std, tendon.slack.total_std, stretch / sqrt(12), beyond)
             at = np.mean(met or [sweep.contact for sweep in of]) * self.radius.value
-            rows.append((way * arm, way * length, np.hypot.reduce(stds), at + way * beyond))
-        self.per_stop, self.ends, self.stds, self.met = (
-            np.array(rows, dtype=np.float64).T / self.radius.value
-        )
+            rows.append((arm, way * arm, way * length, np.hypot.reduce(stds), at + way * beyond))
+        columns = np.array(rows, dtype=np.float64).T / self.radius.value
+        self.arms, self.per_stop, self.ends, self.stds, self.met = columns
         # a zero that is not known is anywhere
-        known = self.zero.total_std <= KNOWN * abs(self.per_stop[0])
-        self.zero_std = self.zero.total_std if known else 2 * pi
-        if (
-            isinstance(position, AngleSensor) and position.unit in COUNTS
-        ):  # in which turn it counts, says nothing
+        std = self.zero.total_std
+        self.zero_std = std if std <= KNOWN * abs(self.per_stop[0]) else 2 * pi
+        self.off = self.met - self.zero.value - self.ends
+        if isinstance(position, AngleSensor) and position.unit in COUNTS:
+            # it wraps: in which turn it counts, says nothing
             turn = 2 * pi / position.gear
-            self.met -= turn * np.round(np.mean(self.off) / turn)
+            turns = turn * np.round(np.mean(self.off) / turn)
+            self.met = self.met - turns
+            self.off = self.off - turns
 
-    @property
-    def off(self) -> Floats:
-        """How far the ends are from where the file has them."""
-        off: Floats = self.met - self.zero.value - self.ends
-        return off
-
-    def judged(self, free: Floats, mean: Floats | None = None, met: Floats | None = None) -> Judged:
+    def judged(
+        self, free: Floats = NONE, mean: Floats | None = None, met: Floats | None = None
+    ) -> tuple[float, ...]:
         """Return the log probability that ends were `met` that are at `mean` beyond the zero, if an
         unknown of unit std adds `free`; their squared distance in stds; the unknown, and its std.
         """
@@ -103,25 +99,26 @@ class _Line:
         ratio = self.radius.total_std / self.radius.value * mean
         spread = np.diag(self.stds**2) + self.zero_std**2 + np.outer(ratio, ratio)
         spread += free @ free.T
-        far, known = np.linalg.solve(spread, np.column_stack([off, free[:, 0]])).T
+        far, seen = np.linalg.solve(spread, np.column_stack([off, free[:, 0]])).T
         size = off @ far + np.linalg.slogdet(2 * pi * spread)[1]
-        return -size / 2, off @ far, free[:, 0] @ far, np.sqrt(1 - free[:, 0] @ known)
+        return -size / 2, off @ far, free[:, 0] @ far, np.sqrt(1 - free[:, 0] @ seen)
 
     def turned(self, sign: int, zero: object) -> dict[str, object]:
         """Return the values of a motor that turns by another sign, with its zero."""
         signs = {f"sensors.{of.name}.sign": sign * of.sign for of in self.sensors}
-        return signs | {f"sensors.{self.bias}": zero}
+        return signs | {self.bias: zero}
 
     def causes(self) -> Iterator[Cause]:
         """Yield what would explain the ends."""
-        joint, diagonal = self.joint, np.diag(self.per_stop)
+        joint = self.joint
+        diagonal = np.diag(self.per_stop)
         size = max(self.judged(np.full((2, 1), std))[0] for std in (KNOWN, 2 * pi))
         moved = np.mean(self.off) / (2 * pi)
         yield size, f"its zero is {moved:.3f} turns off, or both ends of its range are", {}
         for at, free in enumerate(KNOWN * diagonal):
             size, _, x, std = self.judged(free[:, None])
             stops = list(joint.travel)
-            stops[int(self.per_stop[at] * WAYS[at] > 0)] += KNOWN * x
+            stops[int(self.arms[at] > 0)] += KNOWN * x
             low, high = np.rad2deg(stops)
             path = f"joints.{joint.name}.stops"
             values = {path: stops, f"{path}_std": max(joint.stops_std, KNOWN * std)}
@@ -130,7 +127,7 @@ class _Line:
         radius = self.radius.value / (1 + x)
         values = {f"drives.{self.name}.radius": {"value": radius, "std": radius * std / (1 + x)}}
         yield size, f"its radius is {1e3 * radius:.3g} mm, or its gear {1 + x:.3g} : 1", values
-        size = self.judged(NONE, -self.ends[::-1])[0]
+        size = self.judged(mean=-self.ends[::-1])[0]
         words = "it turns the other way, or its range has the wrong sign: look"
         yield size, words, self.turned(-1, -self.zero.value)
         if np.ptp(self.met) > np.ptp(self.ends):
@@ -139,10 +136,11 @@ class _Line:
 
     def exchanged(self, other: _Line) -> Cause:
         """Return that the motor is exchanged with another one."""
-        size, values = -other.judged(NONE)[0], dict[str, object]()
+        size = -other.judged()[0]
+        values = dict[str, object]()
         for a, b in ((self, other), (other, self)):
             same = a.sign * b.sign
-            size += b.judged(NONE, met=same * a.met[::same])[0]
+            size += b.judged(met=same * a.met[::same])[0]
             zero, radius = (of.model_dump(exclude_defaults=True) for of in (b.zero, b.radius))
             values |= a.turned(same, zero) | {f"drives.{a.name}.radius": radius}
             values |= {f"tendons.{tendon.name}.drive": b.name for tendon in a.tendons}
@@ -157,22 +155,25 @@ def doubts_of(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tuple[Fault, .
         rig: the hand as its file has it.
         sweeps: motor → its sweeps.
     """
-    pairs = [name for name in sweeps if is_pair(rig, name) and len(sweeps[name]) >= FEWEST_SWEEPS]
-    lines = [_Line(rig, name, sweeps[name]) for name in pairs]
-    found = list[Fault]()
+    lines = [
+        _Line(rig, name, of)
+        for name, of in sweeps.items()
+        if is_pair(rig, name) and len(of) >= FEWEST_SWEEPS
+    ]
+    doubts = list[Fault]()
     for line in lines:
         # exp(−d/2) is the probability of two numbers at least so far off
-        if line.judged(NONE)[1] < 2 * (log(len(lines)) - RARE):
+        if line.judged()[1] < 2 * (log(len(lines)) - RARE):
             continue
         causes = [*line.causes(), *(line.exchanged(other) for other in lines if other is not line)]
         causes.sort(key=lambda cause: -cause[0])
-        words = [said for size, said, _ in causes if size > causes[0][0] + RARE]
+        words = [cause[1] for cause in causes if cause[0] > causes[0][0] + RARE]
         values = causes[0][2]
         kind: FaultKind = "slack" if SLACK in words else "file" if values else "zero"
         off = np.rad2deg(line.off / line.per_stop)
-        said = (
+        sentence = (
             f"{line.name} ({line.joint.name}): the file has the ends of its travel {off[0]:.1f}° "
             f"and {off[1]:.1f}° of the joint off: {'; or '.join(words)}. {DONE[kind]}"
         )
-        found.append(Fault(kind, line.name, said + (ACCEPT if values else ""), values))
-    return tuple(found)
+        doubts.append(Fault(kind, line.name, sentence + (ACCEPT if values else ""), values))
+    return tuple(doubts)

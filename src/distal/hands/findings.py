@@ -129,16 +129,17 @@ def slack_of(found: Rig, rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tup
         tendons = rig.tendons_of(drive)
         slack = sum(tendon.slack.value for tendon in found.tendons_of(drive))
         more = slack - sum(tendon.slack.value for tendon in tendons)
-        stds = [
+        of_file, of_fit = (
             np.hypot.reduce([tendon.slack.total_std for tendon in of.tendons_of(drive)])
             for of in (rig, found)
-        ]
-        unsure = max(CLEARLY * stds[0], BAND * stds[1])
+        )
         longer, std = excess(rig, drive, sweeps[drive])
         # what moves the motor stretches both tendons, by half of this each
         level = float(np.median([abs(sweep.level) for sweep in sweeps[drive]]))
         stretch = level / rig.drive(drive).lever / tendons[0].stiffness.value
-        if longer > max(CLEARLY * std, BAND * std + stretch) or more > unsure:
+        if longer > max(CLEARLY * std, BAND * std + stretch) or more > max(
+            CLEARLY * of_file, BAND * of_fit
+        ):
             line = (
                 f"{drive} ({', '.join(tendons[0].joints)}): turns about "
                 f"{degrees(max(longer, more) / tendons[0].total_arm):.0f}° further than its range "
