@@ -77,3 +77,14 @@ def test_a_routine_becomes_a_calibrated_rig_and_says_what_moved(tmp_path: Path) 
     still = run("calibrate", str(table), "--rig", str(hand), "--out", str(out))
     assert isinstance(still.exception, LogError)
     assert load_rig(out) == found
+    # the same hand with a file in which a motor turns the other way
+    zero = found.sensors_of("position")[0].bias.value
+    turned = ("position.sign=-1", "current.sign=-1", f"position.bias={-zero}")
+    wrong = [f"--set=sensors.m1_{change}" for change in turned]
+    again = ("calibrate", str(routine), "--rig", str(out), "--out", str(tmp_path / "again.toml"))
+    done = run(*again, *wrong)
+    assert "it turns the other way" in " ".join(done.output.split())
+    assert load_rig(tmp_path / "again.toml").sensors[0].sign == -1
+    done = run(*again, *wrong, "--accept")
+    assert "corrected: m1" in " ".join(done.output.split())
+    assert load_rig(tmp_path / "again.toml").sensors[0].sign == 1

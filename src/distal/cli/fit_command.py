@@ -177,9 +177,12 @@ def calibrate_command(
     rig: RigOption,
     out: Annotated[Path, Option(help="Where to write the calibrated rig file.")],
     set_: SetOption = None,
+    accept: Annotated[
+        bool, Option("--accept", help="Correct what is likely wrong in the rig.")
+    ] = False,
 ) -> None:
     """Calibrate a hand by its power-on routine: zeros, play or tension, stiffness, friction, and
-    what is broken.
+    what is broken, or wrong in its rig.
     """
     from distal.hands import calibrate
     from distal.rig import edited_text, load_rig
@@ -187,8 +190,8 @@ def calibrate_command(
     check_command_outputs(to_file("--out", out, "a rig file"), logs=[log], rig=rig)
     description = load_rig(rig, set_ or ())
     with working("calibrating"):
-        found = calibrate(log, description)
-    _show(found.rig, {fault.drive for fault in found.faults if fault.kind != "slack"})
+        found = calibrate(log, description, accept=accept)
+    _show(found.rig, {fault.drive for fault in found.faults if fault.kind not in ("slack", "zero")})
     for fault in found.faults:
         warn(fault.sentence)
     for note in found.notes:

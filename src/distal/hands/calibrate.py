@@ -5,7 +5,7 @@ the ends of the joints' ranges.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from math import nan
@@ -15,12 +15,14 @@ import numpy as np
 
 from distal.errors import DistalWarning, FitError, LogError
 from distal.fitting.fitted_file import MARK, write_fitted
+from distal.hands.file_doubts import doubts_of
 from distal.hands.finger_fit import part_values
 from distal.hands.sweeps import Sweep, sweeps_of
 from distal.hands.tendon_faults import Fault, check_units, faults_of, slack_of
 from distal.logs import Log, Source, read_log
 from distal.regression import servos_of
 from distal.rig import Rig, as_rig, check_scales, independent_parts
+from distal.rig.hand_tables.rig_of_table import ASSUMED
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,7 @@ def calibrate(
     log: Log | Source,
     rig: Rig | str | Path,
     stopped: Mapping[str, str] | None = None,
+    accept: bool = False,
 ) -> Calibrated:
     """Return a hand with its zeros, spools, slack or pre-tension, friction and stiffness as its
     power-on routine shows them.
@@ -71,10 +74,16 @@ def calibrate(
     how well they are known (`stops_std`). Independent subsystems are calibrated separately, side by
     side. Gaps in the readings are filled by interpolation.
 
+    Where the ends of a motor's travel contradict the rig, the faults say what is likely wrong in
+    it. Only with `accept` is that corrected, and the notes say what was. Otherwise the motor keeps
+    the rig's numbers, and its zero is written as unknown, so that it gets no goals. A zero that has
+    moved is taken as it is found, and said.
+
     Args:
         log: of the power-on routine, or its file.
         rig: of the hand, or its name or path.
         stopped: motor whose routine ended too early → why; these motors are not calibrated.
+        accept: whether what is likely wrong in the rig is corrected.
 
     Raises:
         LogError: the log cannot be read, or no motor sweeps in it.
@@ -105,7 +114,12 @@ def calibrate(
             for fault in faults_of(rig, drive.name, sweeps[drive.name])
         ),
     )
-    faulty = {fault.drive for fault in faults}
+    moved = {fault.drive for fault in faults if fault.kind in ("slipped", "stopped")}
+    doubts = doubts_of(rig, {name: of for name, of in sweeps.items() if name not in moved})
+    if accept and any(doubt.values for doubt in doubts):
+        return _accepted(log, rig, stopped, doubts)
+    wrong = {doubt.drive: doubt for doubt in doubts if doubt.kind == "file"}
+    faulty = {fault.drive for fault in (*faults, *wrong.values())}
     values = dict[str, object]()
     parts = [part for part in independent_parts(rig) if part.rig.drives]
     sound = [part for part in parts if not faulty.intersection(part.rig.drive_names)]
@@ -124,10 +138,41 @@ def calibrate(
         for path, value in servos_of([log], rig).items()
         if path.split(".")[1] not in faulty
     }
+    for sensor in rig.sensors_of("position"):
+        if sensor.of in wrong:  # no goal goes to a motor whose zero is not known
+            unknown = {"value": sensor.bias.value, "std": ASSUMED.unknown_zero_std}
+            values[f"sensors.{sensor.name}.bias"] = unknown
     found_rig = rig.with_values(values)
-    sound_sweeps = {name: sweeps[name] for part in sound for name in part.rig.drive_names}
+    slackened = {doubt.drive for doubt in doubts if doubt.kind == "slack"}
+    sound_sweeps = {
+        name: sweeps[name]
+        for part in sound
+        for name in part.rig.drive_names
+        if name not in slackened
+    }
     slack = slack_of(found_rig, rig, sound_sweeps)
-    return Calibrated(found_rig, rig, values, (*faults, *slack), notes)
+    return Calibrated(found_rig, rig, values, (*doubts, *faults, *slack), notes)
+
+
+def _accepted(
+    log: Log, rig: Rig, stopped: Mapping[str, str], doubts: Sequence[Fault]
+) -> Calibrated:
+    """Return a hand calibrated after what is likely wrong in its rig is corrected."""
+    values = {path: value for doubt in doubts for path, value in doubt.values.items()}
+    corrected = rig.with_values(values)
+    signs = dict[str, int]()
+    for sensor, other in zip(rig.sensors, corrected.sensors):
+        signs[sensor.name] = signs[sensor.of] = sensor.sign * other.sign
+    turned = replace(
+        log,
+        channels={name: signs.get(name, 1) * v for name, v in log.channels.items()},
+        goals={name: signs.get(name, 1) * v for name, v in log.goals.items()},
+    )
+    after = calibrate(turned, corrected, stopped)
+    notes = [f"corrected: {d.sentence.partition('. ')[0]}" for d in doubts if d.values]
+    return replace(
+        after, start=rig, values={**values, **after.values}, notes=(*after.notes, *notes)
+    )
 
 
 def _bridged(log: Log) -> Log:

@@ -106,6 +106,8 @@ def _at_ends(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> dict[str, objec
                 "value": tendon.slack.value + more,
                 "std": float(np.hypot(tendon.slack.std, more)),
             }
+            # of a rig that was calibrated before; a tendon has either slack or tension
+            values[f"tendons.{tendon.name}.pretension"] = TENSION["slack"]
         way = sweeps[tendon.drive][0].way * tendon.winding
         for name, arm in tendon.arms().items():
             if joints[name].coupled is None:

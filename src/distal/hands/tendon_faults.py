@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import degrees
 from typing import Literal
 
 import numpy as np
 
-from distal.confidence import CLEARLY
+from distal.confidence import BAND, CLEARLY
 from distal.errors import FitError
 from distal.hands.sweeps import FEWEST_SWEEPS, STRONGEST, Sweep, contacts, is_pair, needed, unsure
 from distal.rig import Rig
 
-FaultKind = Literal["side", "slack", "broken", "slipped", "stopped"]
+FaultKind = Literal["side", "slack", "broken", "slipped", "stopped", "file", "zero"]
 
 SLIPPED = 4.0
 """Motion of the end of the travel between sweeps, at the joint, from which on a spool slipped
@@ -37,11 +37,13 @@ class Fault:
         kind: of the fault.
         drive: name of the motor.
         sentence: the fault in words.
+        values: path by names → value that corrects the file, where that may be wrong.
     """
 
     kind: FaultKind
     drive: str
     sentence: str
+    values: Mapping[str, object] = field(default_factory=dict)
 
 
 def faults_of(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Fault, ...]:
@@ -127,9 +129,17 @@ def slack_of(found: Rig, rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tup
         tendons = rig.tendons_of(drive)
         slack = sum(tendon.slack.value for tendon in found.tendons_of(drive))
         more = slack - sum(tendon.slack.value for tendon in tendons)
-        unsure = float(np.hypot.reduce([tendon.slack.total_std for tendon in tendons]))
+        of_file, of_fit = (
+            np.hypot.reduce([tendon.slack.total_std for tendon in of.tendons_of(drive)])
+            for of in (rig, found)
+        )
         longer, std = excess(rig, drive, sweeps[drive])
-        if longer > CLEARLY * std or more > CLEARLY * unsure:
+        # what moves the motor stretches both tendons, by half of this each
+        level = float(np.median([abs(sweep.level) for sweep in sweeps[drive]]))
+        stretch = level / rig.drive(drive).lever / tendons[0].stiffness.value
+        if longer > max(CLEARLY * std, BAND * std + stretch) or more > max(
+            CLEARLY * of_file, BAND * of_fit
+        ):
             line = (
                 f"{drive} ({', '.join(tendons[0].joints)}): turns about "
                 f"{degrees(max(longer, more) / tendons[0].total_arm):.0f}° further than its range "
