@@ -64,8 +64,8 @@ def test_bridges_of_gaps_are_left_out() -> None:
 
 
 def test_kernels_are_fed_by_the_driver_alone() -> None:
-    """Live estimators and inverses step loops of their own, many estimators together step lanes
-    and where there are none scan sample by sample; all others call `advance` or
+    """Live estimators, inverses and tendons in MuJoCo step loops of their own, many estimators lanes
+    or where there are none scan sample by sample; all others call `advance` or
     `advance_all`.
     """
     source = Path(distal.__file__).parent
@@ -76,6 +76,7 @@ def test_kernels_are_fed_by_the_driver_alone() -> None:
         if fed.search(path.read_text("utf-8"))
     )
     assert sorted(path for path in files if not path.startswith("kernels/")) == [
+        "bridges/mujoco.py",
         "bridges/torch.py",
         "inverse/live_inverse.py",
         "run/live_estimator.py",
