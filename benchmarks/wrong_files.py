@@ -14,8 +14,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from distal.rig.hand_tables.rig_of_table import hand_of
-from distal.rig.hand_tables.table_rows import Row
 from tests.support.servo_hands import ORCA, PERIOD, TORQUE_CONSTANT, Hands, Known, orca_like
 
 from benchmarks.report import table
@@ -23,6 +21,8 @@ from distal import Rig
 from distal.errors import RigError
 from distal.hands import Routine, RoutineOptions, calibrate
 from distal.logs import Log
+from distal.rig.hand_tables.rig_of_table import hand_of
+from distal.rig.hand_tables.table_rows import Row
 
 KINDS = ("range", "zero", "exchanged", "direction", "swapped", "turn", "gear", "radius")
 """What is wrong: an end of a range or a zero by 4 to 8°; both ends of a range exchanged; the

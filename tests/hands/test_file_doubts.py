@@ -9,8 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from distal.rig.hand_tables.rig_of_table import hand_of
-from distal.rig.hand_tables.table_rows import Row
 
 from distal import Rig
 from distal.errors import RigError
@@ -19,6 +17,8 @@ from distal.hands.file_doubts import doubts_of
 from distal.hands.hand import _without_zero
 from distal.hands.sweeps import Sweep
 from distal.rig import load_rig
+from distal.rig.hand_tables.rig_of_table import hand_of
+from distal.rig.hand_tables.table_rows import Row
 from tests.support.hands import calibrated, rig_of
 from tests.support.servo_hands import orca_like
 

@@ -64,9 +64,8 @@ def test_bridges_of_gaps_are_left_out() -> None:
 
 
 def test_kernels_are_fed_by_the_driver_alone() -> None:
-    """Live estimators, inverses and tendons in MuJoCo step loops of their own, many estimators lanes
-    or where there are none scan sample by sample; all others call `advance` or
-    `advance_all`.
+    """Live estimators, inverses and tendons in MuJoCo step loops of their own, many estimators
+    lanes, or scan sample by sample; all others call `advance` or `advance_all`.
     """
     source = Path(distal.__file__).parent
     fed = re.compile(r"(kernel|lanes|loop)(\(.*\))?\.(step|scan|lanes|loop)\(")
