@@ -46,9 +46,9 @@ class PlantClient:
             self.client._cur[number] = 1e3 * float(read["currents"][0, j])
         silent = REBOOT < at < REBOOT + SILENT
         # what the mock offers to make a read fail
-        reader = self.client._pos_vel_cur_reader
-        reader.last_read_ok = not (self.rng.random() < LOST or (silent and self.rng.random() < 0.5))
-        self.fails += not reader.last_read_ok
+        lost = self.rng.random() < LOST or (silent and self.rng.random() < 0.5)
+        self.client.last_read_ok = not lost
+        self.fails += lost
 
 
 def main() -> None:

@@ -181,6 +181,12 @@ class VirtualEncoders:
             self._frames += 1
         self._came.set()
 
+    def _valid(self) -> list[str]:
+        """Return the joints that are valid in the latest frame, in the order of its counts."""
+        frame = self._frame
+        ordered = sorted(self._slots, key=self._slots.__getitem__)
+        return [j for j in ordered if frame is not None and not frame.angle_error[self._slots[j]]]
+
     def get_latest(self) -> EncoderReading | None:
         """Return the latest frame; None before the first, and where the stream was stopped."""
         with self._lock:
@@ -194,26 +200,28 @@ class VirtualEncoders:
         stamp = None if self._frame is None else self._frame.timestamp
         return client.EncoderStreamStats(frames_ok=self._frames, last_frame_timestamp=stamp)
 
-    def loop(self, target_hz: int = 200) -> JointLoopThread:
+    def loop(self, target_hz: int = 200, timeout: float = 5.0) -> JointLoopThread:
         """Return `orca_core`'s closed loop on these encoders, with the gains of its configuration,
-        to be started, with `target_hz` cycles a second. It closes on the joints that are valid now
-        (`joint_names`); move others by their motors until they are.
+        to be started, with `target_hz` cycles a second. It closes on the joints that are valid now;
+        move others by their motors until they are.
 
         Its controller is `orca_core`'s too, but for joints that are not valid: they keep the
         correction that they had, since the error that they had last would be integrated for ever.
 
         Raises:
-            EstimationError: no joint is valid.
+            EstimationError: no joint is valid within the `timeout` [s].
         """
         control = import_module("orca_core.control.joint_controller")
-        frame = self._frame
-        order = [
-            joint
-            for joint in sorted(self._slots, key=self._slots.__getitem__)
-            if frame is not None and not frame.angle_error[self._slots[joint]]
-        ]
+        until = clock.monotonic() + timeout
+        while not (order := self._valid()) and clock.monotonic() < until:
+            clock.sleep(self._period)
         if not order:
-            raise EstimationError(f"no joint is valid: {self.hand.health().sentence}")
+            stds = self.hand.get_joint_stds()
+            bands = ", ".join(f"{joint} ± {BAND * stds[joint]:.3g}°" for joint in self._slots)
+            raise EstimationError(
+                f"no joint is valid within {timeout:g} s: {self.hand.health().sentence}; bands "
+                f"count up to ± {self._widest:g}° (widest): {bands}"
+            )
         slots = [self._slots[joint] for joint in order]
         encoders = self
 
