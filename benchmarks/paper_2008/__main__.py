@@ -36,7 +36,7 @@ def main() -> None:
     rows = [(group, str(sum(claim.group == group for claim in claims))) for group in GROUPS]
     table(f"{len(claims)} statements of the paper", ["of them", "number"], rows)
     say(
-        f"open {arguments.out}/index.html: a moving link, the rig, figures 2 to 5, all errors, and "
+        f"open {arguments.out}/index.html: the rig, figures 2 to 5, all errors, and "
         "why each statement holds or does not"
     )
 
