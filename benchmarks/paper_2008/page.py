@@ -292,7 +292,7 @@ def _moving_link(run: SeriesRun) -> list[str]:
         f"{degrees(estimate.rms_error()):.1f}°."
     )
     return [
-        heading("What the fan is"),
+        heading("What the band is"),
         paragraph(text),
     ]
 
