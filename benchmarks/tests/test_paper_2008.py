@@ -46,7 +46,9 @@ def test_reproduce(
     page = (folder / "index.html").read_text()
     assert page.count("<svg") == 7
     text = re.sub(r"<(script|style|svg).*?</\1>|<[^>]*>", " ", page, flags=re.DOTALL)
-    assert text.split("What the band is")[0].count("paper") == 0  # the reader's question comes first
+    assert (
+        text.split("What the band is")[0].count("paper") == 0
+    )  # the reader's question comes first
     assert not re.search(r"\bC1?[0-9]\b|as printed|as observed", said + text)
     assert "http" not in page.replace("http://www.w3.org", "").replace(
         "http://purl.org", ""

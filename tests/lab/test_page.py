@@ -26,7 +26,7 @@ def test_the_page_that_is_shown_is_of_now() -> None:
     for package, name in (
         ("tools.lab", "lab.js"),
         ("tools.lab", "lab.css"),
-        ("distal.reports", "chain.js"),
+        ("tools.lab", "chain.js"),
     ):
         shown = resources.files(package).joinpath(name).read_text(encoding="utf-8")
         assert shown in text

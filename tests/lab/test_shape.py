@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from tools.lab.chain_shape import chain_shape
 
 from distal import load_rig
-from distal.reports.chain_shape import chain_shape
 
 
 def test_tendons_cross_the_joints_with_their_arms() -> None:

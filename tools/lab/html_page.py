@@ -7,6 +7,7 @@ from __future__ import annotations
 import base64
 import json
 import re
+from collections.abc import Mapping
 from html import escape
 from math import inf, log, log1p
 from pathlib import Path
@@ -21,14 +22,14 @@ from distal.estimators.read_channels import DEAD
 from distal.export.c_text import filled
 from distal.export.plant_source import ExportedPlant, resting_inputs
 from distal.logs import write_whole
-from distal.reports.chain_shape import chain_shape, tension_scale
-from distal.reports.page import page, resource, script_with
+from distal.reports.page import page, resource
 from distal.results import COLOURS
 from distal.rig import Rig, angle_names, log_factor, number
 from distal.rig.joints import REACH
 from distal.run.health import HEALTH
 from distal.simulation.plant_motion import equilibrium
 from distal.units import unit_factor
+from tools.lab.chain_shape import chain_shape, tension_scale
 from tools.lab.webassembly import LabModule, lab_module
 
 WINDOW = 12.0
@@ -114,10 +115,10 @@ def lab_page(rig: Rig, path: str | Path, estimator: str | None = None, source: s
     parts = [
         f"<style>{resource('lab.css', 'tools.lab')}</style>",
         _body(rig, module, constants),
-        script_with(
+        _script_with(
             "lab-data",
             constants,
-            resource("chain.js"),
+            resource("chain.js", "tools.lab"),
             resource("lab.js", "tools.lab"),
         ),
     ]
@@ -129,6 +130,17 @@ def lab_page(rig: Rig, path: str | Path, estimator: str | None = None, source: s
     )
     write_whole(path, page(f"Lab: {rig.name}", lead, parts))
     return Path(path)
+
+
+def _script_with(name: str, table: Mapping[str, object], *scripts: str) -> str:
+    """Return the HTML of scripts and of the data that they read, which stand as JSON in an element
+    called `name`.
+    """
+    packed = json.dumps(table, separators=(",", ":")).replace("<", "\\u003c")
+    return (
+        f"<script type='application/json' id='{name}'>{packed}</script>\n"
+        f"<script>{''.join(scripts)}</script>"
+    )
 
 
 def _constants(rig: Rig, module: LabModule, source: str) -> dict[str, Any]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from html import escape
 from importlib import resources
 from typing import TYPE_CHECKING
@@ -87,14 +86,3 @@ def picture(svg: str, caption: str) -> str:
         svg: an SVG element, or the text of an SVG file.
     """
     return f"<figure>{svg[svg.index('<svg') :]}<figcaption>{escape(caption)}</figcaption></figure>"
-
-
-def script_with(name: str, table: Mapping[str, object], *scripts: str) -> str:
-    """Return the HTML of scripts and of the data that they read, which stand as JSON in an element
-    called `name`.
-    """
-    packed = json.dumps(table, separators=(",", ":")).replace("<", "\\u003c")
-    return (
-        f"<script type='application/json' id='{name}'>{packed}</script>\n"
-        f"<script>{''.join(scripts)}</script>"
-    )
