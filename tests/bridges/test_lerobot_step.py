@@ -105,6 +105,10 @@ def test_an_episode_begins_anew_and_a_motor_may_be_missing(module: ModuleType, p
     step = module.JointAngles(path)
     seen = {"observation": {"motor.pos": 0.1, "motor.current": 0.0}}
     first = step(seen)["observation"]
+    in_radians = module.JointAngles(path, unit="rad")(seen)["observation"]
+    for what in ("jaw.angle", "jaw.angle_std"):
+        assert first[what] == pytest.approx(np.rad2deg(in_radians[what]))
+    assert first["jaw.angle_std"] > 0.1
     step({"observation": {"motor.pos": 0.9}})
     step.reset()
     assert step(seen)["observation"] == first

@@ -23,7 +23,7 @@ N = 5
 
 def logs(name: str, samples: int = 40) -> list[Log]:
     rig = load_rig(name)
-    if name == "da-vinci-grasper":  # no scenario is of it: its drives swing
+    if name in ("da-vinci-grasper", "wrist-instrument"):  # their drives swing
         time = np.arange(samples) * 0.01
         channels = make_estimator(None, rig).channels
         swings = [{each: 0.1 * np.sin((3 + k) * time) for each in channels} for k in range(N)]
@@ -46,6 +46,8 @@ def run(estimator: BatchEstimator, of: list[Log]) -> list[Angles]:
     [
         ("lab-bench", True),
         ("lab-bench", False),
+        ("wrist-instrument", False),  # several joints
+        ("da-vinci-grasper", False),  # a learned map
         pytest.param("finger-2n", True, marks=pytest.mark.slow),
     ],
 )
