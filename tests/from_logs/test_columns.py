@@ -5,7 +5,7 @@ import pytest
 
 from distal.errors import LogError
 from distal.from_logs.column_names import name_evidence
-from distal.from_logs.column_values import value_evidence
+from distal.from_logs.column_values import _step, value_evidence
 from distal.from_logs.columns import Overrides, column_roles
 from distal.from_logs.raw_log import RawLog
 from tests.from_logs.logs import finger
@@ -194,3 +194,12 @@ def test_columns_whose_names_say_nothing_stay_a_guess() -> None:
         logs.append(RawLog(f"{k}", columns))
     found = column_roles(logs, NO_OVERRIDES)
     assert {c.sureness for c in found if c.role != "time"} == {"a guess"}
+
+
+def test_the_resolution_of_a_column() -> None:
+    """Numbers on a grid that repeat have its step; noise has none, nor have two values."""
+    rng = np.random.default_rng(0)
+    noise = rng.normal(0.0, 1.0, 2000)
+    assert _step(0.1 * np.round(noise / 0.1)) == pytest.approx(0.1)
+    assert _step(noise) == 0.0
+    assert _step(np.sign(noise)) == 0.0

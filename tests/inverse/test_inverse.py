@@ -113,10 +113,12 @@ def test_the_least_tension_is_kept_by_tendons_that_are_softer_than_the_file_says
 
 def test_a_drive_goes_no_further_than_its_range_and_it_is_said() -> None:
     rig = load_rig("paper-2008")
-    commands = finger(Inverse(rig, least_tension="2 N", compiled=False))
+    inverse = Inverse(rig, least_tension="2 N", compiled=False)
+    commands = finger(inverse)
     low, high = np.array([drive.stops for drive in rig.drives]).T
     assert np.all((commands.positions >= low) & (commands.positions <= high))
     assert any("left would have to go beyond its range" in note for note in commands.notes)
+    assert not finger(inverse, 0.0, 0.01).notes
 
 
 @pytest.mark.parametrize("desired", [30.0, 60.0, -60.0])
