@@ -121,6 +121,8 @@ def test_one_that_leaves_all_bounds_begins_anew_and_the_others_go_on() -> None:
 def test_what_it_refuses() -> None:
     with pytest.raises(EstimationError, match="a whole number of estimators from 1, 0 came"):
         BatchEstimator("lab-bench", 0)
+    with pytest.raises(EstimationError, match="from 1, True came"):
+        BatchEstimator("lab-bench", True)
     with pytest.raises(EstimationError, match="'cpu' or 'cuda', 'gpu' came"):
         BatchEstimator("lab-bench", 1, device="gpu")
     estimator = BatchEstimator("lab-bench", 2)
@@ -132,6 +134,10 @@ def test_what_it_refuses() -> None:
         estimator.step(0.01, good[:1])
     with pytest.raises(EstimationError, match="a sample is wild"):
         estimator.step(0.01, good + 1e12)
+    with pytest.raises(EstimationError, match="samples: an array of numbers"):
+        estimator.step(0.01, "many")  # type: ignore[arg-type]
+    with pytest.raises(EstimationError, match="which: of 2 estimators; index 5 is out of bounds"):
+        estimator.reset([5])
 
 
 def test_without_a_gpu_or_its_library_it_says_so() -> None:

@@ -104,7 +104,7 @@ class BatchEstimator:
     def __init__(
         self, rig: Rig | str | Path, n: int, estimator: str | None = None, device: str = "cpu"
     ) -> None:
-        if not isinstance(n, int) or n < 1:
+        if isinstance(n, bool) or not isinstance(n, int) or n < 1:
             raise EstimationError(f"n: a whole number of estimators from 1, {n!r} came")
         if device not in ("cpu", "cuda"):
             raise EstimationError(f"device: 'cpu' or 'cuda', {device!r} came")
@@ -136,8 +136,14 @@ class BatchEstimator:
 
         Args:
             which: a mask of NumPy, (n,), or their indices; by default all.
+
+        Raises:
+            EstimationError: there is no such estimator.
         """
-        self._begins[slice(None) if which is None else np.asarray(which)] = True
+        try:
+            self._begins[slice(None) if which is None else np.asarray(which)] = True
+        except IndexError as problem:
+            raise EstimationError(f"which: of {self._n} estimators; {problem}") from None
 
     def step(self, dt: float, samples: Floats) -> Angles:
         """Take in a sample of each estimator and return the joints' angles.
@@ -151,7 +157,10 @@ class BatchEstimator:
                 value is wild.
         """
         one = self._one
-        values = self._xp.asarray(samples, dtype=np.float64)
+        try:
+            values = self._xp.asarray(samples, dtype=np.float64)
+        except (TypeError, ValueError) as problem:
+            raise EstimationError(f"samples: an array of numbers; {problem}") from None
         if values.shape != (self._n, len(one.channels)):
             raise EstimationError(
                 f"samples must have shape ({self._n}, {len(one.channels)}) for {one.channels}, "
