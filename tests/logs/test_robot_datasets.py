@@ -18,6 +18,7 @@ from distal import estimate, load_rig, read_log, write_log
 from distal.cli.app import app
 from distal.errors import DistalWarning, LogError
 from distal.logs import Episode, Log, episodes_of
+from distal.logs.formats.hdf5 import _is_column
 from distal.rig import Rig
 from distal.rig.hand_tables.rig_of_table import hand_of
 from distal.rig.hand_tables.table_rows import Row
@@ -140,6 +141,7 @@ def test_hdf5_is_read_like_a_csv(tmp_path: Path, rig: Rig, runs: list[np.ndarray
         file["timestamp"] = run[:, 0]
         file["observations/state"] = run[:, 1:]
         file["images"] = np.zeros((len(run), 4, 4, 3), dtype=np.uint8)
+        file["task"] = [b"grasp"] * len(run)
     named = rig.with_values(
         {
             "sensors.motor_angle.column": "observations/state.0",
@@ -148,6 +150,8 @@ def test_hdf5_is_read_like_a_csv(tmp_path: Path, rig: Rig, runs: list[np.ndarray
     )
     plain = read_log(csv_of(tmp_path / "run.csv", rig, run), rig)
     log = read_log(path, named)
+    with h5py.File(path) as file:
+        assert [name for name, part in file.items() if _is_column(part)] == ["timestamp"]
     for name in plain.channels:
         np.testing.assert_array_equal(log.channels[name], plain.channels[name])
 

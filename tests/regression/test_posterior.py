@@ -302,3 +302,15 @@ def test_beside_a_filter_that_lacks_something_the_error_left_out_is_what_the_map
         logs.append(replace(log, **beside, variances=np.full((len(log.time), 1), 1e-4)))
     found = learned_map(logs, DESCRIBED, range(4))[0]
     assert found.rms[0] < 0.2 * np.std(np.vstack([log.targets for log in logs]))
+
+
+def test_a_slip_that_lies_anywhere_in_an_interval_has_a_third_of_its_square() -> None:
+    """A uniform distribution over ± d has the variance d²/3; those of several plays stand at one
+    end together.
+    """
+    log = evidence(5)
+    weights = Weights.of(SHAPE, PRIOR, [log])
+    slips = weights.mean[SHAPE.features["slips"]]
+    doubt = np.random.default_rng(0).uniform(0.0, 2.0, (len(log.target), len(slips)))
+    beside = weights._variance_beside(replace(log, doubt=doubt)) - weights._variance_beside(log)
+    np.testing.assert_allclose(beside, (doubt @ np.abs(slips)) ** 2 / 3)

@@ -45,6 +45,12 @@ def test_the_example_runs(tmp_path: Path) -> None:
     assert set(log.channels) == {"x1", "u1", "x2", "u2", "encoder"}
 
 
+@pytest.mark.parametrize("seed", [-1, 1.0, "one"])
+def test_a_seed_is_a_whole_number_from_0(seed: object) -> None:
+    with pytest.raises(ScenarioError, match="seed: must be a whole number from 0"):
+        simulate("paper-2008-printed", "series-2", seed=seed)  # type: ignore[arg-type]
+
+
 def test_same_seed_same_log_other_seed_same_truth() -> None:
     loaded = load_scenario("series-2")
     rig = scenario_rig(loaded)
