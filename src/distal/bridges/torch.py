@@ -198,23 +198,27 @@ class BatchEstimator:
     def _reported(self) -> Angles:
         """Return the angles as they are reported, with the learned maps."""
         xp = self._xp
-        layout = kernel_state_layout(self._size)
-        state, ys = (
-            xp.moveaxis(array, 1, 2).reshape(-1, array.shape[1])[: self._n]
-            for array in (self._arrays[0], self._arrays[2])
-        )
+        kernel_state, _, y = self._arrays
+        n = self._size
         joints = len(self.joints)
-        angles = state[:, :joints].copy()
-        diagonal = layout["covariance"].start + np.arange(joints) * (self._size + 1)
-        variances = state[:, diagonal]
+        first = kernel_state_layout(n)["covariance"].start
+
+        def rows(array: Floats, at: Sequence[int]) -> Floats:
+            chosen: Floats = xp.moveaxis(array[:, list(at)], 1, 2).reshape(-1, len(at))[: self._n]
+            return chosen
+
+        means = rows(kernel_state, range(n))
+        spreads = rows(kernel_state, range(first, first + n * n, n + 1))
+        angles = means[:, :joints].copy()
+        variances = spreads[:, :joints].copy()
         report = self._one.report.only(range(joints))
         if report.states:
             at = list(report.states)
-            gains = ys[:, list(report.gains)]
-            angles[:, at] = ys[:, list(report.values)]
-            variances[:, at] = variances[:, at] * gains * gains + ys[:, list(report.variances)]
-        # a sum would miss infinities of both signs
-        lost = ~(xp.isfinite(state).all(axis=1) & (abs(angles) <= LARGEST_ANGLE).all(axis=1))
+            gains = rows(y, report.gains)
+            angles[:, at] = rows(y, report.values)
+            variances[:, at] = variances[:, at] * gains * gains + rows(y, report.variances)
+        is_finite = (xp.isfinite(means) & xp.isfinite(spreads)).all(axis=1)
+        lost = ~is_finite | (abs(angles) > LARGEST_ANGLE).any(axis=1)
         self._begins |= self._here(lost) > 0
         return Angles(angles, xp.sqrt(xp.maximum(variances, 0.0)), lost)
 
