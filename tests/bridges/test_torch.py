@@ -105,6 +105,16 @@ def test_only_those_that_are_reset_begin_anew() -> None:
     assert kept.angles.shape == (N, 1)
 
 
+def test_one_that_begins_has_no_gap_behind_it() -> None:
+    first, later = logs("lab-bench"), BatchEstimator("lab-bench", N)
+    at_once = BatchEstimator("lab-bench", N)
+    for k, dt in enumerate((0.01, 0.01)):
+        found = later.step(0.05 if k == 0 else dt, values(later, first, k))
+        expected = at_once.step(dt, values(at_once, first, k))
+        assert found.angles == pytest.approx(expected.angles, abs=0)
+        assert found.stds == pytest.approx(expected.stds, abs=0)
+
+
 def test_one_that_leaves_all_bounds_begins_anew_and_the_others_go_on() -> None:
     of = logs("lab-bench")
     estimator = BatchEstimator("lab-bench", N)

@@ -7,10 +7,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from distal import Log, estimate, load_scenario, scenario_rig, simulate
+from distal import LiveEstimator, Log, estimate, load_rig, load_scenario, scenario_rig, simulate
 from distal.estimators.adaptive.drive_tracking import MEMORY, track_function
 from distal.estimators.adaptive.guards import Robustness
 from distal.kernels.layout import MISSING
+from distal.rig import build_rig
 
 
 def test_the_place_becomes_unknown_at_a_constant_rate() -> None:
@@ -51,3 +52,20 @@ def test_nothing_wrong_is_said_to_be_sure(name: str, channel: str, share: float)
     assert np.rad2deg(stds[:, 0]).min() > 5.0
     if len(rig.joints) == 1:  # in chains the other joints, too, are misled: docs/results/chains.md
         assert np.mean(np.abs(errors[:, 0]) < 1.96 * stds[:, 0]) > 0.95
+
+
+def test_the_usual_force_of_a_drive_at_its_stop_says_nothing() -> None:
+    """Without a force sensor the nominal force is compared; at a stop the stop takes some of it."""
+    raw = load_rig("paper-2008").model_dump()
+    raw["sensors"] = [sensor for sensor in raw["sensors"] if sensor["measures"] != "force"]
+    for drive in raw["drives"]:
+        drive["nominal_force"] = {"value": 3.0, "std": 1.0}
+    rig = build_rig(raw, "without force sensors")
+    live = LiveEstimator(rig, compiled=False)
+    left, right = (drive.stops for drive in rig.drives)
+    assert left is not None
+    assert right is not None
+    for k in range(20):
+        live.step(0.01 * k, np.array([left[0] - 1e-3, right[1] + 1e-3]))
+    assert np.isfinite(live.covariance).all()
+    assert np.deg2rad(1.0) < live.angle_std < np.deg2rad(20.0)

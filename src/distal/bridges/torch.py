@@ -28,7 +28,6 @@ from distal.estimators import LARGEST_ANGLE, SHORTEST, make_estimator
 from distal.estimators.read_channels import MOST_BRIDGES, fill, predictions
 from distal.kernels import Kernel, kernel_state_layout
 from distal.kernels.compiler import emitted
-from distal.kernels.layout import MISSING
 from distal.logs import LARGEST_READING
 from distal.rig import Rig, as_rig
 
@@ -188,9 +187,6 @@ class BatchEstimator:
         row[0] = self._xp.where(first, 0.0, dt / parts).reshape(row[0].shape)
         for rows_after in range(parts - 1, -1, -1):
             fill(row[1 : 1 + width], row[1 + width :], sample, is_finite, rows_after, one.bridged)
-            if rows_after:
-                # an estimator that begins has no gap behind it
-                row[1 + width :, first.reshape(row[0].shape)] = MISSING
             self._run(kernel_state, x, y)
         self._begins[:] = False
         return self._reported()
