@@ -46,7 +46,7 @@ def rig(counts: float | None = None, std: float = 0.5, **first: float) -> Rig:
 def sweeps(low: float, high: float, met: bool = True) -> tuple[Sweep, ...]:
     """Return sweeps between two places [rad]."""
     ends = {1: high, -1: low}
-    return tuple(Sweep(way, 0, 0.0, ends[way], met or way == 1) for way in (1, -1, 1, -1, 1))
+    return tuple(Sweep(way, 0, 0.0, 0.001, ends[way], met or way == 1) for way in (1, -1, 1, -1, 1))
 
 
 def found(

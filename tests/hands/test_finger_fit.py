@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from distal import Rig, estimate
 from distal.hands import calibrate, finger_fit
@@ -25,7 +26,7 @@ ARMS, SPOOL, LOW, HIGH = (12e-3, 6e-3), 9e-3, 0.0, 1.5
 
 def swept(way: int, contact: float, level: float = 0.04) -> Sweep:
     """Return a sweep that met something."""
-    return Sweep(way, 100, level, contact, True)
+    return Sweep(way, 100, level, 0.004, contact, True)
 
 
 def pair_rig() -> Rig:
@@ -55,24 +56,64 @@ SWEEPS = (swept(1, 2.0), swept(-1, -0.6), swept(1, 2.0), swept(-1, -0.6), swept(
 
 def test_the_zero_of_a_pair_puts_the_middle_of_its_travel_in_the_middle_of_the_range() -> None:
     rig = pair_rig()
-    found = rig.with_values(finger_fit._zeros(rig, {"m1": SWEEPS}))
+    found = rig.with_values(finger_fit._at_ends(rig, {"m1": SWEEPS}))
     motor, arm = found.drives[0], found.tendons[0].arms()["index_mcp"]
     assert isinstance(motor, Capstan)
     zero = found.sensors_of("position")[0].bias
-    low, high = rig.joints[0].travel
-    assert (0.7 - zero.value) * motor.radius.value / arm == pytest.approx((low + high) / 2)
-    # ends and slack are not known exactly, and the travel is not what the range needs
-    known = np.hypot(arm * rig.joints[0].stops_std, rig.tendons[0].slack.std) / motor.radius.value
-    needs = (arm * (high - low) + sum(t.slack.value for t in rig.tendons)) / motor.radius.value
-    assert zero.std == pytest.approx(np.hypot(known, abs(2.6 - needs) / 2))
+    assert (0.7 - zero.value) * motor.radius.value / arm == pytest.approx(
+        np.mean(rig.joints[0].travel), rel=1e-6
+    )
+
+
+@pytest.mark.parametrize("tension", [None, 3.0])
+@pytest.mark.parametrize("far", [0.9, 1.0])
+def test_radius_slack_and_zero_are_those_of_least_squares(
+    far: float, tension: float | None
+) -> None:
+    rig = pair_rig()
+    tendons = rig.tendons
+    if tension is not None:
+        values = {"slack": {"value": 0.0, "std": 0.0}, "pretension": {"value": tension, "std": 1.0}}
+        rig = rig.with_values(
+            {f"tendons.{t.name}.{key}": value for t in tendons for key, value in values.items()}
+        )
+    sweeps = tuple(swept(s.way, s.contact * far) for s in SWEEPS)
+    found = rig.with_values(finger_fit._at_ends(rig, {"m1": sweeps}))
+    drive = rig.drives[0]
+    assert isinstance(drive, Capstan)
+    ends = np.array(rig.joints[0].travel[::-1])
+    arms = np.array([tendon.arms()["index_mcp"] for tendon in tendons])
+    stiffness = tendons[0].stiffness.value
+    slack, slack_std = 0.3e-3, 0.25e-3
+    if tension is not None:
+        slack, slack_std = -tension / stiffness, 1.0 / stiffness
+    pull = 0.04 / drive.radius.value / stiffness
+    std = np.hypot(arms[0] * np.deg2rad(1.0), pull / np.sqrt(12))
+
+    def residuals(x: Any) -> Any:
+        zero, radius, slacks = x[0], x[1], x[2:]
+        winds = arms * ends + slacks + pull / 2
+        met = far * np.array([2.0, -0.6])
+        prior = [(radius - drive.radius.value) / drive.radius.std, *(slacks - slack) / slack_std]
+        return [*prior, *(((met - zero) * (1, -1) * radius - winds) / std)]
+
+    start = [0.7 * far, drive.radius.value, slack, slack]
+    best = least_squares(residuals, start, x_scale=[1.0, 1e-2, 1e-4, 1e-4], xtol=1e-14)
+    stds = np.sqrt(np.diag(np.linalg.inv(best.jac.T @ best.jac)))
+    radius = found.drives[0].radius  # type: ignore[union-attr]
+    parts = [found.sensors_of("position")[0].bias, radius, *(t.slack for t in found.tendons)]
+    assert [part.value for part in parts] == pytest.approx(best.x, rel=0.02, abs=2e-6)
+    assert [part.std for part in parts] == pytest.approx(stds, rel=0.03)
 
 
 def test_the_zero_of_one_tendon_has_all_joints_at_their_stops_where_it_ends() -> None:
     rig = finger()
     assert not is_pair(rig, "m")
-    found = rig.with_values(finger_fit._zeros(rig, {"m": SWEEPS}))
+    found = rig.with_values(finger_fit._at_ends(rig, {"m": SWEEPS}))
     zero = found.sensors_of("position")[0].bias.value
-    length = sum(ARMS) * HIGH + rig.tendons[0].slack.value
+    tendon = rig.tendons[0]
+    stretch = 0.04 / SPOOL / tendon.stiffness.value
+    length = sum(ARMS) * HIGH + tendon.slack.value + stretch / 2
     assert (2.0 - zero) * SPOOL == pytest.approx(length)
 
 
@@ -84,8 +125,8 @@ def test_the_first_sweep_leaves_the_joint_at_that_end() -> None:
         prior = rig.with_values(finger_fit._at_ends(rig, sweeps))
         assert prior.joints[0].initial.value == pytest.approx(end)
         assert prior.joints[0].initial.std == pytest.approx(np.deg2rad(1.0))
-        # the torque is known no better than the motor's friction
-        assert prior.sensors_of("force")[0].noise == rig.drives[0].friction.constant.std > 0.01
+        # the torque's noise is fitted, from that of the sweeps
+        assert prior.sensors_of("force")[0].noise == 0.004
 
 
 @dataclass
@@ -106,6 +147,7 @@ class Valley:
             (
                 SimpleNamespace(
                     paths=(number.path,),
+                    noise=False,
                     value=lambda z, number=number: number.value * np.exp(z),
                     coordinate=lambda value, number=number: np.log(value / number.value),
                 ),

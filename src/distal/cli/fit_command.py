@@ -213,19 +213,20 @@ def _show(rig: Rig, faulty: set[str]) -> None:
             continue
         tendons = rig.tendons_of(drive.name)
         arm = abs(next(iter(tendons[0].arms().values())))
-        if len(tendons) == 2 and not tendons[0].slack.absent:
-            state = f"{degrees(sum(tendon.slack.value for tendon in tendons) / arm):.1f}° of play"
-        elif len(tendons) == 2:
-            state = f"{sum(tendon.pretension.value for tendon in tendons) / 2:.2g} N"
-        else:
-            state = "one tendon"
+        stiffness = tendons[0].stiffness.value
+        state = "one tendon"
+        if len(tendons) == 2:
+            slack = sum(t.slack.value - t.pretension.value / stiffness for t in tendons)
+            tense = f"{-stiffness * slack / 2:.2g} N"
+            state = f"{degrees(slack / arm):.1f}° of play" if slack > 0 else tense
         position = next(sensor for sensor in rig.sensors_of("position") if sensor.of == drive.name)
         zero = (
             f"{degrees(position.sign * position.bias.value):.1f} ± {degrees(position.bias.std):.1f}"
         )
-        stiffness = f"{1e-3 * tendons[0].stiffness.value:.3g}"
         rub = f"{1e3 * drive.friction.constant.value:.0f}"
-        rows.append((drive.name, ", ".join(tendons[0].joints), zero, state, stiffness, rub))
+        rows.append(
+            (drive.name, ", ".join(tendons[0].joints), zero, state, f"{1e-3 * stiffness:.3g}", rub)
+        )
     table(
         "power-on routine",
         ["motor", "joints", "zero, °", "tendons", "stiffness, N/mm", "friction, mN m"],

@@ -156,9 +156,9 @@ def by_filter(
 
 def from_start(problem: Problem, start: Floats) -> ParameterEstimates:
     """Return the parameters with which a rig's filter predicts the readings best, by a search from
-    the coordinates `start`, (n,).
+    the coordinates `start`, (n,); each has a prior, and none stays at it.
     """
-    return _searched(problem, start, None)
+    return _searched(problem, start, None, may_hold=False)
 
 
 def among_models(
@@ -208,19 +208,25 @@ def _translated(
 
 
 def _searched(
-    problem: Problem, start: Floats, progress: Callable[[int, float], None] | None
+    problem: Problem,
+    start: Floats,
+    progress: Callable[[int, float], None] | None,
+    may_hold: bool = True,
 ) -> ParameterEstimates:
     """Return the estimates from the most likely parameters of a problem.
 
-    Parameters that the logs do not identify stay at their priors. Of those that show only together,
-    one after the other is held until the rest is identified.
+    Where they `may_hold`, parameters that the logs do not identify stay at their priors. Of those
+    that show only together, one after the other is held until the rest is identified.
     """
     problem, optimum = most_likely(problem, start, progress)
     if not problem.asks_equations and not optimum.interrupted:
         problem, optimum = _with_reference(problem, optimum, progress)
     uncertainty = uncertainty_at(problem, optimum.derivatives, optimum.z)
     may_stay = np.array(
-        [not part.noise and log is None and part.has_prior for part, log in problem.parts]
+        [
+            may_hold and not part.noise and log is None and part.has_prior
+            for part, log in problem.parts
+        ]
     )
     left = np.zeros(problem.size, dtype=bool)
     held = np.zeros(problem.size, dtype=bool)

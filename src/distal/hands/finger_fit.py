@@ -13,13 +13,12 @@ from distal.arrays import Floats
 from distal.errors import FitError
 from distal.fitting import Options
 from distal.fitting.free_parameter import assignments
-from distal.fitting.likelihood_search import most_likely
+from distal.fitting.likelihood_search import most_likely, search
 from distal.fitting.objective import Problem
-from distal.fitting.parameter_estimates import ParameterEstimates, from_start, problem_of
+from distal.fitting.parameter_estimates import from_start, problem_of
 from distal.hands.sweeps import Sweep, contacts, is_pair, needed
-from distal.hands.tendon_faults import excess
 from distal.logs import Log
-from distal.rig import Rig, Subsystem
+from distal.rig import Capstan, Rig, Sensor, Subsystem
 
 SPRUNG = 4.0
 """Std of a motor's torque about the model's in usual motion, in multiples of that in the slow
@@ -32,15 +31,18 @@ SPRINGS_APART = 0.35
 Source: benchmark (docs/results/hands.md).
 """
 
-TENSION = {"slack": {"value": 0.0, "std": 0.0}, "pretension": {"value": 2.0, "std": 2.0}}
-"""Slack [m] and prior of the pre-tension [N] of a pair that is not slack. Source: judgement."""
+UNKNOWN = 2 * np.pi
+"""Std of a zero before the ends of the travel were met [rad]. Source: definition (a turn)."""
+
+ITERATIONS = 3
+"""How often the ends are linearized anew. Source: rounding (5e-6 rad, travel 20 % off)."""
 
 
 def part_values(
     log: Log, part: Subsystem, sweeps: Mapping[str, Sequence[Sweep]]
 ) -> dict[str, object]:
-    """Return path by names → value of the parameters of one independent subsystem, whose pairs of
-    tendons are slack or under tension, whichever is likelier.
+    """Return path by names → value of the parameters of one independent subsystem; tendons of a
+    pair under tension have a negative slack.
 
     Args:
         log: of the power-on routine.
@@ -61,53 +63,42 @@ def part_values(
         {},
         log.source,
     )
-    pairs = [tendon.name for tendon in rig.tendons if is_pair(rig, tendon.drive)]
-    tense: dict[str, object] = {
-        f"tendons.{name}.{key}": value for name in pairs for key, value in TENSION.items()
-    }
-    found = list[tuple[float, dict[str, object], ParameterEstimates]]()
-    for form in ({}, tense) if pairs else ({},):
-        prior = rig.with_values(_at_ends(rig, sweeps) | form)
-        problem = problem_of([cut], prior, Options(noise=False, workers=1))
-        parameters = from_start(problem, _likeliest(problem, prior))
-        # searches weight their channels differently, so that only unweighted costs can be compared
-        found.append((float(problem.costs([parameters.optimum.z])[0]), form, parameters))
-    cost, form, parameters = min(found, key=lambda one: one[0])
-    if not np.isfinite(cost):
+    pairs = all(is_pair(rig, name) for name in drives)
+    at_ends = _at_ends(rig, sweeps)
+    prior = rig.with_values(at_ends)
+    problem = problem_of([cut], prior, Options(noise=pairs, workers=1))
+    parameters = from_start(problem, _likeliest(problem, prior))
+    if not np.isfinite(parameters.optimum.cost):
         raise FitError(
             f"{log.source}: no rig with the motors {', '.join(drives)} moves as this log does"
         )
     fitted = parameters.problem.filter.rig
-    values = _at_ends(rig, sweeps) | form | assignments(parameters.fitted, fitted)
-    if not pairs:
-        for sensor in fitted.sensors_of("force"):
-            values[f"sensors.{sensor.name}.noise"] = SPRUNG * sensor.noise
+    values = at_ends | assignments(parameters.fitted, fitted)
+    for sensor in fitted.sensors_of("force"):
+        # friction is not the same everywhere, and the rig says how well it is known
+        friction = rig.drive(sensor.of).friction.constant.total_std
+        noise = max(sensor.noise, friction) if pairs else SPRUNG * sensor.noise
+        values[f"sensors.{sensor.name}.noise"] = noise
     return _with_ranges(
         rig, {path: v for path, v in values.items() if not path.endswith((".initial", ".hold"))}
     )
 
 
 def _at_ends(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> dict[str, object]:
-    """Return path by names → prior by the ends of the sweeps: zeros of motors, angles of joints at
-    the end of the first sweep, noise of torques.
+    """Return path by names → prior by the ends of the sweeps: zeros and radii of motors, slack,
+    angles of joints at the end of the first sweep, noise of torques.
     """
-    values = _zeros(rig, sweeps)
-    friction = {drive.name: drive.friction.constant.total_std for drive in rig.drives}
+    values = dict[str, object]()
     for sensor in rig.sensors_of("force"):
         # friction is not the same everywhere, and the rig says how well it is known
-        values[f"sensors.{sensor.name}.noise"] = max(sensor.noise, friction[sensor.of])
+        noise = rig.drive(sensor.of).friction.constant.total_std
+        if is_pair(rig, sensor.of):  # it is fitted, from what the free motion shows
+            noise = max(sweep.noise for sweep in sweeps[sensor.of])
+        values[f"sensors.{sensor.name}.noise"] = max(sensor.noise, noise)
+    for sensor in rig.sensors_of("position"):
+        values |= _by_contacts(rig, sensor, sweeps[sensor.of])
     joints = {joint.name: joint for joint in rig.joints}
     for tendon in rig.tendons:
-        if is_pair(rig, tendon.drive):
-            # what the motor clearly turns too far may be slack of both tendons
-            longer, std = excess(rig, tendon.drive, sweeps[tendon.drive])
-            more = max(longer - std, 0.0) / 2
-            values[f"tendons.{tendon.name}.slack"] = {
-                "value": tendon.slack.value + more,
-                "std": float(np.hypot(tendon.slack.std, more)),
-            }
-            # of a rig that was calibrated before; a tendon has either slack or tension
-            values[f"tendons.{tendon.name}.pretension"] = TENSION["slack"]
         way = sweeps[tendon.drive][0].way * tendon.winding
         for name, arm in tendon.arms().items():
             if joints[name].coupled is None:
@@ -118,37 +109,56 @@ def _at_ends(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> dict[str, objec
     return values
 
 
-def _zeros(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> dict[str, object]:
-    """Return path by names → prior of each motor's zero, with which its tendons take up at the ends
-    of its travel what the joints' ranges need.
+def _by_contacts(rig: Rig, sensor: Sensor, sweeps: Sequence[Sweep]) -> dict[str, object]:
+    """Return path by names → a motor's zero and radius and its tendons' slack, as the ends of the
+    travel and the rig tell them together (Kalman, J. Basic Engineering 82, 1960, iterated).
 
-    An end is at (Σ arm · stop + slack)/radius from the zero, and is known as well as these. One
-    tendon meets an end only where it winds.
+    A tendon meets its end at zero ± (Σ arm · stop + slack)/radius, as well as the stops are known.
+    A pre-tension T is the slack −T/k.
     """
+    drive = rig.drive(sensor.of)
+    assert isinstance(drive, Capstan)
+    tendons = rig.tendons_of(drive.name)
     joints = {joint.name: joint for joint in rig.joints}
-    values = dict[str, object]()
-    for sensor in rig.sensors_of("position"):
-        tendons = rig.tendons_of(sensor.of)
-        drive = rig.drive(sensor.of)
-        zeros = []
-        for tendon in tendons:
-            arms = tendon.arms()
-            stops = [arm * joints[name].travel[1 if arm > 0 else 0] for name, arm in arms.items()]
-            away = tendon.winding * (sum(stops) + tendon.slack.value) / drive.lever
-            met = contacts(sweeps[sensor.of], tendon.winding)
-            zeros.append(float(np.mean(met)) - away)
-        unsure = [arm * joints[name].stops_std for name, arm in arms.items()]
-        std = np.hypot.reduce([*unsure, tendon.slack.std]) / drive.lever
-        values[f"sensors.{sensor.name}.bias"] = {
-            "value": float(np.mean(zeros)),
-            "std": float(np.hypot(std, np.std(zeros))),
-        }
+    # some part of what moves the motor stretches the tendon before the joint moves
+    level = np.median([abs(sweep.level) for sweep in sweeps]) / drive.lever
+    ways = np.array([tendon.winding for tendon in tendons], dtype=np.float64)
+    met, lengths, unsure, slacks, stds = [], [], [], [], []
+    for tendon in tendons:
+        arms = tendon.arms()
+        stiffness = tendon.stiffness.value
+        stretch = level / stiffness
+        stops = [arm * joints[name].travel[1 if arm > 0 else 0] for name, arm in arms.items()]
+        off = [arm * joints[name].stops_std for name, arm in arms.items()]
+        at = contacts(sweeps, tendon.winding)
+        met.append(np.mean(at))
+        lengths.append(sum(stops) + stretch / 2)
+        unsure.append(np.hypot.reduce([*off, stretch / np.sqrt(12), drive.lever * np.std(at)]))
+        slacks.append(tendon.slack.value - tendon.pretension.value / stiffness)
+        stds.append(np.hypot(tendon.slack.total_std, tendon.pretension.total_std / stiffness))
+    zero = np.mean(met - ways * np.add(lengths, slacks) / drive.lever)
+    prior = np.array([zero, drive.lever, *slacks])
+    covariance = np.diag(np.square([UNKNOWN, drive.radius.total_std, *stds]))
+    x = prior
+    for _ in range(ITERATIONS):
+        away = ways * (lengths + x[2:]) / x[1]
+        slopes = np.column_stack([np.ones(len(ways)), -away / x[1], np.diag(ways / x[1])])
+        crossed = slopes @ covariance
+        seen = crossed @ slopes.T + np.diag(np.square(unsure) / x[1] ** 2)
+        gain = np.linalg.solve(seen, crossed).T
+        x = prior + gain @ (met - x[0] - away - slopes @ (prior - x))
+    names = [f"sensors.{sensor.name}.bias", f"drives.{drive.name}.radius"]
+    names += [f"tendons.{tendon.name}.slack" for tendon in tendons]
+    none = {"value": 0.0, "std": 0.0}
+    values: dict[str, object] = {f"tendons.{t.name}.pretension": none for t in tendons}
+    for name, value, variance in zip(names, x, np.diag(covariance - gain @ crossed)):
+        values[name] = {"value": float(value), "std": float(np.sqrt(variance))}
     return values
 
 
 def _likeliest(problem: Problem, prior: Rig) -> Floats:
-    """Return where the search for the parameters begins, (n,): at the priors' means, or where
-    joints have springs, at the likeliest end of several searches.
+    """Return where the search for the parameters begins, (n,): at the end of one for some of them,
+    or where joints have springs, at the likeliest end of several searches.
 
     A joint at its stop shows as a bend of the torque, and the same bends may be those of other
     joints. So each further search begins with the bends of two joints exchanged, until none ends
@@ -157,6 +167,11 @@ def _likeliest(problem: Problem, prior: Rig) -> Floats:
     best = np.zeros(problem.size)
     exchanges = _exchanges(problem, prior)
     if not exchanges:
+        # friction first, since a wrong torque draws all else away; noise last
+        frictions = [part.paths[0].endswith("friction.constant") for part, _ in problem.parts]
+        noises = [part.noise for part, _ in problem.parts]
+        for fixed in (~np.array(frictions), np.array(noises)):
+            best = search(problem, best, fixed=fixed).z
         return best
     best = most_likely(problem, best)[1].z
     likelier = True
@@ -200,8 +215,8 @@ def _exchanges(problem: Problem, prior: Rig) -> list[tuple[int, int, float]]:
 
 
 def _with_ranges(rig: Rig, values: Mapping[str, object]) -> dict[str, object]:
-    """Return the values with wider stds: radii and zeros are known no better than the joints'
-    ranges by which they were found, and springs no better than `SPRINGS_APART`.
+    """Return the values with wider stds: radii, zeros and slack are known no better than the ranges
+    of joints by which they were found, and springs no better than `SPRINGS_APART`.
     """
     wider = dict(values)
 
@@ -222,4 +237,6 @@ def _with_ranges(rig: Rig, values: Mapping[str, object]) -> dict[str, object]:
         radius = np.sqrt(2) * off * drive.lever**2 / needed(rig, drive.name)
         widen(f"drives.{drive.name}.radius", radius)
         widen(f"sensors.{sensor.name}.bias", off / np.sqrt(2))
+        for tendon in rig.tendons_of(drive.name) if is_pair(rig, drive.name) else ():
+            widen(f"tendons.{tendon.name}.slack", off * drive.lever)
     return wider

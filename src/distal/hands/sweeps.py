@@ -50,6 +50,7 @@ class Sweep:
 
     Args:
         level: torque that moves the motor, positive in the direction of the sweep [N m].
+        noise: std of the torque about that level [N m].
         contact: where the torque begins to rise at the end, or else where the sweep ends [rad].
         resisted: whether the sweep met an end.
     """
@@ -57,6 +58,7 @@ class Sweep:
     way: int
     end: int
     level: float
+    noise: float
     contact: float
     resisted: bool
 
@@ -200,4 +202,4 @@ def _sweep(positions: Floats, torques: Floats, end: int) -> Sweep:
             slope, beginning = np.polyfit(going[line], pull[line], 1)
             if slope > 0.0:
                 contact = float(np.clip((level - beginning) / slope, low, high))
-    return Sweep(way, end, level, way * contact, resisted)
+    return Sweep(way, end, level, noise, way * contact, resisted)

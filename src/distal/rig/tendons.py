@@ -12,7 +12,6 @@ from distal.rig.quantities import (
     ZERO,
     Coefficient,
     Description,
-    Displacement,
     In,
     Load,
     Name,
@@ -122,9 +121,9 @@ class Tendon(Description):
     stiffness: Stiffness = Field(description="spring constant k")
     damping: Annotated[Parameter, In("N s/m", "nonnegative")] = Field(ZERO, description="c")
     pretension: Load = Field(ZERO, description="tension where angles and drive are at zero")
-    slack: Displacement = Field(
+    slack: Annotated[Parameter, In("m")] = Field(
         ZERO,
-        description="pull until it is taut where angles and drive are at zero",
+        description="pull until it is taut at zero angles and drive; negative if tense",
     )
     stiffening: Annotated[Parameter, In("1/m", "nonnegative")] = Field(
         ZERO, description="a, growth of stiffness with tension"

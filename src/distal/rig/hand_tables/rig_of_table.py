@@ -45,7 +45,7 @@ class AssumedOfHands:
     radius: float = 8e-3
     ratio_std: float = 0.03
     unknown_ratio_std: float = 0.25
-    stiffness_std: float = 0.4
+    stiffness_std: float = 0.6
     zero_std: float = radians(5.0)
     unknown_zero_std: float = radians(60.0)
     calibrated_zero_std: float = radians(4.0)
