@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 STAMP := $(VENV)/.installed-dev
 
-.PHONY: help demo test test-all test-fast test-changed journeys coverage lint docs lab bench accuracy results strangers reliability shipped clean
+.PHONY: help demo test test-all test-fast test-changed journeys coverage lint docs lab lerobot bench accuracy results strangers reliability shipped clean
 
 help:
 	@echo "make demo       reproduce the paper: figures, results and a page in out/reproduce"
@@ -23,6 +23,7 @@ help:
 	@echo "make results    the other tables of docs/results: exports, guards, imported models, soak, studies (hours)"
 	@echo "make strangers  rigs and logs that distal was not built with, beside release 0.1"
 	@echo "make reliability  20,000 hostile rigs, logs and stream inputs each (6 minutes)"
+	@echo "make lerobot    copies of LeRobot datasets, read by two releases of LeRobot in environments of their own (gigabytes)"
 	@echo "make clean      remove .venv, out and caches"
 
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
@@ -152,6 +153,13 @@ results: $(STAMP)
 	$(BIN)/python -m benchmarks.long_log
 	$(BIN)/python -m benchmarks.study
 	$(BIN)/python -m benchmarks.batch_estimator
+
+lerobot: $(INSTALLED)
+	for release in 0.4.4 0.3.3; do \
+	  $(PYTHON) -m venv out/lerobot-$$release && \
+	  out/lerobot-$$release/bin/pip install --quiet -e '.[parquet]' "lerobot==$$release" "numpy<2.4" && \
+	  out/lerobot-$$release/bin/python -m benchmarks.lerobot_round_trip || exit 1; \
+	done
 
 strangers: $(STAMP)
 	$(BIN)/python -m benchmarks.strangers --compare benchmarks/recorded/release-0.1.json

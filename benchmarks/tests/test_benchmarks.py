@@ -40,6 +40,7 @@ SMALLEST: dict[str, tuple[str, ...]] = {
     "motor_faults": ("--episodes", "1"),
     "out_of_reach": ("--cases", "1"),
     "from_logs": ("columns", "--rigs", "1"),
+    "lerobot_round_trip": ("--sets", "1"),
     "learned": ("plants", "--only", "wrist-instrument"),
     "fit_command": ("lacking", "--rigs", "1", "--first-seed", "300"),
 }

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from distal import Rig, estimate, load_rig, read_log
 from distal.bridges.lerobot import ANGLE, STD, WORD, with_angles
 from distal.cli.app import app
-from distal.errors import EstimationError, LogError, OutputError
+from distal.errors import DistalWarning, EstimationError, LogError, OutputError
 from distal.logs import episodes_of
 from distal.rig import edited_text
 from distal.run.health import HEALTH
@@ -37,7 +37,8 @@ def table(number: int, rows: int) -> pa.Table:
     """Return the table of an episode."""
     rng = np.random.default_rng(number)
     position = np.cumsum(rng.normal(0.0, 2e-3, rows))
-    state = np.column_stack([position, 0.02 * np.sign(np.gradient(position))]).astype(np.float32)
+    torque = 0.02 * np.sign(np.gradient(position) if rows > 1 else position)
+    state = np.column_stack([position, torque]).astype(np.float32)
     columns = {
         "observation.state": pa.FixedSizeListArray.from_arrays(pa.array(state.ravel()), 2),
         "timestamp": pa.array((np.arange(rows) / 200.0).astype(np.float32)),
@@ -48,7 +49,7 @@ def table(number: int, rows: int) -> pa.Table:
     return pa.table(columns).replace_schema_metadata({"huggingface": json.dumps(known)})
 
 
-def dataset(folder: Path, version: int) -> Path:
+def dataset(folder: Path, version: int, lengths: tuple[int, ...] = ROWS) -> Path:
     """Write a dataset of three episodes with statistics and a video."""
     meta, data = folder / "meta", folder / "data" / "chunk-000"
     data.mkdir(parents=True)
@@ -56,7 +57,7 @@ def dataset(folder: Path, version: int) -> Path:
     (folder / "videos" / "a.mp4").write_bytes(bytes(range(256)))
     names = ["motor.pos", "motor.current"]
     features = {"observation.state": {"dtype": "float32", "shape": [2], "names": names}}
-    tables = [table(number, rows) for number, rows in enumerate(ROWS)]
+    tables = [table(number, rows) for number, rows in enumerate(lengths)]
     meta.mkdir()
     info = {"codebase_version": f"v{version}.0", "fps": 200, "features": features}
     (meta / "info.json").write_text(json.dumps(info))
@@ -153,6 +154,40 @@ def test_several_joints_are_a_vector_and_rows_without_an_estimate_are_nan(tmp_pa
     joints = len(rig.joint_names)
     assert table.schema.field(ANGLE).type == pa.list_(pa.float32(), joints)
     assert np.isfinite(np.vstack(table[ANGLE].to_pylist())).all()
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_an_episode_that_cannot_be_estimated_takes_nothing_from_the_others(
+    tmp_path: Path, rig: Rig, version: int
+) -> None:
+    """Its statistics are those of all rows, with a count of 0: means of means hold."""
+    source = dataset(tmp_path / "set", version, (20, 1, 30))
+    with pytest.warns(DistalWarning, match="no angles in episode_000001: .* has one row"):
+        written = with_angles(source, rig, tmp_path / "new")
+    assert written.words == {"untested": pytest.approx(50 / 51), "bad": pytest.approx(1 / 51)}
+    tables = [
+        pq.read_table(path) for path in sorted((tmp_path / "new" / "data").rglob("*.parquet"))
+    ]
+    angles = pa.concat_tables(tables)[ANGLE].to_numpy()
+    assert np.flatnonzero(np.isnan(angles)).tolist() == [20]
+    meta = tmp_path / "new" / "meta"
+    if version == 2:
+        lines = (meta / "episodes_stats.jsonl").read_text().splitlines()
+        stats = [json.loads(line)["stats"][ANGLE] for line in lines]
+    else:
+        rows = pq.read_table(meta / "episodes" / "file.parquet").to_pylist()
+        stats = [{what: row[f"stats/{ANGLE}/{what}"] for what in LIKE} for row in rows]
+    assert [of["count"] for of in stats] == [[20], [0], [30]]
+    assert stats[1]["mean"][0] == pytest.approx(np.nanmean(angles), abs=1e-6)
+    assert stats[2]["max"][0] == pytest.approx(angles[21:].max(), abs=1e-6)
+
+
+def test_a_copy_of_a_dataset_that_nobody_may_write_can_be_written(tmp_path: Path, rig: Rig) -> None:
+    source = dataset(tmp_path / "set", 3)
+    for path in (source, *source.rglob("*")):
+        path.chmod(0o555)
+    folder = with_angles(source, rig, tmp_path / "new").folder
+    assert all(path.stat().st_mode & 0o200 for path in (folder, *folder.rglob("*")))
 
 
 def test_nothing_is_written_where_it_must_not_be(tmp_path: Path, rig: Rig) -> None:

@@ -67,10 +67,9 @@ def table(number: int, run: np.ndarray) -> pa.Table:
     )
 
 
-def dataset(folder: Path, runs: list[np.ndarray], version: int) -> Path:
+def dataset(folder: Path, runs: list[np.ndarray], version: int, names: object = NAMES) -> Path:
     """Write a dataset."""
     (folder / "meta").mkdir(parents=True)
-    names = list(NAMES) if version == 2 else {"motors": list(NAMES)}
     features = {"observation.state": {"dtype": "float32", "shape": [2], "names": names}}
     info = {
         "codebase_version": f"v{version}.0",
@@ -113,6 +112,17 @@ def test_episodes_are_the_logs_that_a_csv_of_the_same_values_is(
         )
         np.testing.assert_allclose(result.angles, plain.angles, rtol=0, atol=1e-12)
         np.testing.assert_allclose(result.angle_stds, plain.angle_stds, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "names", [{"motors": NAMES}, [NAMES], {name: k for k, name in enumerate(NAMES)}]
+)
+def test_names_of_motors_come_in_groups_nested_or_with_their_positions(
+    tmp_path: Path, rig: Rig, runs: list[np.ndarray], names: object
+) -> None:
+    (episode,) = episodes_of(dataset(tmp_path / "set", runs[:1], 2, names))
+    log = read_log(episode, rig)
+    np.testing.assert_array_equal(log.channels["motor_angle"], runs[0][:, 1].astype(np.float64))
 
 
 def test_a_vector_without_names_has_numbers(tmp_path: Path, runs: list[np.ndarray]) -> None:

@@ -10,16 +10,17 @@ from __future__ import annotations
 import json
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+import warnings
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from distal.arrays import Floats
-from distal.errors import LogError, OutputError
-from distal.logs import Episode, Log, episodes_of, read_log
+from distal.errors import DistalError, DistalWarning, LogError, OutputError
+from distal.logs import Episode, episodes_of, read_log
 from distal.logs.cells import INFO, dataset_info
 from distal.rig import Rig, as_rig
 from distal.run import HEALTH, estimate, log_health
@@ -32,6 +33,10 @@ ANGLE, STD, WORD = (f"observation.joint_{what}" for what in ("angle", "angle_std
 NEAR = 1e-5
 """Distance of a stamp of a dataset from that of the same row in a log [s]. Source: rounding (stamps
 are of single precision)."""
+
+
+New: TypeAlias = dict[str, Floats]
+"""Name of a feature → its values, a row each."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +95,9 @@ def with_angles(
         raise OutputError(f"{into}: {problem.strerror or problem}") from None
     try:
         shutil.copytree(dataset, half, dirs_exist_ok=True)
-        values: dict[int, dict[str, Floats]] = {}
+        for path in (half, *half.rglob("*")):
+            path.chmod(path.stat().st_mode | 0o200)  # the original may be read-only
+        values: dict[int, New] = {}
         for path in dict.fromkeys(episode.path for episode in episodes):
             values |= _extended(half / path.relative_to(dataset), path, columns[path])
         _describe(half, info, rig, values, unit)
@@ -109,25 +116,40 @@ def with_angles(
 
 def _columns(
     episodes: list[Episode], rig: Rig, scale: float
-) -> dict[Path, dict[int, tuple[Floats, dict[str, Floats]]]]:
-    """Return file → episode → its stamps [s] and new values, of the rows that were read."""
-    by_file: dict[Path, dict[int, tuple[Floats, dict[str, Floats]]]] = {}
+) -> dict[Path, dict[int, tuple[Floats, New]]]:
+    """Return file → episode → its stamps [s] and new values, of the rows that were read; NaN for an
+    episode that cannot be estimated, with a warning.
+    """
+    by_file: dict[Path, dict[int, tuple[Floats, New]]] = {}
+    problems: dict[Episode, DistalError] = {}
+    none = np.full((1, len(rig.joints)), np.nan)
     for episode in episodes:
-        log: Log = read_log(episode, rig)
-        estimated = estimate(log, rig)
-        words = [word_code(word) for word in log_health(log, rig)]  # type: ignore[arg-type]
-        new = {
-            ANGLE: scale * estimated.angles,
-            STD: scale * estimated.angle_stds,
-            WORD: np.array(words, dtype=np.float64)[:, None],
-        }
-        by_file.setdefault(episode.path, {})[episode.number] = (log.time, new)
+        new = none[0], {ANGLE: none, STD: none, WORD: none[:, :1]}
+        try:
+            log = read_log(episode, rig)
+            estimated = estimate(log, rig)
+            words = [word_code(word) for word in log_health(log, rig)]  # type: ignore[arg-type]
+            new = (
+                log.time,
+                {
+                    ANGLE: scale * estimated.angles,
+                    STD: scale * estimated.angle_stds,
+                    WORD: np.array(words, dtype=np.float64)[:, None],
+                },
+            )
+        except DistalError as problem:
+            problems[episode] = problem
+        by_file.setdefault(episode.path, {})[episode.number] = new
+    for episode, error in problems.items():
+        if len(problems) == len(episodes):
+            raise error
+        warnings.warn(f"no angles in {episode.name}: {error}", DistalWarning, stacklevel=3)
     return by_file
 
 
 def _extended(
-    target: Path, source: Path, estimates: Mapping[int, tuple[Floats, dict[str, Floats]]]
-) -> dict[int, dict[str, Floats]]:
+    target: Path, source: Path, estimates: Mapping[int, tuple[Floats, New]]
+) -> dict[int, New]:
     """Write a file of a dataset with the new columns, and return episode → its new values."""
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -135,8 +157,8 @@ def _extended(
     table = pq.read_table(source)
     of_episode = table["episode_index"].to_numpy()
     stamps = table["timestamp"].to_numpy().astype(np.float64)
-    values: dict[int, dict[str, Floats]] = {}
-    columns: dict[str, Floats] = {}
+    values: dict[int, New] = {}
+    columns: New = {}
     for number, (time, new) in estimates.items():
         rows = np.flatnonzero(of_episode == number)
         at = np.searchsorted(time, stamps[rows] - NEAR).clip(0, len(time) - 1)
@@ -169,7 +191,7 @@ def _describe(
     folder: Path,
     info: dict[str, Any],
     rig: Rig,
-    values: Mapping[int, Mapping[str, Floats]],
+    values: Mapping[int, New],
     unit: str,
 ) -> None:
     """Write the new features and their statistics where the dataset has those of its state."""
@@ -189,7 +211,7 @@ def _describe(
         statistics = json.loads(stats.read_text(encoding="utf-8"))
         like = statistics.get(STATE, {})
         _write_json(
-            stats, statistics | {name: _statistics(of, like) for name, of in columns.items()}
+            stats, statistics | {name: _statistics(of, of, like) for name, of in columns.items()}
         )
     by_episode = folder / "meta" / "episodes_stats.jsonl"
     if by_episode.is_file():
@@ -197,14 +219,16 @@ def _describe(
         for line in lines:
             of_episode = values.get(line["episode_index"], {})
             like = line["stats"].get(STATE, {})
-            line["stats"] |= {name: _statistics(of, like) for name, of in of_episode.items()}
+            line["stats"] |= {
+                name: _statistics(of, columns[name], like) for name, of in of_episode.items()
+            }
         text = "".join(f"{json.dumps(line)}\n" for line in lines)
         by_episode.write_text(text, encoding="utf-8")
     for path in sorted((folder / "meta" / "episodes").rglob("*.parquet")):
-        _extend_episodes(path, values)
+        _extend_episodes(path, values, columns)
 
 
-def _extend_episodes(path: Path, values: Mapping[int, Mapping[str, Floats]]) -> None:
+def _extend_episodes(path: Path, values: Mapping[int, New], columns: New) -> None:
     """Write the statistics of episodes into a table of episodes of version 3."""
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -214,34 +238,29 @@ def _extend_episodes(path: Path, values: Mapping[int, Mapping[str, Floats]]) -> 
     like = [name.removeprefix(start) for name in table.column_names if name.startswith(start)]
     episodes = table["episode_index"].to_pylist()
     for name in (ANGLE, STD, WORD) if like else ():
-        statistics = [_statistics(values[number][name], dict.fromkeys(like)) for number in episodes]
+        statistics = [_statistics(values[number][name], columns[name], like) for number in episodes]
         for what in like:
             column = pa.array([of_episode[what] for of_episode in statistics])
             table = table.append_column(f"stats/{name}/{what}", column)
     pq.write_table(table, path)
 
 
-def _statistics(values: Floats, like: Mapping[str, object]) -> dict[str, list[float]]:
+def _statistics(values: Floats, every: Floats, like: Iterable[str]) -> dict[str, list[float]]:
     """Return the statistics of values, (k, n), that a feature of the dataset has too; NaN is left
-    out.
+    out. Where no value is left, they are those of `every` row, with a count of 0.
     """
-    finite = values[np.isfinite(values).all(axis=1)].astype(np.float64)
-    if not len(finite):
-        finite = np.full((1, values.shape[1]), np.nan)
+    rows, others = (of[np.isfinite(of).all(axis=1)].astype(np.float64) for of in (values, every))
+    counted = rows if len(rows) else others
 
-    def one(what: str) -> Iterator[float]:
+    def one(what: str) -> list[float]:
         if what == "count":
-            return iter([len(finite)])
+            return [len(rows)]
         if what.startswith("q"):
-            return iter(np.quantile(finite, float(what[1:]) / 100.0, axis=0).tolist())
-        return iter(getattr(np, what)(finite, axis=0).tolist())
+            return list(np.quantile(counted, float(what[1:]) / 100.0, axis=0))
+        return list(getattr(np, what)(counted, axis=0))
 
-    kinds = like or ("min", "max", "mean", "std", "count")
-    return {
-        what: list(one(what))
-        for what in kinds
-        if what in ("min", "max", "mean", "std", "count") or what[1:].isdigit()
-    }
+    known = ("min", "max", "mean", "std", "count")
+    return {what: one(what) for what in like or known if what in known or what[1:].isdigit()}
 
 
 def _write_json(path: Path, content: object) -> None:

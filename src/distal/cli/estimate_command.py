@@ -245,7 +245,7 @@ def with_dataset(dataset: Path, rig: Rig, into: Path, unit: str | None) -> None:
     from distal.bridges.lerobot import with_angles
     from distal.rig import angle_unit
 
-    with working(f"estimating {dataset}"):
+    with _few_warnings(), working(f"estimating {dataset}"):
         written = with_angles(dataset, rig, into, unit or angle_unit(rig.sensors))
     words = ", ".join(f"{word} {share:.0%}" for word, share in written.words.items())
     say(f"wrote {into}: {written.episodes} episodes, {written.rows} rows; health: {words}")

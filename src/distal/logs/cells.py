@@ -63,13 +63,11 @@ def component_names_in(path: Path, column: str) -> list[str] | None:
     features = identified.get("features")
     feature = features.get(column) if isinstance(features, dict) else None
     names = feature.get("names") if isinstance(feature, dict) else None
-    if isinstance(names, dict):  # by group: {"motors": [...]}
-        names = [
-            name
-            for group in names.values()
-            for name in (group if isinstance(group, list) else [group])
-        ]
-    return [str(name) for name in names] if isinstance(names, list) else None
+    if isinstance(names, dict):  # by group, {"motors": [...]}, or each with its position
+        names = [name if isinstance(of, int) else of for name, of in names.items()]
+    if not isinstance(names, list):
+        return None
+    return [str(name) for of in names for name in (of if isinstance(of, list) else [of])]
 
 
 def dataset_info(folder: Path) -> dict[str, object]:
