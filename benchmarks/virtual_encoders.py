@@ -1,6 +1,6 @@
 """The loop of orca_core on virtual encoders, on true ones, and on ratios of its motors: `python -m
-benchmarks.virtual_encoders [--hands N] [--first-seed N] [--faults]`, where orca_core 0.12 is
-installed.
+benchmarks.virtual_encoders [--hands N] [--first-seed N] [--off DEG] [--faults N]`, where orca_core
+0.12 is installed.
 
 Its mock hand is moved by a plant of `strangers.servo_hands`: tendons with friction, slack and
 stretch, ranges that are not those of the file. Time is simulated.
@@ -31,9 +31,12 @@ KINDS = ("nothing", "lost", "stale", "restart", "torn")
 """What goes wrong: nothing; reads are lost; none comes for a second; a motor counts from another
 turn; a tendon tears."""
 
-OFF = np.deg2rad(2.0)
-"""Std by which the ends of the ranges differ from those of the file [rad]."""
 
+BEGINS = 450
+"""Sample at which something goes wrong, after 1.5 s of motion and 3 s of rest."""
+
+HELD = 200
+"""Samples for which the pose is held after that; then all joints are asked to go to another one."""
 
 SHARE = 0.9
 """Of a motor's travel between the ends, as the configuration has it, what turns the joint: this
@@ -43,7 +46,7 @@ plant's play and stretch take the rest."""
 class Simulated:
     """A mock hand of orca_core whose motors a plant moves, and a clock."""
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, off: float) -> None:
         from orca_core.hardware_hand import MockOrcaHand
 
         self.time = 100.0
@@ -56,7 +59,7 @@ class Simulated:
         rng = np.random.default_rng([seed, 40])
         ranges = np.deg2rad([self.orca.config.joint_roms_dict[j] for j in self.known.joints])
         d = self.hands.d
-        d.low[0], d.high[0] = (ranges + OFF * rng.normal(size=ranges.shape)).T
+        d.low[0], d.high[0] = (ranges + np.deg2rad(off) * rng.normal(size=ranges.shape)).T
         travels = self.orca.config.joint_motor_travel_v21_dict
         for k, joint in enumerate(self.known.joints):
             ratio = SHARE * np.deg2rad(travels[joint]) / np.ptp(ranges[k])
@@ -231,12 +234,14 @@ def followed(
 
 
 def faulty(hand: Simulated, rig: Any, seed: int, episodes: int) -> list[tuple[Any, ...]]:
-    """Let things go wrong while a hand holds poses; return of each episode what went wrong, by how
-    much a joint goes away from its pose [deg], in how many samples of joints the angle was more
-    than 5° off, and in how many of these it was not valid.
+    """Let things go wrong while a hand holds poses, then moves; return of each episode what went
+    wrong, by how much a joint goes away from its pose [deg], in how many samples of joints the
+    error of the angle changed by more than 5°, in how many it is that large, and in how many of
+    each it was not valid.
     """
     rng = np.random.default_rng([seed, 42])
     hands, found = hand.hands, []
+    zeros = hands.d.zeros.copy()
     motors = list(hand.orca.config.motor_ids)
     encoders, loop = looped(hand, rig, 15.0)
     low, high = np.array([hand.orca.config.joint_roms_dict[joint] for joint in hand.joints]).T
@@ -245,20 +250,27 @@ def faulty(hand: Simulated, rig: Any, seed: int, episodes: int) -> list[tuple[An
         kind = str(rng.choice(KINDS))
         begin, target = target, low + (high - low) * rng.uniform(0.2, 0.8, len(low))
         one = int(rng.integers(len(motors)))
-        j, off, wrong, moved, still = hand.columns[one], 0, 0, 0.0, None
-        for k in range(450):
-            share = min(k / 150, 1.0)
-            wanted = begin + share**2 * (3 - 2 * share) * (target - begin)
-            boots = kind == "restart" and 250 <= k < 280
-            is_stale = kind == "stale" and 250 <= k < 350
-            hand.lost = boots or is_stale or (kind == "lost" and rng.random() < 0.3)
-            if k == 250 and kind == "torn":
+        j, moved, still = hand.columns[one], 0.0, None
+        counts = np.zeros(4, dtype=int)
+        looped_joints = set(loop.joint_names)
+        rest = [m for m, joint in zip(motors, hand.joints) if joint not in looped_joints]
+        poses = begin, target, low + (high - low) * rng.uniform(0.2, 0.8, len(low))
+        for k in range(BEGINS + HELD + 250):
+            leg = int(k >= BEGINS + HELD)
+            share = min((k - leg * (BEGINS + HELD)) / 150, 1.0)
+            wanted = poses[leg] + share**2 * (3 - 2 * share) * (poses[leg + 1] - poses[leg])
+            boots = kind == "restart" and BEGINS <= k < BEGINS + 30
+            is_stale = kind == "stale" and BEGINS <= k < BEGINS + 100
+            is_lost = kind == "lost" and k >= BEGINS and rng.random() < 0.3
+            hand.lost = boots or is_stale or is_lost
+            if k == BEGINS and kind == "torn":
                 hands.broken[0, j + int(rng.integers(2)) * len(hands.d.low[0])] = True
-            if k == 250 and kind == "restart":
+            if k == BEGINS and kind == "restart":
                 hands.d.zeros[0, j] += 2 * np.pi
             targets = dict(zip(hand.joints, wanted.tolist()))
-            if k < 250:
-                hand.write(motors, hand.orca._joint_to_motor_pos(targets))
+            goals = dict(zip(motors, hand.orca._joint_to_motor_pos(targets)))
+            if k < BEGINS:
+                hand.write(rest, [goals[motor] for motor in rest])
             loop.set_target({joint: targets[joint] for joint in loop.joint_names})
             encoders.update()
             loop.step_once(PERIOD)
@@ -267,17 +279,25 @@ def faulty(hand: Simulated, rig: Any, seed: int, episodes: int) -> list[tuple[An
                 hand.goals[0, j] = hands.goals_of(hands.positions)[0, j]
             hand.step()
             true = np.rad2deg(hands.angles[0, hand.columns])
-            still = np.abs(true - target) if k == 250 else still
+            said = encoders.hand.get_joint_positions()
+            error = np.array([said[joint] for joint in hand.joints]) - true
+            if k == BEGINS:
+                still, before = np.abs(true - target), error
             if still is not None:
-                moved = max(moved, float((np.abs(true - target) - still).max()))
+                if leg == 0:
+                    moved = max(moved, float((np.abs(true - target) - still).max()))
                 frame: Any = encoders.get_latest()
-                said = encoders.hand.get_joint_positions()
-                slots = [encoders._slots[joint] for joint in hand.joints]
-                far = np.abs(np.array([said[joint] for joint in hand.joints]) - true) > 5.0
-                off += int(far.sum())
-                wrong += int((far & frame.angle_error[slots]).sum())
-        found.append((kind, moved, off, wrong))
+                wrong = frame.angle_error[[encoders._slots[joint] for joint in hand.joints]]
+                for at, far in enumerate((np.abs(error - before) > 5.0, np.abs(error) > 5.0)):
+                    counts[2 * at : 2 * at + 2] += far.sum(), (far & wrong).sum()
+        target = poses[2]
+        found.append((kind, moved, *counts.tolist()))
+        # repaired and calibrated anew
         hands.broken[:] = False
+        hands.d.zeros[:] = zeros
+        hand.goals = hands.goals_of(hands.positions)
+        hand.lost = False
+        hand.step()
         if kind in ("torn", "restart") or loop._stats["fallback_active"]:
             encoders, loop = looped(hand, rig, 15.0)
     return found
@@ -294,31 +314,35 @@ def main() -> None:
     parser.add_argument("--hands", type=int, default=5)
     parser.add_argument("--first-seed", type=int, default=11000)
     parser.add_argument("--faults", type=int, default=0, help="episodes of each hand")
+    told = "std by which the ends of ranges differ from those of the file [deg]"
+    parser.add_argument("--off", type=float, default=2.0, help=told)
     arguments = parser.parse_args()
     logging.disable(logging.CRITICAL)
     if arguments.faults:
         found: list[tuple[Any, ...]] = []
         for seed in range(arguments.first_seed, arguments.first_seed + arguments.hands):
-            hand = Simulated(seed)
+            hand = Simulated(seed, arguments.off)
             found += faulty(hand, calibrated(hand), seed, arguments.faults)
         rows = []
         for kind in KINDS:
             of = [one for one in found if one[0] == kind]
-            off, wrong = sum(one[2] for one in of), sum(one[3] for one in of)
             far = sum(one[1] > 3.0 for one in of)
-            rows.append((kind, str(len(of)), str(far), f"{wrong} of {off}"))
+            changed, not_valid, off, told = np.sum([one[2:] for one in of], axis=0)
+            said = f"{not_valid} of {changed}", f"{told} of {off}"
+            rows.append((kind, str(len(of)), str(far), *said))
         columns = (
             "",
             "episodes",
             "a joint leaves its pose by 3°",
-            "not valid of those more than 5° off",
+            "not valid of those whose error changed by 5°",
+            "of those with an error of 5°",
         )
         table("virtual_encoders_faults", "What goes wrong while a pose is held", columns, rows)
         return
     errors: dict[str, list[Any]] = {}
     for seed in range(arguments.first_seed, arguments.first_seed + arguments.hands):
         for way in ("ratios", "virtual", "true"):
-            hand = Simulated(seed)
+            hand = Simulated(seed, arguments.off)
             rig = calibrated(hand)
             path = asked(hand, seed, MOTIONS)
             begin = np.rad2deg(hand.hands.angles[0, hand.columns])

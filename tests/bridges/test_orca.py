@@ -5,9 +5,13 @@ loop.
 
 from __future__ import annotations
 
+import re
+import subprocess
 import sys
 import threading
 from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -278,3 +282,16 @@ def test_a_hand_of_other_joints_is_refused(clock: Clock) -> None:
     known, _ = orca_like([3], ("thumb_cmc", "thumb_mcp"))
     with pytest.raises(EstimationError, match="is one of an ORCA hand: index_mcp"):
         bridge.VirtualEncoders(Hand(), renamed(rig_of(known)), compiled=False)
+
+
+@pytest.mark.more  # orca_core itself, a minute in real time
+def test_the_mock_hand_of_the_example_follows_its_goals() -> None:
+    pytest.importorskip("orca_core")
+    example = Path(__file__).parents[2] / "examples" / "hands" / "orca_mock_hand.py"
+    with TemporaryDirectory() as folder:
+        done = subprocess.run([sys.executable, example], cwd=folder, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        assert (Path(folder) / "calibrated.toml").is_file()
+    said = re.search(r"'index_mcp': ([0-9.]+)", done.stdout)
+    assert said is not None
+    assert float(said[1]) == pytest.approx(40.0, abs=3.0)
