@@ -8,14 +8,14 @@ is too improbable, the likeliest single mistakes that explain it are named.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from math import log, pi, sqrt
+from math import log, pi
 from statistics import NormalDist
 
 import numpy as np
 
 from distal.arrays import Floats
 from distal.confidence import CLEARLY
-from distal.hands.sweeps import FEWEST_SWEEPS, Sweep, is_pair, needed
+from distal.hands.sweeps import FEWEST_SWEEPS, Sweep, is_pair, winds_to
 from distal.hands.tendon_faults import Fault, FaultKind
 from distal.rig import Capstan, Rig
 from distal.rig.drive_range import KNOWN
@@ -61,20 +61,14 @@ class _Line:
         self.bias = f"sensors.{position.name}.bias"
         self.tendons = rig.tendons_of(name)
         self.joint = joint = next(j for j in rig.joints if j.name in self.tendons[0].joints)
-        level = np.median([abs(sweep.level) for sweep in sweeps]) / self.radius.value
         rows = []
         for tendon in self.tendons:
             way = tendon.winding
             arm = tendon.arms()[joint.name]
-            # some part of what moves the motor stretches the tendon before the joint moves
-            stretch = level / tendon.stiffness.value
-            of = [sweep for sweep in sweeps[1:] if sweep.way == way]
-            met = [sweep.contact for sweep in of if sweep.resisted]
-            beyond = 0.0 if met else needed(rig, name)  # an end that was not met is anywhere beyond
-            length = arm * joint.travel[arm > 0] + tendon.slack.value + stretch / 2
-            stds = (arm * joint.stops_std, tendon.slack.total_std, stretch / sqrt(12), beyond)
-            at = np.mean(met or [sweep.contact for sweep in of]) * self.radius.value
-            rows.append((arm, way * arm, way * length, np.hypot.reduce(stds), at + way * beyond))
+            met, length, std = winds_to(rig, tendon, sweeps)
+            std = np.hypot(std, tendon.slack.total_std)
+            length += tendon.slack.value
+            rows.append((arm, way * arm, way * length, std, met * self.radius.value))
         columns = np.array(rows, dtype=np.float64).T / self.radius.value
         self.arms, self.per_stop, self.ends, self.stds, self.met = columns
         # a zero that is not known is anywhere

@@ -16,7 +16,7 @@ from distal.fitting.free_parameter import assignments
 from distal.fitting.likelihood_search import most_likely, search
 from distal.fitting.objective import Problem
 from distal.fitting.parameter_estimates import from_start, problem_of
-from distal.hands.sweeps import Sweep, contacts, is_pair, needed
+from distal.hands.sweeps import Sweep, is_pair, needed, winds_to
 from distal.logs import Log
 from distal.rig import Capstan, Rig, Sensor, Subsystem
 
@@ -119,24 +119,14 @@ def _by_contacts(rig: Rig, sensor: Sensor, sweeps: Sequence[Sweep]) -> dict[str,
     drive = rig.drive(sensor.of)
     assert isinstance(drive, Capstan)
     tendons = rig.tendons_of(drive.name)
-    joints = {joint.name: joint for joint in rig.joints}
-    # some part of what moves the motor stretches the tendon before the joint moves
-    level = np.median([abs(sweep.level) for sweep in sweeps]) / drive.lever
-    ways = np.array([tendon.winding for tendon in tendons], dtype=np.float64)
-    met, lengths, unsure, slacks, stds = [], [], [], [], []
+    ways = np.array([tendon.winding for tendon in tendons])
+    met, lengths, unsure = np.array([winds_to(rig, tendon, sweeps) for tendon in tendons]).T
+    slacks, stds = [], []
     for tendon in tendons:
-        arms = tendon.arms()
         stiffness = tendon.stiffness.value
-        stretch = level / stiffness
-        stops = [arm * joints[name].travel[1 if arm > 0 else 0] for name, arm in arms.items()]
-        off = [arm * joints[name].stops_std for name, arm in arms.items()]
-        at = contacts(sweeps, tendon.winding)
-        met.append(np.mean(at))
-        lengths.append(sum(stops) + stretch / 2)
-        unsure.append(np.hypot.reduce([*off, stretch / np.sqrt(12), drive.lever * np.std(at)]))
         slacks.append(tendon.slack.value - tendon.pretension.value / stiffness)
         stds.append(np.hypot(tendon.slack.total_std, tendon.pretension.total_std / stiffness))
-    zero = np.mean(met - ways * np.add(lengths, slacks) / drive.lever)
+    zero = np.mean(met - ways * (lengths + slacks) / drive.lever)
     prior = np.array([zero, drive.lever, *slacks])
     covariance = np.diag(np.square([UNKNOWN, drive.radius.total_std, *stds]))
     x = prior

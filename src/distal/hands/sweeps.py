@@ -13,7 +13,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import LogError
 from distal.logs import Log
-from distal.rig import Capstan, Rig
+from distal.rig import Capstan, Rig, Tendon
 
 TURNED = 0.05
 """Way back after which a motor has turned back, as a share of its travel, in the log or as the
@@ -139,6 +139,28 @@ def unsure(rig: Rig, drive: str, turned: float) -> float:
 def contacts(sweeps: Sequence[Sweep], way: int) -> tuple[float, ...]:
     """Return where full sweeps in one direction met the end of the travel, or else ended [rad]."""
     return tuple(sweep.contact for sweep in sweeps[1:] if sweep.way == way)
+
+
+def winds_to(rig: Rig, tendon: Tendon, sweeps: Sequence[Sweep]) -> tuple[float, float, float]:
+    """Return where a tendon's motor met the end of its travel [rad], and the length that the rig
+    has it wind from zero until there, less slack, with its std [m].
+
+    An end that was not met is anywhere beyond.
+    """
+    lever = rig.drive(tendon.drive).lever
+    arms = tendon.arms()
+    joints = [joint for joint in rig.joints if joint.name in arms]
+    of = [sweep for sweep in sweeps[1:] if sweep.way == tendon.winding]
+    met = [sweep.contact for sweep in of if sweep.resisted]
+    beyond = 0.0 if met else needed(rig, tendon.drive)
+    at = np.mean(met or [sweep.contact for sweep in of]) + tendon.winding * beyond / lever
+    # some part of what moves the motor stretches the tendon before the joint moves
+    level = np.median([abs(sweep.level) for sweep in sweeps])
+    stretch = level / lever / tendon.stiffness.value
+    stops = [arms[joint.name] * joint.travel[arms[joint.name] > 0] for joint in joints]
+    stds = [arms[joint.name] * joint.stops_std for joint in joints]
+    std = np.hypot.reduce([*stds, stretch / np.sqrt(12), beyond])
+    return float(at), float(sum(stops) + stretch / 2), float(std)
 
 
 def sweep_channels_of(rig: Rig, drive: str) -> tuple[str, str]:
