@@ -269,6 +269,8 @@ class Tendons:
     def reset(self, data: mujoco.MjData) -> None:
         """Begin anew where the simulation is, as if it had long rested there."""
         self._data = data
+        # MuJoCo makes a new array each time one is asked for
+        self._arrays = data.qpos, data.qvel, data.qfrc_applied, self._model.dof_frictionloss
         self._dt[:] = self._model.opt.timestep
         p = self._mechanism.parameters
         q = data.qpos[self._positions]
@@ -284,11 +286,12 @@ class Tendons:
         """
         if data is not self._data:
             self.reset(data)
-        self._q[:] = data.qpos[self._positions]
-        self._v[:] = data.qvel[self._dofs]
+        positions, velocities, forces, friction = self._arrays
+        self._q[:] = positions[self._positions]
+        self._v[:] = velocities[self._dofs]
         self._loop.step()
-        data.qfrc_applied[self._dofs] = self._forces
-        self._model.dof_frictionloss[self._dofs] = self._limits
+        forces[self._dofs] = self._forces
+        friction[self._dofs] = self._limits
 
     @property
     def tensions(self) -> dict[str, float]:
