@@ -4,7 +4,7 @@ what it finds on plants of others.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,8 +13,9 @@ import pytest
 from scipy.optimize import least_squares
 
 from distal import Rig, estimate
+from distal.cli.fit_command import _show
 from distal.hands import calibrate, finger_fit
-from distal.hands.sweeps import Sweep, is_pair
+from distal.hands.sweeps import Sweep, is_pair, needed, winds_to
 from distal.rig import Capstan, Number, independent_parts, number
 from distal.rig.hand_tables.rig_of_table import hand_of
 from distal.rig.hand_tables.table_rows import Row
@@ -24,9 +25,9 @@ from tests.support.servo_hands import aero_like, orca_like
 ARMS, SPOOL, LOW, HIGH = (12e-3, 6e-3), 9e-3, 0.0, 1.5
 
 
-def swept(way: int, contact: float, level: float = 0.04) -> Sweep:
+def swept(way: int, contact: float, level: float = 0.04, noise: float = 0.003) -> Sweep:
     """Return a sweep that met something."""
-    return Sweep(way, 100, level, 0.004, contact, True)
+    return Sweep(way, 100, level, noise, contact, True)
 
 
 def pair_rig() -> Rig:
@@ -117,11 +118,32 @@ def test_the_zero_of_one_tendon_has_all_joints_at_their_stops_where_it_ends() ->
     assert (2.0 - zero) * SPOOL == pytest.approx(length)
 
 
+def test_an_end_that_was_not_met_is_anywhere_beyond() -> None:
+    rig = pair_rig()
+    for tendon, way in zip(rig.tendons, (1, -1)):
+        sweeps = [replace(sweep, resisted=sweep.way != way) for sweep in SWEEPS]
+        at, length, std = winds_to(rig, tendon, SWEEPS)
+        beyond = winds_to(rig, tendon, sweeps)
+        need = needed(rig, "m1")
+        assert at == (2.0 if way > 0 else -0.6)
+        assert beyond == pytest.approx(
+            (at + way * need / rig.drives[0].lever, length, np.hypot(std, need))
+        )
+
+
+def test_a_pair_under_tension_is_said_in_newtons(capsys: pytest.CaptureFixture[str]) -> None:
+    rig = pair_rig()
+    stiffness = rig.tendons[0].stiffness.value
+    values = {f"tendons.{t.name}.slack": {"value": -2.5 / stiffness} for t in rig.tendons}
+    _show(rig.with_values(values), set())
+    assert " 2.5 N " in capsys.readouterr().out
+
+
 def test_the_first_sweep_leaves_the_joint_at_that_end() -> None:
     rig = pair_rig()
     low, high = rig.joints[0].travel
     for way, end in ((1, high), (-1, low)):
-        sweeps = {"m1": (swept(way, way * 1.0), *SWEEPS[1:], swept(-1, -0.6))}
+        sweeps = {"m1": (swept(way, way * 1.0), *SWEEPS[1:], swept(-1, -0.6, noise=0.004))}
         prior = rig.with_values(finger_fit._at_ends(rig, sweeps))
         assert prior.joints[0].initial.value == pytest.approx(end)
         assert prior.joints[0].initial.std == pytest.approx(np.deg2rad(1.0))
