@@ -22,41 +22,89 @@ SAMPLE = 4 * STEP
 
 
 class Motion(NamedTuple):
-    """A motion: times [s], (k,), angles of the joints [rad], (k, n_joints), and positions of the
-    drives [m, rad], (k, n_drives).
+    """A motion: times [s], (k,), angles of the joints [rad], (k, n_joints), positions of the
+    drives [m, rad], (k, n_drives), and torques on the joints from outside [N m], (k, n_joints).
     """
 
     time: Floats
     angles: Floats
     positions: Floats
+    torques: Floats | float = 0.0
 
 
-def replayed(rig: Rig, motion: Motion, tendons: bool) -> Floats:
-    """Return the angles [rad], (k, n_joints), to which the rig's model in MuJoCo turns its joints
-    while its drives go through a motion; with `tendons` it is helped by `Tendons`.
+DRIVEN = 1e8
+"""Of a drive that goes with a given speed whatever pulls it: force per speed that is lacking [N
+s/m, N m s/rad]; its inertia is 1 kg, kg m². Source: rounding (a step leaves 1e-4 of a jump).
+"""
+
+
+def driven(rig: Rig) -> mujoco.MjSpec:
+    """Return a rig's model whose controls are its drives' speeds, then torques on its joints; its
+    sensors are the joints' angles.
     """
-    model = mujoco.MjModel.from_xml_string(to_mjcf(rig))
+    spec = mujoco.MjSpec.from_string(to_mjcf(rig))
+    for part in (*spec.actuators, *spec.sensors):
+        spec.delete(part)
+    for name in [f"drive_{name}" for name in rig.drive_names] + rig.joint_names:
+        actuator = spec.add_actuator(name=name, target=name)
+        actuator.trntype = mujoco.mjtTrn.mjTRN_JOINT
+        if name in rig.joint_names:
+            sensor = spec.add_sensor(name=name, objname=name)
+            sensor.objtype, sensor.type = (
+                mujoco.mjtObj.mjOBJ_JOINT,
+                mujoco.mjtSensor.mjSENS_JOINTPOS,
+            )
+        else:
+            actuator.set_to_velocity(DRIVEN)
+            spec.joint(name).armature = 1.0
+            spec.joint(name).limited = 0
+    return spec
+
+
+def controls(model: mujoco.MjModel, motion: Motion) -> tuple[Floats, NDArray[np.int64]]:
+    """Return the controls of a driven model at each step of a motion, (steps, n_drives +
+    n_joints), and after how many steps each of its times has come, (k,).
+    """
+    intervals = np.diff(motion.time)
+    steps = np.rint(intervals / model.opt.timestep).astype(np.int64)
+    speeds = np.diff(motion.positions, axis=0) / (steps * model.opt.timestep)[:, None]
+    torques = np.broadcast_to(motion.torques, motion.angles.shape)[:-1]
+    each = np.repeat(np.column_stack([speeds, torques]), steps, axis=0)
+    return each, np.concatenate([[0], np.cumsum(steps)])
+
+
+def begun(model: mujoco.MjModel, rig: Rig, motion: Motion) -> mujoco.MjData:
+    """Return the state of a model at the beginning of a motion."""
     data = mujoco.MjData(model)
-    joints = model.jnt_qposadr[[model.joint(name).id for name in rig.joint_names]]
-    drives = [model.joint(f"drive_{name}").id for name in rig.drive_names]
-    places, dofs = model.jnt_qposadr[drives], model.jnt_dofadr[drives]
-    data.qpos[joints], data.qpos[places] = motion.angles[0], motion.positions[0]
+    for name, angle in zip(rig.joint_names, motion.angles[0]):
+        data.joint(name).qpos = angle
+    for name, position in zip(rig.drive_names, motion.positions[0]):
+        data.joint(f"drive_{name}").qpos = position
+    return data
+
+
+def replayed(
+    rig: Rig, motion: Motion, tendons: bool, model: mujoco.MjModel | None = None
+) -> Floats:
+    """Return the angles [rad], (k, n_joints), to which the rig's model in MuJoCo, or another
+    driven one, turns its joints while its drives go through a motion; with `tendons` it is helped
+    by `Tendons`.
+    """
+    if model is None:
+        model = driven(rig).compile()
+    data = begun(model, rig, motion)
     acting = Tendons(model, rig) if tendons else None
-    angles = np.empty_like(motion.angles)
-    before = motion.positions[0]
-    for k, (interval, after) in enumerate(
-        zip(np.diff(motion.time, prepend=motion.time[0]), motion.positions)
-    ):
-        steps = round(interval / model.opt.timestep)
-        for step in range(steps):
-            data.qvel[dofs] = (after - before) / interval
-            if acting is not None:
-                acting.apply(data)
-            mujoco.mj_step(model, data)
-            data.qpos[places] = before + (step + 1) / steps * (after - before)
-        before = after
-        angles[k] = data.qpos[joints]
-    return angles
+    joints = model.jnt_qposadr[[model.joint(name).id for name in rig.joint_names]]
+    each, at = controls(model, motion)
+    angles = np.empty((len(each) + 1, len(joints)))
+    angles[0] = motion.angles[0]
+    for k, row in enumerate(each):
+        data.ctrl[:] = row
+        if acting is not None:
+            acting.apply(data)
+        mujoco.mj_step(model, data)
+        angles[k + 1] = data.qpos[joints]
+    return angles[at]
 
 
 def rms(off: Floats) -> float:
