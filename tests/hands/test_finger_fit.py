@@ -118,6 +118,42 @@ def test_the_zero_of_one_tendon_has_all_joints_at_their_stops_where_it_ends() ->
     assert (2.0 - zero) * SPOOL == pytest.approx(length)
 
 
+def test_a_tension_becomes_slack_of_pairs_alone_and_loads_as_before() -> None:
+    for rig, motor in ((pair_rig(), "m1"), (finger(), "m")):
+        tense = {"slack": {"value": 0.0, "std": 0.0}, "pretension": {"value": 3.0, "std": 1.0}}
+        rig = rig.with_values(
+            {f"tendons.{t.name}.{key}": value for t in rig.tendons for key, value in tense.items()}
+        )
+        found = rig.with_values(finger_fit._at_ends(rig, {motor: SWEEPS}))
+        for tendon in found.tendons:
+            assert tendon.pretension.value == (0.0 if is_pair(rig, motor) else 3.0)
+            assert (tendon.slack.value < 0.0) == is_pair(rig, motor)
+            stiffness = tendon.stiffness.value
+            tension = tendon.pretension.value - stiffness * tendon.slack.value
+            assert tendon.home_tension == pytest.approx(tension)
+        load = sum(tendon.home_tension for tendon in found.tendons)
+        friction = found.joints[0].friction
+        assert friction is not None
+        assert found.reference_load(0) == pytest.approx(friction.preload.value + load)
+
+
+def test_the_search_of_a_pair_begins_with_friction_and_ends_with_noise(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    names = ("drives.0.radius", "drives.0.friction.constant", "sensors.1.noise")
+    parts = [(SimpleNamespace(paths=(name,), noise="noise" in name), None) for name in names]
+    fixed: list[list[bool]] = []
+
+    def search(problem: Any, start: Any, fixed_now: Any) -> Any:
+        fixed.append(fixed_now.tolist())
+        return SimpleNamespace(z=start + 1.0)
+
+    monkeypatch.setattr(finger_fit, "search", lambda p, z, fixed: search(p, z, fixed))
+    problem: Any = SimpleNamespace(size=3, parts=parts)
+    assert finger_fit._likeliest(problem, pair_rig()).tolist() == [2.0, 2.0, 2.0]
+    assert fixed == [[True, False, True], [False, False, True]]
+
+
 def test_an_end_that_was_not_met_is_anywhere_beyond() -> None:
     rig = pair_rig()
     for tendon, way in zip(rig.tendons, (1, -1)):

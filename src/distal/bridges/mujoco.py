@@ -141,7 +141,7 @@ def _with_parts(spec: mujoco.MjSpec, rig: Rig) -> mujoco.MjModel:
     for tendon in rig.tendons:
         drive = rig.drive(tendon.drive)
         usual = abs(drive.nominal_force.value) / drive.lever / len(rig.tendons_of(drive.name))
-        pulls.append(max(usual, tendon.pretension.value))
+        pulls.append(max(usual, tendon.home_tension))
     q = ca.SX.sym("q", mechanism.n_bodies)
     limits = mechanism.friction_limits(q, ca.DM.inf(mechanism.n_bodies), ca.DM(pulls))
     passive = mechanism.passive_forces(q)
@@ -161,7 +161,7 @@ def _with_parts(spec: mujoco.MjSpec, rig: Rig) -> mujoco.MjModel:
     of_tendons, of_bodies = ca.Function("numbers", [q, p.symbols], expressions)(at, p.values)
     for tendon, (length, *arms) in zip(rig.tendons, of_tendons.full()):
         k = tendon.stiffness.value
-        loose = np.dot(arms, at) - length + tendon.slack.value - tendon.pretension.value / k
+        loose = np.dot(arms, at) - length + tendon.loose
         added = spec.add_tendon(name=tendon.name, springlength=(SLACKEST, loose))
         added.stiffness[0] = k
         added.damping[0] = tendon.damping.value

@@ -216,7 +216,7 @@ def _show(rig: Rig, faulty: set[str]) -> None:
         stiffness = tendons[0].stiffness.value
         state = "one tendon"
         if len(tendons) == 2:
-            slack = sum(t.slack.value - t.pretension.value / stiffness for t in tendons)
+            slack = sum(tendon.loose for tendon in tendons)
             tense = f"{-stiffness * slack / 2:.2g} N"
             state = f"{degrees(slack / arm):.1f}° of play" if slack > 0 else tense
         position = next(sensor for sensor in rig.sensors_of("position") if sensor.of == drive.name)

@@ -121,11 +121,10 @@ def _by_contacts(rig: Rig, sensor: Sensor, sweeps: Sequence[Sweep]) -> dict[str,
     tendons = rig.tendons_of(drive.name)
     ways = np.array([tendon.winding for tendon in tendons])
     met, lengths, unsure = np.array([winds_to(rig, tendon, sweeps) for tendon in tendons]).T
-    slacks, stds = [], []
-    for tendon in tendons:
-        stiffness = tendon.stiffness.value
-        slacks.append(tendon.slack.value - tendon.pretension.value / stiffness)
-        stds.append(np.hypot(tendon.slack.total_std, tendon.pretension.total_std / stiffness))
+    stds = [
+        np.hypot(t.slack.total_std, t.pretension.total_std / t.stiffness.value) for t in tendons
+    ]
+    slacks = [tendon.loose for tendon in tendons]
     zero = np.mean(met - ways * (lengths + slacks) / drive.lever)
     prior = np.array([zero, drive.lever, *slacks])
     covariance = np.diag(np.square([UNKNOWN, drive.radius.total_std, *stds]))
@@ -138,9 +137,10 @@ def _by_contacts(rig: Rig, sensor: Sensor, sweeps: Sequence[Sweep]) -> dict[str,
         gain = np.linalg.solve(seen, crossed).T
         x = prior + gain @ (met - x[0] - away - slopes @ (prior - x))
     names = [f"sensors.{sensor.name}.bias", f"drives.{drive.name}.radius"]
-    names += [f"tendons.{tendon.name}.slack" for tendon in tendons]
-    none = {"value": 0.0, "std": 0.0}
-    values: dict[str, object] = {f"tendons.{t.name}.pretension": none for t in tendons}
+    values = dict[str, object]()
+    for tendon in tendons if len(tendons) == 2 else ():
+        names.append(f"tendons.{tendon.name}.slack")
+        values[f"tendons.{tendon.name}.pretension"] = {"value": 0.0, "std": 0.0}
     for name, value, variance in zip(names, x, np.diag(covariance - gain @ crossed)):
         values[name] = {"value": float(value), "std": float(np.sqrt(variance))}
     return values

@@ -108,7 +108,7 @@ def range_ends(rig: Rig, channels: Sequence[str]) -> tuple[RangeEnd, ...]:
             if reached is None or position_sensor.bias.total_std * joint > KNOWN:
                 continue
             end = max(way * reading for reading in reached)
-            loose = tendon.slack.value - tendon.pretension.value / tendon.stiffness.value
+            loose = tendon.loose
             # zero and play were found at the ends of the ranges: an error of these ranges is in
             # them already, and cancels at the ends
             ranges = max(part.stops_std for part in rig.joints if part.name in tendon.arms())

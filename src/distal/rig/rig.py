@@ -220,7 +220,7 @@ class Rig(Description):
         load = friction.preload.value if friction is not None else 0.0
         tendons = [t for t in self.tendons if self.joints[joint].name in t.joints]
         pulls = {t.drive for t in tendons}
-        load += sum(t.pretension.value for t in tendons)
+        load += sum(t.home_tension for t in tendons)
         return load + sum(
             abs(d.nominal_force.value)
             for d in self.drives

@@ -173,6 +173,16 @@ class Tendon(Description):
         """Sign of the capstan angle that winds the tendon, +1 or −1."""
         return self.meetings[0].side if self.side is None else self.side
 
+    @property
+    def loose(self) -> float:
+        """Pull until it is taut where angles and drive are at zero, slack − T₀/k [m]."""
+        return self.slack.value - self.pretension.value / self.stiffness.value
+
+    @property
+    def home_tension(self) -> float:
+        """Tension where angles and drive are at zero [N]."""
+        return max(-self.stiffness.value * self.loose, 0.0)
+
     def arms(self, angles: dict[str, float] | None = None) -> dict[str, float]:
         """Return the tendon's moment arm at each joint that it crosses [m], positive where it pulls
         to +θ, at some `angles` by joint [rad]; by default at θ = 0.

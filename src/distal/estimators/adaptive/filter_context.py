@@ -345,9 +345,7 @@ class FilterContext:
         part = self.mechanism.rig.drives[drive]
         lever = self.lever(drive)
         tendons = [t for t in self.mechanism.rig.tendons if t.drive == part.name]
-        load = max(
-            abs(part.nominal_force.value) / lever, sum(t.pretension.value for t in tendons), 1.0
-        )
+        load = max(abs(part.nominal_force.value) / lever, sum(t.home_tension for t in tendons), 1.0)
         constant = part.friction.constant
         growing = part.friction.load
         limit = (constant.value + constant.std) / lever + (growing.value + growing.std) * load

@@ -130,7 +130,7 @@ def largest_effort(rig: Parts, drive: int) -> float:
     part = rig.drives[drive]
     if part.limit is not None:
         return part.limit
-    pretension = sum(tendon.pretension.value for tendon in rig.tendons if tendon.drive == part.name)
+    pretension = sum(tendon.home_tension for tendon in rig.tendons if tendon.drive == part.name)
     return 2.0 * max(abs(part.nominal_force.value), part.lever * pretension)
 
 

@@ -142,4 +142,4 @@ def likely_tension(rig: Rig, tendon: int) -> float:
     """
     part = rig.tendons[tendon]
     drive = next(drive for drive in rig.drives if drive.name == part.drive)
-    return part.pretension.value or abs(drive.nominal_force.value) or UNKNOWN_TENSION
+    return part.home_tension or abs(drive.nominal_force.value) or UNKNOWN_TENSION

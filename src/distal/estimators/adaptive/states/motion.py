@@ -161,7 +161,7 @@ def play_limit(context: FilterContext, drive: int) -> float:
     `initial` angles.
     """
     mechanism = context.mechanism
-    tensions = ca.DM([tendon.pretension.value for tendon in mechanism.rig.tendons])
+    tensions = ca.DM([tendon.home_tension for tendon in mechanism.rig.tendons])
     angles = [joint.initial.value for joint in mechanism.rig.joints]
     q = ca.vertcat(*angles, ca.DM.zeros(mechanism.n_drives))
     limit = mechanism.hysteresis_limit(drive, q, tensions)
