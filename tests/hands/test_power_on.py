@@ -16,7 +16,7 @@ from distal.hands import Calibrated, Routine, RoutineOptions, calibrate
 from distal.hands.sweeps import sweeps_of
 from distal.hands.tendon_faults import faults_of, slack_of
 from distal.logs import Log
-from distal.rig import Capstan, Rig
+from distal.rig import Capstan, Rig, number
 from tests.support.hands import calibrated, log_of, motion, ratio, rig_of
 from tests.support.servo_hands import Hands, Known, orca_like
 
@@ -61,6 +61,14 @@ def test_each_motor_meets_both_ends_and_only_one_moves_at_a_time() -> None:
         np.abs(np.gradient(log.channels[f"{motor}_position"])) > 1e-3 for motor in known.motors
     ]
     assert np.count_nonzero(moving[0] & moving[1]) < 10  # the first comes to rest
+
+
+def test_no_parameter_of_a_pair_stays_at_its_prior() -> None:
+    found, _ = routine_log()
+    for drive in found.rig.drives:
+        for path in (f"drives.{drive.name}.friction.load", f"tendons.{drive.name}_plus.stiffness"):
+            value, start = (number(rig, path).value for rig in (found.rig, found.start))
+            assert value != start, path
 
 
 def test_no_torque_goes_far_beyond_the_limit() -> None:
