@@ -59,6 +59,22 @@ class TestHealth:
         assert {one.health for one in far[1:]} == {GOOD}
         assert far[0].angle_std > 2 * readings[-1].angle_std  # it says that it knows less
 
+    @pytest.mark.parametrize(("samples", "goes_on"), [(100, True), (200, False)])
+    def test_samples_without_values_are_as_samples_that_do_not_come(
+        self, rig: Rig, log: Log, samples: int, goes_on: bool
+    ) -> None:
+        """Until the gap is too long: then the filter has wandered with its drives."""
+        after = range(100 + samples, 400)
+        silent = {name: values.copy() for name, values in log.channels.items()}
+        for values in silent.values():
+            values[100 : after[0]] = np.nan
+        empty = take(Monitor(LiveEstimator(rig)), Log(log.time, silent), range(400))
+        limits = HealthLimits(longest_gap=1.5)
+        bridged = take(Monitor(LiveEstimator(rig), limits), log, [*range(100), *after])
+        assert empty[after[0] - 1].angle_std > 3 * bridged[99].angle_std  # meanwhile it knows less
+        same = [one.angle == other.angle for one, other in zip(empty[after[0] :], bridged[100:])]
+        assert all(same) if goes_on else not any(same)
+
     def test_the_drive_of_a_dead_sensor_is_in_doubt(self, rig: Rig, log: Log) -> None:
         monitor = Monitor(LiveEstimator(rig))
         samples = samples_of(log, monitor.channels)

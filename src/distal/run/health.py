@@ -79,8 +79,9 @@ class HealthLimits:
     """What a `Monitor` says a word about; exported filters have the defaults.
 
     Args:
-        longest_gap: longest gap that the filter bridges [s]; after a longer one, and longer than
-            three nominal intervals, it begins anew.
+        longest_gap: longest time without samples, or with samples without any value, after which
+            drives are taken to have gone straight to where they are read again [s]. After a longer
+            one without samples, and longer than three nominal intervals, the filter begins anew.
         waiting: usual intervals without a sample after which there is a gap [1].
         overdue: a sensor's own intervals without a value after which it is missing [1].
         memory: time constant of the mean of ν²/S, and of the share of time beyond the stops [s].
@@ -94,7 +95,7 @@ class HealthLimits:
         away: distance beyond which it has left it [deg].
     """
 
-    longest_gap: float = 0.5
+    longest_gap: float = 1.5
     waiting: float = 1.5
     overdue: float = 2.5
     memory: float = 1.0

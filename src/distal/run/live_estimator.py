@@ -278,7 +278,7 @@ class LiveEstimator:
         """Return a live estimator at the same belief, with arrays of its own, so that both go on
         independently, also in different threads.
         """
-        return _at(LiveEstimator(self.rig, self._estimator), self._belief())
+        return LiveEstimator(self.rig, self._estimator).resumed(self.belief())
 
     def __copy__(self) -> LiveEstimator:
         """Return a clone, since arrays are never shared."""
@@ -292,12 +292,20 @@ class LiveEstimator:
         """Return how to make this live estimator again in another process: its rig, its estimator
         by name, and its belief.
         """
-        return _made_again, (*self._made_of, self._belief())
+        return _made_again, (*self._made_of, self.belief())
 
-    def _belief(self) -> tuple[object, ...]:
-        arrays = _arrays(self)
+    def belief(self) -> tuple[Any, ...]:
+        """Return a copy of all that the next sample changes, for `resumed`."""
         beside = self._begin, self._time, self._samples
-        return *(array.copy() for array in arrays), *beside
+        return *(array.copy() for array in _arrays(self)), *beside
+
+    def resumed(self, belief: tuple[Any, ...]) -> LiveEstimator:
+        """Return this live estimator, put back to a `belief`: the next sample is the one after."""
+        arrays = _arrays(self)
+        for array, values in zip(arrays, belief):
+            array[:] = values
+        self._begin, self._time, self._samples = belief[len(arrays) :]
+        return self
 
     @property
     def estimator(self) -> KernelEstimator:
@@ -463,17 +471,8 @@ def _arrays(live: LiveEstimator) -> list[Floats]:
     ]
 
 
-def _at(live: LiveEstimator, belief: tuple[Any, ...]) -> LiveEstimator:
-    """Return a live estimator, put to a belief."""
-    arrays = _arrays(live)
-    for array, values in zip(arrays, belief):
-        array[:] = values
-    live._begin, live._time, live._samples = belief[len(arrays) :]
-    return live
-
-
 def _made_again(
     rig: Rig, estimator: str | KernelEstimator, compiled: bool, belief: tuple[Any, ...]
 ) -> LiveEstimator:
     """Return a live estimator that was pickled."""
-    return _at(LiveEstimator(rig, estimator, compiled), belief)
+    return LiveEstimator(rig, estimator, compiled).resumed(belief)

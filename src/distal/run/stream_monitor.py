@@ -9,6 +9,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 from math import inf, isfinite, isnan, nan, sqrt
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -117,6 +118,7 @@ class Monitor:
         self._time = -inf
         self._fresh = True
         self._anew = ""
+        self._before: tuple[float, tuple[Any, ...]] | None = None
 
     def reset(self) -> None:
         """Forget everything, also the estimator's belief: the next sample is the first."""
@@ -134,7 +136,7 @@ class Monitor:
         return _with_memory, (self._live, self._limits, self._remembered())
 
     def _remembered(self) -> dict[str, object]:
-        names = ("_anew", "_fresh", "_late", "_last_late", "_time")
+        names = ("_anew", "_before", "_fresh", "_late", "_last_late", "_time")
         return {"_memory": self._memory.copy()} | {name: getattr(self, name) for name in names}
 
     @property
@@ -202,6 +204,7 @@ class Monitor:
         if not live.samples and not np.isfinite(sample).any():
             return self._skipped(time, "bad", "the first sample has no value at all")
         self._time = time
+        self._keep(time, sample)
         for _ in range(2):  # if the filter diverges, it begins anew with this sample, once
             try:
                 live.step(time, sample)
@@ -232,6 +235,19 @@ class Monitor:
             self._contacts(problems),
             self._doubted(),
         )
+
+    def _keep(self, time: float, sample: Floats) -> None:
+        """Keep the belief before a sample without any value. It is as after samples that did not
+        come: the first value after them goes on from there, and the drives went straight to it.
+        """
+        live = self._live
+        if not np.isfinite(sample).any():
+            self._before = self._before or (live.time, live.belief())
+        elif self._before is not None:
+            since, belief = self._before
+            if time - since <= self._limits.longest_gap:
+                live.resumed(belief)
+            self._before = None
 
     def _contacts(self, problems: Sequence[tuple[Health, str]]) -> tuple[JointContact, ...]:
         """Return the contacts of the joints; where logs taught what forces are normal, there are
@@ -346,6 +362,7 @@ class Monitor:
         angles = self._live.angles
         has_angles = self._live.samples and bool(np.all(np.abs(angles) <= LARGEST_ANGLE))
         reached = np.clip(angles, *self._reach)
+        self._before = None
         self._live.reset(tuple(reached.tolist()) if has_angles else None, self._limits.anywhere)
         self._anew = why
         pace = self._watch.memory["pace"]
