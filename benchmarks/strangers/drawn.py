@@ -99,7 +99,11 @@ def run_rig(seed: int, stops: bool = False) -> Raw:
     except Exception as problem:  # one that ends with an error is an outcome too
         said["refused"] = f"{type(problem).__name__}: {problem}"
     said |= {"fit_s": time.process_time() - began, "clock_s": time.perf_counter() - clock}
-    parts = [part for part in found.fitted if part.identified and not part.noise] if found else []
+    parts = (
+        [part for part in found.fitted if part.value != part.start and not part.noise]
+        if found
+        else []
+    )
     seen = {path for part in parts for path in part.paths}
     tell = {first: paths for first, paths in units(rig.raw).items() if left[first] < CLEAR}
     said["told"], said["tellable"] = (

@@ -208,9 +208,7 @@ def run_rig(seed: int) -> Raw:
     said: Raw = {"seed": seed, "kind": rig.kind, "has": list(has), "part": found.part or None}
     said |= {"fit_s": time.process_time() - began, "converged": bool(found.converged)}
     said["candidates"] = [(each.name, float(np.rad2deg(each.error))) for each in found.candidates]
-    parts = [
-        part for part in found.fitted if part.identified and not part.noise and part.prior_std > 0
-    ]
+    parts = [part for part in found.fitted if not part.noise and part.prior_std > 0]
     known = parameters(rig.raw)
     said["values"] = [
         {

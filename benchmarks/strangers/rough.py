@@ -161,7 +161,7 @@ def far_from_truth(found: Fit, truth: Mapping[str, float]) -> int:
     return sum(
         abs(part.value - truth[part.paths[0]]) > 3.0 * part.error
         for part in found.fitted
-        if part.identified and not part.noise and part.paths[0] in truth and part.name not in said
+        if not part.noise and part.paths[0] in truth and part.name not in said
     )
 
 

@@ -84,8 +84,8 @@ def two(others: list[Log], alone: Fit) -> list[ParameterEstimates]:
 def test_maps_learn_from_numbers_that_have_not_seen_the_log(
     two: list[ParameterEstimates], others: list[Log], alone: Fit
 ) -> None:
-    """Each half of a cross-fit has moved from the numbers of all logs, but for what stays at its
-    prior; what each log has anew is, in the log left out, that of the other.
+    """Each half of a cross-fit has moved from the numbers of all logs; what each log has anew is
+    that of the other in the log left out.
     """
     whole = alone.parameters
     for own, left_out in zip(two, others):

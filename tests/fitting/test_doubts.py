@@ -26,9 +26,7 @@ def test_a_number_far_from_its_prior_is_named(
 ) -> None:
     path = "tendons.0.stiffness"
     free = Free("stiffness", (path,), (20e3,), std, 20e3, 1.0, 1e9, "N/m", logarithmic=logarithmic)
-    found = FittedParameter(
-        "stiffness", (path,), "N/m", 20e3, std, value, 1.0, True, False, (value,)
-    )
+    found = FittedParameter("stiffness", (path,), "N/m", 20e3, std, value, 1.0, False, (value,))
     problem: Any = SimpleNamespace(free=(free,))
     lines = far_from_priors([found], problem)
     assert bool(lines) is said
@@ -43,10 +41,7 @@ def test_a_number_as_it_came_keeps_the_ratios_of_what_shares_it() -> None:
     10.
     """
     paths = ("tendons.0.stiffness", "tendons.1.stiffness")
-    found = FittedParameter(
-        "stiffness", paths, "N/m", 20e3, 4e3, 22e3, 1.0, True, False, (22e3, 11e3)
-    )
+    found = FittedParameter("stiffness", paths, "N/m", 20e3, 4e3, 22e3, 1.0, False, (22e3, 11e3))
     back = found.as_it_came
     assert back.value == 20e3
     assert back.values == pytest.approx((20e3, 10e3))
-    assert not back.identified

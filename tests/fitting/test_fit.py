@@ -63,9 +63,7 @@ def test_without_truth_the_next_log_is_estimated_as_with_the_true_rig(rig: Rig) 
 
 @pytest.mark.slow
 def test_what_the_logs_cannot_tell_stays_at_its_prior(rig: Rig, tmp_path: Path) -> None:
-    """A joint that is only pulled, quasi-statically, tells its damping to nobody: it is marked, and
-    not changed.
-    """
+    """A joint that is only pulled, quasi-statically, tells its damping to nobody."""
     described = rig.with_values({"joints.0.damping": {"value": 1e-5, "std": 1e-6}})
     plant, _ = drawn_plant(5)
     found = fit(
@@ -75,10 +73,9 @@ def test_what_the_logs_cannot_tell_stays_at_its_prior(rig: Rig, tmp_path: Path) 
         noise=False,
     )
     part = found["joints.0.damping"]
-    assert not part.identified
-    assert part.value == 1e-5
-    assert found.rig.joints[0].damping.value == 1e-5
-    assert part.origin == "prior (these logs cannot tell)"
+    assert part.variance_reduction < 0.1
+    assert abs(part.value - 1e-5) < 0.1e-6
+    assert found["joints.0.friction.coefficient"].variance_reduction > 0.9
     found.save(tmp_path / "fitted.toml")
     assert load_rig(tmp_path / "fitted.toml") == found.rig
 
@@ -227,11 +224,7 @@ def test_logs_that_do_not_look_like_the_rig(rig: Rig, log: Log) -> None:
     found = fit([changed(u1=u1 / 9.81, u2=u2 / 9.81)], rig)
     assert any("noise of sensors u1, u2 had to become" in line for line in found.doubts)
     # the priors hold what such logs cannot tell
-    assert all(
-        abs(p.value - p.start) < 4.0 * p.prior_std
-        for p in found.fitted
-        if p.identified and not p.noise
-    )
+    assert all(abs(p.value - p.start) < 4.0 * p.prior_std for p in found.fitted if not p.noise)
     slow = Log(1e3 * log.time, log.channels, log.truth, "ms.csv")
     with pytest.raises(FitError, match=r"stamps are 10 s apart.*unit"):
         fit([slow], rig)

@@ -155,8 +155,8 @@ def test_other_models_widen_the_report_alone(found: Found) -> None:
     parameters = found.solutions[0]
     wider = among_models(parameters, found.models)
     assert any(a.error > b.error for a, b in zip(wider.fitted, parameters.fitted))
-    assert [a.held_error for a in wider.fitted] == pytest.approx(
-        [b.held_error for b in parameters.fitted], nan_ok=True
+    assert [a.file_std for a in wider.fitted] == pytest.approx(
+        [b.file_std for b in parameters.fitted], nan_ok=True
     )
 
 

@@ -43,7 +43,7 @@ def test_a_finger_without_inertia_converges(finger: tuple[Drawn, Rig, list[Log],
     close = [
         abs(value - described.truth[path]) <= 2.0 * part.error
         for part in found.fitted
-        if part.identified and not part.noise
+        if not part.noise
         for path, value in zip(part.paths[:1], part.values)
         if path in described.truth
     ]

@@ -62,31 +62,11 @@ def test_how_sure_a_file_is(hold: bool) -> None:
         {"joints.0.friction.coefficient": {"value": 0.2, "std": 0.1}}
     )
     path = "joints.0.friction.coefficient"
-    found = FittedParameter(
-        "it", (path,), "", 0.2, 0.1, 0.3, 0.05, True, False, (0.3,), held_error=0.05
-    )
+    found = FittedParameter("it", (path,), "", 0.2, 0.1, 0.3, 0.05, False, (0.3,), file_std=0.05)
     written = assignments([found], start, hold)["joints.jaw.friction.coefficient"]
     assert written["value"] == 0.3
     assert written["std"] == pytest.approx(0.05)
     assert written.get("hold", False) is hold
-
-
-def test_a_file_holds_what_is_told_only_together_with_others() -> None:
-    """Its value and std stay those of the prior, so that the next fit may vary it; estimators take
-    it as known.
-    """
-    start = load_rig("capstan-joint").with_values(
-        {"joints.0.friction.coefficient": {"value": 0.2, "std": 0.1}}
-    )
-    path = "joints.0.friction.coefficient"
-    found = FittedParameter(path, (path,), "", 0.2, 0.1, 0.2, 0.1, False, False, (0.2,), held=True)
-    after = start.with_values(assignments([found], start)).joints[0].friction
-    assert after is not None
-    assert (after.coefficient.value, after.coefficient.std, after.coefficient.hold) == (
-        0.2,
-        0.1,
-        True,
-    )
 
 
 def lacking(*lacks: float) -> Samples:
@@ -153,7 +133,7 @@ def test_what_a_fit_brings_to_nothing_is_written_as_zero() -> None:
     )
     path = "joints.0.friction.coefficient"
     found = FittedParameter(
-        "it", (path,), "", 0.2, 0.1, 6.4e-22, 0.05, True, False, (6.4e-22,), held_error=0.05
+        "it", (path,), "", 0.2, 0.1, 6.4e-22, 0.05, False, (6.4e-22,), file_std=0.05
     )
     after = start.with_values(assignments([found], start)).joints[0].friction
     assert after is not None

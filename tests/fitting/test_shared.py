@@ -21,7 +21,7 @@ def rig_with(**stiffness: object) -> Rig:
 
 def found(paths: tuple[str, ...], values: tuple[float, ...], error: float) -> FittedParameter:
     return FittedParameter(
-        "it", paths, "N/m", 800.0, 80.0, values[0], error, True, False, values, held_error=error
+        "it", paths, "N/m", 800.0, 80.0, values[0], error, False, values, file_std=error
     )
 
 

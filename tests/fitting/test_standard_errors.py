@@ -1,6 +1,4 @@
-"""What logs tell: marginal errors, what shows only together, what is held so that the rest is
-told.
-"""
+"""What logs tell: marginal errors, and what shows only together."""
 
 from __future__ import annotations
 
@@ -12,8 +10,7 @@ from numpy.typing import NDArray
 
 from distal.fitting.free_parameter import Free
 from distal.fitting.likelihood import Derivatives
-from distal.fitting.parameter_estimates import _next_held
-from distal.fitting.standard_errors import Uncertainty, uncertainty_at
+from distal.fitting.standard_errors import covariance_at
 
 Floats = NDArray[np.float64]
 
@@ -33,81 +30,39 @@ def problem(stds: list[float]) -> SimpleNamespace:
     )
 
 
-def identified(stds: list[float], information: Floats, meat: Floats | None = None) -> Uncertainty:
+def covariance_of(stds: list[float], information: Floats, meat: Floats | None = None) -> Floats:
     n = len(stds)
     made = Derivatives(0.0, np.zeros(n), information, information if meat is None else meat, 10_000)
-    return uncertainty_at(problem(stds), made, np.zeros(n))  # type: ignore[arg-type]
+    return covariance_at(problem(stds), made, np.zeros(n))  # type: ignore[arg-type]
 
 
 def test_errors_are_marginal_and_combine_logs_with_priors() -> None:
     stds = [0.1, 0.2]
     information = np.array([[900.0, 500.0], [500.0, 400.0]])
-    found = identified(stds, information)
+    found = covariance_of(stds, information)
     whole = np.linalg.inv(information + np.diag([100.0, 25.0]))
-    np.testing.assert_allclose(found.covariance, whole, rtol=1e-3)
-    np.testing.assert_allclose(found.errors, np.sqrt(np.diag(whole)), rtol=1e-3)
+    np.testing.assert_allclose(found, whole, rtol=1e-3)
 
 
 def test_scores_that_are_correlated_widen_it_and_never_narrow_it() -> None:
     information = np.diag([1e4, 1e4])
-    plain = identified([1.0, 1.0], information)
+    plain = covariance_of([1.0, 1.0], information)
     wide, narrow = (
-        identified([1.0, 1.0], information, 9.0 * information),
-        identified([1.0, 1.0], information, 0.1 * information),
+        covariance_of([1.0, 1.0], information, 9.0 * information),
+        covariance_of([1.0, 1.0], information, 0.1 * information),
     )
-    np.testing.assert_allclose(wide.errors, 3.0 * plain.errors, rtol=2e-3)
-    np.testing.assert_allclose(narrow.errors, plain.errors, rtol=2e-3)
+    np.testing.assert_allclose(wide, 9.0 * plain, rtol=4e-3)
+    np.testing.assert_allclose(narrow, plain, rtol=4e-3)
 
 
-def test_what_shows_only_as_a_product_is_told_together() -> None:
-    """Neither is known; with one held, the other is, to the product's error."""
-    information = 1e6 * np.ones((2, 2))
-    found = identified([0.1, 0.1], information)
-    # each keeps 0.1/√2 of its prior: the product shares it out
-    np.testing.assert_allclose(found.errors, 0.1 / np.sqrt(2.0), rtol=1e-3)
-    assert found.together.all()
-    wide = identified([0.1, 1.0], information)
-    assert list(wide.determined) == [False, True]
-    assert list(wide.together) == [True, False]
-    held = np.array([True, False])
-    assert wide.errors_holding(held)[1] == pytest.approx(1e-3, rel=0.05)
-    assert wide.errors_holding(held)[0] == 0.0
+def test_what_shows_only_as_a_product_shares_it_out() -> None:
+    """Each keeps 0.1/√2 of its prior, and the product is known."""
+    covariance = covariance_of([0.1, 0.1], 1e6 * np.ones((2, 2)))
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), 0.1 / np.sqrt(2.0), rtol=1e-3)
+    assert np.sqrt(covariance.sum()) == pytest.approx(1e-3, rel=0.01)
 
 
-def test_what_nothing_shows_is_left_and_not_held() -> None:
-    found = identified([0.1, 0.1], np.diag([1e6, 1e-3]))
-    assert list(found.determined) == [True, False]
-    assert not found.together.any()
-
-
-def test_the_least_told_is_held_until_the_rest_is_told() -> None:
-    """Three numbers show only as their sum: two are held, and the third carries it."""
-    stds, information = [0.1, 0.1, 1.0], 1e6 * np.ones((3, 3))
-    made, found = problem(stds), identified(stds, information)
-    left = np.zeros(3, dtype=bool)
-    for _ in range(3):
-        at = _next_held(made, found, left, np.ones(3, dtype=bool))  # type: ignore[arg-type]
-        if at is None:
-            break
-        left[at] = True
-    assert list(left) == [True, True, False]
-    assert found.errors_holding(left)[2] == pytest.approx(1e-3, rel=0.05)
-
-
-def test_a_number_without_a_prior_is_judged_by_its_value() -> None:
-    sure, vague = (
-        identified([np.nan, 0.1], np.diag([100.0, 1e4])),
-        identified([np.nan, 0.1], np.diag([1.0, 1e4])),
-    )
-    assert sure.determined[0]
-    assert not vague.determined[0]
-
-
-def test_numbers_that_go_with_each_other_exactly_have_errors_too() -> None:
-    """Of a singular covariance: with one of two held, nothing is left of the other."""
-    covariance = np.array([[4.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 9.0]])
-    nothing = np.zeros(3, dtype=bool)
-    errors = Uncertainty(covariance, nothing, nothing).errors_holding(
-        np.array([True, False, False])
-    )
-    assert errors == pytest.approx([0.0, 0.0, 3.0])
+def test_what_nothing_shows_is_known_as_before() -> None:
+    """By its prior; without one, by nothing."""
+    covariance = covariance_of([0.1, 0.1, np.nan], np.diag([1e6, 1e-3, 1.0]))
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), [1e-3, 0.1, 1.0], rtol=1e-3)

@@ -122,21 +122,20 @@ def fit_command(
 
 
 def say_fit(result: Fit) -> None:
-    """Print the result of a fit on one screen: parameters that the logs determine, scores on
-    held-out logs, how well the joints are known, advice.
+    """Print the result of a fit on one screen: parameters, first those of which the logs tell most,
+    scores on held-out logs, how well the joints are known, advice.
     """
-    determined = [number for number in result.fitted if number.identified and not number.noise]
-    undetermined = [number.name for number in result.fitted if not number.identified]
-    rows = [(number.name, *number.sizes) for number in determined[:MOST_ROWS]]
+    fitted = [number for number in result.fitted if result.kept and not number.noise]
+    fitted.sort(key=lambda number: -number.variance_reduction)
+    rows = [
+        (number.name, *number.sizes, f"{100 * number.variance_reduction:.0f} %")
+        for number in fitted[:MOST_ROWS]
+    ]
     if rows:
-        table(f"fitted to {result.learned_from}", ["number", "rig file", "fitted", "unit"], rows)
-    if len(determined) > MOST_ROWS:
-        say(f"and {len(determined) - MOST_ROWS} more in the fitted rig")
-    if undetermined:
-        more = (
-            f" and {len(undetermined) - MOST_LINES} more" if len(undetermined) > MOST_LINES else ""
-        )
-        say(f"not determined by these logs: {', '.join(undetermined[:MOST_LINES])}{more}")
+        headers = ["number", "rig file", "fitted", "unit", "told by the logs"]
+        table(f"fitted to {result.learned_from}", headers, rows)
+    if len(fitted) > MOST_ROWS:
+        say(f"and {len(fitted) - MOST_ROWS} more in the fitted rig, of which the logs tell less")
     say_scores(result)
     needed = "two logs of known angles would show errors on logs that were not learned from"
     say(f"answer: {result.answer() or needed}")

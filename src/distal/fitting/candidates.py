@@ -212,7 +212,7 @@ def parameters_without(
 def without(parameters: ParameterEstimates, logs: Sequence[Log]) -> ParameterEstimates:
     """Return the parameters that all logs but some tell, `logs`: one Newton step away, by the
     slopes of each log, which are known (the infinitesimal jackknife; Giordano et al., AISTATS
-    2019). Which of them are fitted, and their stds, stay those of all logs.
+    2019). Their stds stay those of all logs.
 
     What each log has anew is in a log that is left out as in the others in the mean.
     """
@@ -227,9 +227,7 @@ def without(parameters: ParameterEstimates, logs: Sequence[Log]) -> ParameterEst
             alike = [i for i, (p, j) in enumerate(problem.parts) if p is part and j in remaining]
             z[k] = np.mean(z[alike])
     moved = replace(optimum, z=z)
-    fitted = fitted_parameters(
-        problem, moved, parameters.uncertainty, parameters.left, parameters.held
-    )
+    fitted = fitted_parameters(problem, moved, parameters.covariance, parameters.left)
     return replace(parameters, optimum=moved, fitted=tuple(fitted))
 
 

@@ -66,15 +66,10 @@ class FittedParameter:
         value: fitted value of the first path, or the mean over the logs.
         error: standard error, the other parameters not being known; NaN where the search did not
             converge.
-        identified: whether the logs identify it; else it stays at its prior.
         noise: whether it is the size of a noise.
         values: the values at all `paths`.
-        held_error: standard error if the parameters that are `held` are taken as known; the std in
-            the file comes from it.
-        held: whether the logs identify it only together with others: the file then holds it, and
-            the others' stds carry what is unknown.
+        file_std: the std in the file comes from it; NaN: from its prior.
         per_log: name of a log → value, where each log has its own.
-        kept: whether the file keeps the start where the fitted value is smaller.
     """
 
     name: str
@@ -84,13 +79,10 @@ class FittedParameter:
     prior_std: float
     value: float
     error: float
-    identified: bool
     noise: bool
     values: tuple[float, ...]
-    held_error: float = float("nan")
-    held: bool = False
+    file_std: float = float("nan")
     per_log: Mapping[str, float] = field(default_factory=dict)
-    kept: bool = False
 
     @property
     def as_it_came(self) -> FittedParameter:
@@ -98,7 +90,7 @@ class FittedParameter:
         starts = tuple(
             self.start * value / self.value if self.value else self.start for value in self.values
         )
-        return replace(self, value=self.start, values=starts, identified=False, held=False)
+        return replace(self, value=self.start, values=starts)
 
     @property
     def sizes(self) -> tuple[str, str, str]:
@@ -108,27 +100,23 @@ class FittedParameter:
         unit, factor = COMMON.get(self.si, (self.si, 1.0))
         prior = "" if np.isnan(self.prior_std) else f" ± {factor * self.prior_std:.2g}"
         before = f"{factor * self.start:.4g}{prior}"
-        if not self.identified:
-            return before, "as it was", unit
         error = f" ± {factor * self.error:.2g}" if np.isfinite(self.error) else ""
         return before, f"{factor * self.value:.4g}{error}", unit
 
     @property
-    def origin(self) -> str:
-        """The origin of the value, in a word or two."""
-        if self.held:
-            return "prior (told only together with others)"
-        if not self.identified:
-            return "prior (these logs cannot tell)"
-        if self.kept and self.value < self.start:
-            return "fitted; the file keeps the start"
-        return "mean over the logs" if self.per_log else "fitted"
+    def variance_reduction(self) -> float:
+        """Share of the prior's variance that the logs take away [1], 0 where nothing is known of
+        it.
+        """
+        share = 1.0 - (self.error / self.prior_std) ** 2
+        return share if np.isfinite(share) else 0.0
 
 
 def assignments(
     parameters: Sequence[FittedParameter], start: Rig, hold: bool = False
 ) -> dict[str, object]:
-    """Return path by names → value, with its std where it had one, of all that the logs identify.
+    """Return path by names → value, with its std where it had one, of all that does not stay as it
+    was.
 
     Args:
         parameters: the parameters after the fit.
@@ -137,11 +125,7 @@ def assignments(
     """
     changed: dict[str, object] = {}
     for part in parameters:
-        if part.held:
-            changed |= {
-                f"{path}.hold": True for path in part.paths if number(start, path).is_parameter
-            }
-        if not part.identified:
+        if part.value == part.start:
             continue
         for path, value in zip(part.paths, part.values):
             before = number(start, path)
@@ -154,7 +138,7 @@ def assignments(
                 changed[path] = rounded
                 continue
             share = abs(value / part.value) if part.value else 1.0
-            error = part.held_error if np.isfinite(part.held_error) else part.prior_std
+            error = part.file_std if np.isfinite(part.file_std) else part.prior_std
             std = max(min(error, part.prior_std) * share, SMALLEST_RELATIVE_STD * abs(value))
             held = {"hold": True} if hold else {}
             changed[path] = {"value": rounded, **_spread(part, before, std, value, start), **held}

@@ -19,13 +19,11 @@ from distal.fitting.inverse_dynamics import SMOOTHED, Equations, inverse_problem
 from distal.fitting.likelihood_search import Optimum, hessian, most_likely, search
 from distal.fitting.objective import Problem
 from distal.fitting.standard_errors import (
-    CONFOUNDED,
-    IDENTIFIED,
     NOT_CONVERGED,
-    Uncertainty,
+    covariance_at,
     doubts_of,
+    errors_holding,
     nis_of,
-    uncertainty_at,
 )
 from distal.homing import added_reference, with_references
 from distal.logs import Log, true_angles
@@ -37,6 +35,11 @@ FOLLOWS_DRIVES = 10.0
 the drives (6 to 8 with inertia, above 15 without). Source: benchmark (benchmarks/strangers/drawn).
 """
 
+
+STAYS = 0.5
+"""Ratio of a parameter's standard error to its prior's std, above which it stays at its prior [1]:
+what shows only together with others would carry what the model lacks. Source: judgement.
+"""
 
 DIVERGED = (
     "{}: the filter leaves all bounds on these logs; check the units of logs and rig "
@@ -62,21 +65,18 @@ class ParameterEstimates:
     Args:
         problem: what was minimised.
         optimum: where the search ended.
-        uncertainty: standard errors, and which parameters the logs identify.
-        fitted: every free parameter after the fit.
+        covariance: of the coordinates' errors, (n, n).
         left: which coordinates stay at their prior, (n,).
-        held: which of these the logs identify only together with others, (n,); filters are to take
-            their values as exactly known.
+        fitted: every free parameter after the fit.
         doubts: sentences with the reasons not to trust the fit.
         nis: mean ν²/S per channel at the end; 1 is expected.
     """
 
     problem: Problem
     optimum: Optimum
-    uncertainty: Uncertainty
-    fitted: tuple[FittedParameter, ...]
+    covariance: Floats
     left: Bools
-    held: Bools
+    fitted: tuple[FittedParameter, ...]
     doubts: tuple[str, ...]
     nis: tuple[float, ...]
 
@@ -131,7 +131,7 @@ def by_equations(
         if begin is None
         else _translated(begin.problem, begin.optimum.z, equations)
     )
-    return _searched(equations, start, searching(progress, "by its equations"))
+    return searched(equations, start, searching(progress, "by its equations"))
 
 
 def by_filter(
@@ -150,15 +150,8 @@ def by_filter(
         starts.insert(0, _translated(begin.problem, begin.optimum.z, problem))
     for start, cost in zip(starts, problem.costs(starts)):
         if np.isfinite(cost):
-            return _searched(problem, start, searching(progress, "by its filter"))
+            return searched(problem, start, searching(progress, "by its filter"))
     raise FitError(DIVERGED.format(problem.filter.rig.name))
-
-
-def from_start(problem: Problem, start: Floats) -> ParameterEstimates:
-    """Return the parameters with which a rig's filter predicts the readings best, by a search from
-    the coordinates `start`, (n,); each has a prior, and none stays at it.
-    """
-    return _searched(problem, start, None, may_hold=False)
 
 
 def among_models(
@@ -176,20 +169,19 @@ def among_models(
         return parameters
     problem = parameters.problem
     optimum = parameters.optimum
-    uncertainty = parameters.uncertainty
     ends = np.array(
         [_translated(model.problem, model.optimum.z, problem, optimum.z) for model in models]
     )
     away = ends - optimum.z
     spread = away.T @ away / len(models)
-    wider = replace(uncertainty, covariance=uncertainty.covariance + spread)
-    reported = fitted_parameters(problem, optimum, wider, parameters.left, parameters.held)
+    wider = parameters.covariance + spread
+    reported = fitted_parameters(problem, optimum, wider, parameters.left)
     # the file keeps the stds with which the candidates were judged (docs/results/fits.md)
     fitted = tuple(
-        replace(widened, held_error=judged.held_error)
+        replace(widened, file_std=judged.file_std)
         for widened, judged in zip(reported, parameters.fitted)
     )
-    return replace(parameters, uncertainty=wider, fitted=fitted)
+    return replace(parameters, covariance=wider, fitted=fitted)
 
 
 def _translated(
@@ -207,35 +199,24 @@ def _translated(
     )
 
 
-def _searched(
+def searched(
     problem: Problem,
     start: Floats,
-    progress: Callable[[int, float], None] | None,
-    may_hold: bool = True,
+    progress: Callable[[int, float], None] | None = None,
+    may_stay: bool = True,
 ) -> ParameterEstimates:
-    """Return the estimates from the most likely parameters of a problem.
+    """Return the estimates from the most likely parameters of a problem, by a search from the
+    coordinates `start`, (n,), that tells its `progress`.
 
-    Where they `may_hold`, parameters that the logs do not identify stay at their priors. Of those
-    that show only together, one after the other is held until the rest is identified.
+    Where they `may_stay`, parameters of which the logs tell little stay at their priors (`STAYS`).
     """
     problem, optimum = most_likely(problem, start, progress)
     if not problem.asks_equations and not optimum.interrupted:
         problem, optimum = _with_reference(problem, optimum, progress)
-    uncertainty = uncertainty_at(problem, optimum.derivatives, optimum.z)
-    may_stay = np.array(
-        [
-            may_hold and not part.noise and log is None and part.has_prior
-            for part, log in problem.parts
-        ]
-    )
+    covariance = covariance_at(problem, optimum.derivatives, optimum.z)
     left = np.zeros(problem.size, dtype=bool)
-    held = np.zeros(problem.size, dtype=bool)
-    while (
-        not optimum.interrupted
-        and (at := _next_held(problem, uncertainty, left, may_stay)) is not None
-    ):
-        left[at] = True
-        held[at] = bool(uncertainty.together[at])
+    if may_stay and not optimum.interrupted:
+        left = _staying(problem, covariance)
     if left.any() and not left.all():
         # where the others go when these move to their priors, by the information of all
         information = hessian(problem, optimum.derivatives)
@@ -249,8 +230,25 @@ def _searched(
     if not optimum.interrupted:
         doubts += doubts_of(problem, optimum.z, nis)
         doubts += [] if optimum.converged else [NOT_CONVERGED]
-    fitted = tuple(fitted_parameters(problem, optimum, uncertainty, left, held))
-    return ParameterEstimates(problem, optimum, uncertainty, fitted, left, held, tuple(doubts), nis)
+    fitted = tuple(fitted_parameters(problem, optimum, covariance, left))
+    return ParameterEstimates(problem, optimum, covariance, left, fitted, tuple(doubts), nis)
+
+
+def _staying(problem: Problem, covariance: Floats) -> Bools:
+    """Return which coordinates stay at their priors, (n,): one by one those whose errors, if the
+    ones before are known, are largest; of noise and of what each log has anew there are none.
+    """
+    left = np.zeros(problem.size, dtype=bool)
+    may_stay = np.array(
+        [not part.noise and log is None and part.has_prior for part, log in problem.parts]
+    )
+    while True:
+        share = errors_holding(covariance, left) / problem.prior_stds
+        share[~may_stay | left] = 0.0
+        at = int(np.argmax(share))
+        if share[at] < STAYS:
+            return left
+        left[at] = True
 
 
 def problem_of(logs: Sequence[Log], rig: Rig, options: Options) -> Problem:
@@ -319,7 +317,7 @@ def _with_reference(
     ):
         return problem, optimum
     parameters = np.flatnonzero([not part.noise for part, _ in problem.parts])
-    covariance = uncertainty_at(problem, optimum.derivatives, optimum.z).covariance[
+    covariance = covariance_at(problem, optimum.derivatives, optimum.z)[
         np.ix_(parameters, parameters)
     ]
     with_it, tried = most_likely(replace(problem, aided=True), optimum.z, progress)
@@ -331,31 +329,16 @@ def _with_reference(
     return with_it, tried
 
 
-def _next_held(
-    problem: Problem, uncertainty: Uncertainty, left: Bools, may_stay: Bools
-) -> int | None:
-    """Return the coordinate that the logs identify least, if those that stay are known; None where
-    all are identified.
-    """
-    errors = uncertainty.errors_holding(left)
-    limit = problem.prior_stds
-    share = np.where(may_stay & ~left & ~uncertainty.determined, errors / limit, 0.0)
-    at = int(np.argmax(share))
-    return at if share[at] >= (CONFOUNDED if uncertainty.together[at] else IDENTIFIED) else None
-
-
 def fitted_parameters(
-    problem: Problem, optimum: Optimum, uncertainty: Uncertainty, left: Bools, held: Bools
+    problem: Problem, optimum: Optimum, covariance: Floats, left: Bools
 ) -> list[FittedParameter]:
-    """Return every free parameter as a search found it, in its own unit; without convergence it has
-    no standard error.
-
-    `left` says which coordinates stay at their prior, (n,), and `held` which of these filters are
-    to take as exactly known, (n,).
+    """Return every free parameter as a search found it, in its own unit, with the `covariance` of
+    the coordinates, (n, n), and those that were `left` at their priors, (n,), with these; without
+    convergence it has no standard error.
     """
     logs = [data.log.source for data in problem.data]
     coordinates = [problem.columns(j) for j in range(len(logs))]
-    errors_holding = uncertainty.errors_holding(held)
+    errors = np.where(left, np.inf, np.sqrt(np.diag(covariance)))
     has_errors = optimum.converged and not optimum.interrupted
     parameters = [_by_scale(problem, optimum.z, part) for part in problem.noises]
     for k, part in enumerate(problem.free):
@@ -367,23 +350,13 @@ def fitted_parameters(
             mean if len(set(part.starts)) == 1 else mean * start / part.start
             for start in part.starts
         )
-        identified = bool(
-            part.noise or part.per_log or not part.has_prior or not left[positions[0]]
-        )
-        fitted = _fitted(part, values if identified else part.starts, identified)
         per_log = dict(zip(logs, map(float, by_log))) if part.per_log else {}
+        fitted = replace(_fitted(part, values), value=mean, per_log=per_log)
         if has_errors:
             limit = part.std if part.has_prior and not part.noise else np.inf
-            error = min(_error_of_mean(by_log, uncertainty.errors[positions] * slopes), limit)
-            fitted = replace(
-                fitted,
-                error=error,
-                held_error=_error_of_mean(by_log, errors_holding[positions] * slopes),
-            )
-        is_held = bool(held[positions[0]])
-        parameters.append(
-            replace(fitted, value=mean if identified else part.start, held=is_held, per_log=per_log)
-        )
+            error = min(_error_of_mean(by_log, errors[positions] * slopes), limit)
+            fitted = replace(fitted, error=error, file_std=error)
+        parameters.append(fitted)
     return parameters
 
 
@@ -398,12 +371,10 @@ def _error_of_mean(parameters: Floats, errors: Floats) -> float:
     )
 
 
-def _fitted(part: Free, values: tuple[float, ...], identified: bool) -> FittedParameter:
+def _fitted(part: Free, values: tuple[float, ...]) -> FittedParameter:
     """Return a parameter after a fit, its errors not yet known."""
     prior = part.name, part.paths, part.si, part.start, part.std
-    return FittedParameter(
-        *prior, values[0], float("nan"), identified, part.noise, values, kept=part.kept_by_file
-    )
+    return FittedParameter(*prior, values[0], float("nan"), part.noise, values)
 
 
 def _by_scale(problem: Problem, z: Floats, part: Free) -> FittedParameter:
@@ -420,4 +391,4 @@ def _by_scale(problem: Problem, z: Floats, part: Free) -> FittedParameter:
     ]
     factor = min(max(grown, default=1.0), part.high / part.start)
     values = tuple(factor * start for start in part.starts)
-    return _fitted(part, values, bool(grown))
+    return _fitted(part, values)

@@ -147,7 +147,7 @@ class Fit:
 
     def __repr__(self) -> str:
         """Return the fit in a few words: logs, convergence, number of parameters, best scores."""
-        count = sum(part.identified and not part.noise for part in self.fitted)
+        count = sum(not part.noise for part in self.fitted)
         scores = [
             f"{name} {rounded(np.rad2deg(rms), 3)}° ({100 * inside:.0f} %)"
             for name, rms, inside in self.scores()[:2]
@@ -155,8 +155,7 @@ class Fit:
         left_out = f"; on logs left out: {', '.join(scores)}" if scores else ""
         ended = "converged" if self.converged else "not converged"
         return (
-            f"Fit of '{self.start.name}' to {self.learned_from}, {ended}: {count} numbers "
-            f"determined{left_out}"
+            f"Fit of '{self.start.name}' to {self.learned_from}, {ended}: {count} numbers{left_out}"
         )
 
     @property

@@ -1,11 +1,8 @@
-"""Standard errors of a fit: which parameters the logs identify, and which of them only together
-with others; and the reasons not to trust a fit.
-"""
+"""Standard errors of a fit, and the reasons not to trust it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,67 +12,13 @@ from distal.fitting.likelihood import Derivatives
 from distal.fitting.likelihood_search import hessian
 from distal.fitting.objective import Problem
 
-IDENTIFIED = 0.9
-"""Ratio of a parameter's standard error to its prior's std, below which the logs identify it.
-Source: judgement.
-"""
 
-VAGUE = 0.5
-"""Share of a parameter's value that stands for the std of its prior where it has none. Source:
-judgement.
-"""
+def covariance_at(problem: Problem, derivatives: Derivatives, z: Floats) -> Floats:
+    """Return the covariance of the coordinates' errors at the end z of a fit, (n,).
 
-CONFOUNDED = 0.5
-"""Ratio of a parameter's standard error to its prior's std, above which the logs may identify it
-only together with others. Source: judgement.
-"""
-
-SEEN_ALONE = 0.2
-"""Ratio of a parameter's standard error if all others were known to its standard error, below which
-the logs identify it together with others. Source: judgement.
-"""
-
-
-@dataclass(frozen=True)
-class Uncertainty:
-    """The uncertainty of a fit.
-
-    Args:
-        covariance: covariance of the coordinates' errors, (n, n): H⁻¹ (J + P) H⁻¹ with H = I + P, I
-            Fisher's information, P the prior's and J the long-run covariance of the scores, but no
-            less than H⁻¹; the variances of `Free.coarse` are added.
-        determined: whether the logs identify each coordinate, (n,).
-        together: whether the logs identify it only together with others, (n,).
+    It is H⁻¹ (J + P) H⁻¹ with H = I + P, I Fisher's information, P the prior's and J the long-run
+    covariance of the scores, but no less than H⁻¹; the variances of `Free.coarse` are added.
     """
-
-    covariance: Floats
-    determined: Bools
-    together: Bools
-
-    @property
-    def errors(self) -> Floats:
-        """Standard errors of the coordinates, the others not being known, (n,)."""
-        return np.sqrt(np.diag(self.covariance))
-
-    def errors_holding(self, held: Bools) -> Floats:
-        """Return the standard errors if the `held` coordinates are taken as known, (n,); 0 for
-        those.
-        """
-        errors = np.zeros(len(held))
-        free = ~held
-        across = self.covariance[np.ix_(free, held)]
-        # errors may be exactly correlated: then the covariance has no inverse
-        of_held = np.linalg.pinv(self.covariance[np.ix_(held, held)], hermitian=True)
-        left = np.diag(self.covariance)[free] - np.diag(across @ of_held @ across.T)
-        errors[free] = np.sqrt(np.maximum(left, 0.0))
-        return errors
-
-
-def uncertainty_at(problem: Problem, derivatives: Derivatives, z: Floats) -> Uncertainty:
-    """Return the standard errors at the end z of a fit, (n,), and which coordinates the logs
-    identify.
-    """
-    limit = problem.prior_stds
     inverse = np.linalg.pinv(hessian(problem, derivatives), hermitian=True)
     # few spans of time tell too small a variance (MacKinnon and White, J. Econometrics 29, 1985)
     few = derivatives.spans / max(derivatives.spans - problem.size, 1)
@@ -89,28 +32,24 @@ def uncertainty_at(problem: Problem, derivatives: Derivatives, z: Floats) -> Unc
     ]
     covariance += np.diag(np.square(coarse))
     # no error is larger than the prior's std
-    shrink = np.minimum(1.0, limit / np.maximum(np.sqrt(np.diag(covariance)), 1e-300))
+    stds = np.maximum(np.sqrt(np.diag(covariance)), 1e-300)
+    shrink = np.minimum(1.0, problem.prior_stds / stds)
     covariance *= np.outer(shrink, shrink)
-    yardstick = yardsticks(problem, z)
-    share = np.where(np.isfinite(limit), IDENTIFIED, 1.0)
-    errors = np.sqrt(np.diag(covariance))
-    precision = np.diag(np.linalg.pinv(covariance, hermitian=True))
-    # a standard error with all others known is no larger
-    alone = np.minimum(errors, 1.0 / np.sqrt(np.maximum(precision, 1e-300)))
-    together = (errors > CONFOUNDED * yardstick) & (alone < SEEN_ALONE * errors)
-    determined = (errors < share * yardstick) & ~together
-    return Uncertainty(covariance, determined, together)
+    return covariance
 
 
-def yardsticks(problem: Problem, z: Floats) -> Floats:
-    """Return what the errors at z are compared with, (n,): the std of each coordinate's prior, or
-    `VAGUE` of its value where it has none.
+def errors_holding(covariance: Floats, held: Bools) -> Floats:
+    """Return the standard errors with this `covariance`, (n, n), if the `held` coordinates are
+    taken as known, (n,); 0 for those.
     """
-    vague = [
-        VAGUE * abs(part.value(c)) / max(part.slope(c), 1e-300)
-        for (part, _), c in zip(problem.parts, z)
-    ]
-    return np.where(np.isfinite(problem.prior_stds), problem.prior_stds, vague)
+    errors = np.zeros(len(held))
+    free = ~held
+    across = covariance[np.ix_(free, held)]
+    # errors may be exactly correlated: then the covariance has no inverse
+    of_held = np.linalg.pinv(covariance[np.ix_(held, held)], hermitian=True)
+    left = np.diag(covariance)[free] - np.diag(across @ of_held @ across.T)
+    errors[free] = np.sqrt(np.maximum(left, 0.0))
+    return errors
 
 
 LARGEST_NIS = 5.0

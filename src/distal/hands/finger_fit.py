@@ -15,7 +15,7 @@ from distal.fitting import Options
 from distal.fitting.free_parameter import assignments
 from distal.fitting.likelihood_search import most_likely, search
 from distal.fitting.objective import Problem
-from distal.fitting.parameter_estimates import from_start, problem_of
+from distal.fitting.parameter_estimates import problem_of, searched
 from distal.hands.sweeps import Sweep, is_pair, needed, winds_to
 from distal.logs import Log
 from distal.rig import Capstan, Rig, Sensor, Subsystem
@@ -67,7 +67,7 @@ def part_values(
     at_ends = _at_ends(rig, sweeps)
     prior = rig.with_values(at_ends)
     problem = problem_of([cut], prior, Options(noise=pairs, workers=1))
-    parameters = from_start(problem, _likeliest(problem, prior))
+    parameters = searched(problem, _likeliest(problem, prior), may_stay=False)
     if not np.isfinite(parameters.optimum.cost):
         raise FitError(
             f"{log.source}: no rig with the motors {', '.join(drives)} moves as this log does"
