@@ -21,13 +21,13 @@ from pathlib import Path
 from tests.export.replay import replay_program
 from tests.fuzzing.rigs import changed
 from tests.support.drawn_rigs import drawn_rig
+from tools.lab.plant_source import c_plant
 
 import benchmarks.paper_2008  # noqa: F401 - the estimators ekf and ekf-2008
 from benchmarks.report import table
 from benchmarks.strangers.random_rigs import random_case
 from distal.errors import DistalError
 from distal.export import export_c, export_fmu
-from distal.export.plant_source import c_plant
 from distal.rig import Rig, build_rig, load_rig
 
 STRICT = ["-Wall", "-Wextra", "-Werror", "-fsyntax-only", "-fno-math-errno"]

@@ -63,6 +63,16 @@ def test_fit_writes_a_rig_that_the_other_commands_take(
 
 
 @pytest.mark.slow
+def test_a_rig_for_a_simulator_has_no_map(run, logs: list[Path], tmp_path: Path) -> None:
+    out = tmp_path / "simulator.toml"
+    rig = ("--rig", "paper-2008-printed", *SET, *FREE)
+    ran = run("fit", *logs, *rig, "--open-loop", "--out", out)
+    assert ran.code == 0, ran.err
+    assert "answer: with drives as recorded, joints err by" in ran.out
+    assert load_rig(out).map is None
+
+
+@pytest.mark.slow
 def test_the_name_of_a_log_does_not_end_a_fit(run, logs: list[Path], tmp_path: Path) -> None:
     """What a fit found is written, whatever the logs are called: half characters, line breaks,
     formulas.

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 from tools.lab import lab_page
 from tools.lab.__main__ import main
+from tools.lab.plant_source import c_plant
 
 from distal import Rig, estimate, load_rig, read_log
 from distal.confidence import BAND
 from distal.errors import ExportError
 from distal.estimators import external_torques_of, make_estimator
-from distal.export.plant_source import c_plant
 from distal.kernels import Kernel
 from distal.model import Mechanism
 from distal.rig import number

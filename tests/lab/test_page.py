@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tools.lab.html_page import STIFF, _largest_load, _motion, _positions, _servo
+from tools.lab.plant_source import ExportedPlant, c_plant
 from tools.lab.webassembly import _GLUE
 
 from distal import Rig, load_rig
-from distal.export.plant_source import ExportedPlant, c_plant
 from distal.reports.page import _COLOURS
 from distal.rig.joints import REACH
 

@@ -20,7 +20,6 @@ from distal.arrays import Floats
 from distal.confidence import BAND, COVERED_TEXT
 from distal.estimators.read_channels import DEAD
 from distal.export.c_text import filled
-from distal.export.plant_source import ExportedPlant, resting_inputs
 from distal.logs import write_whole
 from distal.reports.page import page, resource
 from distal.results import COLOURS
@@ -30,6 +29,7 @@ from distal.run.health import HEALTH
 from distal.simulation.plant_motion import equilibrium
 from distal.units import unit_factor
 from tools.lab.chain_shape import chain_shape, tension_scale
+from tools.lab.plant_source import ExportedPlant, resting_inputs
 from tools.lab.webassembly import LabModule, lab_module
 
 WINDOW = 12.0

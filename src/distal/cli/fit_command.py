@@ -82,6 +82,10 @@ def fit_command(
         ),
     ] = None,
     reference_lag: LagOption = None,
+    open_loop: Annotated[
+        bool,
+        Option("--open-loop", help="Fit for a simulator, in which no sensor corrects the angle."),
+    ] = False,
     minutes: MinutesOption = None,
     set_: SetOption = None,
 ) -> None:
@@ -112,6 +116,7 @@ def fit_command(
             units=units,
             progress=show,
             lag=None if reference_lag is None else in_si(reference_lag, "s"),
+            open_loop=open_loop,
         )
     say_fit(result)
     if out is not None:

@@ -125,7 +125,6 @@ class RegressionEstimator(KernelEstimator):
                 f"regression: '{rig.name}' has no map of what its sensors read; it {NEEDS}"
             )
         self._compiled = compiled
-        self._notes = tuple[str, ...]()
         names = angle_names(rig.joint_names)
         super().__init__(NAME, rig, None, np.zeros(0), channels=channels, state_names=names)
         self._sensors = channels

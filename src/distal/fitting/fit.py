@@ -15,9 +15,10 @@ import numpy as np
 
 from distal.confidence import BAND
 from distal.errors import DistalWarning, DivergedError, EstimationError, FitError
-from distal.fitting.candidates import groups_among
+from distal.fitting.candidates import groups_among, parameters_without
 from distal.fitting.choice_of_parameters import Options, Progress
 from distal.fitting.cross_validation import WRITTEN, Judged, judge
+from distal.fitting.free_parameter import assignments, described
 from distal.fitting.learn_free_motion import efforts_of, untouched
 from distal.fitting.learned_maps import logs_read
 from distal.fitting.log_checks import check_logs, touched_logs
@@ -28,13 +29,14 @@ from distal.fitting.map_samples import (
     said_of_lag,
     without_lag,
 )
+from distal.fitting.parameter_estimates import by_filter, problem_of
 from distal.fitting.result import Fit
 from distal.fitting.standard_errors import far_from_priors
 from distal.from_logs import rig_from_logs
 from distal.homing import check_homing
 from distal.logs import Log, Source, read_log, shown, true_angles
 from distal.parallel import one_blas_thread
-from distal.regression import FEWEST_LOGS, folds_of, groups_of, servos_of
+from distal.regression import FEWEST_LOGS, folds_of, groups_of, servos_of, splits
 from distal.rig import LeftOut, Rig, as_rig
 from distal.run import estimate
 
@@ -60,6 +62,7 @@ def fit(
     progress: Progress | None = None,
     units: str | None = None,
     lag: float | None = None,
+    open_loop: bool = False,
 ) -> Fit:
     """Fit a rig's parameters and noise to logs, learn a map of the angle error that remains, and
     test both on held-out logs.
@@ -91,6 +94,8 @@ def fit(
         lag: by how much the true angles are later than the drives [s]; None: it is found, and taken
             off where it makes the logs more probable by more than its standard error. A joint that
             follows its drives late looks the same.
+        open_loop: whether the rig is for a simulator: its joints then go as in the logs where the
+            drives do and no sensor corrects them. It has no maps.
 
     Raises:
         FitError: the logs cannot be fitted; says which and why.
@@ -120,6 +125,8 @@ def fit(
     rig = rig.with_values(servos)
     judged = judge(read, rig, options, progress)
     learned = _followed(judged, read)
+    if open_loop:
+        learned = _in_open_loop(learned, read, options, progress)
     doubts = (*said_of_lag(found_lag), *_touched(aside), *learned.doubts)
     added = {**servos, **learned.added}
     for line in far_from_priors(learned.parameters.fitted, learned.parameters.problem):
@@ -157,6 +164,42 @@ def _followed(judged: Judged, logs: Sequence[Log]) -> Fit:
         learned = _with_free_motion(Fit.of(judged, best), judged)
         return replace(learned, doubts=(*doubts, *learned.doubts))
     return Fit.of(judged, best)
+
+
+def _in_open_loop(
+    learned: Fit, logs: Sequence[Log], options: Options, progress: Progress | None
+) -> Fit:
+    """Return what was learned with the parameters for an open loop in place of those for an
+    estimator, and without maps (output-error method; Ljung, System Identification, 1999, ch. 7).
+
+    Raises:
+        FitError: no log has the angles.
+    """
+    known = [log for log in logs if true_angles(log, learned.model.joint_names) is not None]
+    if not known:
+        raise FitError("an open loop is fitted to the joints' angles, which no log has")
+    problem = problem_of(known, learned.model, replace(options, noise=False))
+    parameters = by_filter(replace(problem, open_loop=True), None, progress)
+    problem = parameters.problem
+    rig = described(learned.model, assignments(parameters.fitted, problem.filter.rig))
+    folds = folds_of(groups_among(known, options.units))
+    errors = list[float]()
+    for (out, _), others in zip(splits(folds), parameters_without(parameters, known, folds)):
+        runs = others.problem.at(others.optimum.z)
+        for i in out:
+            time = known[i].time
+            late = time - time[0] >= counted_from(known[i], options.homing)
+            errors.append(float(np.nanmean(runs[i].values[late] ** 2)))
+    return replace(
+        learned,
+        rig=rig,
+        parameters=parameters,
+        kept=True,
+        maps={},
+        compared=(),
+        doubts=parameters.doubts,
+        open_loop=float(np.sqrt(np.mean(errors))),
+    )
 
 
 def _failure(rig: Rig, log: Log, learned: Fit, options: Options) -> str | None:

@@ -64,6 +64,7 @@ class Problem:
         aided: whether, without homing, the reference is read wherever it is known, as one more
             sensor. This identifies more where the model is right; where the model is wrong it hides
             the errors of the angle.
+        open_loop: whether no force is read, and only the reference compared.
         workers: number of threads; the result does not depend on it.
         weight: weights of the channels' values; None before they are assessed, when every value
             counts in full.
@@ -79,6 +80,7 @@ class Problem:
     data: tuple[Data, ...]
     homing: float | None = None
     aided: bool = False
+    open_loop: bool = False
     workers: int = 2
     weight: Weight | None = None
     noises: tuple[Free, ...] = ()
@@ -206,6 +208,11 @@ class Problem:
             times = data.log.time
             late = data.last[times - times[0] >= (0.0 if self.homing is None else self.homing)]
             rows[late, -len(self.filter.references) :] *= COMPARED_ONLY
+            if self.open_loop:
+                channels = self.filter.estimator.channels
+                forces = [name for name, of in zip(self.measured, self._is_reference) if not of]
+                width = 1 + len(channels)
+                rows[:, [width + channels.index(name) for name in forces]] *= COMPARED_ONLY
             masked.append(rows)
         return tuple(masked)
 
@@ -216,9 +223,10 @@ class Problem:
     def _compared(self, log: int, ys: Floats) -> Innovations:
         data = self.data[log]
         values, variances = self.filter.estimator.innovations_of(ys[data.last], data.samples)
-        if self.homing is not None:
+        if self.homing is not None or self.open_loop:
             values = values.copy()
             values[:, ~self._is_reference] = np.nan
+        if self.homing is not None:
             values[data.log.time - data.log.time[0] < self.homing] = np.nan
         return Innovations(values, variances)
 

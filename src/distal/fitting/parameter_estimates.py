@@ -211,11 +211,11 @@ def searched(
     Where they `may_stay`, parameters of which the logs tell little stay at their priors (`STAYS`).
     """
     problem, optimum = most_likely(problem, start, progress)
-    if not problem.asks_equations and not optimum.interrupted:
+    if not (problem.asks_equations or problem.open_loop or optimum.interrupted):
         problem, optimum = _with_reference(problem, optimum, progress)
     covariance = covariance_at(problem, optimum.derivatives, optimum.z)
     left = np.zeros(problem.size, dtype=bool)
-    if may_stay and not optimum.interrupted:
+    if may_stay and not (problem.open_loop or optimum.interrupted):
         left = _staying(problem, covariance)
     if left.any() and not left.all():
         # where the others go when these move to their priors, by the information of all
@@ -284,7 +284,7 @@ def problem_of(logs: Sequence[Log], rig: Rig, options: Options) -> Problem:
         )
     fit_filter = _filter(with_reference, references, free, options.compiled)
     data = tuple(fit_filter.data_of(log) for log in logs)
-    problem = Problem(fit_filter, free, data, options.homing, False, options.workers)
+    problem = Problem(fit_filter, free, data, options.homing, workers=options.workers)
     if not Equations.apply_to(fit_filter) and not np.isfinite(
         problem.costs([np.zeros(problem.size)])[0]
     ):

@@ -60,6 +60,8 @@ class Fit:
         reference_offset: std of the reference sensor's zero, which no score shows [rad].
         text: TOML of the original rig into which `save` writes by default; empty where there is
             none.
+        open_loop: RMS error of the angles in an open loop, on logs left out [rad]; None where the
+            rig is for an estimator.
     """
 
     rig: Rig
@@ -81,6 +83,7 @@ class Fit:
     reference_std: float = 0.0
     reference_offset: float = 0.0
     text: str = ""
+    open_loop: float | None = None
 
     @classmethod
     def of(cls, judged: Judged, chosen: Candidate) -> Fit:
@@ -197,6 +200,9 @@ class Fit:
             for comparison in self.compared
             if (score := comparison.scores.get(WRITTEN)) is not None
         ]
+        if self.open_loop is not None:
+            error = np.rad2deg(self.open_loop)
+            return f"with drives as recorded, joints err by {rounded(error)}° on logs left out"
         if not scores:
             return ""
         error = np.rad2deg(np.sqrt(np.mean([score.rms**2 for score in scores])))

@@ -1,6 +1,4 @@
-"""The readings of the sensors in a simulated motion, at the sensors' rates (`Sampler`) or as one
-function (`reading_function`).
-"""
+"""The readings of the sensors in a simulated motion, at the sensors' rates."""
 
 from __future__ import annotations
 
@@ -13,7 +11,7 @@ from distal.arrays import Floats
 from distal.expressions import Vector
 from distal.model import Mechanism, Moment
 from distal.rig import Rig, travel_of
-from distal.sensor_errors import SENSOR, SensorErrors, reading
+from distal.sensor_errors import SensorErrors
 
 
 def moment_of(plant: Mechanism, y: Vector) -> Moment:
@@ -82,24 +80,3 @@ def stamps_of(rig: Rig, begin: float, end: float) -> Floats:
     rates = {sensor.rate for sensor in rig.sensors} or {100.0}
     each = (np.arange(ceil(begin * r - 1e-6), ceil(end * r - 1e-6)) / r for r in rates)
     return np.unique(np.round(np.concatenate([*each]), 9))
-
-
-def reading_function(plant: Mechanism) -> ca.Function:
-    """Return the function (y, numbers, draws) → what the sensors read, without their delays.
-
-    The output y is that of the plant's kernel, the numbers are a column of `SENSOR` for each
-    sensor, and the draws are standard normal.
-    """
-    sensors = plant.rig.sensors
-    y = ca.SX.sym("y", 3 * plant.n_bodies + plant.n_tendons)
-    parameters = ca.SX.sym("numbers", SENSOR.size, len(sensors))
-    draws = ca.SX.sym("draws", len(sensors))
-    moment = moment_of(plant, y)
-    readings = [
-        reading(moment.read(s), SENSOR.parts(parameters[:, k]), draws[k])
-        for k, s in enumerate(sensors)
-    ]
-    read = ca.substitute(
-        ca.vertcat(*readings), plant.parameters.symbols, ca.DM(plant.parameters.values)
-    )
-    return ca.Function("reading", [y, parameters, draws], [ca.densify(read)])

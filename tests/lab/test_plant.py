@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tools.lab.plant_source import ExportedPlant, c_plant, resting_inputs
 from typer.testing import CliRunner
 
 from distal import load_rig
 from distal.cli.app import app
 from distal.errors import ExportError
-from distal.export.plant_source import ExportedPlant, c_plant, resting_inputs
 from distal.kernels import Kernel
 from distal.model import Mechanism
 from distal.rig import Sensor, gain_of, step_of, travel_of

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
@@ -22,9 +23,10 @@ from distal.export.c_text import (
 from distal.kernels import Kernel
 from distal.model import Mechanism
 from distal.rig import Rig, gain_of, step_of, travel_of
+from distal.sensor_errors import SENSOR, reading
 from distal.simulation.plant_kernel import plant_function
 from distal.simulation.plant_motion import BodyInputs, at_rest, equilibrium
-from distal.simulation.readings import reading_function
+from distal.simulation.readings import moment_of
 from distal.simulation.simulate import intervals_of
 
 
@@ -55,6 +57,27 @@ def resting_inputs(plant: Mechanism) -> BodyInputs:
     n = plant.n_bodies
     pull = [0.0] * plant.n_joints + [drive.nominal_force.value for drive in plant.rig.drives]
     return BodyInputs(np.array([pull]), np.zeros((1, n)), np.zeros((1, n, 3)))
+
+
+def reading_function(plant: Mechanism) -> ca.Function:
+    """Return the function (y, numbers, draws) → what the sensors read, without their delays.
+
+    The output y is that of the plant's kernel, the numbers are a column of `SENSOR` for each
+    sensor, and the draws are standard normal.
+    """
+    sensors = plant.rig.sensors
+    y = ca.SX.sym("y", 3 * plant.n_bodies + plant.n_tendons)
+    parameters = ca.SX.sym("numbers", SENSOR.size, len(sensors))
+    draws = ca.SX.sym("draws", len(sensors))
+    moment = moment_of(plant, y)
+    readings = [
+        reading(moment.read(s), SENSOR.parts(parameters[:, k]), draws[k])
+        for k, s in enumerate(sensors)
+    ]
+    read = ca.substitute(
+        ca.vertcat(*readings), plant.parameters.symbols, ca.DM(plant.parameters.values)
+    )
+    return ca.Function("reading", [y, parameters, draws], [ca.densify(read)])
 
 
 def c_plant(rig: Rig, name: str) -> ExportedPlant:
