@@ -14,7 +14,6 @@ from pettingzoo import ParallelEnv
 from pettingzoo.test import parallel_api_test, parallel_seed_test
 
 from distal import load_rig, load_scenario
-from distal.control import ControlledPlant
 from distal.errors import ControlError
 from distal.simulation import Scenario
 
@@ -131,27 +130,6 @@ def test_an_episode_depends_on_its_seed_and_not_on_what_was_before(
     for _ in range(40):
         env.step(np.array([0.9, 0.0]))
     np.testing.assert_array_equal(episode(env), episode(TendonEnv(scenario)))
-
-
-def test_a_plant_of_other_numbers_moves_as_one_that_is_made_anew(scenario: Scenario) -> None:
-    rig, values = load_rig("paper-2008"), {"tendons.0.stiffness": 700.0, "joints.0.damping": 4e-4}
-    scenario = scenario.model_copy(
-        update={"drives": load_scenario("series-2").drives}
-    )  # weights pull from the start on
-    changed = scenario.model_copy(update={"plant": {**values, **scenario.plant}})
-    shared = ControlledPlant(rig, scenario, 0.01).of_plant(values)
-    anew = ControlledPlant(rig, changed, 0.01)
-    plain = ControlledPlant(rig, scenario, 0.01)
-    for plant in (shared, anew, plain):
-        plant.reset(4)
-        for _ in range(50):
-            plant.step({"left": 5.0, "right": 2.0})
-    assert shared.plant.rig == anew.plant.rig
-    for one, other in zip(shared.begin, anew.begin):  # at rest, with the tensions there
-        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
-    for name, readings in anew.log().channels.items():
-        np.testing.assert_allclose(shared.log().channels[name], readings, atol=1e-9)
-    assert abs(plain.angles[0] - anew.angles[0]) > 1e-3
 
 
 def test_a_reset_compiles_nothing(env: TendonEnv, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -67,7 +67,7 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
         described = scenario_rig(scenario) if rig is None else as_rig(rig)
         self._rig = described
         self._draws = draws_of(described) if drawn else ()
-        # as built it has the same equations, so that a reset compiles nothing
+        self._scenario = scenario
         self._plant = self._described = ControlledPlant(
             described, scenario, scenario.control.period
         )
@@ -118,7 +118,10 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
         self._plant = self._described
         if self._draws:
             values = built_values(self._rig, self._draws, scores(self._draws, [errors]))
-            self._plant = self._described.of_plant(values)
+            plant = {**values, **self._scenario.plant}
+            scenario = self._scenario.model_copy(update={"plant": plant})
+            # of the same equations, so that nothing is compiled
+            self._plant = ControlledPlant(self._rig, scenario, self._described.period)
         self._monitor.reset()
         self._values = np.zeros(len(self._values))
         observation, _ = self._observed(self._plant.reset(errors))

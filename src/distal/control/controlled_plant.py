@@ -5,8 +5,6 @@ sensors read.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from copy import copy
-from dataclasses import replace
 from math import ceil, exp, inf, isfinite
 from pathlib import Path
 from typing import Protocol
@@ -17,15 +15,12 @@ from distal.arrays import Floats
 from distal.errors import ControlError, ScenarioError, did_you_mean
 from distal.kernels import Feed, advance
 from distal.logs import Log
-from distal.model import Mechanism
 from distal.rig import Rig
 from distal.simulation import Scenario
 from distal.simulation.plant_kernel import plant_kernel
 from distal.simulation.plant_motion import (
     PlantMotion,
     at_rest,
-    equilibrium,
-    initial_angles,
     rows_of,
 )
 from distal.simulation.readings import Sampler, stamps_of
@@ -103,29 +98,6 @@ class ControlledPlant:
             prepared.plant.rig, prepared.dt
         )
         self.reset()
-
-    def of_plant(self, values: Mapping[str, object]) -> ControlledPlant:
-        """Return the same scenario with another plant, which differs in its numbers alone; both
-        share kernel and interval. Call its `reset` before its first `step`.
-
-        Args:
-            values: path → value [SI or text] of the plant; the scenario's ``[plant]`` wins over
-                them.
-
-        Raises:
-            ScenarioError: a value does not exist or is wrong, or a drive has no equilibrium.
-        """
-        other = copy(self)
-        scenario = self.prepared.scenario
-        described = scenario.model_copy(update={"plant": {**values, **scenario.plant}})
-        other.plant = plant = Mechanism(described.plant_rig(self.rig), remembers=True)
-        inputs = self.prepared.inputs
-        start = equilibrium(plant, initial_angles(scenario, plant), inputs)
-        other.prepared = replace(self.prepared, plant=plant, start=start)
-        other._drives = plant.rig.drives
-        other.begin = at_rest(plant, inputs, start, self._kernel)
-        other._shares, other._lowest, other._highest = drive_parameters(plant.rig, self.prepared.dt)
-        return other
 
     @property
     def time(self) -> float:
