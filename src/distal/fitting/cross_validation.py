@@ -26,7 +26,6 @@ from distal.fitting.candidates import (
     tried_parts,
 )
 from distal.fitting.choice_of_parameters import Options, Progress
-from distal.fitting.free_parameter import assignments, described
 from distal.fitting.learned_maps import (
     MapFit,
     map_of,
@@ -240,8 +239,7 @@ def _alone(parameters: ParameterEstimates, rig: Rig) -> Candidate:
     """Return the candidate of parameter estimates alone, which nothing judges because some joint's
     angle is known in no log.
     """
-    rig = described(rig, assignments(parameters.fitted, parameters.problem.filter.rig))
-    return Candidate("numbers", rig, parameters, False, float("nan"), {})
+    return Candidate("numbers", parameters.put_into(rig), parameters, float("nan"), {})
 
 
 def readings_map(training: Training) -> MapFit:

@@ -18,7 +18,6 @@ from distal.errors import DistalWarning, DivergedError, EstimationError, FitErro
 from distal.fitting.candidates import groups_among, parameters_without
 from distal.fitting.choice_of_parameters import Options, Progress
 from distal.fitting.cross_validation import WRITTEN, Judged, judge
-from distal.fitting.free_parameter import assignments, described
 from distal.fitting.learn_free_motion import efforts_of, untouched
 from distal.fitting.learned_maps import logs_read
 from distal.fitting.log_checks import check_logs, touched_logs
@@ -180,8 +179,6 @@ def _in_open_loop(
         raise FitError("an open loop is fitted to the joints' angles, which no log has")
     problem = problem_of(known, learned.model, replace(options, noise=False))
     parameters = by_filter(replace(problem, open_loop=True), None, progress)
-    problem = parameters.problem
-    rig = described(learned.model, assignments(parameters.fitted, problem.filter.rig))
     folds = folds_of(groups_among(known, options.units))
     errors = list[float]()
     for (out, _), others in zip(splits(folds), parameters_without(parameters, known, folds)):
@@ -192,7 +189,7 @@ def _in_open_loop(
             errors.append(float(np.nanmean(runs[i].values[late] ** 2)))
     return replace(
         learned,
-        rig=rig,
+        rig=parameters.put_into(learned.model),
         parameters=parameters,
         kept=True,
         maps={},

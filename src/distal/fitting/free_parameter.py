@@ -112,16 +112,13 @@ class FittedParameter:
         return share if np.isfinite(share) else 0.0
 
 
-def assignments(
-    parameters: Sequence[FittedParameter], start: Rig, hold: bool = False
-) -> dict[str, object]:
+def assignments(parameters: Sequence[FittedParameter], start: Rig) -> dict[str, object]:
     """Return path by names → value, with its std where it had one, of all that does not stay as it
     was.
 
     Args:
         parameters: the parameters after the fit.
         start: the original rig.
-        hold: whether estimators are to take the values as exactly known.
     """
     changed: dict[str, object] = {}
     for part in parameters:
@@ -140,8 +137,7 @@ def assignments(
             share = abs(value / part.value) if part.value else 1.0
             error = part.file_std if np.isfinite(part.file_std) else part.prior_std
             std = max(min(error, part.prior_std) * share, SMALLEST_RELATIVE_STD * abs(value))
-            held = {"hold": True} if hold else {}
-            changed[path] = {"value": rounded, **_spread(part, before, std, value, start), **held}
+            changed[path] = {"value": rounded, **_spread(part, before, std, value, start)}
     return {named(start, path): value for path, value in changed.items()}
 
 

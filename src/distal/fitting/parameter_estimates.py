@@ -14,7 +14,7 @@ from distal.arrays import Bools, Floats
 from distal.errors import FitError
 from distal.fitting.choice_of_parameters import Options, Progress, choose, searching
 from distal.fitting.fit_filter import FitFilter
-from distal.fitting.free_parameter import FittedParameter, Free
+from distal.fitting.free_parameter import FittedParameter, Free, assignments, described
 from distal.fitting.inverse_dynamics import SMOOTHED, Equations, inverse_problem
 from distal.fitting.likelihood_search import Optimum, hessian, most_likely, search
 from distal.fitting.objective import Problem
@@ -84,6 +84,10 @@ class ParameterEstimates:
     def by_equations(self) -> bool:
         """Whether they are estimated by the rig's equations, not by its filter."""
         return self.problem.asks_equations
+
+    def put_into(self, rig: Rig) -> Rig:
+        """Return a rig with these parameters."""
+        return described(rig, assignments(self.fitted, self.problem.filter.rig))
 
 
 def parameters_of(
