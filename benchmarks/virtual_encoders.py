@@ -1,6 +1,6 @@
-"""The loop of orca_core on virtual encoders, on true ones, and on ratios of its motors: `python -m
-benchmarks.virtual_encoders [--hands N] [--first-seed N] [--off DEG] [--faults N]`, where orca_core
-0.12 is installed.
+"""The loop of orca_core on virtual encoders, on true ones, and on ratios of its motors, and the loop
+of `distal.hands.Hand`: `python -m benchmarks.virtual_encoders [--hands N] [--first-seed N] [--off
+DEG] [--faults N]`, where orca_core 0.12 is installed.
 
 Its mock hand is moved by a plant of `strangers.servo_hands`: tendons with friction, slack and
 stretch, ranges that are not those of the file. Time is simulated.
@@ -182,8 +182,8 @@ def looped(hand: Simulated, rig: Any, widest: float) -> tuple[VirtualEncoders, A
 def followed(
     hand: Simulated, way: str, rig: Any, path: Any, widest: float = 30.0
 ) -> dict[str, Any]:
-    """Let a hand follow a path by ratios, virtual or true encoders; return the true angles [deg],
-    and with virtual ones whether each joint was valid, (k, joints).
+    """Let a hand follow a path by ratios, virtual or true encoders, or the loop of distal; return
+    the true angles [deg], and with virtual ones whether each joint was valid, (k, joints).
     """
     from orca_core.calibration import JointEncoderCal
     from orca_core.control import joint_loop
@@ -211,10 +211,16 @@ def followed(
         controller.set_gains(*(np.array([getattr(g, n) for g in gains]) for n in names))
         loop = joint_loop.JointLoopThread(orca, TrueEncoders(hand), controller, 100)
         loop.prime_for_step()
+    own = Hand(orca, rig) if way == "distal" else None
+    if own is not None:
+        own.update(hand.time)
     angles, valid, said = [], [], []
     for wanted in path:
         targets = dict(zip(order, wanted.tolist()))
-        if loop is None:
+        if own is not None:
+            own.set_joint_positions(targets)
+            own.update(hand.time)
+        elif loop is None:
             hand.write(orca.config.motor_ids, orca._joint_to_motor_pos(targets))
         else:
             loop.set_target({joint: targets[joint] for joint in loop.joint_names})
@@ -341,7 +347,7 @@ def main() -> None:
         return
     errors: dict[str, list[Any]] = {}
     for seed in range(arguments.first_seed, arguments.first_seed + arguments.hands):
-        for way in ("ratios", "virtual", "true"):
+        for way in ("ratios", "virtual", "true", "distal"):
             hand = Simulated(seed, arguments.off)
             rig = calibrated(hand)
             path = asked(hand, seed, MOTIONS)

@@ -137,7 +137,9 @@ def assignments(parameters: Sequence[FittedParameter], start: Rig) -> dict[str, 
             share = abs(value / part.value) if part.value else 1.0
             error = part.file_std if np.isfinite(part.file_std) else part.prior_std
             std = max(min(error, part.prior_std) * share, SMALLEST_RELATIVE_STD * abs(value))
-            changed[path] = {"value": rounded, **_spread(part, before, std, value, start)}
+            # a file may have it as a share of the value
+            drift = {} if before.drift is None else {"drift": before.drift}
+            changed[path] = {"value": rounded, **_spread(part, before, std, value, start), **drift}
     return {named(start, path): value for path, value in changed.items()}
 
 

@@ -36,9 +36,19 @@ the drives (6 to 8 with inertia, above 15 without). Source: benchmark (benchmark
 """
 
 
-STAYS = 0.5
-"""Ratio of a parameter's standard error to its prior's std, above which it stays at its prior [1]:
-what shows only together with others would carry what the model lacks. Source: judgement.
+IDENTIFIED = 0.9
+"""Ratio of a parameter's standard error to its prior's std, above which it stays at its prior [1].
+Source: judgement.
+"""
+
+CONFOUNDED = 0.5
+"""The same ratio where it shows only together with others: it would carry what the model lacks [1].
+Source: judgement.
+"""
+
+SEEN_ALONE = 0.2
+"""Ratio of a parameter's standard error if all others were known to its standard error, below which
+it shows only together with others [1]. Source: judgement.
 """
 
 DIVERGED = (
@@ -212,7 +222,7 @@ def searched(
     """Return the estimates from the most likely parameters of a problem, by a search from the
     coordinates `start`, (n,), that tells its `progress`.
 
-    Where they `may_stay`, parameters of which the logs tell little stay at their priors (`STAYS`).
+    Where they `may_stay`, parameters of which the logs tell little stay at their priors.
     """
     problem, optimum = most_likely(problem, start, progress)
     if not (problem.asks_equations or problem.open_loop or optimum.interrupted):
@@ -239,18 +249,23 @@ def searched(
 
 
 def _staying(problem: Problem, covariance: Floats) -> Bools:
-    """Return which coordinates stay at their priors, (n,): one by one those whose errors, if the
-    ones before are known, are largest; of noise and of what each log has anew there are none.
+    """Return which coordinates stay at their priors, (n,), one by one, the least known first; of
+    noise and of what each log has anew there are none.
     """
     left = np.zeros(problem.size, dtype=bool)
     may_stay = np.array(
         [not part.noise and log is None and part.has_prior for part, log in problem.parts]
     )
+    precisions = np.diag(np.linalg.pinv(covariance, hermitian=True))
+    # the variance if all others were known
+    alone = 1.0 / np.maximum(precisions, 1e-300)
+    together = alone < SEEN_ALONE**2 * np.diag(covariance)
+    limit = np.where(together, CONFOUNDED, IDENTIFIED) * problem.prior_stds
     while True:
-        share = errors_holding(covariance, left) / problem.prior_stds
+        share = errors_holding(covariance, left) / limit
         share[~may_stay | left] = 0.0
         at = int(np.argmax(share))
-        if share[at] < STAYS:
+        if share[at] < 1.0:
             return left
         left[at] = True
 

@@ -54,6 +54,7 @@ class Number:
         shared: name of the error that it shares with others, and the std of that as a share of the
             value; None if it shares none.
         independent_std: of its own error alone.
+        drift: std of its walk, per √s; None where the estimator says.
     """
 
     path: str
@@ -64,6 +65,7 @@ class Number:
     hold: bool = False
     shared: tuple[str, float] | None = None
     independent_std: float = 0.0
+    drift: float | None = None
 
     @property
     def is_rough(self) -> bool:
@@ -108,9 +110,8 @@ def number(rig: Rig, path: str) -> Number:
             if part.shared is not None and part.shared.std > 0.0
             else None
         )
-        return Number(
-            ".".join(keys), part.value, part.total_std, quantity, True, part.hold, shared, part.std
-        )
+        errors = part.hold, shared, part.std, part.drift
+        return Number(".".join(keys), part.value, part.total_std, quantity, True, *errors)
     return Number(".".join(keys), float(part), 0.0, quantity, False)
 
 
