@@ -1,6 +1,6 @@
-"""The loop of orca_core on virtual encoders, on true ones, and on ratios of its motors, and the loop
-of `distal.hands.Hand`: `python -m benchmarks.virtual_encoders [--hands N] [--first-seed N] [--off
-DEG] [--faults N]`, where orca_core 0.12 is installed.
+"""The loop of orca_core on virtual encoders, on true ones, and on ratios of its motors, and that of
+`distal.hands.Hand`: `python -m benchmarks.virtual_encoders [--hands N] [--first-seed N] [--off DEG]
+[--faults N]`, where orca_core 0.12 is installed.
 
 Its mock hand is moved by a plant of `strangers.servo_hands`: tendons with friction, slack and
 stretch, ranges that are not those of the file. Time is simulated.
