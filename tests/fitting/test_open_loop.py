@@ -66,6 +66,12 @@ def test_a_simulator_goes_as_a_log_that_was_left_out(tmp_path: Path) -> None:
     assert load_rig(tmp_path / "simulator.toml") == found.rig
 
 
+def test_of_one_log_nothing_is_said_of_others(logs: list[Log]) -> None:
+    found = fit(logs[:1], finger_rig(), open_loop=True)
+    assert found.answer() == ""
+    assert error(logs[0], found.rig) < error(logs[0], finger_rig())
+
+
 def test_it_needs_an_angle(logs: list[Log]) -> None:
     blind = [Log(log.time, log.channels, {}, log.source) for log in logs[:2]]
     with pytest.raises(FitError, match="fitted to the joints' angles, which no log has"):

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from distal.fitting.free_parameter import Free
 from distal.fitting.likelihood import Derivatives
-from distal.fitting.standard_errors import covariance_at
+from distal.fitting.parameter_estimates import _staying
+from distal.fitting.standard_errors import covariance_at, errors_holding
 
 Floats = NDArray[np.float64]
 
@@ -66,3 +67,25 @@ def test_what_nothing_shows_is_known_as_before() -> None:
     """By its prior; without one, by nothing."""
     covariance = covariance_of([0.1, 0.1, np.nan], np.diag([1e6, 1e-3, 1.0]))
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), [1e-3, 0.1, 1.0], rtol=1e-3)
+
+
+def test_what_stays_at_its_prior() -> None:
+    """What is told to 0.95 of its prior's std, not to 0.7; of two that show only as a product one,
+    and then the other is told.
+    """
+    stds = [0.1, 0.1, 0.1]
+    told = np.diag(np.square(0.1 * np.array([0.95, 0.7, 0.01])))
+    assert list(_staying(problem(stds), told)) == [True, False, False]  # type: ignore[arg-type]
+    product = covariance_of([0.1, 0.1], 1e6 * np.ones((2, 2)))
+    left = _staying(problem([0.1, 0.1]), product)  # type: ignore[arg-type]
+    assert left.sum() == 1
+    assert errors_holding(product, left).sum() == pytest.approx(1e-3, rel=0.05)
+    # known better than half of their priors, both are free
+    assert not _staying(problem([1.0, 1.0]), product).any()  # type: ignore[arg-type]
+
+
+def test_errors_of_a_singular_covariance() -> None:
+    """With one of two that go with each other exactly known, nothing is left of the other."""
+    covariance = np.array([[4.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 9.0]])
+    errors = errors_holding(covariance, np.array([True, False, False]))
+    assert errors == pytest.approx([0.0, 0.0, 3.0])

@@ -124,7 +124,7 @@ def fit(
     rig = rig.with_values(servos)
     judged = judge(read, rig, options, progress)
     learned = _followed(judged, read)
-    if open_loop:
+    if open_loop and not learned.interrupted:
         learned = _in_open_loop(learned, read, options, progress)
     doubts = (*said_of_lag(found_lag), *_touched(aside), *learned.doubts)
     added = {**servos, **learned.added}
@@ -187,6 +187,7 @@ def _in_open_loop(
             time = known[i].time
             late = time - time[0] >= counted_from(known[i], options.homing)
             errors.append(float(np.nanmean(runs[i].values[late] ** 2)))
+    left_out = float(np.sqrt(np.mean(errors))) if len(set(folds)) > 1 else np.nan
     return replace(
         learned,
         rig=parameters.put_into(learned.model),
@@ -195,7 +196,8 @@ def _in_open_loop(
         maps={},
         compared=(),
         doubts=parameters.doubts,
-        open_loop=float(np.sqrt(np.mean(errors))),
+        interrupted=parameters.optimum.interrupted,
+        open_loop=left_out,
     )
 
 

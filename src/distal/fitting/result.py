@@ -59,8 +59,8 @@ class Fit:
         reference_offset: std of the reference sensor's zero, which no score shows [rad].
         text: TOML of the original rig into which `save` writes by default; empty where there is
             none.
-        open_loop: RMS error of the angles in an open loop, on logs left out [rad]; None where the
-            rig is for an estimator.
+        open_loop: RMS error of the angles in an open loop, on logs left out [rad]; NaN where the
+            rig is for an estimator, or there are none.
     """
 
     rig: Rig
@@ -81,7 +81,7 @@ class Fit:
     reference_std: float = 0.0
     reference_offset: float = 0.0
     text: str = ""
-    open_loop: float | None = None
+    open_loop: float = float("nan")
 
     @classmethod
     def of(cls, judged: Judged, chosen: Candidate) -> Fit:
@@ -197,7 +197,7 @@ class Fit:
             for comparison in self.compared
             if (score := comparison.scores.get(WRITTEN)) is not None
         ]
-        if self.open_loop is not None:
+        if np.isfinite(self.open_loop):
             error = np.rad2deg(self.open_loop)
             return f"with drives as recorded, joints err by {rounded(error)}° on logs left out"
         if not scores:
