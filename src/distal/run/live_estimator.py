@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from math import inf, nan
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
@@ -69,6 +69,17 @@ def only(values: Floats | Sequence[float], name: str) -> float:
             f"'{name}' is for rigs of one joint, this one has {len(values)}; use '{name}s'"
         )
     return float(values[0])
+
+
+class Remembered(NamedTuple):
+    """What a live estimator believes: its arrays, the angles and the std that `reset` was given,
+    the stamp of the last sample [s], and the number of samples.
+    """
+
+    arrays: list[Floats]
+    begin: tuple[Floats | None, float]
+    time: float
+    samples: int
 
 
 class LiveEstimator:
@@ -294,17 +305,16 @@ class LiveEstimator:
         """
         return _made_again, (*self._made_of, self.belief())
 
-    def belief(self) -> tuple[Any, ...]:
+    def belief(self) -> Remembered:
         """Return a copy of all that the next sample changes, for `resumed`."""
-        beside = self._begin, self._time, self._samples
-        return *(array.copy() for array in _arrays(self)), *beside
+        arrays = [array.copy() for array in _arrays(self)]
+        return Remembered(arrays, self._begin, self._time, self._samples)
 
-    def resumed(self, belief: tuple[Any, ...]) -> LiveEstimator:
+    def resumed(self, belief: Remembered) -> LiveEstimator:
         """Return this live estimator, put back to a `belief`: the next sample is the one after."""
-        arrays = _arrays(self)
-        for array, values in zip(arrays, belief):
+        for array, values in zip(_arrays(self), belief.arrays):
             array[:] = values
-        self._begin, self._time, self._samples = belief[len(arrays) :]
+        _, self._begin, self._time, self._samples = belief
         return self
 
     @property
@@ -472,7 +482,7 @@ def _arrays(live: LiveEstimator) -> list[Floats]:
 
 
 def _made_again(
-    rig: Rig, estimator: str | KernelEstimator, compiled: bool, belief: tuple[Any, ...]
+    rig: Rig, estimator: str | KernelEstimator, compiled: bool, belief: Remembered
 ) -> LiveEstimator:
     """Return a live estimator that was pickled."""
     return LiveEstimator(rig, estimator, compiled).resumed(belief)

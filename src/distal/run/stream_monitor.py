@@ -9,7 +9,6 @@ from copy import copy
 from dataclasses import dataclass, replace
 from math import inf, isfinite, isnan, nan, sqrt
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from distal.logs import LARGEST_READING, Log, Remark
 from distal.logs.stamps import REWOUND
 from distal.rig import Rig
 from distal.run.health import LIMITS, WORDS, Health, HealthLimits, Watch, begun, watch_of, word_code
-from distal.run.live_estimator import LATEST, JointContact, LiveEstimator, only
+from distal.run.live_estimator import LATEST, JointContact, LiveEstimator, Remembered, only
 
 OF_REMARKS: dict[str, Health] = {
     "turn": "restarted",
@@ -118,7 +117,7 @@ class Monitor:
         self._time = -inf
         self._fresh = True
         self._anew = ""
-        self._before: tuple[float, tuple[Any, ...]] | None = None
+        self._before: Remembered | None = None
 
     def reset(self) -> None:
         """Forget everything, also the estimator's belief: the next sample is the first."""
@@ -242,11 +241,10 @@ class Monitor:
         """
         live = self._live
         if not np.isfinite(sample).any():
-            self._before = self._before or (live.time, live.belief())
+            self._before = self._before or live.belief()
         elif self._before is not None:
-            since, belief = self._before
-            if time - since <= self._limits.longest_gap:
-                live.resumed(belief)
+            if time - self._before.time <= self._limits.longest_gap:
+                live.resumed(self._before)
             self._before = None
 
     def _contacts(self, problems: Sequence[tuple[Health, str]]) -> tuple[JointContact, ...]:
