@@ -74,5 +74,5 @@ def test_of_one_log_nothing_is_said_of_others(logs: list[Log]) -> None:
 
 def test_it_needs_an_angle(logs: list[Log]) -> None:
     blind = [Log(log.time, log.channels, {}, log.source) for log in logs[:2]]
-    with pytest.raises(FitError, match="fitted to the joints' angles, which no log has"):
+    with pytest.raises(FitError, match="no log has them; log them too, by a camera"):
         fit(blind, finger_rig(), open_loop=True)

@@ -122,10 +122,16 @@ def fit(
     read = without_lag(read, rig, found_lag)
     servos = servos_of(read, rig)
     rig = rig.with_values(servos)
+    known = [log for log in read if true_angles(log, rig.joint_names) is not None]
+    if open_loop and not known:
+        raise FitError(
+            "an open loop is fitted to the joints' angles, and no log has them; log them too, by a "
+            "camera or a temporary encoder"
+        )
     judged = judge(read, rig, options, progress)
     learned = _followed(judged, read)
     if open_loop and not learned.interrupted:
-        learned = _in_open_loop(learned, read, options, progress)
+        learned = _in_open_loop(learned, known, options, progress)
     doubts = (*said_of_lag(found_lag), *_touched(aside), *learned.doubts)
     added = {**servos, **learned.added}
     for line in far_from_priors(learned.parameters.fitted, learned.parameters.problem):
@@ -166,17 +172,12 @@ def _followed(judged: Judged, logs: Sequence[Log]) -> Fit:
 
 
 def _in_open_loop(
-    learned: Fit, logs: Sequence[Log], options: Options, progress: Progress | None
+    learned: Fit, known: Sequence[Log], options: Options, progress: Progress | None
 ) -> Fit:
     """Return what was learned with the parameters for an open loop in place of those for an
     estimator, and without maps (output-error method; Ljung, System Identification, 1999, ch. 7).
-
-    Raises:
-        FitError: no log has the angles.
+    The angles of these logs are known.
     """
-    known = [log for log in logs if true_angles(log, learned.model.joint_names) is not None]
-    if not known:
-        raise FitError("an open loop is fitted to the joints' angles, which no log has")
     problem = problem_of(known, learned.model, replace(options, noise=False))
     parameters = by_filter(replace(problem, open_loop=True), None, progress)
     folds = folds_of(groups_among(known, options.units))
