@@ -69,7 +69,7 @@ def test_without_a_filter_readings_alone_answer(line: MapFit) -> None:
     """In every command, and what moves a motor is refused."""
     options = SimpleNamespace(homing=None)
     training = SimpleNamespace(rig=line.start, options=options, groups=("0", "1"))
-    nothing = Candidate("none", line.start, None, np.inf, {})
+    nothing = Candidate("none", line.start, None, False, np.inf, {})
     (alone,) = answer_maps(nothing, training, line)
     assert alone.maps[0].share == (1.0,)
     rig = line.start.with_map(readings=alone.maps)
@@ -87,7 +87,7 @@ def test_without_a_filter_readings_alone_answer(line: MapFit) -> None:
 def test_one_log_teaches_no_correction_of_a_filter(line: MapFit) -> None:
     options = SimpleNamespace(homing=None)
     training = SimpleNamespace(rig=line.start, options=options, groups=("0",))
-    ran = Candidate("first", line.start, None, np.inf, {0: None})  # type: ignore[dict-item]
+    ran = Candidate("first", line.start, None, False, np.inf, {0: None})  # type: ignore[dict-item]
     assert answer_maps(ran, training, line) == (line,)
     shared = with_shares(line, dict.fromkeys(line.start.joint_names, 0.3))
     rig = line.start.with_map(readings=shared.maps)

@@ -55,16 +55,18 @@ def test_what_the_reference_errs_by(rig: Rig) -> None:
     assert reference_offset(rig, log("the simulation")) == 0.0
 
 
-def test_how_sure_a_file_is() -> None:
-    """Its stds are the standard errors."""
+@pytest.mark.parametrize("hold", [False, True])
+def test_how_sure_a_file_is(hold: bool) -> None:
+    """Its stds are the standard errors; held, filters take the values as they are."""
     start = load_rig("capstan-joint").with_values(
         {"joints.0.friction.coefficient": {"value": 0.2, "std": 0.1}}
     )
     path = "joints.0.friction.coefficient"
     found = FittedParameter("it", (path,), "", 0.2, 0.1, 0.3, 0.05, False, (0.3,), file_std=0.05)
-    written = assignments([found], start)["joints.jaw.friction.coefficient"]
+    written = assignments([found], start, hold)["joints.jaw.friction.coefficient"]
     assert written["value"] == 0.3
     assert written["std"] == pytest.approx(0.05)
+    assert written.get("hold", False) is hold
 
 
 def lacking(*lacks: float) -> Samples:

@@ -239,7 +239,7 @@ def _alone(parameters: ParameterEstimates, rig: Rig) -> Candidate:
     """Return the candidate of parameter estimates alone, which nothing judges because some joint's
     angle is known in no log.
     """
-    return Candidate("numbers", parameters.put_into(rig), parameters, float("nan"), {})
+    return Candidate("numbers", parameters.put_into(rig), parameters, False, float("nan"), {})
 
 
 def readings_map(training: Training) -> MapFit:

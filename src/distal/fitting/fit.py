@@ -194,6 +194,7 @@ def _in_open_loop(
         rig=parameters.put_into(learned.model),
         parameters=parameters,
         kept=True,
+        hold=False,
         maps={},
         compared=(),
         doubts=parameters.doubts,

@@ -112,13 +112,16 @@ class FittedParameter:
         return share if np.isfinite(share) else 0.0
 
 
-def assignments(parameters: Sequence[FittedParameter], start: Rig) -> dict[str, object]:
+def assignments(
+    parameters: Sequence[FittedParameter], start: Rig, hold: bool = False
+) -> dict[str, object]:
     """Return path by names → value, with its std where it had one, of all that does not stay as it
     was.
 
     Args:
         parameters: the parameters after the fit.
         start: the original rig.
+        hold: whether estimators are to take the values as exactly known.
     """
     changed: dict[str, object] = {}
     for part in parameters:
@@ -138,8 +141,9 @@ def assignments(parameters: Sequence[FittedParameter], start: Rig) -> dict[str, 
             error = part.file_std if np.isfinite(part.file_std) else part.prior_std
             std = max(min(error, part.prior_std) * share, SMALLEST_RELATIVE_STD * abs(value))
             # a file may have it as a share of the value
-            drift = {} if before.drift is None else {"drift": before.drift}
-            changed[path] = {"value": rounded, **_spread(part, before, std, value, start), **drift}
+            other = {} if before.drift is None else {"drift": before.drift}
+            other |= {"hold": True} if hold else {}
+            changed[path] = {"value": rounded, **_spread(part, before, std, value, start), **other}
     return {named(start, path): value for path, value in changed.items()}
 
 

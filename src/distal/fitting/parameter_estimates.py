@@ -95,9 +95,9 @@ class ParameterEstimates:
         """Whether they are estimated by the rig's equations, not by its filter."""
         return self.problem.asks_equations
 
-    def put_into(self, rig: Rig) -> Rig:
-        """Return a rig with these parameters."""
-        return described(rig, assignments(self.fitted, self.problem.filter.rig))
+    def put_into(self, rig: Rig, hold: bool = False) -> Rig:
+        """Return a rig with these parameters; with `hold` filters take them as exactly known."""
+        return described(rig, assignments(self.fitted, self.problem.filter.rig, hold))
 
 
 def parameters_of(

@@ -52,6 +52,7 @@ class Fit:
         maps: the learned maps by their kinds, see `LearnedMaps`.
         compared: each log of known angle, with the scores on it of all that the other logs teach.
         doubts: sentences with the reasons not to trust the fit.
+        hold: whether filters are to take the parameters as exactly known.
         added: path → what was added to the description: the term it lacked, and the servos'
             stiffness and dead band.
         candidates: the candidates that were judged, the chosen one first.
@@ -76,6 +77,7 @@ class Fit:
     maps: Mapping[str, MapFit] = field(default_factory=dict)
     compared: tuple[Compared, ...] = ()
     doubts: tuple[str, ...] = ()
+    hold: bool = False
     added: Mapping[str, object] = field(default_factory=dict)
     candidates: tuple[Candidate, ...] = ()
     reference_std: float = 0.0
@@ -115,6 +117,7 @@ class Fit:
                 *chosen.refused,
                 *_as_given(chosen, ranked),
             ),
+            hold=chosen.hold,
             added=added,
             candidates=tuple(replace(candidate, data={}) for candidate in ranked),
             reference_std=max((reference_std(training.rig, log) for log in logs), default=0.0),
@@ -291,7 +294,7 @@ class Fit:
             learned["left_out"] = plain_value(self.rig.left_out.model_dump())
         return {
             **self.added,
-            **assignments(self.fitted, self.model),
+            **assignments(self.fitted, self.model, self.hold),
             **learned,
         }
 
