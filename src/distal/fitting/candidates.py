@@ -211,7 +211,7 @@ def parameters_without(
 def without(parameters: ParameterEstimates, logs: Sequence[Log]) -> ParameterEstimates:
     """Return the parameters that all logs but some tell, `logs`: one Newton step away, by the
     slopes of each log, which are known (the infinitesimal jackknife; Giordano et al., AISTATS
-    2019). Their stds stay those of all logs.
+    2019). Which of them are fitted, and their stds, stay those of all logs.
 
     What each log has anew is in a log that is left out as in the others in the mean.
     """

@@ -15,7 +15,7 @@ import numpy as np
 
 from distal.confidence import BAND
 from distal.errors import DistalWarning, DivergedError, EstimationError, FitError
-from distal.fitting.candidates import groups_among, parameters_without
+from distal.fitting.candidates import Training, groups_among, parameters_without
 from distal.fitting.choice_of_parameters import Options, Progress
 from distal.fitting.cross_validation import WRITTEN, Judged, judge
 from distal.fitting.learn_free_motion import efforts_of, untouched
@@ -122,8 +122,7 @@ def fit(
     read = without_lag(read, rig, found_lag)
     servos = servos_of(read, rig)
     rig = rig.with_values(servos)
-    known = [log for log in read if true_angles(log, rig.joint_names) is not None]
-    if open_loop and not known:
+    if open_loop and all(true_angles(log, rig.joint_names) is None for log in read):
         raise FitError(
             "an open loop is fitted to the joints' angles, and no log has them; log them too, by a "
             "camera or a temporary encoder"
@@ -131,7 +130,7 @@ def fit(
     judged = judge(read, rig, options, progress)
     learned = _followed(judged, read)
     if open_loop and not learned.interrupted:
-        learned = _in_open_loop(learned, known, options, progress)
+        learned = _in_open_loop(learned, judged.training, progress)
     doubts = (*said_of_lag(found_lag), *_touched(aside), *learned.doubts)
     added = {**servos, **learned.added}
     for line in far_from_priors(learned.parameters.fitted, learned.parameters.problem):
@@ -171,22 +170,20 @@ def _followed(judged: Judged, logs: Sequence[Log]) -> Fit:
     return Fit.of(judged, best)
 
 
-def _in_open_loop(
-    learned: Fit, known: Sequence[Log], options: Options, progress: Progress | None
-) -> Fit:
+def _in_open_loop(learned: Fit, training: Training, progress: Progress | None) -> Fit:
     """Return what was learned with the parameters for an open loop in place of those for an
     estimator, and without maps (output-error method; Ljung, System Identification, 1999, ch. 7).
-    The angles of these logs are known.
     """
-    problem = problem_of(known, learned.model, replace(options, noise=False))
+    logs = training.logs
+    folds = training.folds
+    problem = problem_of(logs, learned.model, replace(training.options, noise=False))
     parameters = by_filter(replace(problem, open_loop=True), None, progress)
-    folds = folds_of(groups_among(known, options.units))
     errors = list[float]()
-    for (out, _), others in zip(splits(folds), parameters_without(parameters, known, folds)):
+    for (out, _), others in zip(splits(folds), parameters_without(parameters, logs, folds)):
         runs = others.problem.at(others.optimum.z)
         for i in out:
-            time = known[i].time
-            late = time - time[0] >= counted_from(known[i], options.homing)
+            time = logs[i].time
+            late = time - time[0] >= counted_from(logs[i], training.options.homing)
             errors.append(float(np.nanmean(runs[i].values[late] ** 2)))
     left_out = float(np.sqrt(np.mean(errors))) if len(set(folds)) > 1 else np.nan
     return replace(
