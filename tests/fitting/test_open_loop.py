@@ -18,10 +18,8 @@ from distal.fitting.parameter_estimates import problem_of
 from distal.kernels.layout import COMPARED_ONLY, READ
 from tests.support.foreign_plants import finger_log, finger_rig, hand_log, hand_rig
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.filterwarnings("ignore::distal.errors.DistalWarning"),  # the model is wrong
-]
+# the model is wrong
+pytestmark = pytest.mark.filterwarnings("ignore::distal.errors.DistalWarning")
 
 
 def problem(log: Log, rig: Rig) -> Problem:
@@ -53,6 +51,7 @@ def test_forces_are_not_read_and_the_reference_alone_counts(logs: list[Log]) -> 
         assert np.isfinite(values).any() == (name in references)
 
 
+@pytest.mark.slow
 def test_a_simulator_goes_as_a_log_that_was_left_out(tmp_path: Path) -> None:
     """Better than with the numbers for an estimator, and what is said is so."""
     logs = [hand_log(seed, 15.0) for seed in (60, 61, 62, 63)]
@@ -66,6 +65,7 @@ def test_a_simulator_goes_as_a_log_that_was_left_out(tmp_path: Path) -> None:
     assert load_rig(tmp_path / "simulator.toml") == found.rig
 
 
+@pytest.mark.slow
 def test_of_one_log_nothing_is_said_of_others(logs: list[Log]) -> None:
     found = fit(logs[:1], finger_rig(), open_loop=True)
     assert found.answer() == ""
