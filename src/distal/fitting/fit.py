@@ -15,7 +15,7 @@ import numpy as np
 
 from distal.confidence import BAND
 from distal.errors import DistalWarning, DivergedError, EstimationError, FitError
-from distal.fitting.candidates import Training, groups_among, parameters_without
+from distal.fitting.candidates import Training, groups_among
 from distal.fitting.choice_of_parameters import Options, Progress
 from distal.fitting.cross_validation import WRITTEN, Judged, judge
 from distal.fitting.learn_free_motion import efforts_of, untouched
@@ -28,6 +28,7 @@ from distal.fitting.map_samples import (
     said_of_lag,
     without_lag,
 )
+from distal.fitting.objective import Problem
 from distal.fitting.parameter_estimates import by_filter, problem_of
 from distal.fitting.result import Fit
 from distal.fitting.standard_errors import far_from_priors
@@ -175,17 +176,25 @@ def _in_open_loop(learned: Fit, training: Training, progress: Progress | None) -
     estimator, and without maps (output-error method; Ljung, System Identification, 1999, ch. 7).
     """
     logs = training.logs
-    folds = training.folds
-    problem = problem_of(logs, learned.model, replace(training.options, noise=False))
-    parameters = by_filter(replace(problem, open_loop=True), None, progress)
+    options = replace(training.options, noise=False)
+
+    def problem(logs: Sequence[Log], rig: Rig) -> Problem:
+        return replace(problem_of(logs, rig, options), open_loop=True)
+
+    parameters = by_filter(problem(logs, learned.model), None, progress)
+    interrupted = parameters.optimum.interrupted
     errors = list[float]()
-    for (out, _), others in zip(splits(folds), parameters_without(parameters, logs, folds)):
-        runs = others.problem.at(others.optimum.z)
+    for out, kept in splits(training.folds):
+        if not kept or interrupted:
+            break
+        others = by_filter(problem([logs[i] for i in kept], learned.model), None, progress)
+        interrupted = others.optimum.interrupted
         for i in out:
+            asked = problem([logs[i]], others.put_into(learned.model))
+            (run,) = asked.at(np.zeros(asked.size))
             time = logs[i].time
-            late = time - time[0] >= counted_from(logs[i], training.options.homing)
-            errors.append(float(np.nanmean(runs[i].values[late] ** 2)))
-    left_out = float(np.sqrt(np.mean(errors))) if len(set(folds)) > 1 else np.nan
+            late = time - time[0] >= counted_from(logs[i], options.homing)
+            errors.append(float(np.nanmean(run.values[late] ** 2)))
     return replace(
         learned,
         rig=parameters.put_into(learned.model),
@@ -195,8 +204,8 @@ def _in_open_loop(learned: Fit, training: Training, progress: Progress | None) -
         maps={},
         compared=(),
         doubts=parameters.doubts,
-        interrupted=parameters.optimum.interrupted,
-        open_loop=left_out,
+        interrupted=interrupted,
+        open_loop=np.nan if interrupted or not errors else float(np.sqrt(np.mean(errors))),
     )
 
 
