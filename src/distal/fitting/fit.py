@@ -193,8 +193,9 @@ def _in_open_loop(learned: Fit, training: Training, progress: Progress | None) -
             asked = problem([logs[i]], others.put_into(learned.model))
             (run,) = asked.at(np.zeros(asked.size))
             time = logs[i].time
-            late = time - time[0] >= counted_from(logs[i], options.homing)
-            errors.append(float(np.nanmean(run.values[late] ** 2)))
+            counted = run.values[time - time[0] >= counted_from(logs[i], options.homing)]
+            if np.isfinite(counted).any():
+                errors.append(float(np.nanmean(counted**2)))
     return replace(
         learned,
         rig=parameters.put_into(learned.model),
