@@ -26,9 +26,11 @@ CHANNELS = ("angle", "current")
 
 @pytest.fixture(scope="module")
 def rig() -> Rig:
-    """Return a joint with an encoder of 4096 counts on its motor, and a current in mA."""
+    """Return a joint with an encoder of 4096 counts on its motor, a servo, and a current in mA."""
     raw = load_rig("capstan-joint").model_dump()
     raw["joints"][0]["stops"] = (radians(-60), radians(60))
+    # only what a rig says of its drives' speeds makes a reading wrong
+    raw["drives"][0]["servo"] = {"fastest": 20.0}
     encoder, current, *others = (dict(sensor) for sensor in raw["sensors"])
     encoder |= {
         "name": "angle",

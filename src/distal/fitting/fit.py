@@ -18,16 +18,11 @@ from distal.errors import DistalWarning, DivergedError, EstimationError, FitErro
 from distal.fitting.candidates import Training, groups_among
 from distal.fitting.choice_of_parameters import Options, Progress
 from distal.fitting.cross_validation import WRITTEN, Judged, judge
+from distal.fitting.late_reference import delays, reference_lag, said_of_lag, without_lag
 from distal.fitting.learn_free_motion import efforts_of, untouched
 from distal.fitting.learned_maps import logs_read
 from distal.fitting.log_checks import check_logs, touched_logs
-from distal.fitting.map_samples import (
-    counted_from,
-    reference_lag,
-    reference_offset,
-    said_of_lag,
-    without_lag,
-)
+from distal.fitting.map_samples import counted_from, reference_offset
 from distal.fitting.objective import Problem
 from distal.fitting.parameter_estimates import by_filter, problem_of
 from distal.fitting.result import Fit
@@ -121,8 +116,8 @@ def fit(
         groups_of([log.source for log in read], units)
     found_lag = _lag(read, rig, units) if lag is None else lag
     read = without_lag(read, rig, found_lag)
-    servos = servos_of(read, rig)
-    rig = rig.with_values(servos)
+    measured = {**servos_of(read, rig), **delays(read, rig, found_lag)}
+    rig = rig.with_values(measured)
     if open_loop and all(true_angles(log, rig.joint_names) is None for log in read):
         raise FitError(
             "an open loop is fitted to the joints' angles, and no log has them; log them too, by a "
@@ -133,7 +128,7 @@ def fit(
     if open_loop and not learned.interrupted:
         learned = _in_open_loop(learned, judged.training, progress)
     doubts = (*said_of_lag(found_lag), *_touched(aside), *learned.doubts)
-    added = {**servos, **learned.added}
+    added = {**measured, **learned.added}
     for line in far_from_priors(learned.parameters.fitted, learned.parameters.problem):
         warnings.warn(line, DistalWarning, stacklevel=2)
     return replace(learned, start=start_rig, added=added, doubts=doubts)

@@ -1,6 +1,4 @@
-"""The samples that each kind of map is learned from: readings, targets and the filter's angles; and
-how much later a reference is than the drives, by the density of the map on readings alone.
-"""
+"""The samples that each kind of map is learned from: readings, targets and the filter's angles."""
 
 from __future__ import annotations
 
@@ -18,15 +16,14 @@ from distal.estimators import (
     first_values,
     samples_of_angles,
 )
-from distal.fitting.map_search import Seen, Task, clearly_gains
 from distal.homing import (
     check_homing,
     plain_samples,
 )
 from distal.kernels import Compiled
 from distal.logs import Log, TruthKind, shown, true_angles
-from distal.regression import FEWEST_LOGS, Prior, Samples
-from distal.rig import Rig, angle_names
+from distal.regression import Samples
+from distal.rig import Rig
 from distal.run import samples_of
 from distal.sensor_errors import variance
 
@@ -160,110 +157,3 @@ def reference_offset(rig: Rig, log: Log) -> float:
     if log.truth_kind is not TruthKind.SENSOR:
         return 0.0
     return max((sensor.bias.total_std for sensor in rig.sensors_of("angle")), default=0.0)
-
-
-EARLIEST, LATEST = -0.1, 0.2
-"""Range of the lags that are looked for [s]. Source: judgement (cameras)."""
-
-STEP = 0.02
-"""Step of the first search [s], which goes on beside the best. Source: judgement."""
-
-BRIDGED = 2.5
-"""Gap of a reference that is interpolated, in its usual intervals [1]. Source: judgement."""
-
-
-def said_of_lag(lag: float) -> list[str]:
-    """Return what a user should know of a lag of the reference [s]; nothing of none."""
-    if lag == 0.0:
-        return []
-    which = "later" if lag > 0.0 else "earlier"
-    return [
-        f"the reference is taken as {1e3 * abs(lag):.0f} ms {which} than the drives, and "
-        "moved by that; a joint that follows its drives late looks the same (--reference-lag 0 "
-        "leaves it as it is)"
-    ]
-
-
-def without_lag(logs: Sequence[Log], rig: Rig, lag: float) -> list[Log]:
-    """Return the logs with their true angles moved back in time by a lag [s]."""
-    if lag == 0.0:
-        return list(logs)
-    names = angle_names(rig.joint_names)
-    return [
-        replace(
-            log,
-            truth={
-                name: _moved(log.time, values, lag) if name in names else values
-                for name, values in log.truth.items()
-            },
-        )
-        for log in logs
-    ]
-
-
-def reference_lag(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> float:
-    """Return the lag of the true angles of some logs [s], each of which is in a fold; 0 where none
-    makes them clearly more probable on logs held out.
-
-    The joints' angles at t + lag are mapped from what is read up to t, and the lag is that with the
-    largest density of held-out logs. A joint that follows its drives late looks the same, so that
-    the lag is an assumption.
-    """
-    if len(set(folds)) < FEWEST_LOGS:
-        return 0.0
-    samples = [samples_of_angles(log, rig) for log in logs]
-    targets = np.vstack([log.targets for log in samples])
-    joints = [j for j, column in enumerate(targets.T) if np.isfinite(column).any()]
-    channels = channels_of(rig, "regression")
-    of = {"channels": channels.proximal, "positions": channels.positions}
-    names = {key: tuple(sensor.name for sensor in sensors) for key, sensors in of.items()}
-    seen = Seen.of(samples, names)
-
-    def densities(lag: float) -> Floats:
-        moved = [_late(log, lag) for log in samples]
-        tasks = (seen.task(moved, joint, folds)[0] for joint in joints)
-        return np.asarray(sum(_best(task) for task in tasks))
-
-    grid = np.arange(EARLIEST, LATEST + STEP / 2, STEP)
-    means = [float(np.mean(densities(lag))) for lag in grid]
-    best = int(np.argmax(means))
-    from scipy.optimize import minimize_scalar  # loaded late: it takes as long as all of distal
-
-    bounds = (grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)])
-    search = minimize_scalar(
-        lambda lag: -float(np.mean(densities(lag))),
-        bounds=bounds,
-        method="bounded",
-        options={"xatol": 1e-3},
-    )
-    lag = float(search.x)
-    clear = abs(lag) >= STEP and clearly_gains(densities(lag) - densities(0.0))
-    return lag if clear else 0.0
-
-
-def _best(task: Task) -> Floats:
-    """Return the densities of the logs at the best of a few sizes of the noise."""
-    search = [task.densities(replace(Prior(), noise=Prior().noise + more)) for more in (-1, 1, 3)]
-    return max(search, key=lambda densities_there: float(np.mean(densities_there)))
-
-
-def _late(samples: Samples, lag: float) -> Samples:
-    targets = [_moved(samples.time, column, lag) for column in samples.targets.T]
-    return replace(samples, targets=np.column_stack(targets))
-
-
-def _moved(time: Floats, values: Floats, lag: float) -> Floats:
-    """Return values at the times that are later by a lag, NaN in gaps and beyond their ends."""
-    finite = np.flatnonzero(np.isfinite(values))
-    if len(finite) < 2:
-        return values
-    stamps = time[finite]
-    at = time + lag
-    moved = np.interp(at, stamps, values[finite])
-    after = np.clip(np.searchsorted(stamps, at), 1, len(finite) - 1)
-    gap = stamps[after] - stamps[after - 1] > BRIDGED * np.median(np.diff(stamps))
-    outside = (at < stamps[0]) | (at > stamps[-1])
-    # only as often as the reference has values: between them nothing new is known
-    seen = np.zeros(len(time), dtype=bool)
-    seen[finite] = True
-    return np.where(gap | outside | ~seen, np.nan, moved)

@@ -97,9 +97,9 @@ class Task:
         """Return the density of each log by the weights that the other groups tell."""
         return np.array([density(*pair) for pair in self.held_out(prior)])
 
-    def search(self) -> Prior:
+    def search(self) -> tuple[Prior, float]:
         """Return the hyperparameters with the largest density of logs left out, with a normal prior
-        around the usual ones.
+        around the usual ones, and −ln of that posterior density, but for a constant.
         """
         from scipy.optimize import minimize  # loaded late: it takes as long as all of distal
 
@@ -121,7 +121,8 @@ class Task:
 
         options = {"maxfev": EVALUATIONS, "xtol": 0.1, "ftol": 1e-3}
         start = min(np.array(STARTS), key=cost)
-        return moved(minimize(cost, start, method="Powell", options=options).x)
+        found = minimize(cost, start, method="Powell", options=options)
+        return moved(found.x), float(found.fun)
 
 
 @dataclass(frozen=True)
@@ -246,7 +247,7 @@ def _of_joint(task: Task, centre: float, scale: float) -> tuple[dict[str, Floats
         halves = [np.arange(len(log.target)) < len(log.target) // 2 for log in evidence]
         parts = [log.rows(rows) for log, half in zip(evidence, halves) for rows in (half, ~half)]
         task = Task(task.shape, tuple(parts), tuple(i % 2 for i in range(len(parts))))
-    prior = task.search()
+    prior, _ = task.search()
     held_out = task.held_out(prior)
     weights = Weights.of(task.shape, prior, evidence)
     if task.shape.angles:

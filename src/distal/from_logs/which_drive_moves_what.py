@@ -40,7 +40,7 @@ only [1]. Source: reference (fivefold cross-validation; Breiman and Spector 1992
 """
 
 
-SMALLEST_SHARE = 0.12
+SMALLEST_SHARE = 0.05
 """A joint whose motion moves the drive by less than this share of its range is not crossed [1].
 Source: benchmark (`benchmarks.from_logs structure --rigs 16 --first-seed 7600`: 0.05 to 0.2 alike,
 without it two rigs are refused).

@@ -35,7 +35,7 @@ def placed(parts: Sequence[MatrixNode], positions: Sequence[Indices], size: int)
     sources = np.full(size, len(order))
     sources[order] = np.arange(len(order))
     joined: VectorNode = ca.vertcat(*parts, 0.0)
-    return joined[sources.tolist()]
+    return ca.vec(joined[sources.tolist()])  # of no numbers a column, not a row, of length 0
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,7 @@ from distal.logs.outputs import (
     write_whole,
 )
 from distal.logs.raw_to_si import RawToSI, Remark, decoded
+from distal.logs.references import earlier, held_samples
 from distal.logs.tables import (
     Episode,
     Source,
@@ -59,6 +60,7 @@ __all__ = [
     "check_format",
     "check_outputs",
     "decoded",
+    "earlier",
     "episodes_of",
     "file_of",
     "frozen",

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from math import ceil, exp, floor, inf, isfinite, nan, pi, remainder
 from typing import Literal
 
-from distal.rig import Rig, Sensor, drive_travel, motor_range, step_of
+from distal.rig import Rig, Sensor, motor_range, step_of
 from distal.rig.sensors.base import AngleSensor
 
 Kind = Literal["turn", "unknown turn", "restarted", "decoded", "left out", "jumped", "repeated"]
@@ -34,12 +34,12 @@ class Limits:
         wraps: whether it counts within a turn only.
         low: least position of its range [SI].
         high: largest position of its range [SI].
-        believed: largest speed of a reading that is believed at once [SI].
+        begins: whether a log begins where its first reading is, in whichever turn that is.
+        believed: largest speed of a reading that is believed at once [SI], infinite where the rig
+            gives none (`servo.fastest`).
         interval: its usual interval [s].
         noise: room for its noise [SI].
         fastest: largest speed of its motor, where its rig gives none (`servo.fastest`) [SI].
-        crossing: shortest time in which a drive crosses its range, where its rig gives none [s]:
-            that of a finger's joint at 1000 °/s.
         boots: shortest time in which a motor restarts and answers again [s]; a position that jumps
             sooner is a wrong reading.
         unusual: motion in two samples, by its median, above which a reading is not believed at once
@@ -54,11 +54,11 @@ class Limits:
     wraps: bool
     low: float
     high: float
+    begins: bool
     believed: float
     interval: float
     noise: float
     fastest: float = 10.0
-    crossing: float = 0.1
     boots: float = 0.05
     unusual: float = 5.0
     rate: float = 0.3
@@ -260,8 +260,8 @@ class Encoder:
         position = reading + self.ahead
         if not isfinite(limits.turn) or abs(position - self._last) < limits.turn / 2:
             return position, None
-        if not isfinite(self._last) and isfinite(limits.believed):
-            return position, None  # what a log begins with is taken as it is
+        if not isfinite(self._last) and limits.begins:
+            return position, None
         # without a range nothing speaks for one turn
         is_inside = isfinite(limits.low) and limits.low <= position <= limits.high
         if isfinite(self._last):
@@ -295,12 +295,9 @@ def encoder_of(rig: Rig, sensor: Sensor, factor: float, ranged: bool, doubting: 
     low, high = motor_range(rig, sensor) if ranged else (-inf, inf)
     drive = next((drive for drive in rig.drives if drive.name == sensor.of), None)
     servo = None if drive is None or drive.servo is None else drive.servo.fastest
-    believed = inf
-    if doubting and drive is not None and sensor.measures == "position":
-        travel = motor_range(rig, sensor)
-        if not isfinite(travel[0]):
-            travel = drive_travel(rig, rig.drives.index(drive))
-        believed = servo or (travel[1] - travel[0]) / Limits.crossing
+    # where the rig does not say how fast its drive is, every position is believed here: what it is
+    # worth the filter knows
+    doubted = doubting and drive is not None and sensor.measures == "position"
     return Encoder(
         Limits(
             turn=turn,
@@ -308,7 +305,8 @@ def encoder_of(rig: Rig, sensor: Sensor, factor: float, ranged: bool, doubting: 
             low=low,
             high=high,
             fastest=servo or Limits.fastest,
-            believed=believed,
+            begins=doubted,
+            believed=servo or inf if doubted else inf,
             interval=1.0 / sensor.rate,
             noise=10.0 * sensor.noise + step_of(sensor),
         )

@@ -19,6 +19,7 @@ from distal.logs.formats import TABLES, file_of
 from distal.logs.log import NO_SOURCE, Log, TruthKind, TruthSource, check_stamps
 from distal.logs.outputs import write_whole
 from distal.logs.raw_to_si import RawToSI, through
+from distal.logs.references import earlier, held_samples
 from distal.logs.stamps import Clock, clock_of, in_order
 from distal.logs.tables import Source, open_table
 from distal.rig import REFERENCES, Rig, Sensor, angle_names, log_factor, torque_names
@@ -138,6 +139,7 @@ def _known_angles(
         for sensor in rig.sensors_of("angle"):
             if sensor.log_column == column:
                 name = names[joints.index(sensor.of)]
+                source += _late(sensor)
                 return {name: readings[sensor.name]}, TruthSource(TruthKind.SENSOR, source)
         if len(joints) > 1:
             raise LogError(
@@ -154,9 +156,13 @@ def _known_angles(
         listed = ", ".join(f"'true_{name}'" for name in angles)
         return angles, TruthSource(position=f"column {listed}")
     angles = _of_references(rig, "angle", names, readings)
-    read = [s.log_column for s in rig.sensors_of("angle") if s.name in readings]
-    listed = ", ".join(f"'{name}'" for name in read)
+    read = [sensor for sensor in rig.sensors_of("angle") if sensor.name in readings]
+    listed = ", ".join(f"'{sensor.log_column}'{_late(sensor)}" for sensor in read)
     return angles, TruthSource(TruthKind.SENSOR, f"column {listed}") if read else NO_SOURCE
+
+
+def _late(sensor: Sensor) -> str:
+    return f" (taken as {1e3 * sensor.delay:.0f} ms late)" if sensor.delay else ""
 
 
 def _of_references(
@@ -181,7 +187,9 @@ def _readings(
     in a unit of something else is left out, unless its column is asked for as the
     `truth`.
 
-    The angle of a reference that wraps is in the turn in which its joint can be.
+    The angle of a reference that wraps is in the turn in which its joint can be; a value that only
+    repeats a sample which was held is missing, and one that is late by its sensor's `delay` stands
+    where it belongs.
     """
     factors = dict[Sensor, float]()
     for sensor in rig.sensors:
@@ -200,6 +208,11 @@ def _readings(
     for line in lines:
         warnings.warn(f"{table.source}: {line}", DistalWarning, stacklevel=3)
     readings = {sensor.name: values for sensor, values in zip(factors, samples)}
+    for sensor in factors:
+        if sensor.measures in REFERENCES:
+            values = readings[sensor.name]
+            fresh = np.where(held_samples(values), np.nan, values)
+            readings[sensor.name] = earlier(time, fresh, sensor.delay)
     stops = {joint.name: joint.stops for joint in rig.joints}
     for sensor in rig.sensors_of("angle"):
         ends = stops[sensor.of]

@@ -1,0 +1,63 @@
+"""Readings of joints' angles that come late: a camera's frame is old when it is stamped, and a slow
+sensor's sample stays in the log until its next one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from distal.arrays import Bools, Floats
+
+BRIDGED = 2.5
+"""Gap of a reference that is interpolated, in its usual intervals [1]. Source: judgement."""
+
+SAME = 1e-9
+"""Values that differ by less than this share of their range are one value [1]. Source: rounding."""
+
+ONE_STEP = 1.5
+"""Steps of a resolution, above which a change is more than one of them [1]. Source: definition
+(the middle between one and two).
+"""
+
+
+def held_samples(values: Floats) -> Bools:
+    """Return which values of a reference, (k,), only repeat a sample that was held until the next
+    one; none where the sensor rounds.
+
+    A value that rounds also repeats, and then goes on by one step of its resolution. What follows
+    a sample that was held is farther away.
+    """
+    present = np.flatnonzero(np.isfinite(values))
+    repeats = np.zeros(len(values), dtype=bool)
+    if len(present) < 3 or np.ptp(values[present]) == 0.0:
+        return repeats
+    steps = np.abs(np.diff(values[present])) / np.ptp(values[present])
+    steps[steps < SAME] = 0.0
+    after_repeat = steps[1:][(steps[:-1] == 0.0) & (steps[1:] > 0.0)]
+    if len(after_repeat) and np.median(after_repeat) > ONE_STEP * np.min(steps[steps > 0.0]):
+        repeats[present[1:][steps == 0.0]] = True
+    return repeats
+
+
+def earlier(time: Floats, values: Floats, lag: float) -> Floats:
+    """Return the values that a reference which is late by a `lag` [s] had at some times, NaN in
+    gaps, beyond their ends, and wherever it has no sample of its own.
+
+    Args:
+        time: stamps [s], (k,).
+        values: as they were read, (k,).
+        lag: negative where the reference is early.
+    """
+    finite = np.flatnonzero(np.isfinite(values))
+    if len(finite) < 2 or lag == 0.0:
+        return values
+    stamps = time[finite]
+    at = time + lag
+    moved = np.interp(at, stamps, values[finite])
+    after = np.clip(np.searchsorted(stamps, at), 1, len(finite) - 1)
+    gap = stamps[after] - stamps[after - 1] > BRIDGED * np.median(np.diff(stamps))
+    outside = (at < stamps[0]) | (at > stamps[-1])
+    # only as often as the reference has values: between them nothing new is known
+    seen = np.zeros(len(time), dtype=bool)
+    seen[finite] = True
+    return np.where(gap | outside | ~seen, np.nan, moved)
