@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from distal.errors import LogError
-from distal.from_logs.column_names import name_evidence
+from distal.from_logs.column_names import ROLES, name_evidence, with_families
 from distal.from_logs.column_values import _step, value_evidence
 from distal.from_logs.columns import Overrides, column_roles
 from distal.from_logs.raw_log import RawLog
@@ -194,6 +194,38 @@ def test_columns_whose_names_say_nothing_stay_a_guess() -> None:
         logs.append(RawLog(f"{k}", columns))
     found = column_roles(logs, NO_OVERRIDES)
     assert {c.sureness for c in found if c.role != "time"} == {"a guess"}
+
+
+@pytest.mark.parametrize(
+    ("headers", "drives"),
+    [
+        ("t enc_flex enc_ext cur_flex cur_ext mcp_angle", "enc_flex enc_ext"),
+        (
+            "t flex_present_position flex_present_current_mA ext_present_position index_mcp",
+            "flex_present_position ext_present_position",
+        ),
+        ("t p1 i1 q1", "p1"),
+        ("t theta_m1 i_m1 theta_joint", "theta_m1"),
+        ("t wrist_flex.pos action.wrist_flex.pos camera_deg", "wrist_flex.pos"),
+        ("t motor_state[0].q motor_state[0].dq motor_state[0].tau_est mocap", "motor_state[0].q"),
+        ("t enc_1 cur_1 angle_1", "enc_1"),
+        ("t motor_pos_3 current_3 angle_3", "motor_pos_3"),
+    ],
+)
+def test_a_family_with_a_current_or_a_command_is_a_drive(headers: str, drives: str) -> None:
+    names = with_families({header: name_evidence(header) for header in headers.split()})
+    best = {header: max(ROLES, key=lambda r: name.scores[r]) for header, name in names.items()}
+    assert [header for header, role in best.items() if role == "position"] == drives.split()
+    assert list(best.values()).count("angle") == 1
+    assert best[headers.split()[-1]] == "angle"
+
+
+def test_what_a_drive_should_do_is_no_joint_where_another_column_is() -> None:
+    headers = ("enc_flex", "cur_flex", "ref_flex")
+    names = with_families({header: name_evidence(header) for header in headers})
+    assert names["ref_flex"].scores["angle"] > names["ref_flex"].scores["command"]
+    names = with_families({header: name_evidence(header) for header in (*headers, "camera")})
+    assert names["ref_flex"].scores["command"] > names["ref_flex"].scores["angle"]
 
 
 def test_the_resolution_of_a_column() -> None:

@@ -1,5 +1,6 @@
 """Logs as they come: units and cells that are wrong, slow cameras, stuck and wild references."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -136,8 +137,28 @@ def test_stuck_references_are_refused_and_wild_ones_left_out(tmp_path: Path) -> 
 def test_columns_that_only_their_values_describe_are_asked_for(tmp_path: Path) -> None:
     names = dict(zip(finger(0), "tabcdefgh"))
     changed = [{names[name]: column for name, column in log.items()} for log in logs()]
-    with pytest.raises(distal.DistalError, match="--drive and --truth"):
-        rig_from_logs(written(changed, tmp_path))
+    paths = written(changed, tmp_path)
+    with pytest.raises(distal.DistalError, match="if this is right, add: --drive a ") as no:
+        rig_from_logs(paths)
+    words = str(no.value).partition("add: ")[2].split()
+    drives = [name for option, name in pairwise(words) if option == "--drive"]
+    truth = words[words.index("--truth") + 1].split(",")
+    columns = rig_from_logs(paths, drives=dict.fromkeys(drives, ""), truth=truth).columns
+    sure = {column.header: column.sureness for column in columns}
+    assert {sure[name] for name in (*drives, *truth)} == {"sure"}
+
+
+def test_a_joint_that_was_forgotten_is_asked_for(tmp_path: Path) -> None:
+    """Its name says nothing, and it moves as the drives do: as another joint, or as a copy."""
+    changed = logs()
+    for log in changed:
+        log["deviation"] = log.pop("pip_deg")
+    paths = written(changed, tmp_path)
+    with pytest.raises(distal.DistalError, match="deviation moves as the drives do") as no:
+        rig_from_logs(paths)
+    truth = str(no.value).partition("--truth ")[2].partition(", or none")[0].split(",")
+    assert rig_from_logs(paths, truth=truth).rig.joint_names == ["mcp", "deviation"]
+    assert rig_from_logs(paths, ignore=["deviation"]).rig.joint_names == ["mcp"]
 
 
 def test_greek_letters_and_velocities_are_understood(tmp_path: Path) -> None:

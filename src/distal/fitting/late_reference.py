@@ -1,8 +1,9 @@
-"""How late a reference is: the age L of its samples, beside joints that follow their drives late.
+"""How late a reference is: the age L of its samples; or whether joints follow their drives late.
 
-Two candidates explain a lag between drives and reference. The reference is late: φ(y) at t − L gives
-what it reads at t. Or the joint is: φ(y) at t, whose lags (`TIME_CONSTANTS`) say how. Each is the map
-on readings alone with its own hyperparameters, and the likelier one on logs left out is taken.
+Two candidates explain a lag between drives and reference. The reference is late: what it reads at t
+follows from φ(y) at t − L. Or the joint is: it follows from φ(y) at t, whose lags say how
+(`TIME_CONSTANTS`). Each is the map on readings alone with hyperparameters of its own, and the
+likelier one on logs left out is taken.
 """
 
 from __future__ import annotations

@@ -7,14 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from distal.arrays import Floats
 from distal.errors import DistalError
 from distal.estimators import (
     LARGEST_ANGLE,
     AdaptiveFilter,
-    channels_of,
     first_values,
-    samples_of_angles,
 )
 from distal.homing import (
     check_homing,

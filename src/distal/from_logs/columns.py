@@ -13,6 +13,7 @@ from distal.from_logs.column_names import (
     NameEvidence,
     Role,
     name_evidence,
+    with_families,
 )
 from distal.from_logs.column_values import (
     ColumnRole,
@@ -56,12 +57,17 @@ def column_roles(logs: Sequence[RawLog], overrides: Overrides) -> list[ColumnRol
     roles_by_name: dict[str, Role] = {_header(name, headers): "angle" for name in overrides.truth}
     roles_by_name |= dict.fromkeys(drives, "position")
     roles_by_name |= {_header(name, headers): "other" for name in overrides.ignore}
-    names = {header: name_evidence(header) for header in headers}
+    names = with_families({header: name_evidence(header) for header in headers})
     values = {header: value_evidence([log.columns[header] for log in logs]) for header in headers}
     time = time_column(logs, headers, names)
     if time in roles_by_name:
         raise LogError(f"'{time}' is the only column that increases: it is the time")
-    constant = {header for header in headers if values[header].is_constant}
+    # nothing else is a second time
+    constant = {
+        header
+        for header in headers
+        if values[header].is_constant or _best(names[header].scores) == "time"
+    }
     scores = {header: {**names[header].scores, "time": -CERTAIN} for header in headers}
     known: dict[str, Role] = {**dict.fromkeys(constant, "other"), time: "time", **roles_by_name}
     for header, role in known.items():

@@ -9,6 +9,7 @@ masses at two thirds of their length: a rod of 4/3 of that mass has the same mom
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
@@ -34,18 +35,21 @@ from distal.from_logs.drives_and_joints import (
     drive_in_words,
     drives_of,
     joints_of,
+    unexplained,
 )
 from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulls_of
 from distal.from_logs.link_masses import MASS, Links, links_of
 from distal.from_logs.mistakes import left_columns, remarks
 from distal.from_logs.motion_data import MotionData, motion_data
 from distal.from_logs.raw_log import (
+    RawLog,
     rates_of,
     read_raw,
     time_unit,
     with_same_columns,
     without_repeats,
 )
+from distal.from_logs.which_drive_moves_what import EXPLAINED
 from distal.logs import Source
 from distal.model import GRAVITY
 from distal.rig import Guess, Imported, Rig
@@ -241,27 +245,13 @@ def rig_from_logs(
         LogError: a log cannot be read, or has no time.
         RigError: no drive or no joint can be found; says what would help.
     """
-    raw, lacking = with_same_columns([read_raw(path) for path in logs])
     overrides = Overrides(tuple(truth), dict(drives or {}), tuple(ignore))
+    # what names leave open is asked before long logs are read
+    _ask(column_roles([read_raw(logs[0], FIRST_ROWS)], overrides))
+    raw, lacking = with_same_columns([read_raw(path) for path in logs])
     columns = column_roles(raw, overrides)
-    positions = [column for column in columns if column.role == "position"]
+    _ask(columns)
     references = [column for column in columns if column.role == "angle"]
-    if not positions:
-        raise RigError(
-            f"no column is taken as a drive's position ({_all(columns)}); name one by --drive"
-        )
-    if not references:
-        raise RigError(
-            f"no column is taken as a joint's angle ({_all(columns)}); name one by --truth. "
-            "Logs tell how far joints turn only with such a column, from a camera or a temporary "
-            "encoder: three logs of 40 s are enough"
-        )
-    unsure = [c.header for c in (*positions, *references) if c.sureness == "a guess"]
-    if unsure:
-        raise RigError(
-            f"nothing but its values says what {', '.join(unsure)} is ({_all(columns)}); say which "
-            "are drives and which are joints by --drive and --truth, or rename the columns"
-        )
     time = next(column for column in columns if column.role == "time")
     unit, notes = time_unit(time, raw)
     notes += left_columns(raw, columns, lacking)
@@ -273,6 +263,7 @@ def rig_from_logs(
         notes.append(f"{repeats} rows have the stamp of the row before: they are left out")
     raw = distinct
     data = [motion_data(log, columns) for log in raw]
+    _ask_others(columns, raw, data)
     notes += remarks(raw, columns, data)
     joints = joints_of(references, data)
     free = [j for j, joint in enumerate(joints) if joint.follows is None]
@@ -295,6 +286,63 @@ def rig_from_logs(
         tuple(notes),
         imported.missing,
     )
+
+
+FIRST_ROWS = 2000
+"""Rows of the first log by which columns are asked before the others are read. Source: judgement.
+"""
+
+
+def _ask(columns: Sequence[ColumnRole]) -> None:
+    """Raise a `RigError` where it is open which columns are drives and which are joints; it
+    proposes the options that say so.
+    """
+    positions = [column for column in columns if column.role == "position"]
+    references = [column for column in columns if column.role == "angle"]
+    if not positions:
+        raise RigError(
+            f"no column is taken as a drive's position ({_all(columns)}); name one by --drive"
+        )
+    if not references:
+        raise RigError(
+            f"no column is taken as a joint's angle ({_all(columns)}); name one by --truth. "
+            "Logs tell how far joints turn only with such a column, from a camera or a temporary "
+            "encoder: three logs of 40 s are enough"
+        )
+    unsure = [c.header for c in (*positions, *references) if c.sureness == "a guess"]
+    if unsure:
+        options = [part for c in positions for part in ("--drive", c.header)]
+        options += ["--truth", ",".join(column.header for column in references)]
+        raise RigError(
+            f"nothing but its values says what {', '.join(unsure)} is; if this is right, add: "
+            f"{shlex.join(options)}"
+        )
+
+
+def _ask_others(
+    columns: Sequence[ColumnRole], raw: Sequence[RawLog], logs: Sequence[MotionData]
+) -> None:
+    """Raise a `RigError` where a column whose name says nothing moves as the drives do, so that it
+    may be a joint that was forgotten.
+    """
+    joints = ",".join(column.header for column in columns if column.role == "angle")
+    for column in columns:
+        if column.role != "other" or column.sureness != "a guess":
+            continue
+        as_angle = replace(column, role="angle", unit="", si="")
+        moved = [motion_data(log, [*_without_angles(columns), as_angle]) for log in raw]
+        left = float(unexplained(moved, range(logs[0].positions.shape[1]))[0])
+        if left <= 1.0 - EXPLAINED:
+            every = shlex.quote(f"{joints},{column.header}")
+            raise RigError(
+                f"{column.header} moves as the drives do ({100 * (1 - left):.0f} %), and its name "
+                f"does not say what it is. Is it a joint, --truth {every}, or none of this, "
+                f"--ignore {shlex.quote(column.header)}?"
+            )
+
+
+def _without_angles(columns: Sequence[ColumnRole]) -> list[ColumnRole]:
+    return [column for column in columns if column.role != "angle"]
 
 
 def _all(columns: Sequence[ColumnRole]) -> str:

@@ -65,6 +65,7 @@ __all__ = [
     "file_of",
     "frozen",
     "header",
+    "held_samples",
     "name_and_unit",
     "open_table",
     "outputs_in",
