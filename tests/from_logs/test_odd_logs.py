@@ -178,7 +178,7 @@ def test_repeated_stamps_an_empty_file_and_ignoring_the_time(tmp_path: Path) -> 
     changed = logs()
     for log in changed:
         log["t_ms"] = np.repeat(log["t_ms"][::2], 2)
-    assert rig_from_logs(written(changed, tmp_path)).rig.log.time.repeated == "first"
+    assert rig_from_logs(written(changed, tmp_path)).rig.log.time.repeated == "spread"
     with pytest.raises(distal.DistalError, match="'t_ms' is the only column that increases"):
         rig_from_logs(written(logs(), tmp_path), ignore=["t_ms"])
     empty = tmp_path / "empty.csv"

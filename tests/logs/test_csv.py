@@ -114,7 +114,7 @@ def test_what_never_ends_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_long_file_is_never_in_memory_as_text(tmp_path: Path, pulley_rig: Rig) -> None:
     """Of a row of 60 bytes its five numbers are held, and a copy of them while they are read."""
     count = 20_000
-    rows = (f"{k / 100:.2f},{1e-3 + 1e-9 * k:.12f},{1e-3:.12f},2.0,2.1" for k in range(count))
+    rows = (f"{k / 100:.2f},{1e-3 + 1e-9 * k:.12f},{1e-3:.12f},2.{k % 3},2.1" for k in range(count))
     path = written(tmp_path / "log.csv", ["t,x1,x2,u1,u2", *rows])
     read_log(path, pulley_rig)
     tracemalloc.start()

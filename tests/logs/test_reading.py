@@ -79,7 +79,7 @@ BAD = [
     (GOOD.replace("2.1e-3", "two"), r"log\.csv: row 3, column 'x2': 'two' is not a finite number"),
     (GOOD.replace("2.1e-3", "inf"), r"row 3, column 'x2': 'inf' is not a finite number"),
     (
-        GOOD.replace(",", ";").replace("2.1e-3", "0,0021"),
+        GOOD.replace("2.1e-3", '"0,0021"'),
         r"row 3, column 'x2': '0,0021'.*decimal point, not a comma",
     ),
     (

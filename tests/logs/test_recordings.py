@@ -283,7 +283,14 @@ class Recorder:
 def recorded(path: Path, stamps: list[float], **changed: object) -> Path:
     recorder = Recorder(path)
     for k, stamp in enumerate(stamps):
-        message = {"t": stamp, "x1": 1e-5 * k, "u1": 2.0, "x2": -1e-5 * k, "u2": 2.0, **changed}
+        message = {
+            "t": stamp,
+            "x1": 1e-5 * k,
+            "u1": 5.0 + k % 3,
+            "x2": -1e-5 * k,
+            "u2": 5.0 - k % 3,
+            **changed,
+        }
         recorder.add(SAMPLE_TOPIC, stamp if isinstance(stamp, float) else 0.0, message)
     recorder.close()
     return path
@@ -299,7 +306,10 @@ def test_a_clock_that_was_set_back_is_said(rig: Rig, tmp_path: Path) -> None:
         path = recorded(tmp_path / f"back_{back}.mcap", first + second)
         with pytest.warns(DistalWarning, match=r"set back 1 times; only part 1 of 2 is read"):
             assert len(read_log(path, rig)) == 300
-    rows = [f"{stamp},{1e-5 * k},2,{-1e-5 * k},2" for k, stamp in enumerate(first + second)]
+    rows = [
+        f"{stamp},{1e-5 * k},{5 + k % 3},{-1e-5 * k},{5 - k % 3}"
+        for k, stamp in enumerate(first + second)
+    ]
     table = tmp_path / "back.csv"
     table.write_text("\n".join(["t,x1,u1,x2,u2", *rows]))
     with pytest.warns(DistalWarning, match=r"back.csv: the clock was set back 1 times"):

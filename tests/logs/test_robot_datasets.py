@@ -245,7 +245,9 @@ def test_a_rig_of_motors_finds_them_in_the_state_of_a_dataset(tmp_path: Path) ->
         json.dumps({"features": {"observation.state": {"names": names}}})
     )
     (tmp_path / "data").mkdir()
-    state = np.column_stack([np.linspace(0.0, 0.5, 50), np.full(50, 20.0)]).astype(np.float32)
+    state = np.column_stack([np.linspace(0.0, 0.5, 50), 20.0 + np.arange(50) % 3]).astype(
+        np.float32
+    )
     columns = {
         "observation.state": pa.FixedSizeListArray.from_arrays(pa.array(state.ravel()), 2),
         "timestamp": np.arange(50) / 100.0,

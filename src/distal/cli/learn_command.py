@@ -45,6 +45,10 @@ DrivesOption = Annotated[
         help="A column that is a drive's position, with its unit: m1=ticks. Repeatable.",
     ),
 ]
+RateOption = Annotated[
+    str | None,
+    Option("--rate", help="Of evenly spaced rows, where no column is their time, e.g. 50 Hz."),
+]
 IgnoreOption = Annotated[
     str | None, Option("--ignore", help="Columns that are none of this, separated by commas.")
 ]
@@ -56,9 +60,12 @@ class Roles(TypedDict):
     truth: list[str]
     drives: dict[str, str]
     ignore: list[str]
+    rate: float | None
 
 
-def roles_of(truth: str | None, drive: list[str] | None, ignore: str | None) -> Roles:
+def roles_of(
+    truth: str | None, drive: list[str] | None, ignore: str | None, rate: str | None
+) -> Roles:
     """Return what the options of a command say of columns, as `rig_from_logs` takes it."""
     drives = dict[str, str]()
     for text in drive or ():
@@ -66,7 +73,12 @@ def roles_of(truth: str | None, drive: list[str] | None, ignore: str | None) -> 
         if not column:
             raise RigError(f"--drive is a column and its unit, such as m1=ticks; '{text}' came")
         drives[column] = unit
-    return {"truth": _listed(truth), "drives": drives, "ignore": _listed(ignore)}
+    return {
+        "truth": _listed(truth),
+        "drives": drives,
+        "ignore": _listed(ignore),
+        "rate": None if rate is None else in_si(rate, "Hz"),
+    }
 
 
 def _listed(text: str | None) -> list[str]:
@@ -96,6 +108,7 @@ def from_logs_command(
     truth: JointsOption = None,
     drive: DrivesOption = None,
     ignore: IgnoreOption = None,
+    rate: RateOption = None,
 ) -> None:
     """Write the rig file that logs show: which columns are what, which drive moves which joint,
     sizes.
@@ -104,7 +117,7 @@ def from_logs_command(
     from distal.logs import sources_of, write_whole
 
     check_new_rig(out, *logs)
-    roles = roles_of(truth, drive, ignore)
+    roles = roles_of(truth, drive, ignore, rate)
     found = rig_from_logs(sources_of(logs), **roles, name=out.stem)
     say_found(found)
     write_whole(out, found.text)
@@ -127,6 +140,7 @@ def learn_command(
     truth: JointsOption = None,
     drive: DrivesOption = None,
     ignore: IgnoreOption = None,
+    rate: RateOption = None,
     reference_lag: LagOption = None,
     minutes: MinutesOption = None,
 ) -> None:
@@ -141,7 +155,7 @@ def learn_command(
     check_new(out)
     say(f"reading {len(logs)} log{'s' if len(logs) > 1 else ''}")
     sources = sources_of(logs)
-    roles = roles_of(truth, drive, ignore)
+    roles = roles_of(truth, drive, ignore, rate)
     if rig is None:
         found = rig_from_logs(sources, **roles, name=out.stem)
         say_found(found)

@@ -306,6 +306,7 @@ def learn(
     truth: Sequence[str] = (),
     drives: Mapping[str, str] | None = None,
     ignore: Sequence[str] = (),
+    rate: float | None = None,
     lag: float | None = None,
     progress: Progress | None = None,
 ) -> Fit:
@@ -320,6 +321,7 @@ def learn(
         truth: columns of joints' reference angles, where names do not say so.
         drives: column of a drive's position → its unit, or empty.
         ignore: columns that are none of this.
+        rate: of evenly spaced rows, where no column holds their time [Hz].
         lag: by how much the true angles are later than the drives [s]; see `fit`.
         progress: called with what the fit is doing.
 
@@ -328,7 +330,7 @@ def learn(
         RigError: no drive or no joint can be found; says what would help.
         FitError: the logs cannot be fitted.
     """
-    draft = rig_from_logs(logs, truth=truth, drives=drives, ignore=ignore)
+    draft = rig_from_logs(logs, truth=truth, drives=drives, ignore=ignore, rate=rate)
     read = [read_log(source, draft.rig) for source in logs]
     result = fit(read, draft.rig, progress=progress, lag=lag)
     return replace(result, text=draft.text)

@@ -116,7 +116,7 @@ def _filtered(log: Log, estimator: AdaptiveFilter, homing: float | None) -> Samp
     joints = estimator.rig.joint_names
     truths = true_angles(log, joints)
     assert truths is not None
-    samples = samples_of(log, estimator.channels, estimator.name)
+    samples = samples_of(log, estimator.channels, estimator.name, estimator.bridged)
     start = estimator.initial(log.time[0], first_values(samples))
     if homing is not None:
         check_homing(homing, log, joints)

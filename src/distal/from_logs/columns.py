@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from distal.errors import LogError, did_you_mean
 from distal.from_logs.column_names import (
     LIKELY,
@@ -23,7 +25,7 @@ from distal.from_logs.column_values import (
     with_units,
 )
 from distal.from_logs.raw_log import RawLog, time_column
-from distal.logs import name_and_unit
+from distal.logs import name_and_unit, says_nothing
 from distal.rig import name_of
 
 CERTAIN = 99.0
@@ -85,6 +87,10 @@ def column_roles(logs: Sequence[RawLog], overrides: Overrides) -> list[ColumnRol
             )
         if header in roles_by_name:
             column = replace(column, sureness="sure")
+        if column.role == "effort":
+            why = says_nothing(np.concatenate([log.columns[header] for log in logs]))
+            if why is not None:
+                column = replace(column, role="other", evidence=why)
         found.append(column)
     return with_units(_with_parts(found, names), names, drives)
 

@@ -39,6 +39,7 @@ def draft_columns(
     truth: Sequence[str] = (),
     drives: Mapping[str, str] | None = None,
     ignore: Sequence[str] = (),
+    rate: float | None = None,
 ) -> DraftColumns:
     """Return the columns of sensors whose own the logs do not have.
 
@@ -51,11 +52,12 @@ def draft_columns(
         truth: columns of joints' reference angles, where names do not say so.
         drives: column of a drive's position → its unit, or empty.
         ignore: columns that are none of this.
+        rate: of evenly spaced rows, where no column holds their time [Hz].
 
     Raises:
         LogError: a log cannot be read, or has no time.
     """
-    raw, _ = with_same_columns([read_raw(path) for path in logs])
+    raw, _ = with_same_columns([read_raw(path, rate=rate) for path in logs])
     columns = column_roles(raw, Overrides(tuple(truth), dict(drives or {}), tuple(ignore)))
     time = next(column for column in columns if column.role == "time")
     unit = time_unit(time, raw)[0]
@@ -63,7 +65,9 @@ def draft_columns(
     headers = {name for column in columns for name in (column.header, column_of(column))}
     assignments = list[str]()
     lines = list[str]()
-    if rig.log.time.column not in headers:
+    if rate is not None:
+        assignments.append(f"log.time.rate={rate}")
+    elif rig.log.time.rate is None and rig.log.time.column not in headers:
         assignments.append(f"log.time={{column={_quoted(column_of(time))},unit='{unit}'}}")
         lines.append(f"the time is in column {time.header}")
     for measures, role in ROLES.items():

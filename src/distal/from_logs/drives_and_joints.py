@@ -159,18 +159,56 @@ def _rival(column: ColumnRole, structure: DriveStructure, joints: Sequence[Found
 
 
 def check_arms(joints: Sequence[FoundJoint], drives: Sequence[FoundDrive]) -> None:
-    """Raise a `RigError` where a moment arm of a drive that is read in metres cannot be."""
+    """Raise a `RigError` where the largest moment arm of a drive that is read in metres cannot be;
+    about other axes it may be anything, down to none.
+    """
     shortest, longest, _ = USUAL["radius"]
     for drive in drives:
         if not drive.sizes.is_slider:
             continue
-        for j, arm in zip(drive.structure.joints, np.abs(drive.sizes.arms)):
-            if not shortest <= arm <= longest:
-                raise RigError(
-                    f"{drive.position.header} moves by {1e3 * arm:.4g} mm for each rad of "
-                    f"{joints[j].angle.header}; a hand's arms are {1e3 * shortest:g} to "
-                    f"{1e3 * longest:g} mm. Is the unit of one of them right?"
-                )
+        arms = np.abs(drive.sizes.arms)
+        arm = float(np.max(arms))
+        if not shortest <= arm <= longest:
+            joint = joints[drive.structure.joints[int(np.argmax(arms))]]
+            raise RigError(
+                f"{drive.position.header} moves by {1e3 * arm:.4g} mm for each rad of "
+                f"{joint.angle.header}; a hand's arms are {1e3 * shortest:g} to "
+                f"{1e3 * longest:g} mm. Is the unit of one of them right?"
+            )
+
+
+def check_explained(
+    joints: Sequence[FoundJoint],
+    free: Sequence[int],
+    logs: Sequence[MotionData],
+    asked: Sequence[str],
+) -> list[str]:
+    """Return a sentence on each joint of whose motion the drives explain less than half.
+
+    Args:
+        joints: all of them.
+        free: indices of those that follow no other.
+        logs: all of them.
+        asked: headers of the joints that a user named.
+
+    Raises:
+        RigError: no user named such a joint.
+    """
+    left = unexplained(logs, range(logs[0].positions.shape[1]))
+    lines = []
+    for j in free:
+        if left[j] <= 1.0 - EXPLAINED:
+            continue
+        header = joints[j].angle.header
+        line = f"the drives explain only {100 * (1 - left[j]):.0f} % of the motion of {header}"
+        if header not in asked:
+            every = ",".join(joint.angle.header for joint in joints)
+            raise RigError(
+                f"{line}: is its reference right, and is it moved by these drives? If so, "
+                f"add --truth {every}; else leave it out, --ignore {header}"
+            )
+        lines.append(line)
+    return lines
 
 
 def check_moved(

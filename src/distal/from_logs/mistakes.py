@@ -17,7 +17,7 @@ from distal.from_logs.column_values import ColumnRole, longest_run
 from distal.from_logs.motion_data import THRESHOLDS, MotionData, scaled_solution
 from distal.from_logs.raw_log import FEWEST_ROWS, RawLog
 from distal.from_logs.which_drive_moves_what import Fold, folds_of, pooled
-from distal.logs import Log
+from distal.logs import Log, jumps_away, said_of_jumps
 from distal.regression import FEWEST_LOGS
 
 OTHER_UNIT = 1000.0**0.5
@@ -76,6 +76,10 @@ def remarks(
             for header, count in log.wild.items()
             if header in headers
         ]
+        for header in _headers(columns, "angle"):
+            away = jumps_away(log.columns[header])
+            if away.any():
+                lines.append(f"{log.source}: {header} {said_of_jumps(log.columns[header], away)}")
     return [*lines, *odd_log(data)]
 
 

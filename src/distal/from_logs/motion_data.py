@@ -18,6 +18,7 @@ from scipy.signal import savgol_coeffs, savgol_filter
 from distal.arrays import Bools, Floats
 from distal.from_logs.column_values import ColumnRole, in_si
 from distal.from_logs.raw_log import RawLog
+from distal.logs import held_samples, jumps_away
 from distal.regression import played
 from distal.rig.hand_tables.rig_of_table import ASSUMED
 from distal.units import unit_factor
@@ -252,6 +253,8 @@ def motion_data(log: RawLog, columns: Sequence[ColumnRole]) -> MotionData:
         if column is None:
             return np.full(len(time[::stride]), np.nan)
         values = in_si(column, log.columns[column.header], factor_of_column(column))
+        if column.role == "angle":
+            values = np.where(held_samples(values) | jumps_away(values), np.nan, values)
         present = np.flatnonzero(np.isfinite(values))
         if len(present) < 2:
             return np.full(len(time[::stride]), np.nan)

@@ -22,7 +22,8 @@ from distal.logs import (
     decoded,
     open_table,
 )
-from distal.logs.stamps import clock_of
+from distal.logs.cells import LIST
+from distal.logs.stamps import clock_of, is_time, spread
 from distal.units import USUAL, unit_factor
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
@@ -63,9 +64,13 @@ class RawLog:
         return len(next(iter(self.columns.values()), ()))
 
 
-def read_raw(path: Source, rows: int | None = None) -> RawLog:
+ROWS = "evenly spaced rows"
+"""Column of the time of rows whose rate a user gave [s]. Source: definition (the name)."""
+
+
+def read_raw(path: Source, rows: int | None = None, rate: float | None = None) -> RawLog:
     """Return a log (CSV, Parquet, HDF5, MCAP, a ROS bag, a LeRobot episode or a frame) with all its
-    columns, or their first `rows`.
+    columns, or their first `rows`; with the time `ROWS` where their `rate` is given [Hz].
 
     Raises:
         LogError: it cannot be read, holds no numbers, or has fewer than `FEWEST_ROWS` rows.
@@ -80,15 +85,18 @@ def read_raw(path: Source, rows: int | None = None) -> RawLog:
     texts = list[str]()
     for name in cells.names:
         column = cells.columns[name]
-        is_dated = isinstance(column, np.ndarray) and column.dtype.kind == "M"
         try:
-            columns[name] = clock_of(cells, name, 1.0).time if is_dated else cells.values(name)
+            timed = is_time(column)
+            columns[name] = clock_of(cells, name, 1.0).time if timed else cells.values(name)
         except LogError:
-            if _is_mostly_numeric(column):
+            listed = isinstance(column, list) and LIST.fullmatch(column[0].strip())
+            if _is_mostly_numeric(column) or (listed and re.search(r"\d", column[0])):
                 raise
             texts.append(name)
     if not columns:
         raise LogError(f"{source}: no column holds numbers; a log has a header and rows of numbers")
+    if rate is not None:
+        columns[ROWS] = np.arange(cells.rows) / rate
     return _raw(source, columns, tuple(texts))
 
 
@@ -132,10 +140,17 @@ def _is_mostly_numeric(column: Column) -> bool:
     return statistics.mode(bool(_NUMBER.fullmatch(cell.strip())) for cell in column)
 
 
-def without_repeats(log: RawLog, time: str) -> RawLog:
-    """Return a log with the first of the rows that have one stamp."""
+def without_repeats(log: RawLog, time: str) -> tuple[RawLog, str | None]:
+    """Return a log without repeated stamps, and what was done (`log.time.repeated`), None where
+    there are none: where most rows share theirs, they are spread, else the first ones are kept.
+    """
     first = np.concatenate([[True], np.diff(log.columns[time]) > 0.0])
-    return replace(log, columns={name: values[first] for name, values in log.columns.items()})
+    if first.all():
+        return log, None
+    if 2 * first.sum() <= len(first):
+        return replace(log, columns={**log.columns, time: spread(log.columns[time])}), "spread"
+    kept = {name: values[first] for name, values in log.columns.items()}
+    return replace(log, columns=kept), "first"
 
 
 def with_same_columns(logs: Sequence[RawLog]) -> tuple[list[RawLog], dict[str, str]]:
@@ -185,10 +200,13 @@ def time_column(
     if not set(called_time) & set(increasing):
         for header in called_time:
             _check_increasing(header, logs)
+    if ROWS in headers:
+        return ROWS
     if not increasing:
         raise LogError(
             f"no column of {logs[0].source} increases from row to row, so none is the time; the "
-            f"columns are {', '.join(headers)}"
+            f"columns are {', '.join(headers)}. If its rows are evenly spaced, say how many come "
+            "in a second, as --rate 50"
         )
 
     def score(header: str) -> float:
@@ -200,7 +218,8 @@ def time_column(
     best = max(increasing, key=score)
     if np.all(steps[best] == 1.0) and names[best].scores["time"] <= 0.0:
         raise LogError(
-            f"'{best}' counts rows, and no other column is a time: add one, such as 'time [s]'"
+            f"'{best}' counts rows, and no other column is a time: add one, such as 'time [s]', or "
+            "say how many rows come in a second, as --rate 50"
         )
     return best
 

@@ -15,6 +15,8 @@ from copy import deepcopy
 from dataclasses import dataclass, replace
 from typing import cast
 
+import numpy as np
+
 from distal.errors import RigError, one_line
 from distal.from_logs.column_values import TAKEN_FORCES, ColumnRole
 from distal.from_logs.columns import Overrides, column_roles
@@ -31,6 +33,7 @@ from distal.from_logs.drafted_parts import (
 )
 from distal.from_logs.drives_and_joints import (
     check_arms,
+    check_explained,
     check_moved,
     drive_in_words,
     drives_of,
@@ -50,7 +53,7 @@ from distal.from_logs.raw_log import (
     without_repeats,
 )
 from distal.from_logs.which_drive_moves_what import EXPLAINED
-from distal.logs import Source
+from distal.logs import Source, name_and_unit
 from distal.model import GRAVITY
 from distal.rig import Guess, Imported, Rig
 
@@ -230,6 +233,7 @@ def rig_from_logs(
     truth: Sequence[str] = (),
     drives: Mapping[str, str] | None = None,
     ignore: Sequence[str] = (),
+    rate: float | None = None,
     name: str = "rig from logs",
 ) -> RigFromLogs:
     """Return the rig that logs show: columns, structure and sizes; no rig file is needed.
@@ -239,6 +243,7 @@ def rig_from_logs(
         truth: columns of joints' reference angles, where names do not say so.
         drives: column of a drive's position → its unit, or empty.
         ignore: columns that are none of this.
+        rate: of evenly spaced rows, where no column holds their time [Hz].
         name: title of the rig.
 
     Raises:
@@ -247,8 +252,8 @@ def rig_from_logs(
     """
     overrides = Overrides(tuple(truth), dict(drives or {}), tuple(ignore))
     # what names leave open is asked before long logs are read
-    _ask(column_roles([read_raw(logs[0], FIRST_ROWS)], overrides))
-    raw, lacking = with_same_columns([read_raw(path) for path in logs])
+    _ask(column_roles([read_raw(logs[0], FIRST_ROWS, rate)], overrides))
+    raw, lacking = with_same_columns([read_raw(path, rate=rate) for path in logs])
     columns = column_roles(raw, overrides)
     _ask(columns)
     references = [column for column in columns if column.role == "angle"]
@@ -257,11 +262,13 @@ def rig_from_logs(
     notes += left_columns(raw, columns, lacking)
     time = replace(time, unit=unit)
     columns = [time if column.role == "time" else column for column in columns]
-    distinct = [without_repeats(log, time.header) for log in raw]
-    repeats = sum(log.rows for log in raw) - sum(log.rows for log in distinct)
-    if repeats:
-        notes.append(f"{repeats} rows have the stamp of the row before: they are left out")
-    raw = distinct
+    pairs = [without_repeats(log, time.header) for log in raw]
+    repeated = next((done for _, done in pairs if done is not None), None)
+    if repeated is not None:
+        done = "they are spread evenly" if repeated == "spread" else "the first ones are kept"
+        count = sum(log.rows - len(np.unique(log.columns[time.header])) for log in raw)
+        notes.append(f"{count} rows have the stamp of the row before: {done}")
+    raw = [log for log, _ in pairs]
     data = [motion_data(log, columns) for log in raw]
     _ask_others(columns, raw, data)
     notes += remarks(raw, columns, data)
@@ -271,10 +278,14 @@ def rig_from_logs(
     notes += left
     check_moved(joints, free, moving)
     check_arms(joints, moving)
+    asked = [c.header for c in references if {c.header, name_and_unit(c.header)[0]} & {*truth}]
+    notes += check_explained(joints, free, data, asked)
     rates = rates_of(raw, time, unit)
     description = raw_description(name, time, rates, joints, moving, data)
-    if repeats:
-        description["log"] = {"time": {**log_time(time), "repeated": "first"}}
+    if repeated is not None:
+        description["log"] = {"time": {**log_time(time), "repeated": repeated}}
+    if rate is not None:
+        description["log"] = {"time": {"rate": rate}}
     imported = Imported.of(description, name, "logs", ())
     structure = tuple(drive_in_words(drive, joints) for drive in moving)
     return RigFromLogs(

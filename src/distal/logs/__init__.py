@@ -31,8 +31,8 @@ from distal.logs.outputs import (
     write_together,
     write_whole,
 )
-from distal.logs.raw_to_si import RawToSI, Remark, decoded
-from distal.logs.references import earlier, held_samples
+from distal.logs.raw_to_si import RawToSI, Remark, decoded, says_nothing
+from distal.logs.references import earlier, held_samples, jumps_away, said_of_jumps
 from distal.logs.tables import (
     Episode,
     Source,
@@ -66,6 +66,7 @@ __all__ = [
     "frozen",
     "header",
     "held_samples",
+    "jumps_away",
     "name_and_unit",
     "open_table",
     "outputs_in",
@@ -73,6 +74,8 @@ __all__ = [
     "read_log",
     "read_table",
     "read_truth",
+    "said_of_jumps",
+    "says_nothing",
     "shown",
     "sources_of",
     "true_angles",

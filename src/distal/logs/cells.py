@@ -6,6 +6,7 @@ each number.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf, isinf, nan
@@ -267,7 +268,16 @@ def _number(cell: str, path: Path, name: str, row: int) -> float:
     return number
 
 
+LIST = re.compile(r"[\[(].*[\])]", re.DOTALL)
+"""A cell that holds a list as text."""
+
+
 def _no_number(path: Path, row: int, column: str, came: str) -> LogError:
+    if LIST.fullmatch(came.strip()):
+        return LogError(
+            f"{path}: column '{column}' holds lists as text, such as '{came[:40]}'; read the bag "
+            "itself, or write each of their numbers into a column of its own"
+        )
     hint = "; write a decimal point, not a comma" if "," in came else ""
     return LogError(
         f"{path}: row {row}, column '{column}': '{came}' is not a finite number{hint} (an empty "

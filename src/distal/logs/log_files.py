@@ -11,18 +11,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Floats
-from distal.errors import DistalWarning, LogError
+from distal.errors import DistalWarning, LogError, did_you_mean
 from distal.logs.cells import Cells
 from distal.logs.column_units import factor_of, scale, time_factor
 from distal.logs.encoders import TURN
 from distal.logs.formats import TABLES, file_of
 from distal.logs.log import NO_SOURCE, Log, TruthKind, TruthSource, check_stamps
 from distal.logs.outputs import write_whole
-from distal.logs.raw_to_si import RawToSI, through
-from distal.logs.references import earlier, held_samples
-from distal.logs.stamps import Clock, clock_of, in_order
+from distal.logs.raw_to_si import RawToSI, says_nothing, through
+from distal.logs.references import earlier, held_samples, jumps_away, said_of_jumps
+from distal.logs.stamps import Clock, clock_of, in_order, spread
 from distal.logs.tables import Source, open_table
-from distal.rig import REFERENCES, Rig, Sensor, angle_names, log_factor, torque_names
+from distal.rig import (
+    REFERENCES,
+    Rig,
+    Role,
+    Sensor,
+    angle_names,
+    log_factor,
+    measurand_of,
+    torque_names,
+)
 from distal.units import unit_factor
 
 
@@ -63,19 +72,38 @@ def read_log(
         *(f"true_{name}" for name in (*angle_names(joints), *torque_names(joints))),
     ]
     time_column = rig.log.time.column
-    asked = [time_column, *desired, *optional, *([] if truth is None else [str(truth)])]
+    time_rate = rig.log.time.rate
+    asked = [time_column] if time_rate is None else []
+    asked += [*desired, *optional, *([] if truth is None else [str(truth)])]
     cells = open_table(path, asked, time_column, unit_factor(rig.log.time.unit, "s"))
     column = str(truth) if truth is not None and _is_column(cells.names, str(truth)) else None
-    cells.check([time_column])
-    factor = time_factor(rig, cells.units.get(time_column), cells.source)
-    clock = clock_of(cells, time_column, factor)
+    if time_rate is not None:
+        clock = Clock(np.arange(cells.rows) / time_rate)
+    else:
+        if time_column not in cells.names:
+            rate = max((sensor.rate for sensor in rig.sensors), default=100.0)
+            raise LogError(
+                f"{cells.source}: column '{time_column}' is missing, which is the time"
+                f"{did_you_mean(time_column, cells.names)}; if rows are evenly spaced, give their "
+                f"rate: --set 'log.time.rate=\"{rate:g} Hz\"'"
+            )
+        cells.check([time_column])
+        factor = time_factor(rig, cells.units.get(time_column), cells.source)
+        clock = clock_of(cells, time_column, factor)
     there = [name for name in [*optional, column] if name in cells.names]
     table = cells.parsed([*desired, *filter(None, there)])
     time = clock.time
     stamps = clock.stamps
     rows = in_order(time, table.source, table.first_row)
-    if rig.log.time.repeated != "refused":
-        same = np.diff(time[rows]) == 0.0
+    same = np.diff(time[rows]) == 0.0
+    if same.any():
+        _check_repeated(rig, time[rows], table.source)
+    if same.any() and rig.log.time.repeated == "spread":
+        moved = spread(time[rows]) - time[rows]
+        time[rows] += moved
+        if stamps is not None:
+            stamps[rows] += np.round(moved * 1e9).astype(np.int64)
+    elif same.any() and rig.log.time.repeated != "refused":
         at = len(same) if rig.log.time.repeated == "last" else 0
         rows = rows[~np.insert(same, at, False)]
     if len(rows) < len(time):
@@ -109,6 +137,37 @@ def read_log(
         if column in table.columns
     }
     return Log(time, channels, known, table.source, origin, stamps, setpoints)
+
+
+def _check_repeated(rig: Rig, time: Floats, source: str) -> None:
+    """Raise a `LogError` where most rows share their stamp with others, so that one of each stamp
+    is not the log, and the rig does not say what to do.
+
+    Args:
+        time: rising stamps of the rows, some of them repeated [s], (k,).
+    """
+    if rig.log.time.repeated == "spread" and time[-1] > time[0]:
+        return
+    distinct = len(np.unique(time))
+    if 2 * distinct > len(time):
+        return
+    rate = max((sensor.rate for sensor in rig.sensors), default=100.0)
+    name = rig.log.time.column
+    together = f"{source}: {len(time) / distinct:.0f} rows share each stamp of '{name}': "
+    if time[-1] == time[0] or len(time) / (time[-1] - time[0]) < rate / MOST_SLOWER:
+        raise LogError(
+            f"{together}it has too few digits to be a time; write it with more, or give the rate "
+            f"of evenly spaced rows: --set 'log.time.rate=\"{rate:g} Hz\"'"
+        )
+    raise LogError(
+        f"{together}it was rounded; --set 'log.time.repeated=\"spread\"' spreads them evenly"
+    )
+
+
+MOST_SLOWER = 20.0
+"""Largest ratio of the sensors' rate to that of a log's rows [1]. Source: judgement (as that of
+`fitting.log_checks`).
+"""
 
 
 def _known_torques(rig: Rig, table: Cells, readings: Mapping[str, Floats]) -> dict[str, Floats]:
@@ -205,14 +264,19 @@ def _readings(
     logged = [table.values(column) for column in columns]
     to_si = RawToSI(rig, [*factors], np.array([*factors.values()]), ranged=ranged)
     samples, lines = through(to_si, time, logged, columns)
+    moving = {s.of for s, v in zip(factors, samples) if s.measures == "position" and _changes(v)}
+    for k, sensor in enumerate(factors):
+        if measurand_of(sensor).role is Role.EFFORT and sensor.of in moving:
+            why = says_nothing(samples[k])
+            if why is not None:
+                samples[k] = np.full(len(time), np.nan)
+                lines.append(f"{sensor.log_column} {why}: left out")
     for line in lines:
         warnings.warn(f"{table.source}: {line}", DistalWarning, stacklevel=3)
     readings = {sensor.name: values for sensor, values in zip(factors, samples)}
     for sensor in factors:
         if sensor.measures in REFERENCES:
-            values = readings[sensor.name]
-            fresh = np.where(held_samples(values), np.nan, values)
-            readings[sensor.name] = earlier(time, fresh, sensor.delay)
+            readings[sensor.name] = _of_reference(sensor, time, readings[sensor.name], table.source)
     stops = {joint.name: joint.stops for joint in rig.joints}
     for sensor in rig.sensors_of("angle"):
         ends = stops[sensor.of]
@@ -221,6 +285,21 @@ def _readings(
             away = float(np.nanmedian(theta)) - (ends[0] + ends[1]) / 2
             readings[sensor.name] = theta - TURN * round(away / TURN)
     return readings
+
+
+def _changes(values: Floats) -> bool:
+    """Return whether a column has more than one value."""
+    present = values[np.isfinite(values)]
+    return len(present) > 0 and float(np.ptp(present)) > 0.0
+
+
+def _of_reference(sensor: Sensor, time: Floats, values: Floats, source: str) -> Floats:
+    """Return what a reference read at its own times, NaN where it has no sample of its own."""
+    away = jumps_away(values)
+    if away.any():
+        line = f"{source}: {sensor.log_column} {said_of_jumps(values, away)}"
+        warnings.warn(line, DistalWarning, stacklevel=4)
+    return earlier(time, np.where(held_samples(values) | away, np.nan, values), sensor.delay)
 
 
 def _simulated(names: Sequence[str], si: str, table: Cells) -> dict[str, Floats]:

@@ -147,6 +147,18 @@ class RawToSI:
         for i, encoder in self._encoders.items():
             encoder.follow(other._encoders[i])
 
+    def learn_registers(self, logged: Sequence[Floats]) -> None:
+        """Learn what registers mean from a whole log, so that it holds from its first sample on.
+
+        Args:
+            logged: numbers of each sensor, NaN where missing, (k,) each.
+        """
+        turns = (getattr(sensor, "counts_per_turn", None) for sensor in self._sensors)
+        self._registers = [
+            _Register.learned(values, turn) or register
+            for register, values, turn in zip(self._registers, logged, turns)
+        ]
+
     def take(self, time: float, logged: Sequence[float]) -> Floats:
         """Return a sample in SI, (n,), NaN where a value is missing.
 
@@ -217,6 +229,26 @@ class _Register:
         self._evidence = [0.0] * len(REGISTERS)
         self._step = 1.0
 
+    @classmethod
+    def learned(cls, values: Floats, turn: float | None = None) -> _Register | None:
+        """Return what a register is after a column of numbers, (k,), before the first of them; None
+        where nothing was decoded.
+        """
+        present = values[np.isfinite(values)]
+        bits = [bit for bit, _ in REGISTERS]
+        largest = float(np.max(present, initial=0.0))
+        jump = float(np.max(np.abs(np.diff(present)), initial=0.0))
+        # what has no bit of a sign, or never changes one that positions use too, needs no look
+        if largest < 2.0 ** min(bits) or (largest < 2.0**15 and jump < 2.0 ** (min(bits) - 1)):
+            return None
+        register = cls(turn)
+        found = False
+        for number in present.tolist():
+            register.decoded(number)
+            found = found or register.bit > 0
+        register._before = None
+        return register if found else None
+
     def decoded(self, number: float) -> float:
         """Return the number that a register holds."""
         self.bit = 0
@@ -253,14 +285,9 @@ def decoded(values: Floats) -> Floats:
     """Return a column of numbers, (k,), in which those of a register that holds a sign are what the
     register means; unchanged where it is none.
     """
-    present = values[np.isfinite(values)]
-    if not len(present) or not 2.0 ** min(bit for bit, _ in REGISTERS) <= np.max(present):
+    register = _Register.learned(values)
+    if register is None:
         return values
-    register = _Register()
-    read = np.array([register.decoded(v) if v == v else v for v in values.tolist()])
-    if np.array_equal(read, values, equal_nan=True):
-        return values
-    # what was learned from all of it holds from the first number on
     return np.array([register.decoded(v) if v == v else v for v in values.tolist()])
 
 
@@ -353,6 +380,36 @@ class _Noise:
         return self._smallest / (2.0 * sqrt(pi) * noise) if noise > 0.0 else 0.0
 
 
+def says_nothing(values: Floats) -> str | None:
+    """Return why the readings of an effort, (k,), say nothing of it; None where they may.
+
+    Where noise is as large as the smallest of them, a sign shows: that m readings within its std
+    are all above zero has the probability 2^{-m}.
+    """
+    present = values[np.isfinite(values)]
+    if len(present) < FEWEST:
+        return None
+    if np.ptp(present) == 0.0:
+        return f"has one value ({abs(present[0]):g}) in the whole log while its drive moves"
+    size = present if np.min(present) >= 0.0 else -present
+    second = np.abs(np.diff(size, 2))
+    noise = float(np.median(second)) / NORMAL_MEDIAN / sqrt(6.0)
+    within = int(np.count_nonzero((size > 0.0) & (size < noise)))
+    # a sensor that cannot read less than zero reads zero often
+    is_cut = np.count_nonzero(size == 0.0) > within
+    if np.min(size) >= 0.0 and not is_cut and within * log(2.0) > -log(IMPROBABLE):
+        return "never changes its sign, though its noise reaches zero, so it was logged without one"
+    return None
+
+
+FEWEST = 50
+"""Least number of readings that say that an effort has no sign or one value. Source: judgement."""
+
+NORMAL_MEDIAN = 0.6745
+"""Median of absolute values of a normal error per its std [1]. Source: definition (75 % quantile).
+"""
+
+
 def through(
     to_si: RawToSI,
     time: Floats,
@@ -369,6 +426,7 @@ def through(
     """
     samples = np.empty((len(logged), len(time)))
     counts = Counter[Remark]()
+    to_si.learn_registers(logged)
     firsts = dict[Remark, float]()
     # a view gives one number after the other, so that they are never all in memory as objects
     for k, (stamp, *row) in enumerate(zip(time.data, *(values.data for values in logged))):

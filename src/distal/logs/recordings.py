@@ -82,11 +82,20 @@ def read_recording(path: Path, columns: Sequence[str] | None, time: str, unit: f
         raise LogError(f"{path}: no message has numbers")
     readings: dict[str, list[Reading]] = {column: [] for column in columns if column != time}
     topics: set[str] = set()
+    owners = dict[str, str]()
     for number, message in enumerate(messages_of(path, topics)):
         for column, samples in readings.items():
             cell = _cell(message, column)
             if cell is None:
                 continue
+            owner = _owner(message, column)
+            if owner is not None and owners.setdefault(column, owner) != owner:
+                topic, _, field = column.partition(".")
+                raise LogError(
+                    f"{path}: the names in {topic} change their order: '{column}' is of "
+                    f"{owners[column]}, then of {owner}; name the joint, "
+                    f"{topic}[{owners[column]}].{field.partition('[')[0]}"
+                )
             stamp = _json_stamp(path, message, time, unit) if message.json else message.stamp
             if isinstance(cell, (list, dict)) or np.asarray(cell, dtype=object).ndim > 0:
                 raise LogError(
@@ -103,6 +112,7 @@ def read_recording(path: Path, columns: Sequence[str] | None, time: str, unit: f
             f"the topics are {', '.join(sorted(topics))[:300] or 'none'}"
         )
     stamped = _stamped(path, readings)
+    _check_publishers(path, stamped)
     for topic in topics:
         in_cycle = [c for c in stamped if _named(c)[:2] == (topic, True)]
         if len(in_cycle) > 1:
@@ -114,6 +124,23 @@ def read_recording(path: Path, columns: Sequence[str] | None, time: str, unit: f
         cells[np.searchsorted(rows, stamps, side="right") - 1] = values
         columns_of[column] = cells
     return Cells(columns_of, path, 0, tuple(columns_of))
+
+
+def _check_publishers(path: Path, stamped: dict[str, Stamped]) -> None:
+    """Raise a `LogError` where most messages of a topic have the stamp of another one with another
+    value: two nodes publish it.
+    """
+    for column, (stamps, values) in stamped.items():
+        order = np.argsort(stamps, kind="stable")
+        same = np.diff(stamps[order]) == 0
+        differ = same & (np.diff(values[order]) != 0.0)
+        if 4 * np.count_nonzero(differ) > len(stamps):
+            topic = _named(column)[0]
+            raise LogError(
+                f"{path}: {np.count_nonzero(same)} of {len(stamps)} messages of {topic} have the "
+                f"stamp of another one, with another {column}: are there two publishers? Record one "
+                "of them alone, under a name of its own"
+            )
 
 
 def _number(path: Path, cell: object, name: str) -> float:
@@ -142,6 +169,16 @@ def _cell(message: Message, column: str) -> object:
     if field and topic == message.topic:
         cell = _element(message, joint, field) if is_of_joint else message.read(field)
     return message.read(column) if cell is None and message.json else cell
+
+
+def _owner(message: Message, column: str) -> str | None:
+    """Return whose element a column with an index is in a message, where that has names."""
+    topic, is_of_joint, _, field = _named(column)
+    at = re.search(r"\[(\d+)\]$", field)
+    if at is None or is_of_joint or topic != message.topic:
+        return None
+    names = message.read("name")
+    return str(names[int(at[1])]) if isinstance(names, list) and int(at[1]) < len(names) else None
 
 
 def _element(message: Message, joint: str, field: str) -> object:

@@ -61,3 +61,48 @@ def earlier(time: Floats, values: Floats, lag: float) -> Floats:
     seen = np.zeros(len(time), dtype=bool)
     seen[finite] = True
     return np.where(gap | outside | ~seen, np.nan, moved)
+
+
+JUMPS = 4.0
+"""Ratio of a jump to the step that 98 % of all steps are below [1]. Source: judgement."""
+
+LONGEST_AWAY = 0.02
+"""Share of a log's samples for which a reference is away at the most [1]. Source: judgement."""
+
+
+def jumps_away(values: Floats) -> Bools:
+    """Return which values of a reference, (k,), are between a jump and the jump back, as of a
+    marker that is seen the wrong way round for some frames.
+    """
+    away = np.zeros(len(values), dtype=bool)
+    present = np.flatnonzero(np.isfinite(values))
+    if len(present) < 3:
+        return away
+    steps = np.diff(values[present])
+    moving = np.abs(steps[steps != 0.0])
+    if not len(moving):
+        return away
+    jump = np.flatnonzero(np.abs(steps) > JUMPS * np.quantile(moving, 0.98))
+    longest = max(2.0, LONGEST_AWAY * len(present))
+    at = 0
+    while at < len(jump) - 1:
+        begin, end = jump[at], jump[at + 1]
+        back = steps[begin] + steps[end]
+        if end - begin <= longest and abs(back) < 0.5 * abs(steps[begin]):
+            away[present[begin + 1 : end + 1]] = True
+            at += 1
+        at += 1
+    return away
+
+
+def said_of_jumps(values: Floats, away: Bools) -> str:
+    """Return in words how often a reference, (k,), is `away`, see `jumps_away`, and whether at its
+    mirror image.
+    """
+    first = np.flatnonzero(away & ~np.concatenate([[False], away[:-1]]))
+    before = values[np.maximum(first - 1, 0)]
+    mirrored = np.abs(values[first] + before) < 0.2 * np.abs(values[first] - before)
+    how = ", to its mirror image" if np.mean(mirrored) > 0.5 else ""
+    return (
+        f"jumps away and back {len(first)} times{how} ({int(away.sum())} samples): taken as missing"
+    )

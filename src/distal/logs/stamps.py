@@ -1,4 +1,4 @@
-"""Stamps of a log: numbers of any epoch and unit, ISO text, or datetimes.
+"""Stamps of a log: numbers of any epoch and unit, ISO text, datetimes, or times of a clock.
 
 Time counts from the start of a log with dates; its original stamps are kept.
 """
@@ -38,6 +38,17 @@ set back [1]. Source: judgement.
 
 FRACTION = re.compile(r"[.,](\d+)")
 """Fraction of a second in an ISO date."""
+
+CLOCK = re.compile(
+    r"(?:\d{1,4}[/.-]\d{1,2}[/.-]\d{1,4}[ T,]+)?(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d+)?))?"
+    r"\s*(?:([AaPp])\.?[Mm]\.?)?"
+)
+"""A time of day, with or without a date whose order of day and month is open: hours, minutes,
+seconds, a or p.
+"""
+
+DAY = 86_400.0
+"""A day [s]. Source: definition (unit conversion)."""
 
 UNITS = (1.0, 1e-3, 1e-6, 1e-9)
 """Units in which dates may be counted: s, ms, µs, ns [s]. Source: definition (unit conversion)."""
@@ -86,8 +97,10 @@ def clock_of(cells: Cells, name: str, unit: float) -> Clock:
             unit.
     """
     column = cells.columns[name]
-    if is_date(str(column[0]).strip()):
-        return _clock(_dates(column, cells.path, name, cells.first_row))
+    if is_time(column):
+        if not isinstance(column, list) or is_date(column[0].strip()):
+            return _clock(_dates(column, cells.path, name, cells.first_row))
+        return Clock(_of_day(column, cells.path, name, cells.first_row))
     counts = whole_values(column)
     values = cells.values(name) if counts is None else counts
     return _counted(values, unit, name, cells.path)
@@ -141,6 +154,50 @@ def _dates(column: Column, path: Path, name: str, first_row: int) -> Stamps:
             "ISO text such as 2026-11-20T21:02:47.5Z is one"
         )
     return dates.astype(np.int64)
+
+
+def _of_day(column: list[str], path: Path, name: str, first_row: int) -> Floats:
+    """Return times of day since the first one [s]; over midnight they go on."""
+    time = np.empty(len(column))
+    for k, cell in enumerate(column):
+        match = CLOCK.fullmatch(cell.strip())
+        if match is None:
+            raise LogError(
+                f"{path}: row {k + first_row}, column '{name}': '{cell}' is no time of day, such "
+                "as 21:02:47.5 or 9:02:47 PM"
+            )
+        hours = int(match[1]) if match[4] is None else int(match[1]) % 12
+        hours += 12 * (str(match[4]).lower() == "p")
+        time[k] = 3600.0 * hours + 60.0 * int(match[2]) + float((match[3] or "0").replace(",", "."))
+    return np.asarray(np.unwrap(time, period=DAY) - time[0])
+
+
+def is_time(column: Column) -> bool:
+    """Return whether a column holds dates or times of day, by its first cell."""
+    if not isinstance(column, list):
+        return column.dtype.kind == "M"
+    first = column[0].strip() if column else ""
+    return is_date(first) or CLOCK.fullmatch(first) is not None
+
+
+def spread(time: Floats) -> Floats:
+    """Return the times of rows, (k,), of which several have one stamp: evenly spread up to the next
+    stamp [s].
+
+    Of the first and the last stamp not all rows need be there: they are as far apart as those of
+    the others usually are.
+    """
+    begins = np.flatnonzero(np.diff(time, prepend=-np.inf) != 0.0)
+    counts = np.diff(begins, append=len(time))
+    lengths = np.diff(time[begins])
+    usual = float(np.median(lengths / counts[:-1]))
+    steps = np.append(lengths / counts[:-1], usual)
+    at = np.repeat(time[begins], counts)
+    of_row = np.arange(len(time)) - np.repeat(begins, counts)
+    even = at + of_row * np.repeat(steps, counts)
+    first = counts[0]
+    even[:first] = time[begins[1]] - usual * np.arange(first, 0, -1)
+    return np.asarray(even)
 
 
 def is_date(text: str) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -12,7 +12,7 @@ from distal.rig.drives import Drive
 from distal.rig.joints import BASE, Base, Joint
 from distal.rig.learned import KINDS, LearnedMap, LearnedMaps, LeftOut
 from distal.rig.overrides import set_value
-from distal.rig.quantities import Description, Duration, Parameter
+from distal.rig.quantities import Description, Duration, In, Parameter
 from distal.rig.sensors.registry import MEASURED, Sensor, in_its_unit, log_factor
 from distal.rig.tendons import Tendon
 from distal.rig.validation import named, validated
@@ -31,9 +31,13 @@ class TimeColumn(Description):
 
     column: str = Field("t", min_length=1)
     unit: str = Field("s", min_length=1)
-    repeated: Literal["refused", "first", "last"] = Field(
+    repeated: Literal["refused", "first", "last", "spread"] = Field(
         "refused",
-        description='"first" or "last" of rows with one stamp is kept, or such a log is "refused"',
+        description='"first" or "last" of rows with one stamp is kept, or they are "spread" evenly '
+        'up to the next stamp, or such a log is "refused"',
+    )
+    rate: Annotated[float, In("Hz", within=(1e-3, 1e6))] | None = Field(
+        None, description="of the rows, where no column holds their time"
     )
 
 

@@ -36,25 +36,31 @@ from distal.rig import Rig, as_rig
 from distal.run.redundancy import Redundancy
 
 
-def samples_of(log: Log, channels: Sequence[str], name: str = "estimator") -> Floats:
+def samples_of(
+    log: Log, channels: Sequence[str], name: str = "estimator", needed: int | None = None
+) -> Floats:
     """Return the values of some channels of a log, (k, n_channels), wild ones taken as missing.
 
+    Args:
+        needed: number of leading channels that must have values; None: all of them.
+
     Raises:
-        EstimationError: a channel is not in the log or has no value at all, or the log has fewer
-            than two samples.
+        EstimationError: a channel is not in the log, or is needed and has no value at all, or the
+            log has fewer than two samples.
     """
     if len(log) < 2:
         raise EstimationError(
             f"{log.source}: {len(log)} sample came; an estimate over time needs at least two"
         )
-    for channel in channels:
+    for k, channel in enumerate(channels):
         if channel not in log.channels:
             names = ", ".join(log.channels) or "none"
             raise EstimationError(
                 f"{log.source}: {name} needs the sensor '{channel}', which is not in the log (it "
                 f"has {names})"
             )
-        if not np.any(np.isfinite(log.channels[channel])):
+        is_needed = needed is None or k < needed
+        if is_needed and not np.any(np.isfinite(log.channels[channel])):
             raise EstimationError(
                 f"{log.source}: sensor '{channel}' has no value at all; remove it from the rig, "
                 "or mend the log"
@@ -217,7 +223,7 @@ def prepared(log: Log, chosen: KernelEstimator, homing: float | None = None) -> 
         early = log.time - log.time[0] < homing
         for channel, joint in references_of(chosen).items():
             read = with_channel(read, channel, np.where(early, truths[:, joint], np.nan))
-    samples = samples_of(read, chosen.channels, chosen.name)
+    samples = samples_of(read, chosen.channels, chosen.name, chosen.bridged or None)
     start = chosen.initial(log.time[0], first_values(samples))
     if homing is not None and isinstance(chosen, AdaptiveFilter) and references_of(chosen):
         adapted = home(chosen, start, log, samples, truths, homing)

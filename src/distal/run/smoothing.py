@@ -32,7 +32,7 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
         EstimationError: the log lacks a sensor, the sensors do not suffice, or the filter diverged.
     """
     estimator = AdaptiveFilter(rig, compiled, trace=True, name="adaptive, smoothed")
-    samples = samples_of(log, estimator.channels, estimator.name)
+    samples = samples_of(log, estimator.channels, estimator.name, estimator.bridged)
     belief = estimator.initial(log.time[0], first_values(samples))
     rows, last = estimator.checked_rows(belief, log.time, samples)
     kernel_states, ys = advance(
@@ -91,7 +91,7 @@ def correct(
     the map, gives it. Changed are the rows `last`, those of the samples.
     """
     estimator = AdaptiveFilter(rig, compiled)
-    samples = samples_of(log, estimator.channels, estimator.name)
+    samples = samples_of(log, estimator.channels, estimator.name, estimator.bridged)
     belief = estimator.initial(log.time[0], first_values(samples))
     kernel_states, ys = estimator.advanced(belief, log.time, samples)
     states = kernel_states[:, : means.shape[1]]

@@ -62,7 +62,7 @@ def read_hdf5(path: Path, columns: Sequence[str] | None) -> Cells:
     if len(lengths) > 1:
         raise LogError(
             f"{path}: its columns have different lengths: {', '.join(map(str, sorted(lengths)))} "
-            "rows"
+            "rows. Are these several episodes? Write each into a file of its own"
         )
     return Cells(held, path, 1, tuple(positions))
 

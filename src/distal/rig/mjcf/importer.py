@@ -265,6 +265,7 @@ def from_mujoco(
     if held:
         notes.append(f"no driven tendon turns {', '.join(held)}: held where the model has them")
     pulling = {t: name for t, name in driven.items() if turned[t]}
+    _check_coefficients(model, pulling)
     springs, left = joint_springs(model, kept, units)
     notes += left
     inside = [pair for pair in coupled if {pair.leader, pair.follower} <= set(kept)]
@@ -304,6 +305,24 @@ def from_mujoco(
 def _title(model: mujoco.MjModel, otherwise: str) -> str:
     name = bytes(model.names).split(b"\0", 1)[0].decode(errors="replace")
     return name if name and name != "MuJoCo Model" else otherwise
+
+
+def _check_coefficients(model: mujoco.MjModel, driven: Mapping[int, str]) -> None:
+    """Raise a `RigError` where a fixed tendon sums angles: its coefficients are no moment arms, since
+    they are larger than the whole model.
+    """
+    joint = mujoco_module().mjtWrap.mjWRAP_JOINT
+    for t, name in driven.items():
+        begin = int(model.tendon_adr[t])
+        wraps = range(begin, begin + int(model.tendon_num[t]))
+        sums = [float(model.wrap_prm[i]) for i in wraps if model.wrap_type[i] == joint]
+        if max(map(abs, sums), default=0.0) > model.stat.extent:
+            listed = " and ".join(f"{coefficient:g}" for coefficient in sums)
+            raise RigError(
+                f"the fixed tendon '{name}' sums angles, by the coefficients {listed}, which are "
+                "no lengths: its path is not in the model. Write the radius of each pulley as its "
+                'coef, such as coef="0.008" for 8 mm'
+            )
 
 
 def _check_size(rig: Rig) -> None:
