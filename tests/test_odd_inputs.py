@@ -206,7 +206,7 @@ def test_parquet_types_are_not_numbers_by_accident(tmp_path: Path, paper_rig, lo
             read_log(path, paper_rig)
     frame.with_columns(pl.lit(date(2026, 1, 1)).alias("t")).write_parquet(path)
     with pytest.raises(
-        LogError, match="30 rows share each stamp of 't'.*too few digits"
+        LogError, match=r"30 rows share each stamp of 't'.*too few digits"
     ):  # a date is a stamp, but not the same for all rows
         read_log(path, paper_rig)
     frame.with_columns(u1=pl.lit(float("inf"))).write_parquet(path)

@@ -45,6 +45,18 @@ def test_a_reference_on_time_has_none(rig: Rig) -> None:
     assert said_of_lag(0.0) == []
 
 
+@pytest.mark.parametrize("constant", [0.06, 0.15])
+def test_a_joint_that_follows_late_is_no_late_reference(constant: float, rig: Rig) -> None:
+    logs = []
+    for log in LOGS:
+        share = 1.0 - np.exp(-np.median(np.diff(log.time)) / constant)
+        angle = np.array(log.truth["theta"])
+        for k in range(1, len(angle)):
+            angle[k] = angle[k - 1] + share * (angle[k] - angle[k - 1])
+        logs.append(late(replace(log, truth={"theta": angle}), 0.0))
+    assert reference_lag(logs, rig, range(4)) == 0.0
+
+
 def test_it_is_taken_off(rig: Rig) -> None:
     moved = without_lag([late(LOGS[0], 0.05)], rig, 0.05)[0]
     known = np.isfinite(moved.truth["theta"])

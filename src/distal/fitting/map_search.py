@@ -97,13 +97,21 @@ class Task:
         """Return the density of each log by the weights that the other groups tell."""
         return np.array([density(*pair) for pair in self.held_out(prior)])
 
-    def search(self) -> tuple[Prior, float]:
+    def search(self, each: float = 1.0, lags: bool = True) -> tuple[Prior, float]:
         """Return the hyperparameters with the largest density of logs left out, with a normal prior
         around the usual ones, and −ln of that posterior density, but for a constant.
+
+        Args:
+            each: number of independent samples for which a log counts.
+            lags: whether joints may follow their drives later than usual.
         """
         from scipy.optimize import minimize  # loaded late: it takes as long as all of distal
 
-        def cost(z: Floats) -> float:
+        free = np.array([lags or "lags" not in names for names in SEARCHED])
+
+        def cost(of_free: Floats) -> float:
+            z = np.zeros(len(free))
+            z[free] = of_free
             try:
                 without = self.without(moved(z))
                 pairs = [weights.errors(log) for weights, log in zip(without, self.logs)]
@@ -117,12 +125,14 @@ class Task:
                 return 1e9
             densities = [density(*pair) for pair in pairs if len(pair[0])]
             total = sum(densities) * len(set(self.groups)) / len(self.logs)
-            return float(0.5 * np.sum((z / SPREAD) ** 2) - total)
+            return float(0.5 * np.sum((z / SPREAD) ** 2) - each * total)
 
         options = {"maxfev": EVALUATIONS, "xtol": 0.1, "ftol": 1e-3}
-        start = min(np.array(STARTS), key=cost)
+        start = min(np.array(STARTS)[:, free], key=cost)
         found = minimize(cost, start, method="Powell", options=options)
-        return moved(found.x), float(found.fun)
+        best = np.zeros(len(free))
+        best[free] = found.x
+        return moved(best), float(found.fun)
 
 
 @dataclass(frozen=True)

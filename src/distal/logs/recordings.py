@@ -138,8 +138,8 @@ def _check_publishers(path: Path, stamped: dict[str, Stamped]) -> None:
             topic = _named(column)[0]
             raise LogError(
                 f"{path}: {np.count_nonzero(same)} of {len(stamps)} messages of {topic} have the "
-                f"stamp of another one, with another {column}: are there two publishers? Record one "
-                "of them alone, under a name of its own"
+                f"stamp of another one, with another {column}: are there two publishers? Record "
+                "one of them alone, under a name of its own"
             )
 
 

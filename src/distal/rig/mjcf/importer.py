@@ -308,8 +308,8 @@ def _title(model: mujoco.MjModel, otherwise: str) -> str:
 
 
 def _check_coefficients(model: mujoco.MjModel, driven: Mapping[int, str]) -> None:
-    """Raise a `RigError` where a fixed tendon sums angles: its coefficients are no moment arms, since
-    they are larger than the whole model.
+    """Raise a `RigError` where a fixed tendon sums angles: its coefficients, larger than the whole
+    model, are no moment arms.
     """
     joint = mujoco_module().mjtWrap.mjWRAP_JOINT
     for t, name in driven.items():

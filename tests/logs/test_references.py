@@ -1,0 +1,85 @@
+"""References as they come: held until their next sample, late, or away for some frames."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from distal import Rig, read_log
+from distal.errors import DistalWarning
+from distal.logs import earlier, held_samples, jumps_away
+
+TIME = np.arange(0.0, 8.0, 0.01)
+ANGLE = 0.6 * np.sin(2.0 * TIME) + 0.1 * np.sin(5.3 * TIME + 1.0)
+
+
+def held(values: np.ndarray, rate: float) -> np.ndarray:
+    """Return a sensor's values of a rate [Hz] in each row, held until the next one."""
+    first = np.searchsorted(TIME, np.floor(TIME * rate + 1e-9) / rate - 1e-9)
+    return values[first]
+
+
+def test_a_held_sample_counts_once_and_a_rounded_one_always() -> None:
+    fresh = ~held_samples(held(ANGLE, 30.0))
+    assert np.mean(fresh) == pytest.approx(0.3, abs=0.02)
+    assert not held_samples(ANGLE).any()
+    for step in (0.001, 0.02):
+        assert not held_samples(np.round(ANGLE / step) * step).any()
+    assert not held_samples(np.full(50, 1.0)).any()
+    assert not held_samples(np.array([np.nan, 1.0])).any()
+
+
+@pytest.mark.parametrize("frames", [1, 3, 12])
+def test_a_marker_that_is_seen_the_wrong_way_round_is_missing(frames: int) -> None:
+    values = ANGLE + np.random.default_rng(1).normal(0.0, 1e-3, len(ANGLE))
+    wrong = np.zeros(len(values), dtype=bool)
+    for begin in (70, 210, 555):
+        wrong[begin : begin + frames] = True
+    np.testing.assert_array_equal(jumps_away(np.where(wrong, -values, values)), wrong)
+    assert not jumps_away(values).any()
+    steps = np.repeat(np.random.default_rng(2).normal(0.0, 0.3, 80), 10)
+    assert not jumps_away(steps).any()
+
+
+def test_a_late_value_stands_where_it_belongs() -> None:
+    late = np.interp(TIME - 0.04, TIME, ANGLE)
+    moved = earlier(TIME, late, 0.04)
+    known = np.isfinite(moved)
+    assert 0.98 < np.mean(known) < 1.0
+    np.testing.assert_allclose(moved[known][5:], ANGLE[known][5:], atol=1e-3)
+    assert earlier(TIME, late, 0.0) is late
+
+
+def test_a_log_with_a_late_held_camera_is_compared_as_it_was_seen(
+    tmp_path: Path, pulley_rig: Rig
+) -> None:
+    """By the `delay` of the rig's reference sensor, which the source of the truth says."""
+    raw = pulley_rig.model_dump()
+    camera = {"name": "camera", "measures": "angle", "of": pulley_rig.joint_names[0], "delay": 0.04}
+    rig = Rig.model_validate({**raw, "sensors": [*raw["sensors"], camera]})
+    path = tmp_path / "log.csv"
+    readings = held(np.interp(TIME - 0.04, TIME, ANGLE), 25.0)
+    rows = [
+        f"{t:.2f},{1e-3 + 1e-5 * k},{1e-3 - 1e-5 * k},{2 + 0.1 * (k % 7)},{2 + 0.1 * (k % 5)},{a:.9f}"
+        for k, (t, a) in enumerate(zip(TIME, readings))
+    ]
+    path.write_text("\n".join(["t,x1,x2,u1,u2,camera", *rows]))
+    log = read_log(path, rig)
+    known = np.isfinite(log.truth["theta"])
+    assert np.mean(known) == pytest.approx(0.25, abs=0.02)
+    assert "40 ms late" in str(log.truth_source)
+    error = log.truth["theta"][known] - ANGLE[known]
+    assert np.sqrt(np.mean(error[2:-2] ** 2)) < 5e-3  # a straight line between 25 samples a second
+    mirrored = np.array(readings)
+    mirrored[300:308] *= -1.0
+    path.write_text(
+        "\n".join(
+            ["t,x1,x2,u1,u2,camera"]
+            + [",".join([*row.split(",")[:-1], f"{a:.9f}"]) for row, a in zip(rows, mirrored)]
+        )
+    )
+    with pytest.warns(DistalWarning, match="camera jumps away and back 1 times, to its mirror"):
+        log = read_log(path, rig)
+    assert not np.isfinite(log.truth["theta"][296:304]).any()
