@@ -36,7 +36,8 @@ from tests.support.lower_bound import lower_bound
 import benchmarks.paper_2008  # noqa: F401 - the estimators ekf and ekf-2008
 from benchmarks.report import FOLDER, table
 from benchmarks.rivals import RIVALS
-from distal import ESTIMATORS, Log, Rig, estimate, load_rig, read_log
+from benchmarks.shell import estimate
+from distal import ESTIMATORS, Log, Rig, load_rig, read_log
 from distal.confidence import BAND
 from distal.errors import DistalError
 from distal.estimators import KernelEstimator, make_estimator

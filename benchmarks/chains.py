@@ -24,13 +24,13 @@ from tests.support.chain_plants import SHIPPED, make_log
 
 from benchmarks.limits import scan_time
 from benchmarks.report import table
-from distal import Log, Rig, estimate, load_rig, read_log
+from benchmarks.shell import Found, estimate
+from distal import Log, Rig, load_rig, read_log
 from distal.confidence import BAND
 from distal.errors import DistalWarning
 from distal.estimators import AdaptiveFilter
 from distal.model import Mechanism, chain_kick, interval_step, slipping, solver, stiffest_frequency
 from distal.model import chain as coupled
-from distal.results import Estimate
 from distal.rig import build_rig, step_of
 from distal.simulation import build_scenario
 from distal.simulation.simulate import motions_of, prepare
@@ -63,7 +63,7 @@ class Score:
     seen: float
 
 
-def score(result: Estimate, arms: np.ndarray) -> Score:
+def score(result: Found, arms: np.ndarray) -> Score:
     """Return the errors of an estimate after `BEGIN`; `arms` weigh the joints in the sum that is
     seen.
     """

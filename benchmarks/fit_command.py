@@ -31,9 +31,9 @@ from tests.support.drawn_rigs import drawn_rig
 
 from benchmarks import newcomers
 from benchmarks.report import table
-from benchmarks.shell import command, write_rig
+from benchmarks.shell import command, estimate, write_rig
 from benchmarks.strangers import lacking
-from distal import Log, Rig, estimate, fit, load_rig, read_log, write_log
+from distal import Log, Rig, fit, load_rig, read_log, write_log
 from distal.errors import DistalError
 from distal.logs import true_angles
 from distal.rig import build_rig

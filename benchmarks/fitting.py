@@ -17,7 +17,8 @@ import numpy as np
 from tests.support.plant_and_rig import FREE, drawn_plant, logs_of, start_rig, without_truth
 
 from benchmarks.report import table
-from distal import estimate, fit, load_rig
+from benchmarks.shell import estimate
+from distal import fit, load_rig
 from distal.errors import DistalError
 from distal.fitting import AS_GIVEN, WRITTEN
 

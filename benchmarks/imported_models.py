@@ -22,7 +22,8 @@ from tests.support.mujoco_fingers import PULL, own_finger, unstretched
 
 from benchmarks.models import HANDS, found, plant, recorded, specification
 from benchmarks.report import table
-from distal import Log, Rig, estimate
+from benchmarks.shell import estimate
+from distal import Log, Rig
 from distal.rig import from_mujoco
 
 Made = Callable[[int], tuple[Rig, Log]]

@@ -25,9 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.report import table
-from benchmarks.shell import command
+from benchmarks.shell import command, estimate
 from benchmarks.touch import CASES, Drawn, fitted
-from distal import Rig, estimate, load_rig, read_log
+from distal import Rig, load_rig, read_log
 from distal.errors import EstimationError
 from distal.estimators import samples_of_angles
 from distal.regression import YARDSTICKS, Samples, yardstick_error

@@ -25,7 +25,8 @@ from tests.hand_rigs import hand
 from tests.support.mujoco_fingers import SECONDS, wandering
 
 from benchmarks.report import table
-from distal import LiveEstimator, Log, Rig, estimate, fit
+from benchmarks.shell import estimate
+from distal import LiveEstimator, Log, Rig, fit
 from distal.errors import DistalError
 from distal.estimators import make_estimator
 from distal.rig import Imported, Tendon, from_mujoco

@@ -28,7 +28,8 @@ from tests.support.foreign_plants import finger_log, finger_rig, hand_log, hand_
 from tests.support.hands_plants import bowden_log, bowden_rig, ropes_log, ropes_rig
 
 from benchmarks.report import table
-from distal import DistalError, Log, Rig, estimate, fit, load_rig, read_log
+from benchmarks.shell import estimate
+from distal import DistalError, Log, Rig, fit, load_rig, read_log
 from distal.confidence import BAND
 from distal.fitting import likelihood_search
 from distal.fitting.objective import Problem

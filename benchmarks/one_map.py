@@ -29,8 +29,9 @@ from numpy.typing import NDArray
 from tests.support.maps import with_learned_map
 
 from benchmarks.report import table
+from benchmarks.shell import estimate
 from benchmarks.touch import CASES, fitted
-from distal import Log, Rig, estimate, read_log
+from distal import Log, Rig, read_log
 from distal.fitting.learn_free_motion import untouched
 from distal.logs import true_angles
 from distal.regression import Prior

@@ -19,7 +19,8 @@ from tests.support.one_link import link_log
 from tests.support.parts import NOISE, PARTS, Part, rig_of
 
 from benchmarks.report import table
-from distal import Log, estimate, fit
+from benchmarks.shell import estimate
+from distal import Log, fit
 
 Floats = NDArray[np.float64]
 

@@ -32,7 +32,8 @@ from tests.support.drawn_plants import (
 from tests.support.drawn_rigs import Raw, drawn_rig, settled, units
 
 from benchmarks.report import table
-from distal import DistalError, Log, Rig, estimate, fit
+from benchmarks.shell import estimate
+from distal import DistalError, Log, Rig, fit
 from distal.rig import build_rig
 
 Floats = NDArray[np.float64]

@@ -22,7 +22,8 @@ from tests.support.maps import with_learned_map
 from tests.support.rough_plants import FITTED, JUDGED, KINDS, described, log_at, log_of
 
 from benchmarks.report import table
-from distal import DistalError, Log, Rig, estimate, fit
+from benchmarks.shell import estimate
+from distal import DistalError, Log, Rig, fit
 from distal.fitting import Fit
 from distal.rig import build_rig
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 import benchmarks.paper_2008  # noqa: F401 - the estimators ekf and ekf-2008
+from benchmarks.shell import estimate as by_command
 from benchmarks.strangers.library import (
     DistalError,
     Log,
@@ -80,18 +81,18 @@ def score(
     of `LOST`.
     """
     try:
-        # interpreted kernels give the same numbers to the last bit, and most rigs here are used
-        # once
-        result = estimate(log, rig, estimator, compiled=False, homing=homing)
+        result = by_command(log, rig, estimator, homing=homing)
     except DistalError as problem:
         note = "diverged" if "left all bounds" in str(problem) else "refused"
         return Record(bench, case, name, estimator, LOST, 0.0, 0.0, None, note)
     errors, stds = result.errors(), result.theta_std
     there = np.isfinite(errors)
+    # interpreted kernels give the same numbers to the last bit, and most rigs here are used once
+    diagnosable = estimate(result.log, rig, estimator, compiled=False, homing=homing)
     # what it cannot test, which takes long, changes nothing here
     consistent = (
-        diagnosed(result, log, rig, homing, what_if=False).consistent
-        if len(result.measured)
+        diagnosed(diagnosable, result.log, rig, homing, what_if=False).consistent
+        if len(diagnosable.measured)
         else None
     )
     # more than half a turn off, or a band that is no number
