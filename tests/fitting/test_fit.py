@@ -107,7 +107,7 @@ def test_each_log_may_have_its_own(pulley_rig: Rig) -> None:
         per_log=("tendons.*.pretension",),
         noise=False,
     )
-    own = list(found["tendons.*.pretension"].per_log.values())
+    own = list(found["tendons.*.pretension"].per_log)
     assert own[1] - own[0] == pytest.approx(0.6, abs=0.15)
 
 

@@ -102,6 +102,14 @@ def half_of_band(result: Estimate) -> float:
     return degrees(BAND * float(np.median(result.angle_stds)))
 
 
+def half_in_words(result: Estimate) -> str:
+    """Return the median half-width of an estimate's band in words."""
+    from distal.results import UNKNOWN
+
+    half = half_of_band(result)
+    return f"±{half:.3f}" if half <= UNKNOWN else "not known"
+
+
 def _row(result: Estimate) -> tuple[str, ...]:
     """Return the cells of an estimate in the table of errors."""
     return (
@@ -109,7 +117,7 @@ def _row(result: Estimate) -> tuple[str, ...]:
         f"{degrees(result.rms_error()):.3f}",
         f"{degrees(result.max_error()):.3f}",
         f"{100 * result.inside_band():.0f} %",
-        f"±{half_of_band(result):.3f}",
+        half_in_words(result),
     )
 
 

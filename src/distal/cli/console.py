@@ -146,8 +146,9 @@ def stoppable(minutes: float | None = None) -> Iterator[None]:
     """Interrupt what is done after some minutes, as Ctrl-C does, and where the job is ended
     (SIGTERM), so that what is found by then is kept.
     """
+    before = None
     if current_thread() is main_thread():
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
+        before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     timer = Timer(60.0 * (minutes or 0.0), interrupt_main)
     timer.daemon = True
     if minutes is not None:
@@ -156,3 +157,5 @@ def stoppable(minutes: float | None = None) -> Iterator[None]:
         yield
     finally:
         timer.cancel()
+        if before is not None:
+            signal.signal(signal.SIGTERM, before)

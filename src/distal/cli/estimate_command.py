@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from distal.cli.comparison import Comparison, compared, half_of_band, say_errors
+from distal.cli.comparison import Comparison, compared, half_in_words, say_errors
 from distal.cli.console import (
     continue_on_failure,
     failure,
@@ -310,7 +310,7 @@ def _say(
     findings: bool,
     written: tuple[Path | None, ...],
 ) -> None:
-    """Print the angle in words, notes, the diagnosis, and which files were written."""
+    """Print the angle in words, notes, which files were written, and at last the diagnosis."""
     from distal.diagnosis import diagnose
 
     final = comparison.results[0]
@@ -319,6 +319,10 @@ def _say(
     for note in comparison.notes:
         if note != final.unseen:
             say(note)
+    for path in filter(None, written):
+        say(f"wrote {path}")
+    if final.unseen is not None:
+        say(final.unseen)
     # a smoothed estimate is of the same log and rig, and its innovations are the filter's
     doing = "testing what the log says of the rig"
     with continue_on_failure(doing):
@@ -327,24 +331,18 @@ def _say(
         say(diagnosis.text)
         for finding in diagnosis.findings if findings else ():
             say(f"  {finding.text}")
-    for path in filter(None, written):
-        say(f"wrote {path}")
-    if final.unseen is not None:
-        say(final.unseen)
 
 
 def _describe(log: Log, rig: Rig) -> None:
     """Print what was read: samples, time, rate, missing readings and gaps."""
     import numpy as np
 
-    from distal.rig import scales_in_words
-
     span = f"{log.time[0]:g} to {log.time[-1]:g} s, {log.rate:.4g} Hz"
     say(f"read {log.source}: {len(log)} samples, {span}; rig: {rig.name}")
     if rig.left_out is not None:
         say(f"  {rig.left_out.in_words()}")
     if rig.taken:
-        say(f"  {scales_in_words(rig)}")
+        say(f"  the scale of {' and '.join(rig.taken)} is assumed (distal rig check says more)")
     if log.stamps is not None:
         begins = np.datetime64(int(log.stamps[0]), "ns").astype("datetime64[ms]")
         say(
@@ -444,9 +442,7 @@ def _estimate_many(
                     f"{100 * result.inside_band():.0f} %",
                 )
             headline = diagnose_estimate(result).headline
-            rows.append(
-                (path.name, f"{len(result)}", f"±{half_of_band(result):.2f}", *known, headline)
-            )
+            rows.append((path.name, f"{len(result)}", half_in_words(result), *known, headline))
     if rows:
         columns = ["log", "samples", "median band [°]", "RMS [°]", "inside the band", "innovations"]
         table(f"{estimator} over {len(rows)} logs", columns, rows)

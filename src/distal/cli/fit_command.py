@@ -137,7 +137,7 @@ def say_fit(result: Fit) -> None:
         for number in fitted[:MOST_ROWS]
     ]
     if rows:
-        headers = ["number", "rig file", "fitted", "unit", "told by the logs"]
+        headers = ["parameter", "before", "fitted", "unit", "known from the logs"]
         table(f"fitted to {result.learned_from}", headers, rows)
     if len(fitted) > MOST_ROWS:
         say(f"and {len(fitted) - MOST_ROWS} more in the fitted rig, of which the logs tell less")

@@ -88,8 +88,6 @@ def _listed(text: str | None) -> list[str]:
 
 def say_found(found: RigFromLogs) -> None:
     """Print what logs say of a rig: columns, structure, what they cannot tell, what was guessed."""
-    from distal.rig import scales_in_words
-
     for column in found.columns:
         say(f"  {column.in_words}")
     for line in found.structure:
@@ -97,7 +95,8 @@ def say_found(found: RigFromLogs) -> None:
     for line in (*found.untellable, *found.notes):
         say(line)
     if found.rig.taken:
-        say(scales_in_words(found.rig))
+        which = " and ".join(found.rig.taken)
+        say(f"the scale of {which} is assumed: angles do not depend on it (distal rig check)")
     say(f"no log tells these, so they are guesses with wide stds: {', '.join(found.guesses)}")
 
 
@@ -175,6 +174,7 @@ def learn_command(
             description,
             progress=show,
             lag=None if reference_lag is None else in_si(reference_lag, "s"),
+            drafted=rig is None,
         )
     say_fit(result)
     result.save(out, text)

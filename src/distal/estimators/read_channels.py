@@ -95,7 +95,7 @@ def channels_of(rig: Rig, name: str, references: Sequence[Sensor] = ()) -> Chann
                     f"of '{sensor.of}'; one is allowed"
                 )
             seen[sensor.of] = sensor.name
-            if sensor.delay > 0.0:
+            if sensor.delay > 0.0 and sensors is not channels.angles:
                 warnings.warn(
                     f"{name}: sensor '{sensor.name}' is late by {sensor.delay:g} s; estimators "
                     "take its values as of "

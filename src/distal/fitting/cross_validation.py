@@ -84,11 +84,17 @@ REGRESSION = "readings alone, without the filter"
 
 @dataclass(frozen=True)
 class Compared:
-    """A log left out, by its name, and the scores on it of all that the other logs teach, by name.
+    """A log left out, and the scores on it of all that the other logs teach, by name.
 
     A score is None where an estimator cannot run.
+
+    Args:
+        index: of the log among those of known angle; two logs may have one name.
+        log: its name.
+        scores: name of what was learned → its score.
     """
 
+    index: int
     log: str
     scores: Mapping[str, Score | None]
 
@@ -132,7 +138,7 @@ def comparisons(
             for name in YARDSTICKS:
                 rms = yardstick_error(name, remaining, late)
                 scores[name] = Score(rms, float("nan"), float("nan"))
-        compared.append(Compared(shown(log.source), scores))
+        compared.append(Compared(i, shown(log.source), scores))
     return tuple(compared)
 
 

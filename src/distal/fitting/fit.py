@@ -58,6 +58,7 @@ def fit(
     units: str | None = None,
     lag: float | None = None,
     open_loop: bool = False,
+    drafted: bool = False,
 ) -> Fit:
     """Fit a rig's parameters and noise to logs, learn a map of the angle error that remains, and
     test both on held-out logs.
@@ -91,6 +92,8 @@ def fit(
             follows its drives late looks the same.
         open_loop: whether the rig is for a simulator: its joints then go as in the logs where the
             drives do and no sensor corrects them. It has no maps.
+        drafted: whether the rig was drafted from these logs: nothing is then said of values that
+            are far from the draft's.
 
     Raises:
         FitError: the logs cannot be fitted; says which and why.
@@ -129,7 +132,8 @@ def fit(
         learned = _in_open_loop(learned, judged.training, progress)
     doubts = (*said_of_lag(found_lag), *_touched(aside), *learned.doubts)
     added = {**measured, **learned.added}
-    for line in far_from_priors(learned.parameters.fitted, learned.parameters.problem):
+    parameters = learned.parameters
+    for line in () if drafted else far_from_priors(parameters.fitted, parameters.problem):
         warnings.warn(line, DistalWarning, stacklevel=2)
     return replace(learned, start=start_rig, added=added, doubts=doubts)
 
@@ -142,6 +146,7 @@ def _followed(judged: Judged, logs: Sequence[Log]) -> Fit:
     """
     best = judged.chosen
     line = judged.training.line_error
+    # why no filter is written; of a filter that others replace nobody asks
     doubts = list[str]()
     with suppress(KeyboardInterrupt):  # what was learned stands
         for candidate in sorted(judged.candidates, key=lambda way: way.error) or [best]:
@@ -153,10 +158,10 @@ def _followed(judged: Judged, logs: Sequence[Log]) -> Fit:
                 continue
             learned = _with_free_motion(Fit.of(judged, candidate), judged)
             for rig in dict.fromkeys((learned.rig, untouched(learned.rig))):
-                failures = (_failure(rig, log, learned, judged.training.options) for log in logs)
+                failures = (_failure(rig, log, learned, judged.training) for log in logs)
                 failure = next(filter(None, failures), None)
                 if failure is None:
-                    return replace(learned, rig=rig, doubts=(*doubts, *learned.doubts))
+                    return replace(learned, rig=rig)
                 touches = "" if rig is learned.rig else ", which looks for no touches,"
                 doubts.append(f"the filter of {candidate.name}{touches} {failure}")
         doubts.append("no filter is written: the angles are those of the map on readings alone")
@@ -205,15 +210,17 @@ def _in_open_loop(learned: Fit, training: Training, progress: Progress | None) -
     )
 
 
-def _failure(rig: Rig, log: Log, learned: Fit, options: Options) -> str | None:
+def _failure(rig: Rig, log: Log, learned: Fit, training: Training) -> str | None:
     """Return in words how a rig fails on a log that it was learned from; None where it does not."""
+    options = training.options
     homing = options.homing
     try:
         result = estimate(log, rig, compiled=options.compiled, homing=homing, covariances=False)
     except DivergedError:
         return f"leaves all bounds on {shown(log.source)}"
-    scores = {of_log.log: of_log.scores[WRITTEN] for of_log in learned.compared}
-    score = scores.get(shown(log.source))
+    scores = {of_log.index: of_log.scores[WRITTEN] for of_log in learned.compared}
+    index = next((i for i, known in enumerate(training.logs) if known is log), -1)
+    score = scores.get(index)
     if score is None:
         return None
     every = [of_log for of_log in scores.values() if of_log is not None]
@@ -332,5 +339,5 @@ def learn(
     """
     draft = rig_from_logs(logs, truth=truth, drives=drives, ignore=ignore, rate=rate)
     read = [read_log(source, draft.rig) for source in logs]
-    result = fit(read, draft.rig, progress=progress, lag=lag)
+    result = fit(read, draft.rig, progress=progress, lag=lag, drafted=True)
     return replace(result, text=draft.text)

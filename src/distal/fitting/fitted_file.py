@@ -4,6 +4,7 @@ account of the fit.
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -94,13 +95,31 @@ def write_fitted(
 def _put_into(text: str, rig: Rig, values: Mapping[str, object]) -> str:
     import tomlkit
 
-    document = tomlkit.parse(_without_old_head(text))
+    before = _without_old_head(text)
+    document = tomlkit.parse(before)
     for learned in LEARNED:
         if learned in document and (learned == "map" or not getattr(rig, learned)):
             del document[learned]
     for path, value in values.items():
         set_value(document, path, value, RigError)
-    return tomlkit.dumps(document)
+    return _without_guesses(tomlkit.dumps(document), before)
+
+
+GUESSED = re.compile(r" # (not in the \w+: .*)$")
+"""Comment of a draft beside a value that is a guess (`distal.rig.Guess`)."""
+
+
+def _without_guesses(text: str, before: str) -> str:
+    """Return a text in which no line that was changed calls its values guesses: that of one value
+    loses its comment, one of several says that a part of them are.
+    """
+    old = set(before.split("\n"))
+    lines = []
+    for line in text.split("\n"):
+        if line not in old:
+            line = GUESSED.sub(r" # partly \1" if line.count("{") > 1 else "", line)
+        lines.append(line)
+    return "\n".join(lines)
 
 
 def _anew(rig: Rig, table: Mapping[str, object] | None) -> str:

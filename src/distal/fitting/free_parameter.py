@@ -6,7 +6,7 @@ One parameter after a fit, and what is written of it into the description.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import exp, inf, isnan, log, log1p
 
@@ -69,7 +69,7 @@ class FittedParameter:
         noise: whether it is the size of a noise.
         values: the values at all `paths`.
         file_std: the std in the file comes from it; NaN: from its prior.
-        per_log: name of a log → value, where each log has its own.
+        per_log: value of each log, in their order, where each has its own; else none.
     """
 
     name: str
@@ -82,7 +82,7 @@ class FittedParameter:
     noise: bool
     values: tuple[float, ...]
     file_std: float = float("nan")
-    per_log: Mapping[str, float] = field(default_factory=dict)
+    per_log: tuple[float, ...] = ()
 
     @property
     def as_it_came(self) -> FittedParameter:
@@ -93,22 +93,29 @@ class FittedParameter:
         return replace(self, value=self.start, values=starts)
 
     @property
+    def std(self) -> float:
+        """The std that a fitted file has: with the model that was chosen; else the prior's."""
+        if not np.isfinite(self.file_std):
+            return self.prior_std
+        return float(np.fmin(self.file_std, self.prior_std))
+
+    @property
     def sizes(self) -> tuple[str, str, str]:
-        """The original value, the fitted value with its standard error, and their unit, as text in
-        a common unit.
+        """The original value, the fitted value, each with the std that its file has, and their
+        unit, as text in a common unit.
         """
         unit, factor = COMMON.get(self.si, (self.si, 1.0))
         prior = "" if np.isnan(self.prior_std) else f" ± {factor * self.prior_std:.2g}"
         before = f"{factor * self.start:.4g}{prior}"
-        error = f" ± {factor * self.error:.2g}" if np.isfinite(self.error) else ""
-        return before, f"{factor * self.value:.4g}{error}", unit
+        std = f" ± {factor * self.std:.2g}" if np.isfinite(self.std) else ""
+        return before, f"{factor * self.value:.4g}{std}", unit
 
     @property
     def variance_reduction(self) -> float:
         """Share of the prior's variance that the logs take away [1], 0 where nothing is known of
         it.
         """
-        share = 1.0 - (self.error / self.prior_std) ** 2
+        share = 1.0 - (self.std / self.prior_std) ** 2
         return share if np.isfinite(share) else 0.0
 
 
@@ -138,8 +145,7 @@ def assignments(
                 changed[path] = rounded
                 continue
             share = abs(value / part.value) if part.value else 1.0
-            error = part.file_std if np.isfinite(part.file_std) else part.prior_std
-            std = max(min(error, part.prior_std) * share, SMALLEST_RELATIVE_STD * abs(value))
+            std = max(part.std * share, SMALLEST_RELATIVE_STD * abs(value))
             # a file may have it as a share of the value
             other = {} if before.drift is None else {"drift": before.drift}
             other |= {"hold": True} if hold else {}

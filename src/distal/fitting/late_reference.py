@@ -33,9 +33,9 @@ Source: judgement.
 LARGEST = 0.2
 """Largest lag that is looked for [s]. Source: definition (six of these stds beyond)."""
 
-LATE_JOINTS = 0.1
-"""Probability that joints follow late where a camera sees them, before logs are seen [1]. Source:
-judgement.
+LATE = 0.1
+"""Probability that joints follow late, and that a reference which is read with the drives is late,
+before logs are seen [1]. Source: judgement.
 """
 
 STEP = 0.02
@@ -76,11 +76,13 @@ def reference_lag(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> float:
 
     as_reference, lag = _likeliest(partial(late, _delayed), each)
     as_joint, _ = _likeliest(partial(late, _followed), each)
-    # as often as not a reference that is read with the drives is on time, and a camera is not
-    slower = any(_is_slower(log) for log in samples)
-    usual, odds = (LARGEST_USUAL, np.log(1.0 / LATE_JOINTS - 1.0)) if slower else (0.0, 0.0)
-    surprise = 0.5 * (max(lag - usual, 0.0) / UNUSUAL_STD) ** 2
-    return lag if as_reference + surprise < as_joint + odds else 0.0
+    rare = -np.log(LATE)
+    if any(_is_slower(log) for log in samples):  # a camera, which is never on time
+        surprise = 0.5 * (max(lag - LARGEST_USUAL, 0.0) / UNUSUAL_STD) ** 2
+        return lag if as_reference + surprise < as_joint + rare else 0.0
+    on_time = sum(task.search(each, lags=False)[1] for task in tasks)
+    surprise = 0.5 * (lag / UNUSUAL_STD) ** 2
+    return lag if as_reference + surprise + rare < min(as_joint + rare, on_time) else 0.0
 
 
 Features: TypeAlias = Mapping[str, Floats]

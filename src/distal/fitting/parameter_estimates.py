@@ -355,8 +355,7 @@ def fitted_parameters(
     the coordinates, (n, n), and those that were `left` at their priors, (n,), with these; without
     convergence it has no standard error.
     """
-    logs = [data.log.source for data in problem.data]
-    coordinates = [problem.columns(j) for j in range(len(logs))]
+    coordinates = [problem.columns(j) for j in range(len(problem.data))]
     errors = np.where(left, np.inf, np.sqrt(np.diag(covariance)))
     has_errors = optimum.converged and not optimum.interrupted
     parameters = [_by_scale(problem, optimum.z, part) for part in problem.noises]
@@ -369,7 +368,7 @@ def fitted_parameters(
             mean if len(set(part.starts)) == 1 else mean * start / part.start
             for start in part.starts
         )
-        per_log = dict(zip(logs, map(float, by_log))) if part.per_log else {}
+        per_log = tuple(map(float, by_log)) if part.per_log else ()
         fitted = replace(_fitted(part, values), value=mean, per_log=per_log)
         if has_errors:
             limit = part.std if part.has_prior and not part.noise else np.inf

@@ -1,6 +1,6 @@
 """Results of an estimator on a log: angles, bands and innovations, and their plots."""
 
-from distal.results.estimate import Estimate
+from distal.results.estimate import UNKNOWN, Estimate
 from distal.results.plot_style import (
     BAD,
     BLACK,
@@ -44,6 +44,7 @@ __all__ = [
     "PANELS",
     "SOFT",
     "TRUTH",
+    "UNKNOWN",
     "WHITE",
     "Estimate",
     "Html",

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+UNKNOWN = 180.0
+"""Half-width of a band from which on an angle is not known [deg]. Source: definition (a turn)."""
+
 ANGLE_UNITS = {"rad": 1.0, "deg": float(np.deg2rad(1.0))}
 """Unit in which angles may be written → its size [rad]. Source: definition (unit conversion)."""
 
@@ -132,10 +135,14 @@ class Estimate:
         """
         row = self.summary()[joint]
         which = "angle" if len(self.joint_names) == 1 else f"angle of {row['joint']}"
+        half = row["median band [deg]"]
+        if half > UNKNOWN:
+            return (
+                f"{self.estimator}: {which} is not known, {COVERED_TEXT} band above ±{UNKNOWN:g}°"
+            )
         text = (
             f"{self.estimator}: {which} from {row['least [deg]']:.2f}° to "
-            f"{row['greatest [deg]']:.2f}°, "
-            f"{COVERED_TEXT} band ±{row['median band [deg]']:.2f}° (median)"
+            f"{row['greatest [deg]']:.2f}°, {COVERED_TEXT} band ±{half:.2f}° (median)"
         )
         if row["RMS error [deg]"] is None or row["inside band"] is None:
             return text
