@@ -115,6 +115,9 @@ accuracy: $(STAMP)
 	$(BIN)/python -m benchmarks.from_logs structure
 	$(BIN)/python -m benchmarks.from_logs columns --rigs 36
 	$(BIN)/python -m benchmarks.from_logs rigs --rigs 20
+	$(BIN)/python -m benchmarks.vendor_columns
+	$(BIN)/python -m benchmarks.positions_only
+	$(BIN)/python -m benchmarks.late
 	$(BIN)/python -m benchmarks.learned plants
 	$(BIN)/python -m benchmarks.one_map --seeds 2
 	$(BIN)/python -m benchmarks.fit_command lacking --rigs 60 --candidates
@@ -151,6 +154,7 @@ results: $(STAMP)
 	$(BIN)/python -m benchmarks.smoothing
 	$(BIN)/python -m benchmarks.soak
 	$(BIN)/python -m benchmarks.long_log
+	$(BIN)/python -m benchmarks.odd_logs
 	$(BIN)/python -m benchmarks.study
 	$(BIN)/python -m benchmarks.batch_estimator
 

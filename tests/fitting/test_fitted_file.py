@@ -145,7 +145,7 @@ def test_another_way_that_errs_less_is_said_first(ratio: float, said: bool, foun
     result = found.learned(found.candidates[0])
     name = "least squares with lags"
     scores = {WRITTEN: Score(0.01, 0.95, 0.02), name: Score(0.01 * ratio, np.nan, np.nan)}
-    answer = replace(result, compared=(Compared("log", scores),)).answer()
+    answer = replace(result, compared=(Compared(0, "log", scores),)).answer()
     assert answer.startswith(f"another way errs less than what is written, {name}") == said
     assert f"{name}: " in answer
     assert "readings" not in replace(result, compared=()).answer()

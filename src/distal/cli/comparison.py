@@ -102,12 +102,12 @@ def half_of_band(result: Estimate) -> float:
     return degrees(BAND * float(np.median(result.angle_stds)))
 
 
-def half_in_words(result: Estimate) -> str:
-    """Return the median half-width of an estimate's band in words."""
+def half_in_words(result: Estimate, digits: int = 3) -> str:
+    """Return the median half-width of an estimate's band [°] in words."""
     from distal.results import UNKNOWN
 
     half = half_of_band(result)
-    return f"±{half:.3f}" if half <= UNKNOWN else "not known"
+    return f"±{half:.{digits}f}" if half <= UNKNOWN else "not known"
 
 
 def _row(result: Estimate) -> tuple[str, ...]:

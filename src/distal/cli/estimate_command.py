@@ -293,11 +293,21 @@ def _picture(
     log: Log, rig: Rig, drawn: list[Estimate], panels: tuple[str, ...], path: Path
 ) -> bytes:
     """Return the figure of estimates as a file, in the format of the path's ending."""
+    from distal.logs import shown
     from distal.results import figure_bytes, plot_estimates
     from distal.run import log_health
 
-    health = log_health(log, rig) if "health" in panels else None
-    return figure_bytes(plot_estimates(drawn, panels=panels, log=log, rig=rig, health=health), path)
+    # of a rig that logs taught, health says where it is touched or outside of these logs
+    health = log_health(log, rig) if "health" in panels or rig.map is not None else None
+    drawing = plot_estimates(
+        drawn,
+        panels=[p for p in panels if p != "innovations" or drawn[0].measured],
+        log=log,
+        rig=rig,
+        health=health,
+        title=f"{rig.name}: {shown(Path(log.source).name)}",
+    )
+    return figure_bytes(drawing, path)
 
 
 def _say(
@@ -442,7 +452,7 @@ def _estimate_many(
                     f"{100 * result.inside_band():.0f} %",
                 )
             headline = diagnose_estimate(result).headline
-            rows.append((path.name, f"{len(result)}", half_in_words(result), *known, headline))
+            rows.append((path.name, f"{len(result)}", half_in_words(result, 2), *known, headline))
     if rows:
         columns = ["log", "samples", "median band [°]", "RMS [°]", "inside the band", "innovations"]
         table(f"{estimator} over {len(rows)} logs", columns, rows)

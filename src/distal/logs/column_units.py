@@ -8,10 +8,14 @@ import re
 from collections.abc import Collection, Sequence
 
 from distal.errors import LogError, UnitError
-from distal.rig import COUNTS, Rig, Sensor, log_factor
+from distal.rig import COUNTS, Rig, Role, Sensor, log_factor, measurand_of
 from distal.units import unit_factor
 
 _UNIT = re.compile(r"(.*\S)\s+\[([^\[\]]+)\]")
+
+
+PERCENT = ("%", "pct", "percent")
+"""Units of a load whose scale no log tells: the rig says what its numbers are taken for."""
 
 
 def header(name: str, unit: str) -> str:
@@ -74,7 +78,7 @@ def factor_of(sensor: Sensor, unit: str | None, source: str) -> float:
     Raises:
         LogError: the header's unit is no unit of what the sensor measures.
     """
-    if unit is None:
+    if unit is None or (unit in PERCENT and measurand_of(sensor).role is Role.EFFORT):
         return log_factor(sensor)
     position = f"{source}: column '{header(sensor.log_column, unit)}'"
     try:

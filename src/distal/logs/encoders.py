@@ -1,5 +1,5 @@
-"""Positions as an encoder reads them: it may wrap, count from another turn after a restart, or be
-wrong for a sample.
+"""Positions as an encoder reads them: it may wrap, or count from another turn after a restart. What
+a reading is worth the filter knows.
 """
 
 from __future__ import annotations
@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from math import ceil, exp, floor, inf, isfinite, nan, pi, remainder
 from typing import Literal
 
-from distal.rig import Rig, Sensor, motor_range, step_of
+from distal.rig import Rig, Sensor, motor_range
 from distal.rig.sensors.base import AngleSensor
 
-Kind = Literal["turn", "unknown turn", "restarted", "decoded", "left out", "jumped", "repeated"]
+Kind = Literal["turn", "unknown turn", "restarted", "decoded", "repeated"]
 """What was done with a reading: its turn may be another one, or is a guess; it counts from another
-turn than before; its register was decoded; it is missing since it may be a wrong one; it
-jumped and stays there; it is missing since it repeats the last one.
+turn than before; its register was decoded; it is missing since it repeats the last one.
 """
 
 TURN = 2 * pi
@@ -35,19 +34,14 @@ class Limits:
         low: least position of its range [SI].
         high: largest position of its range [SI].
         begins: whether a log begins where its first reading is, in whichever turn that is.
-        believed: largest speed of a reading that is believed at once [SI], infinite where the rig
-            gives none (`servo.fastest`).
         interval: its usual interval [s].
-        noise: room for its noise [SI].
         fastest: largest speed of its motor, where its rig gives none (`servo.fastest`) [SI].
         boots: shortest time in which a motor restarts and answers again [s]; a position that jumps
             sooner is a wrong reading.
-        unusual: motion in two samples, by its median, above which a reading is not believed at once
-            [1].
+        unusual: ratio to what is usual above which a motion or an interval is not [1].
         rate: relative change of that median with a sample [1].
         rare: weight of a sample in the means that the conversion follows [1].
-        often: share of readings that were left out, above which the others are not believed either
-            [1].
+        often: share of readings beyond one turn, above which the encoder counts its turns [1].
     """
 
     turn: float
@@ -55,9 +49,7 @@ class Limits:
     low: float
     high: float
     begins: bool
-    believed: float
     interval: float
-    noise: float
     fastest: float = 10.0
     boots: float = 0.05
     unusual: float = 5.0
@@ -67,7 +59,7 @@ class Limits:
 
 
 class Encoder:
-    """A position that may wrap, restart or jump."""
+    """A position that may wrap or restart."""
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
@@ -75,21 +67,14 @@ class Encoder:
         # of that, what are turns of an encoder that seemed to wrap
         self._unwrapped = 0.0
         self._last = self._seen = nan
-        self._speed = self._wrong = 0.0
-        self._changed = -inf
         # least and largest reading so far, the share of readings that are beyond them lately, and
         # the ends of a position whose turn is a guess
         self._read = (inf, -inf)
         self._beyond = 0.0
         self._guessed: tuple[float, float] | None = None
-        # what the last sample was, where a drive cannot have reached it
-        self._waiting: float | None = None
-        # by the median of the motion in two samples more is believed, never less
-        self._least = max(limits.noise, SMALLEST) / limits.unusual
+        # the median of the motion in two samples, which two sources in turn do not show
         self._before = (nan, nan)
-        self._usual = self._least
-        # the smallest motion in two samples: a count, or less
-        self._smallest = inf
+        self._usual = SMALLEST
 
     @property
     def in_doubt(self) -> bool:
@@ -122,36 +107,18 @@ class Encoder:
             position, kind = self._within_turn(reading, gap)
         else:
             position, kind = self._counted(reading, gap)
-        alternates = self._alternates(position)
         self._learn(position)
         if limits.wraps and within and 4.0 * self._usual > limits.turn:
             return nan, "turn", gap  # it goes on too fast to be followed
         size = gap if kind == "turn" else 0.0
-        has_reached = self._reached(position, time, gap)
-        waiting = self._waiting
-        self._waiting = None if has_reached else position
-        if not has_reached:
-            if waiting is None or abs(position - waiting) >= abs(position - self._last):
-                return nan, None, 0.0  # the next sample decides
-            if self._near(position - waiting, limits.interval):
-                kind = kind or "jumped"
-        was_wrong = has_reached and waiting is not None
-        self._wrong += limits.rare * ((was_wrong or alternates) - self._wrong)
-        # of two sources in turn nobody knows which is the drive
-        is_believed = self._wrong <= limits.often
-        if was_wrong or not is_believed:
-            kind = kind or "left out"
-        self._speed = 0.0 if kind == "jumped" or gap == inf else (position - self._last) / gap
         if kind != "restarted" and isfinite(self._last):
             self._unwrapped += position - reading - self.ahead
         if within and self._counts(reading):
             position -= self._unwrapped  # no turn was gone that it did not count
-        if position != self._last:
-            self._changed = time
         self._last = position
         self._seen = time
         self.ahead = position - reading
-        return (position if is_believed else nan), kind, size
+        return position, kind, size
 
     def _counts(self, reading: float) -> bool:
         """Return whether a reading shows that the encoder counts its turns: it is beyond one turn,
@@ -176,37 +143,12 @@ class Encoder:
         return most - least <= turn + SMALLEST and abs(remainder(least, turn / 2)) <= SMALLEST
 
     def _learn(self, position: float) -> None:
-        """Follow the median of the motion in two samples, which two sources in turn do not show."""
+        """Follow the median of the motion in two samples."""
         first, second = self._before
         self._before = second, position
         if isfinite(first):
-            self._smallest = min(abs(position - first) or inf, self._smallest)
             rate = self._limits.rate if abs(position - first) > self._usual else -self._limits.rate
-            self._usual = max(self._usual * exp(rate), self._least)
-
-    def _alternates(self, position: float) -> bool:
-        """Return whether the position goes back by much of what it went before, as no drive does
-        that moves far less in two samples; one that hunts does so by little.
-        """
-        first, second = self._before
-        there, back = second - first, position - second
-        limits = self._limits
-        room = limits.unusual * max(self._usual, self._smallest)
-        room = max(limits.noise, room, limits.believed * limits.interval / limits.unusual)
-        return there * back < 0.0 and min(abs(there), abs(back)) > room
-
-    def _reached(self, position: float, time: float, gap: float) -> bool:
-        """Return whether the drive can have gone there, since the reading last changed."""
-        if not isfinite(self._last):
-            return True
-        step = position - self._last
-        since = max(time - self._changed, gap)
-        return self._near(step, since) or self._near(step - self._speed * gap, gap)
-
-    def _near(self, step: float, gap: float) -> bool:
-        limits = self._limits
-        room = max(limits.noise, limits.unusual * self._usual)
-        return abs(step) <= limits.believed * (gap + limits.interval) + room
+            self._usual = max(self._usual * exp(rate), SMALLEST)
 
     def _within_turn(self, reading: float, gap: float) -> tuple[float, Kind | None]:
         """Return the position of an encoder that counts within one turn only."""
@@ -285,7 +227,7 @@ def encoder_of(rig: Rig, sensor: Sensor, factor: float, ranged: bool, doubting: 
     Args:
         factor: from a logged number to SI.
         ranged: whether the joint's range says in which turn it is.
-        doubting: whether a position that its drive cannot have reached waits for the next sample.
+        doubting: whether a log begins where its first reading is.
     """
     counts = sensor.counts_per_turn if isinstance(sensor, AngleSensor) else None
     turn = TURN / sensor.gear if isinstance(sensor, AngleSensor) else inf
@@ -295,9 +237,6 @@ def encoder_of(rig: Rig, sensor: Sensor, factor: float, ranged: bool, doubting: 
     low, high = motor_range(rig, sensor) if ranged else (-inf, inf)
     drive = next((drive for drive in rig.drives if drive.name == sensor.of), None)
     servo = None if drive is None or drive.servo is None else drive.servo.fastest
-    # where the rig does not say how fast its drive is, every position is believed here: what it is
-    # worth the filter knows
-    doubted = doubting and drive is not None and sensor.measures == "position"
     return Encoder(
         Limits(
             turn=turn,
@@ -305,9 +244,7 @@ def encoder_of(rig: Rig, sensor: Sensor, factor: float, ranged: bool, doubting: 
             low=low,
             high=high,
             fastest=servo or Limits.fastest,
-            begins=doubted,
-            believed=servo or inf if doubted else inf,
+            begins=doubting and drive is not None and sensor.measures == "position",
             interval=1.0 / sensor.rate,
-            noise=10.0 * sensor.noise + step_of(sensor),
         )
     )

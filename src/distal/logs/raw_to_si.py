@@ -46,8 +46,6 @@ SENTENCES: dict[Kind, str] = {
     "unknown turn": "{}: its turn is not known, it counts within one only",
     "restarted": "{} counts from another turn: taken back",
     "decoded": "{} holds negative numbers that were read without a sign: decoded",
-    "left out": "{} is where its drive cannot be so soon: left out",
-    "jumped": "{} jumped faster than its drive can: did its zero change?",
     "repeated": "{} repeats exactly what it read before: taken as missing",
 }
 """What was done with a reading, in words."""
@@ -85,8 +83,6 @@ class RawToSI:
       `in_doubt` says so until motion has decided.
     * A motor that counts its turns may count from another one after a restart; it is then set to
       the turn that its joint's range allows.
-    * A position that a drive cannot have reached is missing until the next sample confirms it. Of
-      two sources in turn none is believed.
     * A reading that repeats exactly, although it has noise of its own, is missing, as old as it is.
 
     Args:
@@ -95,8 +91,8 @@ class RawToSI:
         factors: from logged numbers to SI, with the sensor's sign, (n,).
         ranged: whether the ranges of the joints say in which turn a motor is; before a power-on
             routine they do not.
-        doubting: whether readings that may be wrong or old are missing; what moves motors looks at
-            them itself.
+        doubting: whether readings that may be old are missing; what moves motors looks at them
+            itself.
     """
 
     def __init__(
@@ -380,6 +376,7 @@ class _Noise:
         return self._smallest / (2.0 * sqrt(pi) * noise) if noise > 0.0 else 0.0
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def says_nothing(values: Floats) -> str | None:
     """Return why the readings of an effort, (k,), say nothing of it; None where they may.
 

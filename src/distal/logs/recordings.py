@@ -126,6 +126,7 @@ def read_recording(path: Path, columns: Sequence[str] | None, time: str, unit: f
     return Cells(columns_of, path, 0, tuple(columns_of))
 
 
+@np.errstate(over="ignore")
 def _check_publishers(path: Path, stamped: dict[str, Stamped]) -> None:
     """Raise a `LogError` where most messages of a topic have the stamp of another one with another
     value: two nodes publish it.

@@ -20,6 +20,7 @@ ONE_STEP = 1.5
 """
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def held_samples(values: Floats) -> Bools:
     """Return which values of a reference, (k,), only repeat a sample that was held until the next
     one; none where the sensor rounds.
@@ -64,12 +65,15 @@ def earlier(time: Floats, values: Floats, lag: float) -> Floats:
 
 
 JUMPS = 4.0
-"""Ratio of a jump to the step that 98 % of all steps are below [1]. Source: judgement."""
+"""Ratio of a jump to the steps beside it, and to the step above which 2 % of all are [1]. Source:
+judgement.
+"""
 
 LONGEST_AWAY = 0.02
 """Share of a log's samples for which a reference is away at the most [1]. Source: judgement."""
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def jumps_away(values: Floats) -> Bools:
     """Return which values of a reference, (k,), are between a jump and the jump back, as of a
     marker that is seen the wrong way round for some frames.
@@ -87,17 +91,27 @@ def jumps_away(values: Floats) -> Bools:
     at = 0
     while at < len(jump) - 1:
         begin, end = jump[at], jump[at + 1]
-        back = steps[begin] + steps[end]
-        if end - begin <= longest and abs(back) < 0.5 * abs(steps[begin]):
+        least = min(abs(steps[begin]), abs(steps[end]))
+        # a joint that is so fast is fast before and after too
+        beside = max(
+            np.abs(steps[max(begin - 1, 0) : begin]).max(initial=0.0),
+            np.abs(steps[end + 1 : end + 2]).max(initial=0.0),
+        )
+        is_back = abs(steps[begin] + steps[end]) < least / 2.0 and JUMPS * beside < least
+        if end - begin <= longest and is_back:
             away[present[begin + 1 : end + 1]] = True
             at += 1
         at += 1
     return away
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def said_of_jumps(values: Floats, away: Bools) -> str:
-    """Return in words how often a reference, (k,), is `away`, see `jumps_away`, and whether at its
-    mirror image.
+    """Return in words how often a reference jumps away, and whether to its mirror image.
+
+    Args:
+        values: as they were read, (k,).
+        away: which of them are away, see `jumps_away`, (k,).
     """
     first = np.flatnonzero(away & ~np.concatenate([[False], away[:-1]]))
     before = values[np.maximum(first - 1, 0)]

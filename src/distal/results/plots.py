@@ -17,6 +17,7 @@ from distal.logs import Log
 from distal.results.plot_style import (
     BLACK,
     COLOURS,
+    FAINT,
     PALE,
     SOFT,
     TRUTH,
@@ -71,7 +72,9 @@ def draw_forces(axes: Axes, log: Log, rig: Rig) -> None:
         force = log.channels[sensor.name]
         style = curve_style(i)
         axes.plot(from_start(log.time), force, linewidth=0.9, label=plain(sensor.name), **style)
-    axes.set_ylabel(f"measured [{', '.join(sorted({sensor.si for sensor in sensors}))}]")
+    units = ", ".join(sorted({sensor.si for sensor in sensors}))
+    assumed = "\nassumed scale" if "force" in rig.taken else ""
+    axes.set_ylabel(f"measured [{units}]{assumed}")
     _finish(axes, "" if sensors else "no force is measured")
 
 
@@ -96,6 +99,17 @@ def in_order(words: Iterable[str]) -> list[str]:
     return sorted(set(words), key=lambda word: (word != "ok", word))
 
 
+SHADED = {"touched": FAINT, "outside": PALE}
+"""Health word → grey on which an angle stands while it holds. Source: layout."""
+
+
+def _spans(time: Floats, health: Sequence[str], word: str) -> list[tuple[float, float]]:
+    """Return begin and length of each time in which a health word holds [s]."""
+    step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
+    edges = np.flatnonzero(np.diff(np.array(health) == word, prepend=False, append=False))
+    return [(time[a], time[b - 1] - time[a] + step) for a, b in zip(edges[::2], edges[1::2])]
+
+
 def draw_health(axes: Axes, time: Floats, health: Sequence[str]) -> None:
     """Draw as bars, in one row for each health word, when the word held.
 
@@ -104,10 +118,8 @@ def draw_health(axes: Axes, time: Floats, health: Sequence[str]) -> None:
         health: the health word of each sample, (k,).
     """
     words = in_order(health)
-    step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
     for row, word in enumerate(words):
-        edges = np.flatnonzero(np.diff(np.array(health) == word, prepend=False, append=False))
-        spans = [(time[a], time[b - 1] - time[a] + step) for a, b in zip(edges[::2], edges[1::2])]
+        spans = _spans(time, health, word)
         axes.broken_barh(
             spans, (row - 0.35, 0.7), color=HEALTH_COLOURS.get(word, COLOURS[1]), linewidth=0
         )
@@ -156,7 +168,8 @@ def plot_estimates(
             health.
         log: log whose forces the panel ``forces`` shows.
         rig: rig that gives the units of these forces.
-        health: a health word for each sample (`distal.log_health`), for the panel ``health``.
+        health: a health word for each sample (`distal.log_health`), for the panel ``health``; where
+            it is one of `SHADED`, the angle stands on grey.
 
     Raises:
         OutputError: the file cannot be written, a panel is unknown, or a panel lacks the data that
@@ -170,12 +183,12 @@ def plot_estimates(
     with figure(len(heights), joints, size, sharex=True, height_ratios=heights) as (drawing, axes):
         for joint, name in enumerate(first.joint_names):
             column = axes[joint::joints]
-            _draw_joint(column[:2], estimates, joint)
+            _draw_joint(column[:2], estimates, joint, health)
             if joints > 1:
                 column[0].set_ylabel(f"{plain(name[:40])} [°]")
-            if not panels or joints > 1:
+            if not panels:
                 column[1].set_xlabel(time_label(first.time))
-                column[1].tick_params(labelbottom=True)
+            column[1].tick_params(labelbottom=not panels or joints > 1)
         for row, panel in enumerate(panels, start=2):
             position = axes[row * joints] if joints == 1 else _across(drawing, axes, row, joints)
             _draw_panel(position, panel, first, log, rig, health)
@@ -229,7 +242,9 @@ def _draw_panel(
         draw_health(axes, from_start(first.time), health)
 
 
-def _draw_joint(axes: Sequence[Axes], estimates: Sequence[Curves], joint: int) -> None:
+def _draw_joint(
+    axes: Sequence[Axes], estimates: Sequence[Curves], joint: int, health: Sequence[str] | None
+) -> None:
     """Draw one joint: its angle in the upper axes, its error in the lower ones, or the width of its
     band where no truth is known. Of several joints only the first has a legend.
     """
@@ -244,6 +259,19 @@ def _draw_joint(axes: Sequence[Axes], estimates: Sequence[Curves], joint: int) -
         handle = _draw_estimate(top, estimate, i, joint)
         entries.append((handle, f"{estimate.estimator}, {COVERED_TEXT} band"))
     _limit_angles(top, estimates, joint)
+    time = from_start(first.time)
+    for word, grey in SHADED.items():
+        spans = _spans(time, health or (), word)
+        if spans:
+            bars = top.broken_barh(
+                spans,
+                (0, 1),
+                transform=top.get_xaxis_transform(),
+                color=grey,
+                linewidth=0,
+                zorder=0,
+            )
+            entries.append((bars, word))
     top.set_ylabel("joint angle θ [°]")
     if joint == 0:
         legend_above(top, entries, most=4 if len(first.joint_names) == 1 else 2)

@@ -52,7 +52,7 @@ class LogUnits:
             `sample` is given temperatures.
         ranged: whether the ranges of the joints say in which turn a motor is; before a power-on
             routine they do not.
-        doubting: whether readings that may be wrong or old are missing, see `RawToSI`.
+        doubting: whether readings that may be old are missing, see `RawToSI`.
     """
 
     def __init__(

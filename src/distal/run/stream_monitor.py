@@ -26,8 +26,6 @@ OF_REMARKS: dict[str, Health] = {
     "turn": "restarted",
     "unknown turn": "restarted",
     "restarted": "restarted",
-    "left out": "missing",
-    "jumped": "disagrees",
     "repeated": "missing",
 }
 """What the conversion did with a reading → the health word that reports it."""
