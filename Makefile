@@ -1,5 +1,7 @@
 # What a new user runs: `make demo`, then `make test`. Everything lives in .venv.
 PYTHON ?= python3
+# LeRobot needs it since release 0.5
+PYTHON312 ?= python3.12
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
@@ -23,7 +25,7 @@ help:
 	@echo "make results    the other tables of docs/results: exports, guards, imported models, soak, studies (hours)"
 	@echo "make strangers  rigs and logs that distal was not built with, beside release 0.1"
 	@echo "make reliability  20,000 hostile rigs, logs and stream inputs each (6 minutes)"
-	@echo "make lerobot    copies of LeRobot datasets, read by two releases of LeRobot in environments of their own (gigabytes)"
+	@echo "make lerobot    copies of LeRobot datasets, read by three releases of LeRobot in environments of their own (gigabytes)"
 	@echo "make clean      remove .venv, out and caches"
 
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
@@ -159,10 +161,11 @@ results: $(STAMP)
 	$(BIN)/python -m benchmarks.batch_estimator
 
 lerobot: $(INSTALLED)
-	for release in 0.4.4 0.3.3; do \
-	  $(PYTHON) -m venv out/lerobot-$$release && \
-	  out/lerobot-$$release/bin/pip install --quiet -e '.[parquet]' "lerobot==$$release" "numpy<2.4" && \
-	  out/lerobot-$$release/bin/python -m benchmarks.lerobot_round_trip || exit 1; \
+	for release in "[dataset]==0.6.1" "==0.4.4" "==0.3.3"; do \
+	  case $$release in *0.6*) python=$(PYTHON312);; *) python=$(PYTHON);; esac; \
+	  $$python -m venv "out/lerobot$$release" && \
+	  "out/lerobot$$release/bin/pip" install --quiet -e '.[parquet]' "lerobot$$release" "numpy<2.4" pandas && \
+	  "out/lerobot$$release/bin/python" -m benchmarks.lerobot_round_trip || exit 1; \
 	done
 
 strangers: $(STAMP)

@@ -150,6 +150,10 @@ def say_fit(result: Fit) -> None:
         say("interrupted: these are the best values so far")
 
 
+HOPELESS = 10.0
+"""Ratio of an error to that of what is written, above which its row is left out. Source: layout."""
+
+
 def say_scores(result: Fit) -> None:
     """Print a table that compares what is written with all other candidates."""
     from distal.fitting import SETTLING
@@ -162,6 +166,8 @@ def say_scores(result: Fit) -> None:
     shown = 2.0 * noise**2 > scores[0][1] ** 2
     rows = []
     for name, rms, inside in scores:
+        if rms > HOPELESS * scores[0][1]:
+            continue
         less = [f"{degrees(sqrt(max(rms**2 - noise**2, 0.0))):.3f}"] if shown else []
         share = "–" if isnan(inside) else f"{100 * inside:.0f} %"
         rows.append([name, f"{degrees(rms):.3f}", *less, share])

@@ -76,13 +76,20 @@ def reference_lag(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> float:
 
     as_reference, lag = _likeliest(partial(late, _delayed), each)
     as_joint, _ = _likeliest(partial(late, _followed), each)
-    rare = -np.log(LATE)
     if any(_is_slower(log) for log in samples):  # a camera, which is never on time
-        surprise = 0.5 * (max(lag - LARGEST_USUAL, 0.0) / UNUSUAL_STD) ** 2
-        return lag if as_reference + surprise < as_joint + rare else 0.0
-    on_time = sum(task.search(each, lags=False)[1] for task in tasks)
-    surprise = 0.5 * (lag / UNUSUAL_STD) ** 2
-    return lag if as_reference + surprise + rare < min(as_joint + rare, on_time) else 0.0
+        prior = _log_density(max(lag - LARGEST_USUAL, 0.0)) - np.log(LARGEST_USUAL)
+        on_time = np.inf
+    else:
+        prior = np.log(LATE) + _log_density(lag) + np.log(2.0 / (UNUSUAL_STD * np.sqrt(2 * np.pi)))
+        on_time = sum(task.search(each, lags=False)[1] for task in tasks) + np.log(LATE)
+    # a joint behind a pure delay looks as a late reference does
+    late_joint = min(as_joint, as_reference) - np.log(LATE / LARGEST)
+    return lag if as_reference < min(late_joint + prior, on_time + _log_density(lag)) else 0.0
+
+
+def _log_density(beyond: float) -> float:
+    """Return ln of the normal density of a lag beyond the usual ones [s], but for a constant."""
+    return -0.5 * (beyond / UNUSUAL_STD) ** 2
 
 
 Features: TypeAlias = Mapping[str, Floats]
