@@ -135,6 +135,7 @@ accuracy: $(STAMP)
 
 results: $(STAMP)
 	$(BIN)/python -m benchmarks.csv_readers
+	$(BIN)/python -m benchmarks.door
 	$(BIN)/python -m benchmarks.events
 	$(BIN)/python -m benchmarks.touch
 	$(BIN)/python -m benchmarks.false_touches

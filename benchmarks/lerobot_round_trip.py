@@ -131,7 +131,9 @@ def as_version_2_0(meta: Any) -> None:
     stats = {key: {what: of[what].tolist() for what in kinds} for key, of in meta.stats.items()}
     (folder / "stats.json").write_text(json.dumps(stats))
     (folder / "episodes_stats.jsonl").unlink()
-    (folder / "info.json").write_text(json.dumps(described(meta.info) | {"codebase_version": "v2.0"}))
+    (folder / "info.json").write_text(
+        json.dumps(described(meta.info) | {"codebase_version": "v2.0"})
+    )
 
 
 def published(folder: Path, source: str, angle: str, torque: str, unit: str) -> Case:

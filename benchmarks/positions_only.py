@@ -2,7 +2,8 @@
 [--first-seed 9400]` draws rigs of one to three joints with one or two motors each
 (`tests.support.positions_only`), learns each by `distal learn` from four logs of 15 s, and
 estimates two others by `distal estimate`. The error is beside that of the better of two ways by
-hand, each with its best half-width of play: an affine map, and one with plays of the motors. Errors count after the first second.
+hand, each with its best half-width of play: an affine map, and one with plays of the motors. Errors
+count after the first second.
 """
 
 from __future__ import annotations

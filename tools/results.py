@@ -184,7 +184,6 @@ TABLES: dict[str, Callable[[], str]] = {
             "control-finger",
             "control-seconds",
             "chains-bounds",
-            "models-tendons",
             "fit-mujoco",
             "fit-command-lacking",
             "fit-command-named",

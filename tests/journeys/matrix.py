@@ -15,7 +15,10 @@ from distal.simulation import build_scenario
 
 REPLAY = Path(__file__).parents[1] / "export" / "replay.py"
 EXAMPLES = Path(__file__).parents[2] / "examples"
-MADE = ("fitted", "learned")
+POSITIONS = ("positions-1", "positions-2", "positions-3")
+"""Rigs of one to three joints that are learned from positions only, with one or two motors each."""
+
+MADE = ("fitted", "learned", *POSITIONS)
 """Rigs that commands write before the matrix runs."""
 
 RIGS = (
@@ -32,6 +35,7 @@ RIGS = (
     ),
     "start.toml",
     "learned",
+    *POSITIONS,
 )
 MANY = "hand"
 """A rig of so many joints that full filters and fits take minutes."""

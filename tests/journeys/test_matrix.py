@@ -24,11 +24,16 @@ from tests.journeys.matrix import (
     EXAMPLES,
     MADE,
     OTHERS,
+    POSITIONS,
     Case,
     cases,
     described,
     write_logs,
 )
+from tests.support.positions_only import Positions, write
+
+SEEDS = {1: 21, 2: 24, 3: 25}
+"""Joints of a rig of positions only → its seed; the one of two joints has two motors for each."""
 
 COMPILES = shutil.which("cc") is not None
 QUICK = 5
@@ -84,6 +89,11 @@ class Files(dict[str, tuple[Path, Path]]):
                 lines = path.read_text(encoding="utf-8").splitlines()[:801]
                 (folder / path.name).write_text("\n".join(lines) + "\n", encoding="utf-8")
             ran("distal learn run_0.csv run_1.csv run_2.csv --out rig.toml", folder)
+        elif name in POSITIONS:
+            joints = int(name[-1])
+            for k in range(3):
+                write(Positions.drawn(SEEDS[joints], joints).log(k, 12.0)[0], folder / f"run_{k}.csv")
+            ran("distal learn run_0.csv run_1.csv run_2.csv --out rig.toml", folder)
         elif name.endswith(".toml"):
             file = EXAMPLES / "da_vinci" / name
         if name in MADE:
@@ -107,7 +117,7 @@ def rows() -> list[object]:
     for factors in (ESTIMATE, OTHERS):
         quick = 0
         for case in cases(factors):
-            is_quick = quick < QUICK and case.rig != "learned" and case.command != "fit"
+            is_quick = quick < QUICK and case.rig not in MADE[1:] and case.command != "fit"
             quick += is_quick
             marks = [pytest.mark.slow] if is_quick else [pytest.mark.slow, pytest.mark.more]
             found.append(pytest.param(case, marks=marks, id=str(case)))

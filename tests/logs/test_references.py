@@ -27,6 +27,10 @@ def test_a_held_sample_counts_once_and_a_rounded_one_always() -> None:
     assert not held_samples(ANGLE).any()
     for step in (0.001, 0.02):
         assert not held_samples(np.round(ANGLE / step) * step).any()
+    noise = np.random.default_rng(4).normal(0.0, 0.003, len(ANGLE))
+    for step in (0.0005, 0.002, 0.006):
+        assert not held_samples(np.round((ANGLE + noise) / step) * step).any()
+        assert held_samples(held(np.round((ANGLE + noise) / step) * step, 30.0)).any()
     assert not held_samples(np.full(50, 1.0)).any()
     assert not held_samples(np.array([np.nan, 1.0])).any()
 

@@ -25,8 +25,9 @@ def held_samples(values: Floats) -> Bools:
     """Return which values of a reference, (k,), only repeat a sample that was held until the next
     one; none where the sensor rounds.
 
-    A value that rounds also repeats, and then goes on by one step of its resolution. What follows
-    a sample that was held is farther away.
+    A value that is rounded also repeats, but then goes on by one step of its resolution; or by
+    noise, about half as often as it changes by one step. What follows a sample that was held is
+    farther away, and changes of one step are rare.
     """
     present = np.flatnonzero(np.isfinite(values))
     repeats = np.zeros(len(values), dtype=bool)
@@ -35,7 +36,10 @@ def held_samples(values: Floats) -> Bools:
     steps = np.abs(np.diff(values[present])) / np.ptp(values[present])
     steps[steps < SAME] = 0.0
     after_repeat = steps[1:][(steps[:-1] == 0.0) & (steps[1:] > 0.0)]
-    if len(after_repeat) and np.median(after_repeat) > ONE_STEP * np.min(steps[steps > 0.0]):
+    more = ONE_STEP * np.min(steps[steps > 0.0])
+    by_one = np.count_nonzero((steps > 0.0) & (steps < more))
+    is_held = len(after_repeat) > 0 and np.median(after_repeat) > more
+    if is_held and np.count_nonzero(steps == 0.0) > by_one:
         repeats[present[1:][steps == 0.0]] = True
     return repeats
 
