@@ -149,6 +149,7 @@ def test_without_a_time_it_says_so() -> None:
     with pytest.raises(LogError, match=r"one: 't_ms' goes back after sample \d+"):
         column_roles([RawLog("one", columns)], NO_OVERRIDES)
     columns["column"] = columns.pop("t_ms")
+    columns["dones"] = np.append(np.zeros(len(columns["column"]) - 1), 1.0)  # ends an episode
     with pytest.raises(LogError, match="none is the time"):
         column_roles([RawLog("one", columns)], NO_OVERRIDES)
     columns["sample"] = np.arange(len(columns["column"]), dtype=float)

@@ -194,7 +194,9 @@ def time_column(
     increasing = [
         header
         for header in headers
-        if (steps[header] >= 0.0).all() and all(np.ptp(log.columns[header]) > 0.0 for log in logs)
+        # a flag that is set once has two values
+        if (steps[header] >= 0.0).all()
+        and all(len(np.unique(log.columns[header])) > 2 for log in logs)
     ]
     called_time = [header for header in headers if names[header].scores["time"] >= SURE]
     if not set(called_time) & set(increasing):
