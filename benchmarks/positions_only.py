@@ -51,13 +51,15 @@ def by_hand(logs: list[dict[str, Floats]], judged: list[tuple[dict[str, Floats],
     def angles(log: dict[str, Floats]) -> Floats:
         return np.column_stack([np.deg2rad(c) for n, c in log.items() if n.startswith("joint")])
 
-    errors = []
+    ways = []
     for half in (0.0, *HALVES):
         phi = np.vstack([columns(log, half) for log in logs])
-        weights, *_ = np.linalg.lstsq(phi, np.vstack([angles(log) for log in logs]), rcond=None)
-        off = [late(log["t [s]"], columns(log, half) @ weights - exact) for log, exact in judged]
-        errors.append(float(np.sqrt(np.mean(np.vstack(off) ** 2))))
-    return min(errors)
+        known = np.vstack([angles(log) for log in logs])
+        weights, *_ = np.linalg.lstsq(phi, known, rcond=None)
+        ways.append((float(np.sum((phi @ weights - known) ** 2)), half, weights))
+    _, half, weights = min(ways, key=lambda way: way[0])
+    off = [late(log["t [s]"], columns(log, half) @ weights - exact) for log, exact in judged]
+    return float(np.sqrt(np.mean(np.vstack(off) ** 2)))
 
 
 def outcome(seed: int) -> tuple[int, float, float, float, float]:
