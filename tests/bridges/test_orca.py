@@ -260,12 +260,12 @@ def test_the_stream_reads_by_itself(clock: Clock, monkeypatch: pytest.MonkeyPatc
     encoders.start_stream()
     encoders.start_stream()  # it goes on
     assert encoders.get_latest() is not None
-    thread, encoders._thread = encoders._thread, threading.Thread()  # one that ended
+    assert encoders._thread is not None
+    encoders._stopping.set()
+    encoders._thread.join()  # its thread has ended
     encoders.start_stream()
     assert encoders._thread.is_alive()
     encoders.disconnect()
-    assert thread is not None
-    thread.join()
     assert encoders.get_latest() is None
     assert not encoders.is_connected
     hand.fails = True

@@ -92,7 +92,9 @@ class Files(dict[str, tuple[Path, Path]]):
         elif name in POSITIONS:
             joints = int(name[-1])
             for k in range(3):
-                write(Positions.drawn(SEEDS[joints], joints).log(k, 12.0)[0], folder / f"run_{k}.csv")
+                write(
+                    Positions.drawn(SEEDS[joints], joints).log(k, 12.0)[0], folder / f"run_{k}.csv"
+                )
             ran("distal learn run_0.csv run_1.csv run_2.csv --out rig.toml", folder)
         elif name.endswith(".toml"):
             file = EXAMPLES / "da_vinci" / name

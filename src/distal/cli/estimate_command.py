@@ -81,9 +81,9 @@ def estimate_command(
             "--estimator",
             "-e",
             help=(
-                "adaptive, elastic, inextensible or regression; repeatable, the "
-                "first is "
-                "written. Default: adaptive; where the angle is known, all of them, to compare."
+                "adaptive, elastic, inextensible, regression, ekf-2008 (the paper's filter) or ekf "
+                "(the same with the rig's noise); repeatable, the first is written. Default: "
+                "adaptive; where the angle is known, all but the last two, to compare."
             ),
             autocompletion=estimators,
         ),
@@ -261,14 +261,15 @@ def _check_names(names: Sequence[str], rig: Rig) -> None:
 
 
 def _names(asked: list[str] | None, rig: Rig, is_known: bool) -> list[str]:
-    """Return the names of the estimators to run: those asked for, else the default, and all others
-    where the truth is known.
+    """Return the names of the estimators to run: those asked for, else the default, and where the
+    truth is known all others that do not only run on request.
     """
-    from distal.estimators import ESTIMATORS, usual_estimator
+    from distal.estimators import ESTIMATORS, ON_REQUEST, usual_estimator
 
     _check_names(asked or (), rig)
     usual = usual_estimator(rig)
-    return list(dict.fromkeys(asked or ([usual, *ESTIMATORS] if is_known else [usual])))
+    compared = [name for name in ESTIMATORS if name not in ON_REQUEST] if is_known else []
+    return list(dict.fromkeys(asked or [usual, *compared]))
 
 
 def _at_home(log: Log, rig: Rig, positions: list[str], home: float | None) -> tuple[Log, Rig]:
