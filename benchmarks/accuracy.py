@@ -33,7 +33,6 @@ from tests.support.cases import (
 )
 from tests.support.lower_bound import lower_bound
 
-import benchmarks.paper_2008  # noqa: F401 - the estimators ekf and ekf-2008
 from benchmarks.report import FOLDER, table
 from benchmarks.rivals import RIVALS
 from benchmarks.shell import estimate

@@ -23,7 +23,6 @@ from tests.fuzzing.rigs import changed
 from tests.support.drawn_rigs import drawn_rig
 from tools.lab.plant_source import c_plant
 
-import benchmarks.paper_2008  # noqa: F401 - the estimators ekf and ekf-2008
 from benchmarks.report import table
 from benchmarks.strangers.random_rigs import random_case
 from distal.errors import DistalError

@@ -15,7 +15,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-import benchmarks.paper_2008  # noqa: F401 - the estimators ekf and ekf-2008
 from distal import Log, estimate_batch, make_estimator
 from distal.estimators import KernelEstimator
 from distal.kernels import Feed, LaneKernel, Recipe, find_compiler

@@ -17,7 +17,6 @@ import casadi as ca
 import numpy as np
 from tests.export.helpers import missing_tools
 
-import benchmarks.paper_2008  # noqa: F401 - the estimators ekf and ekf-2008
 from benchmarks.report import table
 from distal import (
     Log,

@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 from tests.support.cases import hand_log, hand_rig, paper_log, paper_rig, spoiled
 
-import benchmarks.paper_2008  # noqa: F401 - the estimators ekf and ekf-2008
 from benchmarks.report import table
 from benchmarks.strangers.random_rigs import random_case
 from benchmarks.strangers.rigs import spoilt

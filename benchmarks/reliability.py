@@ -23,7 +23,6 @@ from tests.fuzzing.outcome import Outcome
 from tests.fuzzing.rigs import attempt
 from tests.fuzzing.streams import Stream
 
-import benchmarks.paper_2008  # noqa: F401 - the estimators ekf and ekf-2008
 from benchmarks.report import table
 from distal import load_rig, load_scenario, scenario_rig
 

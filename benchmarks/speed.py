@@ -18,7 +18,6 @@ from pathlib import Path
 
 import numpy as np
 
-import benchmarks.paper_2008  # noqa: F401 - the estimators ekf and ekf-2008
 from benchmarks.limits import (
     batch_time,
     casadi_time,

@@ -11,8 +11,8 @@ from itertools import product
 
 import numpy as np
 
-from benchmarks.paper_2008.full_state import FullStateFilter, Noise, estimate_twice, paper_noise
 from distal.estimators import KernelEstimator, make_estimator
+from distal.estimators.paper_2008 import FullStateFilter, Noise, paper_noise
 from distal.logs import Log
 from distal.model import Mechanism
 from distal.results import Estimate
@@ -40,10 +40,6 @@ IDEAL = {"sensors.x1.linearity": 0.0, "sensors.x2.linearity": 0.0}
 
 BETTER_CELLS = {"sensors.u1.noise": "0.03 N", "sensors.u2.noise": "0.03 N"}
 """Parameters of load cells with less noise."""
-
-
-TWO_PASSES = ("ekf-2008", "observed friction", "hung weights", "better cells")
-"""Names of the estimates that go over a log twice, as the paper's filter did."""
 
 
 @dataclass(frozen=True)
@@ -177,10 +173,7 @@ def run_series(
             paper = _estimator(series, "ekf-2008")
             asked["hung weights"] = (hung_weights(log, scenario), paper)
             asked["better cells"] = (read(seed, BETTER_CELLS), paper)
-        estimates = {
-            name: estimate_twice(of, rig, by) if name in TWO_PASSES else estimate(of, rig, by)
-            for name, (of, by) in asked.items()
-        }
+        estimates = {name: estimate(of, rig, by) for name, (of, by) in asked.items()}
         runs.append(SeriesRun(series, plant.name, seed, rig, log, estimates))
     return runs
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-import benchmarks.paper_2008  # noqa: F401 - the estimators ekf and ekf-2008
 from benchmarks.shell import estimate as by_command
 from benchmarks.strangers.library import (
     DistalError,

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from tests.helpers import rms_degrees
 
-import benchmarks.paper_2008  # noqa: F401 - the estimators ekf and ekf-2008
 from benchmarks import limits
 from benchmarks.rivals import PARTICLES, RIVALS, IteratedFilter, ParticleFilter, UnscentedFilter
 from distal import (

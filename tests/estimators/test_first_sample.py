@@ -10,7 +10,7 @@ import pytest
 from distal import load_rig, make_estimator
 
 
-@pytest.mark.parametrize("name", ["inextensible", "elastic"])
+@pytest.mark.parametrize("name", ["inextensible", "elastic", "ekf", "ekf-2008"])
 def test_offsets_and_gains_are_taken_off(name: str) -> None:
     rig = load_rig("template")
     plain = make_estimator(name, rig, compiled=False)

@@ -89,6 +89,7 @@ def replayed(program: Path, log: Path) -> np.ndarray:
     [
         pytest.param("adaptive", False, id="double-adaptive"),
         pytest.param("adaptive", True, id="float-adaptive"),
+        pytest.param("ekf", False, id="double-ekf"),
     ],
 )
 def test_a_whole_log_under_sanitizers(
@@ -300,7 +301,7 @@ class Library:
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", ["adaptive", "elastic"])
+@pytest.mark.parametrize("name", ["adaptive", "elastic", "ekf", "ekf-2008"])
 def test_beliefs_and_innovations_are_pythons(rig: Rig, log: Log, name: str, tmp_path: Path) -> None:
     """The whole state and every innovation, from the prior on."""
     estimator = make_estimator(name, rig)

@@ -69,7 +69,7 @@ def test_scan_is_many_steps_and_compiled_is_interpreted(fresh: Path) -> None:
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", ["inextensible", "elastic"])
+@pytest.mark.parametrize("name", ["inextensible", "elastic", "ekf", "ekf-2008"])
 def test_estimators_compiled_and_interpreted_agree(name: str) -> None:
     """To 1e-9 over a whole log, relative to each state's range."""
     scenario = load_scenario("series-2")

@@ -62,6 +62,8 @@ def same(one, other) -> None:
     [
         pytest.param("adaptive", marks=pytest.mark.slow),
         "elastic",
+        "ekf",
+        "ekf-2008",
     ],
 )
 def test_the_numbers_are_those_of_one_by_one(rig: Rig, logs: list[Log], name: str) -> None:

@@ -24,9 +24,9 @@ from distal.cli.console import (
     working,
 )
 from distal.cli.shared_options import (
+    RIG,
     HomingOption,
     PlotOption,
-    RigOption,
     SetOption,
     TruthOption,
     UnitOption,
@@ -35,6 +35,7 @@ from distal.cli.shared_options import (
     estimators,
     homing_time,
     joint_angle,
+    rigs,
     to_file,
     to_folder,
 )
@@ -59,7 +60,14 @@ def estimate_command(
             "the rig's sensors name.",
         ),
     ],
-    rig: RigOption,
+    rig: Annotated[
+        str | None,
+        Option(
+            "--rig",
+            help=f"{RIG} A log of `distal simulate` has its rig beside it.",
+            autocompletion=rigs,
+        ),
+    ] = None,
     *,
     out: Annotated[
         Path | None,
@@ -81,9 +89,9 @@ def estimate_command(
             "--estimator",
             "-e",
             help=(
-                "adaptive, elastic, inextensible or regression; repeatable, the "
-                "first is "
-                "written. Default: adaptive; where the angle is known, all of them, to compare."
+                "adaptive, elastic, inextensible, regression, ekf-2008 (the paper's filter) or ekf "
+                "(the same with the rig's noise); repeatable, the first is written. Default: "
+                "adaptive; where the angle is known, all but the last two, to compare."
             ),
             autocompletion=estimators,
         ),
@@ -136,13 +144,14 @@ def estimate_command(
         write_together,
     )
     from distal.results import PANELS, check_panels, plot_kind
-    from distal.rig import angle_unit, load_rig
+    from distal.rig import angle_unit
+    from distal.simulation import rig_of_logs
 
     if into is not None:
         others = (out, plot, panel, estimator, truth, smooth, homing, homing_angle, every)
         if len(logs) != 1 or any(others):
             raise EstimationError("--into is of one dataset, with --rig, --set and --unit alone")
-        with_dataset(logs[0], load_rig(rig, set_ or ()), into, unit)
+        with_dataset(logs[0], rig_of_logs((), rig, set_ or ())[0], into, unit)
         return
     if out is None and (unit is not None or every):
         raise EstimationError(
@@ -174,7 +183,7 @@ def estimate_command(
             )
         outputs = estimates_of(sources, out)
         check_command_outputs(outputs, logs=logs, rig=rig, truth=truth)
-        description = load_rig(rig, set_ or ())
+        description, _ = rig_of_logs(sources, rig, set_ or ())
         name = estimator[0] if estimator else usual_estimator(description)
 
         def write(result: Estimate, path: Path) -> None:
@@ -194,10 +203,12 @@ def estimate_command(
         rig=rig,
         truth=truth,
     )
-    description = load_rig(rig, set_ or ())
+    description, changed = rig_of_logs(sources, rig, set_ or ())
     with working(f"reading {logs[0]}"):
         log = read_log(logs[0], description, truth)
     _describe(log, description)
+    if changed:
+        say(f"  as the log's scenario has it: {', '.join(changed)}")
     is_known = true_angles(log, description.joint_names) is not None
     names = _names(estimator, description, is_known)
     origin = log.truth_source
@@ -261,14 +272,15 @@ def _check_names(names: Sequence[str], rig: Rig) -> None:
 
 
 def _names(asked: list[str] | None, rig: Rig, is_known: bool) -> list[str]:
-    """Return the names of the estimators to run: those asked for, else the default, and all others
-    where the truth is known.
+    """Return the names of the estimators to run: those asked for, else the default, and where the
+    truth is known all others that do not only run on request.
     """
-    from distal.estimators import ESTIMATORS, usual_estimator
+    from distal.estimators import ESTIMATORS, ON_REQUEST, usual_estimator
 
     _check_names(asked or (), rig)
     usual = usual_estimator(rig)
-    return list(dict.fromkeys(asked or ([usual, *ESTIMATORS] if is_known else [usual])))
+    compared = [name for name in ESTIMATORS if name not in ON_REQUEST] if is_known else []
+    return list(dict.fromkeys(asked or [usual, *compared]))
 
 
 def _at_home(log: Log, rig: Rig, positions: list[str], home: float | None) -> tuple[Log, Rig]:

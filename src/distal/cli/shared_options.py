@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from distal.logs import Output
 
 
-ESTIMATOR_NAMES = ("adaptive", "elastic", "inextensible", "regression")
+ESTIMATOR_NAMES = ("adaptive", "ekf", "ekf-2008", "elastic", "inextensible", "regression")
 """Names of all estimators, the keys of `distal.ESTIMATORS`; they stand here, too, so that a shell
 completes them without importing the estimators.
 """

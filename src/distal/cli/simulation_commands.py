@@ -64,10 +64,10 @@ def simulate_command(
     """Simulate a scenario and write what the sensors read, with the truth beside it."""
     from distal.control import simulate
     from distal.errors import ScenarioError
-    from distal.logs import write_log
+    from distal.logs import Output, write_log, write_whole
     from distal.results import make_folder
     from distal.rig import named, parse_assignment
-    from distal.simulation import load_scenario, scenario_rig
+    from distal.simulation import load_scenario, rig_beside, scenario_rig, text_beside
 
     description = load_scenario(scenario)
     if rig_ is not None:
@@ -77,7 +77,6 @@ def simulate_command(
         **description.set,
         **dict(parse_assignment(text, ScenarioError) for text in set_ or ()),
     }
-    settings = [f"--set {shlex.quote(f'{path}={_toml(value)}')}" for path, value in values.items()]
     names = {seed: out}
     if runs is None:
         outputs = to_file("--out", out, "a table")
@@ -86,6 +85,9 @@ def simulate_command(
         digits = len(str(seed + runs - 1))
         names = {n: out / f"run_{n:0{digits}d}.csv" for n in range(seed, seed + runs)}
         outputs = to_folder("--out", out, [path.name for path in names.values()])
+    beside = rig_beside(out, runs is not None)
+    if _is_regular(out):
+        outputs.append(Output(beside, "--out", folder=out if runs is not None else None))
     check_command_outputs(outputs, rig=description.rig, scenario=scenario)
     if runs is not None:
         make_folder(out)
@@ -94,31 +96,26 @@ def simulate_command(
             log = simulate(rig, description, number)
             write_log(log if truth else replace(log, truth={}), rig, path)
             advance(done)
+    if _is_regular(out):
+        write_whole(beside, text_beside(description.rig, values))
     span = f"{description.duration:g} s"
     what = f"{len(log)} samples, {span}"
     if runs is not None:
         what = f"{runs} runs of {span}, seeds {seed} to {seed + runs - 1}"
     say(f"{rig.name}: {what}, {_ranges(log, rig)}")
-    say(f"wrote {out}")
+    say(f"wrote {out}" + (f" and its rig, {beside}" if _is_regular(out) else ""))
     ignored = sorted(
         {named(rig, path) for path in values} & {named(rig, path) for path in description.plant}
     )
     if ignored:
         warn(f"the scenario's [plant] has its own {', '.join(ignored)}")
     written = shlex.quote(str(out)) + ("/*.csv" if runs is not None else "")
-    command = ["distal estimate", written, "--rig", description.rig, *settings]
-    say(f"estimate from it: {' '.join(command)}")
+    say(f"estimate from it: distal estimate {written}")
 
 
-def _toml(value: object) -> str:
-    """Return a value as TOML on one line."""
-    import tomlkit
-
-    if not isinstance(value, dict):
-        return tomlkit.item(value).as_string()
-    table = tomlkit.inline_table()
-    table.update(value)
-    return table.as_string()
+def _is_regular(out: Path) -> bool:
+    """Return whether a path is no pipe or device, so that a file can lie beside it."""
+    return not out.exists() or out.is_file() or out.is_dir()
 
 
 def list_scenarios_command() -> None:

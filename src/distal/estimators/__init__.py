@@ -17,6 +17,7 @@ from distal.estimators.read_channels import Channels, channels_of, first_values
 from distal.estimators.registry import (
     DEFAULT,
     ESTIMATORS,
+    ON_REQUEST,
     make_estimator,
     usual_estimator,
 )
@@ -40,6 +41,7 @@ __all__ = [
     "DEFAULT",
     "ESTIMATORS",
     "LARGEST_ANGLE",
+    "ON_REQUEST",
     "SHORTEST",
     "TOUCHED",
     "WILD",

@@ -136,6 +136,15 @@ class KernelEstimator:
         kernel_state = np.concatenate([mean, covariance.ravel(), memory])
         return Belief(time, frozen(kernel_state), len(mean))
 
+    def beginning(self, times: Floats, samples: Floats) -> Belief:
+        """Return the belief before the first sample of a whole log.
+
+        Args:
+            times: stamps [s], (k,).
+            samples: values of the channels, (k, n_channels), NaN where missing.
+        """
+        return self.initial(times[0], first_values(samples))
+
     def prior(self, sample: Floats, p: Floats) -> tuple[Floats, Floats, Floats]:
         """Return mean, (n,), covariance, (n, n), and remembered inputs before the first sample.
 

@@ -8,6 +8,7 @@ from distal.errors import EstimationError, did_you_mean
 from distal.estimators.adaptive import AdaptiveFilter
 from distal.estimators.estimator_protocol import KernelEstimator
 from distal.estimators.kinematic import KinematicEstimator
+from distal.estimators.paper_2008 import FullStateFilter, paper_noise, rig_noise
 from distal.estimators.regression_estimator import RegressionEstimator
 from distal.rig import Rig
 
@@ -16,8 +17,15 @@ ESTIMATORS: dict[str, Callable[[Rig, bool], KernelEstimator]] = {
     "regression": lambda rig, compiled: RegressionEstimator(rig, compiled),
     "inextensible": lambda rig, compiled: KinematicEstimator("inextensible", rig, False, compiled),
     "elastic": lambda rig, compiled: KinematicEstimator("elastic", rig, True, compiled),
+    "ekf": lambda rig, compiled: FullStateFilter("ekf", rig, rig_noise(rig), compiled),
+    "ekf-2008": lambda rig, compiled: FullStateFilter(
+        "ekf-2008", rig, paper_noise(rig), compiled, passes=2
+    ),
 }
 """Name of an estimator → function (rig, compiled) that makes it. A program adds its own here."""
+
+ON_REQUEST = ("ekf", "ekf-2008")
+"""Names of the estimators that run only where they are asked for: the yardsticks of the field."""
 
 DEFAULT = "adaptive"
 """Name of the estimator that is used where none is named."""

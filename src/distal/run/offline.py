@@ -20,7 +20,6 @@ from distal.estimators import (
     KernelEstimator,
     RegressionEstimator,
     StateKind,
-    first_values,
     kinds_of,
     make_estimator,
     state_units,
@@ -224,7 +223,7 @@ def prepared(log: Log, chosen: KernelEstimator, homing: float | None = None) -> 
         for channel, joint in references_of(chosen).items():
             read = with_channel(read, channel, np.where(early, truths[:, joint], np.nan))
     samples = samples_of(read, chosen.channels, chosen.name, chosen.bridged or None)
-    start = chosen.initial(log.time[0], first_values(samples))
+    start = chosen.beginning(log.time, samples)
     if homing is not None and isinstance(chosen, AdaptiveFilter) and references_of(chosen):
         adapted = home(chosen, start, log, samples, truths, homing)
         return Run(log, adapted.estimator, adapted.samples, adapted.start, homing)

@@ -1,5 +1,6 @@
 """Simulation: a rig, a scenario and a seed become a log with the truth beside the readings."""
 
+from distal.simulation.rig_of_log import rig_beside, rig_of_logs, text_beside
 from distal.simulation.scenario import (
     Control,
     JointControl,
@@ -18,8 +19,11 @@ __all__ = [
     "Scenario",
     "build_scenario",
     "load_scenario",
+    "rig_beside",
+    "rig_of_logs",
     "scenario_rig",
     "scenario_text",
     "shipped_scenarios",
     "simulate_plant",
+    "text_beside",
 ]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
+from distal import Rig, load_rig
+from distal.estimators.paper_2008.tangent_step import tangent_step
+from distal.model import Mechanism, substeps
 from tests.helpers import finite_difference, without_stops
 from tests.model.test_stepping import DT, START, Stepper
-
-from benchmarks.paper_2008.tangent_step import tangent_step
-from distal import Rig, load_rig
-from distal.model import Mechanism, substeps
 
 
 @pytest.mark.parametrize("name", ["paper-2008-printed", "pulley-antagonist", "capstan-joint"])

@@ -5,17 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
-from tests.helpers import rms_degrees
 
-from benchmarks.paper_2008.full_state import (
-    FullStateFilter,
-    estimate_twice,
-    paper_noise,
-    rig_noise,
-    state_names,
-)
-from benchmarks.paper_2008.kalman import predict_covariance, update
-from benchmarks.tests.linear import linear_log, linear_model, linear_rig
 from distal import (
     LiveEstimator,
     Log,
@@ -28,7 +18,12 @@ from distal import (
 )
 from distal.errors import DistalWarning, EstimationError
 from distal.estimators import StateKind, external_torques_of, kinds_of, make_estimator
+from distal.estimators.paper_2008 import FullStateFilter, paper_noise, rig_noise
+from distal.estimators.paper_2008.full_state import state_names
+from distal.estimators.paper_2008.joseph_form import predict_covariance, update
 from distal.rig import build_rig
+from tests.helpers import rms_degrees
+from tests.support.linear import linear_log, linear_model, linear_rig
 
 DT = 0.01
 
@@ -175,7 +170,7 @@ def test_second_pass_starts_with_the_last_covariance() -> None:
     rig = scenario_rig(scenario)
     log = simulate(rig, scenario)
     estimator = FullStateFilter("ekf-2008", rig, paper_noise(rig))
-    one, two = estimate(log, rig, estimator), estimate_twice(log, rig, estimator)
+    one, two = estimate(log, rig, estimator), estimate(log, rig, "ekf-2008")
     first = np.array([log.channels[name][0] for name in estimator.channels])
     belief = estimator.initial(0.0, first)
     kernel_state = np.array(belief.kernel_state)

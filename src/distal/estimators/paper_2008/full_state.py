@@ -1,30 +1,27 @@
 """Extended Kalman filters on the full state, as in the 2008 paper: forces are inputs, displacements
-are measured.
-
-They are estimators that are written outside of the package. What one needs is a
-`distal.estimators.KernelEstimator` with its kernel, the prior's function and the names of its
-states, and an entry in `distal.ESTIMATORS`, which gives it a name everywhere in Python.
+are measured. docs/explanation/paper-2008.md says which equation is where.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
-from benchmarks.paper_2008.kalman import predict_covariance, update
-from benchmarks.paper_2008.tangent_step import tangent_step
-from distal import ESTIMATORS, Estimate, KernelEstimator, Log, estimate
 from distal.arrays import Floats
 from distal.errors import EstimationError
-from distal.estimators import Channels, StateKind, channels_of
+from distal.estimators.belief import Belief
+from distal.estimators.estimator_protocol import KernelEstimator
 from distal.estimators.kinematic import error_of, first_drives
-from distal.estimators.read_channels import UNKNOWN_POSITION, sensor_for
+from distal.estimators.paper_2008.joseph_form import predict_covariance, update
+from distal.estimators.paper_2008.tangent_step import tangent_step
+from distal.estimators.read_channels import UNKNOWN_POSITION, Channels, channels_of, sensor_for
+from distal.estimators.state_kinds import StateKind
 from distal.expressions import Vector
 from distal.kernels import Kernel, Layout, kernel_state_layout
+from distal.logs import frozen
 from distal.model import Mechanism, substeps
 from distal.rig import Rig, Sensor, angle_names, gain_of, speed_names
 from distal.sensor_errors import variance
@@ -139,12 +136,22 @@ class FullStateFilter(KernelEstimator):
     """An extended Kalman filter whose state is (q, v) of the whole mechanism; see
     `full_state_function`.
 
+    Args:
+        name: of the estimator.
+        rig: the description.
+        noise: the filter's variances.
+        compiled: whether the kernel is compiled where possible.
+        passes: how often it goes over a log. A second pass begins with the last covariance of the
+            first, as the paper's filter did. A live estimator has one pass.
+
     Raises:
         EstimationError: the sensors do not suffice, or a joint is coupled.
         RigError: the rig is too stiff for its interval.
     """
 
-    def __init__(self, name: str, rig: Rig, noise: Noise, compiled: bool = True) -> None:
+    def __init__(
+        self, name: str, rig: Rig, noise: Noise, compiled: bool = True, passes: int = 1
+    ) -> None:
         coupled = [joint.name for joint in rig.joints if joint.coupled is not None]
         if coupled:
             raise EstimationError(
@@ -154,6 +161,7 @@ class FullStateFilter(KernelEstimator):
         self._mechanism = Mechanism(rig)
         self._channels = channels_of(rig, name)
         self._noise = noise
+        self._passes = passes
         self._count = substeps(self._mechanism, self._channels.interval)
         channels = self._channels
         kernel = Kernel(full_state_function(self._mechanism, channels, self._count), compiled)
@@ -168,18 +176,24 @@ class FullStateFilter(KernelEstimator):
         angles, speeds = ((kind,) * len(joints) for kind in (StateKind.ANGLE, StateKind.SPEED))
         self.state_kinds = (*angles, *others, *speeds, *others)
         self.state_parts = (*joints, *drives, *joints, *drives)
-        self._first: Floats | None = None
 
-    def beginning_with(self, covariance: Floats) -> FullStateFilter:
-        """Return the filter with another covariance before the first sample, (n, n)."""
-        other = copy(self)
-        other._first = covariance
-        return other
-
-    def prior(self, sample: Floats, p: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return mean, (n,), covariance, (n, n), and the pulls before the first sample."""
-        mean, covariance, pulls = super().prior(sample, p)
-        return mean, covariance if self._first is None else self._first, pulls
+    def beginning(self, times: Floats, samples: Floats) -> Belief:
+        """Return the belief before the first sample of a log, whose covariance is the last one of
+        the pass before.
+        """
+        first = super().beginning(times, samples)
+        n = first.size
+        begin = first
+        for _ in range(self._passes - 1):
+            belief = begin
+            for rows in np.array_split(np.arange(len(times)), 1 + len(times) // ROWS):
+                states, _ = self.advanced(belief, times[rows], samples[rows])
+                last = frozen(states[-1].copy())
+                belief = Belief(float(times[rows[-1]]), last, n, belief.samples + len(rows))
+            state = first.kernel_state.copy()
+            state[n : n + n * n] = belief.kernel_state[n : n + n * n]
+            begin = Belief(first.time, frozen(state), n)
+        return begin
 
     def prior_function(self) -> ca.Function:
         """Return the function (values, mask, p) → (mean, covariance's diagonal, memory) before the
@@ -271,17 +285,5 @@ def paper_noise(rig: Rig, q: float = 1e-3, r: float = 1e-9, p0: float = 1.0) -> 
     )
 
 
-def estimate_twice(log: Log, rig: Rig, chosen: KernelEstimator) -> Estimate:
-    """Return the estimate of a second pass over a log, which begins with the last covariance of the
-    first, as the paper's filter did; it is one of these filters.
-    """
-    assert isinstance(chosen, FullStateFilter)
-    covariances = estimate(log, rig, chosen).covariances
-    assert covariances is not None  # `estimate` keeps them
-    return estimate(log, rig, chosen.beginning_with(covariances[-1]))
-
-
-ESTIMATORS["ekf-2008"] = lambda rig, compiled: FullStateFilter(
-    "ekf-2008", rig, paper_noise(rig), compiled
-)
-ESTIMATORS["ekf"] = lambda rig, compiled: FullStateFilter("ekf", rig, rig_noise(rig), compiled)
+ROWS = 10_000
+"""Samples whose covariances a first pass holds at once [1]. Source: judgement (4 MB)."""
