@@ -43,8 +43,8 @@ only [1]. Source: reference (fivefold cross-validation; Breiman and Spector 1992
 SMALLEST_SHARE = 0.03
 """A joint whose motion moves the drive by less than this share of its range is not crossed [1].
 Source: benchmark (`python -m benchmarks.from_logs structure --rigs 80 --first-seed 9700`: 80 right
-with 0.05, 79 with 0.03, of 40 37 with 0.02; `python -m benchmarks.positions_only`: a coupling of 4 %
-that is left out costs 0.6°).
+with 0.05, 79 with 0.03, of 40 37 with 0.02; `python -m benchmarks.positions_only`: a coupling of
+4 % that is left out costs 0.6°).
 """
 
 

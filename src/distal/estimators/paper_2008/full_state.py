@@ -1,5 +1,5 @@
 """Extended Kalman filters on the full state, as in the 2008 paper: forces are inputs, displacements
-are measured. docs/explanation/paper-2008.md says which equation is where.
+are measured. docs/results/reproduction.md says which equation is where.
 """
 
 from __future__ import annotations
