@@ -43,7 +43,7 @@ $(STAMP): $(INSTALLED)
 	@touch $@
 
 demo: $(INSTALLED)
-	$(BIN)/python -m benchmarks.paper_2008 --out out/reproduce --lab docs/lab.html
+	$(BIN)/distal reproduce --out out/reproduce
 
 # files go to whoever is free: what tests of one file have in common is made once
 PYTEST := $(BIN)/python -m pytest -n 2 --dist worksteal

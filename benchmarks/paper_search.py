@@ -24,11 +24,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.paper_2008.claims import measured, statements
-from benchmarks.paper_2008.series import Plant, run_series
 from distal.arrays import Bools, Floats
 from distal.errors import DistalError
 from distal.logs import check_outputs, outputs_in, write_together
+from distal.reports.paper_2008 import Plant, measured, run_series, statements
 from distal.results import BLACK, COLOURS, PALE, figure, figure_bytes, make_folder
 from distal.simulation import Scenario
 

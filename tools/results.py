@@ -16,7 +16,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 FIGURES = {
-    "out/reproduce/summary.png": "paper-summary.png",
+    "out/reproduce/figure-5.png": "paper-figure-5.png",
     "out/bench/stepping.svg": "stepping.svg",
     "out/bench/speed.svg": "speed.svg",
     "out/bench/accuracy.svg": "accuracy.svg",

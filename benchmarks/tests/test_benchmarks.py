@@ -19,7 +19,6 @@ BENCHMARKS = sorted(
             for path in (ROOT / "benchmarks").glob("*.py")
             if "__main__" in path.read_text(encoding="utf-8")
         ),
-        "paper_2008",
         "real",
     ]
 )

@@ -9,8 +9,6 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks.paper_2008.claims import Measure, Statement, statements
-from benchmarks.paper_2008.series import PLANTS, SERIES_1, hung_weights, observed_values, run_series
 from benchmarks.paper_search import (
     UNKNOWNS,
     Search,
@@ -19,6 +17,14 @@ from benchmarks.paper_search import (
     plant_of,
     search_in_words,
     to_json,
+)
+from distal.reports.paper_2008.claims import Measure, Statement, statements
+from distal.reports.paper_2008.series import (
+    PLANTS,
+    SERIES_1,
+    hung_weights,
+    observed_values,
+    run_series,
 )
 
 COUNT = 12

@@ -48,6 +48,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "control": control_commands.control_command,
     "study": simulation_commands.study_command,
     "studies": simulation_commands.list_studies_command,
+    "reproduce": simulation_commands.reproduce_command,
     "stream": stream_command.stream_command,
     "export-c": export_commands.export_command,
     "export-fmu": export_commands.fmu_command,

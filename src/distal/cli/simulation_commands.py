@@ -1,5 +1,5 @@
-"""Commands that simulate: `distal simulate`, `distal scenarios`, `distal scenario show`;
-`distal study`, `distal studies`.
+"""Commands that simulate: `distal simulate`, `distal scenarios`, `distal scenario show`,
+`distal reproduce`; `distal study`, `distal studies`.
 """
 
 from __future__ import annotations
@@ -148,6 +148,26 @@ def _ranges(log: Log, rig: Rig) -> str:
         f"{label} from {degrees(theta.min()):.2f}° to {degrees(theta.max()):.2f}°"
         for label, theta in zip(labels, truths)
     )
+
+
+def reproduce_command(
+    out: Annotated[Path, Option(help="Folder for figures, results.json and index.html.")] = Path(
+        "out/reproduce"
+    ),
+) -> None:
+    """Simulate and filter the tests of the 2008 paper: its figures 2 to 5, its statements, and a
+    page.
+    """
+    from itertools import count
+
+    from distal.reports.paper_2008 import GROUPS, reproduce, steps
+
+    done = count(1)
+    with progress_bar("simulating and filtering", steps()) as advance:
+        claims = reproduce(out, lambda: advance(next(done)))
+    rows = [(group, str(sum(claim.group == group for claim in claims))) for group in GROUPS]
+    table(f"{len(claims)} statements of the paper", ["of them", "number"], rows)
+    say(f"open {out}/index.html: figures 2 to 5, all errors, and why each statement holds or not")
 
 
 STUDY = "A shipped study's name (see `distal studies`) or a TOML file."

@@ -70,15 +70,17 @@ def observed_values() -> dict[str, object]:
     from Table 1.
     """
     rig = load_rig("paper-2008-observed")
+    axle = rig.joints[0].friction
+    assert axle is not None
     values: dict[str, object] = {
-        f"drives.{i}.friction.{part}": getattr(drive.friction, part).value
-        for i, drive in enumerate(rig.drives)
-        for part in ("constant", "load")
+        "joints.0.friction.preload": axle.preload.value,
+        "joints.0.friction.exponent": axle.exponent.value,
+        "joints.0.friction.reference": axle.reference,
     }
-    friction = rig.joints[0].friction
-    for name in ("preload", "exponent", "reference"):
-        value = getattr(friction, name)
-        values[f"joints.0.friction.{name}"] = getattr(value, "value", value)
+    for i, drive in enumerate(rig.drives):
+        assert drive.friction is not None
+        values[f"drives.{i}.friction.constant"] = drive.friction.constant.value
+        values[f"drives.{i}.friction.load"] = drive.friction.load.value
     return values
 
 

@@ -11,9 +11,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from benchmarks.paper_2008.series import PLANTS, SeriesRun
 from distal.arrays import Floats
 from distal.reports.page import resource
+from distal.reports.paper_2008.series import PLANTS, SeriesRun
 from distal.rig import tendon_angle_name
 
 SIDES = ("left", "right")
@@ -71,7 +71,7 @@ class Statement:
 @lru_cache(maxsize=1)
 def statements() -> tuple[Statement, ...]:
     """Return the paper's statements with the thresholds of `claims.toml`."""
-    text = resource("claims.toml", "benchmarks.paper_2008")
+    text = resource("claims.toml", "distal.reports.paper_2008")
     return tuple(
         Statement(
             key,
