@@ -249,7 +249,7 @@ def underactuated(seed: int) -> dict[str, Floats]:
     time, angles = motion(seed, 2)
     tip = 0.7 * played(angles[:, 1], 0.1)
     first, second = angles[:, 0] - 0.8 * angles[:, 1], 0.5 * angles[:, 0] + angles[:, 1]
-    motors = np.column_stack([first, second + 0.1 * tip])
+    motors = np.column_stack([first, second + 0.03 * tip])
     columns = {"t [s]": time, "m1 [rad]": motors[:, 0], "m2 [rad]": motors[:, 1]}
     for name, column in zip(("mcp", "pip", "dip"), (*angles.T, tip)):
         columns[f"{name} [deg]"] = np.rad2deg(column) + rng.normal(0.0, 0.1, len(time))

@@ -27,7 +27,8 @@ def tangent_step(mechanism: Mechanism, count: int) -> ca.Function:
     columns = 2 * mechanism.n_bodies + mechanism.n_drives
     p = mechanism.parameters.symbols
     q, v, effort = (ca.SX.sym(name, n) for name in ("q", "v", "effort"))
-    length, drift = ca.SX.sym("length"), ca.SX.sym("drift")
+    length = ca.SX.sym("length")
+    drift = ca.SX.sym("drift")
     symbols = q, v, effort, ca.SX.sym("response", n, 4), length, drift
     kick = Kick(*symbols)
     q_moved, v_moved = kick_and_drift(mechanism, kick, rebounds=False)
