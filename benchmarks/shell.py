@@ -19,6 +19,7 @@ from distal import Log, Rig, load_rig, read_log, write_log
 from distal.cli.app import app
 from distal.confidence import BAND
 from distal.errors import DistalWarning
+from distal.estimators import usual_estimator
 from distal.fitting.fitted_file import write_fitted
 from distal.logs import name_and_unit, read_table, true_angles
 from distal.rig import angle_names, torque_names
@@ -104,7 +105,7 @@ class Found:
 def estimate(
     log: Log,
     rig: Rig,
-    estimator: str = "adaptive",
+    estimator: str | None = None,
     *,
     homing: float | None = None,
     compiled: bool = True,
@@ -123,7 +124,8 @@ def estimate(
         write_rig(rig, folder / "mine.toml")
         write_log(log, rig, folder / "log.csv")
         words = ["estimate", str(folder / "log.csv"), "--rig", str(folder / "mine.toml")]
-        words += ["--out", str(folder / "out.csv"), "-e", estimator, "--unit", "rad"]
+        words += ["--out", str(folder / "out.csv"), "--unit", "rad"]
+        words += ["-e", usual_estimator(rig) if estimator is None else estimator]
         words += ["--no-what-if"]
         words += [] if homing is None else ["--homing", f"{homing:g} s"]
         with redirect_stdout(StringIO()), warnings.catch_warnings():
