@@ -1,8 +1,8 @@
 """Odd files as people's loggers write them, and what the commands make of them:
 `python -m benchmarks.odd_logs [--kind WORDS] [--keep FOLDER] [--jobs N]`.
 
-Each case is a simulated log of a hand of two motors (in `DISTAL_DATA`/cases/base, by default
-/work/shared/data) that is written the way a public report describes. A command is right if it reads
+Each case is a simulated log of a hand of two motors (in
+`DISTAL_DATA`/cases/base) that is written the way a public report describes. A command is right if it reads
 the file as it is meant: it ends well and its angles are as good as those of the clean log. Else it
 must name the cause, and the remedy that it proposes must work when followed; where no option is
 quoted and nobody can follow the words by program, only the words are judged ("by hand").
@@ -34,7 +34,7 @@ from benchmarks.report import table
 Floats = NDArray[np.float64]
 Command = list[str]
 
-BASE = Path(os.environ.get("DISTAL_DATA", "/work/shared/data")) / "cases" / "base"
+BASE = Path(os.environ.get("DISTAL_DATA", "")) / "cases" / "base"
 
 WORSE, MORE = 1.5, 0.2
 """Angles are right within so many times the RMS error on the clean log, and so much more [deg]."""
