@@ -1,9 +1,9 @@
 """Odd files as people's loggers write them, and what the commands make of them:
 `python -m benchmarks.odd_logs [--kind WORDS] [--keep FOLDER] [--jobs N]`.
 
-Each case is a simulated log of a hand of two motors (in
-`DISTAL_DATA`/cases/base) that is written the way a public report describes. A command is right if it reads
-the file as it is meant: it ends well and its angles are as good as those of the clean log. Else it
+Each case is a simulated log of a hand of two motors (in `DISTAL_DATA`/cases/base) that is written
+the way a public report describes. A command is right if it reads the file as it is meant: it ends
+well and its angles are as good as those of the clean log. Else it
 must name the cause, and the remedy that it proposes must work when followed; where no option is
 quoted and nobody can follow the words by program, only the words are judged ("by hand").
 """
