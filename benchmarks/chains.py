@@ -29,8 +29,9 @@ from distal import Log, Rig, load_rig, read_log
 from distal.confidence import BAND
 from distal.errors import DistalWarning
 from distal.estimators import AdaptiveFilter
-from distal.model import Mechanism, chain_kick, interval_step, slipping, solver, stiffest_frequency
+from distal.model import Mechanism, interval_step, slipping, solver, stiffest_frequency
 from distal.model import chain as coupled
+from distal.model import stepping as model_stepping
 from distal.rig import build_rig, step_of
 from distal.simulation import build_scenario
 from distal.simulation.simulate import motions_of, prepare
@@ -382,18 +383,18 @@ def energy() -> None:
     kinetic = ca.Function(
         "E", [q, v, p.symbols], [ca.bilin(mechanism.mass_matrix(q), v[:3], v[:3]) / 2]
     )
-    own, rows = chain_kick._middle, []
+    own, rows = model_stepping._middle, []
     for label, middle in (
         ("before the kick", lambda matrix, load, v, up, down: v),
         ("in the middle (in use)", own),
     ):
         cells = []
         for count in (5, 10, 20, 40):
-            chain_kick._middle = middle
+            model_stepping._middle = middle
             try:
                 step = interval_step(mechanism, count)
             finally:
-                chain_kick._middle = own
+                model_stepping._middle = own
             at, speed, still = np.zeros(n), np.zeros(n), np.zeros(n)
             at[:3], speed[:3] = (0.3, 0.5, 0.2), (12.0, -20.0, 30.0)
             first = float(kinetic(at, speed, p.values))

@@ -37,7 +37,7 @@ from distal import Inverse, LiveEstimator, LiveInverse, Log, Monitor, Rig, load_
 from distal.confidence import BAND
 from distal.errors import DistalWarning
 from distal.inverse import Command, Commands, Feedback
-from distal.inverse.servo_setpoints import sent
+from distal.inverse.command_trajectory import sent
 from distal.logs import FROM_SENSOR
 
 Floats = NDArray[np.float64]

@@ -36,7 +36,7 @@ MODULES = {
         f"{ESTIMATORS}/adaptive/**/*.py",
         f"{ESTIMATORS}/kalman.py",
         f"{ESTIMATORS}/channels.py",
-        "src/distal/run/smoothing.py",
+        "src/distal/run/offline.py",
     ),
     "learning": tuple(
         f"src/distal/{folder}/*.py" for folder in ("fitting", "regression", "homing")

@@ -38,7 +38,7 @@ from distal.regression import Prior
 
 Floats = NDArray[np.float64]
 
-SEARCH = "distal.fitting.map_search"
+SEARCH = "distal.fitting.learned_maps"
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from tests.support.parts import NOISE, PARTS, rig_of
 
 from benchmarks.report import table
 from distal import estimate
-from distal.model.sheath import Sheath
+from distal.model.tendon_tensions import Sheath
 
 COUNTS = (1, 2, 3, 4)
 SEEDS = (1, 2, 3)

@@ -33,7 +33,7 @@ from distal.kernels import Kernel, find_compiler, lanes_here
 from distal.logs import write_log
 from distal.model import Mechanism, substeps
 from distal.run import samples_of
-from distal.simulation.plant_kernel import plant_function
+from distal.simulation.plant import plant_function
 
 SAMPLES = 800
 ROUNDS = 5

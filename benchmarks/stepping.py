@@ -83,7 +83,7 @@ def euler(mechanism: Mechanism, count: int, implicit: bool) -> Step:
 def stop_force(
     position: ca.SX, velocity: ca.SX, low: ca.SX, high: ca.SX, stiffness: ca.SX, damping: ca.SX
 ) -> ca.SX:
-    """Return F_stop of equation (14), reconstructed; see `distal.model.stops`."""
+    """Return F_stop of equation (14), reconstructed; see `distal.model.friction`."""
     above = ca.fmax(stiffness * (position - high) + damping * velocity, 0)
     below = ca.fmin(stiffness * (position - low) + damping * velocity, 0)
     return ca.if_else(position > high, above, 0) + ca.if_else(position < low, below, 0)

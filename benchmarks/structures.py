@@ -23,13 +23,13 @@ import numpy as np
 from distal import Log, Rig, load_rig, simulate, write_log
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive.filter_function import adaptive_function
-from distal.inverse.live_command_function import LiveModel
-from distal.inverse.open_loop_rest import RestModel
+from distal.inverse.command_trajectory import RestModel
+from distal.inverse.live_inverse import LiveModel
 from distal.kernels import Feed, Kernel, Structure, advance_all, lanes_here, structure_of
 from distal.model import Mechanism
 from distal.rig import build_rig, shipped_rigs
 from distal.simulation import build_scenario
-from distal.simulation.plant_kernel import plant_function
+from distal.simulation.plant import plant_function
 
 DRAWS = 100
 

@@ -19,8 +19,8 @@ def test_a_module_touches_the_tests_that_import_it() -> None:
 
 
 def test_a_public_name_stands_for_the_module_that_it_comes_from() -> None:
-    """`from distal.run import smooth` is an import of `distal.run.smoothing`."""
-    assert "test_smoothing.py" in touched("distal.run.smoothing")
+    """`from distal.run import smooth` is an import of `distal.run.offline`."""
+    assert "test_smoothing.py" in touched("distal.run.offline")
 
 
 def test_a_test_touches_itself() -> None:

@@ -21,10 +21,9 @@ from distal import Log, Rig, Scenario, estimate, load_scenario, scenario_rig, si
 from distal.arrays import Floats
 from distal.confidence import BAND
 from distal.estimators import AdaptiveFilter, Robustness
-from distal.estimators.adaptive.drive_friction import SLOW_DECLARED, motion_of
 from distal.estimators.adaptive.drive_tracking import TRACKED, Drive, Tracks, tracking
 from distal.estimators.adaptive.filter_function import adaptive_layout
-from distal.estimators.adaptive.measurement import ROW, Rows
+from distal.estimators.adaptive.update import ROW, SLOW_DECLARED, Rows, motion_of
 from distal.model import Kick, Mechanism, kick_and_drift, responses
 from distal.results import (
     BLACK,

@@ -38,8 +38,8 @@ UNCOUNTED = {
     tokenize.DEDENT,
     tokenize.ENDMARKER,
 }
-MODULE_GOAL = 1200
-"""Modules are to be near so many tokens (CONTRIBUTING.md)."""
+MODULE_GOAL = 6000
+"""Modules have up to so many tokens."""
 
 
 def tokens_of(text: str) -> int:

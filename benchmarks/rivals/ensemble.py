@@ -11,13 +11,18 @@ from numpy.typing import NDArray
 
 from distal.estimators import Belief, KernelEstimator, Robustness, channels_of
 from distal.estimators.adaptive import FilterContext, StateVector
-from distal.estimators.adaptive.drive_friction import Comparison, Residual, compared
 from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered_position, tracking
 from distal.estimators.adaptive.filter_context import LONGEST_SUBSTEP
 from distal.estimators.adaptive.filter_inputs import states_of_rig
-from distal.estimators.adaptive.measurement import MeasurementRow, measurement_rows_of
+from distal.estimators.adaptive.update import (
+    Comparison,
+    MeasurementRow,
+    Residual,
+    compared,
+    measurement_rows_of,
+)
+from distal.estimators.estimator_protocol import StateKind
 from distal.estimators.read_channels import UNKNOWN_POSITION
-from distal.estimators.state_kinds import StateKind
 from distal.kernels import covariance_of, mean_of
 from distal.model import Kick, kick_and_drift, responses
 from distal.rig import Rig

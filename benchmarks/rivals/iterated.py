@@ -14,12 +14,10 @@ from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive import StateVector
 from distal.estimators.adaptive.drive_tracking import MEMORY, TRACKED, Tracks, tracking
 from distal.estimators.adaptive.filter_inputs import Interval, Prediction
-from distal.estimators.adaptive.internal_motion import play
 from distal.estimators.adaptive.joint_motion import moved
-from distal.estimators.adaptive.measurement import ROW, SLOPED, Rows
-from distal.estimators.adaptive.prediction import predicted, revert
+from distal.estimators.adaptive.prediction import play, predicted, revert
 from distal.estimators.adaptive.touch import DRIVE
-from distal.estimators.adaptive.update import SINCE, comparison_function, weights
+from distal.estimators.adaptive.update import ROW, SINCE, SLOPED, Rows, comparison_function, weights
 from distal.estimators.kalman import Downdate, along
 from distal.kernels import Kernel
 from distal.rig import Rig

@@ -18,13 +18,15 @@ from benchmarks.paper_search import (
     search_in_words,
     to_json,
 )
-from distal.reports.paper_2008.claims import Measure, Statement, statements
-from distal.reports.paper_2008.series import (
+from distal.reports.paper_2008.claims import (
     PLANTS,
     SERIES_1,
+    Measure,
+    Statement,
     hung_weights,
     observed_values,
     run_series,
+    statements,
 )
 
 COUNT = 12

@@ -34,7 +34,7 @@ from distal.estimators.adaptive.touch import (
     evidence_function,
     open_torques,
 )
-from distal.estimators.state_kinds import StateKind
+from distal.estimators.estimator_protocol import StateKind
 from distal.kernels.layout import MISSING, READ
 from distal.rig import contact_shape
 from distal.simulation import build_scenario

@@ -14,11 +14,10 @@ from scipy.stats import binom
 from distal import Log, Rig, estimate, load_rig, load_scenario, read_log, simulate
 from distal.confidence import BAND, COVERED
 from distal.diagnosis import why_diverged
-from distal.diagnosis.cause_search import Search
+from distal.diagnosis.cause_search import MOST_SAMPLES, PerturbedRuns, Search, derivatives_of
 from distal.diagnosis.causes import Cause, causes_of
 from distal.diagnosis.diagnose import against_truth, elsewhere, out_of_range
-from distal.diagnosis.perturbed_runs import MOST_SAMPLES, PerturbedRuns, derivatives_of
-from distal.diagnosis.score_test import LEVEL, SPAN
+from distal.diagnosis.innovation_tests import LEVEL, SPAN
 from distal.estimators import AdaptiveFilter
 from distal.results import Estimate
 from distal.run.offline import estimator_for

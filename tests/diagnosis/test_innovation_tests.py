@@ -15,11 +15,11 @@ from distal.diagnosis import diagnose_estimate as of_estimate
 from distal.diagnosis.finding import THRESHOLDS
 from distal.diagnosis.innovation_tests import (
     LONGEST_LINE,
+    SPAN,
     _neighbours,
     _since,
     statistics_of,
 )
-from distal.diagnosis.score_test import SPAN
 from distal.errors import EstimationError
 from distal.estimators import StateKind
 from tests.support.cases import paper_log, paper_rig

@@ -9,8 +9,7 @@ import pytest
 
 from distal import Log, Rig, load_rig
 from distal.arrays import Floats
-from distal.diagnosis.causes import Cause, causes_of
-from distal.diagnosis.known_motion import sizes
+from distal.diagnosis.causes import Cause, causes_of, sizes
 from distal.estimators import AdaptiveFilter
 
 ARMS = np.array([[8e-3, 0.0], [-8e-3, 0.0], [7e-3, 6e-3], [-7e-3, -6e-3]])

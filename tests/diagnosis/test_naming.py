@@ -22,10 +22,9 @@ from distal import (
     simulate,
 )
 from distal.diagnosis import Diagnosis, Finding, why_diverged
-from distal.diagnosis.cause_search import Search
+from distal.diagnosis.cause_search import PerturbedRuns, Search
 from distal.diagnosis.causes import Cause, causes_of
 from distal.diagnosis.finding import named_cause
-from distal.diagnosis.perturbed_runs import PerturbedRuns
 from distal.errors import DivergedError
 from distal.estimators import AdaptiveFilter
 from distal.rig import log_factor

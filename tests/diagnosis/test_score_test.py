@@ -8,7 +8,14 @@ from scipy.signal import lfilter
 from scipy.stats import binom
 
 from distal.arrays import Floats
-from distal.diagnosis.score_test import LEVEL, SPAN, ScoreTest, independent, quantile, span_sums
+from distal.diagnosis.innovation_tests import (
+    LEVEL,
+    SPAN,
+    ScoreTest,
+    independent,
+    quantile,
+    span_sums,
+)
 
 TIME = np.arange(2000) / 100.0
 SEEDS = 600

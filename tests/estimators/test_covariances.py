@@ -98,7 +98,7 @@ def test_maps_keep_it_one_in_logs_and_live(rig_name: str) -> None:
 
 def test_the_report_is_g_p_g_plus_u() -> None:
     """Against numpy, of a state in the middle and one whose error is replaced."""
-    from distal.estimators.belief import Report
+    from distal.estimators.estimator_protocol import Report
 
     rng = np.random.default_rng(0)
     root = rng.normal(size=(4, 4))
@@ -118,7 +118,7 @@ def test_the_report_is_g_p_g_plus_u() -> None:
 
 
 def test_two_maps_are_independent_of_each_other() -> None:
-    from distal.estimators.belief import Report
+    from distal.estimators.estimator_protocol import Report
 
     blocks = [np.array([[1.0, 0.5], [0.5, 1.0]]), np.ones((1, 1))]
     report = Report.behind(0, [[0, 1], [2]], blocks)

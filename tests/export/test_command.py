@@ -17,7 +17,7 @@ from distal.errors import ExportError
 from distal.export import export_c
 from distal.export.command_source import c_command
 from distal.export.filter_source import c_filter
-from distal.inverse.motor_readings import USUAL
+from distal.inverse.goal_gate import USUAL
 from distal.kernels.compiler import find_compiler
 from tests.export.helpers import missing_tools
 from tests.export.test_microcontroller import cases, measure

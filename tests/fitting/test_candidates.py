@@ -12,14 +12,16 @@ from distal import Log, Rig, load_rig, simulate
 from distal.fitting.candidates import (
     AS_GIVEN,
     BY_EQUATIONS,
+    REGRESSION,
+    WRITTEN,
     Training,
     filter_candidate,
+    judge,
     parameters_without,
 )
-from distal.fitting.choice_of_parameters import Options
-from distal.fitting.cross_validation import REGRESSION, WRITTEN, judge
+from distal.fitting.free_parameters import Options
 from distal.fitting.learn_free_motion import untouched
-from distal.fitting.map_samples import filtered
+from distal.fitting.learned_maps import filtered
 from distal.fitting.parameter_estimates import ParameterEstimates
 from distal.fitting.result import Fit
 from distal.regression import YARDSTICKS, Samples
@@ -164,7 +166,7 @@ def test_a_rig_as_it_came_keeps_its_numbers(others: list[Log]) -> None:
 def test_a_filter_that_leaves_all_bounds_is_no_candidate(
     others: list[Log], alone: Fit, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    map_samples = import_module("distal.fitting.map_samples")
+    map_samples = import_module("distal.fitting.learned_maps")
     run = map_samples._filtered
 
     def wild(*arguments: object) -> Samples:

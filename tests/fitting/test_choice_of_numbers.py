@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from distal import load_rig
-from distal.fitting.choice_of_parameters import _coarse
-from distal.fitting.free_parameter import NOISY, POINTS, Free
+from distal.fitting.free_parameters import NOISY, POINTS, Free, _coarse
 
 
 @pytest.mark.parametrize(

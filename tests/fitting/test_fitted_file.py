@@ -12,13 +12,22 @@ import tomlkit
 
 from distal import Rig, fit, load_rig
 from distal.errors import DistalWarning, RigError
-from distal.fitting import cross_validation as judging
-from distal.fitting.candidates import Candidate, MissingTerm, Training, filter_candidate, with_parts
-from distal.fitting.choice_of_parameters import Options
-from distal.fitting.cross_validation import WRITTEN, Compared, Judged, Score, readings_map
-from distal.fitting.fitted_file import plain_value
+from distal.fitting import candidates as judging
+from distal.fitting.candidates import (
+    WRITTEN,
+    Candidate,
+    Compared,
+    Judged,
+    MissingTerm,
+    Score,
+    Training,
+    filter_candidate,
+    readings_map,
+    with_parts,
+)
+from distal.fitting.free_parameters import Options
 from distal.fitting.parameter_estimates import among_models, parameters_of, problem_of
-from distal.fitting.result import Fit
+from distal.fitting.result import Fit, plain_value
 from distal.rig import build_rig, parse_toml
 from tests.support.foreign_plants import finger_log, finger_rig
 
@@ -216,7 +225,7 @@ def test_what_does_not_fit_into_the_text_is_written_anew(
     found: Found, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A result is not lost for the comments of a file."""
-    monkeypatch.setattr("distal.fitting.fitted_file._put_into", lambda *_: text)
+    monkeypatch.setattr("distal.fitting.result._put_into", lambda *_: text)
     candidate = next(c for c in found.candidates if c.parameters is not None)
     assert candidate.parameters is not None
     result = found.learned(candidate)

@@ -13,9 +13,8 @@ import pytest
 from distal import Log, Rig, load_rig
 from distal.confidence import BAND
 from distal.errors import DivergedError
-from distal.fitting.candidates import Training
-from distal.fitting.choice_of_parameters import Options
-from distal.fitting.cross_validation import WRITTEN, Compared, Score
+from distal.fitting.candidates import WRITTEN, Compared, Score, Training
+from distal.fitting.free_parameters import Options
 from distal.fitting.learn_free_motion import untouched
 from distal.rig.validation import angle_names
 

@@ -13,7 +13,6 @@ import pytest
 from distal import Log, Rig, load_rig, simulate
 from distal.fitting import Options
 from distal.fitting.candidates import Tried, parameters_without, terms_of, tried_parts
-from distal.fitting.fit_filter import FitFilter
 from distal.fitting.inverse_dynamics import (
     INTERVAL,
     TURNING_SHARE,
@@ -21,13 +20,14 @@ from distal.fitting.inverse_dynamics import (
     InverseProblem,
     inverse_problem,
 )
+from distal.fitting.objective import FitFilter
 from distal.fitting.parameter_estimates import (
     ParameterEstimates,
     among_models,
     by_equations,
     problem_of,
 )
-from distal.homing.reference import with_references
+from distal.homing.home import with_references
 from distal.logs import true_angles
 from distal.rig import build_rig
 from tests.support.foreign_plants import finger_log, finger_rig

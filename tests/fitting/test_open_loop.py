@@ -12,7 +12,7 @@ import pytest
 
 from distal import Log, Rig, fit, load_rig
 from distal.errors import FitError
-from distal.fitting.choice_of_parameters import Options
+from distal.fitting.free_parameters import Options
 from distal.fitting.objective import Problem
 from distal.fitting.parameter_estimates import problem_of
 from distal.kernels.layout import COMPARED_ONLY, READ

@@ -12,8 +12,7 @@ from distal import Log, Rig
 from distal.errors import CommandError
 from distal.estimators import RegressionEstimator, make_estimator, usual_estimator
 from distal.fitting.candidates import Candidate, answer_maps
-from distal.fitting.learned_maps import MapFit, pooled, with_shares
-from distal.fitting.map_search import HeldOut
+from distal.fitting.learned_maps import HeldOut, MapFit, pooled, with_shares
 from distal.regression import Samples
 from distal.rig import check_scales
 from tests.learned_maps import drawn_map

@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 
 from distal import Log, Rig, load_rig
-from distal.fitting.free_parameter import FittedParameter, assignments
-from distal.fitting.learned_maps import MapFit, with_its_reference_error
-from distal.fitting.map_samples import (
+from distal.fitting.free_parameters import FittedParameter, assignments
+from distal.fitting.learned_maps import (
+    HeldOut,
+    MapFit,
     filtered,
     reference_offset,
     reference_std,
+    with_its_reference_error,
     without_offset,
 )
-from distal.fitting.map_search import HeldOut
 from distal.logs import FROM_SENSOR, TruthKind, TruthSource
 from distal.regression import Samples
 
@@ -119,7 +120,7 @@ def test_an_offset_is_taken_off_only_where_an_encoder_is_the_truth(
     """A truth of another file has no encoder that may be askew, and a homing move takes off what
     there is.
     """
-    monkeypatch.setattr("distal.fitting.map_samples._filtered", lambda *arguments: lacking(1e-3))
+    monkeypatch.setattr("distal.fitting.learned_maps._filtered", lambda *arguments: lacking(1e-3))
     given = log(TruthSource(TruthKind(kind), "it"))
     data, refused = filtered([given, given], [rig.bare()] * 2, homing, False)
     assert (refused, list(data)) == ([], [0, 1])

@@ -9,7 +9,7 @@ import pytest
 
 from distal import Log, Rig
 from distal.fitting.late_reference import reference_lag, said_of_lag, without_lag
-from distal.fitting.map_search import clearly_gains
+from distal.fitting.learned_maps import clearly_gains
 from tests.support.foreign_plants import finger_log, finger_rig
 
 

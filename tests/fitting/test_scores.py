@@ -9,11 +9,16 @@ import pytest
 
 from distal.confidence import BAND
 from distal.estimators import samples_of_angles
-from distal.fitting.candidates import Training
-from distal.fitting.choice_of_parameters import Options
-from distal.fitting.cross_validation import REGRESSION, WRITTEN, Score, comparisons, readings_map
-from distal.fitting.map_samples import SETTLING
-from distal.fitting.map_search import HeldOut
+from distal.fitting.candidates import (
+    REGRESSION,
+    WRITTEN,
+    Score,
+    Training,
+    comparisons,
+    readings_map,
+)
+from distal.fitting.free_parameters import Options
+from distal.fitting.learned_maps import SETTLING, HeldOut
 from distal.regression import yardstick_error
 from tests.support.foreign_plants import finger_log, finger_rig
 

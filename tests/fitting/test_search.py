@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from distal.fitting.free_parameter import Free
-from distal.fitting.likelihood import Derivatives, SearchSettings
-from distal.fitting.likelihood_search import (
+from distal.fitting.free_parameters import Free
+from distal.fitting.objective import Derivatives, SearchSettings
+from distal.fitting.parameter_estimates import (
     first_widths,
     hessian,
     search,

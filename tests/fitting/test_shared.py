@@ -6,8 +6,7 @@ import pytest
 
 from distal import Rig, load_rig
 from distal.errors import FitError
-from distal.fitting.choice_of_parameters import choose
-from distal.fitting.free_parameter import FittedParameter, assignments
+from distal.fitting.free_parameters import FittedParameter, assignments, choose
 
 SPOOL = {"name": "spool", "std": 0.1}
 PATHS = ("tendons.0.stiffness", "tendons.1.stiffness")

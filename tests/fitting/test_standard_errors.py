@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from distal.fitting.free_parameter import Free
-from distal.fitting.likelihood import Derivatives
-from distal.fitting.parameter_estimates import _staying
-from distal.fitting.standard_errors import covariance_at, errors_holding
+from distal.fitting.free_parameters import Free
+from distal.fitting.objective import Derivatives
+from distal.fitting.parameter_estimates import _staying, covariance_at, errors_holding
 
 Floats = NDArray[np.float64]
 

@@ -9,8 +9,7 @@ import pytest
 
 from distal import Log, estimate, fit
 from distal.errors import FitError
-from distal.fitting.candidates import AS_GIVEN
-from distal.fitting.cross_validation import REGRESSION, WRITTEN
+from distal.fitting.candidates import AS_GIVEN, REGRESSION, WRITTEN
 from tests.support.foreign_plants import finger_log, finger_rig, hand_log, hand_rig
 
 

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from distal.errors import LogError
-from distal.from_logs.column_names import ROLES, name_evidence, with_families
-from distal.from_logs.column_values import _step, value_evidence
-from distal.from_logs.columns import Overrides, column_roles
-from distal.from_logs.raw_log import RawLog
+from distal.from_logs.column_names import ROLES, _step, name_evidence, value_evidence, with_families
+from distal.from_logs.motion_data import RawLog
+from distal.from_logs.rig_from_logs import Overrides, column_roles
 from tests.from_logs.logs import finger
 
 NO_OVERRIDES = Overrides(drives={})

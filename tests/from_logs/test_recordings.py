@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from distal import read_log
 from distal.cli.app import app
 from distal.from_logs import rig_from_logs
-from distal.logs.recordings import recorded_columns
+from distal.logs.tables import recorded_columns
 from tests.from_logs.logs import Floats, finger
 
 MOTORS, JOINTS = ("a", "b", "c"), ("mcp", "pip")

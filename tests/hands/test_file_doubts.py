@@ -13,12 +13,11 @@ import pytest
 from distal import Rig
 from distal.errors import RigError
 from distal.hands import Fault, calibrate
-from distal.hands.file_doubts import doubts_of
+from distal.hands.calibrate import doubts_of
 from distal.hands.hand import _without_zero
-from distal.hands.sweeps import Sweep
+from distal.hands.power_on_routine import Sweep
 from distal.rig import load_rig
-from distal.rig.hand_tables.rig_of_table import hand_of
-from distal.rig.hand_tables.table_rows import Row
+from distal.rig.hand_tables.rig_of_table import Row, hand_of
 from tests.support.hands import calibrated, rig_of
 from tests.support.servo_hands import orca_like
 

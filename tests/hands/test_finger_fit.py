@@ -15,10 +15,9 @@ from scipy.optimize import least_squares
 from distal import Rig, estimate
 from distal.cli.fit_command import _show
 from distal.hands import calibrate, finger_fit
-from distal.hands.sweeps import Sweep, is_pair, needed, winds_to
+from distal.hands.power_on_routine import Sweep, is_pair, needed, winds_to
 from distal.rig import Capstan, Number, independent_parts, number
-from distal.rig.hand_tables.rig_of_table import hand_of
-from distal.rig.hand_tables.table_rows import Row
+from distal.rig.hand_tables.rig_of_table import Row, hand_of
 from tests.support.hands import calibrated, log_of, motion, ratio, rig_of
 from tests.support.servo_hands import aero_like, orca_like
 

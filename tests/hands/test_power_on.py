@@ -13,8 +13,8 @@ import pytest
 from distal import estimate
 from distal.errors import CommandError, FitError, LogError
 from distal.hands import Calibrated, Routine, RoutineOptions, calibrate
-from distal.hands.sweeps import sweeps_of
-from distal.hands.tendon_faults import faults_of, slack_of
+from distal.hands.calibrate import faults_of, slack_of
+from distal.hands.power_on_routine import sweeps_of
 from distal.logs import Log
 from distal.rig import Capstan, Rig, number
 from tests.support.hands import calibrated, log_of, motion, ratio, rig_of

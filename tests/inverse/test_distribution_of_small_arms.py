@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from distal.inverse.tension_distribution import least_pulls, solved
+from distal.inverse.feedforward import least_pulls, solved
 
 
 @pytest.mark.parametrize("size", [1.0, 5e-3, 1e-4])

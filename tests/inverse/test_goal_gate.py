@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from distal import Rig, load_rig
-from distal.inverse.goal_gate import GoalGate
-from distal.inverse.motor_readings import USUAL
+from distal.inverse.goal_gate import USUAL, GoalGate
 from distal.logs import Limits
 
 PERIOD = 0.01

@@ -15,7 +15,7 @@ from scipy.optimize import linprog
 from distal import Rig, load_rig
 from distal.errors import CommandError
 from distal.inverse import Commands, Inverse
-from distal.inverse.tension_distribution import least_pulls
+from distal.inverse.feedforward import least_pulls
 from distal.rig import number
 from distal.study.design_space import draws_of
 from tests.learned_maps import constant_map

@@ -14,10 +14,9 @@ from hypothesis import strategies as st
 from distal import Inverse, LiveInverse, Rig, load_rig
 from distal.errors import CommandError
 from distal.inverse import Feedback
-from distal.inverse.live_command_function import RESPONDS, SMOOTHED, guide_function, readings
-from distal.inverse.live_inverse import ACROSS
-from distal.inverse.pid import LEAVES
-from distal.inverse.servo_setpoints import followable, sent
+from distal.inverse.command_trajectory import followable, sent
+from distal.inverse.feedforward import LEAVES
+from distal.inverse.live_inverse import ACROSS, RESPONDS, SMOOTHED, guide_function, readings
 from tests.learned_maps import constant_map
 from tests.support.commands import driven, hunts, inextensible, live_law, run
 from tests.support.servo_plants import PERIOD, Ropes

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from distal.kernels import Kernel, cache_folder
-from distal.kernels.cache import check_own
+from distal.kernels.compiler import check_own
 from tests.kernels.test_kernels import small_function
 
 

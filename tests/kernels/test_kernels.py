@@ -17,7 +17,7 @@ import pytest
 from distal import Rig, load_scenario, make_estimator, scenario_rig, simulate
 from distal.errors import KernelWarning
 from distal.kernels import Kernel, c_source, find_compiler, kernel
-from distal.kernels.cache import Cache, digest
+from distal.kernels.compiler import Cache, digest
 from distal.run import samples_of
 
 pytestmark = pytest.mark.usefixtures("as_users_compile")

@@ -23,8 +23,7 @@ from distal.estimators import external_torques_of, make_estimator
 from distal.kernels import Kernel
 from distal.model import Mechanism
 from distal.rig import number
-from distal.simulation.plant_kernel import plant_function
-from distal.simulation.plant_motion import BodyInputs, at_rest
+from distal.simulation.plant import BodyInputs, at_rest, plant_function
 from tests.browser import BROWSER, Page, opened
 
 pytestmark = [

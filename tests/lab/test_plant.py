@@ -19,8 +19,7 @@ from distal.errors import ExportError
 from distal.kernels import Kernel
 from distal.model import Mechanism
 from distal.rig import Sensor, gain_of, step_of, travel_of
-from distal.simulation.plant_kernel import plant_function
-from distal.simulation.plant_motion import at_rest
+from distal.simulation.plant import at_rest, plant_function
 from tests.export.test_export import CC, STRICT, needs_compiler
 
 pytestmark = needs_compiler

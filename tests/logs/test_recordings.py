@@ -12,7 +12,7 @@ import pytest
 from distal import Log, Rig, estimate, load_scenario, read_log, scenario_rig, simulate
 from distal.errors import DistalWarning, LogError
 from distal.logs import open_table
-from distal.logs.recordings import _stamped, recorded_columns
+from distal.logs.tables import _stamped, recorded_columns
 
 TOPICS = {
     "x1": "/left.position[0]",

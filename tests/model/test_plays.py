@@ -17,8 +17,7 @@ from scipy.optimize import bisect
 from distal import Rig, load_rig, simulate
 from distal.errors import RigError
 from distal.model import Mechanism, stiffest_frequency
-from distal.model.plays import Bounds, balanced, gap
-from distal.model.sheath import Sheath, _equal_tensions
+from distal.model.tendon_tensions import Bounds, Sheath, _equal_tensions, balanced, gap
 from distal.simulation import build_scenario
 from tests.support.cable import Cable
 

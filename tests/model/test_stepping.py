@@ -20,8 +20,15 @@ from distal.model import (
     stiffest_frequency,
     substeps,
 )
-from distal.model.friction import Limit
-from distal.model.stops import Flight, Push, Stop, bounce, kick_at_stops, velocity_in_stops
+from distal.model.friction import (
+    Flight,
+    Limit,
+    Push,
+    Stop,
+    bounce,
+    kick_at_stops,
+    velocity_in_stops,
+)
 from tests.helpers import NaiveRig, rms_degrees, without_stops
 
 DT = 0.01

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from distal.confidence import BAND
-from distal.fitting.map_search import Task, _share, density, learned_map
+from distal.fitting.learned_maps import Task, _share, density, learned_map
 from distal.regression import Prior, Samples, Shape, features_along, given
 from distal.regression.posterior import Evidence, Weights, _noise, _variances
 from distal.rig import LearnedMap

@@ -11,7 +11,7 @@ import pytest
 
 from distal.errors import OutputError
 from distal.reports.paper_2008 import GROUPS, reproduce, steps
-from distal.reports.paper_2008.figures import FIGURES
+from distal.reports.paper_2008.page import FIGURES
 
 
 def test_the_figures_of_the_paper_have_names() -> None:

@@ -1,4 +1,4 @@
-"""Colours stand once, in results/plot_style.py."""
+"""Colours stand once, in results/plots.py."""
 
 from __future__ import annotations
 

@@ -10,8 +10,7 @@ import pytest
 from distal import Rig, load_rig
 from distal.rig import position_range
 from distal.rig.joints import REACH
-from distal.rig.sensors.base import POSITION, drive_travel
-from distal.rig.sensors.forces import FORCE, largest_effort
+from distal.rig.sensors import FORCE, POSITION, drive_travel, largest_effort
 
 
 def test_a_command_is_ahead_of_its_drive_by_its_speed_times_the_lag() -> None:

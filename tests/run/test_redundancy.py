@@ -12,8 +12,8 @@ import pytest
 
 from distal import LiveEstimator, Log, Monitor, Rig, diagnose, estimate, load_rig, log_health
 from distal.errors import RigError
-from distal.fitting.fitted_file import write_fitted
 from distal.fitting.learn_free_motion import efforts_of
+from distal.fitting.result import write_fitted
 from distal.kernels import Feed, advance
 from distal.regression import features_along
 from distal.regression.features import Shape

@@ -9,7 +9,7 @@ from distal import Rig, load_rig, simulate
 from distal.model import Mechanism
 from distal.rig import independent_parts
 from distal.simulation import Scenario
-from distal.simulation.plant_kernel import parts_of_plant
+from distal.simulation.plant import parts_of_plant
 from tests.hand_rigs import hand
 
 

@@ -12,7 +12,7 @@ from distal.errors import ScenarioError
 from distal.model import Mechanism
 from distal.rig import angle_names
 from distal.simulation import build_scenario
-from distal.simulation.readings import Sampler, stamps_of
+from distal.simulation.simulate import Sampler, stamps_of
 
 EXAMPLE = """
 rig = "paper-2008-printed"

@@ -14,8 +14,7 @@ from distal.errors import StudyError
 from distal.reports import study_report
 from distal.study import Plan, Space, space_of
 from distal.study.answer import Answer, Verdict, answer_of, proportion
-from distal.study.execution import Columns
-from distal.study.runs import MEASURES
+from distal.study.runs import MEASURES, Columns
 from distal.units import quantity
 from tests.study.plans import small
 

@@ -16,7 +16,7 @@ import pytest
 from distal.errors import Content, OutputError, StudyError
 from distal.logs import outputs
 from distal.study import Plan, open_folder, run_study, space_of
-from distal.study.execution import Columns
+from distal.study.runs import Columns
 from tests.study.plans import RAW, small
 
 pytest.importorskip("pyarrow")
@@ -174,7 +174,7 @@ def until(there: object, seconds: float = 90.0) -> None:
 def test_other_processes_of_the_caller_go_on() -> None:
     from multiprocessing import get_context
 
-    from distal.study.execution import _by_processes
+    from distal.study.runs import _by_processes
 
     child = get_context("spawn").Process(target=time.sleep, args=(60.0,))
     child.start()
@@ -205,7 +205,7 @@ def test_a_study_stops_where_all_its_first_runs_fail_alike(
         ran.append(designs)
         return failing(plan, designs)
 
-    monkeypatch.setattr("distal.study.execution.run_chunk", run)
+    monkeypatch.setattr("distal.study.runs.run_chunk", run)
     plan, folder = many(), open_folder(many(), tmp_path / "latin")
     with pytest.raises(
         StudyError, match="the first 48 runs failed alike, so the study stops: no room; mend that"

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 from distal import Log, Rig
 from distal.estimators import channels_of, parts_of, samples_of_angles
-from distal.fitting.learned_maps import map_of
-from distal.fitting.map_samples import filtered
+from distal.fitting.learned_maps import filtered, map_of
 from distal.logs import true_angles
 from distal.parallel import one_blas_thread
 from distal.regression import folds_of

@@ -12,7 +12,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.codegen import Emitter, Plain
 from distal.errors import ExportError
-from distal.export.c_text import (
+from distal.export.filter_source import (
     Translated,
     checked_name,
     filled,
@@ -24,10 +24,8 @@ from distal.kernels import Kernel
 from distal.model import Mechanism
 from distal.rig import Rig, gain_of, step_of, travel_of
 from distal.sensor_errors import SENSOR, reading
-from distal.simulation.plant_kernel import plant_function
-from distal.simulation.plant_motion import BodyInputs, at_rest, equilibrium
-from distal.simulation.readings import moment_of
-from distal.simulation.simulate import intervals_of
+from distal.simulation.plant import BodyInputs, at_rest, equilibrium, plant_function
+from distal.simulation.simulate import intervals_of, moment_of
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,12 @@ import tomlkit
 from numpy.typing import NDArray
 
 from distal.errors import RigError
-from distal.fitting.fitted_file import plain_value
+from distal.fitting.result import plain_value
 from distal.kernels import kernel_of, structure_of
 from distal.model import Mechanism
 from distal.rig import Rig, as_rig
-from distal.rig.mjcf.loading import EMBEDDED
-from distal.simulation.plant_kernel import (
+from distal.rig.mjcf.bodies import EMBEDDED
+from distal.simulation.plant import (
     hysteretic,
     inside_function,
     internal_friction,

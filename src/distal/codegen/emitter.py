@@ -13,16 +13,18 @@ from itertools import chain, count
 
 import casadi as ca
 
-from distal.codegen.memory import Memory, Value, for_each
 from distal.codegen.number_types import BINARY, CodeError, Dialect
 from distal.codegen.workspace import (
     Dataflow,
+    Memory,
     Placement,
     Step,
+    Value,
     Workspace,
     WriteFunction,
     Writer,
     Written,
+    for_each,
     framed,
 )
 from distal.codegen.writers import (

@@ -11,9 +11,8 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from distal.codegen.memory import Value, for_each, shifted
 from distal.codegen.number_types import CodeError
-from distal.codegen.workspace import Step, Workspace
+from distal.codegen.workspace import Step, Value, Workspace, for_each, shifted
 
 
 def argument(work: Workspace, step: Step) -> list[str]:

@@ -7,14 +7,17 @@ from distal.control.closed_loop import (
     ENCODER,
     RATIO,
     ClosedLoop,
+    ControlledPlant,
     Controller,
+    SteppedPlant,
+    Tracking,
     closed_loop,
+    plot_control,
     run_controller,
     simulate,
+    trackings_of,
 )
-from distal.control.controlled_plant import ControlledPlant, SteppedPlant
 from distal.control.controllers import PID
-from distal.control.tracking import Tracking, plot_control, trackings_of
 
 __all__ = [
     "COMMAND",

@@ -1,26 +1,237 @@
-"""A controller in the loop, period after period: plant, sensors, estimator, controller."""
+"""A simulated plant that a controller drives: it goes on by one period at a time and gives what its
+sensors read.
+
+A controller in the loop, period after period: plant, sensors, estimator, controller.
+
+How well a controlled joint keeps to its reference: in numbers, and as a figure that compares
+several feedbacks.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import ceil, exp, inf, isfinite, nan
 from pathlib import Path
-from typing import TypeAlias
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 import numpy as np
 
 from distal.arrays import Floats
-from distal.control.controlled_plant import ControlledPlant, SteppedPlant
+from distal.confidence import BAND, COVERED_TEXT
 from distal.control.controllers import PID, CommandedForces
-from distal.errors import ControlError, did_you_mean
+from distal.errors import ControlError, ScenarioError, did_you_mean
 from distal.estimators import ESTIMATORS, usual_estimator
+from distal.kernels import Feed, advance
 from distal.logs import Log
+from distal.results import (
+    BLACK,
+    SOFT,
+    band_colour,
+    curve_style,
+    figure,
+    legend_above,
+    save_figure,
+)
 from distal.rig import Rig, as_rig
 from distal.run import LiveEstimator, Monitor, Reading
 from distal.sensor_errors import quantisation_variance, quantised_values
 from distal.simulation import Control, Scenario, load_scenario, simulate_plant
-from distal.simulation.plant_motion import check_names
+from distal.simulation.plant import (
+    PlantMotion,
+    at_rest,
+    check_names,
+    plant_kernel,
+    rows_of,
+)
+from distal.simulation.simulate import Sampler, log_of, prepare, stamps_of
 from distal.units import to_si
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class SteppedPlant(Protocol):
+    """What a plant must offer to be driven by a controller, period after period."""
+
+    @property
+    def rig(self) -> Rig:
+        """The rig as filters know it."""
+
+    @property
+    def time(self) -> float:
+        """Time since the start [s]."""
+
+    @property
+    def finished(self) -> bool:
+        """Whether the plant has no further period."""
+
+    @property
+    def angles(self) -> Floats:
+        """True angles of the joints now [rad], (n_joints,)."""
+
+    def reset(self, seed: int = 0) -> list[tuple[float, Floats]]:
+        """Go back to the start and return the samples at time zero."""
+
+    def step(self, commands: Mapping[str, float]) -> list[tuple[float, Floats]]:
+        """Go on by one period with the `commands` by drive [N or N m]. Return the samples in it:
+        stamps [s], and values in the order of the rig's sensors [SI].
+        """
+
+    def log(self) -> Log:
+        """Return what the sensors have read so far, with the truth beside it."""
+
+
+class ControlledPlant:
+    """A scenario on a rig whose drives a controller commands: call `reset`, then `step` for each
+    `period` [s].
+
+    A command is a force of a slider [N] or a torque of a capstan [N m]; it is added to what the
+    scenario does. The drive's `limit` cuts it and the drive follows it with its `lag`. A negative
+    command of a slider counts as zero, since it cannot push its tendons.
+
+    Raises:
+        ControlError: the period is too short, or longer than the scenario.
+        ScenarioError: the scenario does not fit the rig.
+    """
+
+    def __init__(
+        self, rig: Rig | str | Path, scenario: Scenario | str | Path, period: float
+    ) -> None:
+        if not period > 0.0:
+            raise ControlError(f"period: a time above 0 s, {period:g} s came")
+        prepared = prepare(rig, scenario, period=period)
+        if period > prepared.scenario.duration:
+            raise ControlError(
+                f"period: {period:g} s is longer than the scenario, "
+                f"{prepared.scenario.duration:g} s"
+            )
+        self.prepared = prepared
+        self.rig = prepared.rig
+        self.period = period
+        self.plant = prepared.plant
+        self._drives = prepared.plant.rig.drives
+        self._kernel = plant_kernel(prepared.plant, prepared.count)
+        self.begin = at_rest(prepared.plant, prepared.inputs, prepared.start, self._kernel)
+        self._per_period = round(period / prepared.dt)
+        self._all_rows = rows_of(prepared.inputs, prepared.dt)
+        self._stamps = stamps_of(prepared.plant.rig, 0.0, prepared.scenario.duration)
+        latest = max((sensor.delay for sensor in prepared.plant.rig.sensors), default=0.0)
+        self._looks_back = ceil(latest / prepared.dt) + self._per_period + 1
+        self._shares, self._lowest, self._highest = drive_parameters(
+            prepared.plant.rig, prepared.dt
+        )
+        self.reset()
+
+    @property
+    def time(self) -> float:
+        """Time since the start [s]."""
+        return self._done * self.prepared.dt
+
+    @property
+    def finished(self) -> bool:
+        """Whether the scenario is over."""
+        return self._done >= len(self._all_rows)
+
+    @property
+    def angles(self) -> Floats:
+        """True angles of the joints now [rad], (n_joints,)."""
+        return self._y[self._done, : self.plant.n_joints].copy()
+
+    def reset(self, seed: int = 0) -> list[tuple[float, Floats]]:
+        """Go back to the start and return the samples at time zero; see `step`."""
+        rig = self.plant.rig
+        (self._kernel_state, first) = self.begin
+        self._done = 0
+        self._taken = 0
+        self._y = np.full((len(self._all_rows) + 1, first.shape[1]), np.nan)
+        self._y[0] = first[0]
+        self._rows = self._all_rows.copy()
+        self._efforts: Floats = np.zeros(len(self._drives))
+        self._samples = np.full((len(self._stamps), len(rig.sensors)), np.nan)
+        self._sampler = Sampler(self.plant, seed)
+        return self._read()
+
+    def step(self, commands: Mapping[str, float]) -> list[tuple[float, Floats]]:
+        """Go on by one period and return the samples in it: their stamps [s] and the sensors'
+        values [SI], NaN for a sensor without one.
+
+        Args:
+            commands: by drive [N or N m]; a drive that is missing gets none.
+
+        Raises:
+            ControlError: there is no such drive, a command is no number, or the scenario is over.
+            ScenarioError: the motion left all bounds.
+        """
+        if self.finished:
+            raise ControlError("the scenario is over; call reset")
+        desired: Floats = np.clip(self._checked(commands), self._lowest, self._highest)
+        end = min(self._done + self._per_period, len(self._rows))
+        drives = slice(self.plant.n_joints, self.plant.n_bodies)
+        for row in self._rows[self._done : end]:
+            self._efforts += self._shares * (desired - self._efforts)
+            row[drives] += self._efforts
+        feed = Feed(self._kernel_state, self._rows[self._done : end], self.plant.parameters.values)
+        kernel_states, ys = advance(self._kernel, feed)
+        self._kernel_state = kernel_states[-1]
+        self._y[self._done + 1 : end + 1] = ys
+        try:
+            PlantMotion(self.plant, ys).check()
+        except ScenarioError as problem:
+            pulls = ", ".join(
+                f"{drive.name} {pull:.3g}" for drive, pull in zip(self._drives, self._efforts)
+            )
+            raise ScenarioError(f"at {self.time:g} s, commands {pulls}: {problem}") from None
+        self._done = end
+        return self._read()
+
+    def log(self) -> Log:
+        """Return what the sensors have read so far, with the truth beside it."""
+        motion = PlantMotion(self.plant, self._y[: self._done + 1])
+        grid: Floats = self.prepared.dt * np.arange(self._done + 1, dtype=np.float64)
+        read = self._samples[: self._taken]
+        return log_of(motion, grid, self._stamps[: self._taken], read, self.prepared.scenario)
+
+    def _checked(self, commands: Mapping[str, float]) -> Floats:
+        names = [drive.name for drive in self._drives]
+        desired = np.zeros(len(names))
+        for name, command in commands.items():
+            if name not in names:
+                raise ControlError(
+                    f"the controller commands '{name}', the rig has no such "
+                    f"drive{did_you_mean(name, names)}"
+                )
+            if not isinstance(command, (int, float, np.floating, np.integer)) or not isfinite(
+                command
+            ):
+                raise ControlError(
+                    f"the controller's command for '{name}' at {self.time:g} s is no number: "
+                    f"{command!r}"
+                )
+            desired[names.index(name)] = command
+        return desired
+
+    def _read(self) -> list[tuple[float, Floats]]:
+        """Return the samples whose stamps have come."""
+        end = int(np.searchsorted(self._stamps, self.time + 1e-9, side="right"))
+        stamps = self._stamps[self._taken : end]
+        rows = np.arange(max(0, self._done - self._looks_back), self._done + 1)
+        grid: Floats = self.prepared.dt * rows.astype(np.float64)
+        samples = self._sampler.read(self._y[rows], grid, stamps)
+        self._samples[self._taken : end] = samples
+        self._taken = end
+        return [*zip(stamps.tolist(), samples)]
+
+
+def drive_parameters(rig: Rig, dt: float) -> Floats:
+    """Return three numbers of each drive, (3, n_drives): the share of a change of its command that
+    it follows within an interval `dt` [s], and the lowest and highest command.
+    """
+    shares = [1.0 - exp(-dt / drive.lag) if drive.lag > 0.0 else 1.0 for drive in rig.drives]
+    high = [inf if drive.limit is None else drive.limit for drive in rig.drives]
+    low = [0.0 if drive.kind == "slider" else -bound for drive, bound in zip(rig.drives, high)]
+    return np.array([shares, low, high])
+
 
 Controller: TypeAlias = Callable[[float, Mapping[str, float], Reading], Mapping[str, float]]
 """Function (time [s], readings by sensor [SI], estimate) → commands by drive [N or N m]."""
@@ -271,3 +482,95 @@ def _estimator(rig: Rig, name: str) -> Teller:
     monitor = Monitor(LiveEstimator(rig, name))
     at = [rig.sensor_names.index(channel) for channel in monitor.channels]
     return lambda stamp, values: monitor.take(stamp, values[at])
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """How one joint keeps to its reference.
+
+    Args:
+        rms: of the true angle's deviation from the reference [rad].
+        effort: RMS of all commands [N or N m].
+        estimate_rms: RMS error of the angle that the controller was told [rad].
+    """
+
+    joint: str
+    rms: float
+    effort: float
+    estimate_rms: float
+
+
+def trackings_of(run: ClosedLoop) -> tuple[Tracking, ...]:
+    """Return how each controlled joint that has a reference keeps to it."""
+    names = run.rig.joint_names
+    effort = float(np.sqrt(np.mean([np.mean(commands**2) for commands in run.commands.values()])))
+    trackings = []
+    for name, reference in run.references.items():
+        j = names.index(name)
+        angle = run.angles[:, j]
+        errors = run.estimates[:, j] - run.angles[:, j]
+        errors = errors[np.isfinite(errors)]
+        tracking = Tracking(
+            name,
+            rms=float(np.sqrt(np.mean((angle - reference) ** 2))),
+            effort=effort,
+            estimate_rms=float(np.sqrt(np.mean(errors**2))) if len(errors) else nan,
+        )
+        trackings.append(tracking)
+    return tuple(trackings)
+
+
+MOST_LIMIT = 3.0
+"""End of the axis of deviations, as a multiple of the best run's; a run that is lost leaves the
+axis. Source: layout.
+"""
+
+
+def plot_control(runs: Sequence[ClosedLoop], path: str | Path | None = None) -> Figure:
+    """Draw the reference and, for each feedback, the true angle, its deviation and a command; also
+    the error of the first estimator with its 95 % band.
+
+    The `runs` are of one scenario with different feedbacks; the joint is the first one that is
+    controlled.
+    """
+    first = runs[0]
+    name = next(iter(first.references))
+    j = first.rig.joint_names.index(name)
+    reference = np.rad2deg(first.references[name])
+    time = first.time
+    with figure(3, 1, (6.5, 6.2), sharex=True, height_ratios=(3, 2, 2)) as (drawing, axes):
+        axes[0].plot(time, reference, color=BLACK, lw=1.0, dashes=(4, 2), label="reference")
+        worst = []
+        for k, run in enumerate(runs):
+            angle = np.rad2deg(run.angles[:, j])
+            look = {"lw": 1.2, **curve_style(k)}
+            axes[0].plot(time, angle, label=f"fed back by {run.feedback}", **look)
+            axes[1].plot(time, angle - reference, **look)
+            worst.append(float(np.quantile(np.abs(angle - reference), 0.98)))
+            effort = next(iter(run.commands))
+            # a feedback that chatters stands behind the others
+            axes[2].plot(time, run.commands[effort], zorder=3 - 0.1 * k, **look)
+        estimated = next((run for run in runs if run.feedback not in ("encoder", "ratio")), None)
+        if estimated is not None:
+            error = np.rad2deg(estimated.estimates[:, j] - estimated.angles[:, j])
+            half = BAND * np.rad2deg(estimated.stds[:, j])
+            axes[1].plot(
+                time,
+                error,
+                color=SOFT,
+                lw=0.8,
+                label=f"error of {estimated.feedback} and its {COVERED_TEXT} band",
+            )
+            axes[1].fill_between(time, error - half, error + half, color=band_colour(SOFT), lw=0)
+            legend_above(axes[1])
+        limit = MOST_LIMIT * min(worst)
+        span = float(np.ptp(reference)) or 1.0
+        axes[0].set_ylim(reference.min() - 0.4 * span, reference.max() + 0.4 * span)
+        axes[1].set_ylim(-limit, limit)
+        axes[0].set_ylabel(f"angle of {name} [°]")
+        axes[1].set_ylabel("from reference [°]")
+        drive = first.rig.drives[0]
+        axes[2].set_ylabel(f"command {drive.name} [{'N' if drive.kind == 'slider' else 'N m'}]")
+        axes[2].set_xlabel("time [s]")
+        legend_above(axes[0])
+    return save_figure(drawing, path)

@@ -13,8 +13,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.expressions import Vector
 from distal.inverse import Feedback, LiveInverse
-from distal.inverse.pid import REMEMBERED, feedback_torques
-from distal.inverse.tension_distribution import solved
+from distal.inverse.feedforward import REMEMBERED, feedback_torques, solved
 from distal.kernels import Evaluation, Layout
 from distal.model import Mechanism
 from distal.rig import Rig

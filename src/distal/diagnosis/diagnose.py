@@ -11,19 +11,28 @@ import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.confidence import BAND, COVERED
-from distal.diagnosis.cause_search import UNFELT, Search, candidates, unfelt, wrong_readings
-from distal.diagnosis.causes import Cause, causes_of
+from distal.diagnosis.cause_search import (
+    UNFELT,
+    Change,
+    Outcome,
+    PerturbedRuns,
+    Search,
+    candidates,
+    derivatives_of,
+    unfelt,
+    wrong_readings,
+)
+from distal.diagnosis.causes import Cause, causes_of, sizes
 from distal.diagnosis.finding import COMPLIANCE, SCALE, THRESHOLDS, ZERO, Finding, Kind, named_cause
 from distal.diagnosis.innovation_tests import (
+    SPAN,
     ChannelStatistics,
     Diagnosis,
     channels_of,
     diagnose_estimate,
+    quantile,
     statistics_of,
 )
-from distal.diagnosis.known_motion import sizes
-from distal.diagnosis.perturbed_runs import Change, Outcome, PerturbedRuns, derivatives_of
-from distal.diagnosis.score_test import SPAN, quantile
 from distal.errors import EstimationError
 from distal.estimators import AdaptiveFilter
 from distal.estimators.read_channels import dead_after

@@ -1,18 +1,23 @@
 """The estimators and their common base."""
 
 from distal.estimators.adaptive import AdaptiveFilter, Robustness
-from distal.estimators.belief import Belief
 from distal.estimators.estimator_protocol import (
     LARGEST_ANGLE,
     SHORTEST,
     TOUCHED,
     WILD,
+    Belief,
     KernelEstimator,
+    StateKind,
     check_time,
+    external_torques_of,
+    kinds_of,
     sample_problem,
+    state_units,
+    states_of,
     wild_problem,
 )
-from distal.estimators.kinematic import KinematicEstimator
+from distal.estimators.kinematic import KinematicEstimator, directions
 from distal.estimators.read_channels import Channels, channels_of, first_values
 from distal.estimators.registry import (
     DEFAULT,
@@ -28,14 +33,6 @@ from distal.estimators.regression_estimator import (
     parts_of,
     samples_of_angles,
 )
-from distal.estimators.state_kinds import (
-    StateKind,
-    external_torques_of,
-    kinds_of,
-    state_units,
-    states_of,
-)
-from distal.estimators.unsensed_directions import directions
 
 __all__ = [
     "DEFAULT",

@@ -1,5 +1,10 @@
-"""The base of all estimators: a log or a part of it in, means, covariances and innovations out, no
+"""The belief of an estimator at a time, and the states that a learned map corrects or replaces in
+what is reported of it.
+
+The base of all estimators: a log or a part of it in, means, covariances and innovations out, no
 hidden state; and the checks of a sample.
+
+The kind of each state of an estimator, and the component of the rig that it belongs to.
 """
 
 from __future__ import annotations
@@ -7,6 +12,8 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
+from enum import Enum
 
 import casadi as ca
 import numpy as np
@@ -14,7 +21,6 @@ from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.errors import EstimationError
-from distal.estimators.belief import NOTHING_REPORTED, Belief
 from distal.estimators.read_channels import Channels, first_values, rows_with_gaps
 from distal.kernels import (
     Advanced,
@@ -29,7 +35,142 @@ from distal.kernels import (
     variances_of,
 )
 from distal.logs import LARGEST_READING, frozen
-from distal.rig import Rig
+from distal.rig import (
+    Rig,
+    effort_unit,
+    number,
+    position_unit,
+    tendon_angle_name,
+)
+
+
+@dataclass(frozen=True)
+class Report:
+    """Indices in a kernel's output y of the reported values, gains and variances of some states.
+
+    A state x_i with error e_i is reported as a value v_i with the error g_i e_i + n_i, where n_i
+    has the variance u_i, is correlated by R with those of the other states of its map, and is
+    independent of everything else. With G the diagonal of the gains, 1 where nothing is reported,
+    the covariance P becomes G P Gᵀ + diag(√u) R diag(√u), which is positive semidefinite as P and
+    R are.
+
+    Args:
+        states: indices i of the states.
+        values: indices of v in y.
+        gains: indices of g in y.
+        variances: indices of u in y.
+        correlation: R, a row for each of the states.
+    """
+
+    states: tuple[int, ...] = ()
+    values: tuple[int, ...] = ()
+    gains: tuple[int, ...] = ()
+    variances: tuple[int, ...] = ()
+    correlation: tuple[tuple[float, ...], ...] = ()
+
+    @classmethod
+    def behind(
+        cls, start: int, groups: Sequence[Sequence[int]], correlations: Sequence[Floats]
+    ) -> Report:
+        """Return the report of several maps, each of which corrects one of the `groups` of states,
+        whose errors have such `correlations`.
+
+        For one map after the other, its values, gains and variances stand in y from the index
+        `start` on.
+        """
+        states = list[int]()
+        parts = (list[int](), list[int](), list[int]())
+        for group in groups:
+            for columns in parts:
+                columns += range(start, start + len(group))
+                start += len(group)
+            states += group
+        correlation = np.zeros((len(states), len(states)))
+        at = 0
+        for block in correlations:
+            correlation[at : at + len(block), at : at + len(block)] = block
+            at += len(block)
+        values, gains, variances = map(tuple, parts)
+        rows = tuple(map(tuple, correlation.tolist()))
+        return cls(tuple(states), values, gains, variances, rows)
+
+    def only(self, states: Sequence[int]) -> Report:
+        """Return the report of those of its states that are in `states`."""
+        chosen = [k for k, state in enumerate(self.states) if state in states]
+        parts = (self.states, self.values, self.gains, self.variances)
+        of, values, gains, variances = (tuple(part[k] for k in chosen) for part in parts)
+        rows = tuple(tuple(self.correlation[k][i] for i in chosen) for k in chosen)
+        return Report(of, values, gains, variances, rows)
+
+    def means(self, means: Floats, ys: Floats) -> Floats:
+        """Return the states as they are reported, (k, n), from the filter's own `means`, (k, n),
+        and the kernel's outputs `ys`, (k, n_y).
+        """
+        if not self.states:
+            return means
+        reported = np.array(means)
+        reported[:, self.states] = ys[:, self.values]
+        return reported
+
+    def variances_of(self, variances: Floats, ys: Floats) -> Floats:
+        """Return the filter's own `variances` as they are reported, (k, n); see `means`
+        for `ys`.
+        """
+        if not self.states:
+            return variances
+        reported = np.array(variances)
+        gains = ys[:, self.gains]  # in the order in which `covariances` multiplies, to the last bit
+        reported[:, self.states] = reported[:, self.states] * gains * gains + ys[:, self.variances]
+        return reported
+
+    def covariances(self, covariances: Floats, ys: Floats) -> Floats:
+        """Return the filter's own `covariances` as they are reported, (k, n, n); see `means` for
+        `ys`.
+        """
+        if not self.states:
+            return covariances
+        gains = np.ones(covariances.shape[:2])
+        gains[:, self.states] = ys[:, self.gains]
+        reported: Floats = covariances * gains[:, :, None] * gains[:, None, :]
+        stds = np.sqrt(ys[:, self.variances])
+        added = np.array(self.correlation) * stds[:, :, None] * stds[:, None, :]
+        diagonal = np.arange(len(self.states))
+        added[:, diagonal, diagonal] = ys[:, self.variances]
+        reported[np.ix_(range(len(ys)), self.states, self.states)] += added
+        return reported
+
+
+NOTHING_REPORTED = Report()
+"""The report that leaves all states unchanged."""
+
+
+@dataclass(frozen=True)
+class Belief:
+    """The mean and covariance that an estimator believes at a time; immutable.
+
+    Args:
+        time: stamp of the last sample [s].
+        kernel_state: mean (n,), covariance (n, n) row by row, and what the estimator remembers of
+            its inputs.
+        size: number of states n.
+        samples: number of samples taken in; the first one may have the belief's own stamp.
+    """
+
+    time: float
+    kernel_state: Floats
+    size: int
+    samples: int = 0
+
+    @property
+    def mean(self) -> Floats:
+        """The filter's own estimate of the states, (n,)."""
+        return mean_of(self.kernel_state, self.size)
+
+    @property
+    def covariance(self) -> Floats:
+        """The covariance of its error, (n, n)."""
+        return covariance_of(self.kernel_state, self.size)
+
 
 WILD = f"beyond {LARGEST_READING:g} in SI; NaN stands for a missing value"
 """The words of a message on a wild value."""
@@ -396,3 +537,116 @@ def check_time(name: str, before: float, now: float, first: bool) -> None:
             f"{name}: the stamp {now:.15g} s {what} (the belief is at {before:.15g} s); stamps "
             "must rise"
         )
+
+
+class StateKind(Enum):
+    """The kind of a state. Programs use this; the name of a state is for people."""
+
+    ANGLE = "angle of a joint"
+    SPEED = "speed of a joint"
+    EXTERNAL_TORQUE = "torque on a joint from outside"
+    PARAMETER = "number of the rig, or what several err by together"
+    LINEARITY = "weight of the curve of a position sensor's error"
+    POSITION = "place of a drive that nothing measures"
+    FRICTION = "friction at a drive that the rig does not declare"
+    TRANSMITTED = "effort that a drive's play passes on"
+    TRANSMISSION_ERROR = "what one play leaves out of a transmission"
+    BACKLASH = "far side of a backlash"
+    SHEATH = "point of a cable in its sheath"
+    CREEP = "slow part of a tendon's stretch"
+    SENSOR_BIAS = "offset of a sensor of force, tension or angle"
+    SENSOR_GAIN = "share by which such a sensor reads too much"
+    OTHER = "anything else"
+
+
+def kinds_of(estimator: KernelEstimator) -> tuple[tuple[StateKind, ...], tuple[str, ...]]:
+    """Return the kind of each state of an estimator, (n,), and the component of the rig that it
+    belongs to, (n,).
+
+    Where the estimator does not give them, the first states are the joints' angles; all others are
+    `StateKind.OTHER`, and their component is their name.
+    """
+    if hasattr(estimator, "state_kinds") and hasattr(estimator, "state_parts"):
+        return estimator.state_kinds, estimator.state_parts
+    joints = estimator.rig.joint_names
+    others = estimator.state_names[len(joints) :]
+    kinds = [StateKind.ANGLE] * len(joints) + [StateKind.OTHER] * len(others)
+    return tuple(kinds), (*joints, *others)
+
+
+_OF_JOINT = {
+    StateKind.ANGLE: "rad",
+    StateKind.SPEED: "rad/s",
+    StateKind.EXTERNAL_TORQUE: "N m",
+}
+"""Kind of a joint's state → its unit."""
+
+_OF_DRIVE = {
+    StateKind.POSITION: position_unit,
+    StateKind.BACKLASH: position_unit,
+    StateKind.FRICTION: effort_unit,
+    StateKind.TRANSMITTED: effort_unit,
+    StateKind.TRANSMISSION_ERROR: effort_unit,
+}
+
+
+def state_units(estimator: KernelEstimator) -> tuple[str, ...]:
+    """Return the SI units of an estimator's states, (n,): ``1`` for a plain number, empty where the
+    unit is not known.
+    """
+    rig: Rig = estimator.rig
+    by_name = dict.fromkeys((tendon_angle_name(tendon.name) for tendon in rig.tendons), "rad")
+    drives = {drive.name: drive for drive in rig.drives}
+    sensors = {sensor.name: sensor for sensor in rig.sensors}
+
+    def unit(name: str, kind: StateKind, part: str) -> str:
+        if kind is StateKind.PARAMETER:
+            return (
+                "1"
+                if part.endswith(".factor")
+                else number(rig, part.removesuffix(".deviation")).quantity.si or "1"
+            )
+        if kind in (StateKind.SHEATH, StateKind.CREEP):
+            return "m"
+        if kind in (StateKind.LINEARITY, StateKind.SENSOR_BIAS):
+            return str(sensors[part].si)
+        if kind in _OF_DRIVE:
+            return _OF_DRIVE[kind](drives[part])
+        return (
+            "1" if kind is StateKind.SENSOR_GAIN else _OF_JOINT.get(kind) or by_name.get(name, "")
+        )
+
+    return tuple(unit(*state) for state in zip(estimator.state_names, *kinds_of(estimator)))
+
+
+def states_of(
+    kind: StateKind,
+    parts: Sequence[str],
+    state_kinds: Sequence[StateKind],
+    state_parts: Sequence[str],
+) -> dict[str, int]:
+    """Return component → index of its state of one kind, in the order of `parts`; components
+    without such a state are left out.
+
+    Args:
+        parts: names of the components.
+        state_kinds: kind of each state, (n,).
+        state_parts: component of each state, (n,).
+    """
+    indices = {
+        part: i
+        for i, (state_kind, part) in enumerate(zip(state_kinds, state_parts))
+        if state_kind is kind
+    }
+    return {part: indices[part] for part in parts if part in indices}
+
+
+def external_torques_of(estimator: KernelEstimator) -> dict[str, int]:
+    """Return joint → index of the state that is the external torque on it, in the order of the
+    joints.
+    """
+    return states_of(
+        StateKind.EXTERNAL_TORQUE,
+        estimator.rig.joint_names,
+        *kinds_of(estimator),
+    )

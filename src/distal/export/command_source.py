@@ -10,7 +10,7 @@ import numpy as np
 
 from distal.codegen import Emitter, Plain
 from distal.estimators import AdaptiveFilter
-from distal.export.c_text import (
+from distal.export.filter_source import (
     Translated,
     checked_name,
     fields_of,
@@ -20,10 +20,8 @@ from distal.export.c_text import (
     shared_blanks,
 )
 from distal.inverse.feedforward import ROUNDS
-from distal.inverse.goal_gate import crossed_joints
-from distal.inverse.live_command_function import LiveModel
-from distal.inverse.live_inverse import live_parameters
-from distal.inverse.motor_readings import MotorReadings
+from distal.inverse.goal_gate import MotorReadings, crossed_joints
+from distal.inverse.live_inverse import LiveModel, live_parameters
 from distal.rig import Rig
 from distal.run.health import LIMITS
 

@@ -21,8 +21,15 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from distal.errors import ExportError
-from distal.export.c_text import comment, filled, sensors_of, spoken
-from distal.export.filter_source import Exported, c_filter, outputs
+from distal.export.filter_source import (
+    Exported,
+    c_filter,
+    comment,
+    filled,
+    outputs,
+    sensors_of,
+    spoken,
+)
 from distal.kernels import find_compiler
 from distal.kernels.compiler import SWITCHED_OFF, CompileError, run_compiler, zig_compiler
 from distal.logs import LARGEST_READING, write_whole

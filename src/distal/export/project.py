@@ -6,9 +6,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from distal.errors import ExportError, OutputError
-from distal.export.c_text import checked_name, comment, filled
 from distal.export.command_source import c_command
-from distal.export.filter_source import Exported, c_filter
+from distal.export.filter_source import Exported, c_filter, checked_name, comment, filled
 from distal.logs import check_outputs, outputs_in, write_together
 from distal.rig import Rig, check_scales
 

@@ -2,15 +2,13 @@
 can identify.
 """
 
-from distal.fitting.candidates import AS_GIVEN
-from distal.fitting.choice_of_parameters import Options
-from distal.fitting.cross_validation import WRITTEN, Compared, Score
+from distal.fitting.candidates import AS_GIVEN, WRITTEN, Compared, Score
 from distal.fitting.fit import fit, learn
-from distal.fitting.free_parameter import FittedParameter
+from distal.fitting.free_parameters import FittedParameter, Options
 from distal.fitting.learned_maps import (
+    SETTLING,
     MapFit,
 )
-from distal.fitting.map_samples import SETTLING
 from distal.fitting.result import Fit
 from distal.regression import groups_of
 

@@ -15,18 +15,15 @@ import numpy as np
 
 from distal.confidence import BAND
 from distal.errors import DistalWarning, DivergedError, EstimationError, FitError
-from distal.fitting.candidates import Training, groups_among
-from distal.fitting.choice_of_parameters import Options, Progress
-from distal.fitting.cross_validation import WRITTEN, Judged, judge
+from distal.fitting.candidates import WRITTEN, Judged, Training, groups_among, judge
+from distal.fitting.free_parameters import Options, Progress
 from distal.fitting.late_reference import delays, reference_lag, said_of_lag, without_lag
 from distal.fitting.learn_free_motion import efforts_of, untouched
-from distal.fitting.learned_maps import logs_read
+from distal.fitting.learned_maps import counted_from, logs_read, reference_offset
 from distal.fitting.log_checks import check_logs, touched_logs
-from distal.fitting.map_samples import counted_from, reference_offset
 from distal.fitting.objective import Problem
-from distal.fitting.parameter_estimates import by_filter, problem_of
+from distal.fitting.parameter_estimates import by_filter, far_from_priors, problem_of
 from distal.fitting.result import Fit
-from distal.fitting.standard_errors import far_from_priors
 from distal.from_logs import rig_from_logs
 from distal.homing import check_homing
 from distal.logs import Log, Source, read_log, shown, true_angles

@@ -29,9 +29,7 @@ import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.expressions import Scalar
-from distal.fitting.fit_filter import Data, FitFilter
-from distal.fitting.likelihood import Innovations, SearchSettings
-from distal.fitting.objective import Problem
+from distal.fitting.objective import Data, FitFilter, Innovations, Problem, SearchSettings
 from distal.kernels import Feed, Kernel, kernel_of, structure_of
 from distal.model import Mechanism
 from distal.rig import Sensor

@@ -17,7 +17,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.estimators import channels_of, samples_of_angles
-from distal.fitting.map_search import Seen, Task
+from distal.fitting.learned_maps import Seen, Task
 from distal.logs import Log, TruthKind, earlier
 from distal.regression import FEWEST_LOGS, Evidence, Prior, Samples
 from distal.rig import Rig, angle_names

@@ -10,7 +10,7 @@ from scipy.special import stdtrit
 from distal.arrays import Floats
 from distal.confidence import COVERED
 from distal.estimators import channels_of, parts_of
-from distal.fitting.map_search import learned_map
+from distal.fitting.learned_maps import learned_map
 from distal.logs import Log
 from distal.regression import FEWEST_LOGS, Samples
 from distal.rig import LearnedMap, MapArrays, Rig

@@ -1,4 +1,9 @@
-"""The estimation of a rig's parameters: by its equations where these can be asked, by its filter,
+"""The search for the most likely parameters: Fisher scoring in a trust region, with several steps
+tried side by side.
+
+Standard errors of a fit, and the reasons not to trust it.
+
+The estimation of a rig's parameters: by its equations where these can be asked, by its filter,
 and which parameters stay at their priors.
 """
 
@@ -12,23 +17,339 @@ import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.errors import FitError
-from distal.fitting.choice_of_parameters import Options, Progress, choose, searching
-from distal.fitting.fit_filter import FitFilter
-from distal.fitting.free_parameter import FittedParameter, Free, assignments, described
-from distal.fitting.inverse_dynamics import SMOOTHED, Equations, inverse_problem
-from distal.fitting.likelihood_search import Optimum, hessian, most_likely, search
-from distal.fitting.objective import Problem
-from distal.fitting.standard_errors import (
-    NOT_CONVERGED,
-    covariance_at,
-    doubts_of,
-    errors_holding,
-    nis_of,
+from distal.fitting.free_parameters import (
+    FittedParameter,
+    Free,
+    Options,
+    Progress,
+    assignments,
+    choose,
+    described,
+    searching,
 )
+from distal.fitting.inverse_dynamics import SMOOTHED, Equations, inverse_problem
+from distal.fitting.objective import Derivatives, FitFilter, Problem
 from distal.homing import added_reference, with_references
 from distal.logs import Log, true_angles
 from distal.model import joint_frequency
 from distal.rig import Rig, Sensor
+
+OnStep = Callable[[int, float], None]
+"""A function that is called with the iteration and −ln p after each step."""
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """The end of a search.
+
+    Args:
+        z: the coordinates, (n,).
+        cost: −ln p there, less constants.
+        derivatives: derivatives of −ln p at the end or one step before it.
+        converged: whether the search ended by itself.
+        interrupted: whether the user interrupted it.
+    """
+
+    z: Floats
+    cost: float
+    derivatives: Derivatives
+    converged: bool = False
+    interrupted: bool = False
+
+
+def most_likely(
+    problem: Problem, start: Floats, progress: OnStep | None = None
+) -> tuple[Problem, Optimum]:
+    """Return the problem, with the weights of its channels as found near the end, and the most
+    likely coordinates; see `search`.
+
+    The search begins at `start`, (n,).
+    """
+    problem = problem.assessed(start)
+    begun = search(problem, start, progress, most=problem.settings.first_iterations)
+    if begun.interrupted:
+        return problem, begun
+    problem = problem.assessed(begun.z)
+    return problem, search(problem, begun.z, progress, near=begun.derivatives)
+
+
+def search(
+    problem: Problem,
+    start: Floats,
+    progress: OnStep | None = None,
+    *,
+    most: int | None = None,
+    fixed: Bools | None = None,
+    near: Derivatives | None = None,
+) -> Optimum:
+    """Return the local minimum of −ln p that Fisher scoring leads to from a start.
+
+    Each step solves (H + λ diag H) d = −g within the bounds, with Fisher's information H and the
+    gradient g (Levenberg 1944, Marquardt 1963; Gupta and Mehra, IEEE TAC 19, 1974). Steps with
+    several λ are tried at once, and the best is taken; the next iteration tries λ around its λ.
+    Slopes are differences over a share of each parameter's std, wider than the kinks of −ln p. An
+    interruption (Ctrl-C) ends the search with the best point so far.
+
+    Args:
+        problem: what is minimised.
+        start: coordinates, (n,).
+        progress: called with the iteration and −ln p after each step.
+        most: largest number of iterations; default `SearchSettings.iterations`.
+        fixed: which coordinates stay as they are, (n,).
+        near: derivatives near the start, which give the widths of the first differences.
+    """
+    settings = problem.settings
+    free = np.ones(problem.size, dtype=bool) if fixed is None else ~fixed
+    z = _inside(problem, start)
+    widths = first_widths(problem) if near is None else widths_at(problem, z, near)
+    n = problem.size  # an interruption may come before the first derivatives
+    optimum = Optimum(
+        z, np.inf, Derivatives(np.inf, np.zeros(n), np.zeros((n, n)), np.zeros((n, n)), 0)
+    )
+    wider = 1.0
+    damping = settings.first_damping
+    try:
+        derivatives = problem.derivatives(z, np.where(free, widths, 0.0))
+        optimum = Optimum(z, derivatives.cost, derivatives)
+        last = settings.iterations if most is None else most
+        for iteration in range(1, last + 1):
+            dampings = [0.0, *(damping * times for times in settings.dampings)]
+            steps = [
+                damped_step(problem, optimum.z, derivatives, free, share) for share in dampings
+            ]
+            predicted = steps[0][1]
+            if predicted < settings.settled:
+                return replace(optimum, converged=True)
+            points = [_inside(problem, optimum.z + step) for step, _ in steps]
+            costs = problem.costs(points)
+            best = int(np.argmin(costs))
+            gained = optimum.cost - float(costs[best])
+            if progress is not None:
+                progress(iteration, min(float(costs[best]), optimum.cost))
+            if gained > 0.0:
+                optimum = replace(optimum, z=points[best], cost=float(costs[best]))
+            if gained < settings.enough and wider > 1.0:
+                return replace(optimum, converged=True)
+            wider = settings.wider if gained < settings.enough else 1.0
+            following = (
+                max(dampings[best], damping * settings.dampings[0])
+                if gained > 0.0
+                else damping * settings.dampings[-1]
+            )
+            damping = max(following, settings.least_damping)
+            if iteration < last:
+                widths = wider * widths_at(problem, optimum.z, derivatives)
+                derivatives = problem.derivatives(optimum.z, np.where(free, widths, 0.0))
+                optimum = replace(optimum, derivatives=derivatives)
+    except KeyboardInterrupt:
+        return replace(optimum, interrupted=True)
+    return optimum
+
+
+def hessian(problem: Problem, derivatives: Derivatives) -> Floats:
+    """Return the information of logs and priors together, (n, n)."""
+    n = problem.size
+    # a very wide prior, so that no unknown direction leads to a division by zero
+    information: Floats = derivatives.information + problem.prior_information + 1e-12 * np.eye(n)
+    return information
+
+
+def first_widths(problem: Problem) -> Floats:
+    """Return the width of the differences that give the first slopes, (n,)."""
+    return np.array([problem.settings.first_width * part.unit(0.0) for part, _ in problem.parts])
+
+
+def widths_at(problem: Problem, z: Floats, derivatives: Derivatives) -> Floats:
+    """Return the width of the differences that give the slopes at z, (n,): the settings'
+    `slope_width` of each parameter's std if all others were known.
+
+    As a share of the value it is rounded to a power of two, so that two parameters that show only
+    as a product meet the same kinks.
+    """
+    settings = problem.settings
+    units = np.array([part.unit(float(at)) for (part, _), at in zip(problem.parts, z)])
+    alone = 1.0 / np.sqrt(np.maximum(np.diag(hessian(problem, derivatives)), 1e-300))
+    least = np.where(
+        [part.noise for part, _ in problem.parts],
+        settings.smallest_noise_width,
+        settings.smallest_width,
+    )
+    share = np.clip(settings.slope_width * alone / units, least, settings.first_width * 8)
+    widths: Floats = units * 2.0 ** np.round(np.log2(share))
+    return widths
+
+
+def _inside(problem: Problem, z: Floats) -> Floats:
+    return np.clip(z, *problem.bounds.T)
+
+
+def damped_step(
+    problem: Problem, z: Floats, derivatives: Derivatives, free: Bools, damping: float = 0.0
+) -> tuple[Floats, float]:
+    """Return a step of Fisher scoring within the bounds, (n,), and by how much the quadratic model
+    predicts that it lowers −ln p.
+
+    The step starts at z, (n,), goes along the `free` coordinates, (n,), and has the `damping` λ.
+    """
+    information = hessian(problem, derivatives)[np.ix_(free, free)]
+    gradient = derivatives.gradient[free]
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-12))
+    scaled = information / np.outer(scale, scale) + (damping + 1e-9) * np.eye(len(scale))
+    factor = np.linalg.cholesky((scaled + scaled.T) / 2)
+    target = -np.linalg.solve(factor, gradient / scale)
+    scaled_step = np.linalg.solve(factor.T, target)
+    low, high = ((edge - z)[free] * scale for edge in problem.bounds.T)
+    if np.any(scaled_step < low) or np.any(scaled_step > high):
+        from scipy.optimize import lsq_linear  # not needed before
+
+        # a coordinate at its bound still needs room for the solver
+        room = np.minimum(low, -1e-12), np.maximum(high, 1e-12)
+        scaled_step = lsq_linear(
+            factor.T, target, room, method="bvls" if len(scale) <= 60 else "trf"
+        ).x
+    step = np.zeros(len(z))
+    step[free] = scaled_step / scale
+    step = _inside(problem, z + step) - z
+    predicted = -float(gradient @ step[free] + 0.5 * step[free] @ information @ step[free])
+    return step, predicted
+
+
+def covariance_at(problem: Problem, derivatives: Derivatives, z: Floats) -> Floats:
+    """Return the covariance of the coordinates' errors at the end z of a fit, (n,).
+
+    It is H⁻¹ (J + P) H⁻¹ with H = I + P, I Fisher's information, P the prior's and J the long-run
+    covariance of the scores, but no less than H⁻¹; the variances of `Free.coarse` are added.
+    """
+    inverse = np.linalg.pinv(hessian(problem, derivatives), hermitian=True)
+    # few spans of time tell too small a variance (MacKinnon and White, J. Econometrics 29, 1985)
+    few = derivatives.spans / max(derivatives.spans - problem.size, 1)
+    sandwich = inverse @ (few * derivatives.meat + problem.prior_information) @ inverse
+    variances = np.maximum(np.diag(sandwich), np.diag(inverse))
+    scale = np.sqrt(variances / np.maximum(np.diag(inverse), 1e-300))
+    covariance = np.asarray(inverse * np.outer(scale, scale), dtype=np.float64)
+    coarse = [
+        part.coarse * abs(part.value(c)) / max(part.slope(c), 1e-300)
+        for (part, _), c in zip(problem.parts, z)
+    ]
+    covariance += np.diag(np.square(coarse))
+    # no error is larger than the prior's std
+    stds = np.maximum(np.sqrt(np.diag(covariance)), 1e-300)
+    shrink = np.minimum(1.0, problem.prior_stds / stds)
+    covariance *= np.outer(shrink, shrink)
+    return covariance
+
+
+def errors_holding(covariance: Floats, held: Bools) -> Floats:
+    """Return the standard errors with this `covariance`, (n, n), if the `held` coordinates are
+    taken as known, (n,); 0 for those.
+    """
+    errors = np.zeros(len(held))
+    free = ~held
+    across = covariance[np.ix_(free, held)]
+    # errors may be exactly correlated: then the covariance has no inverse
+    of_held = np.linalg.pinv(covariance[np.ix_(held, held)], hermitian=True)
+    left = np.diag(covariance)[free] - np.diag(across @ of_held @ across.T)
+    errors[free] = np.sqrt(np.maximum(left, 0.0))
+    return errors
+
+
+LARGEST_NIS = 5.0
+"""Mean ν²/S of a channel of the filter, above which the logs do not look like the rig. Source:
+judgement.
+"""
+
+LARGEST_NOISE_GROWTH = 4.0
+"""Factor by which the fit enlarges a sensor's noise, above which the sensor is not the cause.
+Source: judgement.
+"""
+
+FAR_FROM_PRIOR = 4.0
+"""Distance of a value from its prior, in the prior's standard deviations, above which it is
+reported. Source: judgement.
+"""
+
+FAR_FROM_FACTOR = 2.0
+"""The same distance for a parameter that is known within a factor, where a change by the square of
+that factor is improbable. Source: judgement.
+"""
+
+ADVICE = (
+    "the rig lacks physics that these logs have, or a column, unit or sign of a sensor is wrong "
+    "(distal estimate says "
+    "which disagrees)"
+)
+
+NOT_CONVERGED = (
+    "the search stopped before it converged, so that no standard error is known; start closer, or "
+    "fix what the logs cannot tell (hold = true)"
+)
+
+
+def nis_of(problem: Problem, z: Floats) -> tuple[float, ...]:
+    """Return the mean of ν²/S per channel over all logs at coordinates z, (n,)."""
+    ratios = np.vstack([run.values**2 / run.variances for run in problem.at(z)])
+    return tuple(
+        float(np.nanmean(column)) if np.isfinite(column).any() else float("nan")
+        for column in ratios.T
+    )
+
+
+def doubts_of(problem: Problem, z: Floats, nis: Sequence[float]) -> list[str]:
+    """Return sentences on where logs still do not agree with the rig at the end z of a fit, (n,).
+
+    `nis` is the mean ν²/S there, see `nis_of`; that of the equations says nothing of the angle,
+    which logs left out judge.
+    """
+    references = {sensor.name for sensor in problem.filter.references}
+    doubts = [
+        f"the logs do not look like this rig: innovations of '{name}' are {np.sqrt(ratio):.3g} "
+        "times larger than expected "
+        f"even after the fit; {ADVICE}"
+        for name, ratio in zip(problem.measured, nis)
+        if ratio > LARGEST_NIS and name not in references and not problem.asks_equations
+    ]
+    for (part, _), at in zip(problem.parts, z):
+        if not (part.noise and part.has_prior):
+            continue
+        growth = part.value(float(at)) / part.start
+        text = (
+            f"the logs do not look like this rig: {part.name} had to become {growth:.1f} times "
+            "what the rig says"
+        )
+        if part.paths[0].endswith(".unmodelled") and growth > LARGEST_NOISE_GROWTH:
+            doubts.append(f"{text}, so that the joint hardly follows the model; {ADVICE}")
+        if (
+            part.paths[0].startswith("sensors.")
+            and not part.kept_by_file
+            and growth > LARGEST_NOISE_GROWTH
+        ):
+            doubts.append(f"{text}; {ADVICE}")
+    return doubts
+
+
+def far_from_priors(parameters: Sequence[FittedParameter], problem: Problem) -> list[str]:
+    """Return warnings on fitted parameters that are far from their priors, or at a bound."""
+    free_by_name = {part.name: part for part in problem.free}
+    lines = []
+    for part in parameters:
+        if part.noise:
+            continue
+        free = free_by_name[part.name]
+        away = abs(free.coordinate(part.value)) / free.spread if part.prior_std > 0.0 else 0.0
+        if away > (FAR_FROM_FACTOR if free.logarithmic else FAR_FROM_PRIOR):
+            lines.append(
+                f"{part.name} = {part.value:.4g} {part.si} is {away:.1f} standard deviations from "
+                "what the rig file "
+                f"expected ({part.start:.4g} ± {part.prior_std:.2g}); is a unit or a radius "
+                "wrong, or the std too small?"
+            )
+        elif part.value <= free.low or part.value >= free.high:
+            lines.append(
+                f"{part.name} = {part.value:.4g} {part.si} is at its bound; another number of the "
+                "rig may be wrong"
+            )
+    return lines
+
 
 FOLLOWS_DRIVES = 10.0
 """Angle of a joint's own oscillation in the time of smoothing [rad], above which the joint follows

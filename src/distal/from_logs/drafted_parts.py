@@ -9,12 +9,16 @@ from math import degrees, isfinite, pi
 
 import numpy as np
 
-from distal.from_logs.column_values import ColumnRole
-from distal.from_logs.drive_and_tendon_sizes import DriveSizes
-from distal.from_logs.found_parts import FoundDrive, FoundJoint, pulled_both_ways, pulls_of
-from distal.from_logs.link_masses import JointBalance, joint_balance
+from distal.from_logs.column_names import ColumnRole
+from distal.from_logs.drive_and_tendon_sizes import (
+    DriveSizes,
+    FoundDrive,
+    FoundJoint,
+    pulled_both_ways,
+    pulls_of,
+)
+from distal.from_logs.link_masses_and_stops import JointBalance, joint_balance, joint_stops
 from distal.from_logs.motion_data import THRESHOLDS, MotionData, counts_of
-from distal.from_logs.stops import joint_stops
 from distal.logs import name_and_unit
 from distal.logs.raw_to_si import IMPROBABLE
 from distal.rig import Guess

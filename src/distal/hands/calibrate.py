@@ -1,28 +1,368 @@
-"""`calibrate`: the parameters of a hand from its power-on routine alone; the reference angles are
+"""Faults of tendons and spools that a power-on routine shows.
+
+What in a hand's file the ends of its motors' travel contradict, in words, and what would correct
+it.
+
+The file predicts where a motor meets both ends of its travel, with a covariance. Where what was met
+is too improbable, the likeliest single mistakes that explain it are named.
+
+`calibrate`: the parameters of a hand from its power-on routine alone; the reference angles are
 the ends of the joints' ranges.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
-from math import nan
+from dataclasses import dataclass, field, replace
+from math import degrees, log, nan, pi
 from pathlib import Path
+from statistics import NormalDist
+from typing import Literal
 
 import numpy as np
 
+from distal.arrays import Floats
+from distal.confidence import BAND, CLEARLY
 from distal.errors import DistalWarning, FitError, LogError
-from distal.fitting.fitted_file import MARK, write_fitted
-from distal.hands.file_doubts import doubts_of
+from distal.fitting.result import MARK, write_fitted
 from distal.hands.finger_fit import part_values
-from distal.hands.sweeps import Sweep, sweeps_of
-from distal.hands.tendon_faults import Fault, check_units, faults_of, slack_of
+from distal.hands.power_on_routine import (
+    FEWEST_SWEEPS,
+    STRONGEST,
+    Sweep,
+    contacts,
+    is_pair,
+    needed,
+    sweeps_of,
+    unsure,
+    winds_to,
+)
 from distal.logs import Log, Source, read_log
 from distal.regression import servos_of
-from distal.rig import Rig, as_rig, check_scales, independent_parts
+from distal.rig import Capstan, Rig, as_rig, check_scales, independent_parts
+from distal.rig.drive_range import KNOWN
 from distal.rig.hand_tables.rig_of_table import ASSUMED
+from distal.rig.sensors import COUNTS, AngleSensor
+
+FaultKind = Literal["side", "slack", "broken", "slipped", "stopped", "file", "zero"]
+
+SLIPPED = 4.0
+"""Motion of the end of the travel between sweeps, at the joint, from which on a spool slipped
+[deg]. Source: judgement.
+"""
+
+TURNS_MOST = degrees(1.0) ** 0.5
+"""Travel of all motors, in multiples of what their joints' ranges need, from which on a unit is
+wrong [1]. Source: definition (nearer to degrees than to radians).
+"""
+
+FREE = "turns freely both ways: its spool slips on its shaft, or all its tendons are off"
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault of a motor or of its tendons.
+
+    Args:
+        kind: of the fault.
+        drive: name of the motor.
+        sentence: the fault in words.
+        values: path by names → value that corrects the file, where that may be wrong.
+    """
+
+    kind: FaultKind
+    drive: str
+    sentence: str
+    values: Mapping[str, object] = field(default_factory=dict)
+
+
+def faults_of(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Fault, ...]:
+    """Return the fault of a motor's tendons that its sweeps show, or none: the most certain where
+    there are several.
+    """
+    motor = rig.drive(drive)
+    tendons = rig.tendons_of(drive)
+    arms = tendons[0].arms()
+    names = ", ".join(arms)
+    ratio = tendons[0].total_arm / motor.lever
+    pair = is_pair(rig, drive)
+
+    def fault(kind: FaultKind, sentence: str) -> tuple[Fault, ...]:
+        return (Fault(kind, drive, f"{drive} ({names}): {sentence}"),)
+
+    if len(sweeps) < FEWEST_SWEEPS:
+        return fault("slipped", FREE)
+    full = sweeps[1:]
+    resisted = {way: [sweep.resisted for sweep in full if sweep.way == way] for way in (1, -1)}
+    none = [way for way in (1, -1) if not any(resisted[way])]
+    if pair and len(none) == 2:
+        return fault("slipped", FREE)
+    if pair and none:
+        which = " and ".join(tendon.name for tendon in tendons if tendon.winding == none[0])
+        words = (
+            f"nothing resists {_ways(none)}: {which} is broken, off its spool, or wound the "
+            "wrong way round"
+        )
+        return fault("broken", words)
+    if not pair and 1 in none:
+        if -1 not in none:
+            return fault(
+                "side",
+                "tightens when it should let out: its tendon is wound the wrong way round",
+            )
+        return fault("broken", f"nothing resists: {tendons[0].name} is broken or off its spool")
+    shift = max(
+        (
+            float(np.ptp(contacts(sweeps, way)))
+            for way in (1, -1)
+            if all(resisted[way]) and resisted[way]
+        ),
+        default=0.0,
+    )
+    if shift > SLIPPED / degrees(1.0) * ratio:
+        moved = degrees(shift / ratio)
+        return fault(
+            "slipped",
+            f"the end of the travel moved by {moved:.1f}° between sweeps: its spool slips",
+        )
+    if not pair:
+        return ()
+    longer, std = excess(rig, drive, sweeps)
+    if longer < -CLEARLY * std:
+        share = 100 * (1 + longer / needed(rig, drive))
+        return fault(
+            "side",
+            f"stops after {share:.0f} % of its travel: it is blocked, a tendon is on the wrong "
+            "side, or its radii are others",
+        )
+    return ()
+
+
+def excess(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[float, float]:
+    """Return how much more of its tendons a motor with a pair of them winds, from end to end, than
+    its joint's range and their slack need, and the std of that by the rig [m].
+    """
+    motor = rig.drive(drive)
+    up, down = (float(np.mean(contacts(sweeps, way))) for way in (1, -1))
+    tendons = rig.tendons_of(drive)
+    longer = (up - down) * motor.lever - needed(rig, drive)
+    slack = sum(tendon.slack.value for tendon in tendons)
+    return longer - slack, unsure(rig, drive, up - down)
+
+
+def slack_of(found: Rig, rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tuple[Fault, ...]:
+    """Return the pairs of tendons that are slack by their travel, or by the calibrated rig `found`,
+    of motors without another fault; `sweeps` are theirs.
+    """
+    faults = []
+    for drive in (name for name in sweeps if is_pair(rig, name)):
+        tendons = rig.tendons_of(drive)
+        slack = sum(tendon.slack.value for tendon in found.tendons_of(drive))
+        more = slack - sum(tendon.slack.value for tendon in tendons)
+        of_file, of_fit = (
+            np.hypot.reduce([tendon.slack.total_std for tendon in of.tendons_of(drive)])
+            for of in (rig, found)
+        )
+        longer, std = excess(rig, drive, sweeps[drive])
+        # what moves the motor stretches both tendons, by half of this each
+        level = float(np.median([abs(sweep.level) for sweep in sweeps[drive]]))
+        stretch = level / rig.drive(drive).lever / tendons[0].stiffness.value
+        if longer > max(CLEARLY * std, BAND * std + stretch) or more > max(
+            CLEARLY * of_file, BAND * of_fit
+        ):
+            line = (
+                f"{drive} ({', '.join(tendons[0].joints)}): turns about "
+                f"{degrees(max(longer, more) / tendons[0].total_arm):.0f}° further than its range "
+                "asks for: its tendons are slack, or its radii are others"
+            )
+            faults.append(Fault("slack", drive, line))
+    return tuple(faults)
+
+
+def check_units(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]], source: str) -> None:
+    """Check that the motors turn, and pull, as far as a hand's can.
+
+    Raises:
+        FitError: all motors turn, or pull, so much more or less that a unit is wrong.
+    """
+    turned = list[float]()
+    pulls = list[float]()
+    for drive in (drive for drive in rig.drives if sweeps[drive.name]):
+        ends = [sweep.contact for sweep in sweeps[drive.name]]
+        turned.append(float(np.ptp(ends)) * drive.lever / needed(rig, drive.name))
+        pulls.append(max(abs(sweep.level) for sweep in sweeps[drive.name]))
+    if min(turned) > TURNS_MOST:
+        size = (
+            f"all motors turn {min(turned):.0f} times as far as their joints' ranges ask for, "
+            "or more"
+        )
+        raise FitError(f"{source}: {size}; is the unit of their positions right?")
+    noise = min(sensor.noise for sensor in rig.sensors_of("force"))
+    if not noise / CLEARLY < max(pulls) < STRONGEST:
+        size = f"the motors' torques while they move are {max(pulls):.2g} N m at most"
+        raise FitError(
+            f"{source}: {size}; is the unit of their currents, or the torque constant, right?"
+        )
+
+
+def _ways(ways: Sequence[int]) -> str:
+    return " or ".join(
+        "as its reading grows" if way > 0 else "as its reading falls" for way in ways
+    )
+
+
+RARE = log(2 * NormalDist().cdf(-CLEARLY))
+"""Log of the probability below which a file, or one of several causes, is ruled out [1]. Source:
+definition (level of `CLEARLY`).
+"""
+
+NONE = np.zeros((2, 1))
+"""No unknown. Source: definition."""
+
+SLACK = "its tendons are slack"
+
+DONE = {
+    "zero": "The zero is taken as found",
+    "slack": "Slack is assumed",
+    "file": "It is not calibrated and gets no goals",
+}
+"""Kind of a doubt → what is done without consent."""
+
+ACCEPT = "; --accept puts the first into the file"
+
+Cause = tuple[float, str, Mapping[str, object]]
+"""Log probability of what was met, words, and values by path that correct the file."""
+
+
+class _Line:
+    """What the file says of one motor, in its readings [rad]: its zero, where its `ends` are beyond
+    that, and how well it knows both; and where they were `met`.
+    """
+
+    def __init__(self, rig: Rig, name: str, sweeps: Sequence[Sweep]) -> None:
+        drive = rig.drive(name)
+        assert isinstance(drive, Capstan)
+        self.name = name
+        self.radius = drive.radius
+        self.sensors = [sensor for sensor in rig.sensors if sensor.of == name]
+        position = next(sensor for sensor in self.sensors if sensor.measures == "position")
+        self.zero = position.bias
+        self.sign = position.sign
+        self.bias = f"sensors.{position.name}.bias"
+        self.tendons = rig.tendons_of(name)
+        self.joint = joint = next(j for j in rig.joints if j.name in self.tendons[0].joints)
+        rows = []
+        for tendon in self.tendons:
+            way = tendon.winding
+            arm = tendon.arms()[joint.name]
+            met, length, std = winds_to(rig, tendon, sweeps)
+            std = np.hypot(std, tendon.slack.total_std)
+            length += tendon.slack.value
+            rows.append((arm, way * arm, way * length, std, met * self.radius.value))
+        columns = np.array(rows, dtype=np.float64).T / self.radius.value
+        self.arms, self.per_stop, self.ends, self.stds, self.met = columns
+        # a zero that is not known is anywhere
+        std = self.zero.total_std
+        self.zero_std = std if std <= KNOWN * abs(self.per_stop[0]) else 2 * pi
+        self.off = self.met - self.zero.value - self.ends
+        if isinstance(position, AngleSensor) and position.unit in COUNTS:
+            # it wraps: in which turn it counts, says nothing
+            turn = 2 * pi / position.gear
+            turns = turn * np.round(np.mean(self.off) / turn)
+            self.met = self.met - turns
+            self.off = self.off - turns
+
+    def judged(
+        self, free: Floats = NONE, mean: Floats | None = None, met: Floats | None = None
+    ) -> tuple[float, ...]:
+        """Return the log probability that ends were `met` that are at `mean` beyond the zero, if an
+        unknown of unit std adds `free`; their squared distance in stds; the unknown, and its std.
+        """
+        mean = self.ends if mean is None else mean
+        off = (self.met if met is None else met) - self.zero.value - mean
+        ratio = self.radius.total_std / self.radius.value * mean
+        spread = np.diag(self.stds**2) + self.zero_std**2 + np.outer(ratio, ratio)
+        spread += free @ free.T
+        far, seen = np.linalg.solve(spread, np.column_stack([off, free[:, 0]])).T
+        size = off @ far + np.linalg.slogdet(2 * pi * spread)[1]
+        return -size / 2, off @ far, free[:, 0] @ far, np.sqrt(1 - free[:, 0] @ seen)
+
+    def turned(self, sign: int, zero: object) -> dict[str, object]:
+        """Return the values of a motor that turns by another sign, with its zero."""
+        signs = {f"sensors.{of.name}.sign": sign * of.sign for of in self.sensors}
+        return signs | {self.bias: zero}
+
+    def causes(self) -> Iterator[Cause]:
+        """Yield what would explain the ends."""
+        joint = self.joint
+        diagonal = np.diag(self.per_stop)
+        size = max(self.judged(np.full((2, 1), std))[0] for std in (KNOWN, 2 * pi))
+        moved = np.mean(self.off) / (2 * pi)
+        yield size, f"its zero is {moved:.3f} turns off, or both ends of its range are", {}
+        for at, free in enumerate(KNOWN * diagonal):
+            size, _, x, std = self.judged(free[:, None])
+            stops = list(joint.travel)
+            stops[int(self.arms[at] > 0)] += KNOWN * x
+            low, high = np.rad2deg(stops)
+            path = f"joints.{joint.name}.stops"
+            values = {path: stops, f"{path}_std": max(joint.stops_std, KNOWN * std)}
+            yield size, f"its range is {low:.1f}° to {high:.1f}°", values
+        size, _, x, std = self.judged(self.ends[:, None])
+        radius = self.radius.value / (1 + x)
+        values = {f"drives.{self.name}.radius": {"value": radius, "std": radius * std / (1 + x)}}
+        yield size, f"its radius is {1e3 * radius:.3g} mm, or its gear {1 + x:.3g} : 1", values
+        size = self.judged(mean=-self.ends[::-1])[0]
+        words = "it turns the other way, or its range has the wrong sign: look"
+        yield size, words, self.turned(-1, -self.zero.value)
+        if np.ptp(self.met) > np.ptp(self.ends):
+            stds = (KNOWN, np.ptp(joint.travel))
+            yield max(self.judged(std * diagonal)[0] for std in stds), SLACK, {}
+
+    def exchanged(self, other: _Line) -> Cause:
+        """Return that the motor is exchanged with another one."""
+        size = -other.judged()[0]
+        values = dict[str, object]()
+        for a, b in ((self, other), (other, self)):
+            same = a.sign * b.sign
+            size += b.judged(met=same * a.met[::same])[0]
+            zero, radius = (of.model_dump(exclude_defaults=True) for of in (b.zero, b.radius))
+            values |= a.turned(same, zero) | {f"drives.{a.name}.radius": radius}
+            values |= {f"tendons.{tendon.name}.drive": b.name for tendon in a.tendons}
+        return size, f"it is exchanged with {other.name}", values
+
+
+def doubts_of(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tuple[Fault, ...]:
+    """Return what is likely wrong in the file of a hand, by the motors with a pair of tendons, with
+    what would correct it: nothing for a zero, which the routine finds in any case.
+
+    Args:
+        rig: the hand as its file has it.
+        sweeps: motor → its sweeps.
+    """
+    lines = [
+        _Line(rig, name, of)
+        for name, of in sweeps.items()
+        if is_pair(rig, name) and len(of) >= FEWEST_SWEEPS
+    ]
+    doubts = list[Fault]()
+    for line in lines:
+        # exp(−d/2) is the probability of two numbers at least so far off
+        if line.judged()[1] < 2 * (log(len(lines)) - RARE):
+            continue
+        causes = [*line.causes(), *(line.exchanged(other) for other in lines if other is not line)]
+        causes.sort(key=lambda cause: -cause[0])
+        words = [cause[1] for cause in causes if cause[0] > causes[0][0] + RARE]
+        values = causes[0][2]
+        kind: FaultKind = "slack" if SLACK in words else "file" if values else "zero"
+        off = np.rad2deg(line.off / line.per_stop)
+        sentence = (
+            f"{line.name} ({line.joint.name}): the file has the ends of its travel {off[0]:.1f}° "
+            f"and {off[1]:.1f}° of the joint off: {'; or '.join(words)}. {DONE[kind]}"
+        )
+        doubts.append(Fault(kind, line.name, sentence + (ACCEPT if values else ""), values))
+    return tuple(doubts)
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,10 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import FitError
 from distal.fitting import Options
-from distal.fitting.free_parameter import assignments
-from distal.fitting.likelihood_search import most_likely, search
+from distal.fitting.free_parameters import assignments
 from distal.fitting.objective import Problem
-from distal.fitting.parameter_estimates import problem_of, searched
-from distal.hands.sweeps import Sweep, is_pair, needed, winds_to
+from distal.fitting.parameter_estimates import most_likely, problem_of, search, searched
+from distal.hands.power_on_routine import Sweep, is_pair, needed, winds_to
 from distal.logs import Log
 from distal.rig import Capstan, Rig, Sensor, Subsystem
 

@@ -1,15 +1,19 @@
-"""Homing of a filter: while the angle is known, the filter reads it, and its maps are conditioned
+"""References of joints' angles: a sensor that is read while the angle is known (homing, fitting),
+or a column of true angles.
+
+Homing of a filter: while the angle is known, the filter reads it, and its maps are conditioned
 on what it lacks.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from distal.arrays import Bools, Floats
+from distal.errors import EstimationError
 from distal.estimators import (
     LARGEST_ANGLE,
     AdaptiveFilter,
@@ -19,12 +23,202 @@ from distal.estimators import (
     offsets_of,
     parts_of,
 )
-from distal.homing.reference import TRUTH_NOISE
 from distal.kernels import covariance_of, mean_of, variances_of
-from distal.logs import Log, frozen
+from distal.logs import Log, TruthKind, TruthSource, frozen, true_angles
 from distal.parallel import one_blas_thread
 from distal.regression import Samples, from_prior, from_window, given
-from distal.rig import LearnedMap, Rig
+from distal.rig import LearnedMap, Rig, Sensor, angle_names, build_rig
+
+TRUTH_NOISE = np.deg2rad(0.1)
+"""Standard deviation of a true angle that is no sensor of the rig [rad]. Source: judgement."""
+
+
+def with_references(rig: Rig, log: Log) -> tuple[Rig, tuple[Sensor, ...]]:
+    """Return a rig in which each joint whose angle the log knows has a sensor of it, and these
+    sensors.
+
+    If the log's true angles come from the rig's own sensors, they are these; else sensors called
+    ``reference`` are added, with `TRUTH_NOISE`.
+
+    Raises:
+        EstimationError: the log has no true angle.
+    """
+    joints = rig.joint_names
+    known_joints = [joint for joint, name in zip(joints, angle_names(joints)) if name in log.truth]
+    if not known_joints:
+        raise EstimationError(
+            f"{log.source}: homing needs the joint's angle for a while; give --truth, or log the "
+            "column of the rig's "
+            "angle sensor"
+        )
+    rate = 1.0 / float(np.median(np.diff(log.time))) if len(log) > 1 else 100.0
+    names = []
+    for joint in known_joints:
+        sensors = [sensor for sensor in rig.sensors_of("angle") if sensor.of == joint]
+        if sensors and log.truth_kind.by_sensor:
+            if sensors[0].noise == 0.0 and sensors[0].resolution == 0.0:
+                rig = rig.with_values({f"sensors.{sensors[0].name}.noise": TRUTH_NOISE})
+            names.append(sensors[0].name)
+        else:
+            rig, added = added_reference(rig, rate, joint)
+            names.append(added.name)
+    return rig, tuple(sensor for name in names for sensor in rig.sensors if sensor.name == name)
+
+
+def added_reference(rig: Rig, rate: float, joint: str | None = None) -> tuple[Rig, Sensor]:
+    """Return the rig with one more sensor of a joint's angle, default the first joint's, that is
+    read at some `rate` [Hz]; and that sensor.
+    """
+    joint = rig.joints[0].name if joint is None else joint
+    sensors = [sensor for sensor in rig.sensors_of("angle") if sensor.of == joint]
+    raw = rig.model_dump()
+    added = _angle_sensor(rig, "reference", joint, rate)
+    if sensors:
+        added["bias"] = sensors[
+            0
+        ].bias.model_dump()  # how far the model's angle and the joint's may be apart
+    raw["sensors"] = [*raw["sensors"], added]
+    described = build_rig(raw, rig.name)
+    return described, described.sensors[-1]
+
+
+def _angle_sensor(rig: Rig, stem: str, joint: str, rate: float) -> dict[str, object]:
+    """Return a new sensor of a joint's angle, with a name that no sensor of the rig has."""
+    taken = {sensor.name for sensor in rig.sensors}
+    stem = stem if len(rig.joints) == 1 else f"{stem}_{joint}"
+    name = next(n for n in (stem, f"{stem}_angle", f"{stem}_angle_2") if n not in taken)
+    rate = float(np.clip(rate, 1e-3, 1e6))
+    return {"name": name, "measures": "angle", "of": joint, "noise": TRUTH_NOISE, "rate": rate}
+
+
+def at_known_angle(
+    log: Log, rig: Rig, homing: float, angle: float, std: float = 0.0, joint: str | None = None
+) -> tuple[Log, Rig]:
+    """Return a log and a rig for homing where a joint stands at a known angle: at a mark, or
+    against a hard stop.
+
+    The rig gets a sensor ``home`` of the joint's angle (``home_JOINT`` where there are several
+    joints). In the log the joint's true angle is `angle` for the first `homing` s; later it is what
+    it was, NaN where it was not known. For several joints call it once for each that stands at a
+    known angle; true angles of the others are not used during homing.
+
+    Args:
+        log: the run.
+        rig: its description.
+        homing: for how long the joint stands there [s].
+        angle: the known angle [rad].
+        std: standard deviation of the sensor's constant offset [rad].
+        joint: its name; may be left out where there is only one.
+
+    Raises:
+        EstimationError: it is not clear which joint is meant, or a number is out of bounds.
+    """
+    joints = rig.joint_names
+    if (joint is None and len(joints) > 1) or (joint is not None and joint not in joints):
+        came = "none was named" if joint is None else f"{joint!r} came"
+        raise EstimationError(
+            f"a homing angle is of one joint; name one of {', '.join(joints)} ('pip: 0 deg'); "
+            f"{came}"
+        )
+    which = joints[0] if joint is None else joint
+    if not abs(angle) <= LARGEST_ANGLE or not 0.0 <= std <= LARGEST_ANGLE:
+        raise EstimationError(
+            f"a homing angle is at most {LARGEST_ANGLE:g} rad, {angle:g} ± {std:g} rad came"
+        )
+    described, _ = _with_home(rig, which, std, log.rate if len(log) > 1 else 100.0)
+    columns = dict(zip(joints, angle_names(joints)))
+    early = log.time - log.time[0] < homing
+    homed_before = log.truth_kind is TruthKind.HOME
+    truth = dict(log.truth)
+    if not homed_before:
+        # during homing, true angles of all other joints are not used
+        truth |= {
+            name: np.where(early, np.nan, truth[name]) for name in columns.values() if name in truth
+        }
+    column = columns[which]
+    truth[column] = np.where(early, angle, truth.get(column, np.full(len(log), np.nan)))
+    at = f"{np.rad2deg(angle):g}° ± {np.rad2deg(std):g}° at home"
+    at = at if len(joints) == 1 else f"{which} {at}"
+    position = f"{log.truth_source.position}, {at}" if homed_before else at
+    return replace(log, truth=truth, truth_source=TruthSource(TruthKind.HOME, position)), described
+
+
+def _with_home(rig: Rig, joint: str, std: float, rate: float) -> tuple[Rig, Sensor]:
+    """Return the rig with a sensor ``home`` of where a joint is known to stand, and that sensor."""
+    home = {**_angle_sensor(rig, "home", joint, rate), "bias": {"value": 0.0, "std": std}}
+    raw = rig.model_dump()
+    raw["sensors"] = [home, *raw["sensors"]]
+    described = build_rig(raw, rig.name)
+    return described, described.sensors[0]
+
+
+def homing_filter(rig: Rig, std: float = 0.0, compiled: bool = True) -> AdaptiveFilter:
+    """Return an `adaptive` that can home at any time: its samples also say where joints are known
+    to stand.
+
+    After its other channels it has one more for each joint, ``home`` or ``home_JOINT``. Its value
+    is the angle [rad] while the joint is known to stand there, at a mark or against a stop, and NaN
+    at all other times. Between that angle and the joint's own there is a constant offset of
+    standard deviation `std` [rad]. Where the rig has learned maps beside the filter, that angle
+    conditions them and does not move the filter.
+
+    Raises:
+        EstimationError: the std is out of bounds, or the filter cannot run on it.
+    """
+    if not isinstance(std, (int, float, np.floating)) or not 0.0 <= std <= LARGEST_ANGLE:
+        raise EstimationError(
+            f"a homing angle is known to 0 to {LARGEST_ANGLE:g} rad, {std!r} came"
+        )
+    rate = max((sensor.rate for sensor in rig.sensors), default=100.0)
+    is_mapped = rig.map is not None and bool(rig.map.filter)
+    names: list[str] = []
+    for joint in reversed(rig.joints):
+        rig, sensor = _with_home(rig, joint.name, 0.0 if is_mapped else std, rate)
+        names.insert(0, sensor.name)
+    homes = [next(sensor for sensor in rig.sensors if sensor.name == name) for name in names]
+    return AdaptiveFilter(rig, compiled, references=homes, home_std=std if is_mapped else None)
+
+
+def check_homing(homing: float, log: Log, joints: Sequence[str]) -> Floats:
+    """Return the true angles of a log, (k, n_joints) [rad], of which the first `homing` s are the
+    reference.
+
+    Raises:
+        EstimationError: there is no reference in these seconds, or they leave no time to estimate.
+    """
+    span = float(log.time[-1] - log.time[0])
+    if not np.isfinite(homing) or not 0.0 < homing < span:
+        raise EstimationError(
+            f"homing must be longer than 0 s and shorter than the log ({span:g} s), {homing:g} s "
+            "came"
+        )
+    truths = true_angles(log, joints)
+    if truths is None:
+        raise EstimationError(
+            f"{log.source}: homing needs the joint's angle for a while, and this log has none"
+        )
+    if not np.isfinite(truths[log.time - log.time[0] < homing]).any():
+        raise EstimationError(
+            f"{log.source}: the reference has no value in the first {homing:g} s; homing needs one"
+        )
+    return truths
+
+
+def homed(angles: Floats, truths: Floats, early: Bools) -> Floats:
+    """Return `angles` [rad], (k, n_joints), each joint's shifted so that its mean error against the
+    reference is zero.
+
+    Args:
+        angles: as estimated.
+        truths: the reference's angles [rad], NaN where it has none, (k, n_joints).
+        early: where the reference is used, (k,).
+    """
+    shifted = angles.copy()
+    for j in range(angles.shape[1]):
+        compared = early & np.isfinite(truths[:, j])
+        if compared.any():
+            shifted[:, j] -= np.mean(angles[compared, j] - truths[compared, j])
+    return shifted
 
 
 @dataclass(frozen=True)

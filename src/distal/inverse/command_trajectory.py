@@ -1,42 +1,472 @@
-"""Commands of the drives for a whole desired trajectory of the joints at once."""
+"""Commands of drives over time, the angles that they reach, and what they cannot do, in words.
+
+Angles at which joints come to rest with the drives' positions that are really sent, and their
+variances: the band of an open loop.
+
+Joints rest where friction l holds the residual torque r, |r(θ, s, p)| ≤ l, at the drives' positions
+s. At the desired angles r is zero, unless a drive is cut at the end of its range, at its force
+limit or at its speed limit. Then Newton's steps find θ, from the angles of the sample before and
+within the stops: far from there the geometry of a tendon has other solutions.
+
+Since r(θ, s, p) = 0 there, dθ/dp = −(∂r/∂θ)⁻¹ ∂r/∂p. The parameters p have the stds of the rig
+file, and the positions those of their sensors. A joint whose friction has not turned over may rest
+anywhere within the friction limit l of that.
+
+Setpoints of servos: what a drive is sent so that, with its servo's speed limit, lag and delay,
+it follows positions.
+
+Commands of the drives for a whole desired trajectory of the joints at once.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from distal.arrays import Bools, Floats
 from distal.errors import CommandError
 from distal.estimators import LARGEST_ANGLE, AdaptiveFilter, first_values
-from distal.inverse.command_result import (
-    TINY,
-    Commands,
-    beyond,
-    expected_readings,
-    not_reached,
-    within_stops,
+from distal.expressions import Matrix, Vector
+from distal.inverse.feedforward import (
+    KERNEL,
+    LEAST_TENSION,
+    ROUNDS,
+    STEPS,
+    TURNS,
+    CommandModel,
+    least_tension_of,
+    limited,
+    solved,
 )
-from distal.inverse.feedforward import ROUNDS
-from distal.inverse.live_command_function import readings
-from distal.inverse.open_loop_rest import RestModel, position_variances
-from distal.inverse.servo_setpoints import followable, sent
-from distal.inverse.tension_distribution import LEAST_TENSION, least_tension_of
+from distal.inverse.live_inverse import readings
+from distal.inverse.torque_balance import traced
 from distal.kernels import (
     Advanced,
     Feed,
+    Layout,
     advance,
     kernel_of,
     mean_of,
     structure_of,
     variances_of,
 )
-from distal.rig import Rig, as_rig
+from distal.logs import write_columns
+from distal.rig import (
+    Capstan,
+    Rig,
+    Slider,
+    angle_names,
+    as_rig,
+    effort_unit,
+    gain_of,
+    log_factor,
+    position_unit,
+    std_name,
+)
 from distal.run.health import LIMITS
-from distal.simulation.plant_kernel import inside_function
+from distal.simulation.plant import inside_function
+from distal.units import rounded, unit_factor
+
+NAMED_JOINTS = 3
+"""Number of joints that are named as not at their desired angles. Source: layout."""
+
+TINY = 1e-9
+"""Difference up to which two positions [m, rad], or two pulls [N], are equal. Source: rounding
+(positions and pulls that are equal).
+"""
+
+
+@dataclass(frozen=True, repr=False)
+class Commands:
+    """Commands of the drives over time, and the angles of the joints that they reach, SI.
+
+    Args:
+        time: stamps [s], (k,).
+        desired: desired angles, (k, n_joints) [rad].
+        angles: angles that the commands reach by the model, (k, n_joints) [rad].
+        stds: standard deviations of the true angles about `angles` in an open loop, (k, n_joints)
+            [rad].
+        positions: of the drives, (k, n_drives) [m, rad].
+        sent: setpoints of drives that follow positions, as their sensors read them: they make up
+            for lag, delay and compliance of the rig's `servo`, (k, n_drives) [m, rad].
+        speeds: of the drives, (k, n_drives) [m/s, rad/s].
+        forces: of the drives, (k, n_drives) [N, N m].
+        tensions: of the tendons at their drives, (k, n_tendons) [N].
+        notes: what cannot be reached, and why.
+    """
+
+    rig: Rig
+    time: Floats
+    desired: Floats
+    angles: Floats
+    stds: Floats
+    positions: Floats
+    sent: Floats
+    speeds: Floats
+    forces: Floats
+    tensions: Floats
+    notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return (
+            f"Commands({self.rig.name}, {len(self.time)} samples, "
+            f"{self.time[-1] - self.time[0]:g} s)"
+        )
+
+    def columns(self, unit: str = "rad") -> dict[str, Floats]:
+        """Return the columns of a file of commands: setpoints and forces of the drives, in the
+        columns and units of the rig's sensors, their speeds, then the reached angles and their
+        stds.
+
+        The position of a drive is the one that is `sent`. A drive without a sensor of its position
+        or force has columns in SI: ``DRIVE_position [m]``, ``DRIVE_force [N]``.
+
+        Args:
+            unit: of the angles, "rad" or "deg".
+        """
+        rig = self.rig
+        read = expected_readings(rig, self.sent, self.forces, self.tensions)
+        sensors = {(sensor.of, sensor.measures): sensor for sensor in reversed(rig.sensors)}
+        columns = {rig.log.time.column: self.time / unit_factor(rig.log.time.unit, "s")}
+        for i, drive in enumerate(rig.drives):
+            for kind, own, values in (
+                ("position", position_unit(drive), self.sent),
+                ("force", effort_unit(drive), self.forces),
+            ):
+                sensor = sensors.get((drive.name, kind))
+                if sensor is None:
+                    columns[f"{drive.name}_{kind} [{own}]"] = values[:, i]
+                else:
+                    read_there = sensor.sign * read[sensor.name]
+                    columns[sensor.log_column] = read_there / log_factor(sensor)
+            columns[f"{drive.name}_speed [{position_unit(drive)}/s]"] = self.speeds[:, i]
+        factor = unit_factor(unit, "rad")
+        for j, name in enumerate(angle_names(rig.joint_names)):
+            columns[f"{name} [{unit}]"] = self.angles[:, j] / factor
+            columns[f"{std_name(name)} [{unit}]"] = self.stds[:, j] / factor
+        return columns
+
+    def write(self, path: str | Path, unit: str = "rad") -> None:
+        """Write `columns` to a CSV or Parquet file, angles in a `unit`, "rad" or "deg".
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        write_columns(self.columns(unit), path)
+
+
+def expected_readings(
+    rig: Rig, positions: Floats, forces: Floats, tensions: Floats
+) -> dict[str, Floats]:
+    """Return what the sensors of drives and tendons would read, by sensor, (k,) each [SI].
+
+    Args:
+        positions: as the drives' sensors read them, (k, n_drives) [m, rad].
+        forces: of the drives, (k, n_drives) [N, N m].
+        tensions: of the tendons at their drives, (k, n_tendons) [N].
+    """
+    of = {
+        "position": dict(zip(rig.drive_names, positions.T)),
+        "force": dict(zip(rig.drive_names, forces.T)),
+        "tension": dict(zip([tendon.name for tendon in rig.tendons], tensions.T)),
+    }
+    found = {}
+    for sensor in rig.sensors:
+        true = of.get(sensor.measures, {}).get(sensor.of)
+        if true is not None and sensor.measures == "position":
+            found[sensor.name] = true
+        elif true is not None:
+            found[sensor.name] = gain_of(sensor).value * true + sensor.bias.value
+    return found
+
+
+def within_stops(model: CommandModel, time: Floats, desired: Floats) -> tuple[list[str], Floats]:
+    """Return which desired angles lie beyond stops, in words, and the angles limited to the stops,
+    (k, n_free) [rad].
+
+    Args:
+        model: the inverse of the rig.
+        time: stamps [s], (k,).
+        desired: angles of the free joints [rad], (k, n_free).
+    """
+    joints = [model.rig.joints[j] for j in model.free]
+    stops = np.array([joint.stops or (-np.inf, np.inf) for joint in joints])
+    held = np.clip(desired, *stops.T)
+    notes = []
+    for joint, (low, high), beyond in zip(joints, np.rad2deg(stops), np.abs(held - desired).T):
+        if beyond.max() > TURNS:
+            notes.append(
+                f"{joint.name} is wanted {rounded(np.rad2deg(beyond.max()), 3)}° beyond its stops "
+                f"({low:.4g} to {high:.4g}°), {_first(time, beyond > TURNS)}"
+            )
+    return notes, held
+
+
+def not_reached(
+    model: CommandModel, time: Floats, desired: Floats, reached: Floats, cut: Bools
+) -> list[str]:
+    """Return which joints do not reach their desired angles, in words, the farthest first.
+
+    Args:
+        model: the inverse of the rig.
+        time: stamps [s], (k,).
+        desired: angles of the free joints [rad], (k, n_free).
+        reached: angles that the free joints reach with what is sent [rad], (k, n_free).
+        cut: where drives cannot do what the desired angles ask for, (k, n_drives).
+    """
+    joints = [model.rig.joints[j].name for j in model.free]
+    away = np.abs(reached - desired)
+    far = [k for k in np.argsort(-away.max(axis=0)) if away[:, k].max() > TURNS]
+    if not far:
+        return []
+    each = [
+        f"{joints[k]} {rounded(np.rad2deg(away[:, k].max()))}° ({_first(time, away[:, k] > TURNS)})"
+        for k in far[:NAMED_JOINTS]
+    ]
+    more = f" and {len(far) - NAMED_JOINTS} more" if len(far) > NAMED_JOINTS else ""
+    names = [model.rig.drives[i].name for i in np.flatnonzero(cut.any(axis=0))]
+    why = (
+        f"{', '.join(names)} cannot do what is wanted, which leaves joints off by up to"
+        if names
+        else "fewer drives than joints, these follow their springs, off by up to"
+    )
+    return [f"{why}: {', '.join(each)}{more}"]
+
+
+def beyond(
+    model: CommandModel,
+    time: Floats,
+    read: Mapping[str, Floats],
+    asked: Floats,
+    least: float,
+) -> list[str]:
+    """Return which limits of drives are passed, and which tendons go slack, in words.
+
+    Args:
+        model: the inverse of the rig.
+        time: stamps [s], (k,).
+        read: part of the kernel's output, such as "forces" → its values, (k, n) each, SI.
+        asked: positions of the drives that the desired angles ask for, (k, n_drives) [m, rad].
+        least: least tension of the tendons [N].
+    """
+    notes = []
+    for i, drive in enumerate(model.rig.drives):
+        unit = effort_unit(drive)
+        needed = read["forces"][:, i] + drive.lever * read["short"][:, i]
+        largest = float(np.abs(needed).max())
+        if _is_passed(largest, drive.limit):
+            notes.append(
+                f"{drive.name} would need {largest:.3g} {unit}, its limit is "
+                f"{drive.limit:.3g} {unit}"
+            )
+        reaches = None if drive.servo is None else drive.servo.fastest
+        fastest = float(np.abs(np.gradient(read["positions"][:, i], time)).max())
+        if _is_passed(fastest, reaches):
+            notes.append(
+                f"{drive.name} would need a speed of {fastest:.3g}, it reaches {reaches:.3g}: it "
+                "is late there"
+            )
+        cut = np.abs(asked[:, i] - read["positions"][:, i]) > TINY
+        if drive.stops is not None and cut.any():
+            low, high = drive.stops
+            notes.append(
+                f"{drive.name} would have to go beyond its range [{low:.4g}, {high:.4g}], "
+                f"{_first(time, cut)}"
+            )
+    for i, tendon in enumerate(model.rig.tendons):
+        slack = read["tensions"][:, i] < 0.5 * min(least, 1e-3)
+        if slack.any():
+            notes.append(f"tendon {tendon.name} goes slack, {_first(time, slack)}")
+    return notes
+
+
+def _is_passed(needed: float, limit: float | None) -> bool:
+    """Return whether a limit is passed by as much as the three digits show that are said of it."""
+    return limit is not None and float(f"{needed:.3g}") > float(f"{limit:.3g}")
+
+
+def _first(time: Floats, at: Bools) -> str:
+    """Return in words when something is so for the first time."""
+    return f"first at {time[at][0]:.4g} s"
+
+
+LARGEST_TURN = float(np.deg2rad(2.0))
+"""Largest turn of a joint in one of Newton's steps; within it, a joint that was left behind counts
+as back at its desired angle [rad]. Source: judgement.
+"""
+
+SOFTEST = 1e-9
+"""Stiffness that is added to every joint, so that a joint which nothing holds has a wide but finite
+band [N m/rad]. Source: rounding (division by a stiffness of zero).
+"""
+
+
+class RestModel(CommandModel):
+    """The inverse of a rig, with the angles at which its joints rest as a second kernel."""
+
+    @cached_property
+    def rest_x(self) -> Layout:
+        """Layout of a sample of that kernel: desired angles, drives' positions and their variances,
+        the directions of friction, the internal state, and whether a drive is cut.
+        """
+        return Layout(
+            angles=self.nf,
+            positions=self.nd,
+            variances=self.nd,
+            turned=self.nf,
+            inside=self.n_inside,
+            cut=1,
+        )
+
+    def rest_function(self) -> ca.Function:
+        """Return the kernel (kernel_state, x, p) → (kernel_state⁺, y) of the angles at which free
+        joints rest and their variances, y = (θ_free [rad], σ² [rad²]), (2 n_free,).
+
+        The kernel state is (θ_free, whether joints were left behind). As long as they were not,
+        θ_free are the desired angles.
+        """
+        kernel_state = ca.MX.sym("kernel_state", self.nf + 1)
+        x = ca.MX.sym("x", self.rest_x.size)
+        p = ca.MX.sym("p", self.n_parameters)
+        came = self.rest_x.parts(x)
+        parameters = ca.vertcat(p, came["inside"])
+        angles, was_behind = ca.vertsplit(kernel_state, [0, self.nf, self.nf + 1])
+        for _ in range(STEPS):
+            step = self._step(angles, came["positions"], parameters)
+            angles = self.within_stops(angles + step, parameters)
+        away = ca.fabs(angles - came["angles"]) > LARGEST_TURN
+        stays = ca.logic_and(was_behind > 0, ca.dot(away, away) > 0)
+        behind = ca.logic_or(came["cut"] > 0, stays)
+        angles = ca.if_else(behind, angles, came["angles"])
+        # friction may act either way where a drive is cut
+        turned = came["turned"] * (1 - came["cut"])
+        spread = self._spread(angles, came["positions"], turned, came["variances"], parameters)
+        following = ca.vertcat(angles, behind)
+        return ca.Function(
+            "rest", [kernel_state, x, p], [following, ca.vertcat(angles, spread)], *KERNEL
+        )
+
+    @traced
+    def _step(self, free: Vector, positions: Vector, p: Vector) -> list[Vector]:
+        """Function (θ_free, s, p) → Newton's step towards rest; a joint whose residual torque
+        friction holds stays.
+        """
+        lacks, friction = self.lacking(free, positions, ca.SX.zeros(self.nf))
+        beyond = lacks - limited(lacks, friction)
+        return [limited(-solved(self._slopes(lacks, free), beyond), LARGEST_TURN)]
+
+    def _slopes(self, lacks: Vector, free: Vector) -> Matrix:
+        """Return the derivatives of the residual torques by the angles."""
+        return ca.jacobian(lacks, free) - SOFTEST * ca.SX.eye(self.nf)
+
+    @traced
+    def _spread(
+        self, free: Vector, positions: Vector, turned: Vector, variances: Vector, p: Vector
+    ) -> list[Vector]:
+        """Function (θ_free, s, d, σ_s², p) → variances of θ_free [rad²].
+
+        They follow from the stds of the rig's parameters, from the variances σ_s² of the drives'
+        positions, and from friction that has not turned over, by its directions d.
+        """
+        lacks, friction = self.lacking(free, positions, turned)
+        slopes = self._slopes(lacks, free)
+        by_positions = ca.mtimes(ca.jacobian(lacks, positions), ca.diag(ca.sqrt(variances)))
+        # all torques within friction that has not turned over are equally likely: the variance is a
+        # third of its square
+        left = ca.sqrt(friction**2 * ca.fmax(1 - turned**2, 0) / 3)
+        errors = ca.horzcat(self._by_parameters(lacks), by_positions, ca.diag(left))
+        columns = ca.horzsplit(ca.densify(errors))
+        return [sum((solved(slopes, column) ** 2 for column in columns), ca.SX.zeros(self.nf))]
+
+    def _by_parameters(self, lacks: Vector) -> Matrix:
+        """Return how residual torques change with the parameters, (n_free, k): a column for one std
+        of each parameter's own error, and one for that of each error that several share.
+        """
+        parameters = self.mechanism.parameters
+        p = parameters.symbols
+        slopes = ca.jacobian(lacks, p)
+        columns = [
+            slopes[:, i] * self.number(p, [f"{parameters.names[i]}.std"])
+            for i in np.flatnonzero(parameters.independent_stds > 0.0).tolist()
+        ]
+        columns += [
+            ca.mtimes(slopes[:, members], p[members]) * self.number(p, [f"shared.{name}.std"])
+            for name, (_, members) in parameters.shared.items()
+        ]
+        return ca.horzcat(ca.SX(self.nf, 0), *columns)
+
+
+def position_variances(rig: Rig) -> Floats:
+    """Return the variances of the drives' positions by the zeros and the linearity of their
+    sensors, (n_drives,) [m², rad²].
+    """
+    sensors = {sensor.of: sensor for sensor in rig.sensors_of("position")}
+    found = [sensors.get(drive.name) for drive in rig.drives]
+    # the largest error by a curve counts as two standard deviations, as in the filter
+    return np.array(
+        [0.0 if one is None else one.bias.total_std**2 + (one.linearity / 2) ** 2 for one in found]
+    )
+
+
+def followable(time: Floats, positions: Floats, drive: Slider | Capstan) -> Floats:
+    """Return a drive's positions, no faster than its servo can go, (k,).
+
+    A jump is spread to both sides of it: the result is the mean of a rate limiter that is run
+    forwards and one that is run backwards. Of the jump of a drive at a reversal, which takes up
+    stretch, half comes before the joint turns.
+
+    Args:
+        time: rising stamps [s], (k,).
+        positions: (k,) [m, rad].
+        drive: the drive with its servo.
+    """
+    if drive.servo is None or drive.servo.fastest is None:
+        return positions
+    most = drive.servo.fastest * np.diff(time)
+    forth = _rate_limited(positions, most)
+    back = _rate_limited(positions[::-1], most[::-1])[::-1]
+    middle: Floats = (forth + back) / 2
+    return middle
+
+
+def _rate_limited(positions: Floats, most: Floats) -> Floats:
+    """Return positions that change by no more than `most` from each sample to the next."""
+    limited = positions.copy()
+    for k, step in enumerate(most):
+        limited[k + 1] = min(max(positions[k + 1], limited[k] - step), limited[k] + step)
+    return limited
+
+
+def sent(time: Floats, positions: Floats, drive: Slider | Capstan) -> Floats:
+    """Return the setpoints u(t) = s(t + T) + ds/dt(t + T)/(2π f) of a drive that follows positions,
+    (k,).
+
+    Its servo has the bandwidth f and the delay T. Without a servo in the rig the positions s are
+    sent as they are.
+
+    Args:
+        time: rising stamps [s], (k,).
+        positions: s, (k,) [m, rad].
+        drive: the drive with its servo.
+    """
+    servo = drive.servo
+    if servo is None:
+        return positions
+    step = float(np.median(np.diff(time)))
+    lag = servo.lag - servo.delay
+    # a servo cannot follow a corner: corners are rounded over its lag, so that the lead stays small
+    width = max(1, 2 * round(lag / step / 2) + 1)
+    rounded = uniform_filter1d(followable(time, positions, drive), width, mode="nearest")
+    ahead = np.interp(time + servo.delay, time, rounded)
+    speed = np.interp(time + servo.delay, time, np.gradient(rounded, time))
+    command: Floats = ahead + lag * speed
+    return command
 
 
 class Inverse:

@@ -2,27 +2,32 @@
 interpreter.
 """
 
-from distal.kernels.cache import Recipe, Structure, cache_folder, structure_of
-from distal.kernels.compiler import c_source, find_compiler
-from distal.kernels.driver import (
-    Indices,
-    PlacedKernel,
-    advance,
-    advance_all,
-    at_samples,
-    in_order,
-    side_by_side,
+from distal.kernels.compiler import (
+    Recipe,
+    Structure,
+    c_source,
+    cache_folder,
+    find_compiler,
+    structure_of,
 )
 from distal.kernels.kernel import (
     AT_ONCE,
     Compiled,
     Evaluation,
+    Indices,
     Kernel,
+    LaneKernel,
+    PlacedKernel,
+    advance,
+    advance_all,
+    at_samples,
     forget,
     function_of,
+    in_order,
     kernel_of,
+    lanes_here,
+    side_by_side,
 )
-from distal.kernels.lanes import LaneKernel, lanes_here
 from distal.kernels.layout import (
     Advanced,
     Feed,

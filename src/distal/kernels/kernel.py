@@ -1,37 +1,183 @@
-"""A kernel: one function of a kernel state and a sample, which is compiled where that is possible
+"""Many runs of one kernel side by side, one in each vector lane.
+
+A kernel: one function of a kernel state and a sample, which is compiled where that is possible
 and interpreted otherwise; and the kernels that a process keeps by their structure, since rigs that
 differ in their numbers alone share one.
+
+Runs of kernels: their kernel states and outputs, for one run or for several side by side in
+vector lanes.
+
+Numbers of a vector by their indices, by which functions of parts are joined to one function of
+the whole.
+
+Work on many items by several threads. Results come in the items' order, and only what is in work
+is in memory.
 """
 
 from __future__ import annotations
 
 import ctypes
 import os
+import platform
 import threading
 import warnings
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from math import prod
 from threading import RLock
 from typing import Literal, TypeVar, cast
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from distal.arrays import Floats
+from distal.codegen import Lanes
 from distal.errors import KernelWarning
-from distal.kernels.cache import Recipe, Structure
+from distal.expressions import MatrixNode, VectorNode
 from distal.kernels.compiler import (
     OPTIMISED,
+    OPTIMISED_LANES,
     QUICK,
     CompileError,
+    Recipe,
+    Structure,
     UnwantedError,
     c_source,
+    cpu,
+    emitted,
     find_compiler,
     library_of,
     loaded,
 )
-from distal.kernels.lanes import LaneKernel
-from distal.kernels.layout import Feed, Sizes
+from distal.kernels.layout import Advanced, Feed, Sizes
+
+_BATCH = """
+/* {lanes} runs of {name}: of each sample's kernel_state the numbers `keep` are kept, and y; a run
+ * that ended rests */
+void {name}_batch(const long long* rows, const double* const* kernel_state, const double* const* x,
+                  const double* const* p,
+                  long long n_keep, const int* keep, double* const* kept, double* const* y) {{
+  V c[2][{n_kernel_state}], sample[{n_x}], numbers[{n_p}], out[{n_y}];
+  long long k, most = 0, i;
+  int l;
+  for (l = 0; l < {lanes}; ++l) {{
+    for (i = 0; i < {n_kernel_state}; ++i) c[0][i][l] = kernel_state[l][i];
+    for (i = 0; i < {n_p}; ++i) numbers[i][l] = p[l][i];
+    if (rows[l] > most) most = rows[l];
+  }}
+  for (k = 0; k < most; ++k) {{
+    const V* now = c[k & 1];
+    V* next = c[~k & 1];
+    for (l = 0; l < {lanes}; ++l) {{
+      const double* row = x[l] + k * {n_x};
+      for (i = 0; i < {n_x}; ++i) sample[i][l] = k < rows[l] ? row[i] : 0.0;
+    }}
+    {name}(now, sample, numbers, next, out);
+    for (l = 0; l < {lanes}; ++l) {{
+      if (k >= rows[l]) continue;
+      for (i = 0; i < n_keep; ++i) kept[l][k * n_keep + i] = next[keep[i]][l];
+      for (i = 0; i < {n_y}; ++i) y[l][k * {n_y} + i] = out[i][l];
+    }}
+  }}
+}}
+
+/* one sample of groups of {lanes} runs each, whose kernel states are changed in place */
+void {name}_step(long long groups, V* kernel_state, const V* x, const V* p, V* y) {{
+  V next[{n_kernel_state}];
+  long long g, i;
+  for (g = 0; g < groups; ++g, kernel_state += {n_kernel_state}, x += {n_x}, y += {n_y}) {{
+    {name}(kernel_state, x, p, next, y);
+    for (i = 0; i < {n_kernel_state}; ++i) kernel_state[i] = next[i];
+  }}
+}}
+"""
+
+
+@lru_cache(maxsize=1)
+def lanes_here() -> int:
+    """Return the number of vector lanes: how many numbers of double precision this processor takes
+    at once.
+    """
+    features = cpu()
+    if "avx512f" in features:
+        return 8
+    return 4 if "avx2" in features or platform.machine() == "x86_64" else 2
+
+
+def _source(function: ca.Function) -> str:
+    lanes = lanes_here()
+    return emitted(function, Lanes(lanes), _BATCH, lanes=lanes)
+
+
+class LaneKernel:
+    """A kernel (kernel_state, x, p) → (kernel_state⁺, y) over several runs at once. Its results are
+    those of one run after the other.
+
+    Raises:
+        CompileError: there is no compiler, or it does not know vectors, or the function has no C.
+    """
+
+    def __init__(self, recipe: Recipe) -> None:
+        self.lanes = lanes_here()
+        library = library_of(recipe, f"{self.lanes} lanes", _source, OPTIMISED_LANES)
+        self.sizes = library.sizes
+        self._batch = loaded(
+            library, "batch", [*4 * [ctypes.c_void_p], ctypes.c_longlong, *3 * [ctypes.c_void_p]]
+        )
+        self._step = loaded(library, "step", [ctypes.c_longlong, *4 * [ctypes.c_void_p]])
+
+    def scan(self, feeds: Sequence[Feed], keep: Sequence[int]) -> list[Advanced]:
+        """Return the results of several runs: of the kernel state after each row only the numbers
+        `keep`, (k, len(keep)), and the outputs.
+
+        Args:
+            feeds: at most `lanes` runs, which may differ in length.
+            keep: indices of numbers of the kernel state.
+        """
+        dense = [feed.dense(self.sizes) for feed in feeds]
+        lengths = np.zeros(self.lanes, dtype=np.int64)
+        lengths[: len(feeds)] = [len(feed.rows) for feed in dense]
+        out = [
+            Advanced(np.empty((rows, len(keep))), np.empty((rows, self.sizes.y)))
+            for rows in lengths[: len(feeds)]
+        ]
+        kept = np.array(keep, dtype=np.int32)
+        # lanes without a run of their own begin as the first one, with no rows, and keep nothing
+        self._batch(
+            lengths.ctypes.data,
+            *(self._pointers(arrays) for arrays in zip(*dense)),
+            len(kept),
+            kept.ctypes.data,
+            *(self._pointers(arrays) for arrays in zip(*out)),
+        )
+        return out
+
+    def empty(self, *shape: int) -> Floats:
+        """Return an array of zeros (…, lanes) that begins where vectors may begin in memory."""
+        size = prod(shape) * self.lanes
+        room = np.zeros(size + self.lanes)
+        first = -room.ctypes.data // room.itemsize % self.lanes
+        return room[first : first + size].reshape(*shape, self.lanes)
+
+    def step(self, kernel_state: Floats, x: Floats, p: Floats, y: Floats) -> None:
+        """Advance groups of runs by one sample each; `kernel_state` and `y` are changed in place.
+
+        Args:
+            kernel_state: (groups, n_kernel_state, lanes), as of `empty`.
+            x: (groups, n_x, lanes).
+            p: the parameters that all have in common, (n_p, lanes).
+            y: (groups, n_y, lanes).
+        """
+        self._step(len(x), *(array.ctypes.data for array in (kernel_state, x, p, y)))
+
+    def _pointers(self, arrays: Sequence[Floats]) -> ctypes.Array[ctypes.c_void_p]:
+        filled = [*arrays, *[arrays[0]] * (self.lanes - len(arrays))]
+        return (ctypes.c_void_p * self.lanes)(*(array.ctypes.data for array in filled))
+
 
 AT_ONCE = 1 << 20
 """Numbers of whole kernel states in memory, where few of them are kept [1]: 8 MB. Source:
@@ -278,3 +424,128 @@ def _kept(key: tuple[object, ...], make: Callable[[], Made]) -> Made:
         if not slot:
             slot.append(make())
         return cast(Made, slot[0])
+
+
+Indices = NDArray[np.intp]
+
+
+def placed(parts: Sequence[MatrixNode], positions: Sequence[Indices], size: int) -> VectorNode:
+    """Return a vector of length `size` with the numbers of the `parts` at their `positions`, and
+    zero elsewhere.
+    """
+    order = np.concatenate(positions)
+    sources = np.full(size, len(order))
+    sources[order] = np.arange(len(order))
+    joined: VectorNode = ca.vertcat(*parts, 0.0)
+    return ca.vec(joined[sources.tolist()])  # of no numbers a column, not a row, of length 0
+
+
+@dataclass(frozen=True)
+class PlacedKernel:
+    """The function (kernel_state, x, p) → (kernel_state⁺, y) of a part, and the indices that the
+    numbers of each of these vectors have in that of the whole.
+    """
+
+    function: ca.Function
+    kernel_state: Indices
+    x: Indices
+    p: Indices
+    y: Indices
+
+
+def side_by_side(
+    name: str, parts: Sequence[PlacedKernel], sizes: tuple[int, int, int, int]
+) -> ca.Function:
+    """Return the function (kernel_state, x, p) → (kernel_state⁺, y) of several independent parts
+    together.
+
+    The `sizes` are the lengths of kernel_state, x, p and y. Numbers of the kernel state that belong
+    to no part stay as they are; those of y are zero.
+    """
+    kernel_state, x, p = (
+        ca.MX.sym(symbol, size) for symbol, size in zip(("kernel_state", "x", "p"), sizes)
+    )
+    following = ca.MX(kernel_state)
+    outputs = list[VectorNode]()
+    for part in parts:
+        states = part.kernel_state.tolist()
+        after, y = part.function(kernel_state[states], x[part.x.tolist()], p[part.p.tolist()])
+        following[states] = after
+        outputs.append(y)
+    y = placed(outputs, [part.y for part in parts], sizes[3])
+    return ca.Function(name, [kernel_state, x, p], [following, y])
+
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+AHEAD = 2
+"""Number of groups of items for each worker: one in work, one ready. Source: definition (the least
+with which no worker waits).
+"""
+
+
+def in_order(
+    items: Iterable[Item], size: int, work: Callable[[list[Item]], list[Result]], workers: int
+) -> Iterator[tuple[Item, Result]]:
+    """Yield each item with its result, in order. Items that came before an error are yielded before
+    it is raised.
+
+    Args:
+        size: number of items in a group, for vector lanes.
+        work: returns the results of a group.
+        workers: number of threads.
+    """
+    coming = iter(items)
+    waiting: deque[tuple[list[Item], Future[list[Result]]]] = deque()
+    ended: Exception | None = None
+    pool = ThreadPoolExecutor(workers)
+    try:
+        while True:
+            while ended is None and len(waiting) < AHEAD * workers:
+                group: list[Item] = []
+                try:
+                    while len(group) < size:
+                        group.append(next(coming))
+                except Exception as problem:  # at the end of the items a StopIteration
+                    ended = problem
+                if group:
+                    waiting.append((group, pool.submit(work, group)))
+            if waiting:
+                done, future = waiting.popleft()
+                yield from zip(done, future.result())
+            elif isinstance(ended, StopIteration):
+                return
+            elif ended is not None:
+                raise ended
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def advance(kernel: Kernel, feed: Feed, keep: Sequence[int] | None = None) -> Advanced:
+    """Return the kernel states and outputs of a kernel in one run; see `advance_all` for `keep`."""
+    return Advanced(*kernel.scan(*feed, keep))
+
+
+def advance_all(
+    kernel: Kernel, feeds: Sequence[Feed], keep: Sequence[int] | None = None
+) -> list[Advanced]:
+    """Return what a kernel gives in several runs, side by side where it has vector lanes. The
+    results are those of `advance` for each run.
+
+    Args:
+        keep: indices of the numbers of the kernel state that are returned; default all.
+    """
+    lanes = kernel.lanes() if len(feeds) > 1 or kernel.backend == "interpreted" else None
+    if lanes is None:
+        return [advance(kernel, feed, keep) for feed in feeds]
+    columns = range(kernel.sizes.kernel_state) if keep is None else keep
+    groups = (feeds[k : k + lanes.lanes] for k in range(0, len(feeds), lanes.lanes))
+    return [run for group in groups for run in lanes.scan(group, columns)]
+
+
+def at_samples(run: Advanced, last: Indices) -> Advanced:
+    """Return the rows of a run that belong to the samples of a log, whose indices are `last`; other
+    rows are steps in between.
+    """
+    return run if len(last) == len(run.ys) else Advanced(run.kernel_states[last], run.ys[last])

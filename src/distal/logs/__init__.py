@@ -1,8 +1,6 @@
 """Read, check and write logs, which are time series of sensor readings."""
 
-from distal.logs.cells import Column
-from distal.logs.column_units import header, name_and_unit
-from distal.logs.encoders import Limits
+from distal.logs.cells import Column, header, name_and_unit
 from distal.logs.formats import TABLES, check_format, file_of
 from distal.logs.log import (
     FROM_SENSOR,
@@ -10,7 +8,11 @@ from distal.logs.log import (
     Log,
     TruthKind,
     TruthSource,
+    earlier,
     frozen,
+    held_samples,
+    jumps_away,
+    said_of_jumps,
     true_angles,
     true_torques,
 )
@@ -31,8 +33,7 @@ from distal.logs.outputs import (
     write_together,
     write_whole,
 )
-from distal.logs.raw_to_si import RawToSI, Remark, decoded, says_nothing
-from distal.logs.references import earlier, held_samples, jumps_away, said_of_jumps
+from distal.logs.raw_to_si import Limits, RawToSI, Remark, decoded, says_nothing
 from distal.logs.tables import (
     Episode,
     Source,

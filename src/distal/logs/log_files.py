@@ -12,14 +12,21 @@ from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.errors import DistalWarning, LogError, did_you_mean
-from distal.logs.cells import Cells
-from distal.logs.column_units import factor_of, scale, time_factor
-from distal.logs.encoders import TURN
+from distal.logs.cells import Cells, factor_of, scale, time_factor
 from distal.logs.formats import TABLES, file_of
-from distal.logs.log import NO_SOURCE, Log, TruthKind, TruthSource, check_stamps
+from distal.logs.log import (
+    NO_SOURCE,
+    Log,
+    TruthKind,
+    TruthSource,
+    check_stamps,
+    earlier,
+    held_samples,
+    jumps_away,
+    said_of_jumps,
+)
 from distal.logs.outputs import write_whole
-from distal.logs.raw_to_si import RawToSI, says_nothing, through
-from distal.logs.references import earlier, held_samples, jumps_away, said_of_jumps
+from distal.logs.raw_to_si import TURN, RawToSI, says_nothing, through
 from distal.logs.stamps import Clock, clock_of, in_order, spread
 from distal.logs.tables import Source, open_table
 from distal.rig import (

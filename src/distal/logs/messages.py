@@ -14,8 +14,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import LogError
-from distal.logs.cells import MISSING
-from distal.logs.column_units import factor_of, time_factor, units_of
+from distal.logs.cells import MISSING, factor_of, time_factor, units_of
 from distal.logs.raw_to_si import RawToSI, Remark
 from distal.rig import Rig
 

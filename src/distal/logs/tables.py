@@ -1,4 +1,7 @@
-"""Tables from files and frames, and episodes of robot-learning datasets (LeRobot, versions 2 and
+"""Logs in MCAP files and ROS bags: topic and field name a column, and near stamps become one
+row.
+
+Tables from files and frames, and episodes of robot-learning datasets (LeRobot, versions 2 and
 3), each of which is a log.
 
 Every error names the file, row and column, the value found, and what is allowed.
@@ -6,23 +9,398 @@ Every error names the file, row and column, the value found, and what is allowed
 
 from __future__ import annotations
 
+import re
 import warnings
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, fields, is_dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
-from distal.arrays import Floats
-from distal.errors import DistalWarning, LogError
-from distal.logs.cells import INFO, Cells, Column, as_column, dataset_info
-from distal.logs.column_units import needed, units_of
-from distal.logs.formats import check_is_content, format_of
+from distal.arrays import Bools, Floats
+from distal.errors import DistalWarning, LogError, did_you_mean
+from distal.logs.cells import INFO, Cells, Column, as_column, dataset_info, needed, units_of
+from distal.logs.formats import Message, UndecodableError, check_is_content, format_of
 from distal.logs.formats.parquet import read_parquet
+from distal.logs.messages import STAMPS, number_of
 from distal.logs.outputs import shown
-from distal.logs.recordings import read_recording
+from distal.logs.stamps import (
+    LATEST_DATE,
+    longest_part,
+    say_wild,
+    set_backs,
+    wild_stamps,
+)
+
+SAME_ROW = 0.1
+"""Share of the busiest topic's interval within which messages belong to one row. Source:
+judgement.
+"""
+
+OF_A_TOPIC = 50
+"""Number of messages of one topic that are looked at for columns: a driver may publish each joint
+in a message of its own. Source: judgement.
+"""
+
+LONGEST = 64
+"""Length of the longest array whose elements are columns; longer ones are images and clouds of
+points. Source: judgement.
+"""
+
+NO_TIME = round(LATEST_DATE * 1e9)
+"""Stamp in place of one that is no time [ns]. Source: definition (unit conversion)."""
+
+Reading: TypeAlias = tuple[int, int | None, int, float]
+"""Number of the message in the recording, stamp in its header [ns] or None, stamp of the recorder
+[ns], and value.
+"""
+
+Stamped: TypeAlias = tuple[NDArray[np.int64], Floats]
+"""Stamps [ns] and values of a column, (n,) each."""
+
+
+def read_recording(path: Path, columns: Sequence[str] | None, time: str, unit: float) -> Cells:
+    """Return the columns that a recording has, and the stamps of its rows as dates.
+
+    A column is ``/topic.field``, e.g. ``/joint_states.position[0]`` or
+    ``/load/left.wrench.force.z``. In ``/joint_states[left_wrist].position``, the name in brackets
+    says which joint's element it is, at whichever index a message has it. A bare name is looked for
+    in every JSON message. A message's stamp is that of its header; a JSON message has it in the
+    rig's time column or in ``timestamp``. Where a topic has no stamps, the time of recording is
+    taken.
+
+    Args:
+        path: an MCAP file, or a bag of ROS 2 (a folder) or ROS 1.
+        columns: names of the columns that are needed; None needs all that hold numbers.
+        time: name of the rig's time column.
+        unit: unit of the time column in JSON messages [s].
+
+    Raises:
+        LogError: the recording cannot be read, a package for that is missing, or none of the
+            columns is there.
+    """
+    columns = recorded_columns(path) if columns is None else columns
+    if not columns:
+        raise LogError(f"{path}: no message has numbers")
+    readings: dict[str, list[Reading]] = {column: [] for column in columns if column != time}
+    topics: set[str] = set()
+    owners = dict[str, str]()
+    for number, message in enumerate(messages_of(path, topics)):
+        for column, samples in readings.items():
+            cell = _cell(message, column)
+            if cell is None:
+                continue
+            owner = _owner(message, column)
+            if owner is not None and owners.setdefault(column, owner) != owner:
+                topic, _, field = column.partition(".")
+                raise LogError(
+                    f"{path}: the names in {topic} change their order: '{column}' is of "
+                    f"{owners[column]}, then of {owner}; name the joint, "
+                    f"{topic}[{owners[column]}].{field.partition('[')[0]}"
+                )
+            stamp = _json_stamp(path, message, time, unit) if message.json else message.stamp
+            if isinstance(cell, (list, dict)) or np.asarray(cell, dtype=object).ndim > 0:
+                raise LogError(
+                    f"{path}: '{column}' is no number; name one element of it, e.g. {column}[0]"
+                )
+            recorded = min(message.recorded, NO_TIME)
+            samples.append((number, stamp, recorded, _number(path, cell, column)))
+    readings = {column: samples for column, samples in readings.items() if samples}
+    if not readings:
+        first = next((column for column in columns if column != time), "")
+        raise LogError(
+            f"{path}: no message has '{first}'{did_you_mean(first.partition('.')[0], topics)}; "
+            "columns are /topic.field, "
+            f"the topics are {', '.join(sorted(topics))[:300] or 'none'}"
+        )
+    stamped = _stamped(path, readings)
+    _check_publishers(path, stamped)
+    for topic in topics:
+        in_cycle = [c for c in stamped if _named(c)[:2] == (topic, True)]
+        if len(in_cycle) > 1:
+            stamped |= _in_cycles({column: stamped[column] for column in in_cycle})
+    rows = _merged([np.unique(stamps) for stamps, _ in stamped.values()])
+    columns_of: dict[str, Column] = {time: rows.view("datetime64[ns]")}
+    for column, (stamps, values) in stamped.items():
+        cells = np.full(len(rows), np.nan)
+        cells[np.searchsorted(rows, stamps, side="right") - 1] = values
+        columns_of[column] = cells
+    return Cells(columns_of, path, 0, tuple(columns_of))
+
+
+@np.errstate(over="ignore")
+def _check_publishers(path: Path, stamped: dict[str, Stamped]) -> None:
+    """Raise a `LogError` where most messages of a topic have the stamp of another one with another
+    value: two nodes publish it.
+    """
+    for column, (stamps, values) in stamped.items():
+        order = np.argsort(stamps, kind="stable")
+        same = np.diff(stamps[order]) == 0
+        differ = same & (np.diff(values[order]) != 0.0)
+        if 4 * np.count_nonzero(differ) > len(stamps):
+            topic = _named(column)[0]
+            raise LogError(
+                f"{path}: {np.count_nonzero(same)} of {len(stamps)} messages of {topic} have the "
+                f"stamp of another one, with another {column}: are there two publishers? Record "
+                "one of them alone, under a name of its own"
+            )
+
+
+def _number(path: Path, cell: object, name: str) -> float:
+    try:
+        return number_of(cell, name)
+    except LogError as problem:
+        raise LogError(f"{path}: {problem}") from None
+
+
+@lru_cache
+def _named(column: str) -> tuple[str, bool, str, str]:
+    """Return the topic of a column, whether it names a joint, that joint, and the field; or the two
+    parts of a path in a JSON message.
+    """
+    match = re.fullmatch(r"([^\[\].]+)\[([^\[\]]+)\]\.(.+)", column)
+    if match is not None:
+        return match[1], True, match[2], match[3]
+    topic, _, field = column.partition(".")
+    return topic, False, "", field
+
+
+def _cell(message: Message, column: str) -> object:
+    """Return what a message holds of a column, or None where it lacks that."""
+    topic, is_of_joint, joint, field = _named(column)
+    cell = None
+    if field and topic == message.topic:
+        cell = _element(message, joint, field) if is_of_joint else message.read(field)
+    return message.read(column) if cell is None and message.json else cell
+
+
+def _owner(message: Message, column: str) -> str | None:
+    """Return whose element a column with an index is in a message, where that has names."""
+    topic, is_of_joint, _, field = _named(column)
+    at = re.search(r"\[(\d+)\]$", field)
+    if at is None or is_of_joint or topic != message.topic:
+        return None
+    names = message.read("name")
+    return str(names[int(at[1])]) if isinstance(names, list) and int(at[1]) < len(names) else None
+
+
+def _element(message: Message, joint: str, field: str) -> object:
+    """Return the element of a field at the index at which ``name`` holds the joint."""
+    names = message.read("name")
+    if isinstance(names, str) or not isinstance(names, Iterable):
+        return None
+    known = list(names)
+    # a driver may publish each joint in a message of its own
+    return message.read(f"{field}[{known.index(joint)}]") if joint in known else None
+
+
+def _json_stamp(path: Path, message: Message, time: str, unit: float) -> int | None:
+    """Return the stamp that a JSON message holds [ns], or None where it holds none."""
+    for name, factor in ((time, unit), ("timestamp", 1.0)):
+        cell = message.read(name)
+        if cell is None:
+            continue
+        seconds = _number(path, cell, name) * factor
+        return round(seconds * 1e9) if abs(seconds) < LATEST_DATE else NO_TIME
+    return None
+
+
+def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, Stamped]:
+    """Return column → its stamps and values, all by one clock: that of the headers where a topic
+    has them, else the recorder's.
+
+    A wild stamp is left out with its message, and a topic on another clock than most. Where a clock
+    was set back, all topics are cut at its messages, and only the longest part is taken. All that
+    is said.
+    """
+    stamped: dict[str, Stamped] = {}
+    recorded = dict[str, NDArray[np.int64]]()
+    orders = dict[str, NDArray[np.int64]]()
+    wild_in = dict[str, Bools]()
+    for column, samples in readings.items():
+        # a stamp of zero counts as missing, unless another stamp of the column is not zero, as in a
+        # simulation that begins at zero
+        by_header = any(stamp for _, stamp, _, _ in samples)
+        stamps = np.array(
+            [stamp if by_header and stamp is not None else at for _, stamp, at, _ in samples]
+        )
+        wild = wild_stamps(stamps)
+        # what came late only stands where its stamp is
+        wild &= (stamps < stamps[~wild].min()) | (stamps > stamps[~wild].max())
+        wild_in[_named(column)[0]] = wild
+        if (stamps[~wild] == NO_TIME).any():
+            raise LogError(
+                f"{path}: a stamp of '{column}' is beyond {LATEST_DATE:g} s, which is no time; "
+                "what unit has it? (log.time.unit)"
+            )
+        stamped[column] = stamps[~wild], np.array([value for _, _, _, value in samples])[~wild]
+        recorded[column] = np.array([at for _, _, at, _ in samples])[~wild]
+        orders[column] = np.array([number for number, _, _, _ in samples])[~wild]
+    for topic, wild in wild_in.items():
+        say_wild(str(path), wild, f"message {int(wild.argmax()) + 1} of {topic}")
+    _leave_out_another_clock(path, stamped, recorded)
+    ends = {column: set_backs(stamps) for column, (stamps, _) in stamped.items()}
+    first = max(ends, key=lambda column: (len(ends[column]), len(orders[column])))
+    part = orders[first][longest_part(ends[first], len(orders[first]), str(path))]
+    if not len(ends[first]):
+        return stamped
+    cut = dict[str, Stamped]()
+    for column, (stamps, values) in stamped.items():
+        inside = (orders[column] >= part[0]) & (orders[column] <= part[-1])
+        cut[column] = stamps[inside], values[inside]
+    return cut
+
+
+def _leave_out_another_clock(
+    path: Path, stamped: dict[str, Stamped], recorded: dict[str, NDArray[np.int64]]
+) -> None:
+    """Remove the columns whose clock is farther from that of most columns than the recording is
+    long, and warn of them. Clocks are compared by the recorder's, which is one for all.
+    """
+    away = {column: np.median(stamped[column][0] - at) for column, at in recorded.items()}
+    longest = max(np.ptp(at) for at in (*recorded.values(), *(at for at, _ in stamped.values())))
+    usual = max(away.values(), key=lambda one: sum(abs(one - a) <= longest for a in away.values()))
+    begins = dict[str, np.int64]()
+    for column in [column for column, own in away.items() if abs(own - usual) > longest]:
+        begins[_named(column)[0]] = stamped.pop(column)[0][0]
+        del recorded[column]
+    first = next(iter(stamped.values()))[0][0]
+    for topic, begin in begins.items():
+        warnings.warn(
+            f"{path}: {topic} left out: its clock begins at {begin * 1e-9:.12g} s, the others' at "
+            f"{first * 1e-9:.12g} s",
+            DistalWarning,
+            stacklevel=2,
+        )
+
+
+def _in_cycles(stamped: dict[str, Stamped]) -> dict[str, Stamped]:
+    """Return columns of one topic with one stamp for all joints of a cycle.
+
+    This is for drivers that publish each joint in a message of its own. A cycle ends before a joint
+    that it has already, and half an interval after it began.
+    """
+    longest = 0.5 * _shortest_interval([stamps for stamps, _ in stamped.values()])
+    samples = sorted(
+        (stamp, column, number)
+        for column, (stamps, values) in stamped.items()
+        for stamp, number in zip(stamps, values)
+    )
+    moved: dict[str, list[tuple[np.int64, float]]] = {column: [] for column in stamped}
+    begun = samples[0][0]
+    cycle = set[str]()
+    for stamp, column, number in samples:
+        if column in cycle or stamp - begun > longest:
+            begun = stamp
+            cycle = set()
+        cycle.add(column)
+        moved[column].append((begun, number))
+    return {
+        column: (np.array([at for at, _ in pairs]), np.array([number for _, number in pairs]))
+        for column, pairs in moved.items()
+    }
+
+
+def _shortest_interval(stamps: list[NDArray[np.int64]]) -> float:
+    """Return the usual interval of the busiest column [ns], 0 where none has two stamps."""
+    intervals = [np.median(np.diff(of_column)) for of_column in stamps if len(of_column) > 1]
+    return float(min(intervals, default=0.0))
+
+
+def _merged(stamps: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+    """Return the stamps of the rows [ns], (n,).
+
+    Stamps that are nearer to a row's first stamp than `SAME_ROW` times the busiest column's
+    interval belong to this row.
+    """
+    near = SAME_ROW * _shortest_interval(stamps)
+    rows: list[np.int64] = []
+    for stamp in np.unique(np.concatenate(stamps)):
+        if not rows or stamp - rows[-1] > near:
+            rows.append(stamp)
+    return np.array(rows, dtype=np.int64)
+
+
+def messages_of(path: Path, topics: set[str]) -> Iterator[Message]:
+    """Yield the messages of a recording, and put the names of its topics into the set `topics`.
+
+    Raises:
+        LogError: the recording cannot be read, or a package for that is missing.
+    """
+    if not path.exists():
+        raise LogError(f"{path}: is not there")
+    try:
+        read = format_of(path).messages
+        assert read is not None
+        yield from read(path, topics)
+    except (LogError, GeneratorExit):
+        raise
+    except Exception as problem:
+        raise LogError(
+            f"{path}: cannot be read ({type(problem).__name__}: {str(problem)[:120]})"
+        ) from None
+
+
+def recorded_columns(path: str | Path) -> list[str]:
+    """Return the columns with numbers in a recording: ``/topic.field``, and for an array beside
+    names ``/topic[name].field``; stamps are none.
+
+    Raises:
+        LogError: the recording cannot be read, or a package for that is missing.
+    """
+    seen = Counter[str]()
+    columns = dict[str, None]()
+    for message in messages_of(Path(path), set()):
+        seen[message.topic] += 1
+        if seen[message.topic] <= OF_A_TOPIC:
+            # messages that nobody asks for may be of a kind that cannot be read
+            with suppress(UndecodableError, RecursionError):
+                columns |= dict.fromkeys(_columns_of(message))
+    return list(columns)
+
+
+def _columns_of(message: Message) -> Iterator[str]:
+    topic = "" if message.json and "/" not in message.topic else message.topic
+    names = message.read("name")
+    of_joints = [str(name) for name in names] if isinstance(names, list) else []
+    for field in _fields(message.content):
+        if message.json and field in STAMPS:
+            continue
+        array, _, index = field.partition("[")
+        index = index.rstrip("]")
+        if topic and index.isdecimal() and int(index) < len(of_joints):
+            yield f"{topic}[{of_joints[int(index)]}].{array}"
+        else:
+            yield f"{topic}.{field}" if topic else field
+
+
+def _fields(content: object) -> Iterator[str]:
+    """Yield the paths of all numbers in a message but those of its header."""
+    if is_dataclass(content):
+        members = {part.name: getattr(content, part.name) for part in fields(content)}
+    elif isinstance(content, dict):
+        members = content
+    else:
+        return
+    for name, member in members.items():
+        if name == "header" or isinstance(member, bool):
+            continue
+        if isinstance(member, int | float | np.number):
+            yield str(name)
+        elif isinstance(member, list | np.ndarray):
+            is_numeric = len(member) <= LONGEST and all(
+                isinstance(number, int | float | np.number) and not isinstance(number, bool)
+                for number in member
+            )
+            yield from (f"{name}[{i}]" for i in range(len(member)) if is_numeric)
+        else:
+            yield from (f"{name}.{inner}" for inner in _fields(member))
+
 
 EPISODE = "episode_index"
 """Column that holds the number of the episode to which a row belongs."""
@@ -30,7 +408,7 @@ EPISODE = "episode_index"
 STATE = "observation.state."
 """What stands before the name of a motor in the columns of a dataset's readings."""
 
-STAMPS = {"time": ("timestamp",)}
+LEROBOT = {"time": ("timestamp",)}
 """Name of a rig's time column → names that a dataset's time column may have."""
 
 
@@ -113,7 +491,7 @@ def rows_of_episode(episode: Episode, columns: list[str] | None) -> Cells:
     alias = (
         {}
         if columns is None
-        else {other: name for name in columns for other in (STATE + name, *STAMPS.get(name, ()))}
+        else {other: name for name in columns for other in (STATE + name, *LEROBOT.get(name, ()))}
     )
     asked = None if columns is None else (*columns, *alias, EPISODE)
     try:

@@ -3,30 +3,32 @@ the time step. It is written once, for the simulation and the filters.
 """
 
 from distal.model.chain import Slip, slipping, solver
-from distal.model.chain_kick import Contacts, damped_inertias, residual
 from distal.model.friction import (
     Limit,
     clip_moments,
     free_response,
+    restitution,
     soft,
     soft_moments,
 )
-from distal.model.intervals import interval_step
 from distal.model.mechanism import GRAVITY, Mechanism, Moment
 from distal.model.springs import stretched
 from distal.model.stepping import (
     RESOLUTION,
+    Contacts,
     Kick,
+    damped_inertias,
     impulses,
+    interval_step,
     joint_frequency,
     kick_and_drift,
     kicked_chain,
     loads_of,
+    residual,
     responses,
     stiffest_frequency,
     substeps,
 )
-from distal.model.stops import restitution
 
 __all__ = [
     "GRAVITY",

@@ -2,34 +2,42 @@
 kernel; and other regressions of several logs.
 """
 
-from distal.regression.features import Shape, features_along, features_function
-from distal.regression.folds import FEWEST_LOGS, folds_of, groups_of, splits
-from distal.regression.homed_map import homed_memory
-from distal.regression.known_window import (
-    conformal_factor,
-    from_prior,
-    from_window,
-    given,
-)
-from distal.regression.least_squares import YARDSTICKS, line_errors, servos_of, yardstick_error
-from distal.regression.map_function import (
+from distal.regression.features import (
+    Shape,
     begun_by,
+    features_along,
+    features_function,
     map_function,
     map_layout,
     map_parameters,
     variance_beside,
 )
+from distal.regression.least_squares import (
+    FEWEST_LOGS,
+    YARDSTICKS,
+    folds_of,
+    groups_of,
+    line_errors,
+    servos_of,
+    splits,
+    yardstick_error,
+)
 from distal.regression.posterior import (
     Evidence,
     Prior,
+    Samples,
     Weights,
+    conformal_factor,
     evidence_of,
     framed,
+    from_prior,
+    from_window,
+    given,
+    played,
     rates_of,
     shape_for,
 )
-from distal.regression.reported_map import ReportedMap, reporting_function
-from distal.regression.samples import Samples, played
+from distal.regression.reported_map import ReportedMap, homed_memory, reporting_function
 
 __all__ = [
     "FEWEST_LOGS",

@@ -16,7 +16,7 @@ import numpy as np
 
 from distal.reports.page import svg_of
 from distal.results import FAINT, INK, PALE, SOFT, curve_style, figure
-from distal.results.plot_style import plain
+from distal.results.plots import plain
 from distal.rig import (
     Capstan,
     Joint,

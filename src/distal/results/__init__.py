@@ -1,7 +1,7 @@
 """Results of an estimator on a log: angles, bands and innovations, and their plots."""
 
 from distal.results.estimate import UNKNOWN, Estimate
-from distal.results.plot_style import (
+from distal.results.plots import (
     BAD,
     BLACK,
     COLOURS,
@@ -10,11 +10,13 @@ from distal.results.plot_style import (
     GOOD,
     INK,
     PALE,
+    PANELS,
     SOFT,
     TRUTH,
     WHITE,
     Html,
     band_colour,
+    check_panels,
     colour,
     curve_style,
     figure,
@@ -22,14 +24,10 @@ from distal.results.plot_style import (
     html_table,
     legend_above,
     make_folder,
+    plot_estimates,
     plot_kind,
     save_figure,
     verdict,
-)
-from distal.results.plots import (
-    PANELS,
-    check_panels,
-    plot_estimates,
 )
 
 __all__ = [

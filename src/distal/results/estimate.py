@@ -15,8 +15,7 @@ from distal.confidence import BAND, COVERED_TEXT
 from distal.errors import EstimationError, did_you_mean
 from distal.estimators import StateKind, states_of
 from distal.logs import header
-from distal.results.plot_style import SummaryRow, html_table
-from distal.results.plots import PlotOptions, plot_estimates
+from distal.results.plots import PlotOptions, SummaryRow, html_table, plot_estimates
 from distal.rig import std_name
 
 if TYPE_CHECKING:

@@ -50,12 +50,15 @@ from distal.rig.plausibility import (
     scales_in_words,
 )
 from distal.rig.quantities import Description, In, Parameter
-from distal.rig.rig import Rig, parameters_below
-from distal.rig.sensors.base import COUNTS, Motion, Role, drive_travel
-from distal.rig.sensors.registry import (
+from distal.rig.rig import Rig, Subsystem, contact_shape, independent_parts, parameters_below
+from distal.rig.sensors import (
+    COUNTS,
     REFERENCES,
+    Motion,
+    Role,
     Sensor,
     angle_unit,
+    drive_travel,
     gain_of,
     log_factor,
     log_unit,
@@ -64,10 +67,7 @@ from distal.rig.sensors.registry import (
     step_of,
     travel_of,
 )
-from distal.rig.subsystems import Subsystem, independent_parts
-from distal.rig.tendon_crossings import Linkage, Pinned, Polynomial, Pulley, Size
-from distal.rig.tendons import Meeting, Tendon
-from distal.rig.touch import contact_shape
+from distal.rig.tendons import Linkage, Meeting, Pinned, Polynomial, Pulley, Size, Tendon
 from distal.rig.validation import (
     angle_names,
     in_words,

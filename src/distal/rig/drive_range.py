@@ -8,8 +8,7 @@ from math import inf, radians, sqrt
 
 from distal.rig.drives import Capstan
 from distal.rig.rig import Rig
-from distal.rig.sensors.base import drive_travel
-from distal.rig.sensors.registry import Sensor
+from distal.rig.sensors import Sensor, drive_travel
 
 BEYOND = 0.05
 """Share of its travel by which a drive may read beyond its stops [1]; in `motor_range` the angle by

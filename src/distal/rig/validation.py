@@ -13,8 +13,8 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from distal.errors import DistalError
-from distal.rig.sensors.registry import UNITS
-from distal.rig.tendon_crossings import KINDS as INSERTIONS
+from distal.rig.sensors import UNITS
+from distal.rig.tendons import KINDS as INSERTIONS
 
 
 def angle_names(joints: Sequence[str]) -> tuple[str, ...]:

@@ -2,12 +2,9 @@
 health of a stream.
 """
 
-from distal.run.batch import estimate_batch
 from distal.run.health import HEALTH, HealthLimits
-from distal.run.live_estimator import JointContact, LiveEstimator
-from distal.run.live_to_si import LogUnits
-from distal.run.offline import estimate, samples_of, with_channel
-from distal.run.smoothing import smooth
+from distal.run.live_estimator import JointContact, LiveEstimator, LogUnits
+from distal.run.offline import estimate, estimate_batch, samples_of, smooth, with_channel
 from distal.run.stream_monitor import Monitor, Reading, log_health
 
 __all__ = [

@@ -1,17 +1,27 @@
-"""Run an estimator over a whole log."""
+"""Run an estimator over a whole log.
+
+Estimates over many logs: on all cores, several runs side by side in vector lanes, with only the
+current logs in memory.
+
+A fixed-interval smoother: each estimate uses the whole log, also the samples after it. Offline
+only.
+"""
 
 from __future__ import annotations
 
+import os
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, count
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Floats
-from distal.errors import DistalWarning, DivergedError, EstimationError
+from distal.errors import DistalError, DistalWarning, DivergedError, EstimationError
 from distal.estimators import (
     LARGEST_ANGLE,
     WILD,
@@ -20,16 +30,26 @@ from distal.estimators import (
     KernelEstimator,
     RegressionEstimator,
     StateKind,
+    first_values,
     kinds_of,
     make_estimator,
     state_units,
     usual_estimator,
 )
-from distal.homing.home import home, with_prior_maps
-from distal.homing.reference import check_homing, homed, with_references
-from distal.kernels import AT_ONCE
-from distal.logs import LARGEST_READING, Log, Source, frozen, read_log, true_angles, true_torques
+from distal.homing.home import check_homing, home, homed, with_prior_maps, with_references
+from distal.kernels import AT_ONCE, Feed, advance, covariance_of, in_order, mean_of, variances_of
+from distal.logs import (
+    LARGEST_READING,
+    Episode,
+    Log,
+    Source,
+    frozen,
+    read_log,
+    true_angles,
+    true_torques,
+)
 from distal.logs.log import sealed
+from distal.parallel import one_blas_thread
 from distal.results import Estimate
 from distal.rig import Rig, as_rig
 from distal.run.redundancy import Redundancy
@@ -392,3 +412,234 @@ def out_of_bounds(means: Floats, spreads: Floats, n_joints: int = 1) -> NDArray[
     fine = (np.isfinite(means) & np.isfinite(spreads) & (spreads >= 0.0)).all(axis=1)
     fine &= (np.abs(means[:, :n_joints]) <= LARGEST_ANGLE).all(axis=1)
     return np.flatnonzero(~fine)
+
+
+Skip = Callable[[str, DistalError], None]
+Input = TypeVar("Input")
+Output = TypeVar("Output")
+
+
+def estimate_batch(
+    logs: Iterable[Log | Source],
+    rig: Rig | str | Path,
+    estimator: str | KernelEstimator | None = None,
+    truth: str | Path | None = None,
+    homing: float | None = None,
+    *,
+    workers: int | None = None,
+    compiled: bool = True,
+    progress: Callable[[int], None] | None = None,
+    skip: Skip | None = None,
+) -> Iterator[Estimate]:
+    """Estimate the joint angle over many logs; yield the estimates in order, with the same values
+    as `estimate`.
+
+    Several runs go through the compiled kernel side by side, one in each vector lane, on all cores.
+    Logs are read when their turn comes, and only the current ones are in memory; covariances are
+    not kept (`Estimate.covariances` is None). Arguments that `estimate` has too mean the same
+    there.
+
+    Args:
+        logs: each as `estimate` takes it; may be a generator.
+        truth: column of the true angle, where logs are read.
+        homing: for how long the true angle is used as a reference [s].
+        workers: number of threads; default one per core.
+        progress: called with the number of logs that are done.
+        skip: called with source and error of a log that cannot be estimated; with None the error is
+            raised.
+
+    Raises:
+        EstimationError: a log lacks a sensor, or the estimator cannot run on this rig.
+        LogError: a file cannot be read.
+        RigError: the rig is unknown or wrong.
+    """
+    rig = as_rig(rig)
+    workers = (os.cpu_count() or 1) if workers is None else workers
+    if isinstance(workers, bool) or not isinstance(workers, (int, np.integer)) or workers < 1:
+        raise EstimationError(f"workers must be a whole number from 1, {workers!r} came")
+    if isinstance(logs, (Log, str, Path)) or not isinstance(logs, Iterable):
+        raise EstimationError("estimate_batch takes several logs; for one there is estimate")
+
+    def load(source: Log | Source) -> Log:
+        return source if isinstance(source, Log) else read_log(source, rig, truth)
+
+    def refuse(source: Log | Source, problem: DistalError) -> None:
+        if skip is None:
+            raise problem
+        skip(_named(source), problem)
+
+    def estimates(sources: Iterator[Log | Source]) -> Iterator[Estimate]:
+        done = count(1)
+        report = progress or (lambda _: None)
+        for source in sources:  # the first that can be estimated says how a reference is read
+            try:
+                first = load(source)
+                if homing is not None:
+                    check_homing(homing, first, rig.joint_names)
+            except DistalError as problem:
+                report(next(done))
+                refuse(source, problem)
+                continue
+            chosen = estimator_for(first, rig, estimator, compiled, homing)
+            break
+        else:
+            return
+
+        @one_blas_thread()
+        def work(sources: Sequence[Log | Source]) -> list[Estimate | DistalError]:
+            runs = [
+                _attempt(lambda source: prepared(load(source), chosen, homing), source)
+                for source in sources
+            ]
+            answers = iter(run_all([run for run in runs if isinstance(run, Run)]))
+            return [run if isinstance(run, DistalError) else next(answers) for run in runs]
+
+        for source, outcome in in_order(
+            chain([first], sources), _side_by_side(chosen), work, workers
+        ):
+            report(next(done))
+            if isinstance(outcome, Estimate):
+                yield outcome
+            else:
+                refuse(source, outcome)
+
+    return estimates(iter(logs))
+
+
+def _side_by_side(chosen: KernelEstimator) -> int:
+    """Return how many runs of an estimator go side by side."""
+    return chosen.kernel.side_by_side if chosen.has_kernel else 1
+
+
+def _named(source: Log | Source) -> str:
+    return (
+        source.source
+        if isinstance(source, Log)
+        else str(source)
+        if isinstance(source, (str, Path, Episode))
+        else "the frame"
+    )
+
+
+def _attempt(function: Callable[[Input], Output], argument: Input) -> Output | DistalError:
+    """Return what a function returns, or the error that it raises."""
+    try:
+        return function(argument)
+    except DistalError as problem:
+        return problem
+
+
+def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
+    """Return the estimates of some runs of one estimator, or the error of each that has none.
+
+    Runs go side by side where there are vector lanes for that.
+
+    Args:
+        runs: at most as many as there are lanes.
+    """
+    if not runs:
+        return []
+    chosen = runs[0].estimator
+    kernels = {id(run.estimator.kernel) for run in runs if run.estimator.has_kernel}
+    # a homing move may give a run another kernel (`with_straight_line`)
+    if len(runs) == 1 or len(kernels) > 1 or _side_by_side(chosen) == 1:
+        return [_attempt(without_covariances, run) for run in runs]
+    try:
+        # a homing move gives each run parameters of its own
+        found = chosen.scan_all(
+            [run.start for run in runs],
+            [run.log.time for run in runs],
+            [run.samples for run in runs],
+            [run.estimator.parameters for run in runs],
+        )
+    except DistalError:
+        return [_attempt(without_covariances, run) for run in runs]
+    return [
+        _attempt(
+            lambda pair: without_covariances(*pair), (run, [chosen.reported(*moments, run.samples)])
+        )
+        for run, moments in zip(runs, found)
+    ]
+
+
+def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
+    """Return the estimate of `adaptive` smoothed backwards over the log (Rauch, Tung and Striebel,
+    AIAA Journal 3, 1965).
+
+    G = P_k Φᵀ (P⁻_{k+1})⁻¹, x^s_k = x_k + G (x^s_{k+1} − x⁻_{k+1}), and, written so that it cannot
+    be negative, P^s_k = (I − G Φ) P_k (I − G Φ)ᵀ + G (P^s_{k+1} + Q) Gᵀ with Q = P⁻_{k+1} − Φ P_k
+    Φᵀ: (28) of docs/reference/adaptive-equations.md. Φ is the whole transition of the filter's own
+    prediction: of joints, of states that fade, of plays, and across bridged gaps. Rows of G are
+    zero for states that are guards of the filter (`State.smoothed`), and rows and columns for those
+    that take a share of the gain (`StateVector.slow`); P^s holds for any G.
+
+    Raises:
+        EstimationError: the log lacks a sensor, the sensors do not suffice, or the filter diverged.
+    """
+    estimator = AdaptiveFilter(rig, compiled, trace=True, name="adaptive, smoothed")
+    samples = samples_of(log, estimator.channels, estimator.name, estimator.bridged)
+    belief = estimator.initial(log.time[0], first_values(samples))
+    rows, last = estimator.checked_rows(belief, log.time, samples)
+    kernel_states, ys = advance(
+        estimator.kernel, Feed(belief.kernel_state, rows, estimator.parameters)
+    )
+    n = belief.size
+    m = len(estimator.measured)
+    if len(
+        out_of_bounds(mean_of(kernel_states, n), variances_of(kernel_states, n), len(rig.joints))
+    ):
+        raise EstimationError(
+            f"{log.source}: the filter left all bounds; check the units of the log and the rig"
+        )
+    means = mean_of(kernel_states, n).copy()
+    covariances = covariance_of(kernel_states, n).copy()
+    predicted = ys[:, 2 * m : 2 * m + n]
+    matrices = ys[:, 2 * m + n :].reshape(-1, 2, n, n)
+    # CasADi's matrices lie column by column: a covariance is symmetric, a transition has to be
+    # transposed
+    predicted_covariances = matrices[:, 0]
+    transitions = np.swapaxes(matrices[:, 1], 1, 2)
+    # each state in its own prior std, so that the inverse is well scaled
+    scale = np.maximum(estimator.states.stds, 1e-12)
+    # with a share of the gain its equations do not hold: such states stay as the filter had them
+    slow = list(estimator.states.slow)
+    unsmoothed = [*estimator.states.unsmoothed, *slow]
+    quick = np.setdiff1d(np.arange(n), slow)
+    for k in range(len(rows) - 2, -1, -1):
+        transition = transitions[k + 1]
+        before = covariances[k]
+        ahead = predicted_covariances[k + 1] / np.outer(scale, scale)
+        cross = (before @ transition.T) / scale
+        gain = np.zeros((n, n))
+        solution, *_ = np.linalg.lstsq(ahead[np.ix_(quick, quick)], cross[:, quick].T, rcond=1e-12)
+        gain[:, quick] = solution.T / scale[quick]
+        gain[unsmoothed] = 0.0
+        means[k] += gain @ (means[k + 1] - predicted[k + 1])
+        process = predicted_covariances[k + 1] - transition @ before @ transition.T
+        left = np.eye(n) - gain @ transition
+        covariance = left @ before @ left.T + gain @ (covariances[k + 1] + process) @ gain.T
+        covariances[k] = (covariance + covariance.T) / 2
+    if rig.map is not None:
+        correct(means, covariances, log, rig, compiled, last)
+    spreads = np.einsum("kii->ki", covariances)
+    run = Run(log, estimator, samples, belief, None)
+    innovations = estimator.innovations_of(ys[last], samples)
+    return finished(run, means[last], spreads[last], *innovations, covariances[last])
+
+
+def correct(
+    means: Floats, covariances: Floats, log: Log, rig: Rig, compiled: bool, last: NDArray[np.intp]
+) -> None:
+    """Put the angles by the rig's maps into means and covariances, in place.
+
+    What a map adds to the filter's own angle is not smoothed: a second run of the filter, with
+    the map, gives it. Changed are the rows `last`, those of the samples.
+    """
+    estimator = AdaptiveFilter(rig, compiled)
+    samples = samples_of(log, estimator.channels, estimator.name, estimator.bridged)
+    belief = estimator.initial(log.time[0], first_values(samples))
+    kernel_states, ys = estimator.advanced(belief, log.time, samples)
+    states = kernel_states[:, : means.shape[1]]
+    report = estimator.report.only(range(len(rig.joints)))
+    means[last] += report.means(states, ys) - states
+    covariances[last] = report.covariances(covariances[last], ys)

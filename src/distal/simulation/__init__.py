@@ -1,6 +1,5 @@
 """Simulation: a rig, a scenario and a seed become a log with the truth beside the readings."""
 
-from distal.simulation.rig_of_log import rig_beside, rig_of_logs, text_beside
 from distal.simulation.scenario import (
     Control,
     JointControl,
@@ -11,7 +10,7 @@ from distal.simulation.scenario import (
     scenario_text,
     shipped_scenarios,
 )
-from distal.simulation.simulate import simulate_plant
+from distal.simulation.simulate import rig_beside, rig_of_logs, simulate_plant, text_beside
 
 __all__ = [
     "Control",

@@ -1,35 +1,123 @@
-"""Simulation without a controller: a rig, a scenario and a seed become a log with the truth. Plants
+"""The readings of the sensors in a simulated motion, at the sensors' rates.
+
+Simulation without a controller: a rig, a scenario and a seed become a log with the truth. Plants
 of one structure can move side by side in vector lanes.
+
+The file beside a simulated log that names its rig, and what its scenario changed in the rig.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
-from distal.errors import ScenarioError
+from distal.errors import RigError, ScenarioError
+from distal.expressions import Vector
 from distal.kernels import Feed, advance_all
 from distal.logs import Log, TruthSource
-from distal.logs.memory import MEMORY_VARIABLE, memory_limit
-from distal.model import Mechanism, substeps
-from distal.rig import Rig, angle_names, as_rig, torque_names
-from distal.simulation.plant_kernel import longest_interval, plant_kernel
-from distal.simulation.plant_motion import (
+from distal.logs.outputs import MEMORY_VARIABLE, memory_limit
+from distal.model import Mechanism, Moment, substeps
+from distal.rig import (
+    Rig,
+    angle_names,
+    as_rig,
+    description_path,
+    load_rig,
+    parse_assignment,
+    parse_toml,
+    read_text,
+    shipped_rigs,
+    torque_names,
+    travel_of,
+)
+from distal.sensor_errors import SensorErrors
+from distal.simulation.plant import (
     BodyInputs,
     PlantMotion,
     at_rest,
     body_inputs,
     equilibrium,
     initial_angles,
+    longest_interval,
+    plant_kernel,
     rows_of,
 )
-from distal.simulation.readings import Sampler, stamps_of
 from distal.simulation.scenario import Scenario, load_scenario
+
+
+def moment_of(plant: Mechanism, y: Vector) -> Moment:
+    """Return the motion at one moment from an output y, (n_y,), of a plant's kernel
+    (`plant_function`).
+    """
+    n = plant.n_bodies
+    return Moment(
+        plant, y[:n], y[n : 2 * n], y[2 * n : 2 * n + plant.n_tendons], y[2 * n + plant.n_tendons :]
+    )
+
+
+class Sampler:
+    """What a plant's sensors read in the run of a seed, each at its own rate, along a motion that
+    may come in pieces.
+    """
+
+    def __init__(self, plant: Mechanism, seed: int) -> None:
+        self._rig = rig = plant.rig
+        y = ca.SX.sym("y", 3 * plant.n_bodies + plant.n_tendons)
+        p = plant.parameters
+        moment = moment_of(plant, y)
+        readings = [ca.SX(moment.read(sensor)) for sensor in rig.sensors]
+        # most sensors read one of the plant's outputs: those are taken as they are
+        positions = {y[i].element_hash(): i for i in range(y.numel())}
+        self._columns = np.array(
+            [positions.get(reading.element_hash(), -1) for reading in readings], dtype=np.intp
+        )
+        self._computed = np.flatnonzero(self._columns < 0)
+        computed = ca.vertcat(*(readings[k] for k in self._computed))
+        self._function = ca.Function(
+            "readings", [y], [ca.substitute(computed, p.symbols, ca.DM(p.values))]
+        )
+        rngs = np.random.default_rng(seed).spawn(len(rig.sensors))
+        self._errors = [
+            SensorErrors([sensor], [travel_of(sensor, rig)], [rng])
+            for sensor, rng in zip(rig.sensors, rngs)
+        ]
+
+    def read(self, y: Floats, grid: Floats, stamps: Floats) -> Floats:
+        """Return what the sensors read at the next `stamps`, (k, n_sensors) [SI], NaN for a sensor
+        that is not due.
+
+        Args:
+            y: outputs of the plant's kernel, (n, n_y).
+            grid: times of these outputs [s], (n,); between them the motion is a straight line.
+            stamps: rising, of `stamps_of` [s], (k,).
+        """
+        read = np.full((len(stamps), len(self._errors)), np.nan)
+        true: Floats = y[:, self._columns]
+        if len(self._computed):
+            true[:, self._computed] = np.array(self._function(y.T)).T
+        for k, (sensor, errors) in enumerate(zip(self._rig.sensors, self._errors)):
+            times = np.round(stamps * sensor.rate) / sensor.rate
+            due = np.flatnonzero(np.round(times, 9) == stamps)
+            if len(due):
+                at = np.interp(times[due] - sensor.delay, grid, true[:, k])
+                read[due, k] = errors.read(at[:, None])[:, 0]
+        return read
+
+
+def stamps_of(rig: Rig, begin: float, end: float) -> Floats:
+    """Return the stamps from `begin` up to `end`, which is excluded, at which at least one of a
+    rig's sensors is sampled [s], (k,). They are rounded, so that those of several rates meet.
+    """
+    rates = {sensor.rate for sensor in rig.sensors} or {100.0}
+    each = (np.arange(ceil(begin * r - 1e-6), ceil(end * r - 1e-6)) / r for r in rates)
+    return np.unique(np.round(np.concatenate([*each]), 9))
+
 
 LONGEST_INTERVAL = 1e-3
 """Longest interval over which a scenario's signals are constant [s]. Source: judgement."""
@@ -214,3 +302,84 @@ def true_motion(motion: PlantMotion, grid: Floats, stamps: Floats) -> dict[str, 
     pulls = motion.pulls
     columns = np.hstack([q[:, :n], pulls[:, :n], q[:, n:], pulls[:, n:], motion.tensions])
     return {name: np.interp(stamps, grid, column) for name, column in zip(names, columns.T)}
+
+
+BESIDE = ".rig.toml"
+"""What follows the name of a log in the name of the file. Source: definition."""
+
+OF_ALL = f"all{BESIDE}"
+"""Name of the file of several logs in a folder. Source: definition."""
+
+
+def rig_beside(log: Path, several: bool = False) -> Path:
+    """Return the path of the file beside a log, or of that of several logs in a folder."""
+    return log / OF_ALL if several else log.with_name(log.name + BESIDE)
+
+
+def text_beside(rig: str, values: Mapping[str, object]) -> str:
+    """Return the text of the file.
+
+    Args:
+        rig: name of a shipped rig, or a path.
+        values: path → value of what the scenario changed in it.
+    """
+    import tomlkit
+
+    name = rig if rig in shipped_rigs() else str(description_path(rig, "distal.rig").resolve())
+    head = "# What the log was simulated with, as `distal estimate` reads it.\n\n"
+    return head + tomlkit.dumps({"rig": name, "set": dict(values)})
+
+
+def rig_of_logs(
+    logs: Iterable[object], asked: str | None, assignments: Iterable[str] = ()
+) -> tuple[Rig, tuple[str, ...]]:
+    """Return the rig by which logs are read, and the paths in it that their scenario changed.
+
+    That is the rig asked for, else the one that is named beside the logs. A shipped rig does not
+    know of a scenario. Where it has the joints and drives of the rig beside the logs, it gets what
+    the scenario changed in that; a rig file stays as it is.
+
+    Args:
+        logs: paths, or other sources of logs, which have no file beside them.
+        asked: name of a shipped rig, or a path; None: the rig beside the logs.
+        assignments: ``path=value`` each, which come last.
+
+    Raises:
+        RigError: no rig is asked for and none is beside all of the logs; or a rig is wrong.
+    """
+    assignments = tuple(assignments)
+    found = {_beside(log) for log in logs}
+    path = next(iter(found)) if len(found) == 1 else None
+    if path is None:
+        if asked is None:
+            why = (
+                "the logs were simulated with different rigs or scenarios"
+                if None not in found
+                else "only a log that distal simulate wrote has its rig beside it"
+            )
+            raise RigError(
+                f"which rig? --rig takes a shipped rig's name (distal rigs) or a TOML file; {why}"
+            )
+        return load_rig(asked, assignments), ()
+    source = str(path)
+    named = parse_toml(read_text(path, RigError), source, RigError)
+    rig, values = named.get("rig"), named.get("set", {})
+    if not isinstance(rig, str) or not isinstance(values, dict):
+        raise RigError(f"{source}: rig is a name or path, and [set] a table of path = value")
+    if asked is not None and not (asked in shipped_rigs() and _alike(load_rig(asked), rig)):
+        return load_rig(asked, assignments), ()
+    later = dict(parse_assignment(text, RigError) for text in assignments)
+    return load_rig(asked or rig).with_values({**values, **later}), tuple(values)
+
+
+def _beside(log: object) -> Path | None:
+    """Return the file that belongs to a log, None where there is none."""
+    if not isinstance(log, Path):
+        return None
+    either = (rig_beside(log), rig_beside(log.parent, several=True))
+    return next((path for path in either if path.is_file()), None)
+
+
+def _alike(rig: Rig, named: str) -> bool:
+    other = load_rig(named)
+    return (rig.joint_names, rig.drive_names) == (other.joint_names, other.drive_names)

@@ -2,9 +2,17 @@
 meets a requirement.
 """
 
-from distal.study.description import Plan, Study, load_study, plan_of, shipped_studies
-from distal.study.design_space import Axis, Space, space_of
-from distal.study.execution import Folder, open_folder, run_study
+from distal.study.design_space import (
+    Axis,
+    Plan,
+    Space,
+    Study,
+    load_study,
+    plan_of,
+    shipped_studies,
+    space_of,
+)
+from distal.study.runs import Folder, open_folder, run_study
 
 __all__ = [
     "Axis",

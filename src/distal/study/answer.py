@@ -17,17 +17,16 @@ from numpy.typing import NDArray
 from distal.arrays import Bools
 from distal.errors import StudyError
 from distal.rig import in_words
-from distal.study.description import Plan
 from distal.study.design_space import (
     ESTIMATOR,
     FEEDBACK,
     Axis,
+    Plan,
     Space,
     Value,
     sensor_of,
 )
-from distal.study.execution import Columns
-from distal.study.runs import MEASURES
+from distal.study.runs import MEASURES, Columns
 from distal.units import quantity, rounded
 
 PARTS = 4

@@ -8,7 +8,7 @@ import numpy as np
 
 from distal import Log, estimate, load_rig
 from distal.estimators import AdaptiveFilter
-from distal.estimators.adaptive.joint_slopes import doubted_frictions
+from distal.estimators.adaptive.joint_motion import doubted_frictions
 from distal.rig import build_rig
 from tests.support.rough_plants import FITTED, described, log_of
 

@@ -11,7 +11,7 @@ from distal import LiveEstimator, Log, Rig, estimate, load_rig, simulate
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive.filter_function import subsystems_of
 from distal.rig import independent_parts
-from distal.rig.subsystems import _joints_of
+from distal.rig.rig import _joints_of
 from distal.simulation import Scenario
 from tests.hand_rigs import hand
 

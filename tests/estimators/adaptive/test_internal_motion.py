@@ -13,8 +13,7 @@ import pytest
 
 from distal import LiveEstimator, Log, Rig, estimate, load_rig, simulate
 from distal.estimators import AdaptiveFilter
-from distal.estimators.adaptive.states.internal import UNKNOWN_TENSION, _tension
-from distal.estimators.adaptive.states.state import Begin
+from distal.estimators.adaptive.states import UNKNOWN_TENSION, Begin, _tension
 from distal.results import Estimate
 from distal.rig import named
 from distal.run import smooth

@@ -12,7 +12,7 @@ import pytest
 
 from distal import Log, Rig, estimate, load_rig
 from distal.estimators import AdaptiveFilter
-from distal.estimators.adaptive.joint_slopes import moving
+from distal.estimators.adaptive.joint_motion import moving
 from distal.model import Kick
 from distal.rig import build_rig
 from tests.support.drawn_rigs import settled

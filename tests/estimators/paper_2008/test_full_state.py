@@ -19,8 +19,7 @@ from distal import (
 from distal.errors import DistalWarning, EstimationError
 from distal.estimators import StateKind, external_torques_of, kinds_of, make_estimator
 from distal.estimators.paper_2008 import FullStateFilter, paper_noise, rig_noise
-from distal.estimators.paper_2008.full_state import state_names
-from distal.estimators.paper_2008.joseph_form import predict_covariance, update
+from distal.estimators.paper_2008.full_state import predict_covariance, state_names, update
 from distal.rig import build_rig
 from tests.helpers import rms_degrees
 from tests.support.linear import linear_log, linear_model, linear_rig

@@ -19,11 +19,10 @@ import numpy as np
 from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, tracking
 from distal.estimators.adaptive.filter_context import DERIVED
 from distal.estimators.adaptive.filter_inputs import Interval, Prediction, states_of_rig
-from distal.estimators.adaptive.internal_motion import follow, play
 from distal.estimators.adaptive.joint_motion import Moved, moved
-from distal.estimators.adaptive.prediction import predicted, revert, shifted_variance
+from distal.estimators.adaptive.prediction import follow, play, predicted, revert, shifted_variance
 from distal.estimators.adaptive.slack_pairs import within_play
-from distal.estimators.adaptive.states.vector import StateVector
+from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.touch import (
     DRIVE,
     FORCE,

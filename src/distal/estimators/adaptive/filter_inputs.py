@@ -13,8 +13,7 @@ import casadi as ca
 
 from distal.estimators.adaptive.filter_context import DERIVED, FilterContext, has_gain
 from distal.estimators.adaptive.guards import Robustness
-from distal.estimators.adaptive.states.internal import likely_tension
-from distal.estimators.adaptive.states.vector import KINDS, Kind, StateVector
+from distal.estimators.adaptive.states import KINDS, Kind, StateVector, likely_tension
 from distal.estimators.read_channels import Channels
 from distal.expressions import MatrixNode, VectorNode
 from distal.model import Mechanism

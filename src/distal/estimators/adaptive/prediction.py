@@ -1,10 +1,15 @@
 """Predict mean and covariance: angles and speeds move, all other states stay, fade or walk.
 Equations (11) to (13).
+
+Move what has a play, or creeps: the effort that a drive's transmission passes on follows the
+measured effort (hysteresis), plays inside the rig follow their bounds. Equations (14) to (15b).
+
+docs/reference/adaptive-equations.md, section 5, "Plays inside the rig".
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import casadi as ca
 
@@ -14,8 +19,11 @@ from distal.estimators.adaptive.filter_inputs import Interval, Prediction
 from distal.estimators.adaptive.guards import followed_share
 from distal.estimators.adaptive.joint_motion import Moved
 from distal.estimators.adaptive.states import StateVector
+from distal.estimators.estimator_protocol import StateKind
 from distal.estimators.kalman import symmetric
-from distal.expressions import MatrixNode, Scalar, ScalarNode, Vector, VectorNode
+from distal.expressions import Matrix, MatrixNode, Scalar, ScalarNode, Vector, VectorNode
+from distal.kernels.layout import is_read
+from distal.model import clip_moments
 
 
 def predicted(
@@ -211,3 +219,199 @@ def set_row(covariance: MatrixNode, at: int, row: VectorNode, variance: ScalarNo
     covariance[:, at] = row
     covariance[at, :] = row.T
     covariance[at, at] = variance
+
+
+CREST = 2.0
+"""Number of stds of the effort's noise by which the limits of a play are widened [1], since crests
+of the noise would move it. Source: benchmark (benchmarks/guards).
+"""
+
+TINY_EFFORT = 1e-9
+"""Added to the standard deviation of x_z, so that its moments stay finite where it is certain [N, N
+m]. Source: rounding (division by zero).
+"""
+
+
+def play(
+    states: StateVector,
+    drive: int,
+    prediction: Prediction,
+    rates: VectorNode,
+    remembered: ScalarNode,
+    interval: Interval,
+) -> ScalarNode:
+    """Let the effort that a drive transmits follow its measured effort by the play, in place;
+    return the effort to remember.
+
+    x_z⁺ = mean of clip(x_z, U − B_d ṡ − H, U − B_d ṡ + H) of a normal x_z (`clip_moments`): where
+    x_z is between the limits, it and its uncertainty stay; at a limit it is as certain as the
+    limit. U is smoothed, so that its noise does not move the play.
+
+    Args:
+        drive: index of the drive.
+        prediction: is changed.
+        rates: mean speed of each drive over the interval, (n_drives,).
+        remembered: the drive's smoothed effort.
+        interval: with its sample.
+    """
+    at = states.transmitted(drive)
+    assert at is not None  # `play` is called for drives with hysteresis
+    variance = prediction.covariance[at, at]
+    *after, effort = play_function(states, drive, at)(
+        prediction.state, variance, interval.tracks, rates, remembered, interval.x, interval.p
+    )
+    _move(prediction, at, *after)
+    return effort
+
+
+def _move(
+    prediction: Prediction, at: int, mean: ScalarNode, row: VectorNode, added: ScalarNode
+) -> None:
+    """Give a state, in place, a new mean, its slopes `row` by all states before, and the variance
+    that is `added`.
+    """
+    across = ca.mtimes(prediction.covariance, row)
+    prediction.state[at] = mean
+    set_row(prediction.covariance, at, across, ca.mtimes(row.T, across) + added)
+    prediction.transition[at, :] = ca.mtimes(row.T, prediction.transition)
+
+
+def play_function(states: StateVector, drive: int, at: int) -> ca.Function:
+    """Return the function (state, variance of z, tracks, rates, effort, x, p) → (z⁺, slopes, added
+    variance, effort⁺); without a reading z stays.
+    """
+    context = states.context
+    n = len(states)
+    nd = states.context.n_drives
+    mechanism = context.mechanism
+    p = context.mechanism.parameters.symbols
+    nj = context.n_joints
+    sensor = context.force_sensor(drive)
+    assert sensor is not None  # as above
+    state = ca.SX.sym("state", n)
+    variance_of_z = ca.SX.sym("P_z")
+    vector = ca.SX.sym("tracks", Tracks.size(nd))
+    rates = ca.SX.sym("rates", nd)
+    remembered = ca.SX.sym("effort")
+    x = ca.SX.sym("x", context.width)
+    tracks = Tracks(vector)
+    q = ca.SX.sym("q", mechanism.n_bodies)
+    still = ca.SX.zeros(mechanism.n_bodies)
+    limit = mechanism.hysteresis_limit(drive, q, mechanism.tensions(q, still))
+    limits = ca.Function("limit", [q, p], [limit, mechanism.dampings()])
+    at_end = states.coordinates(state, tracks.positions)
+    held, dampings = limits(at_end, states.parameters(state))
+    slope = ca.densify(ca.jacobian(held, state))
+    came = context.value(x, sensor)
+    read = is_read(context.mask(x, sensor))
+    share = context.number(f"drives.{drive}.reading_weight")
+    following = ca.if_else(remembered == 0, came, remembered + share * (came - remembered))
+    smoothed = ca.if_else(read, following, remembered)
+    # what the effort has beyond the transmission's own: the sensor's error, and the drive's damping
+    error = states.added(("reading", sensor.name), state, smoothed)
+    error += dampings[nj + drive] * rates[drive]
+    effort = smoothed - error
+    left = share / (2 - share) * context.noise(sensor)
+    held += CREST * ca.sqrt(left)
+    moments = clip_moments(
+        effort - held, effort + held, state[at], ca.sqrt(ca.fmax(variance_of_z, 0)) + TINY_EFFORT
+    )
+    row = (moments.by_high - moments.by_low) * slope
+    row[0, at] += moments.by_mean
+    ends = moments.by_low + moments.by_high
+    row -= ends * ca.jacobian(error, state)
+    outputs = [
+        ca.if_else(read, moments.mean, state[at]),
+        ca.if_else(read, row, ca.SX(ca.DM.eye(n)[at, :])).T,
+        ca.if_else(read, moments.rest + ends**2 * left, 0),
+        smoothed,
+    ]
+    arguments = [state, variance_of_z, vector, rates, remembered, x, p]
+    return ca.Function("play", arguments, ca.cse([ca.densify(output) for output in outputs]))
+
+
+TINY_POSITION = 1e-12
+"""Added to the standard deviation of a position, so that its moments stay finite where it is
+certain [m, rad]. Source: rounding (division by zero).
+"""
+
+
+def follow(states: StateVector, prediction: Prediction, interval: Interval) -> None:
+    """Move all internal states to the end of an interval, in place."""
+    for at in _ordered(states):
+        variance = prediction.covariance[at, at]
+        after = following_function(states, at)(
+            prediction.state, variance, interval.tracks, interval.x, interval.p
+        )
+        _move(prediction, at, *after)
+
+
+def _ordered(states: StateVector) -> list[int]:
+    """Return the indices of the internal states in the order in which they move: points of a sheath
+    from end to end and back.
+    """
+    mechanism = states.context.mechanism
+    points = states.of_kind(StateKind.SHEATH)
+    order = list(states.of_kind(StateKind.BACKLASH))
+    for tendon, name in enumerate(mechanism.rig.tendon_names):
+        sheath = mechanism.sheath(tendon)
+        if sheath is not None:
+            along = [at for at in points if states.state_parts[at] == name]
+            order += [along[k] for k in sheath.order()]
+    return [*order, *states.of_kind(StateKind.CREEP)]
+
+
+def following_function(states: StateVector, at: int) -> ca.Function:
+    """Return the function (state, variance, tracks, x, p) → (mean, slopes, added variance) of one
+    internal state after an interval.
+
+    For a play they are the moments of clip(x_i, x_min, x_max) of a normal x_i (`clip_moments`); for
+    a strain of creep, the model's value with its slopes.
+    """
+    context = states.context
+    n = len(states)
+    nd = states.context.n_drives
+    mechanism = context.mechanism
+    nj = context.n_joints
+    p = context.mechanism.parameters.symbols
+    state = ca.SX.sym("state", n)
+    variance = ca.SX.sym("P_z")
+    x = ca.SX.sym("x", context.width)
+    vector = ca.SX.sym("tracks", Tracks.size(nd))
+    tracks = Tracks(vector)
+    q = ca.SX.sym("q", mechanism.n_bodies)
+    dt = ca.SX.sym("dt")
+    at_end = states.coordinates(state, tracks.positions)
+    arguments = [at_end, states.parameters(state), x[0]]
+    name = mechanism.parameters.names[states.states[at].indices[0]]
+    if name in mechanism.strains:
+        strain = mechanism.crept(q, dt)[mechanism.strains.index(name)]
+        crept = ca.Function("crept", [q, p, dt], [strain])(*arguments)
+        outputs = [crept, ca.jacobian(crept, state).T, ca.SX(0)]
+    else:
+        bounds = mechanism.bounds(mechanism.plays.index(name), q)
+        reached = [bounds.low, bounds.high]
+        by_drives = [ca.jacobian(bound, q)[0, nj:] for bound in reached]
+        low, high, *slopes = ca.Function("bounds", [q, p, dt], [*reached, *by_drives])(*arguments)
+        noises = [_noise(states, i) for i in range(nd)]
+        by_low = ca.jacobian(low, state)
+        by_high = ca.jacobian(high, state)
+        low -= CREST * _std(slopes[0], noises)
+        high += CREST * _std(slopes[1], noises)
+        moments = clip_moments(low, high, state[at], ca.sqrt(ca.fmax(variance, 0)) + TINY_POSITION)
+        row = moments.by_low * by_low + moments.by_high * by_high
+        row[0, at] += moments.by_mean
+        pushed = moments.by_low * slopes[0] + moments.by_high * slopes[1]
+        noise = sum((pushed[0, i] ** 2 * tracks[i].variance for i in range(nd)), ca.SX(0))
+        outputs = [moments.mean, row.T, moments.rest + noise]
+    symbols = [state, variance, vector, x, p]
+    return ca.Function("follow", symbols, ca.cse([ca.densify(output) for output in outputs]))
+
+
+def _noise(states: StateVector, drive: int) -> Scalar:
+    sensor = states.context.position_sensor(drive)
+    return 0 if sensor is None else states.context.noise(sensor)
+
+
+def _std(slopes: Matrix, noises: Sequence[Scalar]) -> Scalar:
+    return ca.sqrt(sum((slopes[0, i] ** 2 * noise for i, noise in enumerate(noises)), ca.SX(0)))

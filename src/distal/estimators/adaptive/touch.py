@@ -18,7 +18,7 @@ import casadi as ca
 
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.filter_inputs import Interval
-from distal.estimators.adaptive.states.vector import StateVector
+from distal.estimators.adaptive.states import StateVector
 from distal.estimators.estimator_protocol import TOUCHED
 from distal.expressions import ScalarNode, VectorNode
 from distal.kernels.layout import Layout

@@ -1,17 +1,30 @@
-"""Update the state by the comparisons, one row after the other, unless a stop may hold a joint.
+"""The friction in a drive's force, by how the drive moves: against its motion, or anything up to
+its limit while it sticks.
+
+Equations (18) to (21). A drive that moves has friction against its motion. A drive that sticks may
+have any friction up to its limit. Where the rig declares friction, the mean residual of a sticking
+drive is compared with the limits, and only the part beyond them counts (a clipped residual). Where
+it declares none, friction keeps the sign that it had, and a sample counts little.
+
+The comparison of measured forces, tensions and angles with those that follow from the state.
+Equation (17).
+
+Update the state by the comparisons, one row after the other, unless a stop may hold a joint.
 Equations (22) to (26).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import casadi as ca
 import numpy as np
 
-from distal.estimators.adaptive.drive_friction import Comparison, Residual, compared
 from distal.estimators.adaptive.drive_tracking import TRACKED, Drive, Tracks
-from distal.estimators.adaptive.filter_inputs import Interval, Prediction
+from distal.estimators.adaptive.filter_context import FilterContext
+from distal.estimators.adaptive.filter_inputs import Interval, Prediction, mechanics_function
 from distal.estimators.adaptive.guards import Robustness, robust_variance
-from distal.estimators.adaptive.measurement import ROW, SLOPED, MeasurementRow, Rows
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.touch import (
     FORCE,
@@ -20,8 +33,443 @@ from distal.estimators.adaptive.touch import (
     open_torques,
 )
 from distal.estimators.kalman import Downdate, along
-from distal.expressions import MatrixNode, ScalarNode, VectorNode
-from distal.kernels.layout import Layout, is_there, share_used
+from distal.expressions import MatrixNode, Scalar, ScalarNode, Vector, VectorNode
+from distal.kernels.layout import Layout, is_read, is_there, share_used
+from distal.model import Moment
+from distal.rig import Sensor
+
+SLOW_DECLARED = 60.0
+"""Speed, in stds of the position sensor, at which a drive with declared friction counts as half
+stuck [1/s]: 0.6 stds in a sample at 100 Hz. Source: benchmark (benchmarks.ablation).
+"""
+
+SLOW_UNKNOWN = 80.0
+"""The same for a drive without declared friction [1/s]. Source: judgement."""
+
+CLEAR_STICK = 0.15
+"""A drive whose `stuck` is below this clearly moves [1]. Source: benchmark (benchmarks/guards)."""
+
+TURNING = 0.5
+"""Size of the direction, 0 to 1, beyond which its sign is remembered [1]. Source: benchmark
+(benchmarks/guards).
+"""
+
+CLEAR_DIRECTION = 0.9
+"""Size of the direction, 0 to 1, beyond which it is clear [1]. Source: judgement."""
+
+SHARP_BEND = 10.0
+"""Bend between two samples, in stds of the position sensor, that halves the direction [1]. Source:
+benchmark (benchmarks/guards).
+"""
+
+TURNING_DECLARED = 3.0
+"""Factor on `Robustness.turning_time`, for which friction is unsure while a drive turns back, where
+friction is declared [1]. Source: benchmark (benchmarks/guards).
+"""
+
+MEAN_TIME = 0.1
+"""Time constant of the mean residual of a force whose drive sticks [s]. Source: benchmark
+(benchmarks/guards).
+"""
+
+STICK_STD = 0.42
+"""Standard deviation of a tension within its friction's limits, as a share of the limit [1]; 0.58
+if it were uniform. Source: benchmark (benchmarks/guards).
+"""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The comparison of a force with its prediction, friction included.
+
+    With slopes r_x of the residual, l_x of the limit and a_x of its asymmetry, the slope of what is
+    expected is −r_x + c_l l_x + c_a a_x.
+
+    Args:
+        innovation: measured minus expected.
+        variance: of the innovation, without the part from the state's covariance.
+        memory: what is remembered of the drive: its mean residual where the rig declares friction,
+            else its last clear direction times the time since then [s].
+        by_limit: c_l.
+        by_asymmetry: c_a.
+        counts: 1 where the innovation belongs to a likelihood. It does not in a fit while the drive
+            hardly moves, since its friction is then a guess and so is the variance.
+    """
+
+    innovation: Scalar
+    variance: Scalar
+    memory: Scalar
+    by_limit: Scalar = 0
+    by_asymmetry: Scalar = 0
+    counts: Scalar = 1
+
+
+@dataclass(frozen=True)
+class Residual:
+    """A force before friction is taken into account, all scalars.
+
+    Args:
+        value: measured minus expected, without friction.
+        limit: friction limit, the mean of both directions.
+        asymmetry: by how much the limit is larger against motion to +, and smaller against motion
+            to −.
+        variance: of the sensor and of the drive's position.
+        limit_variance: of the limit, from the state's covariance, l_x P l_xᵀ.
+        value_variance: of the residual, from the state's covariance, r_x P r_xᵀ.
+        memory: what is remembered of the drive's force.
+        mask: of the force, see `distal.kernels.layout`.
+    """
+
+    value: Scalar
+    limit: Scalar
+    asymmetry: Scalar
+    variance: Scalar
+    limit_variance: Scalar
+    value_variance: Scalar
+    memory: Scalar
+    mask: Scalar
+
+
+@dataclass(frozen=True)
+class DriveMotion:
+    """The motion of a drive, as far as friction depends on it.
+
+    Args:
+        stuck: 0 where the drive clearly moves to 1 where it does not, (18).
+        direction: −1 to 1, (19).
+        clear: 1 where the drive clearly moves in one direction.
+    """
+
+    stuck: Scalar
+    direction: Scalar
+    clear: Scalar
+
+
+def motion_of(drive: Drive, noise: Scalar, dt: Scalar, slow: float) -> DriveMotion:
+    """Return the motion of a drive: its mean speed compared with what its sensor's noise alone
+    would show.
+
+    Args:
+        drive: what is known of it after a reading.
+        noise: variance of its position sensor.
+        dt: length of the interval [s].
+        slow: `SLOW_DECLARED` or `SLOW_UNKNOWN`.
+    """
+    still = slow**2 * noise
+    alone = 2 * noise / ca.fmax(dt, 1e-6) ** 2
+    moving = ca.fmax(ca.fmax(drive.square - alone, 0), drive.speed**2)
+    stuck = still / (moving + still)
+    direction = (
+        drive.speed / ca.sqrt(moving + still) / (1 + drive.bend**2 / (SHARP_BEND**2 * noise))
+    )
+    return DriveMotion(
+        stuck, direction, ca.logic_and(stuck < CLEAR_STICK, ca.fabs(direction) > CLEAR_DIRECTION)
+    )
+
+
+def compared(
+    context: FilterContext, index: int, drive: Drive, residual: Residual, dt: Scalar
+) -> Comparison:
+    """Return the comparison of the force of the drive with that `index`, after an interval `dt`
+    [s].
+    """
+    sensor = context.position_sensor(index)
+    if sensor is None:
+        # its motion is not measured: any friction up to its limit
+        return Comparison(residual.value, residual.variance + residual.limit**2, residual.memory)
+    noise = context.noise(sensor)
+    force = context.force_sensor(index)
+    interval = context.number("interval")
+    if force is not None:
+        interval = 1.0 / context.number(f"{context.path(force)}.rate")
+    if context.declares_friction(index):
+        return _declared(
+            context, motion_of(drive, noise, dt, SLOW_DECLARED), residual, interval, dt
+        )
+    return _unknown(context, motion_of(drive, noise, dt, SLOW_UNKNOWN), residual, interval, dt)
+
+
+def _slipping(residual: Residual, direction: Scalar, doubt: Scalar) -> tuple[Scalar, Scalar]:
+    """Return innovation and variance with friction against a motion, its limit in doubt: (20)."""
+    value = residual.value - direction * residual.limit - ca.fabs(direction) * residual.asymmetry
+    return value, residual.variance + doubt * (residual.limit**2 + residual.limit_variance)
+
+
+def _unknown(
+    context: FilterContext, motion: DriveMotion, residual: Residual, interval: Scalar, dt: Scalar
+) -> Comparison:
+    """Return how a force is compared whose friction the rig does not declare."""
+    robustness = context.robustness
+    # the last clear direction, times the time since: friction of a drive that stops stays as it was
+    turned = ca.logic_and(motion.stuck < CLEAR_STICK, ca.fabs(motion.direction) > TURNING)
+    since = residual.memory + ca.sign(residual.memory) * dt
+    memory = ca.if_else(
+        ca.logic_and(is_read(residual.mask), turned), ca.sign(motion.direction) * interval, since
+    )
+    direction = ca.if_else(motion.stuck < CLEAR_STICK, motion.direction, ca.sign(memory))
+    # all samples of the time for which friction is the same tell as much as one, those of a long
+    # stick little more
+    sticking: Scalar = 0
+    if robustness.sticking_time > 0.0:
+        sticking = (
+            ca.fmax(robustness.sticking_time, memory * memory / robustness.sticking_time) / interval
+        )
+    turning = (1 - motion.stuck) * (1 - direction**2) * (robustness.turning_time / interval)
+    innovation, variance = _slipping(residual, direction, motion.stuck * sticking + turning)
+    return Comparison(innovation, variance, memory, direction, ca.fabs(direction))
+
+
+def _declared(
+    context: FilterContext, motion: DriveMotion, residual: Residual, interval: Scalar, dt: Scalar
+) -> Comparison:
+    """Return how a force is compared whose friction the rig declares: a clipped residual while its
+    drive sticks, (21).
+    """
+    robustness = context.robustness
+    stuck = motion.stuck
+    direction = motion.direction
+    turning = (
+        (1 - stuck) * (1 - direction**2) * TURNING_DECLARED * (robustness.turning_time / interval)
+    )
+    doubt = stuck * (robustness.sticking_time / interval) + turning
+    counts = ca.SX(1)
+    if robustness.moving_only:
+        # a fit goes by the drives that clearly move: there friction is what it is
+        doubt = ca.if_else(motion.clear, 0, doubt)
+        counts = motion.clear
+    innovation, variance = _slipping(residual, direction, doubt)
+    fade = ca.exp(-dt / MEAN_TIME)
+    mean = ca.if_else(
+        is_read(residual.mask),
+        fade * residual.memory + (1 - fade) * residual.value,
+        residual.memory,
+    )
+    sign = ca.sign(mean)
+    allowed = residual.limit + sign * residual.asymmetry
+    beyond = ca.fabs(mean) > allowed
+    # inside the limits nothing moves the mean, but the tension is no less certain than the limits
+    # themselves
+    bound = (STICK_STD * residual.limit) ** 2 + residual.variance + residual.limit_variance
+    within = 1 / ca.fmax(1 / bound - 1 / ca.fmax(residual.value_variance, 1e-12), 1e-9)
+    sticks = stuck > 0.5
+    standing = ca.fmax(1, robustness.beyond_time / interval)
+    return Comparison(
+        ca.if_else(sticks, ca.if_else(beyond, mean - sign * allowed, 0), innovation),
+        ca.if_else(sticks, ca.if_else(beyond, standing * residual.variance, within), variance),
+        mean,
+        ca.if_else(sticks, ca.if_else(beyond, sign, 0), direction),
+        ca.if_else(sticks, ca.if_else(beyond, 1, 0), ca.fabs(direction)),
+        counts,
+    )
+
+
+TIE = 0.3
+"""Standard deviation of the transmitted effort around the tendons' pull, in those of the effort's
+sensor [1]. Source: benchmark (benchmarks/guards).
+"""
+
+NOMINAL_TIME = 1.0
+"""Time for which an unmeasured pull keeps its departure from its nominal value [s]. Source:
+judgement.
+"""
+
+ROW = Layout(residual=1, limit=1, asymmetry=1, variance=1, mask=1)
+"""Layout of the values of a row, as in `MeasurementRow`. Source: definition (layout of a
+vector).
+"""
+
+SLOPED = ("residual", "limit", "asymmetry")
+"""Names of the values of a row that change with the state."""
+
+
+@dataclass(frozen=True)
+class MeasurementRow:
+    """One force, tension, angle or other reading to compare, as expressions of a symbolic state.
+
+    Args:
+        name: of its sensor, or of the drive where the pull is only nominal.
+        residual: measured minus expected, without friction.
+        variance: of the sensor and of the drive's position.
+        mask: 0 where the row does not count, else see `distal.kernels.layout`.
+        limit: friction limit of the drive, the mean of both directions.
+        asymmetry: by how much the limit is larger against motion to +, and smaller against motion
+            to −.
+        drive: index of the drive whose friction is in it, or None.
+        measured: whether a sensor measures it; else the pull is nominal.
+        trusted: whether it is a reference, which is never taken as wild.
+    """
+
+    name: str
+    residual: Scalar
+    variance: Scalar
+    mask: Scalar
+    limit: Scalar = 0
+    asymmetry: Scalar = 0
+    drive: int | None = None
+    measured: bool = True
+    trusted: bool = False
+
+
+def measurement_rows_of(
+    states: StateVector, state: Vector, tracks: Tracks[ca.SX], rates: Vector, x: Vector
+) -> list[MeasurementRow]:
+    """Return the rows to compare: U = Σ T ∂ℓ/∂s + B_d ṡ + friction of each drive, measured
+    tensions, a reference's angle, other sensors.
+
+    Args:
+        state: symbolic, (n,).
+        tracks: of the drives.
+        rates: mean speed of each drive over the interval, (n_drives,).
+        x: the sample.
+    """
+    context = states.context
+    mechanism = states.context.mechanism
+    nj = states.context.n_joints
+    q = states.coordinates(state, tracks.positions)
+    v = ca.vertcat(state[nj : 2 * nj], rates)
+    mechanics = mechanics_function(context)(q, v, states.parameters(state))
+    tensions, pulls, dampings, limits, asymmetries, tension_slopes, pull_slopes = mechanics
+
+    def read(sensor: Sensor) -> Scalar:
+        value = context.value(x, sensor)
+        return value - states.added(("reading", sensor.name), state, value)
+
+    rows = []
+    for i, drive in enumerate(mechanism.rig.drives):
+        sensor = context.force_sensor(i)
+        body = nj + i
+        track = tracks[i]
+        spread = track.variance * pull_slopes[body, body] ** 2
+        free = away_from_stops(context, i, track.position)
+        expected = pulls[body] - states.added(("lacking force", i), state)
+        friction = (limits[body] + states.added(("friction", i), state), asymmetries[body], i)
+        if sensor is None:
+            path = f"drives.{i}.nominal_force"
+            nominal_std = context.number(f"{path}.std")
+            is_known = nominal_std > 0.0
+            lasting = nominal_std**2 * 2 * NOMINAL_TIME / ca.fmax(x[0], 1e-6)
+            residual = context.number(path) - expected
+            rows.append(
+                MeasurementRow(
+                    drive.name,
+                    residual,
+                    spread + lasting,
+                    is_known * free,
+                    *friction,
+                    measured=False,
+                )
+            )
+            continue
+        noise = context.noise(sensor)
+        mask = context.mask(x, sensor) * free
+        transmitted = states.transmitted(i)
+        if transmitted is not None:
+            damped = dampings[body] * rates[i]
+            rows.append(
+                MeasurementRow(
+                    sensor.name,
+                    state[transmitted] - (expected - damped),
+                    TIE**2 * noise + spread,
+                    mask,
+                )
+            )
+            continue
+        residual = read(sensor) - expected
+        rows.append(MeasurementRow(sensor.name, residual, noise + spread, mask, *friction))
+    tendons = mechanism.rig.tendon_names
+    for sensor in context.channels.tensions:
+        t = tendons.index(sensor.of)
+        body = mechanism.drive_of[t]
+        spread = context.noise(sensor) + tension_slopes[t, body] ** 2 * tracks[body - nj].variance
+        residual = read(sensor) - tensions[t]
+        rows.append(MeasurementRow(sensor.name, residual, spread, context.mask(x, sensor)))
+    moment = Moment(mechanism, q, v, tensions, pulls)
+    for sensor in context.channels.angles:
+        residual = read(sensor) - moment.read(sensor)
+        noise = context.noise(sensor)
+        rows.append(
+            MeasurementRow(sensor.name, residual, noise, context.mask(x, sensor), trusted=True)
+        )
+    # as the filter names its innovations: by the rig's order of sensors; nominal pulls come last
+    names = [sensor.name for sensor in context.channels.compared]
+    return sorted(rows, key=lambda row: names.index(row.name) if row.measured else len(names))
+
+
+def away_from_stops(context: FilterContext, drive: int, position: Scalar) -> Scalar:
+    """Return 1 where the `position` of a drive is certainly not at a stop, since the contact force
+    there is unknown, else 0: (17).
+    """
+    part = context.mechanism.rig.drives[drive]
+    sensor = context.position_sensor(drive)
+    if part.stops is None or sensor is None:
+        return ca.SX(1)
+    p = context.mechanism.parameters
+    path = context.path(sensor)
+    low, high = (p[f"drives.{drive}.stops.{end}"] for end in ("low", "high"))
+    # one that is held by its stop may read a position before it
+    unknown = context.noise(sensor) + context.number(f"{path}.unknown_bias") ** 2
+    wrong = context.number(f"{path}.linearity") + 2 * ca.sqrt(unknown)
+    return ca.if_else(ca.logic_and(position > low + wrong, position < high - wrong), 1, 0)
+
+
+@dataclass(frozen=True)
+class RowAt:
+    """A row at a state.
+
+    Args:
+        values: its values, in the layout `ROW`.
+        slopes: those of its `SLOPED` values by the state, (n, 1) each, by name.
+    """
+
+    row: MeasurementRow
+    values: VectorNode
+    slopes: dict[str, VectorNode]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """All rows to compare, as one function of the state.
+
+    Args:
+        function: (state, tracks, rates, x, p) → values (`ROW`) and slopes of each row.
+    """
+
+    rows: Sequence[MeasurementRow]
+    function: ca.Function
+
+    @classmethod
+    def of(cls, states: StateVector) -> Rows:
+        """Return the rows of a state vector."""
+        context = states.context
+        state = ca.SX.sym("state", len(states))
+        vector = ca.SX.sym("tracks", Tracks.size(context.n_drives))
+        rates = ca.SX.sym("rates", context.n_drives)
+        x = ca.SX.sym("x", context.width)
+        rows = measurement_rows_of(states, state, Tracks(vector), rates, x)
+        outputs = dict[str, ca.SX]()
+        for k, row in enumerate(rows):
+            values = {part: ca.SX(vars(row)[part]) for part in ROW.names}
+            outputs[f"values_{k}"] = ROW.joined(**values)
+            for part in SLOPED:
+                outputs[f"{part}_{k}"] = ca.sparsify(ca.jacobian(values[part], state)).T
+        arguments = [state, vector, rates, x, context.mechanism.parameters.symbols]
+        inputs = ["state", "tracks", "rates", "x", "p"]
+        return cls(
+            rows,
+            ca.Function("rows", arguments, ca.cse(list(outputs.values())), inputs, list(outputs)),
+        )
+
+    def at(
+        self, state: VectorNode, tracks: VectorNode, rates: VectorNode, x: VectorNode, p: VectorNode
+    ) -> list[RowAt]:
+        """Return each row with its values and slopes at a `state`; `tracks` are as in `Interval`,
+        `rates` as in `Moved`.
+        """
+        outputs = self.function(state=state, tracks=tracks, rates=rates, x=x, p=p)
+        return [
+            RowAt(row, outputs[f"values_{k}"], {part: outputs[f"{part}_{k}"] for part in SLOPED})
+            for k, row in enumerate(self.rows)
+        ]
 
 
 def depths_in_stops(states: StateVector, mean: VectorNode, p: VectorNode) -> dict[int, ScalarNode]:

@@ -1,4 +1,10 @@
-"""Extended Kalman filters on the full state, as in the 2008 paper: forces are inputs, displacements
+"""Kalman filter algebra: prediction of the covariance, and sequential scalar updates in Joseph's
+form.
+
+One interval between samples with its derivatives, which are propagated from sub-step to
+sub-step.
+
+Extended Kalman filters on the full state, as in the 2008 paper: forces are inputs, displacements
 are measured. docs/results/reproduction.md says which equation is where.
 """
 
@@ -12,19 +18,204 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import EstimationError
-from distal.estimators.belief import Belief
-from distal.estimators.estimator_protocol import KernelEstimator
+from distal.estimators.estimator_protocol import Belief, KernelEstimator, StateKind
+from distal.estimators.kalman import symmetric
 from distal.estimators.kinematic import error_of, first_drives
-from distal.estimators.paper_2008.joseph_form import predict_covariance, update
-from distal.estimators.paper_2008.tangent_step import tangent_step
 from distal.estimators.read_channels import UNKNOWN_POSITION, Channels, channels_of, sensor_for
-from distal.estimators.state_kinds import StateKind
-from distal.expressions import Vector
+from distal.expressions import Matrix, MatrixNode, Vector
 from distal.kernels import Kernel, Layout, kernel_state_layout
 from distal.logs import frozen
-from distal.model import Mechanism, substeps
+from distal.model import Kick, Mechanism, kick_and_drift, responses, substeps
+from distal.model.stepping import last_kick
 from distal.rig import Rig, Sensor, angle_names, gain_of, speed_names
 from distal.sensor_errors import variance
+
+
+def predict_covariance(
+    covariance: Matrix,
+    transition: Matrix,
+    input_map: Matrix,
+    input_variances: Vector,
+    process: Vector,
+) -> Matrix:
+    """Return the predicted covariance P⁻ = Φ P Φᵀ + G diag(q_u) Gᵀ + diag(q).
+
+    Args:
+        covariance: P, (n, n).
+        transition: Φ = ∂x⁺/∂x, (n, n).
+        input_map: G = ∂x⁺/∂u, (n, k).
+        input_variances: q_u, (k,).
+        process: variances q that are added to the states, (n,).
+    """
+    mapped = input_map * ca.repmat(input_variances.T, input_map.size1(), 1)
+    added = ca.mtimes(mapped, input_map.T) + ca.diag(process)
+    predicted = symmetric(ca.mtimes(ca.mtimes(transition, covariance), transition.T) + added)
+    return with_least(predicted, ca.diag(added))
+
+
+def with_least(covariance: Matrix, least: Vector) -> Matrix:
+    """Return the `covariance` with each variance raised to `least`, (n,), where it is below.
+
+    Only rounding brings a variance there: where one state is known 1e16 times as well as another,
+    terms cancel to less than their rounding.
+    """
+    diagonal = ca.diag(covariance)
+    return covariance + ca.diag(ca.fmax(diagonal, least) - diagonal)
+
+
+def update(
+    mean: Vector,
+    covariance: Matrix,
+    residuals: Vector,
+    jacobian: Matrix,
+    variances: Vector,
+    mask: Vector,
+) -> tuple[Vector, Matrix, Vector, Vector]:
+    """Return mean, covariance, innovations and their variances after a sample, one scalar at a
+    time.
+
+    For each value: ν = z − h(x⁻) − H (x − x⁻), S = H P Hᵀ + R, K = P Hᵀ/S, x ← x + K ν, P ← (I − K
+    H) P (I − K H)ᵀ + K R Kᵀ (Joseph), multiplied out: P − K aᵀ − a Kᵀ + K S Kᵀ with a = P Hᵀ. The
+    linearisation stays that at x⁻ and the errors of the values are independent, so that this equals
+    the update with all values at once.
+
+    Args:
+        mean: x⁻, (n,).
+        covariance: P, (n, n).
+        residuals: z − h(x⁻), (m,).
+        jacobian: H, (m, n).
+        variances: R, (m,).
+        mask: READ or MISSING, see `distal.kernels.layout`, (m,); a value that is MISSING changes
+            nothing.
+    """
+    prior = mean
+    innovations = []
+    spreads = []
+    for i in range(residuals.numel()):
+        row = jacobian[i, :]
+        across = ca.mtimes(covariance, row.T)
+        spread = ca.fmax(ca.mtimes(row, across), 0) + variances[i]
+        innovation = residuals[i] - ca.mtimes(row, mean - prior)
+        gain = mask[i] * across / spread
+        mean = mean + gain * innovation
+        change = across - gain * (spread / 2)
+        after = symmetric(covariance - (ca.mtimes(gain, change.T) + ca.mtimes(change, gain.T)))
+        covariance = with_least(
+            after, gain**2 * variances[i]
+        )  # the first term of Joseph's form is no less than zero
+        innovations.append(innovation)
+        spreads.append(spread)
+    return mean, covariance, ca.vertcat(*innovations), ca.vertcat(*spreads)
+
+
+def tangent_step(mechanism: Mechanism, count: int) -> ca.Function:
+    """Return the function (q, v, effort, effort_end, dt, p) → (q⁺, v⁺, S) of an interval of `count`
+    sub-steps, with S = ∂(q⁺, v⁺)/∂(q, v, pulls of the drives).
+
+    S, (2 n_bodies, 2 n_bodies + n_drives), is propagated from sub-step to sub-step: S_v⁺ = ∂v⁺/∂q
+    S_q + ∂v⁺/∂v S_v + ∂v⁺/∂effort and S_q⁺ = S_q + h S_v⁺. The derivative of friction is 0 in stick
+    and 1 in slip; bodies do not bounce off stops.
+
+    The effort on the bodies changes in a straight line from `effort` to `effort_end`. If it were
+    held, its jump at every sample would shake light sliders on stiff tendons. A column of S for a
+    pull is the derivative with respect to a shift of both ends.
+    """
+    n = mechanism.n_bodies
+    columns = 2 * mechanism.n_bodies + mechanism.n_drives
+    p = mechanism.parameters.symbols
+    q, v, effort = (ca.SX.sym(name, n) for name in ("q", "v", "effort"))
+    length = ca.SX.sym("length")
+    drift = ca.SX.sym("drift")
+    symbols = q, v, effort, ca.SX.sym("response", n, 4), length, drift
+    kick = Kick(*symbols)
+    q_moved, v_moved = kick_and_drift(mechanism, kick, rebounds=False)
+    inputs = [*symbols, p]
+    moving = _step(
+        "substep", mechanism, _linearised("kick", mechanism, inputs, v_moved, q_moved), True
+    )
+    closing = _step(
+        "last_kick",
+        mechanism,
+        _linearised("half_kick", mechanism, inputs, last_kick(mechanism, kick)),
+        False,
+    )
+    prepared = ca.Function(
+        "responses", [length, drift, p], [responses(mechanism, length, drift, rebounds=False)]
+    )
+
+    q, v, effort, effort_end = (ca.MX.sym(name, n) for name in ("q", "v", "effort", "effort_end"))
+    dt = ca.MX.sym("dt")
+    p = ca.MX.sym("p", p.numel())
+    h = dt / count
+    half = prepared(h / 2, h, p)
+    full = prepared(h, h, p)
+    # transposed: the slopes of one body lie side by side, so that a processor takes several at once
+    identity = ca.DM.eye(columns)
+    s_q = ca.MX(ca.densify(identity[:, :n]))
+    s_v = ca.MX(ca.densify(identity[:, n : 2 * n]))
+    q_next = q
+    v_next = v
+    for i in range(count):
+        pull = effort + (i / count) * (effort_end - effort)
+        step = (half, h / 2) if i == 0 else (full, h)
+        q_next, v_next, s_q, s_v = moving(q_next, v_next, s_q, s_v, pull, *step, h, p)
+    v_last, s_v = closing(q_next, v_next, s_q, s_v, effort_end, half, h / 2, h, p)
+    return ca.Function(
+        "tangent_interval",
+        [q, v, effort, effort_end, dt, p],
+        [q_next, v_last, ca.horzcat(s_q, s_v).T],
+        ["q", "v", "effort", "effort_end", "dt", "p"],
+        ["q_next", "v_next", "S"],
+    )
+
+
+def _linearised(
+    name: str, mechanism: Mechanism, symbols: list[Matrix], velocity: Vector, *more: Vector
+) -> ca.Function:
+    """Return the function of a kick with the transposed slopes of its velocity, sparse, with
+    respect to q, v and the drives' pulls.
+    """
+    q, v, effort = symbols[:3]
+    slopes = [ca.jacobian(velocity, by) for by in (q, v)] + [
+        ca.jacobian(velocity, effort)[:, mechanism.n_joints :]
+    ]
+    dense = [ca.densify(vector) for vector in (velocity, *more)]
+    return ca.Function(name, symbols, ca.cse([*(ca.sparsify(slope).T for slope in slopes), *dense]))
+
+
+def _step(name: str, mechanism: Mechanism, kick: ca.Function, drifts: bool) -> ca.Function:
+    """Return the function of a kick and, where `drifts`, the drift that follows, which also
+    propagates the slopes.
+
+    (q, v, S_qᵀ, S_vᵀ, effort, response, length, drift, p) → (q⁺, v⁺, S_qᵀ⁺, S_vᵀ⁺), or (v⁺, S_vᵀ⁺).
+    """
+    n = mechanism.n_bodies
+    columns = 2 * mechanism.n_bodies + mechanism.n_drives
+    q, v, effort, response = (
+        ca.MX.sym(x, n, k) for x, k in (("q", 1), ("v", 1), ("effort", 1), ("response", 4))
+    )
+    s_q, s_v = (ca.MX.sym(x, columns, n) for x in ("s_q", "s_v"))
+    length = ca.MX.sym("length")
+    drift = ca.MX.sym("drift")
+    p = ca.MX.sym("p", kick.size1_in(6))
+    by_q, by_v, by_effort, v_next, *moved = kick(q, v, effort, response, length, drift, p)
+    following = _chained((by_q, by_v, by_effort), s_q, s_v)
+    outputs = (
+        [*moved, v_next, s_q + drift * following, following] if drifts else [v_next, following]
+    )
+    return ca.Function(name, [q, v, s_q, s_v, effort, response, length, drift, p], outputs)
+
+
+def _chained(slopes: tuple[MatrixNode, ...], s_q: MatrixNode, s_v: MatrixNode) -> MatrixNode:
+    """Return the transposed S_v⁺ = ∂v⁺/∂q S_q + ∂v⁺/∂v S_v + ∂v⁺/∂effort."""
+    columns, n = s_q.shape
+    by_q, by_v, by_effort = slopes
+    following = ca.mac(s_v, by_v, ca.mac(s_q, by_q, ca.MX.zeros(columns, n)))
+    rows, bodies = by_effort.sparsity().get_triplet()
+    at = [2 * n + row + columns * body for row, body in zip(rows, bodies)]
+    flat = ca.vec(following)
+    flat[at] = flat[at] + ca.vertcat(*(by_effort.nz[k] for k in range(len(at))))
+    return ca.reshape(flat, columns, n)
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import DistalWarning, LogError
-from distal.logs.cells import MISSING, Cells, Column, compact
-from distal.logs.column_units import header, needed
+from distal.logs.cells import MISSING, Cells, Column, compact, header, needed
 from distal.logs.formats.format import Format
-from distal.logs.memory import COPIES, check_rows, memory_limit
+from distal.logs.outputs import COPIES, check_rows, memory_limit
 from distal.logs.stamps import is_date
 
 SEPARATORS = (",", ";", "\t")

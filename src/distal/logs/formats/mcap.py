@@ -13,7 +13,7 @@ from typing import Any, BinaryIO
 
 from distal.errors import DistalWarning, LogError
 from distal.logs.formats.format import Format, Message
-from distal.logs.memory import memory_limit
+from distal.logs.outputs import memory_limit
 
 MAGIC = b"\x89MCAP0\r\n"
 """First and last bytes of an MCAP file. Source: definition (MCAP specification)."""

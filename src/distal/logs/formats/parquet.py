@@ -12,10 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import LogError
-from distal.logs.cells import WIDEST_VECTOR, Cells, Column, as_column, component_names_in, numbered
-from distal.logs.column_units import needed
+from distal.logs.cells import (
+    WIDEST_VECTOR,
+    Cells,
+    Column,
+    as_column,
+    component_names_in,
+    needed,
+    numbered,
+)
 from distal.logs.formats.format import Format
-from distal.logs.memory import check_rows
+from distal.logs.outputs import check_rows
 
 
 def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:

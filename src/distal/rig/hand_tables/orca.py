@@ -14,8 +14,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from distal.errors import RigError
 from distal.rig.files import Imported, read_text
-from distal.rig.hand_tables.rig_of_table import ASSUMED, hand_of
-from distal.rig.hand_tables.table_rows import Row
+from distal.rig.hand_tables.rig_of_table import ASSUMED, Row, hand_of
 from distal.rig.validation import validated
 
 REVISED = 21

@@ -1,24 +1,379 @@
-"""Joints and links of a model, as a chain whose frames are all parallel where all angles are zero,
+"""MuJoCo models from files; the lengths and moment arms of their tendons at poses, and the
+polynomial of lowest degree in the joints' angles that gives a length; and values for what a model
+does not say.
+
+Joints and links of a model, as a chain whose frames are all parallel where all angles are zero,
 with the stiffness of the joints' limits and their couplings.
 """
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+import importlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import hypot
+from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.polynomial import Legendre, Polynomial
-from scipy.spatial.transform import Rotation
+from numpy.typing import NDArray
 
 from distal.arrays import Floats
-from distal.rig.files import Guess, name_of
-from distal.rig.mjcf.loading import ASSUMED, mujoco_module, range_of
+from distal.errors import RigError
+from distal.rig.files import Guess
+from distal.rig.joints import REACH
 
 if TYPE_CHECKING:
     import mujoco
+import warnings
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import combinations_with_replacement
+from math import comb
+from typing import TYPE_CHECKING
+
+from numpy.polynomial import Legendre, Polynomial
+from scipy.spatial.transform import Rotation
+
+from distal.rig.files import name_of
+
+if TYPE_CHECKING:
+    import mujoco
+
+
+def mujoco_module() -> ModuleType:
+    """Return the module `mujoco`.
+
+    Raises:
+        RigError: it is not installed.
+    """
+    try:
+        return importlib.import_module("mujoco")
+    except ImportError:
+        raise RigError(
+            "models of MuJoCo need the package 'mujoco': pip install '.[mujoco]'"
+        ) from None
+
+
+def load_model(path: str | Path) -> mujoco.MjModel:
+    """Load a MuJoCo model from an XML file.
+
+    Raises:
+        RigError: there is no such file, or MuJoCo refuses it.
+    """
+    package = mujoco_module()
+    if not Path(path).is_file():
+        raise RigError(f"{path}: there is no such file")
+    try:
+        return package.MjModel.from_xml_path(str(path))
+    except Exception as problem:
+        said = " ".join(str(problem).split())
+        raise RigError(f"{path}: MuJoCo does not take it: {said}") from None
+
+
+EMBEDDED = "distal_rig"
+"""Name of the text in a model that holds the rig that it was written from."""
+
+
+@dataclass(frozen=True)
+class AssumedOfModels:
+    """Values for what a model does not have, with wide stds.
+
+    Args:
+        drive_mass: it matters little, since a filter follows the measured position [kg].
+        joint_friction: friction coefficient of a joint whose model has `frictionloss`; only its
+            product with the radius and the preload counts.
+        friction_radius: radius of the axle of such a joint [m]. Its friction does not grow with the
+            tensions, so the radius is small and nearly all of the load is preload.
+        return_time: with which a joint leaves a stop into which a correction of a filter has put it
+            [s]; in MuJoCo it is twice that of `solref`.
+        position_noise: std of a position [m].
+        lasting: factor that turns the RMS of what a polynomial leaves of a length into noise. What
+            is left stays the same for about 36 samples (0.36 s), while noise is new in each sample;
+            the factor is the square root of their number.
+    """
+
+    drive_mass: Guess = Guess(0.02, "the drive's mass")
+    path_friction: Guess = Guess({"value": 0.05, "std": 0.1}, "friction along the path")
+    nominal_force: Guess = Guess({"value": "5 N", "std": "5 N"}, "usual force")
+    pretension: Guess = Guess(
+        {"value": "1 N", "std": "1 N"}, "tension at zero angle and zero displacement"
+    )
+    rate: Guess = Guess(100.0, "rate of the sensors")
+    force_noise: Guess = Guess("0.2 N", "noise of a force")
+    encoder_step: Guess = Guess("0.1 deg", "encoders, which are for learning and comparing only")
+    joint_friction: float = 1e-3
+    friction_radius: float = 1e-3
+    return_time: float = 1e-3
+    position_noise: float = 2e-5
+    lasting: float = 6.0
+
+    def noise(self, left: float) -> Guess:
+        """Return the noise of a tendon's position, √(σ² + (6 e)²); e is what a polynomial has
+        `left` of the tendon's length [m, RMS].
+        """
+        size = hypot(self.position_noise, self.lasting * left)
+        return Guess(float(f"{size:.2g}"), "noise of a position")
+
+    def stiffness(self, drives: int, joints: int) -> Guess:
+        """Return the series stiffness of tendons, for the number of drives and of joints that turn
+        by themselves.
+
+        Any stiffness from a third of the value to infinite is likely. With more drives than joints,
+        drives pull against each other and their forces say where the joints are; a wide std would
+        let the stiffness explain these forces instead, so that it is narrower:
+        docs/results/hands.md.
+        """
+        return Guess(
+            {"value": "20 N/mm", "std": "60 %" if drives > joints else "100 %"}, "series stiffness"
+        )
+
+
+ASSUMED = AssumedOfModels()
+"""What is assumed unless other values are given."""
+
+POSES = 3000
+"""Number of random poses at which the lengths of tendons are computed [1]. Source: judgement."""
+
+CROSSED = 1e-3
+"""A tendon crosses a joint where its moment arm is larger than this share of its largest one [1].
+Source: judgement.
+"""
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Lengths and moment arms of tendons at k poses, in the model's units.
+
+    Args:
+        angles: of the joints [rad], (k, n_joints).
+        lengths: of the tendons, (k, n_tendons).
+        arms: ∂length/∂angle, (k, n_tendons, n_joints).
+        wraps: number of points of each tendon's path, (k, n_tendons); it changes where the tendon
+            touches a surface or leaves it.
+    """
+
+    angles: Floats
+    lengths: Floats
+    arms: Floats
+    wraps: NDArray[np.int64]
+
+
+def range_of(model: mujoco.MjModel, joint: int) -> tuple[float, float]:
+    """Return the range of a joint [rad], ± `REACH` where the model has none."""
+    if not model.jnt_limited[joint]:
+        return -REACH, REACH
+    low, high = model.jnt_range[joint]
+    return float(low), float(high)
+
+
+def tendon_slopes(model: mujoco.MjModel, data: mujoco.MjData) -> Floats:
+    """Return ∂length/∂q of all tendons from `data` in which their lengths are computed, (n_tendons,
+    n_v); MuJoCo keeps it dense or sparse.
+    """
+    mujoco = mujoco_module()
+    flat = np.ravel(data.ten_J)
+    owner = model if hasattr(model, "ten_J_rownnz") else data
+    if owner is data and not mujoco.mj_isSparse(model):
+        return flat.reshape(model.ntendon, model.nv).copy()
+    slopes = np.zeros((model.ntendon, model.nv))
+    columns = np.ravel(owner.ten_J_colind)
+    mujoco.mju_sparse2dense(slopes, flat, owner.ten_J_rownnz, owner.ten_J_rowadr, columns)
+    return slopes
+
+
+def at_poses(model: mujoco.MjModel, joints: Sequence[int], angles: Floats) -> Poses:
+    """Return lengths and moment arms of all tendons at `angles` of some joints [rad], (k,
+    n_joints); other joints stay where the model has them.
+    """
+    mujoco = mujoco_module()
+    data = mujoco.MjData(model)
+    positions = [model.jnt_qposadr[j] for j in joints]
+    speeds = [model.jnt_dofadr[j] for j in joints]
+    lengths = []
+    arms = []
+    wraps = []
+    for row in angles:
+        data.qpos[positions] = row
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_tendon(model, data)
+        lengths.append(data.ten_length.copy())
+        arms.append(tendon_slopes(model, data)[:, speeds])
+        wraps.append(data.ten_wrapnum.copy())
+    return Poses(angles, np.array(lengths), np.array(arms), np.array(wraps))
+
+
+def rest_lengths(model: mujoco.MjModel, joints: Sequence[int]) -> Floats:
+    """Return the lengths of all tendons with some joints at zero, (n_tendons,); displacements of
+    drives count from these.
+    """
+    lengths: Floats = at_poses(model, joints, np.zeros((1, len(joints)))).lengths[0]
+    return lengths
+
+
+def over_ranges(
+    model: mujoco.MjModel, joints: Sequence[int], count: int = POSES, seed: int = 0
+) -> Poses:
+    """Return lengths and moment arms at a `count` of random poses within the joints' ranges."""
+    ends = np.array([range_of(model, j) for j in joints])
+    drawn = np.random.default_rng(seed).uniform(size=(count, len(joints)))
+    return at_poses(model, joints, ends[:, 0] + drawn * (ends[:, 1] - ends[:, 0]))
+
+
+def turned_by(poses: Poses, tendon: int) -> list[int]:
+    """Return which of the joints of some poses a tendon turns, by their positions in `poses`."""
+    size = np.abs(poses.arms[:, tendon]).max(axis=0)
+    return [k for k, arm in enumerate(size) if arm > CROSSED * max(float(size.max()), 1e-12)]
+
+
+LARGEST_ARM_ERROR = 0.01
+"""A polynomial is accepted where its RMS error of each moment arm, over poses to which it was not
+fitted, is at most this share of the largest arm [1]. Source: judgement.
+"""
+
+HIGHEST_DEGREE = 5
+"""Highest degree of polynomials that are tried [1]. Source: judgement."""
+
+MOST_TERMS = 252
+"""Largest number of terms, with the constant, of polynomials that are tried [1]: those of degree 5
+in five joints. Time and memory grow with its square. Source: definition.
+"""
+
+NEARLY = 1.25
+"""Where no degree reaches `LARGEST_ARM_ERROR`, the lowest one and the fewest terms are taken whose
+error is at most so many times the least one [1]. Source: judgement.
+"""
+
+
+@dataclass(frozen=True)
+class Excursion:
+    """How the length of a tendon changes with the angles of joints: Σ c Π θ_j^{n_j}.
+
+    Args:
+        powers: n_j of each term, (n_terms, n_joints).
+        coefficients: c of each term, (n_terms,).
+        length_rms: RMS error of the length, over poses to which the polynomial was not fitted.
+        arm_rms: RMS error of each joint's moment arm over these poses, as a share of the largest
+            arm, (n_joints,).
+        arm_most: below this share are 92 % of the errors of the worst joint's moment arm on these
+            poses, and about 90 % on further poses.
+    """
+
+    powers: NDArray[np.int64]
+    coefficients: Floats
+    length_rms: float
+    arm_rms: Floats
+    arm_most: float
+
+    @property
+    def degree(self) -> int:
+        """The degree of the polynomial, its highest sum of powers."""
+        return int(self.powers.sum(axis=1).max())
+
+
+def fit_excursion(angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
+    """Return the polynomial of lowest degree that reaches `LARGEST_ARM_ERROR`; where none does, the
+    lowest that is nearly the best.
+
+    Lengths and moment arms are fitted together, each as a share of its size, by least squares. Then
+    only the terms that the accuracy needs are kept: one by one, the term that explains most of what
+    is left is taken (orthogonal matching pursuit: Pati, Rezaiifar, Krishnaprasad, Asilomar 1993).
+
+    Args:
+        angles: of the joints that the tendon crosses [rad], (k, n_joints).
+        lengths: of the tendon, less the length with all of these joints at zero, (k,).
+        arms: ∂length/∂angle, (k, n_joints).
+    """
+    fits = list[Excursion]()
+    joints = angles.shape[1]
+    for degree in range(1, HIGHEST_DEGREE + 1):
+        if comb(joints + degree, degree) > MOST_TERMS:
+            break
+        fits.append(_fitted(_powers(joints, degree), angles, lengths, arms))
+        if fits[-1].arm_rms.max() <= LARGEST_ARM_ERROR:
+            return _shortened(fits[-1], LARGEST_ARM_ERROR, angles, lengths, arms)
+    least = min(fit.arm_rms.max() for fit in fits)
+    lowest = next(fit for fit in fits if fit.arm_rms.max() <= NEARLY * least)
+    return _shortened(lowest, NEARLY * least, angles, lengths, arms)
+
+
+def _shortened(
+    full: Excursion, enough: float, angles: Floats, lengths: Floats, arms: Floats
+) -> Excursion:
+    """Return a polynomial with as few terms as leave no more than `enough` of each moment arm."""
+    rows, desired = _equations(full.powers, angles, lengths, arms)
+    directions = rows / np.linalg.norm(rows, axis=0)
+    gram = directions.T @ directions
+    explained = desired @ directions
+    chosen = list[int]()
+    left = explained
+    while len(chosen) < len(full.powers):
+        gains = np.abs(left)
+        gains[chosen] = -1.0
+        chosen.append(int(gains.argmax()))
+        weights = np.linalg.lstsq(gram[np.ix_(chosen, chosen)], explained[chosen], rcond=None)[0]
+        left = explained - gram[:, chosen] @ weights
+        # with a joint that has no term the error is too large in any case
+        if np.all(full.powers[chosen].any(axis=0)):
+            shorter = _fitted(full.powers[sorted(chosen)], angles, lengths, arms)
+            if shorter.arm_rms.max() <= enough:
+                return shorter
+    return full
+
+
+def _powers(joints: int, degree: int) -> NDArray[np.int64]:
+    products = [
+        chosen
+        for d in range(1, degree + 1)
+        for chosen in combinations_with_replacement(range(joints), d)
+    ]
+    return np.array([np.bincount(chosen, minlength=joints) for chosen in products])
+
+
+def _terms(angles: Floats, powers: NDArray[np.int64]) -> tuple[Floats, Floats]:
+    """Return values, (k, n_terms), and slopes of the terms, (k, n_joints, n_terms)."""
+    raised = angles[:, None, :] ** powers[None]
+    slopes = []
+    for j in range(angles.shape[1]):
+        cofactors = np.prod(np.delete(raised, j, axis=2), axis=2)
+        slopes.append(
+            cofactors * powers[:, j] * angles[:, j, None] ** np.maximum(powers[:, j] - 1, 0)
+        )
+    return np.prod(raised, axis=2), np.stack(slopes, axis=1)
+
+
+def _equations(
+    powers: NDArray[np.int64], angles: Floats, lengths: Floats, arms: Floats
+) -> tuple[Floats, Floats]:
+    """Return rows and right sides of the least squares: lengths and moment arms of every second
+    pose; the others judge the fit.
+    """
+    size = np.abs(arms).max(axis=0)
+    span = max(float(np.ptp(lengths)), 1e-12)
+    values, slopes = _terms(angles[::2], powers)
+    rows = np.vstack([values / span, *(slopes[:, j] / size[j] for j in range(len(size)))])
+    return rows, np.concatenate(
+        [lengths[::2] / span, *(arms[::2, j] / size[j] for j in range(len(size)))]
+    )
+
+
+def _fitted(powers: NDArray[np.int64], angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
+    rows, desired = _equations(powers, angles, lengths, arms)
+    coefficients: Floats = np.linalg.lstsq(rows, desired, rcond=None)[0].astype(np.float64)
+    values, slopes = _terms(angles[1::2], powers)
+    left: Floats = np.abs(np.einsum("kjt,t->kj", slopes, coefficients) - arms[1::2]) / np.abs(
+        arms
+    ).max(axis=0)
+    off = values @ coefficients - lengths[1::2]
+    return Excursion(
+        powers,
+        coefficients,
+        float(np.sqrt(np.mean(off**2))),
+        np.sqrt(np.mean(left**2, axis=0)),
+        float(np.quantile(left, 0.92, axis=0).max()),
+    )
 
 
 SMALLEST_INERTIA = 1e-9

@@ -1,0 +1,666 @@
+"""What every sensor has, and what a kind of measurement is: the parts that it is of, its unit, what
+it reads of a motion, and which estimators use it; and the sensors of motions, the position of a
+drive and the angle of a joint.
+
+Sensors of forces: the effort of a drive, the tension of a tendon, the external torque on a
+joint.
+
+All kinds of sensors. A further one is a class and a line in `MEASURANDS`,
+and its class in `Sensor`; below, the conversion between a log's numbers and SI.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from math import pi
+from typing import Annotated, Literal, Protocol, Self, TypeAlias
+
+from pydantic import Field, model_validator
+
+from distal.confidence import BAND
+from distal.errors import UnitError, did_you_mean
+from distal.expressions import Scalar, Vector
+from distal.rig.drives import Capstan, Slider
+from distal.rig.joints import REACH, Joint
+from distal.rig.quantities import (
+    ONE,
+    ZERO,
+    AnyAngle,
+    AnyTorque,
+    Description,
+    Factor,
+    In,
+    Name,
+    NewtonMetres,
+    Parameter,
+    Radians,
+    Seconds,
+    TorqueConstant,
+)
+from distal.rig.tendons import Tendon
+from distal.units import to_si, unit_factor
+
+COUNTS = frozenset({"count", "counts", "tick", "ticks"})
+"""Names of the unit of an encoder that counts."""
+
+
+NOISE = Field(0.0, description="standard deviation of the random error")
+STEP = Field(0.0, description="quantisation step; of an encoder before its gear")
+OFFSET = Field(ZERO, description="offset; it walks where it has a drift")
+"""Fields of the errors that all kinds of sensors have, each in its own unit."""
+
+ERRORS = ("noise", "linearity", "resolution", "bias")
+"""Keys of the errors of a sensor, which may be written in the unit of the log."""
+
+
+def errors_in_si(
+    raw: Mapping[str, object], counting: Callable[[Mapping[str, object]], tuple[str, float] | None]
+) -> object:
+    """Return a raw sensor with its errors in SI, where they are text in the unit in which its log
+    counts.
+
+    Args:
+        counting: returns this unit and its size in SI, or None where the log does not count.
+    """
+    try:
+        scale = counting(raw)
+        gear = to_si(raw.get("gear", 1.0), "") if scale is not None and scale[0] == "count" else 1.0
+    except (UnitError, ZeroDivisionError):
+        # the wrong field is refused later; until then the unit of the errors is not known
+        return {key: value for key, value in raw.items() if key not in ERRORS}
+    if scale is None:
+        return raw
+    unit, unit_size = scale
+    if unit == "count" and raw.get("unit") in COUNTS and "resolution" not in raw:
+        raw = {**raw, "resolution": unit_size * gear}  # one count is the smallest step
+
+    def converted(error: object, size: float) -> object:
+        if isinstance(error, Mapping):
+            spreads = ("value", "std", "drift")
+            return {
+                key: converted(part, size) if key in spreads else part
+                for key, part in error.items()
+            }
+        return _of_text(error, unit, size) if isinstance(error, str) else error
+
+    sizes = {key: unit_size * (gear if key == "resolution" else 1.0) for key in ERRORS}
+    return {**raw, **{key: converted(raw[key], size) for key, size in sizes.items() if key in raw}}
+
+
+def _of_text(text: str, unit: str, size: float) -> object:
+    """Return the size in SI of a text such as ``2 count`` or ``20 mA``; a text in another unit is
+    returned as it is.
+    """
+    number, _, suffix = text.strip().rpartition(" ")
+    try:
+        if unit == "count":
+            return to_si(number.strip(), "") * size if suffix in COUNTS else text
+        return to_si(text, unit) * size
+    except UnitError:
+        return text
+
+
+class SensorBase(Description):
+    """What every sensor has; the unit of its errors follows from what it measures (`si`, filled in
+    by `Rig`).
+    """
+
+    name: Name
+    measures: str = Field(
+        description="`position` or `force` of a drive, `command` (a position that it was sent and "
+        "follows with `lag`), `tension` of a tendon, `angle` or `torque` of a joint"
+    )
+    of: str = Field(description="the drive, tendon or joint")
+    column: str | None = Field(
+        None,
+        min_length=1,
+        description="of the log, or /topic.field of a recording; the sensor's name by default",
+    )
+    unit: str | None = Field(None, min_length=1, description="in the log; SI by default")
+    sign: Literal[1, -1] = Field(1, description="−1 where the log counts the other way")
+    rate: Annotated[float, In("Hz", within=(1e-3, 1e6))] = 100.0
+    delay: Seconds = Field(0.0, description="age of a reading when it is stamped")
+
+    lag: Seconds = Field(
+        0.0,
+        description="time constant with which a drive follows a command",
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _errors_as_logged(cls, raw: object) -> object:
+        """Turn errors that are written as the log counts, in counts or amperes, into SI."""
+        return errors_in_si(raw, cls._counting) if isinstance(raw, Mapping) else raw
+
+    @classmethod
+    def _counting(cls, raw: Mapping[str, object]) -> tuple[str, float] | None:
+        """Return the unit in which the log may count instead of SI, and its size in SI; None where
+        there is no such unit.
+        """
+        return None
+
+    @model_validator(mode="after")
+    def _unit(self) -> Self:
+        if self.unit in COUNTS and getattr(self, "counts_per_turn", None) is None:
+            raise ValueError(
+                "unit: 'count' needs 'counts_per_turn' of an encoder that measures an angle; for "
+                "others give the unit of "
+                "the number in the log"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _lagging(self) -> Self:
+        if self.lag > 0.0 and self.measures != "position":
+            raise ValueError(
+                "lag: is of a drive that follows a command; a sensor that is late has a delay"
+            )
+        return self
+
+    @property
+    def log_column(self) -> str:
+        """The column of the log that holds the sensor's readings."""
+        return self.column or self.name
+
+
+Part: TypeAlias = Slider | Capstan | Tendon | Joint
+
+
+class Parts(Protocol):
+    """The parts of a rig that sensors measure."""
+
+    @property
+    def joints(self) -> Sequence[Joint]:
+        """The joints of the rig."""
+
+    @property
+    def drives(self) -> Sequence[Slider | Capstan]:
+        """The drives of the rig."""
+
+    @property
+    def tendons(self) -> Sequence[Tendon]:
+        """The tendons of the rig."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What a mechanism does at a moment, in SI.
+
+    Args:
+        angles: of the joints, (n_joints,) [rad].
+        torques: from outside on the joints, (n_joints,) [N m].
+        positions: of the drives, (n_drives,) [m, rad].
+        rates: their speeds, (n_drives,).
+        efforts: forces or torques that the drives exert, (n_drives,) [N, N m].
+        tensions: of the tendons, (n_tendons,) [N].
+    """
+
+    angles: Vector
+    torques: Vector
+    positions: Vector
+    rates: Vector
+    efforts: Vector
+    tensions: Vector
+
+
+class Role(Enum):
+    """What estimators do with a measurement."""
+
+    POSITION = "position"
+    """The position of a drive, by which the model is moved."""
+
+    EFFORT = "effort"
+    """The effort of a drive; displacement-driven filters compare it with what they predict."""
+
+    TENSION = "tension"
+    """The tension of a tendon; displacement-driven filters compare it, too."""
+
+    REFERENCE = "reference"
+    """A reading at a joint: estimates are compared with it or homed by it, and do not need it."""
+
+
+@dataclass(frozen=True)
+class Measurand:
+    """A kind of measurement.
+
+    Args:
+        name: in a rig file.
+        of: kind of the parts that it measures.
+        role: what estimators do with its readings.
+        unit: SI unit of a sensor's readings and errors.
+        read: (sensor, motion, index of its part) → what it reads without errors [SI].
+        travel: (sensor, rig, index of its part) → the lowest and the highest value that it measures
+            [SI], between which its linearity error is defined.
+        unit_of_capstan: the same of a capstan, where it is another one.
+    """
+
+    name: str
+    of: Literal["drives", "tendons", "joints"]
+    role: Role
+    unit: str
+    read: Callable[[SensorBase, Motion, int], Scalar]
+    travel: Callable[[SensorBase, Parts, int], tuple[float, float]]
+    unit_of_capstan: str = ""
+
+
+Metres = Annotated[float, In("m", "nonnegative")]
+OVER_TRAVEL = Field(0.0, description="largest deviation of a smooth systematic error")
+
+
+class LengthSensor(SensorBase):
+    """A sensor of a displacement [m]."""
+
+    si: Literal["m"]
+    noise: Metres = NOISE
+    linearity: Metres = OVER_TRAVEL
+    resolution: Metres = STEP
+    bias: Annotated[Parameter, In("m", drifts=False)] = OFFSET
+
+
+class AngleSensor(SensorBase):
+    """A sensor of an angle [rad]."""
+
+    si: Literal["rad"]
+    counts_per_turn: Factor | None = Field(
+        None,
+        description='after quadrature, of the encoder\'s own shaft; with unit = "count"',
+    )
+    gear: Factor = Field(
+        1.0,
+        description="turns of the motor's (or encoder's) shaft for one turn of what is measured",
+    )
+    noise: Radians = NOISE
+    linearity: Radians = OVER_TRAVEL
+    resolution: Radians = Field(
+        0.0,
+        description="quantisation step; of an encoder before its gear",
+    )
+    bias: AnyAngle = OFFSET
+
+    @classmethod
+    def _counting(cls, raw: Mapping[str, object]) -> tuple[str, float] | None:
+        if raw.get("counts_per_turn") is None:
+            return None
+        return "count", 2 * pi / (
+            to_si(raw["counts_per_turn"], "") * to_si(raw.get("gear", 1.0), "")
+        )
+
+    @model_validator(mode="after")
+    def _counted(self) -> Self:
+        if self.counts_per_turn is not None and self.unit not in COUNTS:
+            raise ValueError(
+                'counts_per_turn: is for a log in counts; give unit = "count" too, or remove it'
+            )
+        return self
+
+
+def drive_travel(rig: Parts, drive: int) -> tuple[float, float]:
+    """Return the lowest and the highest position of a drive [m, rad]: its stops, or what its tendon
+    lets it use.
+
+    Without stops, the tendon's joints decide: of a tendon at one joint ±`REACH`, of a tendon over
+    several joints the stops of each. The range of a slider lies about the displacement T/k at its
+    nominal force T.
+    """
+    part = rig.drives[drive]
+    if part.stops is not None:
+        return part.stops
+    tendon = next(t for t in rig.tendons if t.drive == part.name)
+    lever = part.lever
+    centre = 0.0 if part.kind == "capstan" else part.nominal_force.value / tendon.stiffness.value
+    if len(tendon.joints) == 1:
+        reach = REACH * tendon.total_arm / lever
+        return centre - reach, centre + reach
+    low = centre
+    high = centre
+    stops = {joint.name: joint.travel for joint in rig.joints}
+    turned = tendon.winding if part.kind == "capstan" else 1
+    for name, arm in tendon.arms().items():
+        ends = sorted(turned * arm / lever * angle for angle in stops[name])
+        low = low + ends[0]
+        high = high + ends[1]
+    return low, high
+
+
+def _position(sensor: SensorBase, motion: Motion, part: int) -> Scalar:
+    """Return the position of the drive, or the command that it follows."""
+    ahead = sensor.lag * motion.rates[part] if sensor.lag > 0.0 else 0.0
+    return motion.positions[part] + ahead
+
+
+POSITION = Measurand(
+    "position",
+    "drives",
+    Role.POSITION,
+    "m",
+    _position,
+    lambda sensor, rig, part: drive_travel(rig, part),
+    "rad",
+)
+"""The position of a drive: s of a slider [m], φ of a capstan [rad]. A sensor with a `lag` is a
+command, which is ahead of the drive: it reads s + lag ṡ.
+"""
+
+ANGLE = Measurand(
+    "angle",
+    "joints",
+    Role.REFERENCE,
+    "rad",
+    lambda sensor, motion, part: motion.angles[part],
+    lambda sensor, rig, part: rig.joints[part].travel,
+)
+"""The angle θ of a joint [rad], within the range that it turns in."""
+
+
+OVER_RANGE = Field(0.0, description="largest deviation of a smooth systematic error")
+Newtons = Annotated[float, In("N", "nonnegative")]
+Gain = Annotated[
+    Parameter,
+    In("", "positive", drifts=False),
+    Field(description="reading per unit of what is measured"),
+]
+
+
+class ForceSensor(SensorBase):
+    """A sensor of a force or tension [N]."""
+
+    si: Literal["N"]
+    noise: Newtons = NOISE
+    linearity: Newtons = OVER_RANGE
+    resolution: Newtons = STEP
+    bias: Annotated[Parameter, In("N")] = OFFSET
+    gain: Gain = ONE
+
+
+class TorqueSensor(SensorBase):
+    """A sensor of a torque [N m]; of a motor's current with a constant K_t, τ = K_t i; of a force
+    with a lever, τ = R F.
+    """
+
+    si: Literal["N m"]
+    torque_constant: TorqueConstant | None = Field(
+        None,
+        description="K_t at the capstan, where the log holds a current",
+    )
+    torque_constant_motor: TorqueConstant | None = Field(
+        None, description="K_t of the motor; the capstan's is `gear` times it"
+    )
+    gear: Factor = Field(
+        1.0,
+        description="turns of the motor's (or encoder's) shaft for one turn of what is measured",
+    )
+    lever: Annotated[float, In("m", "positive")] | None = Field(
+        None,
+        description="of a load cell, where the log holds a force",
+    )
+    noise: NewtonMetres = NOISE
+    linearity: NewtonMetres = OVER_RANGE
+    resolution: NewtonMetres = STEP
+    bias: AnyTorque = OFFSET
+    gain: Gain = ONE
+
+    @classmethod
+    def _per_unit(cls, raw: Mapping[str, object]) -> tuple[str, float] | None:
+        """Return `logged` of a raw or a checked sensor, None where the log holds a torque."""
+        if raw.get("torque_constant") is not None:
+            return "A", to_si(raw["torque_constant"], "N m/A")
+        if raw.get("torque_constant_motor") is not None:
+            motor = to_si(raw["torque_constant_motor"], "N m/A")
+            return "A", motor * to_si(raw.get("gear", 1.0), "")
+        return ("N", to_si(raw["lever"], "m")) if raw.get("lever") is not None else None
+
+    @classmethod
+    def _counting(cls, raw: Mapping[str, object]) -> tuple[str, float] | None:
+        unit = raw.get("unit")
+        per_unit = cls._per_unit(raw)
+        if per_unit is None and isinstance(unit, str) and unit not in COUNTS:
+            # a wrong unit is refused here, before the errors that are written in it
+            unit_factor(unit, "N m")
+        return per_unit
+
+    @model_validator(mode="after")
+    def _one_constant(self) -> Self:
+        if self.torque_constant is not None and self.torque_constant_motor is not None:
+            raise ValueError(
+                "torque_constant: is at the capstan, torque_constant_motor at the motor; give one "
+                "of them"
+            )
+        if self.lever is not None and self.logged != ("N", self.lever):
+            raise ValueError(
+                "lever: is of a load cell, a torque constant of a motor's current; give one of them"
+            )
+        if self.gear != 1.0 and self.torque_constant_motor is None:
+            raise ValueError(
+                "gear: applies to torque_constant_motor only; a torque in N m and torque_constant "
+                "are at the capstan"
+            )
+        return self
+
+    @property
+    def logged(self) -> tuple[str, float]:
+        """SI unit of what the log holds (N m, A or N), and the torque at the capstan [N m] that one
+        such unit stands for.
+        """
+        return self._per_unit(vars(self)) or (self.si, 1.0)
+
+
+def largest_effort(rig: Parts, drive: int) -> float:
+    """Return the largest effort that a drive is likely to exert [N, N m]: its limit; without one
+    twice its nominal force or twice the pretensions of its tendons, whichever is larger.
+    """
+    part = rig.drives[drive]
+    if part.limit is not None:
+        return part.limit
+    pretension = sum(tendon.home_tension for tendon in rig.tendons if tendon.drive == part.name)
+    return 2.0 * max(abs(part.nominal_force.value), part.lever * pretension)
+
+
+def _effort_travel(sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
+    """Return the range of likely efforts: from 0 to `largest_effort` of a slider, the same to both
+    sides of a capstan.
+    """
+    largest = largest_effort(rig, part)
+    return (-largest, largest) if rig.drives[part].kind == "capstan" else (0.0, largest)
+
+
+def _tension_travel(sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
+    """Return the range from slack, 0, to the largest force with which the drive is likely to pull
+    [N].
+    """
+    drive = [drive.name for drive in rig.drives].index(rig.tendons[part].drive)
+    return 0.0, largest_effort(rig, drive) / rig.drives[drive].lever
+
+
+def _torque_travel(sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
+    """Return the band of the external torque by the rig."""
+    largest = BAND * rig.joints[part].external_torque.std
+    return -largest, largest
+
+
+FORCE = Measurand(
+    "force",
+    "drives",
+    Role.EFFORT,
+    "N",
+    lambda sensor, motion, part: motion.efforts[part],
+    _effort_travel,
+    "N m",
+)
+"""The effort of a drive: force U of a slider [N], torque τ of a capstan's motor [N m]."""
+
+TENSION = Measurand(
+    "tension",
+    "tendons",
+    Role.TENSION,
+    "N",
+    lambda sensor, motion, part: motion.tensions[part],
+    _tension_travel,
+)
+"""The tension T of a tendon at the joint's end of its path [N]."""
+
+TORQUE = Measurand(
+    "torque",
+    "joints",
+    Role.REFERENCE,
+    "N m",
+    lambda sensor, motion, part: motion.torques[part],
+    _torque_travel,
+)
+"""The external torque τ_ext on a joint [N m]."""
+
+
+MEASURANDS: dict[str, Measurand] = {
+    kind.name: kind for kind in (POSITION, FORCE, TENSION, ANGLE, TORQUE)
+}
+"""Name in a rig file → what can be measured."""
+
+Sensor = Annotated[
+    LengthSensor | AngleSensor | ForceSensor | TorqueSensor,
+    Field(discriminator="si"),
+]
+"""A sensor."""
+
+UNITS = ("m", "rad", "N", "N m")
+"""SI units, by which pydantic tells the classes of sensors apart."""
+
+REFERENCES = frozenset(name for name, kind in MEASURANDS.items() if kind.role is Role.REFERENCE)
+"""Names of what is measured at a joint: estimators compare with these references or home by them,
+and do not need them.
+"""
+
+MEASURED = {
+    of: tuple(n for n, kind in MEASURANDS.items() if kind.of == of)
+    for of in ("drives", "tendons", "joints")
+}
+"""Kind of part → names of what can be measured of it."""
+
+
+def in_its_unit(
+    raw: object, index: int, parts: Mapping[str, Sequence[Part]]
+) -> Mapping[str, object]:
+    """Return the raw table of a sensor with its SI unit.
+
+    Args:
+        index: of the table in the rig file, for messages.
+        parts: kind → the parts of the rig.
+
+    Raises:
+        ValueError: the table names no part, or one of which this cannot be measured.
+    """
+    if not isinstance(raw, Mapping):
+        raise ValueError(f"{index}: a sensor is a table, {raw!r} came")
+    if raw.get("measures") == "command":
+        if "lag" not in raw:
+            raise ValueError(
+                f"{index}: measures = 'command' needs lag, the time constant of the drive's servo "
+                '("50 ms")'
+            )
+        raw = {**raw, "measures": "position"}
+    measures = raw.get("measures")
+    of = raw.get("of")
+    if measures is None or of is None:
+        return {**raw, "si": "m"}  # pydantic says what is missing
+    kind = MEASURANDS.get(str(measures))
+    if kind is None:
+        *names, last = (f"'{name}'" for name in MEASURANDS)
+        raise ValueError(
+            f"{index}.measures: must be {', '.join(names)} or {last}, {measures!r} came"
+        )
+    names_of_parts = [part.name for part in parts[kind.of]]
+    if of not in names_of_parts:
+        raise ValueError(
+            f"{index}.of: no {kind.of[:-1]} is called "
+            f"'{of}'{_elsewhere(of, kind, parts, names_of_parts)}"
+        )
+    is_capstan = isinstance(parts[kind.of][names_of_parts.index(of)], Capstan)
+    return {**raw, "si": kind.unit_of_capstan if is_capstan else kind.unit}
+
+
+def _elsewhere(
+    of: object, kind: Measurand, parts: Mapping[str, Sequence[Part]], names: list[str]
+) -> str:
+    """Return a hint for a message: a sensor's part is of another kind, or names that may
+    be meant.
+    """
+    for kind_of_part, measurands in MEASURED.items():
+        if of in [part.name for part in parts[kind_of_part]]:
+            allowed = " or ".join(f"'{name}'" for name in measurands)
+            is_motor = (kind_of_part, kind.name) == ("drives", "torque")
+            hint = "; the torque of a capstan's motor is its force" if is_motor else ""
+            return f", it is one of the {kind_of_part}: measures must be {allowed}{hint}"
+    return did_you_mean(str(of), names)
+
+
+def measurand_of(sensor: Sensor) -> Measurand:
+    """Return the kind of measurement of a sensor."""
+    return MEASURANDS[sensor.measures]
+
+
+def part_of(sensor: Sensor, rig: Parts) -> int:
+    """Return the index of the part that a sensor is of."""
+    parts = {"joints": rig.joints, "drives": rig.drives, "tendons": rig.tendons}
+    return [part.name for part in parts[measurand_of(sensor).of]].index(sensor.of)
+
+
+def travel_of(sensor: Sensor, rig: Parts) -> tuple[float, float]:
+    """Return the lowest and the highest value that a sensor measures [SI], between which its
+    linearity error is defined.
+    """
+    return measurand_of(sensor).travel(sensor, rig, part_of(sensor, rig))
+
+
+def gain_of(sensor: Sensor) -> Parameter:
+    """Return the gain of a sensor, its reading per unit of what it measures; exactly 1 but for
+    forces and torques.
+    """
+    return sensor.gain if isinstance(sensor, (ForceSensor, TorqueSensor)) else ONE
+
+
+def step_of(sensor: Sensor) -> float:
+    """Return the quantisation step of what a sensor measures [SI], behind its gear: `resolution` is
+    that before the gear.
+    """
+    return sensor.resolution / (sensor.gear if isinstance(sensor, AngleSensor) else 1.0)
+
+
+def log_factor(sensor: Sensor) -> float:
+    """Return the factor from a log's numbers to SI, without the sensor's `sign`.
+
+    Raises:
+        UnitError: the unit is unknown or has the wrong dimension.
+    """
+    if isinstance(sensor, TorqueSensor):
+        unit, torque = sensor.logged
+        try:
+            return torque * unit_factor(sensor.unit or unit, unit)
+        except UnitError as problem:
+            needs = (
+                "; a load cell in N needs its lever, a current a torque_constant"
+                if unit == sensor.si
+                else ""
+            )
+            raise UnitError(f"{problem}{needs}") from None
+    gear = sensor.gear if isinstance(sensor, AngleSensor) else 1.0
+    if isinstance(sensor, AngleSensor) and sensor.counts_per_turn is not None:
+        return 2 * pi / (sensor.counts_per_turn * gear)
+    return unit_factor(sensor.unit or sensor.si, sensor.si) / gear
+
+
+def angle_unit(sensors: Sequence[Sensor]) -> str:
+    """Return the unit in which a log of these sensors has angles, "deg" or "rad": that of its known
+    angles, else of its positions.
+    """
+    for role in (Role.REFERENCE, Role.POSITION):
+        among = [s for s in sensors if s.si == "rad" and measurand_of(s).role == role]
+        units = [s.unit or "rad" for s in among if s.unit not in COUNTS]
+        if units:
+            in_degrees = unit_factor("deg", "rad") in [unit_factor(u, "rad") for u in units]
+            return "deg" if in_degrees else "rad"
+    return "rad"
+
+
+def log_unit(sensor: Sensor) -> str:
+    """Return the unit of a sensor's numbers in the log."""
+    return sensor.unit or (sensor.logged[0] if isinstance(sensor, TorqueSensor) else sensor.si)
