@@ -545,6 +545,15 @@ class Judged:
     candidates: Sequence[Candidate]
     interrupted: bool
 
+    @property
+    def error(self) -> float:
+        """RMS error on logs left out of the chosen filter, or of readings alone [rad]."""
+        of_readings = (
+            [rms for learned in self.line.maps for rms in learned.rms] if self.line else []
+        )
+        alone = float(np.sqrt(np.mean(np.square(of_readings)))) if of_readings else np.inf
+        return min(self.chosen.error, alone)
+
 
 def judge(
     logs: Sequence[Log],

@@ -115,15 +115,19 @@ def fit(
     if units is not None:
         groups_of([log.source for log in read], units)
     found_lag = _lag(read, rig, units) if lag is None else lag
-    read = without_lag(read, rig, found_lag)
-    measured = {**servos_of(read, rig), **delays(read, rig, found_lag)}
-    rig = rig.with_values(measured)
     if open_loop and all(true_angles(log, rig.joint_names) is None for log in read):
         raise FitError(
             "an open loop is fitted to the joints' angles, and no log has them; log them too, by a "
             "camera or a temporary encoder"
         )
-    judged = judge(read, rig, options, progress)
+    judged = _judged_at(found_lag, read, rig, options, progress)
+    if found_lag and lag is None and not judged.interrupted:
+        # what looks late to the readings may be inertia, which the filter knows
+        on_time = _judged_at(0.0, read, rig, options, progress)
+        if on_time.error < judged.error:
+            judged, found_lag = on_time, 0.0
+    read = list(judged.logs)
+    measured = {**servos_of(read, rig), **delays(read, rig, found_lag)}
     learned = _followed(judged, read)
     if open_loop and not learned.interrupted:
         learned = _in_open_loop(learned, judged.training, progress)
@@ -133,6 +137,15 @@ def fit(
     for line in () if drafted else far_from_priors(parameters.fitted, parameters.problem):
         warnings.warn(line, DistalWarning, stacklevel=2)
     return replace(learned, start=start_rig, added=added, doubts=doubts)
+
+
+def _judged_at(
+    lag: float, logs: Sequence[Log], rig: Rig, options: Options, progress: Progress | None
+) -> Judged:
+    """Return the candidates where the reference is later than the drives by a lag [s]."""
+    on_time = without_lag(logs, rig, lag)
+    measured = {**servos_of(on_time, rig), **delays(on_time, rig, lag)}
+    return judge(on_time, rig.with_values(measured), options, progress)
 
 
 def _followed(judged: Judged, logs: Sequence[Log]) -> Fit:

@@ -382,6 +382,9 @@ def _number(cell: str, path: Path, name: str, row: int) -> float:
     return number
 
 
+HEXADECIMAL = re.compile(r"(?:0[xX])?[0-9a-fA-F]+")
+"""A number in hexadecimal digits."""
+
 LIST = re.compile(r"[\[(].*[\])]", re.DOTALL)
 """A cell that holds a list as text."""
 
@@ -392,7 +395,11 @@ def _no_number(path: Path, row: int, column: str, came: str) -> LogError:
             f"{path}: column '{column}' holds lists as text, such as '{came[:40]}'; read the bag "
             "itself, or write each of their numbers into a column of its own"
         )
-    hint = "; write a decimal point, not a comma" if "," in came else ""
+    hint = ""
+    if "," in came:
+        hint = "; write a decimal point, not a comma, and no mark between thousands"
+    elif HEXADECIMAL.fullmatch(came.strip()):
+        hint = "; write it in decimal digits, not in hexadecimal ones"
     return LogError(
         f"{path}: row {row}, column '{column}': '{came}' is not a finite number{hint} (an empty "
         "cell is a missing value)"

@@ -40,15 +40,15 @@ FRACTION = re.compile(r"[.,](\d+)")
 """Fraction of a second in an ISO date."""
 
 CLOCK = re.compile(
-    r"(?:\d{1,4}[/.-]\d{1,2}[/.-]\d{1,4}[ T,]+)?(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d+)?))?"
-    r"\s*(?:([AaPp])\.?[Mm]\.?)?"
+    r"(?:.*[\sT,])?(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,:]\d+)?)|(\.\d+))?\s*"
+    r"(?:([AaPp])\.?[Mm]\.?)?(?:\s[A-Za-z].*|\s\d{4})?"
 )
-"""A time of day, with or without a date whose order of day and month is open: hours, minutes,
-seconds, a or p.
+"""A time of day, with or without a date in an order of its own: hours, minutes, seconds, a or p; or
+minutes, seconds and a fraction, as spreadsheets show it.
 """
 
-DAY = 86_400.0
-"""A day [s]. Source: definition (unit conversion)."""
+HOUR, DAY = 3600.0, 86_400.0
+"""An hour and a day [s]. Source: definition (unit conversion)."""
 
 UNITS = (1.0, 1e-3, 1e-6, 1e-9)
 """Units in which dates may be counted: s, ms, µs, ns [s]. Source: definition (unit conversion)."""
@@ -166,10 +166,14 @@ def _of_day(column: list[str], path: Path, name: str, first_row: int) -> Floats:
                 f"{path}: row {k + first_row}, column '{name}': '{cell}' is no time of day, such "
                 "as 21:02:47.5 or 9:02:47 PM"
             )
-        hours = int(match[1]) if match[4] is None else int(match[1]) % 12
-        hours += 12 * (str(match[4]).lower() == "p")
-        time[k] = 3600.0 * hours + 60.0 * int(match[2]) + float((match[3] or "0").replace(",", "."))
-    return np.asarray(np.unwrap(time, period=DAY) - time[0])
+        first, second, third, fraction, half = match.groups()
+        if fraction is not None:
+            time[k] = 60.0 * int(first) + float(second + fraction)
+            continue
+        hours = int(first) if half is None else int(first) % 12 + 12 * (half.lower() == "p")
+        seconds = float(re.sub("[,:]", ".", third or "0"))
+        time[k] = 3600.0 * hours + 60.0 * int(second) + seconds
+    return np.asarray(np.unwrap(time, period=HOUR if fraction else DAY) - time[0])
 
 
 def is_time(column: Column) -> bool:

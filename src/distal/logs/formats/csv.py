@@ -5,13 +5,15 @@ before the header, units below it, and the header where it comes again.
 from __future__ import annotations
 
 import csv
+import gzip
 import io
 import re
 import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +21,8 @@ from numpy.typing import NDArray
 from distal.errors import DistalWarning, LogError
 from distal.logs.cells import MISSING, Cells, Column, compact, header, needed
 from distal.logs.formats.format import Format
-from distal.logs.outputs import COPIES, check_rows, memory_limit
-from distal.logs.stamps import is_date
+from distal.logs.outputs import COPIES, check_memory, check_rows, memory_limit
+from distal.logs.stamps import is_time
 
 SEPARATORS = (",", ";", "\t")
 """Characters that may separate the cells of a file: comma, semicolon, tab; else blanks do."""
@@ -28,8 +30,11 @@ SEPARATORS = (",", ";", "\t")
 BLANKS = " "
 """What stands for any number of blanks between cells."""
 
-COMMENT = b"#"
+COMMENT = "#"
 """What a line begins with that is a comment, or holds the names."""
+
+MOST_ABOVE = 100
+"""Largest number of lines above the first row of numbers. Source: judgement."""
 
 DECIMAL_COMMA = re.compile(r"(?<=\d),(?=\d)")
 """A comma between digits, which is a decimal one where it does not separate cells."""
@@ -41,6 +46,18 @@ BLOCK = 1 << 16
 """Length of the text that is split into cells at once [bytes]; longer blocks leave the processor's
 cache and are slower. Source: judgement.
 """
+
+MINUS = "\N{MINUS SIGN}"
+"""The minus that some programs print."""
+
+GZIP = b"\x1f\x8b"
+"""Bytes with which a compressed file begins. Source: definition (RFC 1952)."""
+
+WESTERN = frozenset("°µ²".encode("latin-1"))
+"""Signs of units that a text in the code of Western Europe may hold."""
+
+WIDE_MARKS = (b"\xff\xfe", b"\xfe\xff")
+"""Bytes with which a text in UTF-16 begins. Source: definition (Unicode)."""
 
 MARK = b"\xef\xbb\xbf"
 """Bytes with which some programs begin a text in UTF-8. Source: definition (Unicode)."""
@@ -62,75 +79,44 @@ def read_csv(path: Path, columns: Sequence[str] | None = None) -> Cells:
     """
     try:
         with path.open("rb") as file:
-            return _read(path, file, columns)
-    except OSError as problem:
-        raise LogError(f"{path}: cannot be read ({problem.strerror or problem})") from None
+            begin = file.read(2)
+        if begin in WIDE_MARKS:  # such as Excel's "Unicode text"
+            check_memory(path, COPIES * path.stat().st_size, "it is read as a whole")
+            text = path.read_bytes().decode("utf-16", "replace")
+            return _read(path, io.BytesIO(text.encode()), columns)
+        with path.open("rb") as file:
+            content = gzip.GzipFile(fileobj=file) if begin == GZIP else file
+            return _read(path, cast(BinaryIO, content), columns)
+    except (OSError, EOFError) as problem:
+        reason = getattr(problem, "strerror", None) or problem
+        raise LogError(f"{path}: cannot be read ({reason})") from None
 
 
 def _read(path: Path, file: BinaryIO, columns: Sequence[str] | None) -> Cells:
     longest = memory_limit() // COPIES  # of a line: a device may never end one
-    row = 1
-    comment = b""
-    line = file.readline(longest).removeprefix(MARK)
-    while line and (not line.strip() or line.startswith(COMMENT)):
-        comment = line.lstrip(COMMENT) if line.startswith(COMMENT) else comment
-        row += 1
-        line = file.readline(longest)
-    if not line.strip():
-        raise LogError(f"{path}: is empty")
-    text = _text(path, line, row)
-    separator = max(SEPARATORS, key=text.count)
-    if separator not in text and len(text.split()) > 1:
-        separator = BLANKS
-    (cells,) = _rows(path, line, separator, row)
-    names = tuple(cell.strip() for cell in cells)
-    if all(map(_is_value, names)) and any(names) and not set(names) & set(columns or ()):
-        (named,) = _rows(path, comment or b"\n", separator, row - 1)
-        if len(named) == len(names):  # a header that begins as a comment does
-            names = tuple(cell.strip() for cell in named)
-        else:
-            names = tuple(f"column {k + 1}" for k in range(len(names)))
-            warnings.warn(
-                f"{path}: has no header; its columns are called '{names[0]}' to '{names[-1]}'",
-                DistalWarning,
-                stacklevel=5,
-            )
-    else:
-        row += 1
-        line = b""
-    name, count = Counter(names).most_common(1)[0]
-    if count > 1:
-        raise LogError(f"{path}: the header has column '{name}' more than once; names must differ")
-    header_cells = list(names)
-    if not line:
-        line = file.readline(longest)
-        units = _units(_rows(path, line, separator, row)[0], names) if line.strip() else None
-        if units is not None:
-            names = units
-            row += 1
-            line = b""
-    first_row = row
+    lines = _head(path, file, longest)
+    found = _header(path, lines, frozenset(columns or ()))
+    separator, names, header_cells, first_row = found
     parts: dict[str, list[Column]] = {name: [] for name in names if needed(name, columns)}
-    blank = 0
+    row = first_row
+    line = b"".join(lines[first_row - 1 :])
+    odd = ""  # what is wrong with the first row that holds no readings
     repeated = list[int]()
     while block := line + file.read(BLOCK) + file.readline(longest):
         line = b""
         begin = row
         rows = list[list[str]]()
         for cells in _rows(path, block, separator, row):
-            if len(cells) <= 1 and not "".join(cells).strip():
-                blank = blank or row  # at the end it is no row
-            elif blank:
-                raise LogError(f"{path}: row {blank}: is blank; remove it")
-            elif cells[0].strip() == header_cells[0] and [c.strip() for c in cells] == header_cells:
+            if len(cells) == len(names) + 1 and not cells[-1].strip():
+                del cells[-1]  # each row ends with a separator
+            if cells[0].strip() == header_cells[0] and [c.strip() for c in cells] == header_cells:
                 repeated.append(row)
-            elif len(cells) != len(names):
-                kind = "short" if len(cells) < len(names) else "long"
-                above = "; is this the header? Remove what stands above it"
-                raise LogError(
-                    f"{path}: row {row}: is too {kind} ({len(cells)} cells; the header has "
-                    f"{len(names)}){above if row == first_row and kind == 'long' else ''}"
-                )
+            elif len(cells) != len(names) or (odd and not all(map(_is_value, cells))):
+                odd = odd or f"row {row}: {_mismatch(cells, names, row == first_row)}"
+                if len(cells) > len(names) and all(map(_is_value, cells)):
+                    raise LogError(f"{path}: {odd}")
+            elif odd:
+                raise LogError(f"{path}: {odd}")
             else:
                 rows.append(cells)
             row += 1
@@ -138,15 +124,122 @@ def _read(path: Path, file: BinaryIO, columns: Sequence[str] | None) -> Cells:
             if name in parts:
                 parts[name].append(compact(list(column), path, name, begin))
         check_rows(path, row - first_row, len(parts))
-    if repeated:
-        warnings.warn(
-            f"{path}: row {repeated[0]} repeats the header, {len(repeated)} in all: left out; are "
-            "these several logs in one file?",
-            DistalWarning,
-            stacklevel=5,
-        )
     held = {name: _joined(of_column) for name, of_column in parts.items()}
+    if odd and not any(map(len, held.values())):
+        raise LogError(f"{path}: {odd}")
+    notes = []
+    if odd and not odd.endswith(BLANK):
+        notes.append(f"{odd}; it and what follows are left out")
+    if repeated:
+        notes.append(
+            f"row {repeated[0]} repeats the header, {len(repeated)} in all: left out; are these "
+            "several logs in one file?"
+        )
+    for note in notes:
+        warnings.warn(f"{path}: {note}", DistalWarning, stacklevel=5)
     return Cells(held, path, first_row, names)
+
+
+BLANK = "is blank; remove it"
+"""What is said of a row without any cell."""
+
+
+def _mismatch(cells: Sequence[str], names: Sequence[str], is_first: bool) -> str:
+    """Return what is wrong with a row that has not one cell for each name."""
+    if not "".join(cells).strip():
+        return BLANK
+    if len(cells) == len(names):
+        return f"'{cells[0]}' is no reading"
+    text = (
+        f"is too {'short' if len(cells) < len(names) else 'long'} ({len(cells)} cells; the header "
+        f"has {len(names)})"
+    )
+    if len(cells) == 2 * len(names):
+        return f"{text}; are these decimal commas? Write points, or separate by semicolons"
+    above = is_first and len(cells) > len(names)
+    return f"{text}; is this the header? Remove what stands above it" if above else text
+
+
+def _head(path: Path, file: BinaryIO, longest: int) -> list[bytes]:
+    """Return the first lines of a file, up to the first row of numbers."""
+    lines = [file.readline(longest).removeprefix(MARK)]
+    while lines[-1] and len(lines) < MOST_ABOVE:
+        if _value_cells(_text(path, lines[-1], len(lines))):
+            return lines
+        lines.append(file.readline(longest))
+    return lines
+
+
+def _value_cells(text: str) -> tuple[str, int] | None:
+    """Return the separator and the number of cells of a row of numbers, None of another line."""
+    for separator in (*SEPARATORS, BLANKS):
+        cells = list[str]()
+        with suppress(csv.Error):  # a quote that is not closed is said where rows are read
+            cells = _split(text, separator)
+        if len(cells) > 1 and "".join(cells).strip() and all(map(_is_value, cells)):
+            return separator, len(cells)
+    return None
+
+
+def _header(
+    path: Path, lines: Sequence[bytes], asked: frozenset[str]
+) -> tuple[str, tuple[str, ...], list[str], int]:
+    """Return the separator of a file, its names, the cells of its header, and the number of its
+    first row of readings.
+
+    The header is the last line above the first row of numbers that has as many cells, most of them
+    names. Below it may stand units.
+    """
+    texts = [_text(path, line, k + 1) for k, line in enumerate(lines)]
+    plain = [k for k, text in enumerate(texts) if text.strip() and not text.startswith(COMMENT)]
+    if not plain:
+        raise LogError(f"{path}: is empty")
+    numbers = _value_cells(texts[-1])
+    if numbers is None:  # a column of text: the first line has the names
+        separator = max(SEPARATORS, key=texts[plain[0]].count)
+        if separator not in texts[plain[0]] and len(texts[plain[0]].split()) > 1:
+            separator = BLANKS
+        at: int | None = plain[0]
+        count = len(_rows(path, lines[plain[0]], separator, plain[0] + 1)[0])
+    else:
+        separator, count = numbers
+        at = plain[0] if plain[0] < len(lines) - 1 else None
+
+    def cells_of(k: int) -> list[str]:
+        (cells,) = _rows(path, lines[k].lstrip(COMMENT.encode()), separator, k + 1)
+        return [cell.strip() for cell in cells]
+
+    for k in range(len(lines)) if numbers else ():
+        cells = cells_of(k)
+        names_most = 2 * sum(map(_is_value, cells)) < len(cells) or asked & set(cells)
+        ends_empty = len(cells) == count - 1 and not cells_of(len(lines) - 1)[-1]
+        if (len(cells) == count or ends_empty) and names_most:
+            is_units = at is not None and k and _units(cells, cells_of(at)) is not None
+            at = at if is_units else k
+    if at is None:
+        names = tuple(f"column {k + 1}" for k in range(count))
+        warnings.warn(
+            f"{path}: has no header; its columns are called '{names[0]}' to '{names[-1]}'. Write "
+            "their names above the first row",
+            DistalWarning,
+            stacklevel=6,
+        )
+        return separator, names, list(names), len(lines)
+    header_cells = cells_of(at)
+    name, most = Counter(header_cells).most_common(1)[0]
+    if most > 1:
+        raise LogError(f"{path}: the header has column '{name}' more than once; names must differ")
+    before = sum(k < at for k in plain)
+    if before:
+        warnings.warn(
+            f"{path}: {before} lines above the header, row {at + 1}, are left out",
+            DistalWarning,
+            stacklevel=6,
+        )
+    units = None
+    if at + 1 < len(lines):
+        units = _units(cells_of(at + 1), header_cells)
+    return separator, units or tuple(header_cells), header_cells, at + 2 + (units is not None)
 
 
 def _units(cells: Sequence[str], names: Sequence[str]) -> tuple[str, ...] | None:
@@ -167,9 +260,9 @@ def _units(cells: Sequence[str], names: Sequence[str]) -> tuple[str, ...] | None
 def _is_value(cell: str) -> bool:
     """Return whether a cell holds a number or a date, or is missing, so that it is no name."""
     try:
-        float(cell or "nan")
+        float(cell.strip() or "nan")
     except ValueError:
-        return is_date(cell)
+        return cell.strip().lower() in MISSING or is_time([cell])
     return True
 
 
@@ -186,13 +279,13 @@ def _rows(path: Path, block: bytes, separator: str, first_row: int) -> list[list
     next line.
     """
     text = _text(path, block, first_row)
+    if '"' not in text:
+        return [_split(line, separator) for line in text.removesuffix("\n").split("\n")]
     if separator != ",":
         text = DECIMAL_COMMA.sub(".", text)
     lines = text.removesuffix("\n").split("\n")
     if separator == BLANKS:
         return [line.split() for line in lines]
-    if '"' not in text:
-        return [line.split(separator) for line in lines]
     reader = csv.reader(lines, delimiter=separator, strict=True)
     rows: list[list[str]] = []
     try:
@@ -212,6 +305,15 @@ def _rows(path: Path, block: bytes, separator: str, first_row: int) -> list[list
     return rows
 
 
+def _split(line: str, separator: str) -> list[str]:
+    """Return the cells of a line."""
+    if separator != ",":
+        line = DECIMAL_COMMA.sub(".", line)
+    if separator == BLANKS:
+        return line.split()
+    return next(csv.reader([line], delimiter=separator)) if '"' in line else line.split(separator)
+
+
 def _text(path: Path, block: bytes, row: int) -> str:
     """Return some lines as text.
 
@@ -225,8 +327,10 @@ def _text(path: Path, block: bytes, row: int) -> str:
                 f"{path}: row {row}: is not text, it holds a zero byte; a CSV file is expected "
                 "(Parquet needs the ending .parquet)"
             )
-        return block.decode()
+        return block.decode().replace(MINUS, "-")
     except UnicodeDecodeError as problem:
+        if {byte for byte in block if byte > 127} <= WESTERN:
+            return block.decode("latin-1")
         row += block[: problem.start].count(b"\n")
         raise LogError(f"{path}: row {row}: is not UTF-8 text") from None
 

@@ -15,11 +15,12 @@ from distal.errors import Content, LogError, OutputError
 from distal.logs.formats.csv import CSV
 from distal.logs.formats.format import Format
 from distal.logs.formats.hdf5 import HDF5
+from distal.logs.formats.jsonl import JSONL
 from distal.logs.formats.mcap import MCAP
 from distal.logs.formats.parquet import PARQUET
 from distal.logs.formats.rosbag import ROSBAG
 
-FORMATS = (CSV, PARQUET, HDF5, MCAP, ROSBAG)
+FORMATS = (CSV, PARQUET, HDF5, JSONL, MCAP, ROSBAG)
 """All formats of logs, in the order in which a path is compared with them."""
 
 TABLES = tuple(ending for kind in FORMATS if kind.read is not None for ending in kind.endings)
