@@ -156,17 +156,17 @@ def test_nothing_opens_in_a_fit_nor_where_nothing_can_touch() -> None:
 
 
 def tracked(
-    readings: list[float], dt: float, follows: bool = False, pulls: float = 0.0, off: float = 0.0
+    readings: list[float], dt: float, shown: float = 1.0, pulls: float = 0.0, off: float = 0.0
 ) -> list[dict[str, float]]:
     """Return what is remembered of a drive after each reading; its force rises by `pulls` per m,
     and the model is `off`. One that is NaN is missing.
     """
-    step = track_function(CHAIN, judged=True, follows=follows)
+    step = track_function(CHAIN, judged=True)
     now, found = np.zeros(MEMORY), []
     for value in readings:
         position, seen = (0.0, MISSING) if np.isnan(value) else (value, READ)
         effort = pulls * position
-        of_force = [effort + off, READ, 2500.0, 0.1, effort]
+        of_force = [effort + off, READ, 2500.0, shown, 0.0, 0.1, effort]
         now = np.array(step(now, [position, seen, 2.5e-11, 0.0, 0.0, *of_force], dt)).ravel()
         now = now[:MEMORY]
         found.append(dict(zip(REMEMBERED, now)))
@@ -192,13 +192,13 @@ def test_what_nothing_can_judge_stays_in_doubt_for_a_while() -> None:
     """Where a joint follows at once, only an interval too short for a drive to start and stop tells
     of the zero.
     """
-    found = tracked([0.0, 3e-3, 3e-3, 3e-3], 0.005, follows=True)
+    found = tracked([0.0, 3e-3, 3e-3, 3e-3], 0.005, shown=0.0)
     assert found[1]["shift"] == pytest.approx(3e-3)
     np.testing.assert_allclose(
         [one["shift_std"] for one in found[1:]], 1.5e-3 * np.exp(-np.arange(3) * 0.005 / 1.2)
     )
     assert found[3]["position"] == pytest.approx(0.0, abs=1e-9)
-    assert tracked([0.0] + [3e-3] * 8, 0.05, follows=True)[-1]["position"] == pytest.approx(
+    assert tracked([0.0] + [3e-3] * 8, 0.05, shown=0.0)[-1]["position"] == pytest.approx(
         3e-3, rel=1e-3
     )
 
@@ -218,7 +218,7 @@ def test_a_drive_that_its_force_shows_has_jumped_itself() -> None:
 
 def test_a_drive_that_moves_on_has_not_lost_its_zero() -> None:
     ramp = [0.0, 1e-3, 2e-3, 3e-3, 4e-3, 5e-3, 6e-3]
-    found = tracked(ramp + [6e-3] * 40, 0.005, follows=True)
+    found = tracked(ramp + [6e-3] * 40, 0.005, shown=0.0)
     assert found[1]["shift"] == pytest.approx(1e-3)
     assert found[-1]["shift"] == 0.0
     assert found[-1]["position"] == pytest.approx(6e-3, rel=1e-3)

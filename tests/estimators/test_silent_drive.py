@@ -19,10 +19,10 @@ def test_the_place_becomes_unknown_at_a_constant_rate() -> None:
     std.
     """
     dt, dead, wandering, noise = 0.01, 0.5, 0.02, 1e-10
-    step = track_function(Robustness.usual(1), judged=False, follows=False)
+    step = track_function(Robustness.usual(1), judged=False)
     now, found = np.zeros(MEMORY), []
     for _ in range(200):
-        silent = [0.0, MISSING, noise, dead, wandering, *np.zeros(5)]
+        silent = [0.0, MISSING, noise, dead, wandering, *np.zeros(7)]
         now = np.array(step(now, silent, dt)).ravel()[:MEMORY]
         found.append(now[4])
     time = dt * np.arange(1, 201)

@@ -167,18 +167,16 @@ def test_a_map_beside_a_filter_is_doubted_while_touched() -> None:
         np.testing.assert_allclose(doubted, expected, rtol=1e-12)
 
 
-def test_a_filter_and_readings_alone_are_pooled_by_their_shares() -> None:
+def test_a_filter_and_readings_alone_are_pooled_by_their_variances() -> None:
     """Mean and variance of the mixture of both, by its first two moments."""
     inner, learned = drawn_filter()
     alone = drawn_map(beside_filter=False, seed=3)
     a, gain, added = reported(inner, [learned], [0.2, 0.0])
     b, none, variance = reported(inner, [alone], [0.2, 0.0])
     assert none == 0.0
-    for share in (0.0, 0.3, 1.0):
-        pooled = reported(
-            inner, [learned, alone.model_copy(update={"share": (1 - share,)})], [0.2, 0.0]
-        )
-        own = 0.04  # variance of the filter's own angle
+    for own in (0.0, 0.04, 4.0):  # variance of the filter's own angle
+        pooled = reported(inner, [learned, alone], [0.2, own])
+        share = variance / (gain**2 * own + added + variance)
         mean = share * a + (1 - share) * b
         second = share * (gain**2 * own + added + a**2) + (1 - share) * (variance + b**2)
         assert pooled[0] == pytest.approx(mean)
@@ -188,12 +186,14 @@ def test_a_filter_and_readings_alone_are_pooled_by_their_shares() -> None:
 def test_while_touched_filter_and_readings_count_the_same() -> None:
     """No log of free motion tells which of them is right then."""
     inner, learned = drawn_filter()
-    alone = drawn_map(beside_filter=False, seed=3).model_copy(update={"share": (0.2,)})
-    a, _, _ = reported(inner, [learned], [0.2, 0.0])
-    b, _, _ = reported(inner, [alone], [0.2, 0.0])
+    alone = drawn_map(beside_filter=False, seed=3)
     for touch in (0.0, 0.4, 1.0):
+        # one number is the share of the touch and the variance of the filter's own angle
+        a, gain, added = reported(inner, [learned], [0.2, touch], touched=(1,))
+        b, _, other = reported(inner, [alone], [0.2, touch])
         value, _, _ = reported(inner, [learned, alone], [0.2, touch], touched=(1,))
-        share = 0.2 * (1 - touch) + 0.5 * touch
+        own = gain**2 * touch + added
+        share = own / (own + other) * (1 - touch) + 0.5 * touch
         assert value == pytest.approx((1 - share) * a + share * b)
 
 

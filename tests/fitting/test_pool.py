@@ -1,4 +1,4 @@
-"""A filter and readings alone share the answer by what each errs on logs left out."""
+"""A filter and readings alone share the answer by their variances."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from distal import Log, Rig
 from distal.errors import CommandError
 from distal.estimators import RegressionEstimator, make_estimator, usual_estimator
 from distal.fitting.candidates import Candidate, answer_maps
-from distal.fitting.learned_maps import HeldOut, MapFit, pooled, with_shares
+from distal.fitting.learned_maps import HeldOut, MapFit, answering, pooled
 from distal.regression import Samples
 from distal.rig import check_scales
 from tests.learned_maps import drawn_map
@@ -35,8 +35,8 @@ def line(pulley_rig: Rig) -> MapFit:
     return MapFit("readings", (learned,), pulley_rig, errors)
 
 
-def test_shares_go_by_squared_errors_and_the_band_by_the_pool(line: MapFit) -> None:
-    """r² = (0.2² + 0.4²)/2 = 0.1 and f² = 0.025, so that the filter has 0.8 of the angle."""
+def test_shares_go_by_variances_and_the_band_by_the_pool(line: MapFit) -> None:
+    """0.01 beside 0.04 and 0.09: the filter has 0.8 of the angle on one log, 0.9 on the other."""
     joint = line.start.joint_names[0]
     learned = drawn_map((joint,), line.maps[0].channels)
     errors = {joint: [held_out(0.1, 0.01, 1), held_out(0.2, 0.01, 1)]}
@@ -52,16 +52,18 @@ def test_shares_go_by_squared_errors_and_the_band_by_the_pool(line: MapFit) -> N
     channels = {sensor.name: np.zeros(4) for sensor in line.start.sensors}
     logs = [Log(TIME, channels, truth)] * 2
     alone, both = pooled(beside, line, data, logs)
-    assert alone.maps[0].share == pytest.approx((0.2,))
+    assert alone.maps[0].answers
     moved = line.maps[0].arrays["mean"] - alone.maps[0].arrays["mean"]
     np.testing.assert_allclose(moved[:, 0], 0.05)
     np.testing.assert_array_equal(moved[:, 1:], 0.0)
-    for log, a, b, spread in zip(both.errors[joint], (0.1, 0.2), (0.2, -0.4), (0.04, 0.09)):
+    for log, a, b, spread, w in zip(
+        both.errors[joint], (0.1, 0.2), (0.2, -0.4), (0.04, 0.09), (0.8, 0.9)
+    ):
         np.testing.assert_array_equal(log.time, TIME[1:])
-        np.testing.assert_allclose(log.errors, 0.8 * a + 0.2 * b)
-        square = 0.8 * (0.01 + a**2) + 0.2 * (spread + b**2)
-        np.testing.assert_allclose(log.variances, square - (0.8 * a + 0.2 * b) ** 2)
-    assert both.maps[0].rms == pytest.approx((np.sqrt((0.12**2 + 0.08**2) / 2),))
+        np.testing.assert_allclose(log.errors, w * a + (1 - w) * b)
+        square = w * (0.01 + a**2) + (1 - w) * (spread + b**2)
+        np.testing.assert_allclose(log.variances, square - (w * a + (1 - w) * b) ** 2)
+    assert both.maps[0].rms == pytest.approx((np.sqrt((0.12**2 + 0.14**2) / 2),))
 
 
 def test_without_a_filter_readings_alone_answer(line: MapFit) -> None:
@@ -70,7 +72,7 @@ def test_without_a_filter_readings_alone_answer(line: MapFit) -> None:
     training = SimpleNamespace(rig=line.start, options=options, groups=("0", "1"))
     nothing = Candidate("none", line.start, None, False, np.inf, {})
     (alone,) = answer_maps(nothing, training, line)
-    assert alone.maps[0].share == (1.0,)
+    assert alone.maps[0].answers
     rig = line.start.with_map(readings=alone.maps)
     assert usual_estimator(rig) == "regression"
     assert isinstance(make_estimator(None, rig, compiled=False), RegressionEstimator)
@@ -80,7 +82,7 @@ def test_without_a_filter_readings_alone_answer(line: MapFit) -> None:
     assert usual_estimator(beside) == "adaptive"
     assert (
         usual_estimator(line.start.with_map(readings=line.maps)) == "adaptive"
-    )  # no fit said that they have a share
+    )  # no fit said that they answer
 
 
 def test_one_log_teaches_no_correction_of_a_filter(line: MapFit) -> None:
@@ -88,7 +90,7 @@ def test_one_log_teaches_no_correction_of_a_filter(line: MapFit) -> None:
     training = SimpleNamespace(rig=line.start, options=options, groups=("0",))
     ran = Candidate("first", line.start, None, False, np.inf, {0: None})  # type: ignore[dict-item]
     assert answer_maps(ran, training, line) == (line,)
-    shared = with_shares(line, dict.fromkeys(line.start.joint_names, 0.3))
+    shared = answering(line, {})
     rig = line.start.with_map(readings=shared.maps)
     assert rig.map is not None
     assert not rig.map.pooled

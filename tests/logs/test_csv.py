@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import tracemalloc
 from pathlib import Path
 
@@ -212,3 +213,78 @@ def test_a_file_is_read_in_parts(
     lines[150] = "1,2,x"
     with pytest.raises(LogError, match="row 152, column 'b': 'x'"):
         read_table(written(tmp_path / "log.csv", ["t,a,b", *lines]))
+
+
+HEADER = "t,a [°],b"
+
+
+def as_written(path: Path, text: str, code: str) -> Path:
+    path.write_bytes(text.encode(code))
+    return path
+
+
+@pytest.mark.parametrize("code", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
+@pytest.mark.parametrize("minus", ["-", "\N{MINUS SIGN}"])
+def test_codes_of_text(tmp_path: Path, code: str, minus: str) -> None:
+    """What spreadsheets and other languages' programs write is read as what it says."""
+    if code == "latin-1" and minus != "-":
+        pytest.skip("there is no such sign in it")
+    text = "\n".join([HEADER, *ROWS]).replace("-", minus) + "\n"
+    table = read_table(as_written(tmp_path / "log.csv", text, code))
+    assert table.names == ("t", "a [°]", "b")
+    np.testing.assert_array_equal(table.values("b"), -np.arange(40.0))
+
+
+def test_a_compressed_file(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv.gz"
+    path.write_bytes(gzip.compress("\n".join([HEADER, *ROWS]).encode()))
+    np.testing.assert_array_equal(read_table(path).values("b"), -np.arange(40.0))
+    path.write_bytes(path.read_bytes()[:-20])
+    with pytest.raises(LogError, match="cannot be read"):
+        read_table(path)
+
+
+ABOVE = [
+    ["sep=,"],
+    ["LabVIEW Measurement", "Writer_Version\t2", "Date\t2024/05/03", "***End_of_Header***", ""],
+    ["Device: 3", "Rate, 100 Hz", "x,y,z,w"],
+]
+
+
+@pytest.mark.parametrize("above", ABOVE)
+@pytest.mark.parametrize("end", ["", ","])
+def test_lines_above_the_header_are_left_out(tmp_path: Path, above: list[str], end: str) -> None:
+    """The header is the last line above the numbers with as many cells; rows may end with a
+    separator.
+    """
+    lines = [*above, HEADER, *(row + end for row in ROWS)]
+    with pytest.warns(DistalWarning, match=f"lines above the header, row {len(above) + 1}, are"):
+        table = read_table(written(tmp_path / "log.csv", lines))
+    assert table.names == ("t", "a [°]", "b")
+    assert table.first_row == len(above) + 2
+    np.testing.assert_array_equal(table.values("b"), -np.arange(40.0))
+
+
+@pytest.mark.parametrize("foot", [["0.40,4"], ["", "End of log,,", "Samples,40,"], ["# done"]])
+def test_what_is_no_row_at_the_end_is_left_out(tmp_path: Path, foot: list[str]) -> None:
+    path = written(tmp_path / "log.csv", [HEADER, *ROWS, *foot])
+    with pytest.warns(DistalWarning, match="it and what follow"):
+        assert read_table(path).rows == 40
+    with pytest.raises(LogError, match="row 42"):  # but not between rows
+        read_table(written(path, [HEADER, *ROWS, *foot, "0.5,1,2"]))
+
+
+def test_decimal_commas_between_commas_are_named(tmp_path: Path) -> None:
+    rows = [f"0,{k:02d},1,{k},-2,{k}" for k in range(9)]
+    with pytest.raises(LogError, match="are these decimal commas"):
+        read_table(written(tmp_path / "log.csv", [HEADER, *rows]))
+
+
+def test_json_lines(tmp_path: Path) -> None:
+    lines = [f'{{"t": {k / 100}, "m": {{"q": {k}}}, "x": [1, {-k}]}}' for k in range(9)]
+    table = read_table(written(tmp_path / "log.jsonl", lines))
+    assert table.names == ("t", "m.q", "x.0", "x.1")
+    np.testing.assert_array_equal(table.values("x.1"), -np.arange(9.0))
+    for bad, said in (("{", "row 10: is no JSON"), ("3", "row 10: is no JSON object")):
+        with pytest.raises(LogError, match=said):
+            read_table(written(tmp_path / "log.jsonl", [*lines, bad]))

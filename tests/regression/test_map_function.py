@@ -22,7 +22,7 @@ def run(learned: LearnedMap, rows: np.ndarray, mask: np.ndarray) -> list[tuple[n
     for row, there in zip(rows, mask):
         values, gains, variances, memory = (
             np.array(part).ravel()
-            for part in function(memory, DT, row, there, map_parameters(learned))
+            for part in function(memory, DT, row, there, map_parameters(learned), 0.0)
         )
         found.append((values, gains, variances, memory))
     return found
@@ -100,7 +100,7 @@ def test_what_is_missing_widens_the_band_with_its_age() -> None:
 def _without_age(learned: LearnedMap, at: tuple[np.ndarray, ...], row: np.ndarray) -> float:
     """Return the variance at the same memory if all is read."""
     function = map_function(Shape.of(learned), 1)
-    _, _, variances, _ = function(at[3], 0.0, row, np.ones(2), map_parameters(learned))
+    _, _, variances, _ = function(at[3], 0.0, row, np.ones(2), map_parameters(learned), 0.0)
     return float(variances)
 
 

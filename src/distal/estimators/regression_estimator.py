@@ -10,10 +10,20 @@ from copy import copy
 import casadi as ca
 import numpy as np
 
+from distal.arrays import Floats
 from distal.errors import EstimationError
+from distal.estimators.adaptive.drive_tracking import (
+    MEMORY,
+    READING,
+    REMEMBERED,
+    WANDERING,
+    track_function,
+)
+from distal.estimators.adaptive.guards import Robustness
 from distal.estimators.estimator_protocol import KernelEstimator
-from distal.estimators.read_channels import Channels, channels_of
+from distal.estimators.read_channels import UNKNOWN_POSITION, Channels, channels_of, dead_after
 from distal.kernels import Kernel, kernel_state_layout
+from distal.kernels.layout import Layout, is_read
 from distal.logs import Log, TruthKind, frozen, true_angles
 from distal.parallel import one_blas_thread
 from distal.regression import (
@@ -26,7 +36,8 @@ from distal.regression import (
     map_layout,
     map_parameters,
 )
-from distal.rig import LearnedMap, Rig, angle_names, independent_parts
+from distal.rig import LearnedMap, Rig, Sensor, angle_names, independent_parts
+from distal.sensor_errors import variance
 
 NAME = "regression"
 
@@ -134,11 +145,28 @@ class RegressionEstimator(KernelEstimator):
     def _learn(self, maps: Sequence[LearnedMap]) -> None:
         """Take maps, with a new kernel where there is none yet."""
         self.maps = tuple(maps)
-        self._p = frozen(np.concatenate([map_parameters(learned) for learned in maps]))
+        of_maps = [map_parameters(learned) for learned in maps]
+        of_positions = [self._judged(sensor) for sensor in self._sensors.positions]
+        self._p = frozen(np.concatenate([*of_maps, *of_positions]))
         self._begin = None
         if self._kernel is None:
-            function = regression_function(maps, self.channels, self.rig.joint_names)
+            function = regression_function(
+                maps, self.channels, self.rig.joint_names, len(of_positions)
+            )
             self._kernel = Kernel(function, self._compiled)
+
+    def _judged(self, sensor: Sensor) -> Floats:
+        """Return what a position is judged by, as in `JUDGED`."""
+        kind = next(drive.kind for drive in self.rig.drives if drive.name == sensor.of)
+        usual = [
+            float(learned.arrays[name][learned.channels.index(sensor.name)])
+            for learned in self.maps
+            if sensor.name in learned.channels
+            for name in ("rate", "scale")
+        ]
+        speed = usual[0] * usual[1] if usual else 0.0
+        wandering = UNKNOWN_POSITION[kind] / WANDERING
+        return np.array([variance(sensor), dead_after(sensor), wandering, speed**2])
 
     @one_blas_thread()
     def after_homing(self, log: Log, homing: float) -> RegressionEstimator:
@@ -211,23 +239,56 @@ class RegressionEstimator(KernelEstimator):
         for learned in self.maps:
             columns = [self.channels.index(channel) for channel in learned.channels]
             memories.append(begun_by(learned, values[columns], mask[columns]))
+        for k, sensor in enumerate(self._sensors.positions):
+            kind = next(drive.kind for drive in self.rig.drives if drive.name == sensor.of)
+            drive = ca.SX.zeros(MEMORY)
+            drive[REMEMBERED.index("position")] = values[k]
+            drive[REMEMBERED.index("unknown")] = ca.if_else(
+                is_read(mask[k]), 0.0, UNKNOWN_POSITION[kind] ** 2
+            )
+            memories.append(drive)
         return ca.Function("prior", [values, mask, p], [mean, spread, ca.vertcat(*memories)])
 
 
+JUDGED = Layout(noise=1, dead=1, wandering=1, square=1)
+"""Layout of what a position is judged by: the variance of its noise, the time without a value after
+which it may not come back [s], the growth of its std after that, and its usual mean square speed.
+Source: definition (layout of a vector).
+"""
+
+
 def regression_function(
-    maps: Sequence[LearnedMap], channels: Sequence[str], joints: Sequence[str]
+    maps: Sequence[LearnedMap], channels: Sequence[str], joints: Sequence[str], positions: int
 ) -> ca.Function:
     """Return the estimator's function (kernel_state, x, p) → (kernel_state⁺, y) for maps of the
-    `joints` on readings of the `channels`.
+    `joints` on readings of the `channels`, of which the first ones are `positions` of drives. A
+    position is as the filter's `track_function` believes it.
     """
     n = len(joints)
     width = len(channels)
     shapes = [Shape.of(learned) for learned in maps]
-    layout = kernel_state_layout(n, map=sum(shape.memory.size for shape in shapes))
+    memories = sum(shape.memory.size for shape in shapes)
+    layout = kernel_state_layout(n, map=memories, drives=MEMORY * positions)
     kernel_state = ca.MX.sym("kernel_state", layout.size)
     x = ca.MX.sym("x", 1 + 2 * width)
-    p = ca.MX.sym("p", sum(len(map_parameters(learned)) for learned in maps))
+    sizes = [map_layout(shape, len(of.joints)).size for shape, of in zip(shapes, maps)]
+    p = ca.MX.sym("p", sum(sizes) + JUDGED.size * positions)
     p_left = p
+    track = track_function(Robustness(), False)
+    believed, doubts, drives = x[1 : 1 + width], ca.MX.zeros(width), []
+    for k in range(positions):
+        at = sum(sizes) + JUDGED.size * k
+        of = JUDGED.parts(p[at : at + JUDGED.size])
+        was = kernel_state[layout["drives"]][MEMORY * k : MEMORY * (k + 1)]
+        square = REMEMBERED.index("square")
+        was[square] = ca.fmax(was[square], of["square"])
+        came = {"reading": x[1 + k], "mask": x[1 + width + k]}
+        came |= {name: of[name] for name in ("noise", "dead", "wandering")}
+        reading = ca.vertcat(*(came.get(name, 0) for name in READING.names))
+        drive = track(was, reading, x[0])
+        believed[k] = drive[REMEMBERED.index("position")]
+        doubts[k] = drive[REMEMBERED.index("unknown")]
+        drives.append(drive[:MEMORY])
     mean = ca.MX.zeros(n)
     spread = ca.MX.zeros(n, n)
     after = []
@@ -241,13 +302,16 @@ def regression_function(
         values, _, variances, following = map_function(shape, len(rows))(
             memory,
             x[0],
-            x[[1 + i for i in columns]],
+            believed[columns],
             x[[1 + width + i for i in columns]],
             parameters,
+            doubts[columns],
         )
         stds = ca.sqrt(variances)
         mean[rows] = values
         spread[rows, rows] = of_map.part(parameters, "correlation") * ca.mtimes(stds, stds.T)
         after.append(following)
-    following = layout.joined(mean=mean, covariance=spread, map=ca.vertcat(*after))
+    following = layout.joined(
+        mean=mean, covariance=spread, map=ca.vertcat(*after), drives=ca.vertcat(*drives)
+    )
     return ca.Function("regression", [kernel_state, x, p], [following, ca.MX.zeros(1)])

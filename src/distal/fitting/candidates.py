@@ -28,13 +28,13 @@ from distal.fitting.free_parameters import Options, Progress
 from distal.fitting.learned_maps import (
     HeldOut,
     MapFit,
+    answering,
     counted_from,
     filtered,
     map_of,
     mean_rms,
     pooled,
     with_its_reference_error,
-    with_shares,
 )
 from distal.fitting.log_checks import unknown_joints
 from distal.fitting.parameter_estimates import (
@@ -393,7 +393,7 @@ def answer_maps(candidate: Candidate, training: Training, line: MapFit) -> tuple
     since nothing could judge it.
     """
     if not candidate.data:
-        return (with_shares(line, dict.fromkeys(training.rig.joint_names, 1.0)),)
+        return (answering(line, {}),)
     folds = folds_of([training.groups[i] for i in candidate.data])
     homing = training.options.homing
     if homing is None and len(set(folds)) < 2:

@@ -563,13 +563,8 @@ def with_its_reference_error(of_kind: MapFit, logs: Sequence[Log]) -> MapFit:
 def pooled(
     beside: MapFit, alone: MapFit, data: Mapping[int, Samples], logs: Sequence[Log]
 ) -> tuple[MapFit, MapFit]:
-    """Return maps on readings alone with their shares of each angle, and the maps beside a filter
-    with the errors of both together.
-
-    The shares go by the inverse of the mean squared errors on logs left out (Bates and Granger,
-    Operational Research Quarterly 20, 1969): that of readings alone is f²/(r² + f²), with their r²
-    and f² of the filter with its map. Both have the random error of the reference, which draws the
-    shares towards one half.
+    """Return the maps on readings alone, which now share in each angle, and the maps beside a
+    filter with the errors of both together, see `distal.regression.reported_map`.
 
     Args:
         beside: the maps beside the filter.
@@ -577,60 +572,50 @@ def pooled(
         data: the filter's samples along the logs, by the index of the log.
         logs: of known angle.
     """
-    errors = dict[str, list[HeldOut]]()
-    shares = dict[str, float]()
-    for joint in beside.start.joint_names:
-        of_alone = [alone.errors[joint][i] for i in data]
-        square, of_filter = (
-            max(float(np.mean([np.mean(log.errors**2) for log in logs_left_out])), 1e-300)
-            for logs_left_out in (of_alone, beside.errors[joint])
-        )
-        shares[joint] = of_filter / (square + of_filter)
-        pairs = zip(beside.errors[joint], of_alone)
-        errors[joint] = [_pooled_errors(*pair, 1 - shares[joint]) for pair in pairs]
+    joints = beside.start.joint_names
+    errors = {
+        joint: [
+            _pooled_errors(of_log, alone.errors[joint][i])
+            for i, of_log in zip(data, beside.errors[joint])
+        ]
+        for joint in joints
+    }
     scored = [
         learned.model_copy(update=scores_of([errors[joint] for joint in learned.joints]))
         for learned in beside.maps
     ]
-    joints = beside.start.joint_names
     first = next(iter(data))
     true = samples_of_angles(logs[first], beside.start).targets
     # what is taken for the encoder's own offset is off the targets of the filter's map
     offsets = np.nanmean(true - data[first].angles - data[first].targets, axis=0)
     zeros = dict(zip(joints, offsets.tolist()))
-    return with_shares(alone, shares, zeros), replace(beside, maps=tuple(scored), errors=errors)
+    return answering(alone, zeros), replace(beside, maps=tuple(scored), errors=errors)
 
 
-def with_shares(
-    alone: MapFit, shares: Mapping[str, float], zeros: Mapping[str, float] | None = None
-) -> MapFit:
-    """Return maps on readings alone with their share of each angle.
+def answering(alone: MapFit, zeros: Mapping[str, float]) -> MapFit:
+    """Return maps on readings alone that share in the angles.
 
     Args:
         alone: the maps.
-        shares: joint → share [1].
-        zeros: joint → angle at the filter's zero [rad], which is taken off; None: nothing is.
+        zeros: joint → angle at the filter's zero [rad], which is taken off.
     """
     maps = []
     for learned in alone.maps:
         mean = learned.arrays["mean"].copy()
-        mean[:, 0] -= [zeros[joint] if zeros else 0.0 for joint in learned.joints]
+        mean[:, 0] -= [zeros.get(joint, 0.0) for joint in learned.joints]
         arrays = MapArrays(**{**learned.arrays.by_name, "mean": mean})
-        share = tuple(shares[joint] for joint in learned.joints)
-        maps.append(learned.model_copy(update={"share": share, "arrays": arrays}))
+        maps.append(learned.model_copy(update={"answers": True, "arrays": arrays}))
     return replace(alone, maps=tuple(maps))
 
 
-def _pooled_errors(beside: HeldOut, alone: HeldOut, share: float) -> HeldOut:
-    """Return the errors of the pool of two maps, of which the first has a `share` [1], see
-    `distal.regression.reported_map`.
-    """
+def _pooled_errors(beside: HeldOut, alone: HeldOut) -> HeldOut:
+    """Return the errors of the pool of two maps, with shares by the inverse of their variances."""
     time, at, of_alone = np.intersect1d(beside.time, alone.time, return_indices=True)
-    weights = np.array([share, 1 - share])
     errors = np.array([beside.errors[at], alone.errors[of_alone]])
     variances = np.array([beside.variances[at], alone.variances[of_alone]])
-    mean = weights @ errors
-    return HeldOut(time, mean, weights @ (variances + errors**2) - mean**2)
+    shares = variances[::-1] / variances.sum(axis=0)
+    mean = np.sum(shares * errors, axis=0)
+    return HeldOut(time, mean, np.sum(shares * (variances + errors**2), axis=0) - mean**2)
 
 
 def logs_read(

@@ -40,8 +40,8 @@ LIKELY = 1.0
 WORDS: Mapping[str, str] = {
     "time": "t time zeit temps tiempo tempo stamp timestamp clock stempel sec secs seconds "
     "millis ms us ns",
-    "position": "ticks tick counts count recorrido posmotor motorpos servopos stroke hub course "
-    "carrera corsa phi mpos",
+    "position": "ticks tick counts count multiturn recorrido posmotor motorpos servopos stroke hub "
+    "course carrera corsa phi mpos",
     "encoder": "enc encoder",
     "travel": "disp displacement weg travel",
     "symbol": "x",
@@ -54,7 +54,7 @@ WORDS: Mapping[str, str] = {
     "current": "cur curr current strom courant corriente corrente amps i iq",
     "effort": "effort load loadcell cell zelle u lc fsr",
     "angle": "theta angle winkel angulo angolo camera cam kamera camara mocap vicon optitrack "
-    "fiducial aruco goniometer gonio tag",
+    "fiducial aruco goniometer gonio inclinometer tag",
     "truth": "truth true",
     "joint": "joint external gelenk articulation articulacion giunto",
     "reference": "ref reference",
@@ -66,8 +66,8 @@ WORDS: Mapping[str, str] = {
     "command": "cmd command goal target setpoint sp soll sollwert consigne consigna comando "
     "desired befehl action des ziel cible objetivo obiettivo input demand set requested",
     "unused": "speed vel velocity geschwindigkeit vitesse velocidad velocita omega acc accel "
-    "acceleration dot rate rpm gyro mvel dq qd hz temp temperature temperatur volt voltage "
-    "spannung voltaje battery vbat bus error err diff humidity pressure",
+    "acceleration dot rate rpm dps gyro mvel dq qd ddq qdd hz temp temperature temperatur volt "
+    "voltage spannung voltaje battery vbat bus error err diff humidity pressure",
     "other": "pwm duty idx frame seq row episode dt status mode flag unnamed checksum quality conf "
     "confidence",
 }
@@ -127,7 +127,7 @@ UNITS: Mapping[str, Mapping[str, str]] = {
     "s": {"s": "s sec secs seconds", "ms": "ms millis", "us": "us", "ns": "ns", "min": "min"},
     "rad": {"rad": "rad rads radians", "deg": "deg degree degrees grad °"},
     "m": {"m": "m", "mm": "mm", "cm": "cm", "um": "um"},
-    "count": {"count": "count counts cnt tick ticks step steps pulses"},
+    "count": {"count": "count counts cnt tick ticks step steps pulses qc inc"},
     "N": {
         "N": "n newton",
         "mN": "mn",
@@ -138,7 +138,7 @@ UNITS: Mapping[str, Mapping[str, str]] = {
     "N m": {"N m": "nm", "mN m": "mnm", "N cm": "ncm", "N mm": "nmm", "kgf cm": "kgcm"},
     "A": {"A": "a amps", "mA": "ma"},
     "V": {"V": "v", "mV": "mv"},
-    "K": {"degC": "c °c"},
+    "K": {"degC": "c °c degc"},
     "": {"%": "% pct percent"},
 }
 """SI unit of a dimension → unit as a rig file has it → how headers write it."""
@@ -167,6 +167,8 @@ _LIKE_UNIT = re.compile(r"[^\W\d_][^\d_]{0,11}")
 # of single letters only these are units: F_a is a force of a, i_A is in A
 _ENDING = re.compile(r"^(?:(.*)[_ ./-])?([A-Za-z°]{2,}|[smgANV°])$")
 _TOKEN = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+|[^\W\da-zA-Z_]+")
+# the current that makes a motor's torque, not a current of q
+_AXIS_OF_CURRENT = re.compile(r"(?i)(?<![a-z])[qd][_ ]?(?=cur)")
 # a compound is made of two words, neither of them a symbol of one or two letters
 _PART = "|".join(word for word in KIND_OF if len(word) > len("th"))
 _COMPOUND = re.compile(f"({_PART})({_PART})")
@@ -235,7 +237,7 @@ def name_evidence(header: str) -> NameEvidence:
     if ending and at_end and (ending[1] or at_end[1] == "s"):  # a name that is only ms is a time
         base = ending[1] or base
         unit, si = at_end
-    words = words_of(base)
+    words = words_of(_AXIS_OF_CURRENT.sub("", base))
     # a single letter is a symbol at the beginning only, of a recording's column after its topic:
     # F_mcp_f is the force of mcp_f
     topic = base.partition(".")[0] if base.startswith("/") else ""
@@ -251,13 +253,15 @@ def name_evidence(header: str) -> NameEvidence:
         kinds.append("unused")
     if "index" in kinds and len(words) > 1:  # the finger, not a number of rows
         kinds[kinds.index("index")] = "finger"
+    if "current" in kinds and {"place", "position", "unused"} & set(kinds):
+        kinds.remove("current")  # the present one
     evidence = [EVIDENCE[kind] for kind in kinds]
     if si is not None:
         evidence.append({**NOT_OF_UNIT, **OF_UNIT[si]})
     kept = [
         word
         for i, word in enumerate(words)
-        if (len(word) == 1 and i > 0)
+        if (len(word) == 1 and (i > 0 or word.isdigit()))
         or (
             KIND_OF.get(word, "finger") in OF_WHAT
             and word not in EMPTY_WORDS

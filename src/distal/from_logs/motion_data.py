@@ -99,7 +99,11 @@ def read_raw(path: Source, rows: int | None = None, rate: float | None = None) -
         column = cells.columns[name]
         try:
             timed = is_time(column)
-            columns[name] = clock_of(cells, name, 1.0).time if timed else cells.values(name)
+            values = clock_of(cells, name, 1.0).time if timed else cells.values(name)
+            if np.isfinite(values).any():
+                columns[name] = values
+            else:
+                texts.append(name)
         except LogError:
             listed = isinstance(column, list) and LIST.fullmatch(column[0].strip())
             if _is_mostly_numeric(column) or (listed and re.search(r"\d", column[0])):

@@ -127,6 +127,11 @@ def column_roles(logs: Sequence[RawLog], overrides: Overrides) -> list[ColumnRol
     for header, role in known.items():
         scores[header][role] = CERTAIN
     open_headers = [header for header in headers if header not in known]
+    # where a user names some, a column whose name does not say so is none
+    for role, given in (("position", overrides.drives), ("angle", overrides.truth)):
+        for header in open_headers if given else ():
+            if names[header].scores[role] < SURE:
+                scores[header][role] = -CERTAIN
     _tell_joints(scores, open_headers, names)
     found = []
     for header in headers:

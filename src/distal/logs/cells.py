@@ -292,6 +292,9 @@ class Cells:
         """Raise a `LogError` where the table lacks one of these columns, or has no row."""
         for name in names:
             if name not in self.names:
+                for other, column in self.columns.items():
+                    if isinstance(column, list) and column and LIST.fullmatch(column[0].strip()):
+                        raise _no_number(self.path, self.first_row, other, column[0])
                 raise LogError(
                     f"{self.path}: column '{name}' is missing{did_you_mean(name, self.names)}"
                 )

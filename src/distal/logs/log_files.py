@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from math import log10
 from pathlib import Path
 
 import numpy as np
@@ -122,6 +123,7 @@ def read_log(
     check_stamps(time, table.source, rows + table.first_row)
     if len(time) < 2:
         raise LogError(f"{table.source}: has one row; an estimate over time needs at least two")
+    _check_unit(time, rig, table.source)
     readings = _readings(rig, table, time, column, ranged)
     channels = {sensor.name: readings[sensor.name] for sensor in needed}
     angles, origin = _known_angles(rig, table, readings, column, truth, Clock(time, stamps))
@@ -144,6 +146,28 @@ def read_log(
         if column in table.columns
     }
     return Log(time, channels, known, table.source, origin, stamps, setpoints)
+
+
+def _check_unit(time: Floats, rig: Rig, source: str) -> None:
+    """Raise a `LogError` where stamps are so far apart, or so near, that their unit is another."""
+    rate = max((sensor.rate for sensor in rig.sensors), default=0.0)
+    step = float(np.median(np.diff(time)))
+    if rate == 0.0 or 1.0 / WRONG_UNIT < step * rate < WRONG_UNIT:
+        return
+    now = unit_factor(rig.log.time.unit, "s")
+    factors = {unit: unit_factor(unit, "s") / now for unit in ("us", "ms", "s", "min", "h", "day")}
+    unit = min(factors, key=lambda unit: abs(log10(step * rate * factors[unit])))
+    raise LogError(
+        f"{source}: the stamps are {step:.3g} s apart, and the rig's sensors give a value every "
+        f"{1 / rate:.3g} s. In which unit is the time? --set 'log.time.unit=\"{unit}\"' fits best; "
+        "or set the sensors' rate to the log's"
+    )
+
+
+WRONG_UNIT = 1000.0 / 3.0
+"""Ratio of two intervals from which on one of them has another unit [1]: a thousand, of sensors
+whose rate is up to three times another. Source: judgement.
+"""
 
 
 def _check_repeated(rig: Rig, time: Floats, source: str) -> None:

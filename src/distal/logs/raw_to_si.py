@@ -31,6 +31,11 @@ turn than before; its register was decoded; it is missing since it repeats the l
 TURN = 2 * pi
 """One turn of a motor that is read in radians or degrees [rad]. Source: definition (full angle)."""
 
+BACK = 0.25
+"""Share of a jump by which a reading may differ from that before the jump, so that it came back
+[1]. Source: judgement.
+"""
+
 SMALLEST = 1e-9
 """Least room for a noise [m, rad]. Source: rounding (a product with zero stays zero)."""
 
@@ -84,7 +89,8 @@ class Encoder:
         self._read = (inf, -inf)
         self._beyond = 0.0
         self._guessed: tuple[float, float] | None = None
-        # the median of the motion in two samples, which two sources in turn do not show
+        # the last two positions; and the median of the motion in two samples, which two sources in
+        # turn do not show
         self._before = (nan, nan)
         self._usual = SMALLEST
 
@@ -168,6 +174,11 @@ class Encoder:
         turn = limits.turn
         has_last = isfinite(self._last)
         near = reading + turn * round((self._last - reading) / turn) if has_last else reading
+        before, _ = self._before
+        if isfinite(before):
+            back = before + remainder(reading - before, turn)
+            if abs(back - before) < BACK * abs(self._last - before):
+                near = back  # the reading between was a single wrong one
         kind: Kind | None = None
         # between two samples of the usual interval nobody can do better than the nearest turn
         silent = gap > limits.unusual * limits.interval and limits.fastest * gap >= turn / 2
@@ -189,8 +200,10 @@ class Encoder:
             turns = self._possible(least, most)
             if len(turns) == 1:
                 self._guessed = None
-                near += turn * turns[0]
-                self._last += turn * turns[0]
+                ahead = turn * turns[0]
+                near += ahead
+                self._last += ahead
+                self._before = self._before[0] + ahead, self._before[1] + ahead
         return near, kind
 
     def _possible(self, least: float, most: float) -> range:
@@ -230,7 +243,7 @@ class Encoder:
         anew = reading + limits.turn * round((middle - reading) / limits.turn)
         if not limits.low <= anew <= limits.high:
             return position, None
-        return anew, "restarted" if isfinite(self._last) and anew != position else None
+        return anew, "restarted" if anew != position else None
 
 
 def encoder_of(rig: Rig, sensor: Sensor, factor: float, ranged: bool, doubting: bool) -> Encoder:
@@ -247,6 +260,12 @@ def encoder_of(rig: Rig, sensor: Sensor, factor: float, ranged: bool, doubting: 
         turn = abs(factor) * counts
     wraps = counts is not None and sensor.measures == "position"
     low, high = motor_range(rig, sensor) if ranged else (-inf, inf)
+    begins = doubting and sensor.measures == "position"
+    for learned in rig.map.readings if ranged and rig.map else ():
+        first, last = learned.reach.get(sensor.name, (-inf, inf))
+        if last - first < turn < inf:  # its logs say in which turn it is, with room at each end
+            room = (turn - (last - first)) / 4
+            low, high, begins = first - room, last + room, False
     drive = next((drive for drive in rig.drives if drive.name == sensor.of), None)
     servo = None if drive is None or drive.servo is None else drive.servo.fastest
     return Encoder(
@@ -256,7 +275,7 @@ def encoder_of(rig: Rig, sensor: Sensor, factor: float, ranged: bool, doubting: 
             low=low,
             high=high,
             fastest=servo or Limits.fastest,
-            begins=doubting and drive is not None and sensor.measures == "position",
+            begins=begins and drive is not None,
             interval=1.0 / sensor.rate,
         )
     )

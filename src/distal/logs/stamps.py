@@ -50,6 +50,9 @@ minutes, seconds and a fraction, as spreadsheets show it.
 HOUR, DAY = 3600.0, 86_400.0
 """An hour and a day [s]. Source: definition (unit conversion)."""
 
+COUNTER = 2**32
+"""Number after which a counter of 32 bits begins anew [1]. Source: definition (32 bits)."""
+
 UNITS = (1.0, 1e-3, 1e-6, 1e-9)
 """Units in which dates may be counted: s, ms, µs, ns [s]. Source: definition (unit conversion)."""
 
@@ -110,6 +113,8 @@ def _counted(values: NDArray[Any], unit: float, name: str, path: Path) -> Clock:
     """Return the time of numeric stamps; integers keep every nanosecond. A stamp that is no time is
     infinite.
     """
+    if values.dtype == np.int64 and values.min() >= 0 and values.max() < COUNTER:
+        values = np.unwrap(values, period=COUNTER)  # a counter of 32 bits begins anew
     finite = np.abs(values[np.isfinite(values)])
     usual = float(np.median(finite)) if len(finite) else 0.0
     if usual * unit < EPOCH:

@@ -281,11 +281,10 @@ def empty_frame(shape: Shape) -> dict[str, Floats]:
 
 @lru_cache(maxsize=32)
 def map_layout(shape: Shape, joints: int) -> Layout:
-    """Return the layout of a map's numbers: its share of the answer, features, then weights."""
+    """Return the layout of a map's numbers: features, then weights."""
     n = shape.features.size
     weights = {f"covariance_{j}": (n, n) for j in range(joints)}
     return Layout(
-        share=joints,
         frame=shape.frame.size,
         rate=shape.count,
         mean=(n, joints),
@@ -303,9 +302,8 @@ def map_parameters(learned: LearnedMap) -> Floats:
     arrays = learned.arrays
     shape = Shape.of(learned)
     names = ("rate", "mean", "radial", "noise", "filter", "error_time", "correlation", "covariance")
-    share = learned.share or np.zeros(len(learned.joints))
     parts = (arrays[name].ravel() for name in names)
-    return np.concatenate([share, shape.flat(arrays.by_name), *parts])
+    return np.concatenate([shape.flat(arrays.by_name), *parts])
 
 
 def begun_by(learned: LearnedMap, readings: Expression, mask: Expression) -> Expression:
@@ -317,13 +315,14 @@ def begun_by(learned: LearnedMap, readings: Expression, mask: Expression) -> Exp
 
 @lru_cache(maxsize=32)
 def map_function(shape: Shape, joints: int) -> ca.Function:
-    """Return the function of a map: (memory, dt, readings, mask, parameters) → (values, gains,
-    variances, memory⁺).
+    """Return the function of a map: (memory, dt, readings, mask, parameters, doubts) → (values,
+    gains, variances, memory⁺).
 
     A value is φᵀ m. Its variance is φᵀ C φ + σ² + s_r² (what no radial function explains) + (Σ_i
     |∂y/∂slip_i| d_i)²/3, d_i being the half-width of the interval in which a slip lies, + Σ_i
     (∂y/∂z_i)² v_i for readings that have been missing for a time a: v = 2 (1 − exp(−(rate a)²/2)),
-    from a steady motion to the difference of two readings that have nothing to do with each other.
+    from a steady motion to the difference of two readings that have nothing to do with each other;
+    and for those with a variance beyond their noise, the `doubts`.
     An error e of the filter's own angle stays with the share `filter`, its gain.
     """
     memory = ca.MX.sym("memory", shape.memory.size)
@@ -332,6 +331,7 @@ def map_function(shape: Shape, joints: int) -> ca.Function:
     mask = ca.MX.sym("mask", shape.channels)
     layout = map_layout(shape, joints)
     parameters = ca.MX.sym("parameters", layout.size)
+    doubts = ca.MX.sym("doubts", shape.channels)
     of = layout.parts(parameters)
     outputs, after = features_function(shape)(memory, dt, readings, mask, of["frame"])
     out = shape.outputs.parts(outputs)
@@ -339,6 +339,7 @@ def map_function(shape: Shape, joints: int) -> ca.Function:
     frame = shape.frame.parts(of["frame"])
     age = shape.memory.part(after, "age")
     unknown = 2 * (1 - ca.exp(-((of["rate"][: shape.channels] * age) ** 2) / 2))
+    unknown += doubts / frame["scale"][: shape.channels] ** 2
     variances = []
     for j in range(joints):
         mean = of["mean"][:, j]
@@ -349,7 +350,7 @@ def map_function(shape: Shape, joints: int) -> ca.Function:
         )
     values = ca.mtimes(of["mean"].T, phi)
     results = [values, of["filter"], ca.vertcat(*variances), after]
-    return ca.Function("map", [memory, dt, readings, mask, parameters], results)
+    return ca.Function("map", [memory, dt, readings, mask, parameters, doubts], results)
 
 
 def variance_beside(

@@ -53,8 +53,8 @@ def homed_memory(shape: Shape, joints: int) -> ca.Function:
 
 @lru_cache(maxsize=32)
 def homed_function(shape: Shape, joints: int) -> ca.Function:
-    """Return the function (memory, dt, readings, mask, parameters, targets, given, beside) →
-    (values, gains, variances, memory⁺): that of `map_function` with the weights of the memory,
+    """Return the function (memory, dt, readings, mask, parameters, doubts, targets, given, beside)
+    → (values, gains, variances, memory⁺): that of `map_function` with the weights of the memory,
     which known targets condition first.
 
     With φ of this sample, one feature more that is 1 for the constant error o of what is known, the
@@ -75,6 +75,7 @@ def homed_function(shape: Shape, joints: int) -> ca.Function:
     readings = ca.MX.sym("readings", shape.count)
     mask = ca.MX.sym("mask", shape.channels)
     parameters = ca.MX.sym("parameters", map_layout(shape, joints).size)
+    doubts = ca.MX.sym("doubts", shape.channels)
     targets, is_given, beside = (ca.MX.sym(name, joints) for name in ("targets", "given", "beside"))
     was = layout.parts(memory)
     of = map_layout(shape, joints).parts(parameters)
@@ -106,7 +107,7 @@ def homed_function(shape: Shape, joints: int) -> ca.Function:
     weights = {name: covariance[:n, :n] for name, covariance in covariances.items()}
     with_weights = map_layout(shape, joints).joined(**{**of, "mean": mean[:n, :], **weights})
     values, gains, variances, after = map_function(shape, joints)(
-        was["map"], dt, readings, mask, with_weights
+        was["map"], dt, readings, mask, with_weights, doubts
     )
     following = layout.joined(
         map=after,
@@ -117,7 +118,7 @@ def homed_function(shape: Shape, joints: int) -> ca.Function:
     )
     return ca.Function(
         "homed_map",
-        [memory, dt, readings, mask, parameters, targets, is_given, beside],
+        [memory, dt, readings, mask, parameters, doubts, targets, is_given, beside],
         [values, gains, variances, following],
     )
 
@@ -173,6 +174,7 @@ def reporting_function(
     positions: Sequence[int | None],
     variances: Sequence[int],
     touched: Sequence[int] = (),
+    tracked: ca.Function | None = None,
 ) -> ca.Function:
     """Return the function (kernel_state, x, p) → (kernel_state⁺, y) of a filter that also reports
     some of its states with learned maps.
@@ -185,7 +187,7 @@ def reporting_function(
     A map beside the filter was learned in free motion. Where touches have shares of the joints, of
     which s is the largest, the filter's own error and what the map adds, a, count as unknown:
     gain⁺ = (1 − s) gain + s, variance⁺ = variance + s a². Its share of a pool goes towards one
-    half, since the shares are of free motion too.
+    half, since the variances are of free motion too.
 
     Args:
         inner: the filter's function; the first states are the joints' own.
@@ -195,6 +197,8 @@ def reporting_function(
         variances: indices in the kernel state of the variances of the joints' angles.
         touched: for each joint that may be touched, the index in the kernel state of the share that
             a touch has of it.
+        tracked: function (kernel_state, p) → positions of drives as their sensors should read them,
+            and their variances beyond noise; None: they are read as they come.
     """
     n_kernel_state = inner.size1_in(0)
     n_parameters = inner.size1_in(2)
@@ -210,10 +214,17 @@ def reporting_function(
     answers = dict[tuple[int, ...], list[tuple[VectorNode, ...]]]()
     at = n_kernel_state
     number = n_parameters
+    doubts = ca.MX.zeros(width)
+    believed = x[1 : 1 + width]
+    if tracked is not None:
+        positions_read, variances_read = tracked(following, p[:n_parameters])
+        count = positions_read.numel()
+        believed[:count] = positions_read
+        doubts[:count] = variances_read
     opened = reduce(ca.fmax, (following[at] for at in touched), ca.MX(0))
     for placed in maps:
         inputs: list[VectorNode] = [
-            x[1 + i]
+            believed[i]
             if positions[i] is None or not placed.learned.beside_filter
             else following[positions[i]]
             for i in placed.channels
@@ -224,7 +235,8 @@ def reporting_function(
         mask = x[[1 + width + i for i in placed.channels]]
         memory = kernel_state[at : at + placed.size]
         parameters = p[number : number + placed.parameters]
-        arguments = [memory, x[0], ca.vertcat(*inputs), mask, parameters]
+        of_doubt = doubts[list(placed.channels)]
+        arguments = [memory, x[0], ca.vertcat(*inputs), mask, parameters, of_doubt]
         if placed.homes:
             homes = list(placed.homes)
             given = x[[1 + i for i in homes]]
@@ -244,13 +256,13 @@ def reporting_function(
             values = angles + values
         else:
             gains = ca.MX.zeros(len(placed.states))
-        share = map_layout(placed.shape, placed.joints).part(parameters, "share")
-        share = (1 - opened) * share + opened / 2
-        answers.setdefault(placed.states, []).append((values, gains, spreads, share))
+        own = following[[variances[i] for i in placed.states]]
+        variance = gains**2 * own + spreads
+        answers.setdefault(placed.states, []).append((values, gains, spreads, variance))
         memories.append(after)
         at += placed.size
         number += placed.parameters
-    reports = [part for of_states in answers.values() for part in _pooled(*of_states)]
+    reports = [part for of_states in answers.values() for part in _pooled(opened, *of_states)]
     return ca.Function(
         "reporting",
         [kernel_state, x, p],
@@ -259,25 +271,29 @@ def reporting_function(
 
 
 def _pooled(
-    beside: Sequence[VectorNode], alone: Sequence[VectorNode] | None = None
+    opened: VectorNode,
+    beside: Sequence[VectorNode],
+    alone: Sequence[VectorNode] | None = None,
 ) -> tuple[VectorNode, ...]:
     """Return the value, gain and variance of some states by a map beside the filter and one on
-    readings alone: the mean and the variance of the linear pool of both, of which the second has
-    the share 1 − w.
+    readings alone: the mean and the variance of the linear pool of both, with shares by the inverse
+    of their variances (Bates and Granger, Operational Research Quarterly 20, 1969).
 
     With the difference d of their values, the value is w a + (1 − w) b and the variance w v_a +
     (1 − w) v_b + w (1 − w) d² (Stone, The opinion pool, Annals of Mathematical Statistics 32,
     1961).
 
     Args:
-        beside: value, gain, variance and share.
+        opened: the largest share that a touch has of a joint; then both count the same.
+        beside: value, gain, added and whole variance.
         alone: the same of the map on readings alone; None where there is none.
     """
-    value, gain, spread, _ = beside
+    value, gain, spread, variance = beside
     if alone is None:
         return value, gain, spread
-    second, _, second_spread, other = alone
-    share = 1 - other
+    second, _, second_spread, other_variance = alone
+    share = (1 - opened) * other_variance / (variance + other_variance) + opened / 2
+    other = 1 - share
     return (
         share * value + other * second,
         ca.sqrt(share) * gain,

@@ -121,8 +121,9 @@ class LearnedMap(Description):
     normal: tuple[float, float] = Field(
         (UNLIMITED, UNLIMITED), description="of `efforts`: largest normal means of T²"
     )
-    share: Row = Field(
-        (), description="of `readings`: its share of each angle, the rest is the filter's"
+    answers: bool = Field(
+        False,
+        description="of `readings`: whether the angles are its own, or pooled with a filter's",
     )
     arrays: MapArrays = Field(description="from the file beside the rig file")
 
@@ -189,7 +190,7 @@ class LearnedMap(Description):
         for name in ("low", "high"):
             if len(getattr(self, name)) != self.count:
                 raise ValueError(f"{name} must have {self.count} entries")
-        for name in ("rms", "inside", "share"):
+        for name in ("rms", "inside"):
             if len(getattr(self, name)) not in (0, len(self.joints)):
                 raise ValueError(f"{name} must have {len(self.joints)} entries or none")
         return self
@@ -214,13 +215,13 @@ class LearnedMaps(Description):
     @property
     def alone(self) -> bool:
         """Whether the angles are those of readings alone, since no filter could follow the logs."""
-        shared = bool(self.readings) and all(learned.share for learned in self.readings)
+        shared = bool(self.readings) and all(learned.answers for learned in self.readings)
         return shared and not self.filter
 
     @property
     def pooled(self) -> tuple[LearnedMap, ...]:
         """The maps on readings alone that share each angle with those beside the filter."""
-        shared = self.filter and all(learned.share for learned in self.readings)
+        shared = self.filter and all(learned.answers for learned in self.readings)
         return self.readings if shared else ()
 
     def named(self) -> dict[str, LearnedMap]:

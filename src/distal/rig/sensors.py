@@ -42,7 +42,7 @@ from distal.rig.quantities import (
 from distal.rig.tendons import Tendon
 from distal.units import to_si, unit_factor
 
-COUNTS = frozenset({"count", "counts", "tick", "ticks"})
+COUNTS = frozenset({"count", "counts", "cnt", "inc", "pulses", "qc", "tick", "ticks"})
 """Names of the unit of an encoder that counts."""
 
 

@@ -23,7 +23,7 @@ from tests.estimators.adaptive.rigs import (
 )
 from tests.estimators.adaptive.twin import Twin
 
-NONE, DEFAULT = Robustness.none(), Robustness()
+NONE, DEFAULT = Robustness.none(), Robustness.usual(1)
 EVERY = ("nothing",)  # leave out no sensor
 NOMINAL = {"drives.1.nominal_force": {"value": 3.0, "std": 1.0}}
 NO_FORCE, NO_POSITION = ("u2", "t1", "encoder"), ("x2", "t1", "encoder")
@@ -274,6 +274,11 @@ GUARDS = {
         UNDECLARED,
         {"wild_displacement": 6.0, "real_jump": 1e-3},
         ("believed after a wild one",),
+    ),
+    "a zero that jumps": (
+        UNDECLARED,
+        {"wild_displacement": 6.0, "zeros_jump": True},
+        ("a zero that jumped",),
     ),
     "bend": (UNDECLARED, {"bend_share": 0.12}, ()),
     "follow time": (UNDECLARED, {"follow_time": 0.02}, LOST),

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from math import ceil, cos, exp, inf, log, pi, sqrt
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -42,6 +43,9 @@ class DriveMemory:
     effort: float = 0.0  # Ū
     direction: float = 0.0  # t_c
     residual: float = 0.0  # r̄
+    o: float = 0.0
+    sigma_o: float = 0.0
+    read: float = 0.0  # U of its last reading
 
 
 @dataclass
@@ -53,6 +57,7 @@ class Tracked:
     grown: float  # u⁺ − u
     bend: float
     variance: float  # R_s
+    sigma_o: float = 0.0
 
 
 @dataclass
@@ -146,6 +151,9 @@ class Twin:
                     self.taken["first missing"] += 1
                 else:
                     self.drives[i].s = z - sensor.bias.value
+            force = self.force_of[i]
+            if force is not None and not np.isnan(sample[self.channels.index(force)]):
+                self.drives[i].read = self.effort(i, sample)
             k = self.at("transmitted", i)
             if k is not None:
                 force = self.force_of[i]
@@ -195,6 +203,13 @@ class Twin:
             z = d.s + (z - d.s) * (1.0 - exp(-dt / sensor.lag))
         tau = d.t + dt
         e = d.s + d.speed * dt
+        o, sigma_o = d.o, d.sigma_o
+        if self.guards.zeros_jump:  # (2b)
+            back = abs(z - e) < abs(z - o - e) / 2
+            if k > 0 and (back or (d.doubt > 0 and (z - o - e) * o > o**2 / 4)):
+                o = 0.0
+            sigma_o = 0.0 if o == 0 else sigma_o * exp(-dt / 1.2)
+            z -= o
         jump, far, p, judged = z - e, False, 1.0, False
         reach = self.guards.wild_displacement
         if reach < inf and k > 0:
@@ -202,6 +217,16 @@ class Twin:
             far = jump**2 > reach**2 * (d.square * tau**2 + u_before + 2 * noise)  # (1)
         if far:
             p, judged = self.chance(i, d, dt, jump, z_all, mask)  # (2)
+            if self.guards.zeros_jump and judged and d.doubt == 0 and p < 0.5:  # (2b)
+                change, shown, spread = self.pulls
+                risen = self.effort(i, z_all) - d.read
+                if risen * change < change**2 / 4 and change**2 > 9 * spread:
+                    o, sigma_o, p = o + jump, (1 - shown) * abs(jump) / 2, 0.0
+                    self.taken["a zero that jumped"] += 1
+        force = self.force_of[i]
+        read = d.read
+        if force is not None and mask[self.channels.index(force)] > 0:
+            read = self.effort(i, z_all)
         if k < 0:
             s = d.s + (z - d.s) / abs(k)
         else:
@@ -231,7 +256,7 @@ class Twin:
         good = b > 0.5
         bend = s - d.s - d.speed * dt if good else 0.0  # (5)
         r_s = noise + u + (self.guards.bend_share * bend) ** 2  # (6)
-        tracked = Tracked(d.s, s, u - d.u, bend, r_s)
+        tracked = Tracked(d.s, s, u - d.u, bend, r_s, sigma_o)
         self.taken["believed after a wild one"] += bool(d.doubt > 0 and good and k > 0)
         self.taken["missing displacement"] += k == 0
         self.taken["crossed"] += k < 0
@@ -243,8 +268,16 @@ class Twin:
             square=square,
             u=u,
             t=0.0 if good else tau,
+            o=o,
+            sigma_o=sigma_o,
+            read=read,
         )
         return tracked
+
+    def effort(self, i: int, z: Floats) -> float:
+        """U of a drive, less its known offset."""
+        force = self.force_of[i]
+        return float(z[self.channels.index(force)] - force.bias.value)
 
     def chance(
         self, i: int, d: DriveMemory, dt: float, jump: float, z: Floats, mask: Floats
@@ -254,6 +287,7 @@ class Twin:
         judged = force is not None and mask[self.channels.index(force)] > 0
         odds = log(guards.real_jump / (1 - guards.real_jump))
         stayed = d.doubt + max(dt - 0.025, 0.0)
+        held, shown = self.jump_of(i)
         odds += log(100) * stayed / (guards.persistence if judged else guards.persistence_alone)
         odds = min(odds, 50.0)
         if judged:
@@ -268,7 +302,7 @@ class Twin:
             still = self.m.copy()
             still[self.n_j : 2 * self.n_j] = 0.0
             found = self.model.compared(still, led, np.zeros(self.n_d))
-            pull, stiffness = found["pull"][0][i], found["pull"][2][i, i]
+            pull = found["pull"][0][i]
             limit, error, bias = (
                 found["mean"][0][i],
                 self.at("error", i),
@@ -282,10 +316,39 @@ class Twin:
             if self.at("transmitted", i) is not None:
                 spread += self.play_at_rest(i) ** 2
             y = z[self.channels.index(force)] - force.bias.value - pull
-            c = min(max(y / (stiffness * jump), 0.5), 2.0) if stiffness * jump != 0 else 0.5
-            expected = c * stiffness * jump
+            change = held * jump
+            if len(self.rig.tendons_of(self.rig.drive_names[i])) == 1:  # it may go slack
+                change = (
+                    max(change, -pull) if pull > 0 else min(change, -pull) if pull < 0 else change
+                )
+            self.pulls = change, shown, spread
+            c = min(max(y / change, shown / 2), 2.0) if change != 0 else shown / 2
+            expected = c * change
             odds += min(max((y - expected / 2) * expected / spread, -50.0), 50.0)
         return 1 / (1 + exp(-odds)), bool(judged)
+
+    def jump_of(self, i: int) -> tuple[float, float]:
+        """K_J with the joints held, and the share h of it that free joints leave in an interval."""
+        n = self.n_j
+        stiffness = np.zeros((n + self.n_d, n + self.n_d))
+        for tendon in self.rig.tendons:
+            row = np.zeros(n + self.n_d)
+            at = self.rig.drive_names.index(tendon.drive)
+            part = self.rig.drives[at]
+            row[n + at] = part.radius.value if part.kind == "capstan" else 1.0
+            if part.kind == "capstan" or tendon.side is not None:
+                row[n + at] *= tendon.winding
+            for name, arm in tendon.arms().items():
+                row[self.rig.joint_names.index(name)] = -arm
+            stiffness += tendon.stiffness.value * np.outer(row, row)
+        held = stiffness[n + i, n + i]
+        across = stiffness[:n, n + i]
+        u = np.linalg.pinv(stiffness[:n, :n]) @ across
+        at_rest = self.mechanism.mass_matrix(ca.SX.zeros(n + self.n_d))
+        numbers = self.mechanism.parameters
+        mass = ca.Function("mass", [numbers.symbols], [at_rest])(numbers.values).full()
+        phase = min(sqrt(across @ u / (u @ mass @ u)) * self.interval, pi / 2)
+        return held, min(max(1 - across @ u / held * (1 - cos(phase)), 0.0), 1.0)
 
     def error_at(self, i: int, s: float) -> tuple[float, Floats]:
         """ε(s) of a drive's position sensor at the mean, and its slope in x."""

@@ -151,7 +151,7 @@ def tracking(states: StateVector) -> ca.Function:
     for i in range(n):
         if context.position_sensor(i) is not None:
             judged = _judged(context, i)
-            track = track_function(context.robustness, judged, context.joints_follow)
+            track = track_function(context.robustness, judged)
             drives[i] = track(memory[MEMORY * i : MEMORY * (i + 1)], readings[i], x[0])
     bends, variances = ([drive[k] for drive in drives] for k in (MEMORY, MEMORY + 1))
     vector = ca.vertcat(*(drive[:MEMORY] for drive in drives), *bends, *variances)
@@ -167,14 +167,18 @@ READING = Layout(
     missing=1,
     force_mask=1,
     stiffness=1,
+    shown=1,
+    taut=1,
     variance=1,
     effort=1,
 )
 """Layout of what is read of each drive: its position [m, rad], the mask of that, the variance of
 the sensor's random error; the time without a reading after which the sensor may not come back [s],
 and the growth of the std of the position after that time [m/s, rad/s]. Of its force: measured minus
-expected at the position that the mean speed leads to, U − F, its mask, the stiffness ∂F/∂s, the
-variance of U − F where there was no jump (noise, friction, uncertainty of the pull), and U. Source:
+expected at the position that the mean speed leads to, U − F, its mask, the stiffness ∂F/∂s with the
+joints held, the share of it that a jump shows (`FilterContext.jumps`), the pull F of a drive with
+one tendon, which can go slack, else 0; the variance of U − F where there was no jump (noise,
+friction, uncertainty of the pull), and U. Source:
 definition (layout of a vector).
 """
 
@@ -201,7 +205,7 @@ def _readings(states: StateVector) -> ca.Function:
     ]
     q = states.coordinates(mean, led)
     v = ca.SX.zeros(context.mechanism.n_bodies)
-    _, pulls, _, limits, _, _, slopes = mechanics_function(context)(q, v, states.parameters(mean))
+    _, pulls, _, limits, *_ = mechanics_function(context)(q, v, states.parameters(mean))
     table = ca.SX(READING.size, n)
     for i in range(n):
         sensor = context.position_sensor(i)
@@ -229,13 +233,23 @@ def _readings(states: StateVector) -> ca.Function:
             spread = context.noise(force) + friction**2 + (PULL_STD * pull) ** 2
             if states.transmitted(i) is not None:  # the play takes up as much as its limit
                 spread += context.number(f"drives.{i}.play_limit") ** 2
-            stiffness = slopes[nj + i, nj + i]
-            mask = context.mask(x, force)
-            table[5:, i] = ca.vertcat(effort - pull, mask, stiffness, spread, effort)
+            stiffness, shown = (
+                context.number(f"drives.{i}.{name}") for name in ("held_stiffness", "shown_share")
+            )
+            alone = len(context.mechanism.rig.tendons_of(context.mechanism.rig.drive_names[i])) == 1
+            table[5:, i] = ca.vertcat(
+                effort - pull,
+                context.mask(x, force),
+                stiffness,
+                shown,
+                pull if alone else 0,
+                spread,
+                effort,
+            )
     return ca.Function("readings", [mean, memory, x, p], [ca.cse(ca.densify(table))])
 
 
-def track_function(robustness: Robustness, judged: bool, follows: bool) -> ca.Function:
+def track_function(robustness: Robustness, judged: bool) -> ca.Function:
     """Return the function (memory, `READING`, dt) → what is known of a drive after a reading,
     `TRACKED`; a missing reading is bridged by the mean speed, which fades.
 
@@ -247,14 +261,13 @@ def track_function(robustness: Robustness, judged: bool, follows: bool) -> ca.Fu
     Args:
         robustness: the guards.
         judged: whether the drive's force can tell a real jump from a wild reading.
-        follows: whether the joints follow a jump within one interval, which then leaves no force.
     """
     memory = ca.SX.sym("memory", MEMORY)
     readings = ca.SX.sym("readings", READING.size)
     dt = ca.SX.sym("dt")
     position, doubt, speed, square, unknown, lost, shift, shift_std, effort = ca.vertsplit(memory)
     reading, mask, noise, dead, wandering, *force = ca.vertsplit(readings)
-    missing, force_mask, stiffness, variance, force_now = force
+    missing, force_mask, stiffness, shown, taut, variance, force_now = force
     expected = position + speed * dt
     time = lost + dt
     bridged = is_bridge(mask)
@@ -268,10 +281,12 @@ def track_function(robustness: Robustness, judged: bool, follows: bool) -> ca.Fu
     far = ca.logic_and(is_far(robustness, jump, square * time * time + lost_before, noise), read)
     judges: Scalar = ca.SX(0)
     evidence: Scalar = ca.SX(0)
-    pull = stiffness * jump
+    # a tendon alone does not push
+    pull = ca.if_else(taut > 0, ca.fmax(stiffness * jump, -taut), stiffness * jump)
+    pull = ca.if_else(taut < 0, ca.fmin(pull, -taut), pull)
     if judged:
         judges = is_read(force_mask)
-        evidence = jump_evidence(missing, pull, variance, 0.0 if follows else 0.5)
+        evidence = jump_evidence(missing, pull, variance, shown)
     # (2) the chance that a jump is real: between slow samples it may have been there since the mean
     # speed faded
     stayed = doubt + ca.fmax(dt - MOTION_TIME, 0)
@@ -281,8 +296,7 @@ def track_function(robustness: Robustness, judged: bool, follows: bool) -> ca.Fu
         first = ca.logic_and(ca.logic_and(far, judges), ca.logic_and(doubt <= 0, real < 0.5))
         jumped = ca.logic_and(first, zero_jumped(force_now - effort, pull, variance))
         shift += ca.if_else(jumped, jump, 0)
-        if follows:
-            shift_std = ca.if_else(jumped, ca.fabs(jump) / 2, shift_std)
+        shift_std = ca.if_else(jumped, (1 - shown) * ca.fabs(jump) / 2, shift_std)
         real = ca.if_else(jumped, 0, real)
     # a gap is crossed in a straight line to the reading that ends it
     line = position + (reading - position) / rows_left(mask)

@@ -125,7 +125,7 @@ def _with_maps(
         read = values[columns], is_present[columns]
         function = map_function(Shape.of(learned), len(learned.joints))
         begun = begun_by(learned, *read)
-        angles, _, spreads, _ = function(begun, 0, *read, map_parameters(learned))
+        angles, _, spreads, _ = function(begun, 0, *read, map_parameters(learned), 0)
         for k, joint in enumerate(joints):
             better = spreads[k] < variances[joint]
             mean[joint] = ca.if_else(better, angles[k], mean[joint])
@@ -305,7 +305,31 @@ class AdaptiveFilter(KernelEstimator):
         n = len(self.states.names)
         shares = tuple(self._of_torques("share"))
         variances = [n + i * (n + 1) for i in range(self.states.context.n_joints)]
-        return reporting_function(function, self._reported, self.positions, variances, shares)
+        return reporting_function(
+            function, self._reported, self.positions, variances, shares, self._tracked(function)
+        )
+
+    def _tracked(self, function: ca.Function) -> ca.Function:
+        """Return the function (kernel_state, p) → the positions of the drives as their sensors
+        should read them, and their variances beyond noise.
+        """
+        context = self.states.context
+        drives = context.mechanism.rig.drive_names
+        begin = adaptive_layout(self.states)["drives"].start
+        state, p = (ca.SX.sym(name, function.size1_in(k)) for name, k in (("state", 0), ("p", 2)))
+        found = []
+        for sensor in context.channels.positions:
+            position, unknown, shift_std = (
+                state[begin + remembered_position(drives.index(sensor.of), name)]
+                for name in ("position", "unknown", "shift_std")
+            )
+            offset = context.corrected(sensor, ca.SX(0))
+            gain = context.corrected(sensor, ca.SX(1)) - offset
+            found.append(((position - offset) / gain, (unknown + shift_std**2) / gain**2))
+        outputs = [ca.vertcat(*column) for column in zip(*found)]
+        symbols = context.mechanism.parameters.symbols
+        outputs = ca.substitute(outputs, [symbols], [p[: symbols.numel()]])
+        return ca.Function("tracked", [state, p], outputs)
 
     def prior_function(self) -> ca.Function:
         """Return the function (values, mask, p) → (mean, covariance's diagonal, memory) before the
@@ -384,7 +408,6 @@ class AdaptiveFilter(KernelEstimator):
             channels=(context.channels.names, lagging),
             states=self.states.structure,
             friction_declared=tuple(map(context.declares_friction, range(context.n_drives))),
-            joints_follow_a_jump=context.joints_follow,
             joints_settle=context.joints_settle,
             sub_steps=self.substeps,
             guards=context.robustness,

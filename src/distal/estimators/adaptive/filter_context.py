@@ -25,11 +25,6 @@ MOST_TRAVELS = 20.0
 """Largest distance of a drive from the middle of its travel, in travels [1]. Source: judgement."""
 
 
-FOLLOWS = 2.0
-"""Phase of a joint's own oscillation in one interval, above which the joint follows a jump within
-it [rad]; a quarter turn is π/2. Source: benchmark (benchmarks.ablation).
-"""
-
 SETTLES = 30.0
 """Phase of a joint's own oscillation in one interval, above which the oscillation is over within it
 [rad]: to follow it would take 50 sub-steps. Source: judgement.
@@ -210,11 +205,36 @@ class FilterContext:
         return joint_frequency(self.mechanism)
 
     @cached_property
-    def joints_follow(self) -> bool:
-        """Whether a joint follows a jump of its drive within one interval: `frequency` times the
-        interval is above `FOLLOWS`.
+    def jumps(self) -> list[tuple[float, float]]:
+        """The stiffness of each drive with the joints held, and the least share of it that its
+        force shows of a jump within one interval [1].
+
+        With the stiffness K of the tendons in the coordinates of drives d and joints q, joints that
+        follow by u = K_qq⁻¹ K_qd leave K_dd − K_dq u. They do so with ω² = K_dq u/uᵀ M u
+        (Rayleigh's quotient); what they have not followed yet of the rest is cos(ω T).
         """
-        return self.frequency * self.channels.interval > FOLLOWS
+        mechanism = self.mechanism
+        rig = mechanism.rig
+        n = self.n_joints
+        arms = np.zeros((len(rig.tendons), n + self.n_drives))
+        for row, tendon in zip(arms, rig.tendons):
+            drive = rig.drive_names.index(tendon.drive)
+            for name, arm in tendon.arms().items():
+                row[rig.joint_names.index(name)] = -arm
+            wound = rig.drives[drive].kind == "capstan" or tendon.side is not None
+            row[n + drive] = self.lever(drive) * (tendon.winding if wound else 1)
+        stiffness = (arms.T * [tendon.stiffness.value for tendon in rig.tendons]) @ arms
+        across, held = stiffness[:n, n:], np.diag(stiffness)[n:]
+        motion = np.linalg.pinv(stiffness[:n, :n]) @ across
+        followed = np.sum(across * motion, axis=0)
+        symbols = mechanism.parameters.symbols
+        masses = mechanism.mass_matrix(ca.SX.zeros(mechanism.n_bodies))
+        mass = ca.Function("mass", [symbols], [masses])(mechanism.parameters.values).full()
+        inertia = np.sum(motion * (mass @ motion), axis=0)
+        frequencies = np.sqrt(followed / np.maximum(inertia, 1e-300))
+        turned = np.minimum(frequencies * self.channels.interval, np.pi / 2)
+        shown = 1.0 - followed / np.maximum(held, 1e-300) * (1.0 - np.cos(turned))
+        return list(zip(held.tolist(), np.clip(shown, 0.0, 1.0).tolist()))
 
     @cached_property
     def joints_settle(self) -> bool:

@@ -83,6 +83,9 @@ def parameters_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
         low, high = drive_travel(rig, i)
         yield f"{path}.travel.low", low
         yield f"{path}.travel.high", high
+        held, shown = context.jumps[i]
+        yield f"{path}.held_stiffness", held
+        yield f"{path}.shown_share", shown
         yield f"{path}.nominal_force", drive.nominal_force.value
         yield f"{path}.nominal_force.std", drive.nominal_force.std
     for t in range(len(rig.tendons)):

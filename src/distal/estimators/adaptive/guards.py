@@ -170,7 +170,7 @@ class Robustness:
             felt: whether logs said what is normal of the rig's forces in free motion.
         """
         if n_joints == 1:
-            return cls(opens_torques=felt)
+            return cls(opens_torques=felt, zeros_jump=True)
         return cls(
             sticking_time=0.1,
             turning_time=0.05,
@@ -217,22 +217,21 @@ function).
 """
 
 
-def jump_evidence(change: Scalar, expected: Scalar, variance: Scalar, least: float = 0.5) -> Scalar:
+def jump_evidence(change: Scalar, expected: Scalar, variance: Scalar, shown: Scalar) -> Scalar:
     """Return the logarithm of the likelihood ratio of a real jump to a wild reading, from the
     change of the drive's force: (2).
 
     A light slider rings after a jump: it may be seen anywhere from half to twice as far as its
-    force says. A joint that follows within one interval leaves no change of force; then `least` is
-    0, and it may be seen from nowhere to twice as far.
+    force says, of which joints that follow leave a share.
 
     Args:
         change: of the force since the last position that was believed [N, N m].
         expected: change that the jump would make, ∂F/∂s times the jump.
         variance: of the difference of `change` and `expected`.
-        least: smallest share of the expected change that a real jump may show.
+        shown: share of the expected change that is left when the joints have followed [1].
     """
     ratio = change * expected / ca.fmax(expected * expected, 1e-300)
-    explained = ca.fmin(ca.fmax(ratio, least), 2) * expected
+    explained = ca.fmin(ca.fmax(ratio, shown / 2), 2) * expected
     return ca.fmin(
         ca.fmax((change - explained / 2) * explained / variance, -MOST_EVIDENCE), MOST_EVIDENCE
     )
@@ -299,7 +298,7 @@ def zero_jumped(change: Scalar, pull: Scalar, variance: Scalar) -> Scalar:
 
     Args:
         change: of the force since its last reading [N, N m].
-        pull: by which a jump of the drive would change it.
+        pull: by which a jump of the drive would change it at least.
         variance: of the force where there was no jump.
     """
     return ca.logic_and(change * pull < SHOWS * pull**2, pull**2 > LONGEST_SLIP**2 * variance)

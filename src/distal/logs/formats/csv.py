@@ -101,6 +101,7 @@ def _read(path: Path, file: BinaryIO, columns: Sequence[str] | None) -> Cells:
     row = first_row
     line = b"".join(lines[first_row - 1 :])
     odd = ""  # what is wrong with the first row that holds no readings
+    left_out = False
     repeated = list[int]()
     while block := line + file.read(BLOCK) + file.readline(longest):
         line = b""
@@ -113,6 +114,7 @@ def _read(path: Path, file: BinaryIO, columns: Sequence[str] | None) -> Cells:
                 repeated.append(row)
             elif len(cells) != len(names) or (odd and not all(map(_is_value, cells))):
                 odd = odd or f"row {row}: {_mismatch(cells, names, row == first_row)}"
+                left_out |= bool("".join(cells).strip())
                 if len(cells) > len(names) and all(map(_is_value, cells)):
                     raise LogError(f"{path}: {odd}")
             elif odd:
@@ -128,7 +130,7 @@ def _read(path: Path, file: BinaryIO, columns: Sequence[str] | None) -> Cells:
     if odd and not any(map(len, held.values())):
         raise LogError(f"{path}: {odd}")
     notes = []
-    if odd and not odd.endswith(BLANK):
+    if left_out:
         notes.append(f"{odd}; it and what follows are left out")
     if repeated:
         notes.append(
@@ -140,14 +142,10 @@ def _read(path: Path, file: BinaryIO, columns: Sequence[str] | None) -> Cells:
     return Cells(held, path, first_row, names)
 
 
-BLANK = "is blank; remove it"
-"""What is said of a row without any cell."""
-
-
 def _mismatch(cells: Sequence[str], names: Sequence[str], is_first: bool) -> str:
     """Return what is wrong with a row that has not one cell for each name."""
     if not "".join(cells).strip():
-        return BLANK
+        return "is blank; remove it"
     if len(cells) == len(names):
         return f"'{cells[0]}' is no reading"
     text = (

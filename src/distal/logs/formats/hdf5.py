@@ -34,6 +34,9 @@ def read_hdf5(path: Path, columns: Sequence[str] | None) -> Cells:
             parts = dict[str, Any]()
             file.visititems(parts.__setitem__)
             sets = {name: part for name, part in parts.items() if _is_column(part)}
+            groups = {name.rpartition("/")[0] for name in sets}
+            if len(groups) == 1:  # a group of all adds nothing to their names
+                sets = {name.rpartition("/")[2]: part for name, part in sets.items()}
             positions = {
                 column: (name, k)
                 for name, part in sets.items()
