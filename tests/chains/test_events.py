@@ -167,7 +167,7 @@ def tracked(
         position, seen = (0.0, MISSING) if np.isnan(value) else (value, READ)
         effort = pulls * position
         of_force = [effort + off, READ, 2500.0, shown, 0.0, 0.1, effort]
-        now = np.array(step(now, [position, seen, 2.5e-11, 0.0, 0.0, *of_force], dt)).ravel()
+        now = np.array(step(now, [position, seen, 2.5e-11, 0.0, 0.0, 0.0, *of_force], dt)).ravel()
         now = now[:MEMORY]
         found.append(dict(zip(REMEMBERED, now)))
     return found

@@ -22,7 +22,7 @@ def test_the_place_becomes_unknown_at_a_constant_rate() -> None:
     step = track_function(Robustness.usual(1), judged=False)
     now, found = np.zeros(MEMORY), []
     for _ in range(200):
-        silent = [0.0, MISSING, noise, dead, wandering, *np.zeros(7)]
+        silent = [0.0, MISSING, noise, dead, wandering, *np.zeros(8)]
         now = np.array(step(now, silent, dt)).ravel()[:MEMORY]
         found.append(now[4])
     time = dt * np.arange(1, 201)

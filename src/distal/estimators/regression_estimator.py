@@ -19,6 +19,7 @@ from distal.estimators.adaptive.drive_tracking import (
     WANDERING,
     track_function,
 )
+from distal.estimators.adaptive.filter_inputs import usual_square
 from distal.estimators.adaptive.guards import Robustness
 from distal.estimators.estimator_protocol import KernelEstimator
 from distal.estimators.read_channels import UNKNOWN_POSITION, Channels, channels_of, dead_after
@@ -158,15 +159,9 @@ class RegressionEstimator(KernelEstimator):
     def _judged(self, sensor: Sensor) -> Floats:
         """Return what a position is judged by, as in `JUDGED`."""
         kind = next(drive.kind for drive in self.rig.drives if drive.name == sensor.of)
-        usual = [
-            float(learned.arrays[name][learned.channels.index(sensor.name)])
-            for learned in self.maps
-            if sensor.name in learned.channels
-            for name in ("rate", "scale")
-        ]
-        speed = usual[0] * usual[1] if usual else 0.0
         wandering = UNKNOWN_POSITION[kind] / WANDERING
-        return np.array([variance(sensor), dead_after(sensor), wandering, speed**2])
+        usual = usual_square(self.rig.with_map(readings=self.maps), sensor)
+        return np.array([variance(sensor), dead_after(sensor), wandering, usual])
 
     @one_blas_thread()
     def after_homing(self, log: Log, homing: float) -> RegressionEstimator:
@@ -250,7 +245,7 @@ class RegressionEstimator(KernelEstimator):
         return ca.Function("prior", [values, mask, p], [mean, spread, ca.vertcat(*memories)])
 
 
-JUDGED = Layout(noise=1, dead=1, wandering=1, square=1)
+JUDGED = Layout(noise=1, dead=1, wandering=1, usual=1)
 """Layout of what a position is judged by: the variance of its noise, the time without a value after
 which it may not come back [s], the growth of its std after that, and its usual mean square speed.
 Source: definition (layout of a vector).
@@ -275,19 +270,17 @@ def regression_function(
     p = ca.MX.sym("p", sum(sizes) + JUDGED.size * positions)
     p_left = p
     track = track_function(Robustness(), False)
-    believed, doubts, drives = x[1 : 1 + width], ca.MX.zeros(width), []
+    readings, masks, drives = x[1 : 1 + width], x[1 + width :], []
     for k in range(positions):
         at = sum(sizes) + JUDGED.size * k
         of = JUDGED.parts(p[at : at + JUDGED.size])
         was = kernel_state[layout["drives"]][MEMORY * k : MEMORY * (k + 1)]
-        square = REMEMBERED.index("square")
-        was[square] = ca.fmax(was[square], of["square"])
         came = {"reading": x[1 + k], "mask": x[1 + width + k]}
-        came |= {name: of[name] for name in ("noise", "dead", "wandering")}
+        came |= {name: of[name] for name in JUDGED.names}
         reading = ca.vertcat(*(came.get(name, 0) for name in READING.names))
         drive = track(was, reading, x[0])
-        believed[k] = drive[REMEMBERED.index("position")]
-        doubts[k] = drive[REMEMBERED.index("unknown")]
+        readings[k] = drive[REMEMBERED.index("position")]
+        masks[k] *= drive[REMEMBERED.index("lost")] <= 0
         drives.append(drive[:MEMORY])
     mean = ca.MX.zeros(n)
     spread = ca.MX.zeros(n, n)
@@ -302,10 +295,10 @@ def regression_function(
         values, _, variances, following = map_function(shape, len(rows))(
             memory,
             x[0],
-            believed[columns],
-            x[[1 + width + i for i in columns]],
+            readings[columns],
+            masks[columns],
             parameters,
-            doubts[columns],
+            ca.MX.zeros(shape.channels),
         )
         stds = ca.sqrt(variances)
         mean[rows] = values

@@ -179,7 +179,7 @@ def reporting_function(
     """Return the function (kernel_state, x, p) → (kernel_state⁺, y) of a filter that also reports
     some of its states with learned maps.
 
-    The filter's own states are as without maps. In y, after the filter's own outputs, stand for
+    The filter's own states are as without this. In y, after the filter's own outputs, stand for
     each map the reported values of its states, the gains of these states' own errors, and the
     variances that are added; see `distal.estimators.estimator_protocol`. Channels that say where a
     joint is known to stand condition the map; the filter does not read them.
@@ -198,7 +198,8 @@ def reporting_function(
         touched: for each joint that may be touched, the index in the kernel state of the share that
             a touch has of it.
         tracked: function (kernel_state, p) → positions of drives as their sensors should read them,
-            and their variances beyond noise; None: they are read as they come.
+            whether they are believed, and their variances beyond noise; None: they are read as they
+            come.
     """
     n_kernel_state = inner.size1_in(0)
     n_parameters = inner.size1_in(2)
@@ -215,16 +216,16 @@ def reporting_function(
     at = n_kernel_state
     number = n_parameters
     doubts = ca.MX.zeros(width)
-    believed = x[1 : 1 + width]
+    readings, masks = x[1 : 1 + width], x[1 + width :]
     if tracked is not None:
-        positions_read, variances_read = tracked(following, p[:n_parameters])
-        count = positions_read.numel()
-        believed[:count] = positions_read
-        doubts[:count] = variances_read
+        believed = tracked(following, p[:n_parameters])
+        count = believed[0].numel()
+        readings[:count], masks[:count] = believed[0], masks[:count] * believed[1]
+        doubts[:count] = believed[2]
     opened = reduce(ca.fmax, (following[at] for at in touched), ca.MX(0))
     for placed in maps:
         inputs: list[VectorNode] = [
-            believed[i]
+            readings[i]
             if positions[i] is None or not placed.learned.beside_filter
             else following[positions[i]]
             for i in placed.channels
@@ -232,7 +233,7 @@ def reporting_function(
         angles = following[list(placed.states)]
         if placed.shape.angles:
             inputs.append(angles)
-        mask = x[[1 + width + i for i in placed.channels]]
+        mask = (x[1 + width :] if placed.learned.beside_filter else masks)[list(placed.channels)]
         memory = kernel_state[at : at + placed.size]
         parameters = p[number : number + placed.parameters]
         of_doubt = doubts[list(placed.channels)]

@@ -46,6 +46,7 @@ class DriveMemory:
     o: float = 0.0
     sigma_o: float = 0.0
     read: float = 0.0  # U of its last reading
+    same: int = 0  # how often it came again
 
 
 @dataclass
@@ -217,16 +218,17 @@ class Twin:
             far = jump**2 > reach**2 * (d.square * tau**2 + u_before + 2 * noise)  # (1)
         if far:
             p, judged = self.chance(i, d, dt, jump, z_all, mask)  # (2)
-            if self.guards.zeros_jump and judged and d.doubt == 0 and p < 0.5:  # (2b)
+            if self.guards.zeros_jump and judged and d.t == 0 and d.same < 3 and p < 0.5:  # (2b)
                 change, shown, spread = self.pulls
                 risen = self.effort(i, z_all) - d.read
                 if risen * change < change**2 / 4 and change**2 > 9 * spread:
                     o, sigma_o, p = o + jump, (1 - shown) * abs(jump) / 2, 0.0
                     self.taken["a zero that jumped"] += 1
         force = self.force_of[i]
-        read = d.read
+        read, same = d.read, 0
         if force is not None and mask[self.channels.index(force)] > 0:
             read = self.effort(i, z_all)
+            same = d.same + 1 if read == d.read else 0
         if k < 0:
             s = d.s + (z - d.s) / abs(k)
         else:
@@ -271,6 +273,7 @@ class Twin:
             o=o,
             sigma_o=sigma_o,
             read=read,
+            same=same,
         )
         return tracked
 

@@ -37,6 +37,11 @@ PULL_STD = 0.1
 angle [1]. Source: benchmark (benchmarks.ablation).
 """
 
+OLD = 3.0
+"""Number of exact repetitions in a row from which on a force may be an old one [1]. Source:
+judgement.
+"""
+
 WANDERING = 1.0
 """Time in which the std of a drive's position grows by `UNKNOWN_POSITION` where no reading comes
 back [s]. Source: benchmark (benchmarks.ablation).
@@ -58,6 +63,7 @@ class Drive:
         shift: by which the zero of the position sensor has jumped [m, rad].
         shift_std: std of `shift`, where nothing says whether the drive or the zero jumped [m, rad].
         effort: last reading of the drive's force sensor [N, N m].
+        repeats: number of readings of that sensor in a row which were exactly the same [1].
         bend: change of displacement from one interval to the next, of which a straight line between
             samples misses a share.
         variance: of the position, for the filter: noise, what is unknown, what a straight line
@@ -73,6 +79,7 @@ class Drive:
     shift: Scalar
     shift_std: Scalar
     effort: Scalar
+    repeats: Scalar
     bend: Scalar
     variance: Scalar
 
@@ -164,6 +171,7 @@ READING = Layout(
     noise=1,
     dead=1,
     wandering=1,
+    usual=1,
     missing=1,
     force_mask=1,
     stiffness=1,
@@ -174,7 +182,8 @@ READING = Layout(
 )
 """Layout of what is read of each drive: its position [m, rad], the mask of that, the variance of
 the sensor's random error; the time without a reading after which the sensor may not come back [s],
-and the growth of the std of the position after that time [m/s, rad/s]. Of its force: measured minus
+the growth of the std of the position after that time [m/s, rad/s], and its mean square speed in the
+logs that taught the rig, 0 where none did. Of its force: measured minus
 expected at the position that the mean speed leads to, U − F, its mask, the stiffness ∂F/∂s with the
 joints held, the share of it that a jump shows (`FilterContext.jumps`), the pull F of a drive with
 one tendon, which can go slack, else 0; the variance of U − F where there was no jump (noise,
@@ -222,8 +231,9 @@ def _readings(states: StateVector) -> ca.Function:
         rate = context.number(f"{context.path(sensor)}.rate")
         dead = ca.fmax(context.robustness.dead_time, DEAD_INTERVALS / rate)
         wandering = UNKNOWN_POSITION[context.mechanism.rig.drives[i].kind] / WANDERING
-        table[:5, i] = ca.vertcat(
-            reading, context.mask(x, sensor), context.noise(sensor), dead, wandering
+        usual = context.number(f"{context.path(sensor)}.usual_square")
+        table[:6, i] = ca.vertcat(
+            reading, context.mask(x, sensor), context.noise(sensor), dead, wandering, usual
         )
         if force is not None and _judged(context, i):
             friction = limits[nj + i] + states.added(("friction", i), mean)
@@ -237,7 +247,7 @@ def _readings(states: StateVector) -> ca.Function:
                 context.number(f"drives.{i}.{name}") for name in ("held_stiffness", "shown_share")
             )
             alone = len(context.mechanism.rig.tendons_of(context.mechanism.rig.drive_names[i])) == 1
-            table[5:, i] = ca.vertcat(
+            table[6:, i] = ca.vertcat(
                 effort - pull,
                 context.mask(x, force),
                 stiffness,
@@ -265,8 +275,11 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
     memory = ca.SX.sym("memory", MEMORY)
     readings = ca.SX.sym("readings", READING.size)
     dt = ca.SX.sym("dt")
-    position, doubt, speed, square, unknown, lost, shift, shift_std, effort = ca.vertsplit(memory)
-    reading, mask, noise, dead, wandering, *force = ca.vertsplit(readings)
+    position, doubt, speed, square, unknown, lost, shift, shift_std, effort, repeats = ca.vertsplit(
+        memory
+    )
+    reading, mask, noise, dead, wandering, usual, *force = ca.vertsplit(readings)
+    square = ca.fmax(square, usual)
     missing, force_mask, stiffness, shown, taut, variance, force_now = force
     expected = position + speed * dt
     time = lost + dt
@@ -293,7 +306,9 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
     real = ca.if_else(far, chance_of_jump(robustness, stayed, evidence, judges), 1)
     # (2b) or the zero of its sensor has jumped, and the drive goes on as it did
     if robustness.zeros_jump and judged:
-        first = ca.logic_and(ca.logic_and(far, judges), ca.logic_and(doubt <= 0, real < 0.5))
+        # not after a gap, or old readings, while the drives may have gone anywhere together
+        seen_last = ca.logic_and(lost <= 0, repeats < OLD)
+        first = ca.logic_and(ca.logic_and(far, judges), ca.logic_and(seen_last, real < 0.5))
         jumped = ca.logic_and(first, zero_jumped(force_now - effort, pull, variance))
         shift += ca.if_else(jumped, jump, 0)
         shift_std = ca.if_else(jumped, (1 - shown) * ca.fabs(jump) / 2, shift_std)
@@ -331,6 +346,7 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
         shift=shift,
         shift_std=shift_std,
         effort=ca.if_else(judges, force_now, effort),
+        repeats=ca.if_else(ca.logic_and(judges, force_now == effort), repeats + 1, 0),
         bend=bend,
         variance=noise + unknown + (robustness.bend_share * bend) ** 2,
     )

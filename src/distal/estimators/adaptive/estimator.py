@@ -311,7 +311,7 @@ class AdaptiveFilter(KernelEstimator):
 
     def _tracked(self, function: ca.Function) -> ca.Function:
         """Return the function (kernel_state, p) → the positions of the drives as their sensors
-        should read them, and their variances beyond noise.
+        should read them, whether they are believed, and their variances beyond noise.
         """
         context = self.states.context
         drives = context.mechanism.rig.drive_names
@@ -319,13 +319,13 @@ class AdaptiveFilter(KernelEstimator):
         state, p = (ca.SX.sym(name, function.size1_in(k)) for name, k in (("state", 0), ("p", 2)))
         found = []
         for sensor in context.channels.positions:
-            position, unknown, shift_std = (
+            position, lost, shift_std = (
                 state[begin + remembered_position(drives.index(sensor.of), name)]
-                for name in ("position", "unknown", "shift_std")
+                for name in ("position", "lost", "shift_std")
             )
             offset = context.corrected(sensor, ca.SX(0))
             gain = context.corrected(sensor, ca.SX(1)) - offset
-            found.append(((position - offset) / gain, (unknown + shift_std**2) / gain**2))
+            found.append(((position - offset) / gain, lost <= 0, (shift_std / gain) ** 2))
         outputs = [ca.vertcat(*column) for column in zip(*found)]
         symbols = context.mechanism.parameters.symbols
         outputs = ca.substitute(outputs, [symbols], [p[: symbols.numel()]])

@@ -116,8 +116,20 @@ def _of_sensor(context: FilterContext, sensor: Sensor) -> Iterator[tuple[str, fl
         yield f"{path}.gain", gain_of(sensor).value
     if sensor.measures == "position":
         centre, away = context.possible_positions(sensor)
+        yield f"{path}.usual_square", usual_square(context.mechanism.rig, sensor)
         yield f"{path}.centre", centre
         yield f"{path}.farthest", away
+
+
+def usual_square(rig: Rig, sensor: Sensor) -> float:
+    """Return the mean square speed of a position in the logs that taught a rig [m²/s², rad²/s²], 0
+    where none did.
+    """
+    for learned in () if rig.map is None else (*rig.map.filter, *rig.map.readings):
+        if sensor.name in learned.channels:
+            at = learned.channels.index(sensor.name)
+            return float(learned.arrays["rate"][at] * learned.arrays["scale"][at]) ** 2
+    return 0.0
 
 
 @dataclass(frozen=True)
