@@ -279,7 +279,7 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
         memory
     )
     reading, mask, noise, dead, wandering, usual, *force = ca.vertsplit(readings)
-    square = ca.fmax(square, usual)
+    recent = ca.fmax(square, usual)
     missing, force_mask, stiffness, shown, taut, variance, force_now = force
     expected = position + speed * dt
     time = lost + dt
@@ -291,7 +291,7 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
     jump = reading - expected
     # (1) far: more than the recent motion can have led to
     lost_before = ca.if_else(doubt > 0, 0, unknown)
-    far = ca.logic_and(is_far(robustness, jump, square * time * time + lost_before, noise), read)
+    far = ca.logic_and(is_far(robustness, jump, recent * time * time + lost_before, noise), read)
     judges: Scalar = ca.SX(0)
     evidence: Scalar = ca.SX(0)
     # a tendon alone does not push
@@ -326,7 +326,7 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
     fade = ca.exp(-dt / (2 * MOTION_TIME))
     # (4) a drive that is lost goes on as it did: its error grows with time, not with the root of
     # time
-    astray = ca.fmax(unknown, square * time * time + noise)
+    astray = ca.fmax(unknown, recent * time * time + noise)
     # whatever it did before, it may have begun to move
     astray = ca.fmax(astray, (wandering * ca.fmax(time - dead, 0)) ** 2)
     doubted = (1 - real) * real * jump**2
