@@ -43,7 +43,6 @@ def nothing(*arguments: Any) -> Any:
 
 RULES: dict[str, tuple[str, str, Any]] = {
     "impossible positions": ("filter_context", "MOST_TRAVELS", 1e9),
-    "joints follow a jump": ("filter_context", "FOLLOWS", INF),
     "joints settle": ("filter_context", "SETTLES", INF),
     "most sub-steps": ("filter_context", "MOST_JOINT_SUBSTEPS", 10**6),
     "power of a lost position": ("guards", "STILL_LOST", 1),

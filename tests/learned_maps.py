@@ -66,6 +66,12 @@ def constant_map(joint: str, channels: tuple[str, ...], offset: float, std: floa
     return drawn.model_copy(update={"arrays": MapArrays(**arrays)})
 
 
+def resting(learned: LearnedMap) -> LearnedMap:
+    """Return a map of logs in which nothing moves: a filter judges positions as without it."""
+    arrays = {**learned.arrays.by_name, "rate": 0.0 * learned.arrays["rate"]}
+    return learned.model_copy(update={"arrays": MapArrays(**arrays)})
+
+
 def with_drawn(rig: Rig, seed: int = 8, size: float = 0.01) -> Rig:
     """Return a rig of one independent part with maps of both kinds, on its positions and forces."""
     position = tuple(s.name for s in rig.sensors_of("position"))
@@ -74,7 +80,7 @@ def with_drawn(rig: Rig, seed: int = 8, size: float = 0.01) -> Rig:
     channels = (*position, *others)
     return rig.with_map(
         readings=[drawn_map(joints, channels, False, seed, size)],
-        filter=[drawn_map(joints, channels, True, seed, size)],
+        filter=[resting(drawn_map(joints, channels, True, seed, size))],
     )
 
 

@@ -30,7 +30,7 @@ def test_every_symbol_has_one_line_and_one_meaning() -> None:
 def test_the_table_is_not_empty() -> None:
     table, pages, code = read()
     assert len(listed(table)) > 100
-    assert len(code) > 20
+    assert len(code) > 15
     assert sum(1 for page in pages.values() for _ in definitions_of(plain(page))) > 40
 
 

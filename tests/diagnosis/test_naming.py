@@ -145,7 +145,7 @@ def test_what_makes_the_filter_leave_a_sensor_out_explains_nothing(joint: Rig, l
     (swap,) = [cause for cause in causes_of(runs.estimator, 0.01) if cause.kind == "swap"]
     search = Search(runs, base, of_truth=True)
     assert search([{swap: 1.0}])
-    assert search([{replace(swap, ratio=1.0 / swap.ratio): 1.0}]) == []
+    assert search([{replace(swap, ratios=swap.ratios[::-1]): 1.0}]) == []
 
 
 def test_a_known_angle_speaks_against_what_innovations_allow() -> None:

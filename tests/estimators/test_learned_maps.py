@@ -24,11 +24,11 @@ from distal.estimators import AdaptiveFilter
 from distal.export.filter_source import c_filter
 from distal.logs import write_log
 from distal.regression import Shape, features_along
-from distal.rig import MapArrays, independent_parts
+from distal.rig import independent_parts
 from distal.simulation import Scenario
 from tests.export.test_export import build, needs_compiler, replayed
 from tests.hand_rigs import hand
-from tests.learned_maps import drawn_map, predict, with_drawn
+from tests.learned_maps import drawn_map, predict, resting, with_drawn
 from tests.support.maps import with_learned_map
 
 
@@ -58,10 +58,7 @@ def test_the_reported_angle_is_the_filters_and_the_maps(plain: Rig, rig: Rig, lo
     """θ + φᵀ m, its variance (share)² P and that of the map, at positions as the filter tracks
     them.
     """
-    drawn = drawn_map()
-    # with usual speeds of zero the filter judges positions as without a map
-    still = MapArrays(**{**drawn.arrays.by_name, "rate": 0.0 * drawn.arrays["rate"]})
-    only = plain.with_map(filter=[drawn.model_copy(update={"arrays": still})])
+    only = plain.with_map(filter=[resting(drawn_map())])
     learned = only.map.filter[0] if only.map else None
     assert learned is not None
     bare, ours = AdaptiveFilter(plain, False), AdaptiveFilter(only, False)

@@ -154,9 +154,13 @@ class Logs:
         """
         text = data.decode().removeprefix("\ufeff").replace("\r\n", "\n").strip("\r\n")
         lines = [line for line in text.split("\n") if line.strip(" \t\r")]
-        if len(read) != len(lines) - 1:
-            return broken(seed, f"{len(lines) - 1} lines, {len(read)} rows")
         separator = max((",", ";", "\t"), key=lines[0].count)
+        width = lines[0].count(separator)
+        whole = [line for line in lines[1:] if line.count(separator) == width]
+        if not len(whole) <= len(read) <= len(lines) - 1:
+            return broken(seed, f"{len(lines) - 1} lines, {len(read)} rows")
+        if len(read) < len(lines) - 1:
+            return TAKEN  # what is cut at the end is left out, with a warning
         if separator in CELLS or any(mark in text for mark in ('"', "'")):
             return TAKEN
         header = [name.strip() for name in lines[0].split(separator)]

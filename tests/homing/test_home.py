@@ -17,7 +17,7 @@ from distal.homing import home, plain_samples, samples_of_readings, with_prior_m
 from distal.rig import MapArrays
 from distal.run import samples_of
 from distal.simulation import build_scenario
-from tests.learned_maps import constant_map, drawn_map
+from tests.learned_maps import constant_map, drawn_map, resting
 
 homing_of_a_run = sys.modules["distal.homing.home"]
 
@@ -32,7 +32,7 @@ def log() -> Log:
 
 @pytest.fixture(scope="module")
 def rig() -> Rig:
-    return load_rig("capstan-joint").with_map(filter=[drawn_map()])
+    return load_rig("capstan-joint").with_map(filter=[resting(drawn_map())])
 
 
 def test_without_its_correction_a_filter_is_the_plain_one(rig: Rig, log: Log) -> None:

@@ -18,5 +18,5 @@ def test_no_other_module_names_a_colour() -> None:
         for path in (SOURCES / folder).rglob("*.py")
         if COLOUR.search(path.read_text(encoding="utf-8"))
     }
-    assert "plot_style.py" in named
-    assert named <= {"plot_style.py"}
+    assert "plots.py" in named
+    assert named <= {"plots.py"}

@@ -16,13 +16,14 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import combinations
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 from distal.arrays import Floats
 from distal.confidence import BAND, LARGE_PRIOR
-from distal.diagnosis.causes import UNITS, Cause, starts_of
+from distal.diagnosis.causes import UNITS, Cause, of_sensors, starts_of, swap
 from distal.diagnosis.finding import THRESHOLDS
 from distal.diagnosis.innovation_tests import SPAN, ScoreTest, independent, quantile
 from distal.estimators import AdaptiveFilter, Belief, Robustness, first_values
@@ -454,14 +455,13 @@ LONGEST_DELAY = 0.3
 """Largest delay of a reading [s]. Source: layout."""
 
 
-def wrong_readings(log: Log, rig: Rig, causes: Sequence[Cause]) -> list[tuple[Change, float]]:
+def wrong_readings(log: Log, rig: Rig) -> list[tuple[Change, float]]:
     """Return the changes of readings that take off most of what is not as in free motion, each with
     its gain in −2 ln p, the likeliest first.
 
     Args:
         log: of the rig.
         rig: with `LearnedMaps.efforts`.
-        causes: all that may be wrong; those of the rig itself are left out.
     """
     redundancy = replace(Redundancy.of(rig, list(log.channels)), supposes=False)
     names = redundancy.channels
@@ -482,10 +482,10 @@ def wrong_readings(log: Log, rig: Rig, causes: Sequence[Cause]) -> list[tuple[Ch
         share = float(np.mean((outside + unlike).any(axis=1)))
         return spans * float(np.mean(squares @ weights)) + far, share
 
-    read = [cause for cause in causes if cause.channels and {*cause.channels} <= {*names}]
+    read = list(of_sensors(rig, names, float(np.median(np.diff(time)))))
     before, share = judged(read[0], 0.0)
     tried = list[tuple[Cause, float, float]]()
-    for cause in [*read, *_of_all(rig, redundancy.efforts)]:
+    for cause in [*read, *_of_all(rig, names)]:
         costs = {x: judged(cause, x)[0] for x in (*cause.tried, *_sizes(cause, readings, names))}
         if costs:
             tried.append((cause, *min(costs.items(), key=lambda pair: pair[1])))
@@ -498,10 +498,17 @@ def wrong_readings(log: Log, rig: Rig, causes: Sequence[Cause]) -> list[tuple[Ch
     return sorted(trials, key=lambda trial: -trial[1])
 
 
-def _of_all(rig: Rig, efforts: Sequence[str]) -> Iterator[Cause]:
-    """Yield the units in which all forces may be read together."""
+def _of_all(rig: Rig, channels: Sequence[str]) -> Iterator[Cause]:
+    """Yield the units in which all positions or forces may be read together, and drives whose
+    readings are all exchanged.
+    """
+    read = [sensor for sensor in rig.sensors if sensor.name in channels]
+    for first, second in combinations(rig.drive_names, 2):
+        these, others = ([s for s in read if s.of == name] for name in (first, second))
+        if len(these) > 1 and [s.measures for s in these] == [s.measures for s in others]:
+            yield swap(f"{first} and {second}", these, others)
     for unit, factors in UNITS.items():
-        names = tuple(s.name for s in rig.sensors if s.name in efforts and s.si == unit)
+        names = tuple(s.name for s in read if s.si == unit)
         if len(names) > 1:
             yield Cause(
                 "scale",

@@ -30,7 +30,7 @@ CauseKind = Literal["scale", "zero", "delay", "swap", "arm", "stiffness", "frict
 UNITS: dict[str, dict[float, str]] = {
     "rad": {
         180 / np.pi: "like degrees",
-        np.pi / 180: "57.3 times too small (converted from degrees twice?)",
+        np.pi / 180: "57.3 times too small (radians that are read as degrees?)",
     },
     "m": {1e3: "like millimetres", 1e-3: "1000 times too small"},
     "N": {
@@ -72,11 +72,12 @@ class Cause:
     Args:
         kind: of the cause.
         subject: sensor, drive, tendon or joint, in words.
-        channels: whose readings it changes: one, or two that are exchanged.
+        channels: whose readings it changes: one, several of one unit, or those that are exchanged,
+            the first with the last and so on.
         paths: parameters of the rig that it changes.
         std: how well the rig itself knows it, in the unit of x.
         step: of x over which derivatives are taken.
-        ratio: what the first of two exchanged channels has for a unit of the second.
+        ratios: what each exchanged channel has for a unit of the other one.
         tried: values of x that are tried whatever the derivative: signs, units.
         unit: SI unit of the channel.
     """
@@ -87,7 +88,7 @@ class Cause:
     paths: tuple[str, ...] = ()
     std: float = 0.0
     step: float = STEP
-    ratio: float = 1.0
+    ratios: tuple[float, ...] = ()
     tried: tuple[float, ...] = field(default=(), compare=False)
     unit: str = ""
 
@@ -133,7 +134,7 @@ class Cause:
         elif self.kind == "delay":
             samples[:, columns[0]] = np.interp(time + x, time, readings[:, 0])
         elif self.kind == "swap":
-            exchanged = readings[:, ::-1] * np.array([self.ratio, 1.0 / self.ratio])
+            exchanged = readings[:, ::-1] * np.array(self.ratios)
             samples[:, columns] = (1.0 - x) * readings + x * exchanged
 
 
@@ -144,15 +145,21 @@ def causes_of(estimator: AdaptiveFilter, interval: float) -> list[Cause]:
         estimator: the filter.
         interval: between samples [s].
     """
-    return [*_of_sensors(estimator, interval), *_of_rig(estimator)]
+    return [*of_sensors(estimator.rig, estimator.channels, interval), *_of_rig(estimator)]
 
 
-def _of_sensors(estimator: AdaptiveFilter, interval: float) -> Iterator[Cause]:
-    rig = estimator.rig
+def of_sensors(rig: Rig, channels: Sequence[str], interval: float) -> Iterator[Cause]:
+    """Yield what may be wrong with the readings of some channels.
+
+    Args:
+        rig: of the sensors.
+        channels: their names.
+        interval: between samples [s].
+    """
     read = [
         sensor
         for sensor in rig.sensors
-        if sensor.name in estimator.channels and sensor.measures in ("position", "force", "tension")
+        if sensor.name in channels and sensor.measures in ("position", "force", "tension")
     ]
     for sensor in read:
         factors = (SIGN, *UNITS.get(sensor.si, ()))
@@ -173,13 +180,19 @@ def _of_sensors(estimator: AdaptiveFilter, interval: float) -> Iterator[Cause]:
         yield Cause("delay", sensor.name, channel, std=interval, step=0.5 * interval)
     for first, second in combinations(read, 2):
         if first.measures == second.measures or first.of == second.of:
-            yield Cause(
-                "swap",
-                f"{first.name} and {second.name}",
-                (first.name, second.name),
-                ratio=_unit(first) / _unit(second),
-                tried=(1.0,),
-            )
+            yield swap(f"{first.name} and {second.name}", [first], [second])
+
+
+def swap(subject: str, these: Sequence[Sensor], others: Sequence[Sensor]) -> Cause:
+    """Return the cause that the columns of some sensors and of others are exchanged."""
+    sensors = [*these, *others[::-1]]
+    return Cause(
+        "swap",
+        subject,
+        tuple(sensor.name for sensor in sensors),
+        ratios=tuple(_unit(a) / _unit(b) for a, b in zip(sensors, sensors[::-1])),
+        tried=(1.0,),
+    )
 
 
 def _unit(sensor: Sensor) -> float:

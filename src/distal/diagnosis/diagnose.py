@@ -89,18 +89,16 @@ def diagnose(
         *outside,
         *unlike,
     ]
-    if result.estimator != "adaptive" or not what_if:
-        return diagnose_estimate(result, further)
+    wrong = list[tuple[Change, float]]()
+    if what_if and result.is_taught and (unlike or outside) and not stuck:
+        wrong = wrong_readings(log, rig)
+    named = _named(wrong, "looks like", rig)
+    if result.estimator != "adaptive" or not what_if or (named and not truth):
+        return diagnose_estimate(result, further + named)
     runs = _runs(log, rig, homing, compiled=compiled)
+    # known angles tell the size
     causes = _causes(runs)
-    named = list[Finding]()
-    if result.is_taught and (unlike or outside) and not stuck:
-        wrong = wrong_readings(runs.log, rig, causes)
-        named = _named(wrong, "looks like", rig)
-        if named and not truth:
-            return diagnose_estimate(result, further + named)
-        # known angles tell the size
-        causes = [cause for cause in causes if any(cause in c for c, _ in wrong)] or causes
+    causes = [cause for cause in causes if any(cause in change for change, _ in wrong)] or causes
     channels = channels_of(result)
     ends = result.with_all_states
     if channels.disagreeing() and ends.state_names == runs.estimator.state_names:

@@ -23,6 +23,7 @@ from distal.estimators.adaptive.filter_inputs import usual_square
 from distal.estimators.adaptive.guards import Robustness
 from distal.estimators.estimator_protocol import KernelEstimator
 from distal.estimators.read_channels import UNKNOWN_POSITION, Channels, channels_of, dead_after
+from distal.expressions import VectorNode
 from distal.kernels import Kernel, kernel_state_layout
 from distal.kernels.layout import Layout, is_read
 from distal.logs import Log, TruthKind, frozen, true_angles
@@ -270,7 +271,9 @@ def regression_function(
     p = ca.MX.sym("p", sum(sizes) + JUDGED.size * positions)
     p_left = p
     track = track_function(Robustness(), False)
-    readings, masks, drives = x[1 : 1 + width], x[1 + width :], []
+    readings = x[1 : 1 + width]
+    masks = x[1 + width :]
+    drives = list[VectorNode]()
     for k in range(positions):
         at = sum(sizes) + JUDGED.size * k
         of = JUDGED.parts(p[at : at + JUDGED.size])

@@ -125,7 +125,8 @@ def fit(
         # what looks late to the readings may be inertia, which the filter knows
         on_time = _judged_at(0.0, read, rig, options, progress)
         if on_time.error < judged.error:
-            judged, found_lag = on_time, 0.0
+            judged = on_time
+            found_lag = 0.0
     read = list(judged.logs)
     measured = {**servos_of(read, rig), **delays(read, rig, found_lag)}
     learned = _followed(judged, read)

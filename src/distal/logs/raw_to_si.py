@@ -265,7 +265,9 @@ def encoder_of(rig: Rig, sensor: Sensor, factor: float, ranged: bool, doubting: 
         first, last = learned.reach.get(sensor.name, (-inf, inf))
         if last - first < turn < inf:  # its logs say in which turn it is, with room at each end
             room = (turn - (last - first)) / 4
-            low, high, begins = first - room, last + room, False
+            begins = False
+            low = first - room
+            high = last + room
     drive = next((drive for drive in rig.drives if drive.name == sensor.of), None)
     servo = None if drive is None or drive.servo is None else drive.servo.fastest
     return Encoder(

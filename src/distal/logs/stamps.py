@@ -47,8 +47,8 @@ CLOCK = re.compile(
 minutes, seconds and a fraction, as spreadsheets show it.
 """
 
-HOUR, DAY = 3600.0, 86_400.0
-"""An hour and a day [s]. Source: definition (unit conversion)."""
+DAY = 86_400.0
+"""A day [s]. Source: definition (unit conversion)."""
 
 COUNTER = 2**32
 """Number after which a counter of 32 bits begins anew [1]. Source: definition (32 bits)."""
@@ -178,7 +178,7 @@ def _of_day(column: list[str], path: Path, name: str, first_row: int) -> Floats:
         hours = int(first) if half is None else int(first) % 12 + 12 * (half.lower() == "p")
         seconds = float(re.sub("[,:]", ".", third or "0"))
         time[k] = 3600.0 * hours + 60.0 * int(second) + seconds
-    return np.asarray(np.unwrap(time, period=HOUR if fraction else DAY) - time[0])
+    return np.asarray(np.unwrap(time, period=DAY / 24 if fraction else DAY) - time[0])
 
 
 def is_time(column: Column) -> bool:

@@ -216,11 +216,13 @@ def reporting_function(
     at = n_kernel_state
     number = n_parameters
     doubts = ca.MX.zeros(width)
-    readings, masks = x[1 : 1 + width], x[1 + width :]
+    readings = x[1 : 1 + width]
+    masks = x[1 + width :]
     if tracked is not None:
         believed = tracked(following, p[:n_parameters])
         count = believed[0].numel()
-        readings[:count], masks[:count] = believed[0], masks[:count] * believed[1]
+        readings[:count] = believed[0]
+        masks[:count] *= believed[1]
         doubts[:count] = believed[2]
     opened = reduce(ca.fmax, (following[at] for at in touched), ca.MX(0))
     for placed in maps:

@@ -117,8 +117,8 @@ class Redundancy:
         ends = [end for learned in self.maps for end in learned.reach.values()]
         at = [self.channels.index(name) for name in self.positions]
         low, high = (ca.DM([end[side] for end in ends]) for side in (0, 1))
-        read, values = mask[at, :], values[at, :]
-        return read * ca.logic_or(values < low, values > high)
+        read = values[at, :]
+        return mask[at, :] * ca.logic_or(read < low, read > high)
 
     def around(self, judged: ca.Function, sample: Layout) -> ca.Function:
         """Return the function (memory, sample) → (memory⁺, findings) around one that also takes

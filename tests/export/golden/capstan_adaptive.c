@@ -280,11 +280,11 @@ static void drive(const float* restrict a0, const float* restrict a1, const floa
   const float v199 = v169 + v198;
   r0[2] = v199;
   const float v201 = v194 * v194;
-  const float v202 = v201 - v44;
+  const float v202 = v201 - a0[3];
   const float v203 = v177 * v202;
   const float v204 = (v146 != 0.0f ? v203 : 0.0f);
   const float v205 = (v163 != 0.0f ? v204 : 0.0f);
-  const float v206 = v44 + v205;
+  const float v206 = a0[3] + v205;
   r0[3] = v206;
   const float v208 = v178 * v178;
   const float v209 = (v2 != 0.0f ? v208 : 0.0f);

@@ -317,7 +317,7 @@ class AdaptiveFilter(KernelEstimator):
         drives = context.mechanism.rig.drive_names
         begin = adaptive_layout(self.states)["drives"].start
         state, p = (ca.SX.sym(name, function.size1_in(k)) for name, k in (("state", 0), ("p", 2)))
-        found = []
+        columns = []
         for sensor in context.channels.positions:
             position, lost, shift_std = (
                 state[begin + remembered_position(drives.index(sensor.of), name)]
@@ -325,8 +325,8 @@ class AdaptiveFilter(KernelEstimator):
             )
             offset = context.corrected(sensor, ca.SX(0))
             gain = context.corrected(sensor, ca.SX(1)) - offset
-            found.append(((position - offset) / gain, lost <= 0, (shift_std / gain) ** 2))
-        outputs = [ca.vertcat(*column) for column in zip(*found)]
+            columns.append(((position - offset) / gain, lost <= 0, (shift_std / gain) ** 2))
+        outputs = [ca.vertcat(*rows) for rows in zip(*columns)]
         symbols = context.mechanism.parameters.symbols
         outputs = ca.substitute(outputs, [symbols], [p[: symbols.numel()]])
         return ca.Function("tracked", [state, p], outputs)

@@ -224,7 +224,8 @@ class FilterContext:
             wound = rig.drives[drive].kind == "capstan" or tendon.side is not None
             row[n + drive] = self.lever(drive) * (tendon.winding if wound else 1)
         stiffness = (arms.T * [tendon.stiffness.value for tendon in rig.tendons]) @ arms
-        across, held = stiffness[:n, n:], np.diag(stiffness)[n:]
+        across = stiffness[:n, n:]
+        held = np.diag(stiffness)[n:]
         motion = np.linalg.pinv(stiffness[:n, :n]) @ across
         followed = np.sum(across * motion, axis=0)
         symbols = mechanism.parameters.symbols

@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import BinaryIO, cast
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,8 +85,9 @@ def read_csv(path: Path, columns: Sequence[str] | None = None) -> Cells:
             text = path.read_bytes().decode("utf-16", "replace")
             return _read(path, io.BytesIO(text.encode()), columns)
         with path.open("rb") as file:
-            content = gzip.GzipFile(fileobj=file) if begin == GZIP else file
-            return _read(path, cast(BinaryIO, content), columns)
+            if begin == GZIP:
+                return _read(path, io.BufferedReader(gzip.GzipFile(fileobj=file)), columns)
+            return _read(path, file, columns)
     except (OSError, EOFError) as problem:
         reason = getattr(problem, "strerror", None) or problem
         raise LogError(f"{path}: cannot be read ({reason})") from None
@@ -95,8 +96,7 @@ def read_csv(path: Path, columns: Sequence[str] | None = None) -> Cells:
 def _read(path: Path, file: BinaryIO, columns: Sequence[str] | None) -> Cells:
     longest = memory_limit() // COPIES  # of a line: a device may never end one
     lines = _head(path, file, longest)
-    found = _header(path, lines, frozenset(columns or ()))
-    separator, names, header_cells, first_row = found
+    separator, names, header_cells, first_row = _header(path, lines, frozenset(columns or ()))
     parts: dict[str, list[Column]] = {name: [] for name in names if needed(name, columns)}
     row = first_row
     line = b"".join(lines[first_row - 1 :])
@@ -110,7 +110,8 @@ def _read(path: Path, file: BinaryIO, columns: Sequence[str] | None) -> Cells:
         for cells in _rows(path, block, separator, row):
             if len(cells) == len(names) + 1 and not cells[-1].strip():
                 del cells[-1]  # each row ends with a separator
-            if cells[0].strip() == header_cells[0] and [c.strip() for c in cells] == header_cells:
+            first = cells[0].strip() if cells else ""
+            if first == header_cells[0] and [c.strip() for c in cells] == header_cells:
                 repeated.append(row)
             elif len(cells) != len(names) or (odd and not all(map(_is_value, cells))):
                 odd = odd or f"row {row}: {_mismatch(cells, names, row == first_row)}"
@@ -192,22 +193,22 @@ def _header(
     plain = [k for k, text in enumerate(texts) if text.strip() and not text.startswith(COMMENT)]
     if not plain:
         raise LogError(f"{path}: is empty")
-    numbers = _value_cells(texts[-1])
-    if numbers is None:  # a column of text: the first line has the names
+    first = _value_cells(texts[-1])
+    if first is None:  # a column of text: the first line has the names
         separator = max(SEPARATORS, key=texts[plain[0]].count)
         if separator not in texts[plain[0]] and len(texts[plain[0]].split()) > 1:
             separator = BLANKS
         at: int | None = plain[0]
         count = len(_rows(path, lines[plain[0]], separator, plain[0] + 1)[0])
     else:
-        separator, count = numbers
+        separator, count = first
         at = plain[0] if plain[0] < len(lines) - 1 else None
 
     def cells_of(k: int) -> list[str]:
         (cells,) = _rows(path, lines[k].lstrip(COMMENT.encode()), separator, k + 1)
         return [cell.strip() for cell in cells]
 
-    for k in range(len(lines)) if numbers else ():
+    for k in range(len(lines)) if first else ():
         cells = cells_of(k)
         names_most = 2 * sum(map(_is_value, cells)) < len(cells) or asked & set(cells)
         ends_empty = len(cells) == count - 1 and not cells_of(len(lines) - 1)[-1]
