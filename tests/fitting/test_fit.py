@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from distal import Log, Rig, estimate, fit, load_rig
-from distal.errors import DistalWarning, FitError
+from distal.errors import DistalWarning, FitError, LogError
 from distal.fitting import AS_GIVEN, WRITTEN, groups_of
 from distal.fitting.free_parameters import choose
 from tests.support.plant_and_rig import FREE, drawn_plant, logs_of, start_rig, without_truth
@@ -226,7 +226,7 @@ def test_logs_that_do_not_look_like_the_rig(rig: Rig, log: Log) -> None:
     # the priors hold what such logs cannot tell
     assert all(abs(p.value - p.start) < 4.0 * p.prior_std for p in found.fitted if not p.noise)
     slow = Log(1e3 * log.time, log.channels, log.truth, "ms.csv")
-    with pytest.raises(FitError, match=r"stamps are 10 s apart.*unit"):
+    with pytest.raises(LogError, match=r"stamps are 10 s apart.*unit"):
         fit([slow], rig)
     with pytest.raises(FitError, match="holds the same as"):
         fit([log, log], rig)

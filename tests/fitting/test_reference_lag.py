@@ -9,7 +9,6 @@ import pytest
 
 from distal import Log, Rig
 from distal.fitting.late_reference import reference_lag, said_of_lag, without_lag
-from distal.fitting.learned_maps import clearly_gains
 from tests.support.foreign_plants import finger_log, finger_rig
 
 
@@ -65,14 +64,3 @@ def test_it_is_taken_off(rig: Rig) -> None:
         moved.truth["theta"][known], LOGS[0].truth["theta"][known], atol=np.deg2rad(0.5)
     )
     assert without_lag(LOGS, rig, 0.0) == LOGS
-
-
-def test_a_small_gain_that_differs_from_log_to_log_is_no_lag() -> None:
-    """The mean of these gains is above its standard error, but chance gives that in one case of
-    five.
-    """
-    assert not clearly_gains([0.082, 0.071, 0.0])
-    assert not clearly_gains([0.322, 0.01, 0.009])
-    assert clearly_gains([1.8, 1.7, 1.5])
-    assert not clearly_gains([-1.8, -1.7, -1.5])
-    assert not clearly_gains([1.8])

@@ -134,7 +134,7 @@ class Cause:
         elif self.kind == "delay":
             samples[:, columns[0]] = np.interp(time + x, time, readings[:, 0])
         elif self.kind == "swap":
-            exchanged = readings[:, ::-1] * np.array(self.ratios)
+            exchanged = readings[:, ::-1] * np.array(self.ratios or 1.0)
             samples[:, columns] = (1.0 - x) * readings + x * exchanged
 
 

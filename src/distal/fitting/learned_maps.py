@@ -335,18 +335,6 @@ def student(freedom: float) -> float:
     return float(stdtrit(max(freedom, 1.0), (1 + COVERED) / 2)) / BAND
 
 
-def clearly_gains(gains: Sequence[float] | Floats) -> bool:
-    """Return whether the mean gain on logs held out, one of each, is above zero by more than the
-    95 % band of Student's distribution.
-    """
-    finite = np.asarray(gains)[np.isfinite(gains)]
-    freedom = len(finite) - 1
-    if freedom < 1:
-        return False
-    error = np.std(finite) / np.sqrt(freedom)
-    return bool(np.mean(finite) > BAND * student(freedom) * error)
-
-
 OFFSETS = 2.0
 """Largest mean error of the angles that may be the encoder's offset, in standard deviations of that
 offset. Source: judgement.

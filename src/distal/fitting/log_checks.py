@@ -16,7 +16,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import EstimationError, FitError
 from distal.estimators import samples_of_angles
-from distal.logs import Log, true_angles
+from distal.logs import Log, check_unit, true_angles
 from distal.regression import FEWEST_LOGS, yardstick_error
 from distal.rig import REFERENCES, Capstan, Rig, Sensor
 from distal.run import estimate
@@ -97,11 +97,6 @@ judged. Source: judgement.
 FEWEST_TRUTHS = 10
 """Least number of known angles by which signs and sizes are judged [1]. Source: judgement."""
 
-RATE_FACTOR = 20.0
-"""Largest factor between the interval of the stamps and that of the sensors' rate, either way.
-Source: judgement.
-"""
-
 RATIO_RANGE = (1 / 12, 12.0)
 """Least and largest ratio of the reference angle's motion to the turn by the drives, between which
 the units may be right. Source: judgement.
@@ -118,7 +113,7 @@ def check_logs(logs: Sequence[Log], rig: Rig) -> None:
     if not logs:
         raise FitError("no log came; a fit needs at least one")
     for i, log in enumerate(logs):
-        _check_stamps(log, rig)
+        check_unit(log.time, rig, log.source)
         for twin in logs[:i]:
             if _same(log, twin):
                 raise FitError(
@@ -142,17 +137,6 @@ def _same(log: Log, other: Log) -> bool:
         name in other.channels and np.array_equal(values, other.channels[name], equal_nan=True)
         for name, values in log.channels.items()
     )
-
-
-def _check_stamps(log: Log, rig: Rig) -> None:
-    rate = max(sensor.rate for sensor in rig.sensors)
-    step = float(np.median(np.diff(log.time)))
-    if not 1.0 / RATE_FACTOR < step * rate < RATE_FACTOR:
-        raise FitError(
-            f"{log.source}: the stamps are {step:g} s apart, the rig's sensors give a value every "
-            f"{1 / rate:g} s; is "
-            "the unit of time right (--set 'log.time.unit=\"ms\"'), or the sensors' rate?"
-        )
 
 
 def unknown_joints(logs: Sequence[Log], rig: Rig) -> list[str]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from math import log10
 from types import MappingProxyType
 
 import numpy as np
@@ -16,7 +17,8 @@ from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
 from distal.errors import LogError
-from distal.rig import angle_names, torque_names
+from distal.rig import Rig, angle_names, torque_names
+from distal.units import unit_factor
 
 
 def frozen(values: object) -> Floats:
@@ -371,3 +373,25 @@ def said_of_jumps(values: Floats, away: Bools) -> str:
     return (
         f"jumps away and back {len(first)} times{how} ({int(away.sum())} samples): taken as missing"
     )
+
+
+def check_unit(time: Floats, rig: Rig, source: str) -> None:
+    """Raise a `LogError` where stamps are so far apart, or so near, that their unit is another."""
+    rate = max((sensor.rate for sensor in rig.sensors), default=0.0)
+    step = float(np.median(np.diff(time)))
+    if rate == 0.0 or 1.0 / WRONG_UNIT < step * rate < WRONG_UNIT:
+        return
+    now = unit_factor(rig.log.time.unit, "s")
+    factors = {unit: unit_factor(unit, "s") / now for unit in ("us", "ms", "s", "min", "h", "day")}
+    unit = min(factors, key=lambda unit: abs(log10(step * rate * factors[unit])))
+    raise LogError(
+        f"{source}: the stamps are {step:.3g} s apart, and the rig's sensors give a value every "
+        f"{1 / rate:.3g} s. In which unit is the time? --set 'log.time.unit=\"{unit}\"' fits best; "
+        "or set the sensors' rate to the log's"
+    )
+
+
+WRONG_UNIT = 1000.0 / 3.0
+"""Ratio of two intervals from which on one of them has another unit [1]: a thousand, of sensors
+whose rate is up to three times another. Source: judgement.
+"""

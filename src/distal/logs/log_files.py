@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import log10
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +16,12 @@ from distal.logs.cells import Cells, factor_of, scale, time_factor
 from distal.logs.formats import TABLES, file_of
 from distal.logs.log import (
     NO_SOURCE,
+    WRONG_UNIT,
     Log,
     TruthKind,
     TruthSource,
     check_stamps,
+    check_unit,
     earlier,
     held_samples,
     jumps_away,
@@ -123,7 +124,7 @@ def read_log(
     check_stamps(time, table.source, rows + table.first_row)
     if len(time) < 2:
         raise LogError(f"{table.source}: has one row; an estimate over time needs at least two")
-    _check_unit(time, rig, table.source)
+    check_unit(time, rig, table.source)
     readings = _readings(rig, table, time, column, ranged)
     channels = {sensor.name: readings[sensor.name] for sensor in needed}
     angles, origin = _known_angles(rig, table, readings, column, truth, Clock(time, stamps))
@@ -148,28 +149,6 @@ def read_log(
     return Log(time, channels, known, table.source, origin, stamps, setpoints)
 
 
-def _check_unit(time: Floats, rig: Rig, source: str) -> None:
-    """Raise a `LogError` where stamps are so far apart, or so near, that their unit is another."""
-    rate = max((sensor.rate for sensor in rig.sensors), default=0.0)
-    step = float(np.median(np.diff(time)))
-    if rate == 0.0 or 1.0 / WRONG_UNIT < step * rate < WRONG_UNIT:
-        return
-    now = unit_factor(rig.log.time.unit, "s")
-    factors = {unit: unit_factor(unit, "s") / now for unit in ("us", "ms", "s", "min", "h", "day")}
-    unit = min(factors, key=lambda unit: abs(log10(step * rate * factors[unit])))
-    raise LogError(
-        f"{source}: the stamps are {step:.3g} s apart, and the rig's sensors give a value every "
-        f"{1 / rate:.3g} s. In which unit is the time? --set 'log.time.unit=\"{unit}\"' fits best; "
-        "or set the sensors' rate to the log's"
-    )
-
-
-WRONG_UNIT = 1000.0 / 3.0
-"""Ratio of two intervals from which on one of them has another unit [1]: a thousand, of sensors
-whose rate is up to three times another. Source: judgement.
-"""
-
-
 def _check_repeated(rig: Rig, time: Floats, source: str) -> None:
     """Raise a `LogError` where most rows share their stamp with others, so that one of each stamp
     is not the log, and the rig does not say what to do.
@@ -185,7 +164,7 @@ def _check_repeated(rig: Rig, time: Floats, source: str) -> None:
     rate = max((sensor.rate for sensor in rig.sensors), default=100.0)
     name = rig.log.time.column
     together = f"{source}: {len(time) / distinct:.0f} rows share each stamp of '{name}': "
-    if time[-1] == time[0] or len(time) / (time[-1] - time[0]) < rate / MOST_SLOWER:
+    if time[-1] == time[0] or len(time) / (time[-1] - time[0]) < rate / WRONG_UNIT:
         raise LogError(
             f"{together}it has too few digits to be a time; write it with more, or give the rate "
             f"of evenly spaced rows: --set 'log.time.rate=\"{rate:g} Hz\"'"
@@ -193,12 +172,6 @@ def _check_repeated(rig: Rig, time: Floats, source: str) -> None:
     raise LogError(
         f"{together}it was rounded; --set 'log.time.repeated=\"spread\"' spreads them evenly"
     )
-
-
-MOST_SLOWER = 20.0
-"""Largest ratio of the sensors' rate to that of a log's rows [1]. Source: judgement (as that of
-`fitting.log_checks`).
-"""
 
 
 def _known_torques(rig: Rig, table: Cells, readings: Mapping[str, Floats]) -> dict[str, Floats]:

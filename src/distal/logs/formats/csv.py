@@ -79,14 +79,13 @@ def read_csv(path: Path, columns: Sequence[str] | None = None) -> Cells:
     """
     try:
         with path.open("rb") as file:
-            begin = file.read(2)
-        if begin in WIDE_MARKS:  # such as Excel's "Unicode text"
-            check_memory(path, COPIES * path.stat().st_size, "it is read as a whole")
-            text = path.read_bytes().decode("utf-16", "replace")
-            return _read(path, io.BytesIO(text.encode()), columns)
-        with path.open("rb") as file:
+            begin = file.peek(2)[:2]  # a pipe is read once only
             if begin == GZIP:
                 return _read(path, io.BufferedReader(gzip.GzipFile(fileobj=file)), columns)
+            if begin in WIDE_MARKS:  # such as a spreadsheet's "Unicode text"
+                check_memory(path, COPIES * path.stat().st_size, "it is read as a whole")
+                text = file.read().decode("utf-16", "replace")
+                return _read(path, io.BytesIO(text.encode()), columns)
             return _read(path, file, columns)
     except (OSError, EOFError) as problem:
         reason = getattr(problem, "strerror", None) or problem
