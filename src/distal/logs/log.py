@@ -376,7 +376,13 @@ def said_of_jumps(values: Floats, away: Bools) -> str:
 
 
 def check_unit(time: Floats, rig: Rig, source: str) -> None:
-    """Raise a `LogError` where stamps are so far apart, or so near, that their unit is another."""
+    """Raise a `LogError` where stamps are so far apart, or so near, that their unit is another.
+
+    Args:
+        time: stamps [s], (k,).
+        rig: whose sensors say how far apart they usually are.
+        source: what the log is called in messages.
+    """
     rate = max((sensor.rate for sensor in rig.sensors), default=0.0)
     step = float(np.median(np.diff(time)))
     if rate == 0.0 or 1.0 / WRONG_UNIT < step * rate < WRONG_UNIT:
