@@ -54,6 +54,12 @@ class Channels:
         """
         return tuple(sensor.name for sensor in (*self.proximal, *self.angles))
 
+    def of_message(self, position: int) -> list[int]:
+        """Return the indices of a position and of what its drive's motor reads with it."""
+        drive = self.positions[position].of
+        at_motors = [*self.positions, *self.forces]
+        return [k for k, s in enumerate(self.proximal) if s in at_motors and s.of == drive]
+
     @property
     def compared(self) -> tuple[Sensor, ...]:
         """The sensors whose values `adaptive` compares with predictions: forces, tensions and

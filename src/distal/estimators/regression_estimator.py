@@ -10,22 +10,19 @@ from copy import copy
 import casadi as ca
 import numpy as np
 
-from distal.arrays import Floats
 from distal.errors import EstimationError
 from distal.estimators.adaptive.drive_tracking import (
+    JUDGED,
     MEMORY,
-    READING,
-    REMEMBERED,
-    WANDERING,
-    track_function,
+    begun_alone,
+    believed_alone,
+    judged_by,
 )
-from distal.estimators.adaptive.filter_inputs import usual_square
-from distal.estimators.adaptive.guards import Robustness
 from distal.estimators.estimator_protocol import KernelEstimator
-from distal.estimators.read_channels import UNKNOWN_POSITION, Channels, channels_of, dead_after
+from distal.estimators.read_channels import Channels, channels_of
 from distal.expressions import VectorNode
 from distal.kernels import Kernel, kernel_state_layout
-from distal.kernels.layout import Layout, is_read
+from distal.kernels.layout import is_read
 from distal.logs import Log, TruthKind, frozen, true_angles
 from distal.parallel import one_blas_thread
 from distal.regression import (
@@ -38,8 +35,7 @@ from distal.regression import (
     map_layout,
     map_parameters,
 )
-from distal.rig import LearnedMap, Rig, Sensor, angle_names, independent_parts
-from distal.sensor_errors import variance
+from distal.rig import LearnedMap, Rig, angle_names, independent_parts
 
 NAME = "regression"
 
@@ -148,21 +144,13 @@ class RegressionEstimator(KernelEstimator):
         """Take maps, with a new kernel where there is none yet."""
         self.maps = tuple(maps)
         of_maps = [map_parameters(learned) for learned in maps]
-        of_positions = [self._judged(sensor) for sensor in self._sensors.positions]
+        described = self.rig.with_map(readings=maps)
+        of_positions = [judged_by(described, sensor) for sensor in self._sensors.positions]
         self._p = frozen(np.concatenate([*of_maps, *of_positions]))
         self._begin = None
         if self._kernel is None:
-            function = regression_function(
-                maps, self.channels, self.rig.joint_names, len(of_positions)
-            )
+            function = regression_function(maps, self._sensors, self.rig.joint_names)
             self._kernel = Kernel(function, self._compiled)
-
-    def _judged(self, sensor: Sensor) -> Floats:
-        """Return what a position is judged by, as in `JUDGED`."""
-        kind = next(drive.kind for drive in self.rig.drives if drive.name == sensor.of)
-        wandering = UNKNOWN_POSITION[kind] / WANDERING
-        usual = usual_square(self.rig.with_map(readings=self.maps), sensor)
-        return np.array([variance(sensor), dead_after(sensor), wandering, usual])
 
     @one_blas_thread()
     def after_homing(self, log: Log, homing: float) -> RegressionEstimator:
@@ -235,33 +223,24 @@ class RegressionEstimator(KernelEstimator):
         for learned in self.maps:
             columns = [self.channels.index(channel) for channel in learned.channels]
             memories.append(begun_by(learned, values[columns], mask[columns]))
-        for k, sensor in enumerate(self._sensors.positions):
-            kind = next(drive.kind for drive in self.rig.drives if drive.name == sensor.of)
-            drive = ca.SX.zeros(MEMORY)
-            drive[REMEMBERED.index("position")] = values[k]
-            drive[REMEMBERED.index("unknown")] = ca.if_else(
-                is_read(mask[k]), 0.0, UNKNOWN_POSITION[kind] ** 2
-            )
-            memories.append(drive)
+        memories += [
+            begun_alone(self.rig, sensor, values[k], is_read(mask[k]))
+            for k, sensor in enumerate(self._sensors.positions)
+        ]
         return ca.Function("prior", [values, mask, p], [mean, spread, ca.vertcat(*memories)])
 
 
-JUDGED = Layout(noise=1, dead=1, wandering=1, usual=1)
-"""Layout of what a position is judged by: the variance of its noise, the time without a value after
-which it may not come back [s], the growth of its std after that, and its usual mean square speed.
-Source: definition (layout of a vector).
-"""
-
-
 def regression_function(
-    maps: Sequence[LearnedMap], channels: Sequence[str], joints: Sequence[str], positions: int
+    maps: Sequence[LearnedMap], channels: Channels, joints: Sequence[str]
 ) -> ca.Function:
     """Return the estimator's function (kernel_state, x, p) → (kernel_state⁺, y) for maps of the
-    `joints` on readings of the `channels`, of which the first ones are `positions` of drives. A
-    position is as the filter's `track_function` believes it.
+    `joints` on readings of the `channels`. A position is as the filter's `track_function` believes
+    it; where it is in doubt, all that its motor reads is missing.
     """
     n = len(joints)
-    width = len(channels)
+    names = [sensor.name for sensor in channels.proximal]
+    width = len(names)
+    positions = len(channels.positions)
     shapes = [Shape.of(learned) for learned in maps]
     memories = sum(shape.memory.size for shape in shapes)
     layout = kernel_state_layout(n, map=memories, drives=MEMORY * positions)
@@ -270,27 +249,23 @@ def regression_function(
     sizes = [map_layout(shape, len(of.joints)).size for shape, of in zip(shapes, maps)]
     p = ca.MX.sym("p", sum(sizes) + JUDGED.size * positions)
     p_left = p
-    track = track_function(Robustness(), False)
     readings = x[1 : 1 + width]
     masks = x[1 + width :]
     drives = list[VectorNode]()
     for k in range(positions):
         at = sum(sizes) + JUDGED.size * k
-        of = JUDGED.parts(p[at : at + JUDGED.size])
         was = kernel_state[layout["drives"]][MEMORY * k : MEMORY * (k + 1)]
-        came = {"reading": x[1 + k], "mask": x[1 + width + k]}
-        came |= {name: of[name] for name in JUDGED.names}
-        reading = ca.vertcat(*(came.get(name, 0) for name in READING.names))
-        drive = track(was, reading, x[0])
-        readings[k] = drive[REMEMBERED.index("position")]
-        masks[k] *= drive[REMEMBERED.index("lost")] <= 0
-        drives.append(drive[:MEMORY])
+        judged = p[at : at + JUDGED.size]
+        position, is_sure, after_it = believed_alone(was, x[0], x[1 + k], x[1 + width + k], judged)
+        readings[k] = position
+        masks[channels.of_message(k)] *= is_sure
+        drives.append(after_it)
     mean = ca.MX.zeros(n)
     spread = ca.MX.zeros(n, n)
     after = []
     remembered = kernel_state[layout["map"]]
     for learned, shape in zip(maps, shapes):
-        columns = [list(channels).index(name) for name in learned.channels]
+        columns = [names.index(name) for name in learned.channels]
         rows = [list(joints).index(joint) for joint in learned.joints]
         of_map = map_layout(shape, len(rows))
         parameters, p_left = p_left[: of_map.size], p_left[of_map.size :]

@@ -198,8 +198,8 @@ def reporting_function(
         touched: for each joint that may be touched, the index in the kernel state of the share that
             a touch has of it.
         tracked: function (kernel_state, p) → positions of drives as their sensors should read them,
-            whether they are believed, and their variances beyond noise; None: they are read as they
-            come.
+            and their variances beyond noise; and whether each channel is believed. None: they are
+            read as they come.
     """
     n_kernel_state = inner.size1_in(0)
     n_parameters = inner.size1_in(2)
@@ -219,11 +219,10 @@ def reporting_function(
     readings = x[1 : 1 + width]
     masks = x[1 + width :]
     if tracked is not None:
-        believed = tracked(following, p[:n_parameters])
-        count = believed[0].numel()
-        readings[:count] = believed[0]
-        masks[:count] *= believed[1]
-        doubts[:count] = believed[2]
+        tracks, variances_of_tracks, believed = tracked(following, p[:n_parameters])
+        readings[: tracks.numel()] = tracks
+        doubts[: tracks.numel()] = variances_of_tracks
+        masks *= believed
     opened = reduce(ca.fmax, (following[at] for at in touched), ca.MX(0))
     for placed in maps:
         inputs: list[VectorNode] = [
@@ -259,8 +258,8 @@ def reporting_function(
             values = angles + values
         else:
             gains = ca.MX.zeros(len(placed.states))
-        own = following[[variances[i] for i in placed.states]]
-        variance = gains**2 * own + spreads
+        of_filter = following[[variances[i] for i in placed.states]]
+        variance = gains**2 * of_filter + spreads
         answers.setdefault(placed.states, []).append((values, gains, spreads, variance))
         memories.append(after)
         at += placed.size

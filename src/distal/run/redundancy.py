@@ -17,6 +17,12 @@ import casadi as ca
 import numpy as np
 
 from distal.arrays import Bools, Floats
+from distal.estimators.adaptive.drive_tracking import (
+    MEMORY,
+    REMEMBERED,
+    believed_alone,
+    judged_by,
+)
 from distal.expressions import Vector, VectorNode
 from distal.kernels import Feed, Kernel, Layout, advance
 from distal.logs import Log
@@ -69,18 +75,28 @@ class Redundancy:
         maps: `LearnedMaps.efforts` of those parts whose sensors are all among the channels.
         channels: names of the sensors in a sample.
         supposes: whether it is asked if a position is late, or two are exchanged.
+        judged: of each position its index, what it is judged by (`JUDGED`), and the indices of what
+            its motor reads with it.
     """
 
     maps: tuple[LearnedMap, ...]
     channels: tuple[str, ...]
     supposes: bool = True
+    judged: tuple[tuple[int, tuple[float, ...], tuple[int, ...]], ...] = ()
 
     @classmethod
     def of(cls, rig: Rig, channels: Sequence[str]) -> Redundancy:
         """Return what a rig's logs taught of some channels."""
         maps = () if rig.map is None else rig.map.efforts
         among = [m for m in maps if {*m.joints, *m.channels} <= set(channels)]
-        return cls(tuple(among), tuple(channels))
+        judged = []
+        for sensor in rig.sensors if among else ():
+            if sensor.measures == "position" and sensor.name in channels:
+                names = [s.name for s in rig.sensors_of("force") if s.of == sensor.of]
+                message = [k for k, name in enumerate(channels) if name in (sensor.name, *names)]
+                judged_with = tuple(judged_by(rig, sensor).tolist())
+                judged.append((channels.index(sensor.name), judged_with, tuple(message)))
+        return cls(tuple(among), tuple(channels), judged=tuple(judged))
 
     @property
     def efforts(self) -> list[str]:
@@ -99,8 +115,8 @@ class Redundancy:
 
     @property
     def memory(self) -> int:
-        """Length of what is remembered: that of each part."""
-        return sum(part.memory.size for part in self._parts)
+        """Length of what is remembered: that of each part, and of each position."""
+        return sum(part.memory.size for part in self._parts) + MEMORY * len(self.judged)
 
     @property
     def _parts(self) -> list[_Part]:
@@ -158,6 +174,23 @@ class Redundancy:
         unlike: list[VectorNode] = []
         outside: list[VectorNode] = []
         after: list[VectorNode] = []
+        at = self.memory - MEMORY * len(self.judged)
+        tracks = list[VectorNode]()
+        values = ca.MX(came["values"])
+        masks = ca.MX(came["mask"])
+        for k, judged_with, message in self.judged:
+            was_there = memory[at : at + MEMORY]
+            at += MEMORY
+            begun = ca.MX.zeros(MEMORY)
+            begun[REMEMBERED.index("position")] = values[k]
+            was_there = ca.if_else(came["first"], begun, was_there)
+            position, is_sure, track = believed_alone(
+                was_there, came["dt"], values[k], masks[k], ca.MX(ca.DM(judged_with))
+            )
+            values[k] = position
+            masks[list(message)] *= is_sure
+            tracks.append(track)
+        came = {**came, "values": values, "mask": masks}
         at = 0
         for part in self._parts:
             was = part.memory.parts(memory[at : at + part.memory.size])
@@ -178,7 +211,7 @@ class Redundancy:
             outside.append(beyond)
             unlike.append(ca.fmax(is_unlike, is_wrong))
             after.append(part.memory.joined(**remembered))
-        return ca.vertcat(*after), *(ca.vertcat(*of) for of in (squares, unlike, outside))
+        return ca.vertcat(*after, *tracks), *(ca.vertcat(*of) for of in (squares, unlike, outside))
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,11 @@ from dataclasses import dataclass, fields
 from typing import Generic
 
 import casadi as ca
+import numpy as np
 
+from distal.arrays import Floats
 from distal.estimators.adaptive.filter_context import FilterContext
-from distal.estimators.adaptive.filter_inputs import mechanics_function
+from distal.estimators.adaptive.filter_inputs import mechanics_function, usual_square
 from distal.estimators.adaptive.guards import (
     SETTLED_TIME,
     Robustness,
@@ -23,9 +25,11 @@ from distal.estimators.adaptive.guards import (
     zero_jumped,
 )
 from distal.estimators.adaptive.states import StateVector
-from distal.estimators.read_channels import DEAD_INTERVALS, UNKNOWN_POSITION
-from distal.expressions import Expression, Scalar
+from distal.estimators.read_channels import DEAD_INTERVALS, UNKNOWN_POSITION, dead_after
+from distal.expressions import Expression, Scalar, ScalarNode, VectorNode
 from distal.kernels.layout import Layout, is_bridge, is_read, is_there, rows_left
+from distal.rig import Rig, Sensor
+from distal.sensor_errors import variance
 
 MOTION_TIME = 0.025
 """Time constant of the mean motion of a drive [s]: two to five samples at 100 to 200 Hz. Source:
@@ -352,3 +356,40 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
     )
     parts = ca.vertcat(*vars(drive).values())
     return ca.Function("drive", [memory, readings, dt], [ca.cse(ca.densify(parts))])
+
+
+JUDGED = Layout(noise=1, dead=1, wandering=1, usual=1)
+"""Layout of what a position is judged by where no force judges it: the variance of its noise, the
+time without a value after which it may not come back [s], the growth of its std after that, and its
+usual mean square speed. Source: definition (layout of a vector).
+"""
+
+
+def judged_by(rig: Rig, sensor: Sensor) -> Floats:
+    """Return what a position is judged by where no force judges it, in the order of `JUDGED`."""
+    wandering = UNKNOWN_POSITION[rig.drive(sensor.of).kind] / WANDERING
+    return np.array([variance(sensor), dead_after(sensor), wandering, usual_square(rig, sensor)])
+
+
+def begun_alone(rig: Rig, sensor: Sensor, reading: Expression, is_there: Expression) -> Expression:
+    """Return what is remembered of a position at its first sample."""
+    unknown = UNKNOWN_POSITION[rig.drive(sensor.of).kind] ** 2
+    start = {"position": reading, "unknown": ca.if_else(is_there, 0.0, unknown)}
+    memory: Expression = ca.vertcat(*(start.get(name, 0) for name in REMEMBERED))
+    return memory
+
+
+def believed_alone(
+    memory: VectorNode, dt: ScalarNode, reading: ScalarNode, mask: ScalarNode, judged: VectorNode
+) -> tuple[ScalarNode, ScalarNode, VectorNode]:
+    """Return a position as it is believed where no force judges it, whether it is, and what is
+    remembered; see `track_function`.
+    """
+    came = {"reading": reading, "mask": mask, **JUDGED.parts(judged)}
+    track = track_function(Robustness(), False)
+    drive = track(memory, ca.vertcat(*(came.get(name, 0) for name in READING.names)), dt)
+    return (
+        drive[REMEMBERED.index("position")],
+        drive[REMEMBERED.index("lost")] <= 0,
+        drive[:MEMORY],
+    )

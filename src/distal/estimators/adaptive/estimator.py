@@ -311,22 +311,24 @@ class AdaptiveFilter(KernelEstimator):
 
     def _tracked(self, function: ca.Function) -> ca.Function:
         """Return the function (kernel_state, p) → the positions of the drives as their sensors
-        should read them, whether they are believed, and their variances beyond noise.
+        should read them, and their variances beyond noise; and whether each channel is believed.
         """
         context = self.states.context
         drives = context.mechanism.rig.drive_names
         begin = adaptive_layout(self.states)["drives"].start
         state, p = (ca.SX.sym(name, function.size1_in(k)) for name, k in (("state", 0), ("p", 2)))
         columns = []
-        for sensor in context.channels.positions:
+        believed = ca.SX.ones(len(context.channels.names))
+        for k, sensor in enumerate(context.channels.positions):
             position, lost, shift_std = (
                 state[begin + remembered_position(drives.index(sensor.of), name)]
                 for name in ("position", "lost", "shift_std")
             )
             offset = context.corrected(sensor, ca.SX(0))
             gain = context.corrected(sensor, ca.SX(1)) - offset
-            columns.append(((position - offset) / gain, lost <= 0, (shift_std / gain) ** 2))
-        outputs = [ca.vertcat(*rows) for rows in zip(*columns)]
+            columns.append(((position - offset) / gain, (shift_std / gain) ** 2))
+            believed[context.channels.of_message(k)] = lost <= 0
+        outputs = [*(ca.vertcat(*rows) for rows in zip(*columns)), believed]
         symbols = context.mechanism.parameters.symbols
         outputs = ca.substitute(outputs, [symbols], [p[: symbols.numel()]])
         return ca.Function("tracked", [state, p], outputs)
