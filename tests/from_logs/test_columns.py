@@ -18,6 +18,12 @@ NO_OVERRIDES = Overrides(drives={})
         ("x_mcp_f", "position", None, "mcp_f"),
         ("F_mcp_f", "effort", None, "mcp_f"),
         ("F_a", "effort", None, "a"),
+        ("servo_3_dps", "other", None, "3"),
+        ("servo_3_degC", "other", "degC", "3"),
+        ("motor_state[0].ddq", "other", None, "0"),
+        ("1.POSITION", "position", None, "1"),
+        ("1.Q_CURRENT", "effort", None, "1"),
+        ("Node 1 - Position [qc]", "position", "count", "node_1"),
         ("cur_l_mA", "effort", "mA", "l"),
         ("Strom links [mA]", "effort", "mA", "links"),
         ("couple_moteur (mN m)", "effort", "mN m", ""),
@@ -235,3 +241,14 @@ def test_the_resolution_of_a_column() -> None:
     assert _step(0.1 * np.round(noise / 0.1)) == pytest.approx(0.1)
     assert _step(noise) == 0.0
     assert _step(np.sign(noise)) == 0.0
+
+
+def test_where_a_user_names_some_the_others_are_none() -> None:
+    """Unless their own names say so: here they say nothing of any column."""
+    names = {"p1": 0.0, "p2": 1.0, "r1": 2.0, "a1": 3.0}
+    time = np.arange(0.0, 5.0, 0.02)
+    log = RawLog("log", {"t": time} | {n: np.sin(time + k) for n, k in names.items()})
+    said = Overrides(truth=("a1",), drives={"p1": "rad", "p2": "rad"})
+    roles = {column.header: column.role for column in column_roles([log], said)}
+    assert roles.pop("r1") not in ("position", "angle")
+    assert roles == {"t": "time", "p1": "position", "p2": "position", "a1": "angle"}

@@ -18,6 +18,7 @@ from distal.arrays import Floats
 from distal.errors import DistalWarning
 from distal.logs import MessageReader
 from distal.rig import build_rig
+from tests.learned_maps import drawn_map
 
 N = 1200
 TIME = 0.005 * np.arange(N)
@@ -372,3 +373,19 @@ def test_before_a_power_on_routine_no_range_says_where_an_encoder_is(
     as_read = read_log(path, rig, ranged=False).channels["angle"]
     np.testing.assert_allclose(as_read - ranged, 2 * pi, atol=1e-9)
     assert as_read[0] > pi > ranged[0]
+
+
+@pytest.mark.parametrize("turns", [-2, 1])
+def test_logs_that_taught_a_rig_say_in_which_turn_it_is(
+    rig: Rig, good: Floats, turns: int, tmp_path: Path
+) -> None:
+    """A motor that counts from another turn, whose joint has no stops."""
+    free = rig.with_values({"joints.0.stops": None})
+    drawn = drawn_map((free.joint_names[0],), CHANNELS, False)
+    reach = float(2 * pi / 4096 * np.ptp(good[:, 0]) / 2)
+    learned = drawn.model_copy(update={"low": (-reach, -1.0), "high": (reach, 1.0)})
+    off = good + np.array([4096 * turns, 0])
+    taught = free.with_map(readings=[learned])
+    for entry in ENTRIES:
+        came = entry(taught, off, tmp_path)
+        np.testing.assert_allclose(came, entry(free, good, tmp_path), atol=1e-9)

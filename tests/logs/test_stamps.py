@@ -234,3 +234,42 @@ def test_of_two_wild_stamps_nobody_knows_what_is_right(
     stamps[5:7] = [begins + odd[0], begins + odd[1]]
     with pytest.raises(LogError, match=r"goes back|repeats|is inf"):
         read(frame, stamps, rig, tmp_path / "log.csv")
+
+
+@pytest.mark.parametrize(
+    ("form", "step"),
+    [
+        ("03-May-2024 10:15:{:06.3f}", 0.01),
+        ("Fri May 03 10:15:{:06.3f} CEST 2024", 0.01),
+        ("05/03/2024 10:15:{:06.3f}", 0.01),
+        ("10:15:{:06.3f}", 0.01),
+        ("59:{:04.1f}", 0.1),
+    ],
+)
+def test_times_of_day_in_other_forms(
+    frame: pl.DataFrame, rig: Rig, tmp_path: Path, form: str, step: float
+) -> None:
+    """Whatever date stands around them; minutes, seconds and a fraction as spreadsheets show it."""
+    seconds = 59.0 + step * np.arange(40) if step < 0.1 else 56.0 + step * np.arange(40)
+    texts = [form.format(second % 60).replace("10:15:0", "10:16:0") for second in seconds]
+    if step == 0.1:  # over the hour
+        texts = [t.replace("59:", "0:") if s >= 60 else t for t, s in zip(texts, seconds)]
+    log = read(frame, texts, rig, tmp_path / "log.csv")
+    np.testing.assert_allclose(log.time, step * np.arange(40), atol=1e-9)
+
+
+def test_a_counter_of_32_bits_begins_anew(frame: pl.DataFrame, rig: Rig, tmp_path: Path) -> None:
+    stamps = (2**32 - 150_000 + 10_000 * np.arange(40)) % 2**32
+    log = read(frame, stamps, rig, tmp_path / "log.csv", "us")
+    np.testing.assert_allclose(np.diff(log.time), 0.01)
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "us"), (1 / 86400, "day")])
+def test_a_unit_of_time_that_is_another_is_proposed(
+    frame: pl.DataFrame, rig: Rig, tmp_path: Path, factor: float, unit: str
+) -> None:
+    stamps = 0.01 * factor * np.arange(40)
+    with pytest.raises(LogError, match=f'log.time.unit="{unit}"'):
+        read(frame, stamps, rig, tmp_path / "log.csv")
+    log = read(frame, stamps, rig, tmp_path / "log.csv", unit)
+    np.testing.assert_allclose(log.time, 0.01 * np.arange(40), atol=1e-9)
