@@ -153,6 +153,7 @@ class Logs:
         values.
         """
         text = data.decode().removeprefix("\ufeff").replace("\r\n", "\n").strip("\r\n")
+        text = text if "\n" in text else text.replace("\r", "\n")
         lines = [line for line in text.split("\n") if line.strip(" \t\r")]
         separator = max((",", ";", "\t"), key=lines[0].count)
         width = lines[0].count(separator)

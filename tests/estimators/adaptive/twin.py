@@ -229,6 +229,8 @@ class Twin:
         if force is not None and mask[self.channels.index(force)] > 0:
             read = self.effort(i, z_all)
             same = d.same + 1 if read == d.read else 0
+        if k > 0 and (z - d.s) ** 2 < 1e-12 * noise:
+            same = d.same + 1
         if k < 0:
             s = d.s + (z - d.s) / abs(k)
         else:

@@ -336,19 +336,24 @@ static void drive(const float* restrict a0, const float* restrict a1, const floa
   r0[8] = v258;
   const float v260 = (float)(a1[12] == a0[8]);
   const float v261 = (float)(v62 != 0.0f && v260 != 0.0f);
-  const float v262 = a0[9] + 1.0f;
-  const float v263 = (v261 != 0.0f ? v262 : 0.0f);
-  r0[9] = v263;
-  const float v265 = v178 - v8;
-  const float v266 = (v232 != 0.0f ? v265 : 0.0f);
-  r0[10] = v266;
-  const float v268 = a1[2] + v229;
-  const float v270 = 0.12f * v265;
-  const float v271 = v270 * v270;
+  const float v262 = v31 * v31;
+  const float v264 = 1e-12f * a1[2];
+  const float v265 = (float)(v262 < v264);
+  const float v266 = (float)(v5 != 0.0f && v265 != 0.0f);
+  const float v267 = (float)(v261 != 0.0f || v266 != 0.0f);
+  const float v268 = a0[9] + 1.0f;
+  const float v269 = (v267 != 0.0f ? v268 : 0.0f);
+  r0[9] = v269;
+  const float v271 = v178 - v8;
   const float v272 = (v232 != 0.0f ? v271 : 0.0f);
-  const float v273 = (v232 != 0.0f ? v272 : 0.0f);
-  const float v274 = v268 + v273;
-  r0[11] = v274;
+  r0[10] = v272;
+  const float v274 = a1[2] + v229;
+  const float v276 = 0.12f * v271;
+  const float v277 = v276 * v276;
+  const float v278 = (v232 != 0.0f ? v277 : 0.0f);
+  const float v279 = (v232 != 0.0f ? v278 : 0.0f);
+  const float v280 = v274 + v279;
+  r0[11] = v280;
 }
 
 static void track(const float* restrict a0, const float* restrict a1, const float* restrict a2, const float* restrict a3, float* restrict r0) {

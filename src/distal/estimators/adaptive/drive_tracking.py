@@ -42,8 +42,13 @@ angle [1]. Source: benchmark (benchmarks.ablation).
 """
 
 OLD = 3.0
-"""Number of exact repetitions in a row from which on a force may be an old one [1]. Source:
+"""Number of exact repetitions in a row from which on a reading may be an old one [1]. Source:
 judgement.
+"""
+
+SAME = 1e-12
+"""Square of a difference, in variances of the noise, below which readings are the same [1]. Source:
+rounding.
 """
 
 WANDERING = 1.0
@@ -67,7 +72,7 @@ class Drive:
         shift: by which the zero of the position sensor has jumped [m, rad].
         shift_std: std of `shift`, where nothing says whether the drive or the zero jumped [m, rad].
         effort: last reading of the drive's force sensor [N, N m].
-        repeats: number of readings of that sensor in a row which were exactly the same [1].
+        repeats: number of samples in a row in which one of its sensors read exactly the same [1].
         bend: change of displacement from one interval to the next, of which a straight line between
             samples misses a share.
         variance: of the position, for the filter: noise, what is unknown, what a straight line
@@ -350,7 +355,14 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
         shift=shift,
         shift_std=shift_std,
         effort=ca.if_else(judges, force_now, effort),
-        repeats=ca.if_else(ca.logic_and(judges, force_now == effort), repeats + 1, 0),
+        repeats=ca.if_else(
+            ca.logic_or(
+                ca.logic_and(judges, force_now == effort),
+                ca.logic_and(read, (reading - position) ** 2 < SAME * noise),
+            ),
+            repeats + 1,
+            0,
+        ),
         bend=bend,
         variance=noise + unknown + (robustness.bend_share * bend) ** 2,
     )

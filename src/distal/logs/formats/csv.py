@@ -24,8 +24,8 @@ from distal.logs.formats.format import Format
 from distal.logs.outputs import COPIES, check_memory, check_rows, memory_limit
 from distal.logs.stamps import is_time
 
-SEPARATORS = (",", ";", "\t")
-"""Characters that may separate the cells of a file: comma, semicolon, tab; else blanks do."""
+SEPARATORS = (",", ";", "\t", "|")
+"""Characters that may separate the cells of a file; else blanks do."""
 
 BLANKS = " "
 """What stands for any number of blanks between cells."""
@@ -79,14 +79,18 @@ def read_csv(path: Path, columns: Sequence[str] | None = None) -> Cells:
     """
     try:
         with path.open("rb") as file:
-            begin = file.peek(2)[:2]  # a pipe is read once only
-            if begin == GZIP:
+            begin = file.peek(BLOCK)  # a pipe is read once only
+            if begin[:2] == GZIP:
                 return _read(path, io.BufferedReader(gzip.GzipFile(fileobj=file)), columns)
-            if begin in WIDE_MARKS:  # such as a spreadsheet's "Unicode text"
-                check_memory(path, COPIES * path.stat().st_size, "it is read as a whole")
-                text = file.read().decode("utf-16", "replace")
-                return _read(path, io.BytesIO(text.encode()), columns)
-            return _read(path, file, columns)
+            is_wide = begin[:2] in WIDE_MARKS or begin[1:4:2] == b"\0\0"
+            is_plain = not is_wide and (b"\r" not in begin or b"\n" in begin)
+            if is_plain or not path.is_file():
+                return _read(path, file, columns)
+            # such as a spreadsheet's "Unicode text", or lines that only a return ends
+            check_memory(path, COPIES * path.stat().st_size, "it is read as a whole")
+            code = "utf-16" if begin[:2] in WIDE_MARKS else "utf-16-le" if is_wide else "latin-1"
+            text = file.read().decode(code, "replace").replace("\r\n", "\n").replace("\r", "\n")
+            return _read(path, io.BytesIO(text.encode("utf-8" if is_wide else code)), columns)
     except (OSError, EOFError) as problem:
         reason = getattr(problem, "strerror", None) or problem
         raise LogError(f"{path}: cannot be read ({reason})") from None
@@ -323,7 +327,7 @@ def _text(path: Path, block: bytes, row: int) -> str:
             row += block[: block.index(0)].count(b"\n")
             raise LogError(
                 f"{path}: row {row}: is not text, it holds a zero byte; a CSV file is expected "
-                "(Parquet needs the ending .parquet)"
+                "(Parquet needs the ending .parquet; unpack an archive)"
             )
         return block.decode().replace(MINUS, "-")
     except UnicodeDecodeError as problem:
