@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from distal import LiveEstimator, Log, estimate, load_rig, load_scenario, scenario_rig, simulate
-from distal.estimators.adaptive.drive_tracking import MEMORY, track_function
+from distal.estimators.adaptive.drive_tracking import MEMORY, REMEMBERED, track_function
 from distal.estimators.adaptive.guards import Robustness
-from distal.kernels.layout import MISSING
+from distal.kernels.layout import MISSING, READ
 from distal.rig import build_rig
 
 
@@ -69,3 +69,24 @@ def test_the_usual_force_of_a_drive_at_its_stop_says_nothing() -> None:
         live.step(0.01 * k, np.array([left[0] - 1e-3, right[1] + 1e-3]))
     assert np.isfinite(live.covariance).all()
     assert np.deg2rad(1.0) < live.angle_std < np.deg2rad(20.0)
+
+
+@pytest.mark.parametrize("usual", [0.0, 0.3])
+def test_what_a_drive_usually_does_is_not_far_and_how_far_a_lost_one_goes(usual: float) -> None:
+    """At rest it begins to move by 3 times its usual speed, or is lost for a while."""
+    dt, noise = 0.01, 1e-10
+    step = track_function(Robustness.usual(1), judged=False)
+
+    def after(readings: list[float]) -> np.ndarray:
+        now = np.zeros(MEMORY)
+        for value in readings:
+            seen = [0.0, MISSING] if np.isnan(value) else [value, READ]
+            rest = [noise, 1e9, 0.0, usual**2, *np.zeros(7)]
+            now = np.array(step(now, [*seen, *rest], dt)).ravel()[:MEMORY]
+        return now
+
+    doubt, unknown = (REMEMBERED.index(name) for name in ("doubt", "unknown"))
+    begins = after([0.0, 0.0, 3 * 0.3 * dt])
+    assert (begins[doubt] > 0.0) == (usual == 0.0)
+    lost = after([0.0, 0.0, *[np.nan] * 20])
+    assert lost[unknown] == pytest.approx((20 * usual * dt) ** 2 + noise)

@@ -344,3 +344,23 @@ def test_a_diagnosis_names_forces_that_are_not_free(rig: Rig) -> None:
     said = diagnose(estimate(turned, rig), turned, rig, what_if=False)
     assert not said.consistent
     assert any(finding.kind == "not free" and force in finding.text for finding in said.findings)
+
+
+def test_single_wrong_positions_are_no_touch(ropes: Rig) -> None:
+    """A position in doubt is missing, with all that its motor reads; believed, they hide all."""
+    log = ropes_log(11, 6.0)
+    values = np.column_stack(list(log.channels.values()))
+    redundancy = Redundancy.of(ropes, list(log.channels))
+    at = list(log.channels).index("flexor_angle")
+    wrong = values.copy()
+    wrong[50::97, at] += 4.0
+    right, spoiled, believed = (
+        along(judging, log.time, readings)[0].mean()
+        for judging, readings in (
+            (redundancy, values),
+            (redundancy, wrong),
+            (replace(redundancy, judged=()), wrong),
+        )
+    )
+    assert spoiled < 1.1 * right
+    assert believed > 2.0 * right
