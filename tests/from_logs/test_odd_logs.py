@@ -78,10 +78,10 @@ def test_one_bad_cell_is_named_with_its_row(tmp_path: Path) -> None:
     paths = written(logs(), tmp_path)
     lines = paths[1].read_text().splitlines()
     cells = lines[100].split(",")
-    cells[1] = "--"
+    cells[1] = "1-2"
     lines[100] = ",".join(cells)
     paths[1].write_text("\n".join(lines))
-    with pytest.raises(distal.DistalError, match=r"run_1.csv: row 101, column 'x_a_mm': '--'"):
+    with pytest.raises(distal.DistalError, match=r"run_1.csv: row 101, column 'x_a_mm': '1-2'"):
         rig_from_logs(paths)
 
 

@@ -117,10 +117,11 @@ def read_raw(path: Source, rows: int | None = None, rate: float | None = None) -
 
 
 def _raw(source: str, columns: Mapping[str, Floats], texts: tuple[str, ...] = ()) -> RawLog:
-    """Return a log in which registers that hold a sign are decoded and single wild readings are
-    missing, as the conversion of readings does it with the written rig.
+    """Return a log without rows that hold nothing, in which registers that hold a sign are decoded
+    and single wild readings are missing, as the conversion of readings does it with the written rig.
     """
-    read = {name: decoded(values) for name, values in columns.items()}
+    there = np.any([np.isfinite(values) for values in columns.values()], axis=0)
+    read = {name: decoded(values[there]) for name, values in columns.items()}
     wild = {name: is_wild for name, values in read.items() if (is_wild := _wild(values)).any()}
     read |= {name: np.where(is_wild, np.nan, read[name]) for name, is_wild in wild.items()}
     return RawLog(source, read, texts, {name: int(is_wild.sum()) for name, is_wild in wild.items()})

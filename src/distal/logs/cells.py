@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import re
+import warnings
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf, isinf, nan
@@ -20,11 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Floats
-from distal.errors import LogError, UnitError, did_you_mean
+from distal.errors import DistalWarning, LogError, UnitError, did_you_mean
 from distal.rig import COUNTS, Rig, Role, Sensor, log_factor, measurand_of
 from distal.units import unit_factor
 
-_UNIT = re.compile(r"(.*\S)\s+\[([^\[\]]+)\]")
+_UNIT = re.compile(r"(.*\S)(?:\s+\[([^\[\]]+)\]|\[(?!\d+\])([^\[\]]+)\]|\s*\((?!\d+\))([^()]+)\))")
 
 
 PERCENT = ("%", "pct", "percent")
@@ -43,7 +44,7 @@ def name_and_unit(text: str) -> tuple[str, str | None]:
     ``position[0]``.
     """
     match = _UNIT.fullmatch(text)
-    return (text, None) if match is None else (match[1], match[2])
+    return (text, None) if match is None else (match[1], match[2] or match[3] or match[4])
 
 
 def needed(text: str, columns: Collection[str] | None) -> bool:
@@ -308,7 +309,7 @@ def compact(cells: list[str], path: Path, name: str, first_row: int) -> Column:
     if whole is not None:
         return whole
     try:
-        return parsed_cells(cells, path, name, first_row)
+        return cells if any(map(_is_word, cells)) else parsed_cells(cells, path, name, first_row)
     except LogError:
         return cells
 
@@ -338,10 +339,20 @@ def parsed_cells(column: Column, path: Path, name: str, first_row: int) -> Float
     if isinstance(column, list):
         values = _plain_values(column)
         if values is None:
-            cells = enumerate(column, first_row)
+            words = {row: cell for row, cell in enumerate(column, first_row) if _is_word(cell)}
+            numbers = ["" if _is_word(cell) else cell for cell in column]
             values = np.array(
-                [_number(cell, path, name, row) for row, cell in cells], dtype=np.float64
+                [_number(cell, path, name, row) for row, cell in enumerate(numbers, first_row)]
             )
+            for row, cell in list(words.items())[:1]:
+                if np.isnan(values).all():
+                    raise _no_number(path, row, name, cell)
+                warnings.warn(
+                    f"{path}: row {row}, column '{name}': '{cell.strip()}' is no number: taken as "
+                    f"missing, {len(words)} in all",
+                    DistalWarning,
+                    stacklevel=3,
+                )
         return values
     if column.dtype.kind not in "iuf":
         raise LogError(f"{path}: column '{name}' holds {column.dtype}; numbers are expected")
@@ -370,6 +381,11 @@ def is_plain(text: str) -> bool:
     These are ``1_000`` and digits of other scripts.
     """
     return text.isascii() and "_" not in text
+
+
+def _is_word(cell: str) -> bool:
+    """Return whether a cell holds a word where a number could be, such as ``#N/A`` or ``inf``."""
+    return not any(map(str.isnumeric, cell)) and cell.strip().lower() not in MISSING
 
 
 def _number(cell: str, path: Path, name: str, row: int) -> float:

@@ -83,6 +83,8 @@ class Encoder:
         self.ahead = 0.0
         # of that, what are turns of an encoder that seemed to wrap
         self._unwrapped = 0.0
+        # whether the range holds in the turn in which the log begins
+        self._is_ranged = True
         self._last = self._seen = nan
         # least and largest reading so far, the share of readings that are beyond them lately, and
         # the ends of a position whose turn is a guess
@@ -121,7 +123,10 @@ class Encoder:
         limits = self._limits
         # of what was read bit by bit: a wrong reading does not make a counter of it
         within = self._is_within(*self._read)
-        if limits.wraps and within:
+        ahead = None
+        if limits.high - limits.low < limits.turn:
+            position, kind, ahead = self._in_range(reading, gap)
+        elif limits.wraps and within:
             position, kind = self._within_turn(reading, gap)
         else:
             position, kind = self._counted(reading, gap)
@@ -131,11 +136,11 @@ class Encoder:
         size = gap if kind == "turn" else 0.0
         if kind != "restarted" and isfinite(self._last):
             self._unwrapped += position - reading - self.ahead
-        if within and self._counts(reading):
+        if ahead is None and within and self._counts(reading):
             position -= self._unwrapped  # no turn was gone that it did not count
         self._last = position
         self._seen = time
-        self.ahead = position - reading
+        self.ahead = position - reading if ahead is None else ahead
         return position, kind, size
 
     def _counts(self, reading: float) -> bool:
@@ -217,33 +222,45 @@ class Encoder:
             ceil((limits.low - least) / limits.turn), floor((limits.high - most) / limits.turn) + 1
         )
 
-    def _counted(self, reading: float, gap: float) -> tuple[float, Kind | None]:
-        """Return the position of an encoder that counts its turns, or a wrapped one if all that it
-        has read is within one turn.
+    def _in_range(self, reading: float, gap: float) -> tuple[float, Kind | None, float]:
+        """Return the position of an encoder whose range is less than a turn, what was done, and
+        how much a goal is ahead of what the motor shall read: the turn nearest to the last one, and
+        after a jump out of the range the one within it.
 
         Out of range without a jump, a tendon broke or a spool slipped.
         """
         limits = self._limits
+        turn = limits.turn
+        near = reading
+        if isfinite(self._last):
+            near += turn * round((self._last - reading) / turn)
+        elif limits.begins and not limits.wraps:
+            self._is_ranged = limits.low <= reading <= limits.high
+        goes_on = abs(near - self._last) <= limits.fastest * min(gap, limits.interval)
+        if self._is_ranged and not limits.low <= near <= limits.high and not goes_on:
+            anew = reading + turn * round(((limits.low + limits.high) / 2 - reading) / turn)
+            near = anew if limits.low <= anew <= limits.high else near
+        restarts = gap >= limits.boots and abs(near - reading - self.ahead) > turn / 2
+        if limits.wraps or restarts or not isfinite(self._last):
+            return near, "restarted" if restarts and not limits.wraps else None, near - reading
+        return near, None, self.ahead
+
+    def _counted(self, reading: float, gap: float) -> tuple[float, Kind | None]:
+        """Return the position of an encoder that counts its turns, or a wrapped one if all that it
+        has read is within one turn.
+        """
+        limits = self._limits
         position = reading + self.ahead
-        if not isfinite(limits.turn) or abs(position - self._last) < limits.turn / 2:
+        if not abs(position - self._last) >= limits.turn / 2:
             return position, None
-        if not isfinite(self._last) and limits.begins:
-            return position, None
+        within = self._is_within(min(self._read[0], reading), max(self._read[1], reading))
+        near = reading + limits.turn * round((self._last - reading) / limits.turn)
         # without a range nothing speaks for one turn
         is_inside = isfinite(limits.low) and limits.low <= position <= limits.high
-        if isfinite(self._last):
-            within = self._is_within(min(self._read[0], reading), max(self._read[1], reading))
-            near = reading + limits.turn * round((self._last - reading) / limits.turn)
-            soon = limits.fastest * gap < limits.turn / 2
-            if within and (soon or not is_inside) and limits.low <= near <= limits.high:
-                return near, None
-        if is_inside or gap < limits.boots or not limits.high - limits.low < limits.turn:
-            return position, None
-        middle = (limits.low + limits.high) / 2
-        anew = reading + limits.turn * round((middle - reading) / limits.turn)
-        if not limits.low <= anew <= limits.high:
-            return position, None
-        return anew, "restarted" if anew != position else None
+        soon = limits.fastest * gap < limits.turn / 2
+        if within and (soon or not is_inside) and limits.low <= near <= limits.high:
+            return near, None
+        return position, None
 
 
 def encoder_of(rig: Rig, sensor: Sensor, factor: float, ranged: bool, doubting: bool) -> Encoder:

@@ -9,6 +9,7 @@ import re
 import warnings
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -50,8 +51,8 @@ minutes, seconds and a fraction, as spreadsheets show it.
 DAY = 86_400.0
 """A day [s]. Source: definition (unit conversion)."""
 
-COUNTER = 2**32
-"""Number after which a counter of 32 bits begins anew [1]. Source: definition (32 bits)."""
+COUNTERS = (2**16, 2**32)
+"""Numbers after which counters begin anew [1]. Source: definition (16 and 32 bits)."""
 
 UNITS = (1.0, 1e-3, 1e-6, 1e-9)
 """Units in which dates may be counted: s, ms, µs, ns [s]. Source: definition (unit conversion)."""
@@ -113,8 +114,13 @@ def _counted(values: NDArray[Any], unit: float, name: str, path: Path) -> Clock:
     """Return the time of numeric stamps; integers keep every nanosecond. A stamp that is no time is
     infinite.
     """
-    if values.dtype == np.int64 and values.min() >= 0 and values.max() < COUNTER:
-        values = np.unwrap(values, period=COUNTER)  # a counter of 32 bits begins anew
+    is_counter = values.dtype == np.int64 and len(values) > 1 and values.min() >= 0
+    for period in COUNTERS if is_counter else ():
+        steps = np.diff(np.unwrap(values, period=period))
+        anew = np.diff(values) < 0
+        # beyond its last number a counter goes on as before
+        if values.max() < period and np.abs(steps[anew]).max(initial=0) <= 2 * np.median(steps):
+            values = np.unwrap(values, period=period)
     finite = np.abs(values[np.isfinite(values)])
     usual = float(np.median(finite)) if len(finite) else 0.0
     if usual * unit < EPOCH:
@@ -185,7 +191,7 @@ def is_time(column: Column) -> bool:
     """Return whether a column holds dates or times of day, by its first cell."""
     if not isinstance(column, list):
         return column.dtype.kind == "M"
-    first = column[0].strip() if column else ""
+    first = next(filter(None, map(str.strip, column)), "")
     return is_date(first) or CLOCK.fullmatch(first) is not None
 
 
@@ -302,9 +308,15 @@ def in_order(time: Floats, source: str, first_row: int) -> NDArray[np.intp]:
         source: what the log is called in messages.
         first_row: row number of the first stamp in its file.
     """
-    wild = wild_stamps(time)
-    say_wild(source, wild, f"row {int(wild.argmax()) + first_row}")
-    rows = np.flatnonzero(~wild)
+    there = np.flatnonzero(~np.isnan(time))
+    left_out = np.isnan(time)
+    left_out[there] = wild_stamps(time[there])
+    say_wild(source, left_out, f"row {int(left_out.argmax()) + first_row}")
+    rows = np.flatnonzero(~left_out)
+    parts = np.split(rows, set_backs(time[rows]))
+    parts.sort(key=lambda part: float(time[part[0]]))
+    if all(time[a[-1]] < time[b[0]] for a, b in pairwise(parts)):
+        return np.concatenate(parts)  # they were written in another order
     return rows[longest_part(set_backs(time[rows]), len(rows), source)]
 
 
@@ -313,7 +325,7 @@ def say_wild(source: str, wild: Bools, first: str) -> None:
     count = int(wild.sum())
     if count:
         warnings.warn(
-            f"{source}: {first} left out, {count} in all: a stamp out of order or far off",
+            f"{source}: {first} left out, {count} in all: a stamp missing, out of order or far off",
             DistalWarning,
             stacklevel=4,
         )

@@ -1,5 +1,5 @@
-"""CSV files: every line is one row; none is joined with another, and none is skipped but comments
-before the header, units below it, and the header where it comes again.
+"""CSV files: every line is one row, and none is joined with another. Lines above the header, units
+below it, and lines with another number of cells are left out and said.
 """
 
 from __future__ import annotations
@@ -103,8 +103,7 @@ def _read(path: Path, file: BinaryIO, columns: Sequence[str] | None) -> Cells:
     parts: dict[str, list[Column]] = {name: [] for name in names if needed(name, columns)}
     row = first_row
     line = b"".join(lines[first_row - 1 :])
-    odd = ""  # what is wrong with the first row that holds no readings
-    left_out = False
+    torn = dict[int, str]()
     repeated = list[int]()
     while block := line + file.read(BLOCK) + file.readline(longest):
         line = b""
@@ -116,26 +115,23 @@ def _read(path: Path, file: BinaryIO, columns: Sequence[str] | None) -> Cells:
             first = cells[0].strip() if cells else ""
             if first == header_cells[0] and [c.strip() for c in cells] == header_cells:
                 repeated.append(row)
-            elif len(cells) != len(names) or (odd and not all(map(_is_value, cells))):
-                odd = odd or f"row {row}: {_mismatch(cells, names, row == first_row)}"
-                left_out |= bool("".join(cells).strip())
-                if len(cells) > len(names) and all(map(_is_value, cells)):
-                    raise LogError(f"{path}: {odd}")
-            elif odd:
-                raise LogError(f"{path}: {odd}")
-            else:
+            elif len(cells) == len(names):
                 rows.append(cells)
+            elif "".join(cells).strip() and not first.startswith(COMMENT):
+                torn[row] = _mismatch(cells, names, row == first_row)
+                rows.append([""] * len(names))
             row += 1
         for name, column in zip(names, zip(*rows)):
             if name in parts:
                 parts[name].append(compact(list(column), path, name, begin))
         check_rows(path, row - first_row, len(parts))
     held = {name: _joined(of_column) for name, of_column in parts.items()}
-    if odd and not any(map(len, held.values())):
-        raise LogError(f"{path}: {odd}")
-    notes = []
-    if left_out:
-        notes.append(f"{odd}; it and what follows are left out")
+    notes = list[str]()
+    if torn:
+        at, reason = next(iter(torn.items()))
+        if 2 * len(torn) > max(map(len, held.values()), default=0):
+            raise LogError(f"{path}: row {at}: {reason}")
+        notes.append(f"row {at}: {reason}; rows left out: {len(torn)}")
     if repeated:
         notes.append(
             f"row {repeated[0]} repeats the header, {len(repeated)} in all: left out; are these "
@@ -148,10 +144,6 @@ def _read(path: Path, file: BinaryIO, columns: Sequence[str] | None) -> Cells:
 
 def _mismatch(cells: Sequence[str], names: Sequence[str], is_first: bool) -> str:
     """Return what is wrong with a row that has not one cell for each name."""
-    if not "".join(cells).strip():
-        return "is blank; remove it"
-    if len(cells) == len(names):
-        return f"'{cells[0]}' is no reading"
     text = (
         f"is too {'short' if len(cells) < len(names) else 'long'} ({len(cells)} cells; the header "
         f"has {len(names)})"
