@@ -46,34 +46,45 @@ WORDS: Mapping[str, str] = {
     "travel": "disp displacement weg travel",
     "symbol": "x",
     "place": "pos position posicion posizione stellung jp",
-    "drive": "motor servo drive actuator actuation spool antrieb moteur motore tendon cable seil "
-    "cavo m actuador attuatore slider",
+    "drive": "motor rotor servo drive actuator actuation spool antrieb moteur motore tendon cable "
+    "seil cavo m actuador attuatore slider",
     "proximal": "prox proximal",
     "force": "force kraft fuerza forza tension zug f fx fz traction trazione tensione",
     "torque": "torque drehmoment moment couple coppia par tau",
     "current": "cur curr current strom courant corriente corrente amps i iq",
     "effort": "effort load loadcell cell zelle u lc fsr",
-    "angle": "theta angle winkel angulo angolo camera cam kamera camara mocap vicon optitrack "
-    "fiducial aruco goniometer gonio inclinometer tag",
+    "angle": "theta angle rotation winkel angulo angolo camera cam kamera camara mocap vicon "
+    "optitrack fiducial aruco goniometer gonio inclinometer tag",
     "truth": "truth true",
-    "joint": "joint external gelenk articulation articulacion giunto",
+    "joint": "joint link junta external gelenk articulation articulacion giunto",
     "reference": "ref reference",
     "finger": "q mcp pip dip cmc wrist elbow finger thumb knee yaw pitch roll jaw "
     "hand poignet doigt muneca dedo polso dito handgelenk daumen flex flexion abd "
     "abduction tilt inclination bend bending orientation deflection heading neck shoulder hip "
     "ankle toe trunk th knuckle neigung beugung inclinaison inclinacion inclinazione",
     "index": "index",
+    "side": "links rechts",
     "command": "cmd command goal target setpoint sp soll sollwert consigne consigna comando "
-    "desired befehl action des ziel cible objetivo obiettivo input demand set requested",
-    "unused": "speed vel velocity geschwindigkeit vitesse velocidad velocita omega acc accel "
-    "acceleration dot rate rpm dps gyro mvel dq qd ddq qdd hz temp temperature temperatur volt "
+    "commanded tgt ctrl referencia desired befehl action des ziel cible objetivo obiettivo input "
+    "demand set requested",
+    "unused": "speed vel velo velocit velocid geschwindigkeit vitesse omega acc accel "
+    "acceleration dot rate rpm dps gyro mvel dq qd ddq qdd hz temp temperatur volt "
     "voltage spannung voltaje battery vbat bus error err diff humidity pressure",
     "other": "pwm duty idx frame seq row episode dt status mode flag unnamed checksum quality conf "
     "confidence",
 }
 """Kind of word → words, in English, German, French, Spanish and Italian."""
 
-OF_WHAT = ("finger", "proximal")
+SHORTEST = 5
+"""Number of letters of a word which is no stem of others. Source: judgement."""
+
+OWNERS = ("drive", "proximal", "joint")
+"""Kinds of words that say whose a column is."""
+
+ALWAYS = ("command", "unused", "truth", "reference", "finger", "index")
+"""Kinds of words that count in any part of a path."""
+
+OF_WHAT = ("finger", "proximal", "side")
 """Kinds of words that say of what something is measured."""
 
 KIND_OF = {word: kind for kind, text in WORDS.items() for word in text.split()}
@@ -162,6 +173,7 @@ EMPTY_WORDS = frozenset(
 )
 """Words that say neither what is measured nor of what."""
 
+_PATH = re.compile(r"[/.:|]")
 _BRACKETS = re.compile(r"^(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
 _LIKE_UNIT = re.compile(r"[^\W\d_][^\d_]{0,11}")
 # of single letters only these are units: F_a is a force of a, i_A is in A
@@ -199,6 +211,14 @@ class NameEvidence:
     unknown_unit: str = ""
 
     @property
+    def kind_of_name(self) -> tuple[object, ...]:
+        """What it shares with columns of the same kind: what is measured and how many words there
+        are, else its words without numbers.
+        """
+        words = [word for word in self.subject.split("_") if word]
+        return (*self.quantity, len(words)) if self.quantity else tuple(filter(str.isalpha, words))
+
+    @property
     def says_nothing(self) -> bool:
         """Whether neither a word nor a unit is known."""
         return not self.kinds and self.unit is None and not self.unknown_unit
@@ -217,45 +237,60 @@ def words_of(header: str) -> list[str]:
     words = list[str]()
     for word in _TOKEN.findall(plain):
         compound = None if word.lower() in KIND_OF else _COMPOUND.fullmatch(word.lower())
-        words.extend(compound.groups() if compound else [_singular(word.lower())])
+        words.extend(compound.groups() if compound else [_stem(word.lower())])
     return words
 
 
-def _singular(word: str) -> str:
-    """Return a known word without the s of its plural, and any other word as it is."""
-    known = {*KIND_OF, *EMPTY_WORDS}
-    return word[:-1] if word not in known and word.endswith("s") and word[:-1] in known else word
+def _stem(word: str) -> str:
+    """Return the known word of which a word is the plural or another form, which has its first
+    letters; any other word as it is.
+    """
+    stems = [word, word.removesuffix("s"), *(word[:n] for n in range(len(word) - 1, SHORTEST, -1))]
+    return next((stem for stem in stems if stem in KIND_OF or stem in EMPTY_WORDS), word)
 
 
-def name_evidence(header: str) -> NameEvidence:
-    """Return what the header of a column says."""
+def name_evidence(header: str, others: Iterable[str] = ()) -> NameEvidence:
+    """Return what the header of a column says, beside those of other columns: A and B at their ends
+    are no units.
+    """
     match = _BRACKETS.match(header)
     base, bracket = (match[1], match[2]) if match else (header, "")
     unit, si = _unit(bracket)
     ending = _ENDING.match(base) if unit is None else None
     at_end = SPELLED.get(ending[2].lower()) if ending else None
+    letters = {h[-1] for h in others if h[:-1] == header[:-1]}
+    if not letters <= {letter for letter in SPELLED if len(letter) == 1} | {"A", "V", "N"}:
+        at_end = None
     if ending and at_end and (ending[1] or at_end[1] == "s"):  # a name that is only ms is a time
         base = ending[1] or base
         unit, si = at_end
-    words = words_of(_AXIS_OF_CURRENT.sub("", base))
+    parts = [words_of(part) for part in _PATH.split(_AXIS_OF_CURRENT.sub("", base))]
+    words = [word for part in parts for word in part]
     # a single letter is a symbol at the beginning only, of a recording's column after its topic:
     # F_mcp_f is the force of mcp_f
     topic = base.partition(".")[0] if base.startswith("/") else ""
     first = len(words_of(topic))
+    at = [number for number, part in enumerate(parts) for _ in part]
     telling = [
-        word
+        (at[i], KIND_OF[word])
         for i, word in enumerate(words)
-        if i == first or len(word) > 1 or (word == "m" and words[i + 1 : i + 2] > ["0"])
+        if (i == first or len(word) > 1 or (word == "m" and words[i + 1 : i + 2] > ["0"]))
+        and word in KIND_OF
     ]
+    # the last part of a path that says whose a column is counts, and the last that says what;
     # of each kind once: /actuator_states/actuator_currents is of an actuator as currents are
-    kinds = list(dict.fromkeys(KIND_OF[word] for word in telling if word in KIND_OF))
+    last = dict.fromkeys((False, True), 0)
+    last |= {kind in OWNERS: part for part, kind in telling if kind not in ALWAYS}
+    kinds = list(
+        dict.fromkeys(k for part, k in telling if k in ALWAYS or part == last[k in OWNERS])
+    )
     if "/s" in bracket.replace(" ", ""):
         kinds.append("unused")
     if "index" in kinds and len(words) > 1:  # the finger, not a number of rows
         kinds[kinds.index("index")] = "finger"
     if "current" in kinds and {"place", "position", "unused"} & set(kinds):
         kinds.remove("current")  # the present one
-    evidence = [EVIDENCE[kind] for kind in kinds]
+    evidence = [EVIDENCE.get(kind, {}) for kind in kinds]
     if si is not None:
         evidence.append({**NOT_OF_UNIT, **OF_UNIT[si]})
     kept = [
@@ -293,6 +328,7 @@ def with_families(names: Mapping[str, NameEvidence]) -> dict[str, NameEvidence]:
         for header, name in names.items()
         if best[header] in ("effort", "command") and name.scores[best[header]] >= LIKELY
     }
+    efforts = {names[header].subject for header, role in best.items() if role == "effort"}
     movers = [
         header
         for header, name in names.items()
@@ -300,28 +336,46 @@ def with_families(names: Mapping[str, NameEvidence]) -> dict[str, NameEvidence]:
     ]
     are_named = any(margins[header] >= LIKELY for header in movers)
     quantities = set[tuple[tuple[str, ...], str | None]]()
+    of_drives = set[str]()
     for drive in drives:
-        family = [header for header in movers if names[header].subject == drive]
-        chosen = max(family, key=lambda header: margins[header], default=None)
+        family = [
+            header
+            for header in movers
+            if names[header].subject == drive
+            or (drive in efforts and _shares(names[header], drive))
+        ]
+        chosen = max(family, key=lambda h: (margins[h], names[h].scores["position"]), default=None)
         # where other columns are called positions, one that is called an angle is a joint's
         if chosen is not None and not (are_named and margins[chosen] <= -LIKELY):
             quantities.add((names[chosen].quantity, names[chosen].unit))
+            of_drives.add(chosen)
     result = dict(names)
     for header in movers:
         name = names[header]
-        if (name.quantity, name.unit) in quantities and margins[header] < SURE:
-            result[header] = _as(name, "position")
+        is_alike = bool(name.quantity) and (name.quantity, name.unit) in quantities
+        if (is_alike or header in of_drives) and margins[header] < SURE:
+            result[header] = as_role(name, "position")
     angles = [header for header in movers if result[header].scores["angle"] >= LIKELY]
     references = [header for header in angles if "reference" in names[header].kinds]
     for header in references if len(angles) > len(references) else ():
         # where other columns are joints, this is what a drive should do
         if names[header].subject and names[header].subject in drives:
-            result[header] = _as(names[header], "command")
+            result[header] = as_role(names[header], "command")
     return result
 
 
-def _as(name: NameEvidence, role: Role) -> NameEvidence:
-    """Return what a name says with its family, which says its role."""
+def _shares(name: NameEvidence, drive: str) -> bool:
+    """Return whether a name in which no word is known shares a word and its numbers with a drive's:
+    ``dianji1_weizhi`` and the current ``dianji1_dianliu``.
+    """
+    words = {*name.subject.split("_")}
+    others = {*drive.split("_")}
+    has_word = any(not word.isdigit() for word in words & others)
+    return not name.kinds and has_word and all(not word.isdigit() for word in words ^ others)
+
+
+def as_role(name: NameEvidence, role: Role) -> NameEvidence:
+    """Return what a name says with its family or its values, which say its role."""
     scores = {**name.scores, "angle": -SURE, role: max(name.scores.values()) + SURE}
     return replace(name, scores=scores, kinds=(*name.kinds, "drive"))
 

@@ -22,7 +22,7 @@ from scipy.signal import medfilt, savgol_coeffs, savgol_filter
 
 from distal.arrays import Bools, Floats
 from distal.errors import LogError, RigError
-from distal.from_logs.column_names import SURE, ColumnRole, NameEvidence, in_si
+from distal.from_logs.column_names import ROLES, SURE, ColumnRole, NameEvidence, as_role, in_si
 from distal.logs import (
     Column,
     Episode,
@@ -117,8 +117,8 @@ def read_raw(path: Source, rows: int | None = None, rate: float | None = None) -
 
 
 def _raw(source: str, columns: Mapping[str, Floats], texts: tuple[str, ...] = ()) -> RawLog:
-    """Return a log without rows that hold nothing, in which registers that hold a sign are decoded
-    and single wild readings are missing, as the conversion of readings does it with the written rig.
+    """Return a log without empty rows, in which registers that hold a sign are decoded and single
+    wild readings are missing, as the conversion of readings does it with the written rig.
     """
     there = np.any([np.isfinite(values) for values in columns.values()], axis=0)
     read = {name: decoded(values[there]) for name, values in columns.items()}
@@ -411,6 +411,61 @@ def smoothed(values: Floats, window: int, step: float, order: int = 0) -> Floats
         return np.asarray(savgol_filter(values, window, 3, deriv=2, delta=step, axis=0))
     rates = np.gradient(values, step, axis=0) if order == 1 else values
     return np.asarray(convolve1d(rates, kernel, axis=0, mode="nearest"))
+
+
+LIKE_SPEED = 0.9
+"""Correlation with another column's speed from which a column is that speed [1]. Source: judgement.
+"""
+
+LIKE_GOAL = 0.02
+"""Share by which a column's size may differ from another's of which it is the goal [1]; a joint's
+differs by more, or lags. Source: judgement.
+"""
+
+
+@np.errstate(divide="ignore", invalid="ignore")
+def with_values(
+    names: Mapping[str, NameEvidence], logs: Sequence[RawLog], time: str
+) -> dict[str, NameEvidence]:
+    """Return what names and values of columns say together: what goes as the speed of another
+    column is no position; of two columns with the same values the one ahead is the other's goal.
+    """
+    best = {header: max(ROLES, key=name.scores.__getitem__) for header, name in names.items()}
+    movers = [h for h, role in best.items() if role in ("position", "angle") and h != time]
+    moved = list[Floats]()
+    speeds = list[Floats]()
+    for log in logs if len(movers) > 1 else ():
+        values = np.column_stack([bridged(log.columns[header]) for header in movers])
+        moved.append(values - values.mean(axis=0))
+        speeds.append(smoothed(values, SMALLEST_WINDOW, 1.0, 1))
+    if not moved:
+        return dict(names)
+    x = np.concatenate(moved)
+    v = np.concatenate(speeds)
+    size = np.sqrt(np.mean(x**2, axis=0))
+    off = np.abs(np.subtract.outer(*2 * [[np.nanmean(logs[0].columns[h]) for h in movers]]))
+    by_speed = x.T @ v / len(x) / np.outer(size, np.std(v, axis=0))
+    alike = np.abs(np.divide.outer(size, size) - 1.0) < LIKE_GOAL
+    alike &= (off < size) & (x.T @ x / len(x) / np.outer(size, size) > 1.0 - LIKE_GOAL)
+    result = dict(names)
+    for i, header in enumerate(movers):
+        name = names[header]
+        sure = name.scores[best[header]] >= SURE
+        if not sure and (by_speed[i] > LIKE_SPEED).any():
+            result[header] = as_role(name, "other")
+        for j in np.flatnonzero(alike[i]):
+            other = names[movers[j]]
+            # motors that go together are called alike
+            is_pair = best[movers[j]] == best[header] and other.kind_of_name != name.kind_of_name
+            if is_pair and v[:, i] @ (x[:, j] - x[:, i]) < 0.0:
+                result[header] = as_role(name, "command")
+    return result
+
+
+def bridged(values: Floats) -> Floats:
+    """Return samples with the missing ones in line with their neighbours, (k,)."""
+    there = np.flatnonzero(np.isfinite(values))
+    return np.interp(np.arange(len(values)), there, values[there]) if len(there) else values * 0.0
 
 
 CLEAR = 4.0

@@ -73,6 +73,7 @@ from distal.from_logs.motion_data import (
     time_column,
     time_unit,
     with_same_columns,
+    with_values,
     without_repeats,
 )
 from distal.from_logs.which_drive_moves_what import EXPLAINED, left_columns, remarks
@@ -111,9 +112,10 @@ def column_roles(logs: Sequence[RawLog], overrides: Overrides) -> list[ColumnRol
     roles_by_name: dict[str, Role] = {_header(name, headers): "angle" for name in overrides.truth}
     roles_by_name |= dict.fromkeys(drives, "position")
     roles_by_name |= {_header(name, headers): "other" for name in overrides.ignore}
-    names = with_families({header: name_evidence(header) for header in headers})
+    alone = {header: name_evidence(header, headers) for header in headers}
+    time = time_column(logs, headers, alone)
+    names = with_families(with_values(alone, logs, time))
     values = {header: value_evidence([log.columns[header] for log in logs]) for header in headers}
-    time = time_column(logs, headers, names)
     if time in roles_by_name:
         raise LogError(f"'{time}' is the only column that increases: it is the time")
     # nothing else is a second time
@@ -136,7 +138,7 @@ def column_roles(logs: Sequence[RawLog], overrides: Overrides) -> list[ColumnRol
     found = []
     for header in headers:
         column = _role(header, scores[header], names[header], values[header])
-        if column.role != "other" and names[header].unknown_unit:
+        if column.role not in ("other", "command") and names[header].unknown_unit:
             raise LogError(
                 f"column '{header}': the unit '{names[header].unknown_unit}' is not known; rename "
                 "the column with one like mm, deg, N, N mm, mA or counts, or leave it out by "
@@ -170,15 +172,16 @@ def _tell_joints(
     names: Mapping[str, NameEvidence],
 ) -> None:
     """Take columns that may be drives or joints for the ones where names tell only the others.
-    Where names tell both, those whose names say nothing are passed over; where they tell neither,
-    the last one may be a joint's. `scores` are changed in place.
+    Where names or units tell others, those whose names say nothing are passed over; where they tell
+    neither, the last one may be a joint's. `scores` are changed in place.
     """
     movers = [h for h in headers if _best(scores[h]) in ("position", "angle")]
     margins = {h: names[h].scores["position"] - names[h].scores["angle"] for h in movers}
     unclear = [header for header in movers if abs(margins[header]) < LIKELY]
     named: set[Role] = {_best(names[header].scores) for header in {*movers} - {*unclear}}
+    others_say = len(named) > 1 or not all(names[header].says_nothing for header in unclear)
     for header in unclear:
-        if len(named) > 1 and names[header].says_nothing:
+        if others_say and names[header].says_nothing:
             scores[header]["other"] += LIKELY
         elif len(named) == 1:
             scores[header]["angle" if "position" in named else "position"] += 2.0 * LIKELY
