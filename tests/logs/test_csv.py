@@ -184,7 +184,7 @@ def test_a_character_that_is_cut_at_a_block_is_in_its_own_row(
         read_table(path)
 
 
-@pytest.mark.parametrize("cell", ["1_000", "１", "²", "1e400", "0x10", "1 2", "nan1"])
+@pytest.mark.parametrize("cell", ["1_000", "１", "²", "1e400", "0x10", "1 2", "1n"])
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
 def test_what_python_takes_and_a_log_has_not_is_refused(
     tmp_path: Path, cell: str, end: str

@@ -250,3 +250,47 @@ def test_one_of_the_rows_with_one_stamp_is_kept(
     log = read_log(file(tmp_path, text), pulley_rig.with_values({"log.time.repeated": kept}))
     np.testing.assert_array_equal(log.time, [0.0, 0.01, 0.03])
     np.testing.assert_array_equal(log.channels["x1"], [1e-3, value, 1.3e-3])
+
+
+def test_rows_of_each_topic_become_rows_of_all(tmp_path: Path, pulley_rig: Rig) -> None:
+    """As a union of the stamps of several topics is written, each row with one value."""
+    values = np.random.default_rng(5).normal(size=(30, 4))
+    rows = [
+        f"{0.1 * k + 0.001 * i:.4f}," + ",".join("" if j != i else f"{v}" for j in range(4))
+        for k, row in enumerate(values.tolist())
+        for i, v in enumerate(row)
+    ]
+    log = read_log(file(tmp_path, "\n".join(["t,x1,x2,u1,u2", *rows])), pulley_rig)
+    np.testing.assert_allclose(log.time, 0.1 * np.arange(30), atol=1e-9)
+    for i, name in enumerate(("x1", "x2", "u1", "u2")):
+        np.testing.assert_allclose(log.channels[name], values[:, i])
+
+
+def test_rows_in_the_order_of_texts_are_sorted(tmp_path: Path, pulley_rig: Rig) -> None:
+    stamps = sorted(f"{0.25 * k}" for k in range(60))
+    text = "\n".join(["t,x1,x2,u1,u2", *(f"{t},{t},0,{t},-{t}" for t in stamps)])
+    log = read_log(file(tmp_path, text), pulley_rig)
+    np.testing.assert_allclose(log.time, 0.25 * np.arange(60))
+    np.testing.assert_allclose(log.channels["x1"], log.time)
+
+
+@pytest.mark.parametrize(
+    "header",
+    ["T,X1,X2,U1,U2", "t[s],x1[m],x2(m),u1 (N),u2[N]", "__t,/rig/x1,/rig/x2,/rig/u1,rig.u2"],
+)
+def test_columns_are_known_by_their_words(tmp_path: Path, pulley_rig: Rig, header: str) -> None:
+    log = read_log(file(tmp_path, GOOD.replace("t,x1,x2,u1,u2", header)), pulley_rig)
+    np.testing.assert_allclose(log.channels["x2"], [2e-3, 2.1e-3, 2.2e-3])
+    np.testing.assert_allclose(log.time, [0.0, 0.01, 0.02])
+
+
+def test_of_two_columns_with_the_same_words_none_is_taken(tmp_path: Path, pulley_rig: Rig) -> None:
+    text = GOOD.replace("t,x1,x2", "t,a/x1,b/x1")
+    with pytest.raises(LogError, match="column 'x1' is missing"):
+        read_log(file(tmp_path, text), pulley_rig)
+
+
+@pytest.mark.parametrize("name", ["timestamp", "Time [s]", "ts", "Stamp(s)"])
+def test_a_usual_name_of_the_time_is_enough(tmp_path: Path, pulley_rig: Rig, name: str) -> None:
+    log = read_log(file(tmp_path, GOOD.replace("t,x1", f"{name},x1")), pulley_rig)
+    np.testing.assert_allclose(log.time, [0.0, 0.01, 0.02])

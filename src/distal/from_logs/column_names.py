@@ -216,7 +216,11 @@ class NameEvidence:
         are, else its words without numbers.
         """
         words = [word for word in self.subject.split("_") if word]
-        return (*self.quantity, len(words)) if self.quantity else tuple(filter(str.isalpha, words))
+        return (
+            (*self.quantity, len(words))
+            if self.quantity
+            else tuple(w for w in words if w.isalpha())
+        )
 
     @property
     def says_nothing(self) -> bool:

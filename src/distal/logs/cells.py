@@ -25,7 +25,10 @@ from distal.errors import DistalWarning, LogError, UnitError, did_you_mean
 from distal.rig import COUNTS, Rig, Role, Sensor, log_factor, measurand_of
 from distal.units import unit_factor
 
-_UNIT = re.compile(r"(.*\S)(?:\s+\[([^\[\]]+)\]|\[(?!\d+\])([^\[\]]+)\]|\s*\((?!\d+\))([^()]+)\))")
+_UNIT = re.compile(
+    r"(.*\S)(?:\s+\[([^\[\]]+)\]|\[(?!\d+\])([^\[\]]+)\]|\s*\((?!\d+\))([^()]+)\)"
+    r"|[_.]+([^\W\d_]+)[_.])"
+)
 
 
 PERCENT = ("%", "pct", "percent")
@@ -44,7 +47,7 @@ def name_and_unit(text: str) -> tuple[str, str | None]:
     ``position[0]``.
     """
     match = _UNIT.fullmatch(text)
-    return (text, None) if match is None else (match[1], match[2] or match[3] or match[4])
+    return (text, None) if match is None else (match[1], match[match.lastindex or 1])
 
 
 def needed(text: str, columns: Collection[str] | None) -> bool:
@@ -53,13 +56,22 @@ def needed(text: str, columns: Collection[str] | None) -> bool:
     Args:
         columns: whole headers, or names without units; None needs all.
     """
-    return columns is None or text in columns or name_and_unit(text)[0] in columns
+    return columns is None or text in columns or any(_is_called(text, name) for name in columns)
 
 
-def units_of(
+def _is_called(text: str, name: str) -> bool:
+    """Return whether the words of a header, without its unit, end with those of a name, in any case
+    and with any signs between.
+    """
+    words, last = (re.findall(r"[^\W_]+", part.lower()) for part in (name_and_unit(text)[0], name))
+    return bool(last) and words[-len(last) :] == last
+
+
+def headers_of(
     headers: Sequence[str], desired: Collection[str], source: str
-) -> dict[str, tuple[str, str]]:
-    """Return desired name → its header and unit, for the columns whose header gives a unit.
+) -> dict[str, tuple[str, str | None]]:
+    """Return desired name → its header and unit, for the columns that are called otherwise: with a
+    unit, in other letters (`Flexor Pos`), or in a path (`/hand/flexor_pos`).
 
     Args:
         desired: names without units.
@@ -68,18 +80,20 @@ def units_of(
     Raises:
         LogError: two headers give the same name with a unit.
     """
-    units: dict[str, tuple[str, str]] = {}
-    for text in headers:
-        name, unit = name_and_unit(text)
-        if unit is None or name not in desired or name in headers:
+    found: dict[str, tuple[str, str | None]] = {}
+    for name in desired:
+        if name in headers:
             continue
-        if name in units:
+        by_unit = [text for text in headers if name_and_unit(text)[0] == name]
+        if len(by_unit) > 1:
             raise LogError(
-                f"{source}: column '{name}' is there twice, as '{units[name][0]}' and '{text}'; "
+                f"{source}: column '{name}' is there twice, as '{by_unit[0]}' and '{by_unit[1]}'; "
                 "remove one"
             )
-        units[name] = text, unit
-    return units
+        alike = by_unit or [t for t in headers if t not in desired and _is_called(t, name)]
+        if len(alike) == 1:
+            found[name] = alike[0], name_and_unit(alike[0])[1]
+    return found
 
 
 def factor_of(sensor: Sensor, unit: str | None, source: str) -> float:
@@ -225,8 +239,7 @@ class Cells:
     Args:
         columns: name → cells, of the columns that were read.
         first_row: row number of the first value in the file, as a text editor counts.
-        names: names of all columns of the file; units are taken off those that `without_units`
-            knows.
+        names: names of all columns of the file, as `renamed` calls them.
         units: name → unit, for columns whose header gave a unit beside a name that was asked for.
     """
 
@@ -246,18 +259,18 @@ class Cells:
         """Number of rows below the header."""
         return len(next(iter(self.columns.values()), ()))
 
-    def without_units(self, headers: Mapping[str, tuple[str, str]]) -> Cells:
-        """Return the same table with columns called by their names alone.
+    def renamed(self, headers: Mapping[str, tuple[str, str | None]]) -> Cells:
+        """Return the same table with columns called by other names.
 
         Args:
-            headers: name → header and unit, as `units_of` returns them.
+            headers: name → header and unit, as `headers_of` returns them.
         """
         name_of = {header: name for name, (header, _) in headers.items()}
         return replace(
             self,
             columns={name_of.get(name, name): cells for name, cells in self.columns.items()},
             names=tuple(name_of.get(header, header) for header in self.names),
-            units={name: unit for name, (_, unit) in headers.items()},
+            units={name: unit for name, (_, unit) in headers.items() if unit is not None},
         )
 
     def values(self, name: str) -> Floats:
@@ -383,9 +396,15 @@ def is_plain(text: str) -> bool:
     return text.isascii() and "_" not in text
 
 
+WORD = re.compile(r"[^\W\d_]{2}|#")
+"""What no number has: two letters beside each other."""
+
+
 def _is_word(cell: str) -> bool:
-    """Return whether a cell holds a word where a number could be, such as ``#N/A`` or ``inf``."""
-    return not any(map(str.isnumeric, cell)) and cell.strip().lower() not in MISSING
+    """Return whether a cell holds a word where a number could be, ``inf`` or ``#DIV/0!``."""
+    text = cell.strip()
+    is_number = any(map(str.isnumeric, text)) and not WORD.search(text)
+    return not is_number and text.lower() not in MISSING
 
 
 def _number(cell: str, path: Path, name: str, row: int) -> float:

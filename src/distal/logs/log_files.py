@@ -30,7 +30,7 @@ from distal.logs.log import (
 from distal.logs.outputs import write_whole
 from distal.logs.raw_to_si import TURN, RawToSI, says_nothing, through
 from distal.logs.stamps import Clock, clock_of, in_order, spread
-from distal.logs.tables import Source, open_table
+from distal.logs.tables import Source, open_table, together
 from distal.rig import (
     REFERENCES,
     Rig,
@@ -101,6 +101,7 @@ def read_log(
         clock = clock_of(cells, time_column, factor)
     there = [name for name in [*optional, column] if name in cells.names]
     table = cells.parsed([*desired, *filter(None, there)])
+    table, clock = _with_whole_rows(table, clock)
     time = clock.time
     stamps = clock.stamps
     rows = in_order(time, table.source, table.first_row)
@@ -115,7 +116,7 @@ def read_log(
     elif same.any() and rig.log.time.repeated != "refused":
         at = len(same) if rig.log.time.repeated == "last" else 0
         rows = rows[~np.insert(same, at, False)]
-    if len(rows) < len(time):
+    if not np.array_equal(rows, np.arange(len(time))):
         table = replace(table, columns={name: table.values(name)[rows] for name in table.columns})
         time = time[rows]
         if stamps is not None:
@@ -147,6 +148,28 @@ def read_log(
         if column in table.columns
     }
     return Log(time, channels, known, table.source, origin, stamps, setpoints)
+
+
+def _with_whole_rows(table: Cells, clock: Clock) -> tuple[Cells, Clock]:
+    """Return a table in which rows with near stamps are one, where no row has all values: each
+    topic of a recording may have rows of its own.
+    """
+    there = {name: np.isfinite(table.values(name)) for name in table.columns}
+    held = {name: has_value for name, has_value in there.items() if has_value.any()}
+    if len(held) < 2 or np.all(list(held.values()), axis=0).any():
+        return table, clock
+    is_dated = clock.stamps is not None
+    since = clock.stamps if clock.stamps is not None else np.round(clock.time * 1e9)
+    timed = {name: has_value & np.isfinite(clock.time) for name, has_value in held.items()}
+    stamps, columns = together(
+        {name: (since[at].astype(np.int64), table.values(name)[at]) for name, at in timed.items()}
+    )
+    if not np.isfinite(list(columns.values())).all(axis=0).any():
+        return table, clock
+    none = np.full(len(stamps), np.nan)
+    whole = replace(table, columns={name: columns.get(name, none) for name in table.columns})
+    begin = stamps[0] if is_dated else 0
+    return whole, Clock((stamps - begin) * 1e-9, stamps if is_dated else None)
 
 
 def _check_repeated(rig: Rig, time: Floats, source: str) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import LogError
-from distal.logs.cells import MISSING, factor_of, time_factor, units_of
+from distal.logs.cells import MISSING, factor_of, headers_of, time_factor
 from distal.logs.raw_to_si import RawToSI, Remark
 from distal.rig import Rig
 
@@ -68,7 +68,7 @@ class MessageReader:
         name, count = Counter(names).most_common(1)[0]
         if count > 1:
             raise LogError(f"the stream's header has '{name[:80]}' twice")
-        headers = units_of(names, [self._time, *self._columns], "the stream")
+        headers = headers_of(names, [self._time, *self._columns], "the stream")
         name_of = {header: name for name, (header, _) in headers.items()}
         at = {name_of.get(text, text): i for i, text in enumerate(names)}
         known = ", ".join(at)[:200]
@@ -81,7 +81,7 @@ class MessageReader:
                 f"the stream's header has none of the columns {', '.join(self._columns)} (it has "
                 f"{known})"
             )
-        self._use({name: unit for name, (_, unit) in headers.items()})
+        self._use({name: unit for name, (_, unit) in headers.items() if unit is not None})
         self._at = at
 
     @property

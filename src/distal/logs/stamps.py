@@ -9,7 +9,6 @@ import re
 import warnings
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -134,13 +133,14 @@ def _counted(values: NDArray[Any], unit: float, name: str, path: Path) -> Clock:
             )
         unit = fits[0]
     far = ~(np.abs(values.astype(np.float64)) * unit < LATEST_DATE) & np.isfinite(values)
-    values = np.where(far, values[~far][0], values)
+    first = values[~far & np.isfinite(values)][0]
+    values = np.where(far, first, values)
     if values.dtype == np.int64:
         clock = _clock(values * np.int64(round(unit * 1e9)))
     else:
         # differences of floats are exact where the stamps themselves are near each other
-        time = (values - values[0]) * unit
-        start = np.int64(round(float(values[0]) * unit * 1e9))
+        time = (values - first) * unit
+        start = np.int64(round(float(first) * unit * 1e9))
         is_whole = np.isfinite(values).all()
         clock = Clock(time, start + np.round(time * 1e9).astype(np.int64) if is_whole else None)
     return Clock(np.where(far, np.inf, clock.time), clock.stamps)
@@ -313,11 +313,12 @@ def in_order(time: Floats, source: str, first_row: int) -> NDArray[np.intp]:
     left_out[there] = wild_stamps(time[there])
     say_wild(source, left_out, f"row {int(left_out.argmax()) + first_row}")
     rows = np.flatnonzero(~left_out)
-    parts = np.split(rows, set_backs(time[rows]))
-    parts.sort(key=lambda part: float(time[part[0]]))
-    if all(time[a[-1]] < time[b[0]] for a, b in pairwise(parts)):
-        return np.concatenate(parts)  # they were written in another order
-    return rows[longest_part(set_backs(time[rows]), len(rows), source)]
+    ends = set_backs(time[rows])
+    sorted_rows = rows[np.argsort(time[rows], kind="stable")]
+    steps = np.diff(time[sorted_rows])
+    if len(ends) and 2.0 * steps.min() > np.median(steps):
+        return sorted_rows  # they were written in another order
+    return rows[longest_part(ends, len(rows), source)]
 
 
 def say_wild(source: str, wild: Bools, first: str) -> None:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
 from functools import lru_cache
@@ -24,7 +24,16 @@ from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
 from distal.errors import DistalWarning, LogError, did_you_mean
-from distal.logs.cells import INFO, Cells, Column, as_column, dataset_info, needed, units_of
+from distal.logs.cells import (
+    INFO,
+    Cells,
+    Column,
+    as_column,
+    dataset_info,
+    headers_of,
+    name_and_unit,
+    needed,
+)
 from distal.logs.formats import Message, UndecodableError, check_is_content, format_of
 from distal.logs.formats.parquet import read_parquet
 from distal.logs.messages import STAMPS, number_of
@@ -124,13 +133,18 @@ def read_recording(path: Path, columns: Sequence[str] | None, time: str, unit: f
         in_cycle = [c for c in stamped if _named(c)[:2] == (topic, True)]
         if len(in_cycle) > 1:
             stamped |= _in_cycles({column: stamped[column] for column in in_cycle})
-    rows = _merged([np.unique(stamps) for stamps, _ in stamped.values()])
-    columns_of: dict[str, Column] = {time: rows.view("datetime64[ns]")}
-    for column, (stamps, values) in stamped.items():
-        cells = np.full(len(rows), np.nan)
-        cells[np.searchsorted(rows, stamps, side="right") - 1] = values
-        columns_of[column] = cells
+    rows, values_of = together(stamped)
+    columns_of: dict[str, Column] = {time: rows.view("datetime64[ns]"), **values_of}
     return Cells(columns_of, path, 0, tuple(columns_of))
+
+
+def together(stamped: Mapping[str, Stamped]) -> tuple[NDArray[np.int64], dict[str, Floats]]:
+    """Return the stamps of rows [ns], (n,), and column → its values in them, NaN where missing."""
+    rows = _merged([np.unique(stamps) for stamps, _ in stamped.values()])
+    cells = {column: np.full(len(rows), np.nan) for column in stamped}
+    for column, (stamps, values) in stamped.items():
+        cells[column][np.searchsorted(rows, stamps, side="right") - 1] = values
+    return rows, cells
 
 
 @np.errstate(over="ignore")
@@ -408,6 +422,9 @@ EPISODE = "episode_index"
 STATE = "observation.state."
 """What stands before the name of a motor in the columns of a dataset's readings."""
 
+TIMES = ("t", "time", "timestamp", "stamp", "ts")
+"""Names of the time of a table which lacks the rig's own."""
+
 LEROBOT = {"time": ("timestamp",)}
 """Name of a rig's time column → names that a dataset's time column may have."""
 
@@ -568,7 +585,12 @@ def open_table(
         LogError: see `read_table`.
     """
     cells = _opened(path, columns, time, unit)
-    return cells.without_units(units_of(cells.names, columns or (), cells.source))
+    headers = headers_of(cells.names, columns or (), cells.source)
+    if time in (columns or ()) and time not in cells.names and time not in headers:
+        usual = [text for text in cells.columns if name_and_unit(text)[0].lower() in TIMES]
+        if len(usual) == 1:
+            headers[time] = usual[0], name_and_unit(usual[0])[1]
+    return cells.renamed(headers)
 
 
 def _opened(path: Source, columns: Sequence[str] | None, time: str, unit: float) -> Cells:
@@ -591,7 +613,7 @@ def _opened(path: Source, columns: Sequence[str] | None, time: str, unit: float)
                 f"{path}: is a folder without {INFO}, so no dataset; give its files, such as "
                 f"{path}/*.csv"
             )
-        return kind.read(path, columns)
+        return kind.read(path, columns and [*columns, *TIMES])
     if not hasattr(path, "columns"):
         raise LogError(f"a log is a path, a frame or a distal.Log; {type(path).__name__} came")
     columns_of = {

@@ -209,7 +209,8 @@ def _header(
         ends_empty = len(cells) == count - 1 and not cells_of(len(lines) - 1)[-1]
         if (len(cells) == count or ends_empty) and names_most:
             is_units = at is not None and k and _units(cells, cells_of(at)) is not None
-            at = at if is_units else k
+            is_below = at is not None and (is_units or len(set(cells)) < len(cells))
+            at = at if is_below else k
     if at is None:
         names = tuple(f"column {k + 1}" for k in range(count))
         warnings.warn(

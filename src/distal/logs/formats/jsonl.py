@@ -33,6 +33,8 @@ def read_jsonl(path: Path, columns: Sequence[str] | None) -> Cells:
         try:
             content = json.loads(line)
         except ValueError as problem:
+            if number == len(lines) > 1:
+                break  # the recorder was stopped within a line
             raise LogError(f"{path}: row {number}: is no JSON ({problem})") from None
         if not isinstance(content, dict):
             raise LogError(f"{path}: row {number}: is no JSON object with names, {{...}}")
