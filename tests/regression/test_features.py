@@ -38,7 +38,9 @@ def naive(learned: object, time: Floats, readings: Floats, channels: int) -> dic
     phis, doubts, fars = [], [], []
     before = time[0]
     for now, row in zip(time, readings):
-        held = np.where(np.isfinite(row), row, held)
+        far = np.abs((row - arrays["centre"]) / arrays["scale"]) > 4.8916  # 1e-6 of a normal value
+        is_effort = [k < channels and k not in moving for k in range(count)]
+        held = np.where(np.isfinite(row) & ~(far & is_effort), row, held)
         z = (held - arrays["centre"]) / arrays["scale"]
         for k, half in enumerate(HALF_WIDTHS):
             low[k] = np.clip(low[k], z - half, z + half)

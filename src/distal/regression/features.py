@@ -20,6 +20,11 @@ from distal.kernels import Feed, Kernel, Layout, advance
 from distal.kernels.layout import is_read, is_there, rows_left
 from distal.rig import HALF_WIDTHS, IN_RADIAL, TIME_CONSTANTS, LearnedMap
 
+WILD = 4.8916
+"""Distance of a force from its mean in the logs, in stds, from which on the map knows nothing of
+it. Source: definition (probability 1e-6 of a normal value).
+"""
+
 NEVER_READ = 1e6
 """Age of a reading before its first value [s]. Source: definition (older than any reading)."""
 
@@ -50,6 +55,11 @@ class Shape:
     def count(self) -> int:
         """Number of readings."""
         return self.channels + self.angles
+
+    @property
+    def efforts(self) -> tuple[int, ...]:
+        """Indices of the sensors that read no position."""
+        return tuple(i for i in range(self.channels) if i not in self.moving)
 
     @cached_property
     def memory(self) -> Layout:
@@ -114,7 +124,8 @@ class Shape:
 def features_function(shape: Shape) -> ca.Function:
     """Return the function (memory, dt, readings, mask, frame) → (outputs, memory⁺).
 
-    z is a reading less its centre, over its scale; a missing one keeps its last value. A play of
+    z is a reading less its centre, over its scale; a missing one keeps its last value, and a force
+    far beyond those of the logs is as one that is missing. A play of
     half-width w follows z so that |z − p| ≤ w; since nobody knows where it began, an interval is
     remembered: p ∈ [low, high], low⁺ = min(max(low, z − w), z + w). The slip is (z − p)/w at the
     middle of that interval, from −1 to 1. A lag follows z with its time constant T: s⁺ = s + (1 −
@@ -173,13 +184,16 @@ def _remembered(shape: Shape) -> ca.Function:
     was = shape.memory.parts(memory)
     n = shape.channels
     # over a gap a position goes in a straight line to the reading that ends it
-    there = ca.vertcat(is_there(mask), ca.SX.ones(shape.angles)) if shape.angles else is_there(mask)
+    there = ca.vertcat(is_there(mask), ca.SX.ones(shape.angles))
     steps = [rows_left(mask[i]) for i in range(n)] + [1] * shape.angles
     before = (was["last"] - centre) / scale
+    if shape.efforts:
+        is_wild = ca.fabs((readings - centre) / scale)[list(shape.efforts)] > WILD
+        there[list(shape.efforts)] *= 1 - is_wild
     z: Vector = before + ca.if_else(there, (readings - centre) / scale - before, 0) / ca.vertcat(
         *steps
     )
-    age = ca.if_else(is_there(mask), 0, was["age"] + dt)
+    age = ca.if_else(there[:n], 0, was["age"] + dt)
     # before the first sample, whose dt is 0, the filter has only its prior
     first = ca.vertcat(ca.SX.zeros(n, 1), ca.repmat(dt <= 0, shape.angles, 1))
     slips, doubts, lows, highs = [], [], [], []
