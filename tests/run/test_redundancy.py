@@ -231,9 +231,10 @@ def along(redundancy: Redundancy, time: np.ndarray, values: np.ndarray) -> list[
 
 
 def test_the_evidence_is_that_of_each_hypothesis_alone(ropes: Rig) -> None:
-    """ln o⁺ = ln o + n/2 (min(T²₀, c) − min(T²ₕ, c)) min(dt, τ)/τ, from ln p₀ to −ln p₀; each
-    sample asks one hypothesis: two positions are exchanged, or all but one are earlier,
-    by what is kept.
+    """ln o⁺ = ln o + n/2 (u(T²₀) − u(T²ₕ)) min(dt, τ)/τ, from ln p₀ to −ln p₀, where u(T²) = min(T²
+    + c b, c) and b is how far a position is beyond the logs, in ranges; beside a touch T²₀ is
+    at most 1 + ln c. Each sample asks one hypothesis: two positions are exchanged, all but one are
+    earlier, by what is kept, or one has another sign.
     """
     log = ropes_log(11, 6.0)
     log = changed(log, flexor_angle=late(log, "flexor_angle", 0.2))
@@ -242,7 +243,16 @@ def test_the_evidence_is_that_of_each_hypothesis_alone(ropes: Rig) -> None:
     [part] = redundancy._parts
     values = np.column_stack(list(log.channels.values()))
     plain = replace(redundancy, supposes=False)
-    squares, _, outside = along(plain, log.time, values)
+    squares, _, _ = along(plain, log.time, values)
+    ends = [np.array(end) for end in part.learned.reach.values()]
+
+    def unlikely(square: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        away = [
+            np.maximum(low - rows[:, at], rows[:, at] - high).clip(0.0) / (high - low)
+            for at, (low, high) in zip(part.read, ends)
+        ]
+        return np.minimum(square + MOST * np.max(away, axis=0), MOST)
+
     first, second = part.read[:2]
     steps = np.diff(log.time, prepend=log.time[0])
     kept = [0] * (KEPT + 1)
@@ -252,30 +262,36 @@ def test_the_evidence_is_that_of_each_hypothesis_alone(ropes: Rig) -> None:
             kept = [k, *kept[:-1]]
         share = min((log.time[k] - log.time[kept[0]]) * KEPT / LATE, 1.0)
         behind[k] = (1.0 - share) * values[kept[-1]] + share * values[kept[-2]]
-    supposed = [values.copy(), behind.copy(), behind.copy()]
+    supposed = [values.copy(), behind.copy(), behind.copy(), values.copy(), values.copy()]
     supposed[0][:, [first, second]] = values[:, [second, first]]
     supposed[1][:, first] = values[:, first]
     supposed[2][:, second] = values[:, second]
-    evidence = np.zeros((len(values), 3))
+    supposed[3][:, first] *= -1.0
+    supposed[4][:, second] *= -1.0
+    n = len(supposed)
+    asked = {"evidence": np.zeros((len(values), n)), "beside_touch": np.zeros((len(values), n))}
     for h, readings in enumerate(supposed):
-        theirs, _, beyond = along(plain, log.time[h::3], readings[h::3])
-        waits = np.diff(log.time[h::3], prepend=log.time[h])
-        gains = np.minimum(squares[h::3], MOST) - np.where(
-            beyond > 0.0, MOST, np.minimum(theirs, MOST)
-        )
-        gains *= np.minimum(waits / INDEPENDENT, 1.0) * (1.0 - outside[h::3])
-        now, most = 0.0, -np.log(LATER)
-        for k, gain in enumerate(gains):
-            now = float(np.clip(now + len(part.learned.joints) / 2 * gain, -most, most))
-            evidence[h + 3 * k : h + 3 * k + 3, h] = now
+        theirs, _, _ = along(plain, log.time[h::n], readings[h::n])
+        waits = np.diff(log.time[h::n], prepend=log.time[h])
+        costs = {"evidence": squares, "beside_touch": np.minimum(squares, 1.0 + np.log(MOST))}
+        for name, cost in costs.items():
+            gains = unlikely(cost[h::n], values[h::n]) - unlikely(theirs, readings[h::n])
+            gains *= np.minimum(waits / INDEPENDENT, 1.0)
+            now, most = 0.0, -np.log(LATER)
+            for k, gain in enumerate(gains):
+                now = float(np.clip(now + len(part.learned.joints) / 2 * gain, -most, most))
+                asked[name][h + n * k : h + n * k + n, h] = now
     rows = np.column_stack(
         [np.arange(len(values)) == 0, steps, values, np.ones_like(values)]
     ).astype(float)
     feed = Feed(np.zeros(redundancy.memory), rows, np.zeros(0))
     states = advance(_kernel(redundancy), feed).kernel_states
-    found = part.memory.view(states[:, : part.memory.size], "evidence")
-    np.testing.assert_allclose(found, evidence, rtol=1e-6, atol=1e-9)
-    assert evidence[-1, 1] > -np.log(PRIOR)
+    for name, expected in asked.items():
+        found = part.memory.view(states[:, : part.memory.size], name)
+        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9)
+        assert expected[-1, 1] > -np.log(PRIOR)
+        assert np.argmax(expected[-1]) == 1
+    assert redundancy.supposed(states[-1])[0] == "flexor_angle looks late"
 
 
 @pytest.mark.parametrize("begins", [0, 1500])
@@ -295,6 +311,40 @@ def test_a_late_position_and_exchanged_ones_are_felt(ropes: Rig, begins: int) ->
         )
         words = log_health(spoilt, ropes)[begins:]
         assert share(words[len(words) // 3 :], "touched", "outside") > 0.9, (kind, begins)
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        ("late", "flexor_angle looks late"),
+        ("exchanged", "flexor_angle and extensor_angle look exchanged"),
+        ("sign", "flexor_angle looks as if its sign were wrong"),
+        ("jump", "flexor_angle jumped"),
+        ("stuck", "flexor_angle does not change"),
+    ],
+)
+def test_a_stream_names_what_is_wrong(ropes: Rig, kind: str, said: str) -> None:
+    log = ropes_log(12, 14.0)
+    first, second = (log.channels[name] for name in ("flexor_angle", "extensor_angle"))
+    half = len(first) // 2
+    columns = {
+        "late": {"flexor_angle": late(log, "flexor_angle", 0.2)},
+        "exchanged": {"flexor_angle": second, "extensor_angle": first},
+        "sign": {"flexor_angle": -first},
+        "jump": {"flexor_angle": first + 0.5 * np.ptp(first) * (np.arange(len(first)) >= half)},
+        "stuck": {"flexor_angle": np.where(np.arange(len(first)) >= half, first[half], first)},
+    }
+    spoilt = changed(log, **columns[kind])
+    monitor = Monitor(LiveEstimator(ropes))
+    details = list[str]()
+    for k, time in enumerate(spoilt.time.tolist()):
+        sample = np.array([spoilt.channels[name][k] for name in monitor.channels])
+        details.append(monitor.take(time, sample).detail)
+    named = [said in detail for detail in details]
+    begun = half if kind in ("jump", "stuck") else 0
+    first_named = named.index(True)
+    assert log.time[first_named] - log.time[begun] < 3.0
+    assert np.mean(named[first_named:]) > 0.5
 
 
 def test_forces_are_tested_together() -> None:

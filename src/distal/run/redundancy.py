@@ -39,6 +39,11 @@ MOST = 25.0
 (docs/results/reliability.md).
 """
 
+TOUCH = 1.0 + np.log(MOST)
+"""T² and normalisation of forces that a touch makes MOST times as uncertain [1]: as they are read
+they cost no more. Source: definition (density of a normal value).
+"""
+
 LATE = 0.2
 """Delay of a position that is supposed [s]. Source: benchmark (docs/results/reliability.md)."""
 
@@ -136,6 +141,28 @@ class Redundancy:
         read = values[at, :]
         return mask[at, :] * ca.logic_or(read < low, read > high)
 
+    def supposed(self, memory: Floats) -> list[str]:
+        """Return what is likelier than that all positions are right, touched or not, in words, by
+        what is remembered.
+        """
+        found = list[tuple[float, str]]()
+        at = 0
+        for part in self._parts:
+            evidence = memory[at : at + part.memory.size][part.memory["beside_touch"]]
+            at += part.memory.size
+            names = part.learned.channels
+            said = [f"{names[i]} and {names[j]} look exchanged" for i, j in part.pairs]
+            said += [f"{name} looks late" for name in names]
+            said += [f"{name} looks as if its sign were wrong" for name in names]
+            found += [each for each in zip(evidence, said) if each[0] > -np.log(PRIOR)]
+        return [text for _, text in sorted(found, reverse=True)]
+
+    def remembered(self, memory: Floats, name: str) -> dict[str, float]:
+        """Return position → what is remembered of it under a `name` of `REMEMBERED`."""
+        begin = len(memory) - MEMORY * len(self.judged) + REMEMBERED.index(name)
+        positions = [self.channels[k] for k, *_ in self.judged]
+        return dict(zip(positions, memory[begin::MEMORY].tolist()))
+
     def around(self, judged: ca.Function, sample: Layout) -> ca.Function:
         """Return the function (memory, sample) → (memory⁺, findings) around one that also takes
         whether each of `parts` is unlike free motion; what is remembered of them is behind its own
@@ -200,15 +227,16 @@ class Redundancy:
             square, beyond, left = part.compared(
                 was["features"], came["first"], came["dt"], read, mask
             )
-            judged = _every(ca.vertcat(mask, 1 - beyond))
+            is_read = _every(mask)
+            judged = is_read * (beyond <= 0)
             now = averaged(was, came["first"], square, came["dt"], judged)
             remembered = {**was, "features": left, **now}
             if self.supposes:
-                remembered |= part.supposed(was, came, read, mask, square, judged)
+                remembered |= part.supposed(was, came, read, mask, (square, beyond), is_read)
             is_unlike = 1 - _every(now["means"] <= ca.DM(part.learned.normal))
             is_wrong = _any(remembered["evidence"] > -np.log(PRIOR))
             squares.append(square)
-            outside.append(beyond)
+            outside.append(beyond > 0)
             unlike.append(ca.fmax(is_unlike, is_wrong))
             after.append(part.memory.joined(**remembered))
         return ca.vertcat(*after, *tracks), *(ca.vertcat(*of) for of in (squares, unlike, outside))
@@ -235,9 +263,10 @@ class _Part:
     def memory(self) -> Layout:
         """What is remembered: by the features; `MEANS`; of the hypotheses, whose turn is next, what
         their features remember, how long ago they were asked [s], negative before, and the
-        evidence for them; and the readings before, with the time since the last of them [s].
+        evidence for them beside free motion, and beside a touch; and the readings before, with the
+        time since the last of them [s].
         """
-        count = len(self.pairs) + len(self.learned.channels)
+        count = len(self.pairs) + 2 * len(self.learned.channels)
         size = self.shape.memory.size
         return Layout(
             features=size,
@@ -247,6 +276,7 @@ class _Part:
             supposed=(size, count),
             since=count,
             evidence=count,
+            beside_touch=count,
             clock=1,
             kept=(len(self.read), KEPT + 1),
         )
@@ -254,8 +284,8 @@ class _Part:
     def compared(
         self, was: VectorNode, first: VectorNode, dt: VectorNode, read: VectorNode, mask: VectorNode
     ) -> tuple[VectorNode, VectorNode, VectorNode]:
-        """Return T² of the forces, whether a position is where no log has been, and what the
-        features remember.
+        """Return T² of the forces, by how much of its range a position is beyond all logs, and what
+        the features remember.
         """
         shape = self.shape
         arrays = self.learned.arrays
@@ -276,8 +306,8 @@ class _Part:
             )
             errors.append(error / ca.sqrt(self.learned.rms[k] ** 2 + beside))
         low, high = (ca.DM([end[side] for end in self.learned.reach.values()]) for side in (0, 1))
-        inside = ca.logic_and(positions >= low, positions <= high)
-        beyond = 1 - _every(ca.logic_or(inside, ca.logic_not(given)))
+        away = ca.fmax(ca.fmax(low - positions, positions - high), 0) / (high - low)
+        beyond = _any(away * given)
         square = _mean_square(whitening(arrays["correlation"]), ca.vertcat(*errors))
         return square, beyond, left
 
@@ -287,10 +317,12 @@ class _Part:
         came: Mapping[str, VectorNode],
         read: VectorNode,
         mask: VectorNode,
-        square: VectorNode,
+        found: tuple[VectorNode, VectorNode],
         judged: VectorNode,
     ) -> dict[str, VectorNode]:
-        """Return what is remembered of the hypotheses, of which each sample asks one."""
+        """Return what is remembered of the hypotheses, of which each sample asks one; `found` is T²
+        as it is read, and by how much a position is beyond all logs.
+        """
         dt = came["dt"]
         # until each sensor has been read there is nothing to compare
         begins = ca.logic_or(came["first"], was["turn"] < 0)
@@ -307,6 +339,8 @@ class _Part:
             readings.append(read[order])
         for k in range(self.shape.channels):
             readings.append(ca.vertcat(earlier[:k], read[k], earlier[k + 1 :]))
+        for k in range(self.shape.channels):
+            readings.append(ca.vertcat(read[:k], -read[k], read[k + 1 :]))
         count = len(readings)
         turn = ca.if_else(begins, 0, was["turn"])
         chosen = ca.DM(range(count)) == turn
@@ -320,20 +354,31 @@ class _Part:
             ca.mtimes(ca.horzcat(*readings), chosen),
             mask,
         )
-        gain = ca.fmin(square, MOST) - ca.fmin(ca.fmax(theirs, beyond * MOST), MOST)
         spans = ca.fmin(waited / INDEPENDENT, 1) * (age >= 0) * judged
-        evidence = ca.if_else(begins, 0, was["evidence"])
-        evidence += chosen * spans * gain * len(self.learned.joints) / 2
+        square, away = found
+        evidence = dict[str, VectorNode]()
+        for name, cost in (("evidence", square), ("beside_touch", ca.fmin(square, TOUCH))):
+            gain = _unlikely(cost, away) - _unlikely(theirs, beyond)
+            total = ca.if_else(begins, 0, was[name])
+            total += chosen * spans * gain * len(self.learned.joints) / 2
+            evidence[name] = ca.fmin(ca.fmax(total, np.log(LATER)), -np.log(LATER))
         waits = ca.logic_and(begins, _every(mask) < 1)
         changed = left - ca.mtimes(was["supposed"], chosen)
         return {
             "turn": ca.if_else(waits, -1, ca.if_else(turn + 1 < count, turn + 1, 0)),
             "supposed": was["supposed"] + ca.mtimes(changed, chosen.T),
             "since": ca.if_else(chosen, 0, ca.if_else(since < 0, since, since + dt)),
-            "evidence": ca.fmin(ca.fmax(evidence, np.log(LATER)), -np.log(LATER)),
+            **evidence,
             "clock": clock,
             "kept": kept,
         }
+
+
+def _unlikely(square: VectorNode, beyond: VectorNode) -> VectorNode:
+    """Return T² with what speaks against positions that are `beyond` all logs: a whole range beyond
+    is as unlikely as any force.
+    """
+    return ca.fmin(square + MOST * beyond, MOST)
 
 
 def _every(flags: VectorNode) -> VectorNode:

@@ -21,6 +21,7 @@ from distal.logs.stamps import REWOUND
 from distal.rig import Rig
 from distal.run.health import LIMITS, WORDS, Health, HealthLimits, Watch, begun, watch_of, word_code
 from distal.run.live_estimator import LATEST, JointContact, LiveEstimator, Remembered, only
+from distal.run.redundancy import AVERAGED, INDEPENDENT
 
 OF_REMARKS: dict[str, Health] = {
     "turn": "restarted",
@@ -114,6 +115,7 @@ class Monitor:
         self._last_late = -inf
         self._time = -inf
         self._fresh = True
+        self._jumps = dict[str, float]()
         self._anew = ""
         self._before: Remembered | None = None
 
@@ -133,7 +135,7 @@ class Monitor:
         return _with_memory, (self._live, self._limits, self._remembered())
 
     def _remembered(self) -> dict[str, object]:
-        names = ("_anew", "_before", "_fresh", "_late", "_last_late", "_time")
+        names = ("_anew", "_before", "_fresh", "_jumps", "_late", "_last_late", "_time")
         return {"_memory": self._memory.copy()} | {name: getattr(self, name) for name in names}
 
     @property
@@ -274,6 +276,13 @@ class Monitor:
         self._memory, findings = self._check(self._memory, self._sample)
         self._findings = findings.copy()
         self._fresh = False
+        learned = self._memory[watch.memory["learned"]]
+        # a jump after which forces are normal was none
+        is_normal = not np.any(findings[watch.findings["unlike"]])
+        least = self._time - AVERAGED[0] if is_normal else -inf
+        doubts = watch.redundancy.remembered(learned, "doubt")
+        now = {name: self._time for name, doubt in doubts.items() if doubt > 0.0}
+        self._jumps = {n: at for n, at in (self._jumps | now).items() if at >= least}
         if findings[0] == 0:
             return []
         flags = {name: findings[watch.findings[name]] != 0 for name in watch.findings.names}
@@ -285,6 +294,28 @@ class Monitor:
             if size > 0.0
         )
         return [(WORDS[name], details[name]) for name in WORDS if flags[name].any()]
+
+    def _jumped(self) -> str:
+        """Return the position that jumped last, in words; empty where none did."""
+        if not self._jumps:
+            return ""
+        last = max(self._jumps, key=self._jumps.__getitem__)
+        return f"{last} jumped {self._time - self._jumps[last]:.2g} s ago"
+
+    def _likely_cause(self) -> str:
+        """Return what forces that are not those of free motion most likely come of, in words."""
+        learned = self._memory[self._watch.memory["learned"]]
+        repeats = self._watch.redundancy.remembered(learned, "repeats")
+        interval = self._live.interval
+        same = [name for name, count in repeats.items() if count * interval > INDEPENDENT]
+        stuck = f"{', '.join(same)} does not change: is it stuck"
+        causes = [
+            *self._watch.redundancy.supposed(learned),
+            self._jumped(),
+            stuck if 0 < len(same) < len(repeats) else "",
+            "something touches, or a sensor is wrong",
+        ]
+        return next(filter(None, causes))
 
     def _doubted(self) -> tuple[str, ...]:
         """Return the drives that the findings of the last sample are about."""
@@ -316,10 +347,11 @@ class Monitor:
             else "no sensor is compared",
             "missing": self._names(flags["missing"]),
             "nothing": "all sensors",
-            "outside": f"{named('outside', watch.redundancy.positions)} is where no log has been",
+            "outside": f"{named('outside', watch.redundancy.positions)} is where no log has been"
+            + (f"; {self._jumped()}" if self._jumped() else ""),
             "touched": "something touches a joint",
             "unlike": f"not as in free motion: {named('unlike', watch.redundancy.parts)}; "
-            "something touches, or a sensor is wrong",
+            f"{self._likely_cause()}",
             "gap": f"{dt:.3g} s; the rig says every {interval:.3g} s",
             "hurried": f"samples {dt:.3g} s apart, the rig says {interval:.3g} s: unit of time?",
             "wrong": f"{', '.join(positions)} is where its drive cannot be: wrong unit, "
