@@ -41,6 +41,7 @@ def drawn_map(
             centre=0.1 * rng.normal(size=count),
             scale=rng.uniform(0.1, 0.5, size=count),
             rate=rng.uniform(1.0, 3.0, size=count),
+            play=np.array([0.7]),
             lengths=rng.uniform(1.0, 3.0, size=inputs),
             points=points,
             root=np.linalg.inv(np.linalg.cholesky(np.exp(-squares / 2) + 1e-6 * np.eye(RADIAL))),

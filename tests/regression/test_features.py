@@ -32,8 +32,9 @@ def naive(learned: object, time: Floats, readings: Floats, channels: int) -> dic
     count = readings.shape[1]
     held = np.where(np.isfinite(readings[0]), readings[0], arrays["centre"])
     z = (held - arrays["centre"]) / arrays["scale"]
-    low = np.array([z - half for half in HALF_WIDTHS])
-    high = np.array([z + half for half in HALF_WIDTHS])
+    halves = arrays["play"][0] * np.array(HALF_WIDTHS)
+    low = np.array([z - half for half in halves])
+    high = np.array([z + half for half in halves])
     states = np.array([z for _ in TIME_CONSTANTS])
     phis, doubts, fars = [], [], []
     before = time[0]
@@ -42,10 +43,10 @@ def naive(learned: object, time: Floats, readings: Floats, channels: int) -> dic
         is_effort = [k < channels and k not in moving for k in range(count)]
         held = np.where(np.isfinite(row) & ~(far & is_effort), row, held)
         z = (held - arrays["centre"]) / arrays["scale"]
-        for k, half in enumerate(HALF_WIDTHS):
+        for k, half in enumerate(halves):
             low[k] = np.clip(low[k], z - half, z + half)
             high[k] = np.clip(high[k], z - half, z + half)
-        slips = [(z - (a + b) / 2) / half for a, b, half in zip(low, high, HALF_WIDTHS)]
+        slips = [(z - (a + b) / 2) / half for a, b, half in zip(low, high, halves)]
         for k, constant in enumerate(TIME_CONSTANTS):
             states[k] += (1 - np.exp(-(now - before) / constant)) * (z - states[k])
         before = now
@@ -56,9 +57,7 @@ def naive(learned: object, time: Floats, readings: Floats, channels: int) -> dic
         phis.append(
             np.concatenate([[1], z, *slips, *(z - s for s in states), amplitude * explained])
         )
-        doubts.append(
-            np.concatenate([(b - a) / (2 * h) for a, b, h in zip(low, high, HALF_WIDTHS)])
-        )
+        doubts.append(np.concatenate([(b - a) / (2 * h) for a, b, h in zip(low, high, halves)]))
         fars.append(amplitude**2 * max(1 - explained @ explained, 0.0))
     return {"features": np.array(phis), "doubt": np.array(doubts), "far": np.array(fars)}
 
@@ -86,7 +85,7 @@ def test_a_plays_interval_holds_it_wherever_it_began(seed: int, start: float) ->
     frame = frame_of(learned, shape)
     along = features_along(shape, frame, 0.01 * np.arange(60), readings)
     z = (readings[:, 0] - learned.arrays["centre"]) / learned.arrays["scale"]
-    for k, half in enumerate(HALF_WIDTHS):
+    for k, half in enumerate(learned.arrays["play"][0] * np.array(HALF_WIDTHS)):
         place = z[0] + start * half
         for now, slip, doubt in zip(z, along["features"][:, 2 + k], along["doubt"][:, k]):
             place = min(max(place, now - half), now + half)

@@ -74,6 +74,7 @@ def test_the_first_angle_of_a_filter_is_that_after_the_first_sample() -> None:
     """Its lags and plays begin there, whatever the memory before says."""
     shape = Shape(1, 1, (0, 1), 0)
     frame = np.zeros(shape.frame.size)
+    frame[shape.frame["play"]] = 1.0
     frame[shape.frame["scale"]] = frame[shape.frame["lengths"].start : shape.frame.size] = 1.0
     along = features_along(shape, frame, np.array([0.0]), np.array([[0.3, 0.7]]))
     from distal.regression.features import features_function

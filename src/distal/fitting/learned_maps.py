@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -72,6 +73,11 @@ STARTS = (
 SPREAD = 3.0
 """Std of each coordinate over rigs. Source: benchmark (python -m benchmarks.one_map)."""
 
+PLAYS = (1.0, 0.5, 0.25)
+"""Factors on the half-widths of plays, of which the likeliest is taken [1]. Source: benchmark
+(python -m benchmarks.positions_only).
+"""
+
 EVALUATIONS = 200
 """Largest number of sets of hyperparameters that are tried. Source: benchmark (python -m
 benchmarks.one_map).
@@ -101,6 +107,15 @@ class Task:
     shape: Shape
     logs: tuple[Evidence, ...]
     groups: tuple[int, ...]
+
+    @property
+    def in_groups(self) -> Task:
+        """The same with the halves of logs as groups, where there is one group only."""
+        if len(set(self.groups)) > 1:
+            return self
+        halves = [np.arange(len(log.target)) < len(log.target) // 2 for log in self.logs]
+        parts = [log.rows(rows) for log, half in zip(self.logs, halves) for rows in (half, ~half)]
+        return Task(self.shape, tuple(parts), tuple(i % 2 for i in range(len(parts))))
 
     def without(self, prior: Prior) -> list[Weights]:
         """Return for each log the weights that the other groups tell."""
@@ -168,10 +183,14 @@ class Seen:
     along: tuple[dict[str, Floats], ...]
 
     @classmethod
-    def of(cls, logs: Sequence[Samples], described: Mapping[str, tuple[str, ...]]) -> Seen:
-        """Return what a map sees along logs; see `learned_map`."""
+    def of(
+        cls, logs: Sequence[Samples], described: Mapping[str, tuple[str, ...]], play: float = 1.0
+    ) -> Seen:
+        """Return what a map sees along logs, with a factor on the half-widths of `play`; see
+        `learned_map`.
+        """
         shape = shape_for(logs[0], described, RADIAL)
-        frame = framed(shape, logs, Prior())
+        frame = framed(shape, logs, Prior(), play)
         flat = shape.flat(frame)
         along = (features_along(shape, flat, log.time, log.every) for log in logs)
         return cls(shape, frame, tuple(along))
@@ -210,6 +229,9 @@ class HeldOut:
     variances: Floats
 
 
+Learned: TypeAlias = tuple[Prior, Task, float, float]
+"""What a joint's map is made of: hyperparameters, logs, and centre and scale of its targets."""
+
 SMALLEST_SCALE = 1e-9
 """Least scale of targets [rad, N m]. Source: rounding (division by a scale of zero)."""
 
@@ -229,9 +251,17 @@ def learned_map(
         groups: the group of each log, whose logs are held out together.
         homing: for how long the target is known in use [s]; None: it is not.
     """
-    seen = Seen.of(logs, described)
     joints = range(logs[0].targets.shape[1])
-    results = [_of_joint(*seen.task(logs, joint, groups, homing)) for joint in joints]
+
+    def searched(play: float) -> tuple[float, Seen, list[Learned]]:
+        seen = Seen.of(logs, described, play)
+        tasks = [seen.task(logs, joint, groups, homing) for joint in joints]
+        found = [task.in_groups.search() for task, *_ in tasks]
+        learned = [(prior, *task) for (prior, _), task in zip(found, tasks)]
+        return sum(cost for _, cost in found), seen, learned
+
+    _, seen, found = min(map(searched, PLAYS), key=lambda each: each[0])
+    results = [_of_joint(*each) for each in found]
     arrays = {name: np.stack([result[name] for result, _ in results]) for name in results[0][0]}
     arrays["correlation"] = _correlation([held_out for _, held_out in results])
     every = np.vstack([log.every for log in logs])
@@ -274,14 +304,12 @@ def _correlation(held_out: Sequence[Sequence[HeldOut]]) -> Floats:
     return correlation
 
 
-def _of_joint(task: Task, centre: float, scale: float) -> tuple[dict[str, Floats], list[HeldOut]]:
+def _of_joint(
+    prior: Prior, task: Task, centre: float, scale: float
+) -> tuple[dict[str, Floats], list[HeldOut]]:
     """Return the arrays of a joint's map with its scores on logs left out, and its errors there."""
     evidence, groups = task.logs, len(set(task.groups))
-    if groups < 2:
-        halves = [np.arange(len(log.target)) < len(log.target) // 2 for log in evidence]
-        parts = [log.rows(rows) for log, half in zip(evidence, halves) for rows in (half, ~half)]
-        task = Task(task.shape, tuple(parts), tuple(i % 2 for i in range(len(parts))))
-    prior, _ = task.search()
+    task = task.in_groups
     held_out = task.held_out(prior)
     weights = Weights.of(task.shape, prior, evidence)
     if task.shape.angles:

@@ -413,13 +413,9 @@ def smoothed(values: Floats, window: int, step: float, order: int = 0) -> Floats
     return np.asarray(convolve1d(rates, kernel, axis=0, mode="nearest"))
 
 
-LIKE_SPEED = 0.9
-"""Correlation with another column's speed from which a column is that speed [1]. Source: judgement.
-"""
-
-LIKE_GOAL = 0.02
-"""Share by which a column's size may differ from another's of which it is the goal [1]; a joint's
-differs by more, or lags. Source: judgement.
+ALIKE = 0.05
+"""Share by which a column may differ in size from another's of which it is the goal, or a
+correlation from one [1]; a joint differs by more, or lags. Source: judgement.
 """
 
 
@@ -445,13 +441,13 @@ def with_values(
     size = np.sqrt(np.mean(x**2, axis=0))
     off = np.abs(np.subtract.outer(*2 * [[np.nanmean(logs[0].columns[h]) for h in movers]]))
     by_speed = x.T @ v / len(x) / np.outer(size, np.std(v, axis=0))
-    alike = np.abs(np.divide.outer(size, size) - 1.0) < LIKE_GOAL
-    alike &= (off < size) & (x.T @ x / len(x) / np.outer(size, size) > 1.0 - LIKE_GOAL)
+    alike = np.abs(np.divide.outer(size, size) - 1.0) < ALIKE
+    alike &= (off < size) & (x.T @ x / len(x) / np.outer(size, size) > 1.0 - ALIKE)
     result = dict(names)
     for i, header in enumerate(movers):
         name = names[header]
         sure = name.scores[best[header]] >= SURE
-        if not sure and (by_speed[i] > LIKE_SPEED).any():
+        if not sure and (by_speed[i] > 1.0 - ALIKE).any():
             result[header] = as_role(name, "other")
         for j in np.flatnonzero(alike[i]):
             other = names[movers[j]]

@@ -82,6 +82,7 @@ class Shape:
         return Layout(
             centre=self.count,
             scale=self.count,
+            play=1,
             lengths=inputs,
             points=(self.radial, inputs),
             root=(self.radial, self.radial),
@@ -125,9 +126,9 @@ def features_function(shape: Shape) -> ca.Function:
     """Return the function (memory, dt, readings, mask, frame) → (outputs, memory⁺).
 
     z is a reading less its centre, over its scale; a missing one keeps its last value, and a force
-    far beyond those of the logs is as one that is missing. A play of
-    half-width w follows z so that |z − p| ≤ w; since nobody knows where it began, an interval is
-    remembered: p ∈ [low, high], low⁺ = min(max(low, z − w), z + w). The slip is (z − p)/w at the
+    far beyond those of the logs is as one that is missing. A play of half-width w, a factor on one
+    of `HALF_WIDTHS`, follows z so that |z − p| ≤ w; since nobody knows where it began, an interval
+    is remembered: p ∈ [low, high], low⁺ = min(max(low, z − w), z + w). The slip is (z − p)/w at the
     middle of that interval, from −1 to 1. A lag follows z with its time constant T: s⁺ = s + (1 −
     e^{−dt/T}) (z − s), and its feature is z − s. The radial functions are those of a sparse
     Gaussian process (Nyström; Quiñonero-Candela and Rasmussen, JMLR 6, 2005): φ_r = a L⁻¹ k, k_i =
@@ -144,7 +145,7 @@ def features_function(shape: Shape) -> ca.Function:
     frame = ca.MX.sym("frame", shape.frame.size)
     parts = shape.frame.parts(frame)
     z, slips, doubt, lags, after = _remembered(shape)(
-        memory, dt, readings, mask, parts["centre"], parts["scale"]
+        memory, dt, readings, mask, parts["centre"], parts["scale"], parts["play"]
     )
     inputs = z
     if shape.moving:
@@ -172,8 +173,8 @@ def features_function(shape: Shape) -> ca.Function:
 
 
 def _remembered(shape: Shape) -> ca.Function:
-    """Return the function (memory, dt, readings, mask, centre, scale) → (z, slips, doubt, lags,
-    memory⁺).
+    """Return the function (memory, dt, readings, mask, centre, scale, play) → (z, slips, doubt,
+    lags, memory⁺).
     """
     memory = ca.SX.sym("memory", shape.memory.size)
     dt = ca.SX.sym("dt")
@@ -181,6 +182,7 @@ def _remembered(shape: Shape) -> ca.Function:
     mask = ca.SX.sym("mask", shape.channels)
     centre = ca.SX.sym("centre", shape.count)
     scale = ca.SX.sym("scale", shape.count)
+    play = ca.SX.sym("play")
     was = shape.memory.parts(memory)
     n = shape.channels
     # over a gap a position goes in a straight line to the reading that ends it
@@ -197,7 +199,8 @@ def _remembered(shape: Shape) -> ca.Function:
     # before the first sample, whose dt is 0, the filter has only its prior
     first = ca.vertcat(ca.SX.zeros(n, 1), ca.repmat(dt <= 0, shape.angles, 1))
     slips, doubts, lows, highs = [], [], [], []
-    for k, half in enumerate(HALF_WIDTHS):
+    for k, usual in enumerate(HALF_WIDTHS):
+        half = play * usual
         at = slice(k * shape.count, (k + 1) * shape.count)
         low, high = (
             ca.if_else(first, z + side, ca.fmin(ca.fmax(was[name][at], z - half), z + half))
@@ -220,14 +223,14 @@ def _remembered(shape: Shape) -> ca.Function:
     )
     lags = ca.vertcat(*(z - state for state in states))
     outputs = [z, ca.vertcat(*slips), ca.vertcat(*doubts), lags, after]
-    return ca.Function("remembered", [memory, dt, readings, mask, centre, scale], outputs)
+    return ca.Function("remembered", [memory, dt, readings, mask, centre, scale, play], outputs)
 
 
 @lru_cache(maxsize=32)
 def first_function(shape: Shape) -> ca.Function:
-    """Return the function (readings, mask, centre, scale) → a map's memory before the first sample:
-    the readings of that sample, their centre for those that are missing. A play may be anywhere
-    around its reading; lags are at rest.
+    """Return the function (readings, mask, centre, scale, play) → a map's memory before the first
+    sample: the readings of that sample, their centre for those that are missing. A play may be
+    anywhere around its reading; lags are at rest.
 
     The readings are (count,), as are their centre and scale; the mask is of the sensors,
     (channels,).
@@ -236,17 +239,18 @@ def first_function(shape: Shape) -> ca.Function:
         ca.SX.sym(name, shape.count) for name in ("readings", "centre", "scale")
     )
     mask = ca.SX.sym("mask", shape.channels)
+    play = ca.SX.sym("play")
     is_there_or_angle = ca.vertcat(is_read(mask), ca.SX.ones(shape.angles))
     begun = ca.if_else(is_there_or_angle, readings, centre)
     z = (begun - centre) / scale
     memory = shape.memory.joined(
         last=begun,
         age=ca.if_else(is_read(mask), 0, NEVER_READ),
-        low=ca.vertcat(*(z - half for half in HALF_WIDTHS)),
-        high=ca.vertcat(*(z + half for half in HALF_WIDTHS)),
+        low=ca.vertcat(*(z - play * half for half in HALF_WIDTHS)),
+        high=ca.vertcat(*(z + play * half for half in HALF_WIDTHS)),
         lags=ca.repmat(z, len(TIME_CONSTANTS), 1),
     )
-    return ca.Function("first", [readings, mask, centre, scale], [memory])
+    return ca.Function("first", [readings, mask, centre, scale, play], [memory])
 
 
 @lru_cache(maxsize=32)
@@ -275,7 +279,8 @@ def features_along(
     is_present = np.isfinite(readings[:, : shape.channels])
     centre = frame[shape.frame["centre"]]
     scale = frame[shape.frame["scale"]]
-    first = first_function(shape)(np.nan_to_num(readings[0]), is_present[0], centre, scale)
+    play = frame[shape.frame["play"]]
+    first = first_function(shape)(np.nan_to_num(readings[0]), is_present[0], centre, scale, play)
     rows = np.column_stack([np.diff(time, prepend=time[:1]), np.nan_to_num(readings), is_present])
     ys = advance(features_kernel(shape), Feed(np.array(first).ravel(), rows, frame), keep=[0]).ys
     return {name: shape.outputs.view(ys, name) for name in shape.outputs.names}
@@ -287,6 +292,7 @@ def empty_frame(shape: Shape) -> dict[str, Floats]:
     return {
         "centre": np.zeros(shape.count),
         "scale": np.ones(shape.count),
+        "play": np.ones(1),
         "lengths": np.ones(inputs),
         "points": np.zeros((shape.radial, inputs)),
         "root": np.zeros((shape.radial, shape.radial)),
@@ -322,8 +328,8 @@ def map_parameters(learned: LearnedMap) -> Floats:
 
 def begun_by(learned: LearnedMap, readings: Expression, mask: Expression) -> Expression:
     """Return the memory of a map before the first sample, by its `readings` and their `mask`."""
-    centre, scale = (learned.arrays[name] for name in ("centre", "scale"))
-    memory: Expression = first_function(Shape.of(learned))(readings, mask, centre, scale)
+    centre, scale, play = (learned.arrays[name] for name in ("centre", "scale", "play"))
+    memory: Expression = first_function(Shape.of(learned))(readings, mask, centre, scale, play)
     return memory
 
 

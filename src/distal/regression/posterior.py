@@ -325,7 +325,9 @@ def shape_for(log: Samples, described: Mapping[str, tuple[str, ...]], radial: in
     return Shape(channels, angles, (*moving, *range(channels, channels + angles)), radial)
 
 
-def framed(shape: Shape, logs: Sequence[Samples], usual: Prior) -> dict[str, Floats]:
+def framed(
+    shape: Shape, logs: Sequence[Samples], usual: Prior, play: float = 1.0
+) -> dict[str, Floats]:
     """Return the parameters of the features by name: scales, and points where the logs are, for
     the lengths of the `usual` prior.
     """
@@ -333,6 +335,7 @@ def framed(shape: Shape, logs: Sequence[Samples], usual: Prior) -> dict[str, Flo
 
     every = np.vstack([log.every for log in logs])
     frame = empty_frame(shape)
+    frame["play"] *= play
     frame["centre"] = np.nanmean(every, axis=0)
     spread = np.nanstd(every, axis=0)
     frame["scale"] = np.where(spread > 1e-9 * np.abs(frame["centre"]) + 1e-12, spread, 1.0)

@@ -158,6 +158,7 @@ class LearnedMap(Description):
             "centre": (self.count,),
             "scale": (self.count,),
             "rate": (self.count,),
+            "play": (1,),
             "lengths": (inputs,),
             "points": (radial, inputs),
             "root": (radial, radial),
