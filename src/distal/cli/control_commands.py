@@ -18,6 +18,7 @@ from distal.cli.shared_options import (
     SetOption,
     check_command_outputs,
     in_si,
+    loaded,
     to_file,
     to_folder,
 )
@@ -39,6 +40,7 @@ def control_command(
     from distal.control import closed_loop, plot_control, trackings_of
     from distal.errors import ControlError
     from distal.logs import write_log
+    from distal.rig import effort_unit
     from distal.simulation import load_scenario, scenario_rig
 
     description = load_scenario(scenario)
@@ -46,11 +48,11 @@ def control_command(
         raise ControlError(f"{scenario}: has no [control]; see distal scenario show control-paper")
     rig = scenario_rig(description, set_ or ())
     usual = description.control.feedback
-    estimator = usual if usual not in ("encoder", "ratio") else "adaptive"
-    names = list(dict.fromkeys(feedback or ["encoder", estimator, "ratio"]))
+    estimator = "adaptive" if usual in ("encoder", "ratio") else usual
+    names = dict.fromkeys(feedback or ["encoder", estimator, "ratio"])
     picture = out / "control.png"
-    logs = [out / f"{name}.csv" for name in names]
-    outputs = to_folder("--out", out, [path.name for path in (picture, *logs)])
+    logs = [f"{name}.csv" for name in names]
+    outputs = to_folder("--out", out, [picture.name, *logs])
     check_command_outputs(outputs, rig=description.rig, scenario=scenario)
     runs = []
     with working("controlling") as show:
@@ -58,25 +60,24 @@ def control_command(
             show(f"controlling, fed back by {name}")
             runs.append(closed_loop(rig, description, seed, feedback=name))
     out.mkdir(parents=True, exist_ok=True)
-    for run, path in zip(runs, logs):
-        write_log(run.log, rig, path)
+    for run, name in zip(runs, logs):
+        write_log(run.log, rig, out / name)
     plot_control(runs, picture)
-    rows = []
-    for run in runs:
-        for score in trackings_of(run):
-            rows.append(
-                (
-                    run.feedback,
-                    score.joint,
-                    f"{degrees(score.rms):.2f}",
-                    f"{score.effort:.3g}",
-                    f"{degrees(score.estimate_rms):.2f}",
-                )
-            )
-    unit = {"slider": "N", "capstan": "N m"}[rig.drives[0].kind]
-    columns = ["feedback", "joint", "RMS [°]", f"effort [{unit}]", "told wrong by [°]"]
+    rows = [
+        (
+            run.feedback,
+            score.joint,
+            f"{degrees(score.rms):.2f}",
+            f"{score.effort:.3g}",
+            f"{degrees(score.estimate_rms):.2f}",
+        )
+        for run in runs
+        for score in trackings_of(run)
+    ]
+    effort = f"effort [{effort_unit(rig.drives[0])}]"
+    columns = ["feedback", "joint", "RMS [°]", effort, "told wrong by [°]"]
     table(f"{description.name or scenario}: true angle against reference", columns, rows, text=2)
-    say(f"wrote {picture} and {', '.join(path.name for path in logs)}")
+    say(f"wrote {picture} and {', '.join(logs)}")
 
 
 def command_command(
@@ -109,24 +110,22 @@ def command_command(
     from distal.confidence import BAND, COVERED_TEXT
     from distal.inverse import Inverse
     from distal.logs import read_angles, unit_of_angles
-    from distal.rig import angle_names, load_rig
+    from distal.rig import angle_names
 
     check_command_outputs(to_file("--out", out, "a table"), logs=[desired], rig=rig)
-    inverse = Inverse(load_rig(rig, set_ or ()), least_tension=in_si(least_tension, "N"))
+    inverse = Inverse(loaded(rig, set_), least_tension=in_si(least_tension, "N"))
     joints = inverse.rig.joint_names
-    columns = {
-        joint: name for joint, name in zip(joints, angle_names(joints)) if joint in inverse.joints
-    }
-    time, angles = read_angles(desired, list(columns.values()))
+    named = dict(zip(joints, angle_names(joints)))
+    columns = [named[joint] for joint in inverse.joints]
+    time, angles = read_angles(desired, columns)
     with working("finding the commands"):
-        commands = inverse(time, {joint: angles[name] for joint, name in columns.items()})
+        commands = inverse(time, np.column_stack([angles[name] for name in columns]))
     # in the unit of the desired angles
-    commands.write(out, unit_of_angles(desired, list(columns.values())))
-    for j, joint in enumerate(joints):
-        away = degrees(
-            float(np.sqrt(np.mean((commands.angles[:, j] - commands.desired[:, j]) ** 2)))
-        )
-        band = BAND * degrees(float(np.sqrt(np.mean(commands.stds[:, j] ** 2))))
+    commands.write(out, unit_of_angles(desired, columns))
+    errors = commands.angles - commands.desired
+    for joint, *squares in zip(joints, errors.T**2, commands.stds.T**2):
+        away, std = (degrees(np.sqrt(np.mean(square))) for square in squares)
+        band = BAND * std
         # what does not show in the printed band is nothing
         off = f" but for {rounded(away, 3)}° RMS" if rounded(band + away) != rounded(band) else ""
         around = f"{COVERED_TEXT} band ± {rounded(band)}°"

@@ -16,6 +16,7 @@ from distal.cli.shared_options import (
     RigArgument,
     SetOption,
     check_command_outputs,
+    loaded,
     to_file,
     to_folder,
 )
@@ -60,10 +61,9 @@ def export_command(
     """
     from distal.estimators import usual_estimator
     from distal.export import c_name, check_ours, export_c, export_files
-    from distal.rig import load_rig
     from distal.units import to_si
 
-    described = load_rig(rig, set_ or ())
+    described = loaded(rig, set_)
     estimator = estimator or usual_estimator(described)
     name = c_name(f"{Path(rig).stem}_{estimator}") if name is None else name
     home_std = None if home is None else to_si(home, "rad")
@@ -105,10 +105,9 @@ def fmu_command(
     """
     from distal.estimators import usual_estimator
     from distal.export import c_name, export_fmu
-    from distal.rig import load_rig
 
     check_command_outputs(to_file("--out", out), rig=rig)
-    described = load_rig(rig, set_ or ())
+    described = loaded(rig, set_)
     estimator = estimator or usual_estimator(described)
     name = c_name(f"{Path(rig).stem}_{estimator}") if name is None else name
     what = (
@@ -121,8 +120,6 @@ def fmu_command(
     rows = [
         ("inputs, NaN where missing", ", ".join(fmu.inputs)),
         ("outputs", ", ".join(fmu.outputs)),
-    ]
-    rows += [
         ("step", f"{fmu.exported.estimator.interval:g} s"),
         ("binaries", ", ".join(fmu.platforms) or "none"),
     ]
@@ -168,9 +165,7 @@ def doctor_command() -> None:
     say(f"packages: {', '.join(map(installed, _PACKAGES))}")
     extras = (installed(name, f" (pip install '.[{extra}]')") for name, extra in _EXTRAS.items())
     say(f"extras: {', '.join(extras)}")
-    compiler = find_compiler()
-    if isinstance(compiler, str):
-        say(f"C compiler: {compiler}")
-    else:
-        say(f"C compiler: {compiler.version} ({compiler.command[0]})")
+    found = find_compiler()
+    compiler = found if isinstance(found, str) else f"{found.version} ({found.command[0]})"
+    say(f"C compiler: {compiler}")
     say(f"kernel cache: {cache_folder()}")

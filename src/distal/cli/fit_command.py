@@ -19,6 +19,7 @@ from distal.cli.shared_options import (
     check_command_outputs,
     homing_time,
     in_si,
+    loaded,
     to_file,
 )
 from distal.confidence import COVERED_TEXT
@@ -95,16 +96,15 @@ def fit_command(
     from distal.fitting import fit as fitted_to
     from distal.fitting import groups_of
     from distal.logs import read_log
-    from distal.rig import edited_text, load_rig
+    from distal.rig import edited_text
 
     check_command_outputs(to_file("--out", out, "a rig file"), logs=logs, rig=rig, truth=truth)
     if units is not None:
         groups_of([str(path) for path in logs], units)
     home = homing_time(homing)
-    changes = set_ or ()
-    description = load_rig(rig, changes)
+    description = loaded(rig, set_)
     read = [read_log(path, description, truth) for path in logs]
-    text = edited_text(rig, changes)
+    text = edited_text(rig, set_ or ())
     with stoppable(minutes), working("fitting") as show:
         result = fitted_to(
             read,
@@ -168,10 +168,10 @@ def say_scores(result: Fit) -> None:
     for name, rms, inside in scores:
         if rms > HOPELESS * scores[0][1]:
             continue
-        less = [f"{degrees(sqrt(max(rms**2 - noise**2, 0.0))):.3f}"] if shown else []
+        less = [f"{degrees(sqrt(max(rms**2 - noise**2, 0.0))):.3f}"] * shown
         share = "–" if isnan(inside) else f"{100 * inside:.0f} %"
         rows.append([name, f"{degrees(rms):.3f}", *less, share])
-    less = ["less the encoder's noise [°]"] if shown else []
+    less = ["less the encoder's noise [°]"] * shown
     columns = ["what gives the angle", "RMS error [°]", *less, f"inside the {COVERED_TEXT} band"]
     after = "its homing move" if result.homing is not None else f"its first {SETTLING:g} s"
     table(f"on each log after {after}, by what the others tell", columns, rows)
@@ -195,17 +195,14 @@ def calibrate_command(
     what is broken, or wrong in its rig.
     """
     from distal.hands import calibrate
-    from distal.rig import edited_text, load_rig
+    from distal.rig import edited_text
 
     check_command_outputs(to_file("--out", out, "a rig file"), logs=[log], rig=rig)
-    description = load_rig(rig, set_ or ())
     with working("calibrating"):
-        found = calibrate(log, description, accept=accept)
+        found = calibrate(log, loaded(rig, set_), accept=accept)
     _show(found.rig, {fault.drive for fault in found.faults if fault.kind not in ("slack", "zero")})
-    for fault in found.faults:
-        warn(fault.sentence)
-    for note in found.notes:
-        warn(note)
+    for line in (*(fault.sentence for fault in found.faults), *found.notes):
+        warn(line)
     found.save(out, log.name, edited_text(rig, set_ or ()))
     say(f"wrote {out}")
 

@@ -19,6 +19,7 @@ from distal.cli.shared_options import (
     SetOption,
     check_command_outputs,
     check_new,
+    loaded,
     to_file,
 )
 from distal.units import rounded
@@ -38,19 +39,16 @@ def list_rigs_command() -> None:
     """List the shipped rigs."""
     from distal.rig import load_rig, shipped_rigs
 
-    rows = []
-    for name in shipped_rigs():
-        rig = load_rig(name)
-        drives = ", ".join(dict.fromkeys(drive.kind for drive in rig.drives))
-        rows.append(
-            (
-                name,
-                rig.name,
-                f"{len(rig.tendons)}",
-                drives,
-                ", ".join(sensor.name for sensor in rig.sensors),
-            )
+    rows = [
+        (
+            name,
+            rig.name,
+            f"{len(rig.tendons)}",
+            ", ".join(dict.fromkeys(drive.kind for drive in rig.drives)),
+            ", ".join(rig.sensor_names),
         )
+        for name, rig in ((name, load_rig(name)) for name in shipped_rigs())
+    ]
     table("rigs", ["rig", "title", "tendons", "drives", "sensors"], rows, text=5)
 
 
@@ -61,25 +59,24 @@ def check_command(rig: RigArgument, set_: SetOption = None) -> None:
     from distal.rig import (
         doubts,
         in_words,
-        load_rig,
         parameters_below,
         scales_in_words,
         step_of,
     )
 
-    description = load_rig(rig, set_ or ())
+    description = loaded(rig, set_)
     mechanism = Mechanism(description)
     rate = max((sensor.rate for sensor in description.sensors), default=100.0)
     count = substeps(mechanism, 1.0 / rate)
     values = mechanism.parameters
     uncertain = [name for name, std in zip(values.names, values.stds) if std > 0.0]
     say(f"{rig}: ok, '{description.name}'")
-    lists = (description.joints, description.drives, description.tendons, description.sensors)
     if description.taken:
         say(f"  {scales_in_words(description)}")
     say(f"  {description.count_in_words()}")
-    for kind, parts in zip(("joints", "drives", "tendons", "sensors"), lists):
-        for at, part in ((f"{kind}.{i}", part) for i, part in enumerate(parts)):
+    for kind in ("joints", "drives", "tendons", "sensors"):
+        for i, part in enumerate(getattr(description, kind)):
+            at = f"{kind}.{i}"
             # initial angles and errors of sensors are no parameters of the equations of motion
             stds = {path: number.filter_std for path, number in parameters_below(part, at)}
             stds[f"{at}.linearity"] = getattr(part, "linearity", 0.0)
@@ -135,11 +132,10 @@ def draw_command(
     """
     from distal.reports import draw_rig
     from distal.results import plot_kind, save_figure
-    from distal.rig import load_rig
 
     plot_kind(out)
     check_command_outputs(to_file("--out", out), rig=rig)
-    description = load_rig(rig, set_ or ())
+    description = loaded(rig, set_)
     with working("drawing"):
         save_figure(draw_rig(description), out)
     say(f"wrote {out}")
@@ -162,15 +158,15 @@ def _write(imported: Imported, out: Path, source: str) -> None:
     from distal.logs import write_whole
 
     write_whole(out, imported.text)
-    say(f"{imported.rig}")
+    say(str(imported.rig))
     for note in imported.notes:
         say(f"  {note}")
-    if not imported.missing:  # the model holds the whole rig
-        say(f"wrote {out}")
-        return
-    say(f"not in the {source}, so written with a guess and a wide std:")
-    say(f"  {', '.join(imported.missing)}")
-    say(f"wrote {out}; look for 'not in the {source}' in it, then `distal rig check {out}`")
+    then = ""
+    if imported.missing:
+        say(f"not in the {source}, so written with a guess and a wide std:")
+        say(f"  {', '.join(imported.missing)}")
+        then = f"; look for 'not in the {source}' in it, then `distal rig check {out}`"
+    say(f"wrote {out}{then}")
 
 
 def check_new_rig(out: Path, *inputs: Path | None) -> None:
@@ -243,14 +239,13 @@ def to_mjcf_command(
 ) -> None:
     """Write a rig as a MuJoCo model."""
     from distal.logs import write_whole
-    from distal.rig import load_rig
     from distal.rig.mjcf.bodies import mujoco_module
     from distal.study.design_space import built_values, draws_of, scores
 
     mujoco_module()
     from distal.bridges.mujoco import to_mjcf
 
-    described = load_rig(rig, set_ or ()).bare()
+    described = loaded(rig, set_).bare()
     paths = [out.with_stem(f"{out.stem}-{n + 1}") for n in range(draws)] or [out]
     drawn = draws_of(described) if draws else ()
     for n, path in enumerate(paths):

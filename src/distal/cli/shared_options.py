@@ -17,6 +17,7 @@ from distal.errors import OutputError
 
 if TYPE_CHECKING:
     from distal.logs import Output
+    from distal.rig import Rig
 
 
 ESTIMATOR_NAMES = ("adaptive", "ekf", "ekf-2008", "elastic", "inextensible", "regression")
@@ -39,10 +40,8 @@ def _completing(package: str) -> Callable[[str], list[str]]:
     folder = Path(__file__).parents[1] / package / "library"
 
     def complete(incomplete: str) -> list[str]:
-        shipped = sorted(
-            path.stem for path in folder.glob("*.toml") if path.stem.startswith(incomplete)
-        )
-        return shipped + sorted(glob(f"{escape(incomplete)}*.toml"))
+        pattern = f"{escape(incomplete)}*.toml"
+        return sorted(path.stem for path in folder.glob(pattern)) + sorted(glob(pattern))
 
     return complete
 
@@ -119,6 +118,13 @@ UnitOption = Annotated[
         help="Of the angles that are written: rad or deg. Default: as the log has them.",
     ),
 ]
+
+
+def loaded(rig: str, changes: Sequence[str] | None) -> Rig:
+    """Return the rig of a name or a file, with the values of --set put in."""
+    from distal.rig import load_rig
+
+    return load_rig(rig, changes or ())
 
 
 def in_si(text: str, unit: str) -> float:
@@ -229,9 +235,8 @@ def check_command_outputs(
     from distal import logs as files
     from distal.rig import description_path
 
-    inputs: list[tuple[str, str | Path]] = [
-        ("log", file) for log in logs for file in _files_of(log)
-    ]
+    inputs: list[tuple[str, str | Path]]
+    inputs = [("log", file) for log in logs for file in _files_of(log)]
     if rig is not None:
         inputs.append(("rig", description_path(rig, "distal.rig")))
     if scenario is not None:

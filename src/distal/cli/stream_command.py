@@ -20,6 +20,7 @@ from distal.cli.shared_options import (
     RigOption,
     SetOption,
     UnitOption,
+    loaded,
 )
 from distal.errors import LogError, OutputError, printable
 
@@ -52,12 +53,12 @@ def stream_command(
     that something touches it, health, detail.
     """
     from distal.logs import MessageReader
-    from distal.rig import angle_unit, load_rig
+    from distal.rig import angle_unit
     from distal.run import LiveEstimator, Monitor
 
     if sys.stdin is None or sys.stdout is None:
         raise OutputError("standard input or output is closed")
-    described = load_rig(rig, set_ or ())
+    described = loaded(rig, set_)
     with working("preparing the filter"):
         live = LiveEstimator(described, estimator)
     monitor = Monitor(live)
@@ -150,16 +151,13 @@ class Session:
             *zip(reading.torques, reading.torque_stds),
             (contact.probability for contact in reading.contacts),
         )
-        known = {name: float(v) for name, v in zip(self._units, values) if isfinite(v)}
-        of_health = {"health": reading.health, "detail": printable(reading.detail)}
-        nothing = dict.fromkeys(self._units)
-        in_degrees = {
-            name: degrees(value) for name, value in known.items() if self._units[name] == "deg"
-        }
-        message = {**nothing, **known, **in_degrees, **of_health}
+        message: dict[str, object] = dict.fromkeys(self._units)
+        for (name, unit), value in zip(self._units.items(), values):
+            if isfinite(value):
+                message[name] = degrees(value) if unit == "deg" else float(value)
+        message |= {"health": reading.health, "detail": printable(reading.detail)}
         if self._json or not self.csv:
-            sys.stdout.write(json.dumps(message) + "\n")
-            sys.stdout.flush()
+            print(json.dumps(message), flush=True)
         else:
             self._write_row(message.values())
 
