@@ -611,7 +611,7 @@ def estimates_of(logs: Sequence[Path | Episode], out: Path | None) -> list[Outpu
         return []
     check_folder(out, "of several logs")
     stems = [path.stem for path in logs]
-    files = list[Output]()
+    files: list[Output] = []
     for path, stem in zip(logs, stems):
         if stems.count(stem) > 1:
             raise OutputError(
