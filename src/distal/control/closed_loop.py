@@ -33,7 +33,7 @@ from distal.results import (
     legend_above,
     save_figure,
 )
-from distal.rig import Rig, as_rig
+from distal.rig import Rig, as_rig, effort_unit
 from distal.run import LiveEstimator, Monitor, Reading
 from distal.sensor_errors import quantisation_variance, quantised_values
 from distal.simulation import Control, Scenario, load_scenario, simulate_plant
@@ -101,26 +101,22 @@ class ControlledPlant:
         if not period > 0.0:
             raise ControlError(f"period: a time above 0 s, {period:g} s came")
         prepared = prepare(rig, scenario, period=period)
-        if period > prepared.scenario.duration:
-            raise ControlError(
-                f"period: {period:g} s is longer than the scenario, "
-                f"{prepared.scenario.duration:g} s"
-            )
+        duration = prepared.scenario.duration
+        if period > duration:
+            raise ControlError(f"period: {period:g} s is longer than the scenario, {duration:g} s")
         self.prepared = prepared
         self.rig = prepared.rig
         self.period = period
-        self.plant = prepared.plant
-        self._drives = prepared.plant.rig.drives
-        self._kernel = plant_kernel(prepared.plant, prepared.count)
-        self.begin = at_rest(prepared.plant, prepared.inputs, prepared.start, self._kernel)
+        self.plant = plant = prepared.plant
+        self._drives = plant.rig.drives
+        self._kernel = plant_kernel(plant, prepared.count)
+        self.begin = at_rest(plant, prepared.inputs, prepared.start, self._kernel)
         self._per_period = round(period / prepared.dt)
         self._all_rows = rows_of(prepared.inputs, prepared.dt)
-        self._stamps = stamps_of(prepared.plant.rig, 0.0, prepared.scenario.duration)
-        latest = max((sensor.delay for sensor in prepared.plant.rig.sensors), default=0.0)
+        self._stamps = stamps_of(plant.rig, 0.0, duration)
+        latest = max((sensor.delay for sensor in plant.rig.sensors), default=0.0)
         self._looks_back = ceil(latest / prepared.dt) + self._per_period + 1
-        self._shares, self._lowest, self._highest = drive_parameters(
-            prepared.plant.rig, prepared.dt
-        )
+        self._shares, self._lowest, self._highest = drive_parameters(plant.rig, prepared.dt)
         self.reset()
 
     @property
@@ -193,7 +189,7 @@ class ControlledPlant:
         return log_of(motion, grid, self._stamps[: self._taken], read, self.prepared.scenario)
 
     def _checked(self, commands: Mapping[str, float]) -> Floats:
-        names = [drive.name for drive in self._drives]
+        names = self.plant.rig.drive_names
         desired = np.zeros(len(names))
         for name, command in commands.items():
             if name not in names:
@@ -201,9 +197,8 @@ class ControlledPlant:
                     f"the controller commands '{name}', the rig has no such "
                     f"drive{did_you_mean(name, names)}"
                 )
-            if not isinstance(command, (int, float, np.floating, np.integer)) or not isfinite(
-                command
-            ):
+            is_number = isinstance(command, (int, float, np.floating, np.integer))
+            if not (is_number and isfinite(command)):
                 raise ControlError(
                     f"the controller's command for '{name}' at {self.time:g} s is no number: "
                     f"{command!r}"
@@ -423,9 +418,9 @@ def _run(
     estimates = [reading.angles for reading in readings]
     stds = [reading.angle_stds for reading in readings]
     arrays = np.array(times), np.array(angles), np.array(estimates), np.array(stds)
-    drives = plant.rig.drive_names
     commands = {
-        name: np.array([float(request.get(name, 0.0)) for request in requests]) for name in drives
+        name: np.array([float(request.get(name, 0.0)) for request in requests])
+        for name in plant.rig.drive_names
     }
     return ClosedLoop(plant.rig, plant.log(), feedback, *arrays, commands, {})
 
@@ -459,14 +454,11 @@ def _encoder(plant: SteppedPlant, step: float) -> Teller:
     [rad].
     """
 
+    std = step * quantisation_variance(1.0) ** 0.5
+
     def tell(stamp: float, values: Floats) -> Reading:
-        angles = quantised_values(plant.angles, step)
-        return Reading(
-            stamp,
-            tuple(angles.tolist()),
-            (step * quantisation_variance(1.0) ** 0.5,) * len(angles),
-            "ok",
-        )
+        angles = quantised_values(plant.angles, step).tolist()
+        return Reading(stamp, tuple(angles), (std,) * len(angles), "ok")
 
     return tell
 
@@ -502,22 +494,21 @@ class Tracking:
 
 def trackings_of(run: ClosedLoop) -> tuple[Tracking, ...]:
     """Return how each controlled joint that has a reference keeps to it."""
-    names = run.rig.joint_names
-    effort = float(np.sqrt(np.mean([np.mean(commands**2) for commands in run.commands.values()])))
+    effort = _rms(np.array([*run.commands.values()]))
     trackings = []
     for name, reference in run.references.items():
-        j = names.index(name)
+        j = run.rig.joint_names.index(name)
         angle = run.angles[:, j]
-        errors = run.estimates[:, j] - run.angles[:, j]
-        errors = errors[np.isfinite(errors)]
-        tracking = Tracking(
-            name,
-            rms=float(np.sqrt(np.mean((angle - reference) ** 2))),
-            effort=effort,
-            estimate_rms=float(np.sqrt(np.mean(errors**2))) if len(errors) else nan,
+        trackings.append(
+            Tracking(name, _rms(angle - reference), effort, _rms(run.estimates[:, j] - angle))
         )
-        trackings.append(tracking)
     return tuple(trackings)
+
+
+def _rms(errors: Floats) -> float:
+    """Return the root mean square of the known numbers; NaN where none is known."""
+    known = errors[np.isfinite(errors)]
+    return float(np.sqrt(np.mean(known**2))) if len(known) else nan
 
 
 MOST_LIMIT = 3.0
@@ -550,7 +541,7 @@ def plot_control(runs: Sequence[ClosedLoop], path: str | Path | None = None) -> 
             effort = next(iter(run.commands))
             # a feedback that chatters stands behind the others
             axes[2].plot(time, run.commands[effort], zorder=3 - 0.1 * k, **look)
-        estimated = next((run for run in runs if run.feedback not in ("encoder", "ratio")), None)
+        estimated = next((run for run in runs if run.feedback not in (ENCODER, RATIO)), None)
         if estimated is not None:
             error = np.rad2deg(estimated.estimates[:, j] - estimated.angles[:, j])
             half = BAND * np.rad2deg(estimated.stds[:, j])
@@ -570,7 +561,7 @@ def plot_control(runs: Sequence[ClosedLoop], path: str | Path | None = None) -> 
         axes[0].set_ylabel(f"angle of {name} [°]")
         axes[1].set_ylabel("from reference [°]")
         drive = first.rig.drives[0]
-        axes[2].set_ylabel(f"command {drive.name} [{'N' if drive.kind == 'slider' else 'N m'}]")
+        axes[2].set_ylabel(f"command {drive.name} [{effort_unit(drive)}]")
         axes[2].set_xlabel("time [s]")
         legend_above(axes[0])
     return save_figure(drawing, path)

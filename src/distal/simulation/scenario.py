@@ -86,11 +86,9 @@ class SignalIn:
 
     def _read(self, raw: object) -> Signal:
         signal = self._parse(raw)
-        if self.nonnegative and min(signal.values) - abs(signal.amplitude) < 0.0:
-            raise UnitError(
-                f"must not be negative, {min(signal.values) - abs(signal.amplitude):g} {self.si} "
-                "came"
-            )
+        least = min(signal.values) - abs(signal.amplitude)
+        if self.nonnegative and least < 0.0:
+            raise UnitError(f"must not be negative, {least:g} {self.si} came")
         return signal
 
     def _parse(self, raw: object) -> Signal:
