@@ -23,6 +23,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import compress
 from pathlib import Path
 
 import casadi as ca
@@ -174,7 +175,7 @@ def expected_readings(
     of = {
         "position": dict(zip(rig.drive_names, positions.T)),
         "force": dict(zip(rig.drive_names, forces.T)),
-        "tension": dict(zip([tendon.name for tendon in rig.tendons], tensions.T)),
+        "tension": dict(zip(rig.tendon_names, tensions.T)),
     }
     found = {}
     for sensor in rig.sensors:
@@ -195,7 +196,7 @@ def within_stops(model: CommandModel, time: Floats, desired: Floats) -> tuple[li
         time: stamps [s], (k,).
         desired: angles of the free joints [rad], (k, n_free).
     """
-    joints = [model.rig.joints[j] for j in model.free]
+    joints = model.joints
     stops = np.array([joint.stops or (-np.inf, np.inf) for joint in joints])
     held = np.clip(desired, *stops.T)
     notes = []
@@ -220,7 +221,7 @@ def not_reached(
         reached: angles that the free joints reach with what is sent [rad], (k, n_free).
         cut: where drives cannot do what the desired angles ask for, (k, n_drives).
     """
-    joints = [model.rig.joints[j].name for j in model.free]
+    joints = [joint.name for joint in model.joints]
     away = np.abs(reached - desired)
     far = [k for k in np.argsort(-away.max(axis=0)) if away[:, k].max() > TURNS]
     if not far:
@@ -230,9 +231,9 @@ def not_reached(
         for k in far[:NAMED_JOINTS]
     ]
     more = f" and {len(far) - NAMED_JOINTS} more" if len(far) > NAMED_JOINTS else ""
-    names = [model.rig.drives[i].name for i in np.flatnonzero(cut.any(axis=0))]
+    names = ", ".join(compress(model.rig.drive_names, np.any(cut, axis=0)))
     why = (
-        f"{', '.join(names)} cannot do what is wanted, which leaves joints off by up to"
+        f"{names} cannot do what is wanted, which leaves joints off by up to"
         if names
         else "fewer drives than joints, these follow their springs, off by up to"
     )
@@ -258,15 +259,14 @@ def beyond(
     notes = []
     for i, drive in enumerate(model.rig.drives):
         unit = effort_unit(drive)
-        needed = read["forces"][:, i] + drive.lever * read["short"][:, i]
-        largest = float(np.abs(needed).max())
+        largest = np.abs(read["forces"][:, i] + drive.lever * read["short"][:, i]).max()
         if _is_passed(largest, drive.limit):
             notes.append(
                 f"{drive.name} would need {largest:.3g} {unit}, its limit is "
                 f"{drive.limit:.3g} {unit}"
             )
         reaches = None if drive.servo is None else drive.servo.fastest
-        fastest = float(np.abs(np.gradient(read["positions"][:, i], time)).max())
+        fastest = np.abs(np.gradient(read["positions"][:, i], time)).max()
         if _is_passed(fastest, reaches):
             notes.append(
                 f"{drive.name} would need a speed of {fastest:.3g}, it reaches {reaches:.3g}: it "
@@ -431,8 +431,7 @@ def followable(time: Floats, positions: Floats, drive: Slider | Capstan) -> Floa
     most = drive.servo.fastest * np.diff(time)
     forth = _rate_limited(positions, most)
     back = _rate_limited(positions[::-1], most[::-1])[::-1]
-    middle: Floats = (forth + back) / 2
-    return middle
+    return (forth + back) / 2
 
 
 def _rate_limited(positions: Floats, most: Floats) -> Floats:
@@ -501,7 +500,7 @@ class Inverse:
         self.rig = as_rig(rig)
         self.least_tension = least_tension_of(least_tension, self.rig)
         self.model = model = RestModel(self.rig)
-        self.joints = tuple(self.rig.joints[j].name for j in model.free)
+        self.joints = tuple(joint.name for joint in model.joints)
         """Names of the free joints, whose angles are desired; the other joints follow these."""
         self._compiled = compiled
         self._parameters = model.mechanism.parameters.values[: model.n_parameters]
@@ -610,11 +609,10 @@ class Inverse:
             kernel_state[layout["positions"]] = positions
             kernel_state[layout["pulls"]] = layout.view(first.kernel_states[-1], "pulls")
             if model.n_inside:
-                joints = np.array(model.spread(model.y.view(first.ys[-1], "angles"))).ravel()
+                joints = model.spread(model.y.view(first.ys[-1], "angles"))
                 of_rig = self._parameters[: model.n_parameters - len(model.derived)]
-                q = np.append(joints, positions)
-                inside = inside_function(model.mechanism)(q, of_rig)
-                kernel_state[layout["inside"]] = np.array(inside).ravel()
+                inside = inside_function(model.mechanism)(ca.vertcat(joints, positions), of_rig)
+                kernel_state[layout["inside"]] = inside.full().ravel()
         return kernel_state
 
     @cached_property
@@ -631,9 +629,10 @@ class Inverse:
         Far from the logs a map says nothing: both are zero there, and the rig is taken as it is
         described.
         """
-        y = {name: self.model.y.view(run.ys, name) for name in ("forces", "tensions")}
-        at = readings(self.rig, self.model.y.view(run.ys, "positions"))
-        expected = expected_readings(self.rig, at, y["forces"], y["tensions"])
+        positions, forces, tensions = (
+            self.model.y.view(run.ys, name) for name in ("positions", "forces", "tensions")
+        )
+        expected = expected_readings(self.rig, readings(self.rig, positions), forces, tensions)
         nothing = np.full(len(time), np.nan)
         samples = np.column_stack([expected.get(name, nothing) for name in estimator.channels])
         begin = estimator.initial(time[0], first_values(samples))

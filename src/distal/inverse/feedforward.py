@@ -19,10 +19,10 @@ creep) is kept from sample to sample and follows the commands.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
-from math import inf, isfinite, radians
+from math import inf, radians
 from typing import NamedTuple
 
 import casadi as ca
@@ -70,18 +70,16 @@ class Feedback:
 
     def __post_init__(self) -> None:
         for name, number in vars(self).items():
-            if name.endswith("limit"):
-                if not number > 0.0:
-                    raise CommandError(f"feedback.{name}: a number above 0, {number} came")
-            elif not (isfinite(number) and number >= 0.0):
-                raise CommandError(f"feedback.{name}: 0 or a finite number above, {number} came")
+            is_limit = name.endswith("limit")
+            if not (number > 0.0 if is_limit else 0.0 <= number < inf):
+                allowed = "a number above 0" if is_limit else "0 or a finite number above"
+                raise CommandError(f"feedback.{name}: {allowed}, {number} came")
 
     @staticmethod
     def gains(joints: Sequence[Feedback]) -> dict[str, Floats]:
         """Return name of a gain → its value for each of some joints, (n,)."""
         return {
-            one.name: np.array([vars(joint)[one.name] for joint in joints])
-            for one in fields(Feedback)
+            name: np.array([vars(joint)[name] for joint in joints]) for name in vars(Feedback())
         }
 
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import compress
 from math import isfinite, nan
 from pathlib import Path
 
@@ -159,7 +160,10 @@ class LiveModel:
         command, y = model.function()(command, row, parameters)
         sent = model.y.parts(y)
         at_end = ca.fabs(model.kernel_state.part(command, "positions") - sent["positions"]) > AT_END
-        forces = self._within_limits(sent["forces"], parameters)
+        # a slider cannot push; no product with a limit that may be infinite
+        high = model.of_drives(parameters, "limit")
+        pushes = ca.DM([drive.kind != "slider" for drive in model.rig.drives])
+        forces = ca.fmin(ca.fmax(sent["forces"], ca.if_else(pushes, -high, 0)), high)
         positions = read_function(states)(sent["positions"], came["state"], own)
         # servos give way: by their stiffness, and by their dead band in the direction of motion
         ahead = model.of_drives(parameters, "soft") * forces
@@ -183,13 +187,6 @@ class LiveModel:
             at_end=at_end,
         )
         return ca.Function("live_command", [kernel_state, x, p], [following, y], *KERNEL)
-
-    def _within_limits(self, forces: ca.MX, parameters: ca.MX) -> ca.MX:
-        """Return the forces of drives, limited to what each can do; a slider cannot push."""
-        high = self.model.of_drives(parameters, "limit")
-        pushes = ca.DM([drive.kind != "slider" for drive in self.model.rig.drives])
-        # no product with a limit that may be infinite
-        return ca.fmin(ca.fmax(forces, ca.if_else(pushes, -high, 0)), high)
 
     def _believed(self) -> ca.Function:
         """Return the function (state, p, derived) → parameters of the inverse as the filter
@@ -344,7 +341,7 @@ def live_parameters(
             is unknown, or the speed is not above zero.
     """
     rig = live.model.rig
-    joints = [rig.joints[j] for j in live.model.free]
+    joints = live.model.joints
     names = [joint.name for joint in joints]
     given = (
         feedback if isinstance(feedback, Mapping) else dict.fromkeys(names, feedback or Feedback())
@@ -415,7 +412,7 @@ class LiveInverse:
         self._layouts = live = LiveModel(self._rig, estimator.states)
         self._live = LiveEstimator(self._rig, estimator)
         self._free = live.model.free
-        self.joints = tuple(self._rig.joints[j].name for j in self._free)
+        self.joints = tuple(joint.name for joint in live.model.joints)
         self._kernel = kernel_of(live.structure, live.function, compiled)
         self._parameters = live_parameters(
             live, estimator, least_tension, feedback, fastest, compensates
@@ -432,13 +429,14 @@ class LiveInverse:
     def _begin_loop(self) -> None:
         """Begin a loop of the kernel, with the parts of its arrays by name."""
         self._loop = self._kernel.loop(self._parameters)
-
-        def parts(layout: Layout, array: Floats) -> dict[str, Floats]:
-            return {name: array[layout[name]] for name in layout.names}
-
-        self._kernel_state = parts(self._layouts.kernel_state, self._loop.kernel_state)
-        self._x = parts(self._layouts.x, self._loop.x)
-        self._y = parts(self._layouts.y, self._loop.y)
+        self._kernel_state, self._x, self._y = (
+            {name: array[layout[name]] for name in layout.names}
+            for layout, array in (
+                (self._layouts.kernel_state, self._loop.kernel_state),
+                (self._layouts.x, self._loop.x),
+                (self._layouts.y, self._loop.y),
+            )
+        )
 
     def reset(self) -> None:
         """Forget everything: the next sample is the first."""
@@ -503,18 +501,17 @@ class LiveInverse:
         if not all(map(isfinite, reading.angles)):
             stays = [] if self._time is None else ["the last command stays"]
             return self._command(reading, [f"{reading.health} {reading.detail}", *stays])
-        unread = self._gate.unread
-        if self._time is None and unread:
-            return self._command(reading, [f"{', '.join(unread)} not read yet"])
-        if self._time is None and reading.unusable:
-            return self._command(reading, [reading.unusable])
+        unread = ", ".join(self._gate.unread)
+        missing = f"{unread} not read yet" if unread else reading.unusable
+        if self._time is None and missing:
+            return self._command(reading, [missing])
         x = self._x
         self._asked = np.where(np.isfinite(angles), angles, self._asked)
         x["state"][:] = self._live.mean
         if self._has_map:
             x["mapped"][:] = self._live.added_by_maps[self._free]
         # without a reading a drive counts as being where it was sent
-        read = np.where(self._positions >= 0, sample[self._positions], nan)
+        read = np.append(sample, nan)[self._positions]
         np.copyto(x["read"], np.where(np.isfinite(read), read, self._gate.expected))
         x["trusted"][0] = not reading.unusable
         x["touched"][0] = self._live.touched
@@ -536,10 +533,9 @@ class LiveInverse:
             self._loop.step()
         self._time = time
         self._stood = stands
-        at_end = zip(self._rig.drive_names, self._y["at_end"])
-        ended = [name for name, is_cut in at_end if is_cut]
+        ended = ", ".join(compress(self._rig.drive_names, self._y["at_end"]))
         notes = [f"no feedback: {reading.unusable}"] if reading.unusable else []
-        notes += [f"{', '.join(ended)} at the end of its range"] if ended else []
+        notes += [f"{ended} at the end of its range"] if ended else []
         return self._command(reading, notes)
 
     def _angles(self, desired: Sequence[float] | Floats | Mapping[str, float]) -> Floats:
@@ -599,9 +595,7 @@ class LiveInverse:
         """Take in whether the last command was sent; if not, the goals before it count."""
         self._gate.confirm(arrived)
 
-    def __copy__(self) -> LiveInverse:
-        """Return a clone: buffers are never shared."""
-        return self.clone()
+    __copy__ = clone
 
     def __deepcopy__(self, memo: object) -> LiveInverse:
         """Return a clone."""

@@ -94,10 +94,8 @@ def traced(method: Callable[..., Iterable[Vector]]) -> cached_property[ca.Functi
 
     def made(balance: Balance) -> ca.Function:
         _, *names = signature(method).parameters
-        own = {"p": balance.mechanism.parameters.symbols}
-        symbols = [
-            own[name] if name in own else ca.SX.sym(name, *balance.shapes[name]) for name in names
-        ]
+        p = balance.mechanism.parameters.symbols
+        symbols = [p if name == "p" else ca.SX.sym(name, *balance.shapes[name]) for name in names]
         outputs = [ca.densify(ca.SX(each)) for each in method(balance, *symbols)]
         return ca.Function(method.__name__.strip("_"), symbols, ca.cse(outputs))
 
@@ -132,6 +130,7 @@ class Balance:
         self.mechanism = mechanism
         self.rig = rig
         self.free = list(mechanism.free)
+        self.joints = [rig.joints[j] for j in self.free]
         self.nj = mechanism.n_joints
         self.nd = mechanism.n_drives
         self.nt = mechanism.n_tendons
@@ -153,11 +152,9 @@ class Balance:
     @cached_property
     def moved_by(self) -> Matrix:
         """Torque on each free joint per pull of each drive at all angles, by its pattern alone."""
-        return ca.sparsify(
-            self.arms(
-                ca.SX.sym("q", self.nj), ca.SX.sym("s", self.nd), self.mechanism.parameters.symbols
-            )
-        )
+        q = ca.SX.sym("q", self.nj)
+        s = ca.SX.sym("s", self.nd)
+        return ca.sparsify(self.arms(q, s, self.mechanism.parameters.symbols))
 
     @cached_property
     def parts(self) -> list[CoupledJoints]:
