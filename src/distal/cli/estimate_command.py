@@ -9,7 +9,7 @@ import os
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from math import degrees
 from pathlib import Path
@@ -63,10 +63,10 @@ if TYPE_CHECKING:
 class Comparison:
     """What estimators found: estimates, rows of the table of errors, and why others failed."""
 
-    results: list[Estimate] = field(default_factory=list)
-    rows: list[tuple[str, ...]] = field(default_factory=list)
-    notes: dict[str, None] = field(default_factory=dict)
-    failed: dict[str, str] = field(default_factory=dict)
+    results: list[Estimate]
+    rows: list[tuple[str, ...]]
+    notes: dict[str, None]
+    failed: dict[str, str]
 
 
 def compared(
@@ -88,7 +88,7 @@ def compared(
     from distal.run import estimate
     from distal.run import smooth as smoothed
 
-    found = Comparison()
+    found = Comparison([], [], {}, {})
     runs: dict[str, Callable[..., Estimate]] = {
         name: partial(estimate, log, rig, name, homing=home, covariances=False, every=every)
         for name in names

@@ -36,7 +36,7 @@ from distal.results import (
 from distal.rig import Rig, as_rig, effort_unit
 from distal.run import LiveEstimator, Monitor, Reading
 from distal.sensor_errors import quantisation_variance, quantised_values
-from distal.simulation import Control, Scenario, load_scenario, simulate_plant
+from distal.simulation import Control, Scenario, simulate_plant
 from distal.simulation.plant import (
     PlantMotion,
     at_rest,
@@ -44,6 +44,7 @@ from distal.simulation.plant import (
     plant_kernel,
     rows_of,
 )
+from distal.simulation.scenario import as_scenario
 from distal.simulation.simulate import Sampler, log_of, prepare, stamps_of
 from distal.units import to_si
 
@@ -317,7 +318,7 @@ def simulate(
         RigError: the plant's values are wrong.
         ControlError: the controller failed, or asked for what is not possible.
     """
-    scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+    scenario = as_scenario(scenario)
     if controller is None and scenario.control is None:
         return simulate_plant(rig, scenario, seed)
     return closed_loop(
@@ -344,7 +345,7 @@ def closed_loop(
         ScenarioError: the scenario does not fit the rig, or the motion left all bounds.
         ControlError: the controller failed, or asked for what is not possible.
     """
-    scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+    scenario = as_scenario(scenario)
     rig = as_rig(rig)
     control = scenario.control
     length = _period(period, scenario)
@@ -530,38 +531,40 @@ def plot_control(runs: Sequence[ClosedLoop], path: str | Path | None = None) -> 
     reference = np.rad2deg(first.references[name])
     time = first.time
     with figure(3, 1, (6.5, 6.2), sharex=True, height_ratios=(3, 2, 2)) as (drawing, axes):
-        axes[0].plot(time, reference, color=BLACK, lw=1.0, dashes=(4, 2), label="reference")
+        angles, deviations, commands = axes
+        angles.plot(time, reference, color=BLACK, lw=1.0, dashes=(4, 2), label="reference")
         worst = []
         for k, run in enumerate(runs):
             angle = np.rad2deg(run.angles[:, j])
+            away = angle - reference
             look = {"lw": 1.2, **curve_style(k)}
-            axes[0].plot(time, angle, label=f"fed back by {run.feedback}", **look)
-            axes[1].plot(time, angle - reference, **look)
-            worst.append(float(np.quantile(np.abs(angle - reference), 0.98)))
-            effort = next(iter(run.commands))
+            angles.plot(time, angle, label=f"fed back by {run.feedback}", **look)
+            deviations.plot(time, away, **look)
+            worst.append(float(np.quantile(np.abs(away), 0.98)))
+            effort = next(iter(run.commands.values()))
             # a feedback that chatters stands behind the others
-            axes[2].plot(time, run.commands[effort], zorder=3 - 0.1 * k, **look)
+            commands.plot(time, effort, zorder=3 - 0.1 * k, **look)
         estimated = next((run for run in runs if run.feedback not in (ENCODER, RATIO)), None)
         if estimated is not None:
             error = np.rad2deg(estimated.estimates[:, j] - estimated.angles[:, j])
             half = BAND * np.rad2deg(estimated.stds[:, j])
-            axes[1].plot(
+            deviations.plot(
                 time,
                 error,
                 color=SOFT,
                 lw=0.8,
                 label=f"error of {estimated.feedback} and its {COVERED_TEXT} band",
             )
-            axes[1].fill_between(time, error - half, error + half, color=band_colour(SOFT), lw=0)
-            legend_above(axes[1])
+            deviations.fill_between(time, error - half, error + half, color=band_colour(SOFT), lw=0)
+            legend_above(deviations)
         limit = MOST_LIMIT * min(worst)
         span = float(np.ptp(reference)) or 1.0
-        axes[0].set_ylim(reference.min() - 0.4 * span, reference.max() + 0.4 * span)
-        axes[1].set_ylim(-limit, limit)
-        axes[0].set_ylabel(f"angle of {name} [°]")
-        axes[1].set_ylabel("from reference [°]")
+        angles.set_ylim(reference.min() - 0.4 * span, reference.max() + 0.4 * span)
+        deviations.set_ylim(-limit, limit)
+        angles.set_ylabel(f"angle of {name} [°]")
+        deviations.set_ylabel("from reference [°]")
         drive = first.rig.drives[0]
-        axes[2].set_ylabel(f"command {drive.name} [{effort_unit(drive)}]")
-        axes[2].set_xlabel("time [s]")
-        legend_above(axes[0])
+        commands.set_ylabel(f"command {drive.name} [{effort_unit(drive)}]")
+        commands.set_xlabel("time [s]")
+        legend_above(angles)
     return save_figure(drawing, path)

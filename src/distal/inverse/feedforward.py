@@ -289,6 +289,8 @@ class CommandModel(Balance):
 
     def __init__(self, rig: Rig, folded: bool = False) -> None:
         super().__init__(rig, folded)
+        self.n_parameters = len(self.mechanism.parameters) - self.n_inside
+        """Number of the parameters without the internal state, which is the last of them."""
         self.rubbing = [d for d, drive in enumerate(rig.drives) if drive.hysteresis is not None]
         self.kernel_state = Layout(
             positions=self.nd,
@@ -310,11 +312,6 @@ class CommandModel(Balance):
             tensions=self.nt,
             short=self.nd,
         )
-
-    @property
-    def n_parameters(self) -> int:
-        """Number of the parameters without the internal state, which is the last of them."""
-        return len(self.mechanism.parameters) - self.n_inside
 
     def function(self) -> ca.Function:
         """Return the kernel (kernel_state, x, p) → (kernel_state⁺, y) of the next command, with the

@@ -89,13 +89,16 @@ def traced(method: Callable[..., Iterable[Vector]]) -> cached_property[ca.Functi
     """Return a method of a `Balance` as a CasADi function, which is made once for each object.
 
     The arguments are symbols: `p` are the parameters of the equations, and the others have the
-    shapes in `Balance.shapes`, by their names.
+    shapes in `Balance.shapes`, by their names, or else one number for each drive.
     """
 
     def made(balance: Balance) -> ca.Function:
         _, *names = signature(method).parameters
         p = balance.mechanism.parameters.symbols
-        symbols = [p if name == "p" else ca.SX.sym(name, *balance.shapes[name]) for name in names]
+        symbols = [
+            p if name == "p" else ca.SX.sym(name, *balance.shapes.get(name, (balance.nd,)))
+            for name in names
+        ]
         outputs = [ca.densify(ca.SX(each)) for each in method(balance, *symbols)]
         return ca.Function(method.__name__.strip("_"), symbols, ca.cse(outputs))
 
@@ -137,17 +140,17 @@ class Balance:
         self.nf = len(self.free)
         self.n_inside = len(mechanism.plays) + len(mechanism.strains)
         self.tendons_of = [mechanism.pulled_by(self.nj + d) for d in range(self.nd)]
+        self.one_sided = [len(tendons) == 1 for tendons in self.tendons_of]
+        """Whether each drive can pull one way only, since it winds one tendon, (n_drives,)."""
         of_free = ("free", "desired", "speeds", "accelerations", "turned", "torques")
-        of_drives = (
-            *("positions", "within", "rates", "drives_turned", "pulls", "before", "rubbed"),
-            *("steepest", "low", "high", "excess", "slope", "least", "variances"),
-        )
-        self.shapes = (
-            dict.fromkeys(of_free, (self.nf,))
-            | dict.fromkeys(of_drives, (self.nd,))
-            | dict.fromkeys(("angles", "external"), (self.nj,))
-            | {"arms": (self.nf, self.nd), "shares": (self.nt,), "dt": (1,), "lowest": (1,)}
-        )
+        self.shapes = dict.fromkeys(of_free, (self.nf,)) | {
+            "angles": (self.nj,),
+            "external": (self.nj,),
+            "arms": (self.nf, self.nd),
+            "shares": (self.nt,),
+            "dt": (1,),
+            "lowest": (1,),
+        }
 
     @cached_property
     def moved_by(self) -> Matrix:
@@ -166,11 +169,6 @@ class Balance:
             CoupledJoints(of.tolist(), np.flatnonzero(moves[of].any(axis=0)).tolist())
             for of in joints
         ]
-
-    @property
-    def one_sided(self) -> list[bool]:
-        """Whether each drive can pull one way only, since it winds one tendon, (n_drives,)."""
-        return [len(tendons) == 1 for tendons in self.tendons_of]
 
     def all_joints(self, free: Vector, offsets: bool = True) -> Vector:
         """Return the angles of all joints, (n_joints,) [rad], from those of the `free` joints,
@@ -350,8 +348,7 @@ class Balance:
         their order.
         """
         parameters = self.mechanism.parameters
-        at = [i for i, name in enumerate(parameters.names) if name.startswith(DERIVED)]
-        return parameters.values[at]
+        return parameters.values[[name.startswith(DERIVED) for name in parameters.names]]
 
     def within_stops(self, angles: Symbolic, p: Symbolic) -> Symbolic:
         """Return angles of free joints, (n_free,) [rad], limited to their stops."""

@@ -166,8 +166,22 @@ def inside_function(mechanism: Mechanism) -> ca.Function:
     """Return the function (q, p) → the internal state of a plant that has long stood at q: plays
     are in the middle of their bounds, and creep is as settled as the rig says.
     """
-    structure = structure_of("inside", mechanism, settled=settled_creeps(mechanism))
-    return function_of(structure, lambda: _inside_function(mechanism))
+    settled = settled_creeps(mechanism)
+
+    def make() -> ca.Function:
+        still = Mechanism(mechanism.rig)
+        at = ca.SX.sym("q", mechanism.n_bodies)
+        pulls = still.pulls(at, ca.SX.zeros(mechanism.n_bodies))
+        p = still.parameters
+        strains = []
+        for i, share in settled:
+            stretch = (pulls.joint[i] + pulls.drive[i]) / 2 / p[f"tendons.{i}.stiffness"]
+            strains.append(share * p[f"tendons.{i}.creep.share"] * stretch)
+        return ca.Function(
+            "inside", [at, p.symbols], [ca.vertcat(*still.internal_state(at).inside, *strains)]
+        )
+
+    return function_of(structure_of("inside", mechanism, settled=settled), make)
 
 
 def settled_creeps(mechanism: Mechanism) -> tuple[tuple[int, float], ...]:
@@ -178,20 +192,6 @@ def settled_creeps(mechanism: Mechanism) -> tuple[tuple[int, float], ...]:
         (i, tendon.creep.settled.value)
         for i, tendon in enumerate(mechanism.rig.tendons)
         if tendon.creep is not None
-    )
-
-
-def _inside_function(mechanism: Mechanism) -> ca.Function:
-    still = Mechanism(mechanism.rig)
-    at = ca.SX.sym("q", mechanism.n_bodies)
-    pulls = still.pulls(at, ca.SX.zeros(mechanism.n_bodies))
-    p = still.parameters
-    strains = []
-    for i, settled in settled_creeps(mechanism):
-        stretch = (pulls.joint[i] + pulls.drive[i]) / 2 / p[f"tendons.{i}.stiffness"]
-        strains.append(settled * p[f"tendons.{i}.creep.share"] * stretch)
-    return ca.Function(
-        "inside", [at, p.symbols], [ca.vertcat(*still.internal_state(at).inside, *strains)]
     )
 
 
@@ -464,16 +464,16 @@ def at_rest(
 
 def resting_force(mechanism: Mechanism) -> ca.Function:
     """Return the function (q, p) → the elastic forces of the tendons on the bodies at rest."""
-    structure = structure_of("resting force", mechanism, settled=settled_creeps(mechanism))
-    return function_of(structure, lambda: _resting_force(mechanism))
 
+    def make() -> ca.Function:
+        still = Mechanism(mechanism.rig)
+        q = ca.SX.sym("q", mechanism.n_bodies)
+        tied = still.internal_state(q).q
+        pull = -ca.mtimes(still.length_jacobian(tied).T, still.elastic_forces(tied))
+        return ca.Function("force", [q, still.parameters.symbols], [pull])
 
-def _resting_force(mechanism: Mechanism) -> ca.Function:
-    still = Mechanism(mechanism.rig)
-    q = ca.SX.sym("q", mechanism.n_bodies)
-    tied = still.internal_state(q).q
-    pull = -ca.mtimes(still.length_jacobian(tied).T, still.elastic_forces(tied))
-    return ca.Function("force", [q, still.parameters.symbols], [pull])
+    settled = settled_creeps(mechanism)
+    return function_of(structure_of("resting force", mechanism, settled=settled), make)
 
 
 def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs) -> Floats:

@@ -49,7 +49,7 @@ from distal.simulation.plant import (
     plant_kernel,
     rows_of,
 )
-from distal.simulation.scenario import Scenario, load_scenario
+from distal.simulation.scenario import Scenario, as_scenario
 
 
 def moment_of(plant: Mechanism, y: Vector) -> Moment:
@@ -178,7 +178,7 @@ def prepare(
         ScenarioError: the scenario does not fit the rig.
         RigError: the plant's values are wrong.
     """
-    scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+    scenario = as_scenario(scenario)
     rig = as_rig(rig)
     if not isinstance(seed, (int, np.integer)) or seed < 0:
         raise ScenarioError(f"seed: must be a whole number from 0, {seed!r} came")
@@ -286,13 +286,10 @@ def log_of(
 BESIDE = ".rig.toml"
 """What follows the name of a log in the name of the file. Source: definition."""
 
-OF_ALL = f"all{BESIDE}"
-"""Name of the file of several logs in a folder. Source: definition."""
-
 
 def rig_beside(log: Path, several: bool = False) -> Path:
     """Return the path of the file beside a log, or of that of several logs in a folder."""
-    return log / OF_ALL if several else log.with_name(log.name + BESIDE)
+    return log / f"all{BESIDE}" if several else log.with_name(log.name + BESIDE)
 
 
 def text_beside(rig: str, values: Mapping[str, object]) -> str:
