@@ -371,8 +371,9 @@ class RestModel(CommandModel):
     ) -> list[Vector]:
         """Function (θ_free, s, d, σ_s², p) → variances of θ_free [rad²].
 
-        They follow from the stds of the rig's parameters, from the variances σ_s² of the drives'
-        positions, and from friction that has not turned over, by its directions d.
+        They follow from the variances σ_s² of the drives' positions, from friction that has not
+        turned over, by its directions d, and from the stds of the rig's parameters: of each one's
+        own error, and of each error that several share.
         """
         lacks, friction = self.lacking(free, positions, turned)
         slopes = self._slopes(lacks, free)
@@ -380,26 +381,17 @@ class RestModel(CommandModel):
         # all torques within friction that has not turned over are equally likely: the variance is a
         # third of its square
         left = ca.sqrt(friction**2 * ca.fmax(1 - turned**2, 0) / 3)
-        errors = ca.horzcat(self._by_parameters(lacks), by_positions, ca.diag(left))
-        columns = ca.horzsplit(ca.densify(errors))
-        return [sum((solved(slopes, column) ** 2 for column in columns), ca.SX.zeros(self.nf))]
-
-    def _by_parameters(self, lacks: Vector) -> Matrix:
-        """Return how residual torques change with the parameters, (n_free, k): a column for one std
-        of each parameter's own error, and one for that of each error that several share.
-        """
+        errors = [by_positions, ca.diag(left)]
         parameters = self.mechanism.parameters
-        p = parameters.symbols
-        slopes = ca.jacobian(lacks, p)
-        columns = [
-            slopes[:, i] * self.number(p, [f"{parameters.names[i]}.std"])
-            for i in np.flatnonzero(parameters.independent_stds > 0.0).tolist()
-        ]
-        columns += [
-            ca.mtimes(slopes[:, members], p[members]) * self.number(p, [f"shared.{name}.std"])
-            for name, (_, members) in parameters.shared.items()
-        ]
-        return ca.horzcat(ca.SX(self.nf, 0), *columns)
+        by_parameters = ca.jacobian(lacks, p)
+        for i in np.flatnonzero(parameters.independent_stds > 0.0).tolist():
+            std = self.number(p, [f"{parameters.names[i]}.std"])
+            errors.append(by_parameters[:, i] * std)
+        for name, (_, members) in parameters.shared.items():
+            std = self.number(p, [f"shared.{name}.std"])
+            errors.append(ca.mtimes(by_parameters[:, members], p[members]) * std)
+        columns = ca.horzsplit(ca.densify(ca.horzcat(*errors)))
+        return [sum((solved(slopes, column) ** 2 for column in columns), ca.SX.zeros(self.nf))]
 
 
 def position_variances(rig: Rig) -> Floats:

@@ -29,7 +29,6 @@ from distal.model import Mechanism
 from distal.model.parameters import Derived, Symbolic
 from distal.model.tendon_tensions import Pulls
 from distal.rig import Rig
-from distal.rig.drives import Drive
 
 DERIVED = "command."
 """Prefix of the names of these inputs."""
@@ -55,7 +54,11 @@ def _inputs(rig: Rig) -> Iterator[tuple[str, float]]:
         yield f"{path}.limit", limit
         yield f"{path}.radius", drive.lever
         yield f"{path}.most_pull", limit / drive.lever
-        yield f"{path}.margin", _margin(rig, drive)
+        # so far are pulls commanded above the least tension that all but 2.5 % of the rigs as built
+        # keep it: at a given position, softer tendons pull less, in proportion to their stiffness
+        stiffnesses = [tendon.stiffness for tendon in rig.tendons_of(drive.name)]
+        spread = max(stiffness.total_std / stiffness.value for stiffness in stiffnesses)
+        yield f"{path}.margin", 1.0 + BAND * spread
         # a servo of stiffness K and dead band δ, with the force F in the direction d, is at
         # s = u − F/K − δ d
         yield f"{path}.soft", 0.0 if servo is None or not servo.stiffness else 1 / servo.stiffness
@@ -72,17 +75,6 @@ def _ends(path: str, stops: tuple[float, float] | None) -> Iterator[tuple[str, f
     low, high = stops or (-inf, inf)
     yield f"{path}.low", low
     yield f"{path}.high", high
-
-
-def _margin(rig: Rig, drive: Drive) -> float:
-    """Return the factor by which pulls are commanded above the least tension, so that all but 2.5 %
-    of the rigs as built keep that.
-
-    At a given position of a drive, softer tendons pull less, in proportion to their stiffness.
-    """
-    return 1.0 + BAND * max(
-        tendon.stiffness.total_std / tendon.stiffness.value for tendon in rig.tendons_of(drive.name)
-    )
 
 
 def traced(method: Callable[..., Iterable[Vector]]) -> cached_property[ca.Function]:
@@ -182,18 +174,6 @@ class Balance:
     def _levers(self, angles: Vector, positions: Vector) -> Matrix:
         return self.mechanism.length_jacobian(ca.vertcat(angles, positions))
 
-    def _shares(self, angles: Vector, positions: Vector) -> Vector:
-        """Return the share of each tendon's tension in its drive's pull, (n_tendons,): its moment
-        arms projected onto those of the drive's first tendon.
-        """
-        levers = self._levers(angles, positions)[:, : self.nj]
-        shares = ca.SX.ones(self.nt)
-        for tendons in self.tendons_of:
-            first = levers[tendons[0], :]
-            for i in tendons[1:]:
-                shares[i] = ca.dot(levers[i, :], first) / ca.dot(first, first)
-        return shares
-
     def arms(self, angles: Vector, positions: Vector, p: Vector) -> Matrix:
         """Return the torque on each free joint per pull of each drive, (n_free, n_drives) [m], at
         `angles`, `positions` and parameters `p`.
@@ -209,9 +189,7 @@ class Balance:
         drives' positions [N/m, N/rad], (n_drives,) each.
         """
         tensions = self._pulls_at(angles, positions).joint
-        pulls = ca.vertcat(
-            *(sum((shares[i] * tensions[i] for i in own), ca.SX(0)) for own in self.tendons_of)
-        )
+        pulls = ca.vertcat(*(ca.dot(shares[own], tensions[own]) for own in self.tendons_of))
         return [pulls, ca.jtimes(pulls, positions, ca.SX.ones(self.nd))]
 
     def _pulls_at(self, angles: Vector, positions: Vector, settled: bool = False) -> Pulls:
@@ -223,20 +201,21 @@ class Balance:
     def geometry(self, angles: Vector, positions: Vector, p: Vector) -> list[Vector]:
         """Function (θ, s, p) → moment arms (n_free, n_drives), shares (n_tendons,), and the largest
         possible derivative of each drive's pull by its position (n_drives,).
+
+        The share of a tendon's tension in its drive's pull is its moment arms projected onto those
+        of the drive's first tendon.
         """
         levers = self._levers(angles, positions)
-        shares = self._shares(angles, positions)
-        steepest = [
-            sum(
-                (
-                    ca.fabs(shares[i] * levers[i, self.nj + d]) * self.mechanism.stiffest(i)
-                    for i in tendons
-                ),
-                ca.SX(0),
-            )
-            for d, tendons in enumerate(self.tendons_of)
-        ]
-        return [self.arms(angles, positions, p), shares, ca.vertcat(*steepest)]
+        shares = ca.SX.ones(self.nt)
+        steepest = ca.SX.zeros(self.nd)
+        for d, tendons in enumerate(self.tendons_of):
+            first = levers[tendons[0], : self.nj]
+            for i in tendons[1:]:
+                shares[i] = ca.dot(levers[i, : self.nj], first) / ca.dot(first, first)
+            for i in tendons:
+                pulled = ca.fabs(shares[i] * levers[i, self.nj + d])
+                steepest[d] += pulled * self.mechanism.stiffest(i)
+        return [self.arms(angles, positions, p), shares, steepest]
 
     @traced
     def needed(

@@ -331,15 +331,11 @@ def _spring(
 
 
 def _check_pull(pull: DriveInput, kind: str, where: str) -> None:
-    parts = {
-        "weight": pull.weight,
-        "force": pull.force,
-        "torque": pull.torque,
-        "servo.position": pull.servo if isinstance(pull.servo, SliderLoop) else None,
-        "servo.angle": pull.servo if isinstance(pull.servo, CapstanServo) else None,
-    }
-    for name, part in parts.items():
-        if part is not None and name not in PULLS[kind]:
+    given = [name for name in ("weight", "force", "torque") if getattr(pull, name) is not None]
+    if pull.servo is not None:
+        given.append("servo.position" if isinstance(pull.servo, SliderLoop) else "servo.angle")
+    for name in given:
+        if name not in PULLS[kind]:
             allowed = ", ".join(PULLS[kind])
             raise ScenarioError(
                 f"{where}.{name}: a {kind} cannot be pulled so; {allowed} are allowed"
