@@ -18,7 +18,6 @@ from distal.cli.shared_options import (
     SetOption,
     check_command_outputs,
     in_si,
-    loaded,
     to_file,
     to_folder,
 )
@@ -34,7 +33,7 @@ def control_command(
         list[str] | None,
         Option(help="encoder, ratio or an estimator; repeat it. Default: all three ways."),
     ] = None,
-    set_: SetOption = None,
+    set_: SetOption,
 ) -> None:
     """Control a rig in a scenario with a control table, and compare what each feedback costs."""
     from distal.control import closed_loop, plot_control, trackings_of
@@ -46,7 +45,7 @@ def control_command(
     description = load_scenario(scenario)
     if description.control is None:
         raise ControlError(f"{scenario}: has no [control]; see distal scenario show control-paper")
-    rig = scenario_rig(description, set_ or ())
+    rig = scenario_rig(description, set_)
     usual = description.control.feedback
     estimator = "adaptive" if usual in ("encoder", "ratio") else usual
     names = dict.fromkeys(feedback or ["encoder", estimator, "ratio"])
@@ -100,7 +99,7 @@ def command_command(
             help="Tension that every tendon keeps where the drives can choose it.",
         ),
     ] = "1 N",
-    set_: SetOption = None,
+    set_: SetOption,
 ) -> None:
     """Write what the drives have to do for desired angles, and the angles that they then reach with
     their band.
@@ -110,10 +109,10 @@ def command_command(
     from distal.confidence import BAND, COVERED_TEXT
     from distal.inverse import Inverse
     from distal.logs import read_angles, unit_of_angles
-    from distal.rig import angle_names
+    from distal.rig import angle_names, load_rig
 
     check_command_outputs(to_file("--out", out, "a table"), logs=[desired], rig=rig)
-    inverse = Inverse(loaded(rig, set_), least_tension=in_si(least_tension, "N"))
+    inverse = Inverse(load_rig(rig, set_), least_tension=in_si(least_tension, "N"))
     joints = inverse.rig.joint_names
     named = dict(zip(joints, angle_names(joints)))
     columns = [named[joint] for joint in inverse.joints]

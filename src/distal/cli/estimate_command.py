@@ -257,7 +257,7 @@ def estimate_command(
     every: Annotated[
         bool, Option("--all", help="Write all states to --out, not only time, angles and torques.")
     ] = False,
-    set_: SetOption = None,
+    set_: SetOption,
 ) -> None:
     """Estimate the joint angle over a log, or many; where the truth of one is known, compare all
     estimators with it.
@@ -278,7 +278,7 @@ def estimate_command(
         others = (out, plot, panel, estimator, truth, smooth, homing, homing_angle, every)
         if len(logs) != 1 or any(others):
             raise EstimationError("--into is of one dataset, with --rig, --set and --unit alone")
-        with_dataset(logs[0], rig_of_logs((), rig, set_ or ())[0], into, unit)
+        with_dataset(logs[0], rig_of_logs((), rig, set_)[0], into, unit)
         return
     if out is None and (unit is not None or every):
         raise EstimationError(
@@ -318,7 +318,7 @@ def estimate_command(
             raise EstimationError("--panel says what --plot draws; give --plot too")
         outputs = [*to_file("--out", out, "a table"), *to_file("--plot", plot)]
     check_command_outputs(outputs, logs=logs, rig=rig, truth=truth)
-    description, changed = rig_of_logs(sources, rig, set_ or ())
+    description, changed = rig_of_logs(sources, rig, set_)
     in_unit = unit or angle_unit(description.sensors)
     if several:
         name = estimator[0] if estimator else usual_estimator(description)

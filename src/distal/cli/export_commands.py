@@ -16,7 +16,6 @@ from distal.cli.shared_options import (
     RigArgument,
     SetOption,
     check_command_outputs,
-    loaded,
     to_file,
     to_folder,
 )
@@ -54,16 +53,17 @@ def export_command(
         ),
     ] = False,
     name: NameOption = None,
-    set_: SetOption = None,
+    set_: SetOption,
 ) -> None:
     """Write an estimator of a rig as C99: no malloc, no globals, for a Cortex-M or any other
     processor.
     """
     from distal.estimators import usual_estimator
     from distal.export import c_name, check_ours, export_c, export_files
+    from distal.rig import load_rig
     from distal.units import to_si
 
-    described = loaded(rig, set_)
+    described = load_rig(rig, set_)
     estimator = estimator or usual_estimator(described)
     name = c_name(f"{Path(rig).stem}_{estimator}") if name is None else name
     home_std = None if home is None else to_si(home, "rad")
@@ -98,16 +98,17 @@ def fmu_command(
     estimator: EstimatorOption = None,
     name: NameOption = None,
     here: Annotated[bool, Option("--here", help="A binary for this platform alone.")] = False,
-    set_: SetOption = None,
+    set_: SetOption,
 ) -> None:
     """Write an estimator of a rig as an FMU (FMI 3.0, co-simulation): for Simulink, OpenModelica,
     Dymola and others.
     """
     from distal.estimators import usual_estimator
     from distal.export import c_name, export_fmu
+    from distal.rig import load_rig
 
     check_command_outputs(to_file("--out", out), rig=rig)
-    described = loaded(rig, set_)
+    described = load_rig(rig, set_)
     estimator = estimator or usual_estimator(described)
     name = c_name(f"{Path(rig).stem}_{estimator}") if name is None else name
     what = (

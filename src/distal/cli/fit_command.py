@@ -19,7 +19,6 @@ from distal.cli.shared_options import (
     check_command_outputs,
     homing_time,
     in_si,
-    loaded,
     to_file,
 )
 from distal.confidence import COVERED_TEXT
@@ -88,7 +87,7 @@ def fit_command(
         Option("--open-loop", help="Fit for a simulator, in which no sensor corrects the angle."),
     ] = False,
     minutes: MinutesOption = None,
-    set_: SetOption = None,
+    set_: SetOption,
 ) -> None:
     """Fit a rig's parameters and noise to logs, say which ones the logs determine, and write a rig
     file for later logs.
@@ -96,15 +95,15 @@ def fit_command(
     from distal.fitting import fit as fitted_to
     from distal.fitting import groups_of
     from distal.logs import read_log
-    from distal.rig import edited_text
+    from distal.rig import edited_text, load_rig
 
     check_command_outputs(to_file("--out", out, "a rig file"), logs=logs, rig=rig, truth=truth)
     if units is not None:
         groups_of([str(path) for path in logs], units)
     home = homing_time(homing)
-    description = loaded(rig, set_)
+    description = load_rig(rig, set_)
     read = [read_log(path, description, truth) for path in logs]
-    text = edited_text(rig, set_ or ())
+    text = edited_text(rig, set_)
     with stoppable(minutes), working("fitting") as show:
         result = fitted_to(
             read,
@@ -186,7 +185,7 @@ def calibrate_command(
     ],
     rig: RigOption,
     out: Annotated[Path, Option(help="Where to write the calibrated rig file.")],
-    set_: SetOption = None,
+    set_: SetOption,
     accept: Annotated[
         bool, Option("--accept", help="Correct what is likely wrong in the rig.")
     ] = False,
@@ -195,15 +194,15 @@ def calibrate_command(
     what is broken, or wrong in its rig.
     """
     from distal.hands import calibrate
-    from distal.rig import edited_text
+    from distal.rig import edited_text, load_rig
 
     check_command_outputs(to_file("--out", out, "a rig file"), logs=[log], rig=rig)
     with working("calibrating"):
-        found = calibrate(log, loaded(rig, set_), accept=accept)
+        found = calibrate(log, load_rig(rig, set_), accept=accept)
     _show(found.rig, {fault.drive for fault in found.faults if fault.kind not in ("slack", "zero")})
     for line in (*(fault.sentence for fault in found.faults), *found.notes):
         warn(line)
-    found.save(out, log.name, edited_text(rig, set_ or ()))
+    found.save(out, log.name, edited_text(rig, set_))
     say(f"wrote {out}")
 
 

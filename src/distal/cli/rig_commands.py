@@ -19,7 +19,6 @@ from distal.cli.shared_options import (
     SetOption,
     check_command_outputs,
     check_new,
-    loaded,
     to_file,
 )
 from distal.units import rounded
@@ -53,18 +52,19 @@ def list_rigs_command() -> None:
 
 
 @app.command("check")
-def check_command(rig: RigArgument, set_: SetOption = None) -> None:
+def check_command(rig: RigArgument, set_: SetOption) -> None:
     """Check a rig file and say what it holds."""
     from distal.model import Mechanism, stiffest_frequency, substeps
     from distal.rig import (
         doubts,
         in_words,
+        load_rig,
         parameters_below,
         scales_in_words,
         step_of,
     )
 
-    description = loaded(rig, set_)
+    description = load_rig(rig, set_)
     mechanism = Mechanism(description)
     rate = max((sensor.rate for sensor in description.sensors), default=100.0)
     count = substeps(mechanism, 1.0 / rate)
@@ -125,28 +125,30 @@ def _degrees(angle: float) -> str:
 def draw_command(
     rig: RigArgument,
     out: Annotated[Path, Option(help="Where to save it (.png, .svg or .pdf).")] = Path("rig.png"),
-    set_: SetOption = None,
+    *,
+    set_: SetOption,
 ) -> None:
     """Draw a rig: which drive pulls which tendon, which joints it turns and which way, with
     springs, stops, sensors and their numbers.
     """
     from distal.reports import draw_rig
     from distal.results import plot_kind, save_figure
+    from distal.rig import load_rig
 
     plot_kind(out)
     check_command_outputs(to_file("--out", out), rig=rig)
-    description = loaded(rig, set_)
+    description = load_rig(rig, set_)
     with working("drawing"):
         save_figure(draw_rig(description), out)
     say(f"wrote {out}")
 
 
 @app.command("show")
-def show_rig_command(name: RigArgument, set_: SetOption = None) -> None:
+def show_rig_command(name: RigArgument, set_: SetOption) -> None:
     """Print a rig's file, with the values of --set put in, to copy and change."""
     from distal.rig import edited_text
 
-    print(edited_text(name, set_ or ()), end="")
+    print(edited_text(name, set_), end="")
 
 
 OutOption = Annotated[Path, Option(help="Where to write the rig file (.toml).")]
@@ -235,17 +237,19 @@ def to_mjcf_command(
         Path | None, Option(help="A model with the rig's joints, which gets its numbers.")
     ] = None,
     draws: Annotated[int, Option(min=0, help="Number of models, drawn by the rig's stds.")] = 0,
-    set_: SetOption = None,
+    *,
+    set_: SetOption,
 ) -> None:
     """Write a rig as a MuJoCo model."""
     from distal.logs import write_whole
+    from distal.rig import load_rig
     from distal.rig.mjcf.bodies import mujoco_module
     from distal.study.design_space import built_values, draws_of, scores
 
     mujoco_module()
     from distal.bridges.mujoco import to_mjcf
 
-    described = loaded(rig, set_).bare()
+    described = load_rig(rig, set_).bare()
     paths = [out.with_stem(f"{out.stem}-{n + 1}") for n in range(draws)] or [out]
     drawn = draws_of(described) if draws else ()
     for n, path in enumerate(paths):

@@ -17,7 +17,6 @@ from distal.errors import OutputError
 
 if TYPE_CHECKING:
     from distal.logs import Output
-    from distal.rig import Rig
 
 
 ESTIMATOR_NAMES = ("adaptive", "ekf", "ekf-2008", "elastic", "inextensible", "regression")
@@ -61,9 +60,11 @@ RigArgument = Annotated[str, Argument(help=RIG, autocompletion=rigs)]
 SCENARIO = "A shipped scenario's name (see `distal scenarios`) or a TOML file."
 ScenarioArgument = Annotated[str, Argument(help=SCENARIO, autocompletion=scenarios)]
 SetOption = Annotated[
-    list[str] | None,
+    list[str],
     Option(
         "--set",
+        default_factory=list,
+        show_default=False,
         metavar="PATH=VALUE",
         help=(
             "Replace a value of the rig by names of its parts, e.g. "
@@ -118,13 +119,6 @@ UnitOption = Annotated[
         help="Of the angles that are written: rad or deg. Default: as the log has them.",
     ),
 ]
-
-
-def loaded(rig: str, changes: Sequence[str] | None) -> Rig:
-    """Return the rig of a name or a file, with the values of --set put in."""
-    from distal.rig import load_rig
-
-    return load_rig(rig, changes or ())
 
 
 def in_si(text: str, unit: str) -> float:

@@ -58,7 +58,7 @@ def simulate_command(
     truth: Annotated[
         bool, Option(help="Also write true values that no sensor reads, as true_… in SI.")
     ] = True,
-    set_: SetOption = None,
+    set_: SetOption,
 ) -> None:
     """Simulate a scenario and write what the sensors read, with the truth beside it."""
     from distal.control import simulate
@@ -71,10 +71,10 @@ def simulate_command(
     description = load_scenario(scenario)
     if rig_ is not None:
         description = description.model_copy(update={"rig": rig_})
-    rig = scenario_rig(description, set_ or ())
+    rig = scenario_rig(description, set_)
     values = {
         **description.set,
-        **dict(parse_assignment(text, ScenarioError) for text in set_ or ()),
+        **dict(parse_assignment(text, ScenarioError) for text in set_),
     }
     names = {seed: out}
     if runs is None:

@@ -20,7 +20,6 @@ from distal.cli.shared_options import (
     RigOption,
     SetOption,
     UnitOption,
-    loaded,
 )
 from distal.errors import LogError, OutputError, printable
 
@@ -42,7 +41,7 @@ def stream_command(
         bool, Option("--json", help="Write JSON lines; default: as the input is.")
     ] = False,
     unit: UnitOption = None,
-    set_: SetOption = None,
+    set_: SetOption,
 ) -> None:
     """Read samples as CSV or JSON lines from stdin, write an estimate for each, with a word on its
     health.
@@ -53,12 +52,12 @@ def stream_command(
     that something touches it, health, detail.
     """
     from distal.logs import MessageReader
-    from distal.rig import angle_unit
+    from distal.rig import angle_unit, load_rig
     from distal.run import LiveEstimator, Monitor
 
     if sys.stdin is None or sys.stdout is None:
         raise OutputError("standard input or output is closed")
-    described = loaded(rig, set_)
+    described = load_rig(rig, set_)
     with working("preparing the filter"):
         live = LiveEstimator(described, estimator)
     monitor = Monitor(live)
