@@ -24,6 +24,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import compress
+from math import radians
 from pathlib import Path
 
 import casadi as ca
@@ -296,7 +297,7 @@ def _first(time: Floats, at: Bools) -> str:
     return f"first at {time[at][0]:.4g} s"
 
 
-LARGEST_TURN = float(np.deg2rad(2.0))
+LARGEST_TURN = radians(2.0)
 """Largest turn of a joint in one of Newton's steps; within it, a joint that was left behind counts
 as back at its desired angle [rad]. Source: judgement.
 """

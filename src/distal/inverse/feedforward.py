@@ -242,7 +242,7 @@ def solved(matrix: Matrix, right: Vector) -> Vector:
     return ca.if_else(usable, found, 0)
 
 
-TURNS = float(np.deg2rad(0.1))
+TURNS = radians(0.1)
 """Turn of a joint over which the direction of its friction changes by 1, which is as near as it
 comes to its desired angle [rad]. Source: judgement.
 """
@@ -333,7 +333,7 @@ class CommandModel(Balance):
         f = was["pulls"]
         most = self.of_drives(p, "most_pull")
         for _ in range(ROUNDS):
-            if any(len(part.drives) < len(part.joints) for part in self.parts):
+            if any(len(drives) < len(joints) for joints, drives in self.parts):
                 held, f = self._reached(desired["angles"], held, f, s, turned, external, lowest, p)
             torques, _ = self.needed(
                 held, desired["speeds"], desired["accelerations"], s, turned, external, p

@@ -560,20 +560,18 @@ class LiveInverse:
     def _command(self, reading: Reading, notes: list[str]) -> Command:
         """Return the command of the last kernel step as it passes the gate."""
         y = self._y
-        count = len(self.rig.drives)
         if self._time is None:
             # the kernel has not run: its buffers are no command
-            nothing = np.full(count, nan)
+            nothing = np.full(len(self.rig.drives), nan)
             note = "; ".join([*notes, "nothing is sent before the first readings"])
             return Command(nothing, nothing.copy(), nothing.copy(), reading, note)
         is_new = all(map(isfinite, reading.angles))
-        goals = y["positions"] if is_new else np.full(count, nan)
-        positions = self._gate.passed(reading.time, goals)
+        positions = self._gate.passed(reading.time, np.where(is_new, y["positions"], nan))
         stands = self._gate.stopped
         self._forces = np.where(stands, self._forces, y["forces"])
-        notes = [*notes, self._gate.note] if self._gate.note else notes
+        note = "; ".join(filter(None, [*notes, self._gate.note]))
         speeds = np.where(stands, 0.0, y["speeds"])
-        return Command(positions, speeds, self._forces.copy(), reading, "; ".join(notes))
+        return Command(positions, speeds, self._forces.copy(), reading, note)
 
     @property
     def holding(self) -> Floats:

@@ -16,7 +16,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
 from inspect import signature
 from math import inf
-from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -98,15 +97,6 @@ def traced(method: Callable[..., Iterable[Vector]]) -> cached_property[ca.Functi
     return cached_property(made)
 
 
-class CoupledJoints(NamedTuple):
-    """Free joints and the drives that move them, which move no other joint: indices among the free
-    joints, and among the drives.
-    """
-
-    joints: list[int]
-    drives: list[int]
-
-
 class Balance:
     """Torques and pulls that hold the joints of a rig, as expressions of the joints' angles and the
     drives' positions.
@@ -152,15 +142,14 @@ class Balance:
         return ca.sparsify(self.arms(q, s, self.mechanism.parameters.symbols))
 
     @cached_property
-    def parts(self) -> list[CoupledJoints]:
-        """Groups of free joints and drives that are not coupled to one another."""
+    def parts(self) -> list[tuple[list[int], list[int]]]:
+        """Groups of free joints and the drives that move them, which move no other joint: indices
+        among the free joints, and among the drives.
+        """
         moves = np.array(ca.DM.ones(self.moved_by.sparsity())) > 0.0
         count, groups = connected_components(moves @ moves.T)
         joints = [np.flatnonzero(groups == k) for k in range(count)]
-        return [
-            CoupledJoints(of.tolist(), np.flatnonzero(moves[of].any(axis=0)).tolist())
-            for of in joints
-        ]
+        return [(of.tolist(), np.flatnonzero(moves[of].any(axis=0)).tolist()) for of in joints]
 
     def all_joints(self, free: Vector, offsets: bool = True) -> Vector:
         """Return the angles of all joints, (n_joints,) [rad], from those of the `free` joints,
