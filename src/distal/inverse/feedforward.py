@@ -34,6 +34,7 @@ from distal.expressions import Matrix, Scalar, Vector
 from distal.inverse.torque_balance import Balance, traced
 from distal.kernels import Layout
 from distal.rig import Rig, check_scales
+from distal.simulation.plant import settled_function
 from distal.units import rounded, to_si
 
 LEAVES = 2.0
@@ -354,13 +355,16 @@ class CommandModel(Balance):
         # a drive goes no further than its range; its force is still that of the desired position
         within = ca.fmin(ca.fmax(s, self.of_drives(p, "low")), self.of_drives(p, "high"))
         forces, tensions = self.driven(joints, s, within, rates, drives_turned, p)
+        inside = ca.MX(0, 1)
+        if self.n_inside:
+            inside = settled_function(self.mechanism)(ca.vertcat(joints, s), dt, p)
         after = self.kernel_state.joined(
             positions=s,
             pulls=f,
             turned=turned,
             drives_turned=drives_turned,
             rubbed=rubbed,
-            inside=self.moved(joints, s, dt, p) if self.n_inside else ca.MX(0, 1),
+            inside=inside,
             begun=ca.MX(1),
         )
         y = self.y.joined(

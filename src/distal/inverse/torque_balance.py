@@ -130,7 +130,6 @@ class Balance:
             "external": (self.nj,),
             "arms": (self.nf, self.nd),
             "shares": (self.nt,),
-            "dt": (1,),
             "lowest": (1,),
         }
 
@@ -256,14 +255,6 @@ class Balance:
         drag = mechanism.dampings() * v - mechanism.passive_forces(ca.vertcat(angles, within))
         force = drag[self.nj :] - pulls.forces[self.nj :] + ca.vertcat(*friction)
         return [force, pulls.drive]
-
-    @traced
-    def moved(self, angles: Vector, positions: Vector, dt: Vector, p: Vector) -> list[Vector]:
-        """Function (θ, s, dt, p) → internal state after a time dt: backlash, points of sheaths,
-        creep.
-        """
-        q = ca.vertcat(angles, positions)
-        return [ca.vertcat(*self.mechanism.internal_state(q).inside, *self.mechanism.crept(q, dt))]
 
     @traced
     def tangent(
