@@ -523,19 +523,20 @@ class Inverse:
         if self._filter is not None:
             added, unsure = self._added_by_maps(self._filter, stamps, run)
             run = self._run(stamps, held - added[:, model.free])
-        read = {name: model.y.view(run.ys, name) for name in model.y.names}
+        was = model.kernel_state.views(run.kernel_states)
+        read = model.y.views(run.ys)
         positions = read["positions"]
         got = np.column_stack([followable(stamps, *each) for each in zip(positions.T, drives)])
-        asked = model.kernel_state.view(run.kernel_states, "positions")
+        asked = was["positions"]
         cut = (np.abs(asked - got) > TINY) | (np.abs(read["short"]) > TINY)
-        rests, variances = self._rested(run, read["angles"], got, cut)
+        rests, variances = self._rested(was, read["angles"], got, cut)
         reached = rests + added[:, model.free]
         ahead = np.column_stack([sent(stamps, *each) for each in zip(positions.T, drives)])
         soft, dead = (
             model.of_drives(ca.DM(self._parameters), key).full().ravel() for key in ("soft", "dead")
         )
         ahead += soft * read["forces"]
-        ahead += dead * model.kernel_state.view(run.kernel_states, "drives_turned")
+        ahead += dead * was["drives_turned"]
         notes += [
             *not_reached(model, stamps, held, reached, cut),
             *beyond(model, stamps, read, asked, self.least_tension),
@@ -557,36 +558,33 @@ class Inverse:
         )
 
     def _rested(
-        self, run: Advanced, angles: Floats, positions: Floats, cut: Bools
+        self, was: Mapping[str, Floats], angles: Floats, positions: Floats, cut: Bools
     ) -> tuple[Floats, Floats]:
         """Return the angles of the free joints at which they rest [rad] and their variances
         [rad²], (k, n_free) each. These are the desired `angles`, unless a drive is `cut`.
         """
-        view = self.model.kernel_state.view
-        parts = {
-            "angles": angles,
-            "positions": positions,
-            "variances": np.tile(position_variances(self.rig), (len(angles), 1)),
-            "turned": view(run.kernel_states, "turned"),
-            "inside": view(run.kernel_states, "inside"),
-            "cut": cut.any(axis=1, keepdims=True).astype(np.float64),
-        }
-        rows = np.column_stack([parts[name] for name in self.model.rest_x.names])
+        rows = self.model.rest_x.rows(
+            angles=angles,
+            positions=positions,
+            variances=np.tile(position_variances(self.rig), (len(angles), 1)),
+            turned=was["turned"],
+            inside=was["inside"],
+            cut=np.any(cut, axis=1, keepdims=True),
+        )
         begin = np.array([*angles[0], 0.0])
         ys = advance(self._rest, Feed(begin, rows, self._parameters)).ys
         return ys[:, : self.model.nf], ys[:, self.model.nf :]
 
     def _run(self, time: Floats, angles: Floats) -> Advanced:
         speeds = np.gradient(angles, time, axis=0)
-        parts = {
-            "dt": np.diff(time, prepend=time[0]),
-            "angles": angles,
-            "speeds": speeds,
-            "accelerations": np.gradient(speeds, time, axis=0),
-            "torques": np.zeros((len(time), len(self.rig.joints))),
-            "lowest": np.full(len(time), self.least_tension),
-        }
-        rows = np.column_stack([parts[name] for name in self.model.x.names])
+        rows = self.model.x.rows(
+            dt=np.diff(time, prepend=time[0]),
+            angles=angles,
+            speeds=speeds,
+            accelerations=np.gradient(speeds, time, axis=0),
+            torques=np.zeros((len(time), len(self.rig.joints))),
+            lowest=np.full(len(time), self.least_tension),
+        )
         return advance(self._kernel, Feed(self._begin(rows[0]), rows, self._parameters))
 
     def _begin(self, row: Floats) -> Floats:
@@ -598,13 +596,13 @@ class Inverse:
         kernel_state = np.zeros(layout.size)
         for _ in range(ROUNDS):
             first = advance(self._kernel, Feed(kernel_state, row, self._parameters))
-            positions = model.y.view(first.ys[-1], "positions")
-            kernel_state[layout["positions"]] = positions
+            y = model.y.views(first.ys[-1])
+            kernel_state[layout["positions"]] = y["positions"]
             kernel_state[layout["pulls"]] = layout.view(first.kernel_states[-1], "pulls")
             if model.n_inside:
-                joints = model.spread(model.y.view(first.ys[-1], "angles"))
                 of_rig = self._parameters[: model.n_parameters - len(model.derived)]
-                inside = inside_function(model.mechanism)(ca.vertcat(joints, positions), of_rig)
+                q = ca.vertcat(model.spread(y["angles"]), y["positions"])
+                inside = inside_function(model.mechanism)(q, of_rig)
                 kernel_state[layout["inside"]] = inside.full().ravel()
         return kernel_state
 
@@ -622,10 +620,9 @@ class Inverse:
         Far from the logs a map says nothing: both are zero there, and the rig is taken as it is
         described.
         """
-        positions, forces, tensions = (
-            self.model.y.view(run.ys, name) for name in ("positions", "forces", "tensions")
-        )
-        expected = expected_readings(self.rig, readings(self.rig, positions), forces, tensions)
+        y = self.model.y.views(run.ys)
+        at = readings(self.rig, y["positions"])
+        expected = expected_readings(self.rig, at, y["forces"], y["tensions"])
         nothing = np.full(len(time), np.nan)
         samples = np.column_stack([expected.get(name, nothing) for name in estimator.channels])
         begin = estimator.initial(time[0], first_values(samples))

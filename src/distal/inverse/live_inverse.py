@@ -433,14 +433,9 @@ class LiveInverse:
     def _begin_loop(self) -> None:
         """Begin a loop of the kernel, with the parts of its arrays by name."""
         self._loop = self._kernel.loop(self._parameters)
-        self._kernel_state, self._x, self._y = (
-            {name: array[layout[name]] for name in layout.names}
-            for layout, array in (
-                (self._layouts.kernel_state, self._loop.kernel_state),
-                (self._layouts.x, self._loop.x),
-                (self._layouts.y, self._loop.y),
-            )
-        )
+        self._kernel_state = self._layouts.kernel_state.views(self._loop.kernel_state)
+        self._x = self._layouts.x.views(self._loop.x)
+        self._y = self._layouts.y.views(self._loop.y)
 
     def reset(self) -> None:
         """Forget everything: the next sample is the first."""
