@@ -350,25 +350,23 @@ def closed_loop(
     control = scenario.control
     length = _period(period, scenario)
     feedback = feedback or (usual_estimator(rig) if control is None else control.feedback)
+    step = ENCODER_STEP if control is None else control.encoder_resolution
     if controller is not None:
-        step = ENCODER_STEP if control is None else control.encoder_resolution
-        return run_controller(
-            ControlledPlant(rig, scenario, length), controller, feedback, seed, encoder_step=step
-        )
+        plant = ControlledPlant(rig, scenario, length)
+        return run_controller(plant, controller, feedback, seed, encoder_step=step)
     if control is None:
         raise ControlError("no controller: give one, or a [control] table in the scenario")
-    check_names(control.joints, rig.joint_names, "control.joints", "joint", ControlError)
+    joints = control.joints
+    check_names(joints, rig.joint_names, "control.joints", "joint", ControlError)
     plant = ControlledPlant(rig, scenario, length)
     if feedback == COMMAND:
-        commanded = CommandedForces(rig, control.joints, control.co_contraction)
+        commanded = CommandedForces(rig, joints, control.co_contraction)
         run = _run(plant, commanded, commanded.tell, feedback, seed)
     else:
-        pid = PID(rig, control.joints, length, control.co_contraction)
-        run = run_controller(plant, pid, feedback, seed, encoder_step=control.encoder_resolution)
-    return replace(
-        run,
-        references={name: joint.reference.at(run.time) for name, joint in control.joints.items()},
-    )
+        pid = PID(rig, joints, length, control.co_contraction)
+        run = run_controller(plant, pid, feedback, seed, encoder_step=step)
+    references = {name: joint.reference.at(run.time) for name, joint in joints.items()}
+    return replace(run, references=references)
 
 
 def run_controller(

@@ -106,11 +106,10 @@ class MotorReadings:
     """
 
     def __init__(self, rig: Rig, calibrated: bool = True) -> None:
-        drives = rig.drives
         names = rig.drive_names
         self.calibrated = calibrated
         self.fastest = np.array(
-            [getattr(drive.servo, "fastest", None) or Limits.fastest for drive in drives]
+            [getattr(drive.servo, "fastest", None) or Limits.fastest for drive in rig.drives]
         )
         rates = {sensor.of: sensor.rate for sensor in rig.sensors_of("position")}
         self.oldest = np.maximum(
@@ -122,7 +121,7 @@ class MotorReadings:
         self._remembered = max(1, round(float(samples.max())))
         # how fast a slider goes, and what it has to feel, is not known: only motors can be told to
         # answer with old readings, or to be deaf, and a slider leaps only where it is absurd
-        self.is_motor = np.array([drive.kind == "capstan" for drive in drives])
+        self.is_motor = np.array([drive.kind == "capstan" for drive in rig.drives])
         ways = [max(tendon.total_arm for tendon in rig.tendons_of(name)) for name in names]
         self.scale = np.where(self.is_motor, 1.0, ways)
         self.agrees = USUAL.agrees * self.scale
@@ -153,8 +152,7 @@ class MotorReadings:
         self.stale = self._is_stale(positions, torques, sent)
         self._before = np.concatenate([self._before[1:], [[positions, torques]]])
         known = np.isfinite(positions) & ~self.stale
-        first = known & ~np.isfinite(self._raw)
-        self.doubted = self._in_doubt(time, positions, known & ~first, sent)
+        self.doubted = self._in_doubt(time, positions, known & np.isfinite(self._raw), sent)
         sound = known & ~self.doubted
         gap = time - self.at
         recent = sound & (gap > 0.0) & (gap <= self.oldest)
@@ -203,7 +201,7 @@ class MotorReadings:
         silent = self.fastest * np.minimum(time - self.at, self.oldest)
         is_back = leaps & (np.abs(positions - self.position) <= silent + USUAL.jump)
         arrived = known & (np.abs(positions - sent) <= USUAL.arrived)
-        doubted: Bools = (self.doubted | leaps) & ~(self.doubted & is_back) & ~arrived
+        doubted: Bools = np.where(self.doubted, ~is_back, leaps) & ~arrived
         return doubted
 
     def _acts(self, slow: Bools, near: Bools, torques: Floats) -> Bools:
@@ -348,7 +346,7 @@ class GoalGate:
         """Set which motors are hot, by name: one that is stopped begins to let go of its force at
         once.
         """
-        self._hot = np.isin(self._names, list(hot))
+        self._hot = np.isin(self._names, hot)
 
     @property
     def unread(self) -> list[str]:
@@ -502,10 +500,9 @@ class GoalGate:
         patience = np.where(self._hot, 0.0, USUAL.patience)
         waited = self._time - self._stopped_at - patience
         eased = np.clip(waited / USUAL.eases, 0.0, 1.0)
-        left = np.zeros(len(eased))
-        if not self._relaxes:
-            torques = np.maximum(np.abs(self._motors.torque), 1e-12)
-            left = np.where(self._hot, 0.0, np.minimum(self._continuous / torques, 1.0))
+        torques = np.maximum(np.abs(self._motors.torque), 1e-12)
+        held = np.minimum(self._continuous / torques, 1.0)
+        left = np.where(self._hot | self._relaxes, 0.0, held)
         return 1.0 - eased * (1.0 - left)
 
     def _named(self, chosen: Bools) -> list[str]:

@@ -31,6 +31,7 @@ from distal.kernels import (
 from distal.model import GRAVITY, Mechanism, interval_step
 from distal.model.stepping import RESOLUTION
 from distal.rig import Subsystem, independent_parts
+from distal.rig.drives import Drive
 from distal.simulation.scenario import (
     CapstanServo,
     DriveInput,
@@ -306,20 +307,22 @@ def body_inputs(scenario: Scenario, mechanism: Mechanism, time: Floats) -> BodyI
             _spring(inputs, i, load.hand, load.hand.angle.at(time))
     for i, drive in enumerate(rig.drives):
         pull = scenario.drives.get(drive.name, DriveInput())
-        _check_pull(pull, drive.kind, f"drives.{drive.name}")
-        _drive(inputs, mechanism.n_joints + i, pull, time)
+        _drive(inputs, mechanism.n_joints + i, drive, pull, time)
     return inputs
 
 
-def _drive(inputs: BodyInputs, body: int, pull: DriveInput, time: Floats) -> None:
-    for signal in (pull.force, pull.torque, pull.weight):
+def _drive(inputs: BodyInputs, body: int, drive: Drive, pull: DriveInput, time: Floats) -> None:
+    for name, signal in (("weight", pull.weight), ("force", pull.force), ("torque", pull.torque)):
         if signal is not None:
+            _check_pull(drive, name)
             inputs.effort[:, body] += signal.at(time)
     if pull.weight is not None:
         inputs.added_inertia[:, body] = pull.weight.at(time) / GRAVITY
-    if pull.servo is not None:
-        target = pull.servo.position if isinstance(pull.servo, SliderLoop) else pull.servo.angle
-        _spring(inputs, body, pull.servo, target.at(time))
+    servo = pull.servo
+    if servo is not None:
+        name = "position" if isinstance(servo, SliderLoop) else "angle"
+        _check_pull(drive, f"servo.{name}")
+        _spring(inputs, body, servo, getattr(servo, name).at(time))
 
 
 def _spring(
@@ -330,16 +333,13 @@ def _spring(
     inputs.servo[:, body, 1] = target
 
 
-def _check_pull(pull: DriveInput, kind: str, where: str) -> None:
-    given = [name for name in ("weight", "force", "torque") if getattr(pull, name) is not None]
-    if pull.servo is not None:
-        given.append("servo.position" if isinstance(pull.servo, SliderLoop) else "servo.angle")
-    for name in given:
-        if name not in PULLS[kind]:
-            allowed = ", ".join(PULLS[kind])
-            raise ScenarioError(
-                f"{where}.{name}: a {kind} cannot be pulled so; {allowed} are allowed"
-            )
+def _check_pull(drive: Drive, part: str) -> None:
+    allowed = PULLS[drive.kind]
+    if part not in allowed:
+        raise ScenarioError(
+            f"drives.{drive.name}.{part}: a {drive.kind} cannot be pulled so; "
+            f"{', '.join(allowed)} are allowed"
+        )
 
 
 def check_names(
