@@ -74,8 +74,13 @@ def check_command(rig: RigArgument, set_: SetOption) -> None:
     if description.taken:
         say(f"  {scales_in_words(description)}")
     say(f"  {description.count_in_words()}")
-    for kind in ("joints", "drives", "tendons", "sensors"):
-        for i, part in enumerate(getattr(description, kind)):
+    for kind, parts in (
+        ("joints", description.joints),
+        ("drives", description.drives),
+        ("tendons", description.tendons),
+        ("sensors", description.sensors),
+    ):
+        for i, part in enumerate(parts):
             at = f"{kind}.{i}"
             # initial angles and errors of sensors are no parameters of the equations of motion
             stds = {path: number.filter_std for path, number in parameters_below(part, at)}

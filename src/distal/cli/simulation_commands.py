@@ -102,15 +102,17 @@ def simulate_command(
     if is_regular:
         write_whole(beside, text_beside(description.rig, values))
     span = f"{description.duration:g} s"
-    what, files = f"{len(log)} samples, {span}", ""
+    what = f"{len(log)} samples, {span}"
+    written = shlex.quote(str(out))
     if runs is not None:
-        what, files = f"{runs} runs of {span}, seeds {seed} to {seed + runs - 1}", "/*.csv"
+        what = f"{runs} runs of {span}, seeds {seed} to {seed + runs - 1}"
+        written += "/*.csv"
     say(f"{rig.name}: {what}, {_ranges(log, rig)}")
     say(f"wrote {out}" + (f" and its rig, {beside}" if is_regular else ""))
     asked, own = ({named(rig, path) for path in paths} for paths in (values, description.plant))
     if asked & own:
         warn(f"the scenario's [plant] has its own {', '.join(sorted(asked & own))}")
-    say(f"estimate from it: distal estimate {shlex.quote(str(out))}{files}")
+    say(f"estimate from it: distal estimate {written}")
 
 
 def list_scenarios_command() -> None:

@@ -320,9 +320,9 @@ def _drive(inputs: BodyInputs, body: int, drive: Drive, pull: DriveInput, time: 
         inputs.added_inertia[:, body] = pull.weight.at(time) / GRAVITY
     servo = pull.servo
     if servo is not None:
-        name = "position" if isinstance(servo, SliderLoop) else "angle"
-        _check_pull(drive, f"servo.{name}")
-        _spring(inputs, body, servo, getattr(servo, name).at(time))
+        _check_pull(drive, "servo.position" if isinstance(servo, SliderLoop) else "servo.angle")
+        target = servo.position if isinstance(servo, SliderLoop) else servo.angle
+        _spring(inputs, body, servo, target.at(time))
 
 
 def _spring(
