@@ -36,7 +36,6 @@ from distal.errors import CommandError
 from distal.estimators import LARGEST_ANGLE, AdaptiveFilter, first_values
 from distal.expressions import Matrix, Vector
 from distal.inverse.feedforward import (
-    KERNEL,
     LEAST_TENSION,
     ROUNDS,
     STEPS,
@@ -349,9 +348,7 @@ class RestModel(CommandModel):
         turned = came["turned"] * (1 - came["cut"])
         spread = self._spread(angles, came["positions"], turned, came["variances"], parameters)
         following = ca.vertcat(angles, behind)
-        return ca.Function(
-            "rest", [kernel_state, x, p], [following, ca.vertcat(angles, spread)], *KERNEL
-        )
+        return ca.Function("rest", [kernel_state, x, p], [following, ca.vertcat(angles, spread)])
 
     @traced
     def _step(self, free: Vector, positions: Vector, p: Vector) -> list[Vector]:

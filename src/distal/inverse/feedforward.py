@@ -279,9 +279,6 @@ REACHES = 6
 joints. Source: rounding (further steps change the angles by less than 1e-14 rad).
 """
 
-KERNEL = (["kernel_state", "x", "p"], ["next", "y"])
-"""Names of a kernel's arguments and results."""
-
 
 class CommandModel(Balance):
     """The inverse of a rig as a kernel: its function, and the layouts of its kernel state, of a
@@ -375,7 +372,7 @@ class CommandModel(Balance):
             tensions=tensions,
             short=asked - f,
         )
-        return ca.Function("command", [kernel_state, x, own], [after, y], *KERNEL)
+        return ca.Function("command", [kernel_state, x, own], [after, y])
 
     @traced
     def _pulls(self, arms: Matrix, torques: Vector, least: Vector, before: Vector) -> list[Vector]:

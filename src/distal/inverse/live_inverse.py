@@ -29,7 +29,6 @@ from distal.errors import CommandError, EstimationError
 from distal.estimators import SHORTEST, TOUCHED, AdaptiveFilter, sample_problem
 from distal.estimators.adaptive import StateVector, state_vector
 from distal.inverse.feedforward import (
-    KERNEL,
     LEAST_TENSION,
     REMEMBERED,
     ROUNDS,
@@ -186,7 +185,7 @@ class LiveModel:
             tensions=sent["tensions"],
             at_end=at_end,
         )
-        return ca.Function("live_command", [kernel_state, x, p], [following, y], *KERNEL)
+        return ca.Function("live_command", [kernel_state, x, p], [following, y])
 
     def _believed(self) -> ca.Function:
         """Return the function (state, p, derived) → parameters of the inverse as the filter

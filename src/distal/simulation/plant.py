@@ -141,8 +141,6 @@ def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
         "plant",
         [kernel_state, x, parameters],
         [following, y],
-        ["kernel_state", "x", "p"],
-        ["next", "y"],
     )
 
 
